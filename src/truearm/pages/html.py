@@ -1,4 +1,4 @@
-"""A page as one HTML document that has no script and loads no other file."""
+"""A page as one HTML document that loads no other file, and has no script but that of its interactive scenes."""
 
 from __future__ import annotations
 
@@ -18,14 +18,21 @@ from truearm.pages.number_format import RoundedNumber, format_exact, format_numb
 from truearm.pages.page import Cell, Column, LabelledValue, Page, Section, State, Table
 from truearm.pages.palette import style_rules
 from truearm.pages.plotting import Figure, svg_element
+from truearm.pages.scene import Scene, scene_script, script_hash
 
 _LONG_TEXT = 900  # letters from which a text is set in two columns where the page is wide
 
 
 def render(page: Page) -> str:
     """The page as one HTML document. The same page gives the same bytes."""
-    style = Markup(style_rules() + _package_text("page.css"))  # noqa: S704, our own
-    html = _template().render(page=page, style=style)
+    script = scene_script() if any(section.scenes for section in page.sections) else ""
+    sheets = ["page.css", *(["scene.css"] if script else [])]
+    html = _template().render(
+        page=page,
+        style=Markup(style_rules() + "".join(map(_package_text, sheets))),  # noqa: S704, our own files
+        script=Markup(script),  # noqa: S704, our own file
+        script_hash=script_hash() if script else "",
+    )
     # HTML permits neither NUL nor half a surrogate pair, and a name may contain them.
     return html.replace("\x00", "\ufffd").encode("utf-8", "replace").decode("utf-8")
 
@@ -181,6 +188,10 @@ def _picture(drawing: Drawing, prefix: str) -> Markup:
     return Markup(svg_element(drawing, prefix))  # noqa: S704, the XML writer has escaped every name in it
 
 
+def _scene_data(scene: Scene) -> Markup:
+    return Markup(scene.to_json())  # noqa: S704, every sign of markup in it is an escape
+
+
 def _package_text(name: str) -> str:
     return files("truearm.pages").joinpath(name).read_text(encoding="utf-8")
 
@@ -192,6 +203,7 @@ def _template() -> jinja2.Template:
     )
     environment.globals.update(
         picture=_picture,
+        scene_data=_scene_data,
         paragraphs=paragraphs,
         is_long=is_long,
         is_beside=is_beside,

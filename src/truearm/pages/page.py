@@ -11,6 +11,7 @@ import numpy as np
 from truearm.errors import InputError
 from truearm.pages.number_format import RoundedNumber
 from truearm.pages.plotting import Figure
+from truearm.pages.scene import Scene
 
 Cell = str | int | float | RoundedNumber | None
 State = Literal["good", "doubtful", "bad", "none"]
@@ -126,7 +127,9 @@ class Table:
 
 @dataclass(frozen=True)
 class Section:
-    """A chapter of the page: its verdict, text, rows, figures and tables. An empty line in `text` starts a paragraph.
+    """A chapter of the page: its verdict, text, rows, scenes, tables and figures, in this order.
+
+    An empty line in `text` starts a paragraph.
 
     A `folded` section shows its title only, until a reader opens it; on paper it is open.
     """
@@ -138,6 +141,7 @@ class Section:
     tables: tuple[Table, ...] = ()
     folded: bool = False
     verdict: PageVerdict | None = None
+    scenes: tuple[Scene, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -15,7 +15,11 @@ from truearm.compensation.models import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.errors import InputError
 from truearm.workflows.inputs import ArmLike, ModelLike, is_model_file, to_arm, to_model, to_model_of_tip
+from truearm.workflows.outputs import PageRecord, version_row
 from truearm.workflows.record import Record, TextTable, format_fixed, to_plain
+
+if TYPE_CHECKING:
+    from truearm.pages.page import Page
 
 Convention = Literal["dh", "mdh"]
 
@@ -93,8 +97,8 @@ class Catalogue(Record):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ArmDescription(Record):
-    """The constants of an arm: its D-H table, in the branch nearest to that of a nominal chain.
+class ArmDescription(PageRecord):
+    """The constants of an arm: its D-H table, in the branch nearest to that of a nominal chain. It has a page.
 
     Attributes
     ----------
@@ -113,6 +117,12 @@ class ArmDescription(Record):
         """The table, in the frame of the arm's base."""
         chain = self.arm.chain
         return nearest_table(chain, self.nominal or chain, convention=self.convention)
+
+    def page(self) -> Page:
+        """The arm to be turned, with sliders, the tip's coordinates and the tables."""
+        from truearm.arm.arm_page import arm_page
+
+        return arm_page(self.arm, self.table, facts=[version_row()])
 
     def to_dict(self) -> dict[str, Any]:
         """See `Record.to_dict`: the fixed motions between joints, and a D-H table."""

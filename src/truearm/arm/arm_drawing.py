@@ -28,21 +28,26 @@ _NEAR = 0.12  # of the arm's length: frames closer than this are drawn in one de
 _LETTER_IN, _LINE_IN = 0.082, 0.15  # room for a letter of a label
 
 
-def arm_figure(frames: FloatArray, tip: FloatArray) -> Figure:
+def arm_figure(frames: FloatArray, tip: FloatArray, *, sliding: Sequence[bool] = ()) -> Figure:
     """Draw the arm: links, joint axes with their positive direction, tip, and a scale.
 
     Parameters
     ----------
     frames : (n_joints + 1, 4, 4) array
-        Denavit-Hartenberg frames at a pose, the base first [mm]; joint i turns about z of the frame before it.
+        Frames at a pose, the base first [mm], such as those of Denavit and Hartenberg; joint i turns about, or slides
+        along, z of the frame before it.
     tip : (3,) array
         The tip in the base frame [mm].
+    sliding : sequence of bool
+        Which joints slide; none by default.
     """
     joints = len(frames) - 1
     reach = _reach(frames, tip)
+    slides = [*sliding] or [False] * joints
     with figure_style():
-        drawing = _whole(frames, tip, reach)
-    summary = f"{joints} revolute joints, {format_number(round(reach))} mm from the base to the tip along the links"
+        drawing = _whole(frames, tip, reach, slides)
+    kinds = f"{joints} joints, {sum(slides)} of them sliding" if any(slides) else f"{joints} revolute joints"
+    summary = f"{kinds}, {format_number(round(reach))} mm from the base to the tip along the links"
     place = ", ".join(f"{axis} {format_number(round(value))}" for axis, value in zip("xyz", tip, strict=True))
     return Figure(
         (drawing,),
@@ -172,14 +177,14 @@ def _link(frame: FloatArray, end: FloatArray) -> FloatArray:
     return np.array([start, start + axis * (axis @ (end - start)), end])
 
 
-def _whole(frames: FloatArray, tip: FloatArray, reach: float) -> Drawing:
+def _whole(frames: FloatArray, tip: FloatArray, reach: float, sliding: Sequence[bool]) -> Drawing:
     size = 0.11 * reach
     around = np.vstack([frames[:, :3, 3] + s * frames[:, :3, 2] * 1.15 * size for s in (-0.6, 1)] + [tip[None]])
     base = frames[0, :3, 3] + 0.9 * size * np.vstack([frames[0, :3, :3].T, -frames[0, :3, :3].T[:2]])
     view, drawing = _paper(np.vstack([around, base]), width_in=5.6, margin_in=0.34, largest_in=4.9)
     _floor(view, frames[0], 0.62 * size)
     _tubes(view, frames, tip, width=8.0)
-    for frame in frames[:-1]:
+    for frame, slides in zip(frames[:-1], sliding, strict=True):
         origin, axis = frame[:3, 3], frame[:3, 2]
         view.line([origin - 0.17 * size * axis, origin + 0.17 * size * axis], colour=_JOINT, width=10.5, layer=4)
         view.line(
@@ -189,7 +194,10 @@ def _whole(frames: FloatArray, tip: FloatArray, reach: float) -> Drawing:
             dash=(0, (7, 2, 1.5, 2)),
             layer=5,
         )
-        _turn(view, frame, origin + 1.02 * size * axis, 0.2 * size)
+        if slides:
+            view.arrow(origin + 0.8 * size * axis, origin + 1.15 * size * axis, colour=_Z, width=1.2)
+        else:
+            _turn(view, frame, origin + 1.02 * size * axis, 0.2 * size)
     for k, (letter, colour) in enumerate(zip("xyz", (_X, _Y, _Z), strict=True)):
         if letter == "z":
             continue  # the axis of the first joint is drawn there

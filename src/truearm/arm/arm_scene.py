@@ -1,0 +1,121 @@
+"""An arm as the mechanism of an interactive scene: its links as straight pieces, its joints with their limits."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from truearm.arm.arm import Arm
+from truearm.arm.chain import Chain
+from truearm.pages.scene import Mechanism
+from truearm.typing import FloatArray
+
+# What a slider spans of a joint that turns without limit; of one that slides, this share of the reach to each side.
+_FULL_TURN_DEG, _SLIDE_OF_REACH = 360.0, 1.0
+# A common normal farther away than so many link lengths: the axes are parallel but for rounding.
+_FAR = 2.0
+_SHORT_MM = 1e-6
+
+
+def arm_mechanism(
+    arm: Arm,
+    *,
+    chain: Chain | None = None,
+    start: npt.ArrayLike | None = None,
+    controls: bool = False,
+    follows: Sequence[int] | None = None,
+) -> Mechanism:
+    """The arm as a mechanism.
+
+    Parameters
+    ----------
+    arm : Arm
+    chain : Chain, optional
+        An identified chain in place of the nominal one; the drawing then begins at joint 1, as its base may be
+        anywhere in the frame of a reference.
+    start : (n_joints,) array, optional
+        Joint angles of the first view [rad, or mm for sliding joints]; the working pose by default.
+    controls : bool
+        Whether the scene has sliders.
+    follows : sequence of int, optional
+        See `Mechanism`.
+    """
+    shown = chain or arm.chain
+    slides = shown.is_prismatic
+    scale = np.where(slides, 1.0, np.degrees(1.0))
+    values = (arm.working if start is None else np.asarray(start, dtype=float)) * scale
+    lower, upper = arm.limits.T * scale
+    span = np.where(slides, _SLIDE_OF_REACH * max(shown.reach, 1.0), _FULL_TURN_DEG)
+    limited = np.isfinite(lower) & np.isfinite(upper)
+    return Mechanism(
+        fixed=shown.fixed,
+        end=shown.tip_in_flange,
+        links=[_base(shown, from_origin=chain is None), *_links(shown)],
+        names=[_joint(i, name) for i, name in enumerate(arm.joint_names, start=1)],
+        units=["mm" if one else "deg" for one in slides],
+        lower=np.where(np.isfinite(lower), lower, np.minimum(values, 0.0) - span),
+        upper=np.where(np.isfinite(upper), upper, np.maximum(values, 0.0) + span),
+        limited=limited,
+        start=values,
+        end_name="tip",
+        value_name="joint angle" if not slides.any() else "joint position",
+        controls=controls,
+        follows=follows,
+    )
+
+
+def joint_frames(chain: Chain, angles: npt.ArrayLike) -> FloatArray:
+    """Frames (n_joints + 1, 4, 4) right before each joint at a pose (n_joints,), and that of the flange [rad, mm]."""
+    frames = [chain.fixed[0]]
+    for i, angle in enumerate(np.asarray(angles, dtype=float)):
+        moved = np.eye(4)
+        if chain.is_prismatic[i]:
+            moved[2, 3] = angle
+        else:
+            moved[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+        frames.append(frames[-1] @ moved @ chain.fixed[i + 1])
+    return np.array(frames)
+
+
+def _joint(number: int, name: str) -> str:
+    return name if name == f"J{number}" else f"J{number} {name}"
+
+
+def _base(chain: Chain, *, from_origin: bool) -> FloatArray:
+    """From the base to joint 1, upwards first."""
+    end = chain.fixed[0, :3, 3]
+    return _without_short_pieces(np.array([np.zeros(3), [0, 0, end[2]], end] if from_origin else [end, end]))
+
+
+def _links(chain: Chain) -> list[FloatArray]:
+    """Each link in the frame after its joint: along its axis, along the common normal, along the next axis."""
+    links = []
+    for fixed in chain.fixed[1:-1]:
+        end, axis = fixed[:3, 3], fixed[:3, 2]
+        links.append(_without_short_pieces(np.array([np.zeros(3), *_feet(end, axis), end])))
+    flange = chain.fixed[-1]
+    tip = flange[:3, :3] @ chain.tip_in_flange + flange[:3, 3]
+    links.append(_without_short_pieces(np.array([np.zeros(3), [0, 0, flange[2, 3]], flange[:3, 3], tip])))
+    return links
+
+
+def _feet(end: FloatArray, axis: FloatArray) -> list[FloatArray]:
+    """Where the common normal of the z axis and a line meets both; of parallel lines the normal through the end."""
+    sine = float(np.hypot(axis[0], axis[1]))
+    if sine > _SHORT_MM:
+        along = -float(axis[:2] @ end[:2]) / sine**2
+        foot = end + along * axis
+        if abs(along) + abs(float(foot[2])) < _FAR * float(np.linalg.norm(end)):
+            return [np.array([0, 0, foot[2]]), foot]
+    return [np.array([0, 0, end[2]])]
+
+
+def _without_short_pieces(path: FloatArray) -> FloatArray:
+    """The path without points that coincide with those before them; two points at least."""
+    kept = [path[0]]
+    kept += [point for point in path[1:-1] if np.linalg.norm(point - kept[-1]) > _SHORT_MM]
+    if len(kept) > 1 and np.linalg.norm(path[-1] - kept[-1]) <= _SHORT_MM:
+        kept.pop()
+    return np.array([*kept, path[-1]])

@@ -1,0 +1,262 @@
+// The view: the space on a canvas that is turned, zoomed and pointed at, with the plots and controls beside it.
+
+import { boundsOf, Camera, framesOf } from "./scene_space.mjs";
+import { Cloud } from "./scene_cloud.mjs";
+import { Painter } from "./scene_paint.mjs";
+import { RangePlot } from "./scene_plots.mjs";
+import { build, buttonBar, chooser, MechanismControls } from "./scene_controls.mjs";
+
+const HELP =
+  "Drag to turn, shift and drag to move, pinch or + and \u2212 to zoom. Keys: arrows turn, shift and arrows move, 0 resets";
+const HELP_OF_POINTS = "; n and p go through the points from the largest value; drag in a plot to select a range";
+const VIEWS = { front: [-90, 0], side: [0, 0], top: [-90, 90] };
+
+/** One interactive scene in its figure. */
+export class SceneView {
+  /** @param {HTMLElement} figure @param {object} data */
+  constructor(figure, data) {
+    this.lines = data.lines;
+    this.unit = data.unit;
+    this.mechanism = data.mechanism;
+    this.cloud = data.points ? new Cloud(data.points) : null;
+    this.values = this.mechanism ? [...this.mechanism.start] : [];
+    this.current = -1;
+    this.showLengths = Boolean(this.mechanism && this.mechanism.controls);
+    this.bounds = boundsOf(this.extent());
+    this.camera = new Camera(this.bounds);
+    this.pointers = new Map();
+    this.build(figure, data);
+    this.painter = new Painter(this.canvas, this);
+    this.listen();
+    this.watch(figure);
+  }
+
+  /** @returns {number[][]} points that the first view shows */
+  extent() {
+    const points = this.lines.flatMap((line) => line.at);
+    if (this.cloud) {
+      const [x, y, z] = this.cloud.at;
+      for (let i = 0; i < this.cloud.count; i += 1) points.push([x[i], y[i], z[i]]);
+    }
+    if (this.mechanism) {
+      const frames = framesOf(this.mechanism, this.mechanism.start);
+      points.push(...this.mechanism.links[0], frames.end);
+      const axis = 1.2 * this.mechanism.size;
+      frames.before.forEach((f) => [-0.6, 1].forEach((s) => points.push([3, 7, 11].map((k) => f[k] + s * axis * f[k - 1]))));
+    }
+    return points;
+  }
+
+  /** @param {HTMLElement} figure @param {object} data */
+  build(figure, data) {
+    const help = build("p", { className: "help", id: `${figure.id}-help`, textContent: `${HELP}${data.points ? HELP_OF_POINTS : ""}.` });
+    this.canvas = build("canvas", {
+      className: "space",
+      tabIndex: 0,
+      aria: { role: "application", "aria-label": data.label, "aria-describedby": help.id },
+    });
+    this.note = build("div", { className: "readout", hidden: true, aria: { role: "status" } });
+    const space = build("div", { className: "space-frame" }, this.canvas, this.note);
+    const main = build("div", { className: "main" }, this.bar(), space);
+    const beside = build("div", { className: "beside" });
+    const stage = build("div", { className: "stage" }, main, beside, help);
+    if (this.cloud) this.buildPlots(main, beside);
+    if (this.mechanism?.controls) {
+      this.controls = new MechanismControls(this.mechanism, this.values, () => this.refresh());
+      beside.append(this.controls.element);
+    }
+    figure.prepend(stage);
+    figure.classList.add("live");
+  }
+
+  /** @returns {HTMLElement} */
+  bar() {
+    const look = (name) => [name, () => this.act(() => this.camera.look(...VIEWS[name]))];
+    const actions = [
+      ...Object.keys(VIEWS).map(look),
+      ["+", () => this.act(() => this.camera.magnify(1.3))],
+      ["\u2212", () => this.act(() => this.camera.magnify(1 / 1.3))],
+      ["reset", () => this.act(() => this.camera.reset())],
+    ];
+    const bar = buttonBar(actions, "view");
+    if (this.cloud && this.cloud.values.length > 1) {
+      const names = this.cloud.values.map((value) => value.name);
+      bar.append(chooser("colour:", names, this.cloud.series, (i) => this.act(() => this.cloud.show(i))));
+    }
+    if (this.mechanism?.controls) {
+      const box = build("input", { type: "checkbox", checked: true });
+      box.addEventListener("change", () => this.act(() => (this.showLengths = box.checked)));
+      bar.append(build("label", { className: "chooser" }, box, ` lengths [${this.unit}]`));
+    }
+    return bar;
+  }
+
+  /** @param {HTMLElement} main @param {HTMLElement} beside */
+  buildPlots(main, beside) {
+    const axes = [-1, ...this.cloud.axes.keys()];
+    this.plots = axes.map((axis) => new RangePlot(this.cloud, axis, () => this.refresh()));
+    this.status = build("p", { className: "selected", aria: { role: "status" } });
+    const all = build("button", { type: "button", textContent: "select all" });
+    all.addEventListener("click", () => {
+      this.cloud.ranges.clear();
+      this.cloud.select();
+      this.refresh();
+    });
+    main.append(this.status);
+    beside.append(build("div", { className: "plots" }, ...this.plots.map((plot) => plot.element)), all);
+  }
+
+  /** @param {() => void} change */
+  act(change) {
+    change();
+    this.refresh();
+  }
+
+  /** Draw once before the next frame, however often it is asked for. */
+  refresh() {
+    this.hide();
+    if (this.waiting) return;
+    this.waiting = true;
+    requestAnimationFrame(() => {
+      this.waiting = false;
+      this.draw();
+    });
+  }
+
+  draw() {
+    this.painter.paint();
+    if (!this.cloud) return;
+    this.plots.forEach((plot) => plot.paint());
+    const text = this.cloud.summary();
+    if (this.status.textContent !== text) this.status.textContent = text;
+  }
+
+  /** @param {HTMLElement} figure */
+  watch(figure) {
+    new ResizeObserver(() => this.refresh()).observe(figure);
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.refresh());
+    this.draw();
+  }
+
+  listen() {
+    const { canvas } = this;
+    canvas.addEventListener("pointerdown", (event) => {
+      canvas.setPointerCapture(event.pointerId);
+      this.pointers.set(event.pointerId, [event.offsetX, event.offsetY]);
+      this.moved = 0;
+    });
+    canvas.addEventListener("pointermove", (event) => {
+      if (this.pointers.has(event.pointerId)) this.drag(event);
+      else this.hover(event.offsetX, event.offsetY, 10);
+    });
+    ["pointerup", "pointercancel"].forEach((name) =>
+      canvas.addEventListener(name, (event) => {
+        this.pointers.delete(event.pointerId);
+        if (name === "pointerup" && this.moved < 5) this.hover(event.offsetX, event.offsetY, 18);
+      }),
+    );
+    canvas.addEventListener("pointerleave", () => this.hide());
+    canvas.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
+    canvas.addEventListener("keydown", (event) => this.press(event));
+  }
+
+  /** @param {PointerEvent} event one pointer turns, or moves with shift; two zoom and move */
+  drag(event) {
+    const [x, y] = this.pointers.get(event.pointerId);
+    const [dx, dy] = [event.offsetX - x, event.offsetY - y];
+    const before = this.spread();
+    this.pointers.set(event.pointerId, [event.offsetX, event.offsetY]);
+    this.moved += Math.hypot(dx, dy);
+    if (this.pointers.size > 1) {
+      if (before) this.camera.magnify(this.spread() / before);
+      this.camera.pan(dx / 2, -dy / 2);
+    } else if (event.shiftKey || event.buttons === 4 || event.buttons === 2) {
+      this.camera.pan(dx, -dy);
+    } else {
+      this.camera.turn(-0.4 * dx, 0.4 * dy);
+    }
+    this.refresh();
+  }
+
+  /** @returns {number} distance of two pointers in pixels */
+  spread() {
+    if (this.pointers.size < 2) return 0;
+    const [[x0, y0], [x1, y1]] = [...this.pointers.values()];
+    return Math.hypot(x1 - x0, y1 - y0);
+  }
+
+  /** @param {WheelEvent} event the wheel scrolls the page until the view has the focus */
+  wheel(event) {
+    if (!event.ctrlKey && document.activeElement !== this.canvas) return;
+    event.preventDefault();
+    this.act(() => this.camera.magnify(Math.exp(-0.0015 * event.deltaY)));
+  }
+
+  /** @param {KeyboardEvent} event */
+  press(event) {
+    const [across, up] = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[event.key] ?? [0, 0];
+    if (event.ctrlKey || event.metaKey || event.altKey) return;
+    if (across || up) {
+      this.act(() => (event.shiftKey ? this.camera.pan(30 * across, 30 * up) : this.camera.turn(-8 * across, -8 * up)));
+    } else if (event.key === "+" || event.key === "=") this.act(() => this.camera.magnify(1.2));
+    else if (event.key === "-") this.act(() => this.camera.magnify(1 / 1.2));
+    else if (event.key === "0") this.act(() => this.camera.reset());
+    else if (event.key === "Escape") this.refresh();
+    else if ("np".includes(event.key) && this.cloud) this.step(event.key === "n" ? 1 : -1);
+    else return;
+    event.preventDefault();
+  }
+
+  /** @param {number} way to the selected point with the next smaller, or larger, value */
+  step(way) {
+    const falling = [...this.cloud.order].reverse().filter((i) => this.cloud.selected[i]);
+    if (!falling.length) return;
+    const place = falling.indexOf(this.last ?? -1);
+    const next = place < 0 ? 0 : (place + way + falling.length) % falling.length;
+    this.tell(falling[next]);
+  }
+
+  /** @param {number} x @param {number} y @param {number} within so many pixels */
+  hover(x, y, within) {
+    const found = this.painter.pointAt(x, y, within);
+    if (found === this.current) return;
+    if (found < 0) this.hide();
+    else this.tell(found);
+  }
+
+  /** @param {number} i say what is known of a point, and bring the mechanism there */
+  tell(i) {
+    this.current = i;
+    this.last = i;
+    if (this.mechanism?.follows) {
+      this.mechanism.follows.forEach((axis, k) => {
+        this.values[k] = this.cloud.axes[axis].data[i];
+      });
+      this.controls?.update();
+    }
+    this.painter.paint();
+    this.note.replaceChildren(...this.cloud.describe(i).map((text) => build("span", { textContent: text })));
+    this.note.hidden = false;
+    const [x, y] = [this.painter.flat[2 * i], this.painter.flat[2 * i + 1]];
+    const { offsetWidth: width, offsetHeight: height } = this.note;
+    const left = Math.max(4, Math.min(x + 14, this.canvas.clientWidth - width - 4));
+    const above = y - height - 14;
+    this.note.style.left = `${left}px`;
+    this.note.style.top = `${above > 4 ? above : Math.min(y + 14, this.canvas.clientHeight - height - 4)}px`;
+  }
+
+  hide() {
+    if (this.current < 0) return;
+    this.current = -1;
+    this.note.hidden = true;
+    if (!this.waiting) this.painter.paint();
+  }
+}
+
+/** Make every scene of the page interactive. */
+export function start() {
+  document.querySelectorAll("figure.scene").forEach((figure) => {
+    const data = JSON.parse(figure.querySelector("script[type='application/json']").textContent);
+    new SceneView(figure, data);
+  });
+}
