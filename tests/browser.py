@@ -2,6 +2,7 @@
 
 import shutil
 import subprocess
+from contextlib import contextmanager
 
 import pytest
 
@@ -31,3 +32,58 @@ def printed(page, folder):
     )
     text = subprocess.run(["pdftotext", "-layout", out, "-"], capture_output=True, text=True, timeout=60, check=True)
     return text.stdout.split("\f")[:-1]
+
+
+@contextmanager
+def browser():
+    """A Chromium that tests steer; they skip where it, or the package that steers it, is missing."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    if BROWSER is None:
+        pytest.skip("no chromium here (on Debian: apt-get install chromium)")
+    with playwright.sync_playwright() as steer:
+        chromium = steer.chromium.launch(executable_path=BROWSER, args=["--no-sandbox", "--disable-gpu"])
+        yield chromium
+        chromium.close()
+
+
+class Tab:
+    """A page in a browser with all that it complained of or asked the network for."""
+
+    def __init__(self, chromium, path, *, width=1400, scheme="light", scripts=True):
+        self.complaints = []
+        self.context = chromium.new_context(
+            viewport={"width": width, "height": 900}, color_scheme=scheme, java_script_enabled=scripts
+        )
+        self.page = self.context.new_page()
+        self.page.on("console", lambda message: self.complaints.append(message.text))
+        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        self.page.on("request", lambda asked: self._asked(asked.url))
+        self.page.goto(path.as_uri())
+
+    def _asked(self, url):
+        if not url.startswith(("file:", "data:")):
+            self.complaints.append(url)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.context.close()
+
+    def picture(self, selector=".space"):
+        """What a canvas shows, to compare, after the next frame was drawn."""
+        self.page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+        return self.page.locator(selector).first.evaluate("(canvas) => canvas.toDataURL()")
+
+    def faults(self):
+        """Serious and critical faults that axe-core finds for readers who use keyboard or screen reader."""
+        axe = pytest.importorskip(
+            "axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed"
+        )
+        found = axe.Axe().run(self.page).response["violations"]
+        return [
+            (one["id"], node["html"][:200])
+            for one in found
+            if one["impact"] in ("serious", "critical")
+            for node in one["nodes"]
+        ]

@@ -7,10 +7,10 @@ import pytest
 from matplotlib.colors import to_hex
 from matplotlib.patches import Circle, Rectangle
 
+from truearm.arm.arm_drawing import arm_figure, frame_figure, project
 from truearm.arm.rigid_motions import screw_x, screw_z
 from truearm.compensation.nets.perceptron import Perceptron
 from truearm.pages.plotting import figure_style, styles_of, svg_element
-from truearm.arm.arm_drawing import arm_figure, frame_figure, project
 from truearm.papers.gao2017.claim_figures import (
     box_figure,
     crossings,

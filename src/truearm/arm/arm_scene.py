@@ -22,27 +22,26 @@ _SHORT_MM = 1e-6
 def arm_mechanism(
     arm: Arm,
     *,
-    chain: Chain | None = None,
     start: npt.ArrayLike | None = None,
     controls: bool = False,
     follows: Sequence[int] | None = None,
+    from_origin: bool = True,
 ) -> Mechanism:
     """The arm as a mechanism.
 
     Parameters
     ----------
     arm : Arm
-    chain : Chain, optional
-        An identified chain in place of the nominal one; the drawing then begins at joint 1, as its base may be
-        anywhere in the frame of a reference.
     start : (n_joints,) array, optional
         Joint angles of the first view [rad, or mm for sliding joints]; the working pose by default.
     controls : bool
         Whether the scene has sliders.
     follows : sequence of int, optional
         See `Mechanism`.
+    from_origin : bool
+        Whether the drawing begins at the origin; else at joint 1, as of an arm in the frame of a reference instrument.
     """
-    shown = chain or arm.chain
+    shown = arm.chain
     slides = shown.is_prismatic
     scale = np.where(slides, 1.0, np.degrees(1.0))
     values = (arm.working if start is None else np.asarray(start, dtype=float)) * scale
@@ -52,7 +51,7 @@ def arm_mechanism(
     return Mechanism(
         fixed=shown.fixed,
         end=shown.tip_in_flange,
-        links=[_base(shown, from_origin=chain is None), *_links(shown)],
+        links=[_base(shown, from_origin=from_origin), *_links(shown)],
         names=[_joint(i, name) for i, name in enumerate(arm.joint_names, start=1)],
         units=["mm" if one else "deg" for one in slides],
         lower=np.where(np.isfinite(lower), lower, np.minimum(values, 0.0) - span),

@@ -7,7 +7,14 @@ from typing import Annotated, Literal
 
 import typer
 
-from truearm.cli.console import ARM_HELP, Json, check_output_is_not_input, print_line, print_record
+from truearm.cli.console import (
+    ARM_HELP,
+    Json,
+    check_output_is_not_input,
+    check_page_path,
+    print_line,
+    print_record,
+)
 
 
 def arms(
@@ -15,7 +22,13 @@ def arms(
         str,
         typer.Argument(metavar="[ARM]", help=f"{ARM_HELP} Or a model file.", show_default=False),
     ] = "",
-    out: Annotated[Path | None, typer.Option("--out", help="Write it as an arm file, .toml or .urdf.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", help="Write it as an arm file, .toml or .urdf; with --page: the page, .html."),
+    ] = None,
+    page: Annotated[
+        bool, typer.Option("--page", help="Write a page: a drawing to turn, a slider a joint, the tip's coordinates.")
+    ] = False,
     convention: Annotated[
         Literal["dh", "mdh"], typer.Option("--convention", help="Of the table that is printed or written.")
     ] = "dh",
@@ -25,18 +38,28 @@ def arms(
 
     Without a name: the list. With a name: the constants of the nominal arm. With a model file: the identified arm, with
     base and tip in the frame of the reference. With a name and --out: an arm file, to edit into your own arm's, or to
-    use elsewhere.
+    use elsewhere. With --page: a page on which the arm is turned with the mouse and its joints are moved, to see
+    whether a file describes an arm; NAME.html unless --out names another.
     """
     from truearm.arm import write_arm
     from truearm.arm.catalogue import arm_path
     from truearm.errors import InputError
-    from truearm.workflows.arms import catalogue, describe_arm
+    from truearm.workflows.arms import catalogue, describe_arm, page_name
     from truearm.workflows.inputs import is_model_file
 
     if not arm:
-        if out is not None:
-            raise InputError("--out needs the name of an arm", hint="truearm arms gao2017 --out my-arm.toml")
+        if out is not None or page:
+            option = "--page" if page else "--out"
+            hint = "truearm arms my-arm.toml --page" if page else "truearm arms gao2017 --out my-arm.toml"
+            raise InputError(f"{option} needs the name of an arm", hint=hint)
         print_record(catalogue(), as_json=as_json)
+        return
+    if page:
+        out = out or page_name(arm)
+        check_page_path(out, arm_path(arm))
+        description = describe_arm(arm, convention=convention)
+        description.save_page(out)
+        print_record(description, as_json=as_json, files={"page": out})
         return
     if out is not None and is_model_file(arm):
         raise InputError(

@@ -184,8 +184,8 @@ class Mechanism:
             If the parts do not fit together.
         """
         k = len(self.names)
-        lengths = (len(self.fixed) - 1, len(self.links) - 1, *map(len, (self.units, self.lower, self.upper)))
-        if {*lengths, len(self.start), len(self.limited)} != {k}:
+        lengths = {len(self.fixed) - 1, len(self.links) - 1, len(self.units), len(self.lower), len(self.upper)}
+        if lengths | {len(self.start), len(self.limited)} != {k}:
             raise InputError(f"expected the parts of a mechanism with {k} pivots, got other numbers of them")
         paths = [np.asarray(link, dtype=float) for link in self.links]
         length = sum(float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum()) for path in paths[1:])
@@ -255,12 +255,11 @@ class Scene:
     @property
     def remark(self) -> str:
         """What a reader must know if not all points are drawn; empty if they are."""
-        n = 0 if self.cloud is None else len(self.cloud.names)
-        if n <= MOST_POINTS:
+        if self.cloud is None or len(self.cloud.names) <= MOST_POINTS:
             return ""
         return (
-            f"The view has {format_number(MOST_POINTS)} of {format_number(n)} {self.cloud.noun if self.cloud else ''}s: "
-            f"those with the largest values, and an even selection of the others."
+            f"The view has {format_number(MOST_POINTS)} of {format_number(len(self.cloud.names))} {self.cloud.noun}s: "
+            "those with the largest values, and an even selection of the others."
         )
 
 

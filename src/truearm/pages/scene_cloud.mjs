@@ -77,7 +77,9 @@ export class Cloud {
       if (this.selected[i]) [n, sum, largest] = [n + 1, sum + data[i], Math.max(largest, data[i])];
     }
     const which = this.ranges.size ? `${n} of ${this.count} ${this.noun}s selected` : `All ${this.count} ${this.noun}s`;
-    const numbers = n ? `mean ${formatNumber(sum / n, 3)} ${unit}, largest ${formatNumber(largest, 3)} ${unit}` : "none";
+    const numbers = n
+      ? `mean ${formatNumber(sum / n, 3)} ${unit}, largest ${formatNumber(largest, 3)} ${unit}`
+      : "none";
     const ranges = [...this.ranges].map(([axis, [low, high]]) => {
       const column = this.column(axis);
       return `${column.name} ${formatNumber(low, 3)} to ${formatNumber(high, 3)} ${column.unit}`;

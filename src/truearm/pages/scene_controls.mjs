@@ -17,9 +17,16 @@ export function build(tag, properties = {}, ...children) {
   return element;
 }
 
-/** @param {string} text numbers separated by spaces, semicolons, tabs or commas @param {number} count @returns {number[] | null} */
+/**
+ * @param {string} text numbers separated by spaces, semicolons, tabs or commas
+ * @param {number} count
+ * @returns {number[] | null}
+ */
 export function parseNumbers(text, count) {
-  let parts = text.trim().split(/[\s;]+|,\s+/).filter((part) => part !== "");
+  let parts = text
+    .trim()
+    .split(/[\s;]+|,\s+/)
+    .filter((part) => part !== "");
   if (parts.length !== count) parts = text.split(",");
   const numbers = parts.map((part) => parseFloat(part.trim().replace(",", ".").replace("\u2212", "-")));
   return numbers.length === count && numbers.every(Number.isFinite) ? numbers : null;
@@ -119,7 +126,8 @@ export class MechanismControls {
       field.setAttribute("aria-invalid", outside);
       field.title = outside ? "outside the limits" : "";
     });
-    if (this.allInput && this.allInput !== typing) this.allInput.value = this.values.map((v) => Number(v.toFixed(4))).join(" ");
+    if (this.allInput && this.allInput !== typing)
+      this.allInput.value = this.values.map((v) => Number(v.toFixed(4))).join(" ");
     this.writePlace();
   }
 
@@ -153,7 +161,13 @@ export function buttonBar(actions, label) {
   return build("div", { className: "buttons", aria: { role: "group", "aria-label": label } }, ...buttons);
 }
 
-/** @param {string} label @param {string[]} options @param {number} chosen @param {(i: number) => void} choose @returns {HTMLElement} */
+/**
+ * @param {string} label
+ * @param {string[]} options
+ * @param {number} chosen
+ * @param {(i: number) => void} choose
+ * @returns {HTMLElement}
+ */
 export function chooser(label, options, chosen, choose) {
   const select = build("select", {}, ...options.map((text, i) => build("option", { value: i, textContent: text })));
   select.value = chosen;

@@ -69,7 +69,13 @@ export class Painter {
     const [x, y] = scene.camera.project(...point);
     pen.font = "600 13px system-ui, sans-serif";
     const half = pen.measureText(text).width / 2 + 3;
-    const free = [[0, 0], [0, -17], [0, 17], [half + 14, 0], [-half - 14, 0]].find(([dx, dy]) =>
+    const free = [
+      [0, 0],
+      [0, -17],
+      [0, 17],
+      [half + 14, 0],
+      [-half - 14, 0],
+    ].find(([dx, dy]) =>
       this.labels.every((other) => Math.abs(other.x - x - dx) > other.half + half || Math.abs(other.y - y - dy) > 16),
     );
     if (!free) return;
@@ -94,8 +100,24 @@ export class Painter {
       Math.ceil((middle[k] + reach) / step) * step,
     ]);
     const [[x0, x1], [y0, y1]] = ends;
-    for (let x = x0; x <= x1 + step / 2; x += step) this.stroke([[x, y0, low[2]], [x, y1, low[2]]], this.colours.line, 1);
-    for (let y = y0; y <= y1 + step / 2; y += step) this.stroke([[x0, y, low[2]], [x1, y, low[2]]], this.colours.line, 1);
+    for (let x = x0; x <= x1 + step / 2; x += step)
+      this.stroke(
+        [
+          [x, y0, low[2]],
+          [x, y1, low[2]],
+        ],
+        this.colours.line,
+        1,
+      );
+    for (let y = y0; y <= y1 + step / 2; y += step)
+      this.stroke(
+        [
+          [x0, y, low[2]],
+          [x1, y, low[2]],
+        ],
+        this.colours.line,
+        1,
+      );
     this.gridStep = step;
   }
 
@@ -165,7 +187,10 @@ export class Painter {
   /** @param {number} i @param {number} size */
   ring(i, size) {
     const { pen, colours } = this;
-    [[colours.ground, 5], [colours.mark, 2.5]].forEach(([colour, width]) => {
+    [
+      [colours.ground, 5],
+      [colours.mark, 2.5],
+    ].forEach(([colour, width]) => {
       pen.beginPath();
       pen.arc(this.flat[2 * i], this.flat[2 * i + 1], size / 2 + 4, 0, 2 * Math.PI);
       pen.strokeStyle = colour;
@@ -204,7 +229,9 @@ export class Painter {
     this.stroke([frames.end, frames.end], colours.ground, Math.max(12, 0.45 * thick));
     this.stroke([frames.end, frames.end], colours.mark, Math.max(8, 0.35 * thick));
     this.label(mechanism.endName, frames.end, colours.ink);
-    frames.before.forEach((frame, i) => this.label(mechanism.names[i], movePoint(frame, [0, 0, 1.35 * mechanism.size]), colours.ink));
+    frames.before.forEach((frame, i) =>
+      this.label(mechanism.names[i], movePoint(frame, [0, 0, 1.35 * mechanism.size]), colours.ink),
+    );
     if (scene.showLengths) this.writeLengths(frames);
   }
 

@@ -183,7 +183,11 @@ export class RangePlot {
     pen.textBaseline = "bottom";
     const beyond = this.axis < 0 && this.cloud.value.beyond ? "\u2265\u202f" : "";
     const number = (value) => formatNumber(value, this.axis < 0 ? 2 : 3).replace(/\.0+$/, "");
-    [[low, "left", ""], [(low + high) / 2, "center", ""], [high, "right", beyond]].forEach(([value, align, before]) => {
+    [
+      [low, "left", ""],
+      [(low + high) / 2, "center", ""],
+      [high, "right", beyond],
+    ].forEach(([value, align, before]) => {
       pen.textAlign = align;
       pen.fillText(before + number(value), this.xOf(value), height);
     });

@@ -7,7 +7,8 @@ import { RangePlot } from "./scene_plots.mjs";
 import { build, buttonBar, chooser, MechanismControls } from "./scene_controls.mjs";
 
 const HELP =
-  "Drag to turn, shift and drag to move, pinch or + and \u2212 to zoom. Keys: arrows turn, shift and arrows move, 0 resets";
+  "Drag to turn, shift and drag to move, pinch or + and \u2212 to zoom. " +
+  "Keys: arrows turn, shift and arrows move, 0 resets";
 const HELP_OF_POINTS = "; n and p go through the points from the largest value; drag in a plot to select a range";
 const VIEWS = { front: [-90, 0], side: [0, 0], top: [-90, 90] };
 
@@ -42,14 +43,20 @@ export class SceneView {
       const frames = framesOf(this.mechanism, this.mechanism.start);
       points.push(...this.mechanism.links[0], frames.end);
       const axis = 1.2 * this.mechanism.size;
-      frames.before.forEach((f) => [-0.6, 1].forEach((s) => points.push([3, 7, 11].map((k) => f[k] + s * axis * f[k - 1]))));
+      frames.before.forEach((f) =>
+        [-0.6, 1].forEach((s) => points.push([3, 7, 11].map((k) => f[k] + s * axis * f[k - 1]))),
+      );
     }
     return points;
   }
 
   /** @param {HTMLElement} figure @param {object} data */
   build(figure, data) {
-    const help = build("p", { className: "help", id: `${figure.id}-help`, textContent: `${HELP}${data.points ? HELP_OF_POINTS : ""}.` });
+    const help = build("p", {
+      className: "help",
+      id: `${figure.id}-help`,
+      textContent: `${HELP}${data.points ? HELP_OF_POINTS : ""}.`,
+    });
     this.canvas = build("canvas", {
       className: "space",
       tabIndex: 0,
@@ -194,7 +201,9 @@ export class SceneView {
 
   /** @param {KeyboardEvent} event */
   press(event) {
-    const [across, up] = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[event.key] ?? [0, 0];
+    const [across, up] = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[event.key] ?? [
+      0, 0,
+    ];
     if (event.ctrlKey || event.metaKey || event.altKey) return;
     if (across || up) {
       this.act(() => (event.shiftKey ? this.camera.pan(30 * across, 30 * up) : this.camera.turn(-8 * across, -8 * up)));

@@ -50,6 +50,13 @@ def describe_arm(arm: ArmLike | ModelLike, *, convention: Convention = "dh") -> 
     return ArmDescription(to_arm(arm), convention)
 
 
+def page_name(arm: str) -> Path:
+    """The page of an arm in the working folder, named after the arm or its file."""
+    from truearm.arm.catalogue import arm_path
+
+    return Path(f"{arm_path(arm).stem}.html")
+
+
 def identified_arm(model: ModelLike) -> Arm:
     """The arm of a model with the constants that were identified; its base frame is that of the reference.
 
@@ -122,7 +129,7 @@ class ArmDescription(PageRecord):
         """The arm to be turned, with sliders, the tip's coordinates and the tables."""
         from truearm.arm.arm_page import arm_page
 
-        return arm_page(self.arm, self.table, facts=[version_row()])
+        return arm_page(self.arm, self.table, facts=[version_row()], is_identified=self.nominal is not None)
 
     def to_dict(self) -> dict[str, Any]:
         """See `Record.to_dict`: the fixed motions between joints, and a D-H table."""

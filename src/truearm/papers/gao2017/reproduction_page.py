@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from truearm.arm.arm_drawing import arm_figure, frame_figure
 from truearm.pages.number_format import format_count, format_in_text
 from truearm.pages.page import Cell, Column, LabelledValue, Page, Section, Table
 from truearm.pages.plotting import Figure, Style, styles_of
-from truearm.arm.arm_drawing import arm_figure, frame_figure
 from truearm.papers.gao2017.claim_figures import predictions_figure
 from truearm.papers.gao2017.claim_sections import (
     final_test_section,

@@ -1,0 +1,178 @@
+"""Interactive scenes: their numbers in the page, what they refuse, and that no text of others becomes a script."""
+
+import base64
+import hashlib
+import json
+import re
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from truearm.compensation.models.workspace_figures import workspace
+from truearm.errors import InputError
+from truearm.pages.html import render
+from truearm.pages.page import Page, Section
+from truearm.pages.scene import MOST_POINTS, Mechanism, PointCloud, PointColumn, Scene, scene_script, thinned
+
+STILL = workspace(np.eye(3) * 100)
+HOSTILE = "</script><script>alert('x')</script><!--"
+
+
+def made_up_cloud(n=60, *, name="error", axes=2, most=1.0):
+    """Points with plausible errors [mm] that depend on the first axis."""
+    random = np.random.default_rng(7)
+    points = random.uniform(-500, 500, (n, 3))
+    angles = random.uniform(-90, 90, (n, axes))
+    error = 0.05 * most * (1.2 + np.sin(np.radians(angles[:, 0]))) + random.uniform(0, 0.01, n)
+    return PointCloud(
+        points,
+        [f"line {i + 2}" for i in range(n)],
+        [PointColumn(name, "mm", error), PointColumn("before", "mm", 10 * error)],
+        [PointColumn(f"A{k + 1}", "deg", angles[:, k]) for k in range(axes)],
+        [PointColumn("u", "mm", np.full(n, 0.02))],
+        noun="reading",
+    )
+
+
+def two_pivots(**changed):
+    eye = np.eye(4)
+    shifted = eye.copy()
+    shifted[0, 3] = 100.0
+    given = {
+        "fixed": np.array([eye, shifted, eye]),
+        "end": np.array([50.0, 0, 0]),
+        "links": [np.zeros((2, 3)), np.array([[0, 0, 0], [100, 0, 0]]), np.array([[0, 0, 0], [50, 0, 0]])],
+        "names": ["A1", "A2"],
+        "units": ["deg", "mm"],
+        "lower": np.array([-90.0, -10]),
+        "upper": np.array([90.0, 10]),
+        "limited": np.array([True, False]),
+        "start": np.zeros(2),
+        "end_name": "end",
+        "value_name": "value",
+        "controls": True,
+    }
+    return Mechanism(**(given | changed))
+
+
+def scene_page(**parts):
+    scene = Scene("points in space", "mm", STILL, **parts)
+    return Page("a scene", sections=(Section("Look", scenes=(scene,)),))
+
+
+def data_of(html):
+    return json.loads(re.search(r'<script type="application/json">(.*?)</script>', html, flags=re.DOTALL)[1])
+
+
+def test_the_numbers_of_the_page_are_those_given():
+    cloud = made_up_cloud()
+    data = data_of(render(scene_page(cloud=cloud)))["points"]
+    for axis, column in enumerate(data["at"]):
+        # A twenty-thousandth of the span is less than a pixel.
+        np.testing.assert_allclose(np.array(column["data"]) * column["step"], cloud.points[:, axis], atol=0.05)
+    for given_, column in zip(
+        [*cloud.values, *cloud.axes, *cloud.notes], data["values"] + data["axes"] + data["notes"], strict=True
+    ):
+        found = np.array(column["data"]) * column["step"]
+        np.testing.assert_allclose(found, given_.values, rtol=2e-3, atol=1e-2 if column["unit"] == "deg" else 1e-6)
+        assert (column["name"], column["unit"]) == (given_.name, given_.unit)
+    assert data["names"][0] == "line 2"
+
+
+@given(st.lists(st.floats(0, 1e6, allow_subnormal=False), min_size=1, max_size=30))
+def test_values_of_any_size_keep_three_digits(values):
+    column = PointCloud(np.zeros((len(values), 3)), ["p"] * len(values), [PointColumn("e", "mm", values)])
+    (shown,) = column.to_json()["values"]
+    found = np.array(shown["data"]) * shown["step"]
+    # A thousandth of the median or, where it is zero, what cannot be seen on the scale.
+    assert np.abs(found - values).max() <= max(np.median(values) / 1000, np.ptp(values) / 20_000, 1e-9 * max(values))
+    assert shown["top"] > 0
+
+
+def test_no_text_ends_the_data_or_becomes_a_script():
+    cloud = made_up_cloud(4, name=HOSTILE)
+    html = render(scene_page(cloud=PointCloud(cloud.points, [HOSTILE] * 4, cloud.values, noun=HOSTILE)))
+    assert html.count("<script") == html.count("</script>") == 2
+    data = data_of(html)["points"]
+    assert data["names"][0] == data["values"][0]["name"] == data["noun"] == HOSTILE
+
+
+def test_the_policy_permits_the_script_of_the_page_and_no_other():
+    html = render(scene_page(cloud=made_up_cloud()))
+    (script,) = re.findall(r"<script>(.*?)</script>", html, flags=re.DOTALL)
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    policy = re.search(r'Content-Security-Policy" content="([^"]+)"', html)[1]
+    assert policy == f"default-src 'none'; style-src 'unsafe-inline'; img-src data:; script-src 'sha256-{digest}'"
+
+
+def test_a_page_without_scenes_has_no_script():
+    html = render(Page("plain", sections=(Section("S", "text"),)))
+    assert "<script" not in html
+    assert "script-src" not in html
+    assert ".scene" not in html
+
+
+def test_the_same_scene_has_the_same_bytes():
+    assert render(scene_page(cloud=made_up_cloud())) == render(scene_page(cloud=made_up_cloud()))
+
+
+def test_of_too_many_points_the_largest_and_an_even_selection_are_kept():
+    random = np.random.default_rng(1)
+    values = [random.exponential(1.0, 50_000), random.exponential(1.0, 50_000)]
+    kept = thinned(values)
+    assert len(kept) == len(set(kept.tolist())) == MOST_POINTS
+    for one in values:
+        assert set(np.argsort(one)[-300:]) <= set(kept.tolist())
+    # Evenly: every thousandth part of the readings has its share of 12 points.
+    assert np.histogram(kept, 1000, (0, 50_000))[0].min() >= 10
+    cloud = PointCloud(np.zeros((50_000, 3)), ["p"] * 50_000, [PointColumn("e", "mm", values[0])])
+    assert "12\u202f000 of 50\u202f000 points" in Scene("many", "mm", STILL, cloud=cloud).remark
+    assert thinned(values, 60_000).tolist() == list(range(50_000))
+
+
+def test_a_page_of_12000_points_stays_small():
+    page = render(scene_page(cloud=made_up_cloud(12_000, axes=6)))
+    assert len(page.encode()) < 1_600_000  # a mail takes 3 MB, and a page has other figures too
+
+
+@pytest.mark.parametrize(
+    ("make", "problem"),
+    [
+        (lambda: Scene(" ", "mm", STILL, cloud=made_up_cloud()), "a label for every scene"),
+        (lambda: Scene("empty", "mm", STILL), "points, lines or a mechanism in the scene 'empty', got none"),
+        (lambda: PointCloud(np.zeros((2, 3)), ["a"], [PointColumn("e", "mm", [1, 2])]).to_json(), "expected 2 names"),
+        (lambda: PointCloud(np.zeros((2, 3)), ["a", "b"], []).to_json(), "at least one value"),
+        (lambda: PointCloud(np.zeros((1, 3)), ["a"], [PointColumn("e", "mm", [1, 2])]).to_json(), "expected 1 values"),
+        (
+            lambda: PointCloud(np.zeros((1, 3)), ["a"], [PointColumn("e", "mm", [-1])]).to_json(),
+            "of zero or more, got -1",
+        ),
+        (lambda: PointCloud(np.zeros((1, 3)), ["a"], [PointColumn("e", "mm", [np.nan])]).to_json(), "finite numbers"),
+        (lambda: PointCloud(np.zeros((1, 2)), ["a"], [PointColumn("e", "mm", [1])]).to_json(), r"\(n, 3\)"),
+        (lambda: two_pivots(names=["A1"]).to_json("mm"), "a mechanism with 1 pivots"),
+        (lambda: two_pivots(start=np.zeros(3)).to_json("mm"), "a mechanism with 2 pivots"),
+    ],
+)
+def test_what_a_scene_cannot_hold_is_refused(make, problem):
+    with pytest.raises(InputError, match=problem):
+        make()
+
+
+@pytest.mark.skipif(shutil.which("node") is None, reason="no node here (on Debian: apt-get install nodejs)")
+def test_the_script_of_the_page_can_be_parsed(tmp_path):
+    (tmp_path / "scene.js").write_text(scene_script(), encoding="utf-8")
+    done = subprocess.run(["node", "--check", "scene.js"], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def test_the_scripts_are_short_and_reach_for_nothing_outside():
+    code = scene_script()
+    assert not re.search(
+        r"\b(eval|fetch|XMLHttpRequest|WebSocket|innerHTML|document\.write|localStorage)\b|https?:", code
+    )
+    assert "import " not in code
+    assert max(map(len, code.splitlines())) <= 120
