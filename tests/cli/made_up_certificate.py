@@ -1,4 +1,16 @@
-"""What a made-up certificate says beside the results."""
+"""What a made-up certificate says beside the results, and a plan whose numbers a laboratory has confirmed."""
+
+from truearm.verification.standards.verification_plan import plan_text
+
+
+def confirm(plan):
+    """Confirm all numbers of a plan's text, as a laboratory would."""
+    plan = plan.replace("confirmed = false", "confirmed = true").replace("# [confirmation]", "[confirmation]")
+    plan = plan.replace('# confirmed_by = ""', 'confirmed_by = "First Example, head of the laboratory"')
+    return plan.replace("# date = 1900-01-01", "date = 2026-11-02")
+
+
+CONFIRMED_PLAN = confirm(plan_text("iso10360-12"))
 
 ABOUT = """\
 number = "V-2026-042"
@@ -11,6 +23,11 @@ name = "articulated arm coordinate measuring machine"
 maker = "Example Arms"
 model = "A 2500"
 serial_number = "10017"
+
+[set_up]
+stylus = "ball of ruby, diameter 6 mm, length 50 mm, number 12"
+mounting = "magnetic base on a granite table"
+software = "Example Measure 4.2, firmware 1.17"
 
 [laboratory]
 name = "Example Laboratory"

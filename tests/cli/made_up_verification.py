@@ -13,6 +13,7 @@ ARTEFACTS = f"""\
 [[spheres]]
 name = "ball"
 certificate = "K-101"
+issued_by = "Example Calibration"
 date = 2026-01-15
 expires = 2028-01-15
 nominal_mm = 25
@@ -27,6 +28,7 @@ u_fixture_mm = 0.0005
 [[bars]]
 name = "bar"
 certificate = "K-102"
+issued_by = "Example Calibration"
 date = 2026-01-15
 expires = 2028-01-15
 form_mm = 0.0005
@@ -46,6 +48,7 @@ lengths = [
 [[seats]]
 name = "cone"
 certificate = "made here, roundness of its rim measured"
+issued_by = "Example Laboratory"
 date = 2026-01-15
 expires = 2028-01-15
 form_mm = 0.001

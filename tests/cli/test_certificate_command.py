@@ -9,13 +9,13 @@ from hashlib import sha256
 from pathlib import Path
 
 import pytest
-from made_up_certificate import ABOUT
+from made_up_certificate import ABOUT, CONFIRMED_PLAN, confirm
 from made_up_verification import ARTEFACTS, MPE, Made
 
 from truearm.verification.certificate.dcc_reader import read_dcc
 from truearm.verification.standards.verification_plan import plan_text
 
-OPTIONS = ["--plan", "iso10360-12", "--points", "points.csv", "--artefacts", "artefacts.toml", "--mpe", "mpe.toml"]
+OPTIONS = ["--plan", "my-plan.toml", "--points", "points.csv", "--artefacts", "artefacts.toml", "--mpe", "mpe.toml"]
 ALL = ["certificate", *OPTIONS, "--about", "about.toml", "--out", "certificate.xml", "--html", "certificate.html"]
 PAGE = Path(__file__).parents[2] / "docs" / "certificate.md"
 
@@ -28,6 +28,7 @@ def bench(tmp_path, monkeypatch):
     Path("artefacts.toml").write_text(ARTEFACTS)
     Path("mpe.toml").write_text(MPE)
     Path("about.toml").write_text(ABOUT)
+    Path("my-plan.toml").write_text(CONFIRMED_PLAN)
     return tmp_path
 
 
@@ -46,7 +47,7 @@ def test_a_certificate_for_machines_and_for_people(truearm, bench):
     assert (str(form.limit.value), form.conformity) == ("0.03", "pass")
     assert by_name["L_Dia.5x5, largest distance, position 1"].conformity is None
     assert {one.certificate for one in made.equipment} == {"K-101", "K-102"}
-    assert any("check against your copy of the standard" in said for said in made.declarations)
+    assert made.methods[1].norm == "ISO 10360-12:2016"
     html = Path("certificate.html").read_text()
     for part in (
         "Calibration certificate V-2026-042",
@@ -77,32 +78,50 @@ def test_also_what_does_not_conform_gets_its_certificate(truearm, bench):
     )
     assert read_dcc("certificate.xml").conformity == "fail"
     assert truearm(*ALL, "--rule", "simple").code == 0
-    assert "simple acceptance" in " ".join(read_dcc("certificate.xml").declarations)
+    assert "simple acceptance" in read_dcc("certificate.xml").texts("decision rule")[0]
 
 
 def test_a_plan_of_the_user_is_stated_as_such(truearm, bench):
-    plan = plan_text("iso10360-12").replace("confirmed = false", "confirmed = true")
-    assert plan != plan_text("iso10360-12")
-    Path("iso10360-12.toml").write_text(plan)
-    ran = truearm(*[("iso10360-12.toml" if part == "iso10360-12" else part) for part in ALL])
+    ran = truearm(*ALL)
     assert ran.code == 0, ran
-    digest = sha256(plan.encode()).hexdigest()
-    assert (
-        f"the user, named iso10360-12, SHA-256 {digest}. Numbers" in read_dcc("certificate.xml").methods[1].description
-    )
+    digest = sha256(CONFIRMED_PLAN.encode()).hexdigest()
+    stated = read_dcc("certificate.xml").methods[1].description
+    assert f"the user, named iso10360-12, SHA-256 {digest}. Its numbers were confirmed against ISO 10360-12" in stated
+    assert "by First Example, head of the laboratory on 2026-11-02. Numbers: probing: points = 25" in stated
     assert digest in Path("certificate.html").read_text()
 
 
+def test_without_confirmed_numbers_a_certificate_is_refused_or_marked(truearm, bench, snapshot):
+    Path("my-plan.toml").write_text(plan_text("iso10360-12"))
+    there = snapshot(bench)
+    for plan in ("my-plan.toml", "iso10360-12"):
+        ran = truearm(*[(plan if part == "my-plan.toml" else part) for part in ALL])
+        assert (ran.code, ran.out) == (2, "")
+        assert "no certificate: 10 numbers are not confirmed against ISO 10360-12:2016 in the test plan" in ran.err
+        assert "--print-plan iso10360-12 > my-plan.toml" in ran.err
+        assert len(ran.err.splitlines()) == 1
+        assert snapshot(bench) == there
+    ran = truearm(*ALL, "--unconfirmed")
+    assert ran.code == 0
+    assert ran.out.startswith(
+        "certificate V-2026-042, not for conformity decisions\nNot for conformity decisions: 10 numbers are"
+    )
+    assert (read_dcc("certificate.xml").conformity, "conformity>" in Path("certificate.xml").read_text()) == (
+        None,
+        False,
+    )
+
+
 def test_limits_that_nothing_was_tested_for_are_named(truearm, bench):
-    Path("cut.toml").write_text(plan_text("iso10360-12").partition("[articulation")[0])
+    Path("my-plan.toml").write_text(confirm(plan_text("iso10360-12").partition("[articulation")[0]))
     made = Made().iso()
     made.rows = [row for row in made.rows if row["test"] == "probing"]
     Path("points.csv").write_text(made.text())
-    ran = truearm(*[("cut.toml" if part == "iso10360-12" else part) for part in ALL])
+    ran = truearm(*ALL)
     assert ran.code == 0, ran
-    declared = read_dcc("certificate.xml").declarations
-    assert "All tested values conform: 2 values with a limit." in declared[0]
-    (untested,) = (said for said in declared if said.startswith("limits of the specification that were not tested: "))
+    made = read_dcc("certificate.xml")
+    assert "All tested values conform: 2 values with a limit." in made.texts("decision")[0]
+    (untested,) = (said for said in made.texts("remark") if "specification that were not tested: " in said)
     assert untested.split(": ")[1].split(", ")[:3] == ["L_Dia.5x5", "E_Uni", "E_Bi"]
 
 

@@ -124,7 +124,8 @@ def test_a_sheet_is_written_for_ones_own_artefacts(truearm, tmp_path):
     mpe.write_text(MPE)
     ran = truearm("verify", "--sheet", "iso10360-12", "--out", out, "--artefacts", artefacts, "--mpe", mpe)
     assert (ran.code, ran.err) == (0, "")
-    assert ran.out == f"{out}: operator's sheet, 310 points of Articulated arm with tactile probe, after ISO 10360-12\n"
+    heading = "Articulated arm with tactile probe (plan not confirmed against ISO 10360-12:2016)"
+    assert ran.out == f"{out}: operator's sheet, 310 points of {heading}\n"
     command, _, printed = re.findall(r"```console sheet\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)[
         0
     ].partition("\n")

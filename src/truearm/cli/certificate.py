@@ -21,6 +21,13 @@ def certificate(
     out: Annotated[Path | None, typer.Option("--out", help="Certificate to write, .xml.")] = None,
     html: Annotated[Path | None, typer.Option("--html", help="The same for people, .html.")] = None,
     rule: RuleOption = None,
+    unconfirmed: Annotated[
+        bool,
+        typer.Option(
+            "--unconfirmed",
+            help="Certify although numbers of the plan are not confirmed: marked 'not for conformity decisions'.",
+        ),
+    ] = False,
     template: Annotated[
         bool, typer.Option("--template", help="Print a file to fill in for --about, and nothing else.")
     ] = False,
@@ -56,6 +63,6 @@ def certificate(
     if html is not None:
         check_page_path(html, *inputs, out)
     verification = verify(points, plan=plan, artefacts=artefacts, specification=mpe, rule=rule)
-    result = stated(verification, about)
+    result = stated(verification, about, unconfirmed=unconfirmed)
     result.save(out, html)
     print_record(result, files={"certificate": out, "page": html})

@@ -14,10 +14,13 @@ from truearm.solve.threads import one_blas_thread
 from truearm.verification.certificate.administrative_data import AdministrativeData, read_administrative_data
 from truearm.verification.certificate.certificate import (
     Certificate,
+    check_artefacts,
+    check_plan,
     check_uncertainties,
     make_certificate,
 )
 from truearm.verification.certificate.dcc import dcc, write_dcc
+from truearm.verification.certificate.statements import NOT_FOR_CONFORMITY
 from truearm.workflows.outputs import PageRecord, check_output_is_not_input, check_page_path
 from truearm.workflows.verify import VerificationResult, digests_of
 
@@ -99,15 +102,26 @@ class CertificateResult(PageRecord):
 
     def blocks(self) -> Iterator[str]:
         """See `Record`."""
-        yield f"certificate {self.number}, {self.verification.verdict.value}"
+        if self.certificate.reservation is None:
+            yield f"certificate {self.number}, {self.verification.verdict.value}"
+        else:
+            yield f"certificate {self.number}, {NOT_FOR_CONFORMITY}"
+            yield self.certificate.reservation
 
     def to_dict(self) -> dict[str, Any]:
         """See `Record`."""
-        return {"number": self.number, **self.verification.to_dict()}
+        return {
+            "number": self.number,
+            "conformity": self.certificate.conformity,
+            "reservation": self.certificate.reservation,
+            **self.verification.to_dict(),
+        }
 
 
 @one_blas_thread()
-def certificate(verification: VerificationResult, about: AdministrativeDataLike) -> CertificateResult:
+def certificate(
+    verification: VerificationResult, about: AdministrativeDataLike, *, unconfirmed: bool = False
+) -> CertificateResult:
     """State a verification as a calibration certificate.
 
     Parameters
@@ -116,6 +130,9 @@ def certificate(verification: VerificationResult, about: AdministrativeDataLike)
         The results.
     about : AdministrativeData or path
         Number, dates, arm, laboratory, customer, persons and environment; see `truearm certificate --template`.
+    unconfirmed : bool
+        State the results even if numbers of the test plan are not confirmed against the standard. The certificate is
+        then marked "not for conformity decisions" and states no conformity.
 
     Returns
     -------
@@ -125,8 +142,9 @@ def certificate(verification: VerificationResult, about: AdministrativeDataLike)
     Raises
     ------
     InputError
-        If a value that has a limit has no uncertainty, dates or temperatures do not fit those of the points, or an
-        input file has changed since it was read.
+        If numbers of the test plan are not confirmed, a value that has a limit has no uncertainty, the laboratory that
+        calibrated an artefact is not named, dates or temperatures do not fit those of the points, or an input file has
+        changed since it was read.
 
     Examples
     --------
@@ -139,25 +157,34 @@ def certificate(verification: VerificationResult, about: AdministrativeDataLike)
     ...     number="V-1",
     ...     issued=datetime.date.today(),
     ...     place="laboratory",
-    ...     item={"name": "measuring arm", "maker": "Example Arms", "model": "A 2500", "serial_number": "10017"},
+    ...     item={
+    ...         "name": "measuring arm",
+    ...         "maker": "Example Arms",
+    ...         "model": "A 2500",
+    ...         "serial_number": "10017",
+    ...     },
+    ...     set_up={"stylus": "ball of ruby", "mounting": "granite table", "software": "Example Measure 4.2"},
     ...     laboratory={"name": "Example Laboratory", **address},
     ...     customer={"name": "Example Customer", **address},
     ...     persons=[{"name": "First Example", "main_signer": True}],
     ...     conditions={"temperature_degC": (19.5, 20.5)},
     ... )
-    >>> print(ta.certificate(result, about))
-    certificate V-1, conform
+    >>> print(repr(ta.certificate(result, about, unconfirmed=True)))
+    <CertificateResult: certificate V-1, not for conformity decisions>
     """
     files = [Path(about)] if isinstance(about, str | Path) else []
     digests = {**verification.digests, **digests_of(files)}
     stated = about if isinstance(about, AdministrativeData) else read_administrative_data(about)
     with_file = files[0] if files else None
+    if not unconfirmed:
+        check_plan(verification.verification)
     try:
+        check_artefacts(verification.verification)
         check_uncertainties(verification.verification)
     except InputError as error:
         raise _in(error, verification.artefacts_file) from None
     try:
-        made = make_certificate(stated, verification.verification)
+        made = make_certificate(stated, verification.verification, unconfirmed=unconfirmed)
     except InputError as error:
         raise _in(error, with_file) from None
     for file, digest in digests_of(list(digests)).items():

@@ -91,7 +91,7 @@ class OperatorSheetResult(PageRecord):
 
     def blocks(self) -> Iterator[str]:
         """See `Record`."""
-        yield f"operator's sheet, {self.n_points} points of {self.sheet.plan.title}"
+        yield f"operator's sheet, {self.n_points} points of {self.sheet.plan.heading}"
         yield from self.remarks
 
     def to_dict(self) -> dict[str, Any]:
@@ -136,7 +136,7 @@ def operator_sheet(
     --------
     >>> import truearm as ta
     >>> print(ta.operator_sheet("asme-b89.4.22"))
-    operator's sheet, 97 points of Articulated arm with contact probe, after ASME B89.4.22
+    operator's sheet, 97 points of Articulated arm with contact probe (plan not confirmed against ASME B89.4.22-2004)
     measuring range and artefacts: examples; give your own specification and artefacts
     """
     from truearm.verification.standards.operator_sheet_figures import OperatorSheet

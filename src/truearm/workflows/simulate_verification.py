@@ -117,7 +117,7 @@ class SimulatedVerification(Record):
             f"{self.n_conform} of {n} virtual arms {self.arms.arm.name} ({self.source}) conform: "
             f"{floor(100 * low)} % to {ceil(100 * high)} % of all such arms (95 % confidence)"
         )
-        yield f"{self.plan.title}; limits: {self.specification.name}, {self.specification.source}"
+        yield f"{self.plan.heading}; limits: {self.specification.name}, {self.specification.source}"
         if self.artefacts_source == "example":
             yield "artefacts: examples; give your own certificates"
         heads = ["test", "median [mm]", "95 % [mm]", "limit [mm]", *(verdict.value for verdict in _VERDICTS)]

@@ -98,7 +98,7 @@ class VerificationResult(PageRecord):
     def blocks(self) -> Iterator[str | TextTable]:
         """See `Record`."""
         yield f"{self.verdict.value}: {_ANSWERS[self.verdict]}"
-        yield f"{self.verification.plan.title}: {self.verification.specification.name}"
+        yield f"{self.verification.plan.heading}: {self.verification.specification.name}"
         yield TextTable(
             ["test", "value [mm]", "U [mm]", "limit [mm]", "verdict", "where"], map(_cells, self.rows), (0, 4, 5)
         )

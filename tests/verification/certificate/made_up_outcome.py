@@ -20,10 +20,17 @@ from truearm.verification.standards.decision import (
 from truearm.verification.standards.measured_points import MeasuredPoints, PointGroup
 from truearm.verification.standards.specification import Specification
 from truearm.verification.standards.verification import Verification
-from truearm.verification.standards.verification_plan import load_verification_plan
+from truearm.verification.standards.verification_plan import VerificationPlan, load_verification_plan
 
 DAY = datetime.date(2026, 11, 3)
-DATED = {"certificate": "K-1", "date": DAY, "expires": DAY.replace(year=2028), "form_mm": 0.001, "u_fixture_mm": 0.002}
+DATED = {
+    "certificate": "K-1",
+    "issued_by": "Gauge & Co",
+    "date": DAY,
+    "expires": DAY.replace(year=2028),
+    "form_mm": 0.001,
+    "u_fixture_mm": 0.002,
+}
 GROWING = {"expansion_per_K": 1e-6, "u_expansion_per_K": 1e-7, "u_temperature_K": 0.5}
 ARTEFACTS = Artefacts(
     spheres=[{"name": "ball", "diameter_mm": 25.0004, "u_diameter_mm": 0.0002, **DATED, **GROWING}],
@@ -37,12 +44,35 @@ TOLD = {
     "issued": DAY.replace(day=5),
     "received": DAY.replace(day=2),
     "place": "laboratory",
-    "item": {"name": "arm", "maker": "Example Arms", "model": "A", "serial_number": "7", "inventory_number": "12"},
+    "item": {
+        "name": "arm",
+        "maker": "Example Arms",
+        "model": "A",
+        "serial_number": "7",
+        "inventory_number": "12",
+    },
     "laboratory": {"name": "Example Laboratory", "code": "X-0", "email": "a@b.example", "phone": "0", **ADDRESS},
     "customer": {"name": "Example Customer", "street": "Gauge Street", "street_no": "1", **ADDRESS},
     "persons": [{"name": "First Example", "role": "head", "main_signer": True}, {"name": "Second Example"}],
     "conditions": {"temperature_degC": (19.5, 20.5), "relative_humidity_percent": (40.1, 55.0)},
+    "set_up": {"stylus": "ball of ruby, diameter 6 mm", "mounting": "granite table", "software": "Example Measure 4.2"},
 }
+RECALLED = load_verification_plan("iso10360-12")
+
+
+def confirmed(plan=RECALLED):
+    """A plan whose numbers a laboratory has confirmed."""
+
+    def set_(value):
+        if isinstance(value, dict):
+            return {key: True if key == "confirmed" else set_(one) for key, one in value.items()}
+        return value
+
+    by = {"confirmed_by": "First Example", "date": DAY}
+    return VerificationPlan.model_validate(set_(plan.model_dump()) | {"confirmation": by})
+
+
+CONFIRMED = confirmed()
 
 
 def about(**changes):
@@ -86,7 +116,7 @@ def outcome(rows=ROWS, *, rule="iso14253-1:2013", degC=20.5, plan=None, plan_sha
         overall_verdict(rows),
         ("not tested: bi",),
         MeasuredPoints(groups, Path("points.csv")),
-        plan or load_verification_plan("iso10360-12"),
+        plan or CONFIRMED,
         ARTEFACTS,
         specification,
         rule,
@@ -94,5 +124,5 @@ def outcome(rows=ROWS, *, rule="iso14253-1:2013", degC=20.5, plan=None, plan_sha
     )
 
 
-def certificate(told=None, made=None):
-    return make_certificate(told or about(), made or outcome())
+def certificate(told=None, made=None, **options):
+    return make_certificate(told or about(), made or outcome(), **options)

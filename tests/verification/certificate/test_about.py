@@ -34,7 +34,7 @@ def test_the_template_has_every_key_and_is_refused_until_it_is_filled_in(tmp_pat
     assert refused.value.file == tmp_path / "about.toml"
     empty = re.findall(r'^(\w+) = ""', text, flags=re.M)
     assert refused.value.problem.endswith(": the text is empty")
-    assert len(refused.value.problem.partition(":")[0].split(", ")) == len(empty) == 14
+    assert len(refused.value.problem.partition(":")[0].split(", ")) == len(empty) == 17
     filled = re.sub(r'^country = ""', 'country = "DE"', text.replace("# temp", "temp"), flags=re.M)
     filled = re.sub(r'^(\w+) = ""', r'\1 = "x"', filled, flags=re.M)
     assert parse_toml(filled.encode(), AdministrativeData).place == "laboratory"

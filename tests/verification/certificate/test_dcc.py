@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 from decimal import Decimal
@@ -9,7 +10,7 @@ from decimal import Decimal
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from made_up_outcome import ROWS, about, certificate, outcome, row
+from made_up_outcome import CONFIRMED, DAY, RECALLED, ROWS, about, certificate, outcome, row
 
 from truearm.errors import InputError, TruearmError
 from truearm.verification.certificate import dcc_reader as module
@@ -18,28 +19,35 @@ from truearm.verification.certificate.certificate import (
     CONFORMITIES,
     Equipment,
     Method,
+    StatedList,
     StatedQuantity,
     StatedResult,
     conformity_of,
 )
 from truearm.verification.certificate.dcc import dcc, write_dcc
 from truearm.verification.certificate.dcc_reader import parse_dcc, read_dcc
-from truearm.verification.standards.decision import DECISION_RULES, Budget, Contribution
-from truearm.verification.standards.verification_plan import load_verification_plan
+from truearm.verification.certificate.statements import KINDS, Statement
+from truearm.verification.standards.decision import DECISION_RULES, Budget, Contribution, worst_result
 
 SPACES = {"dcc": "https://ptb.de/dcc", "si": "https://ptb.de/si"}
 WHOLE = certificate()
 LEAN = certificate(
     about(
         received=None,
-        item={"name": "arm", "maker": "m", "model": "A", "serial_number": "7"},
+        item={
+            "name": "arm",
+            "maker": "m",
+            "model": "A",
+            "serial_number": "7",
+        },
         laboratory={"name": "l", "post_code": "0", "city": "c", "country": "DE"},
         persons=[{"name": "p", "main_signer": True}],
         conditions={"temperature_degC": (20.0, 20.0)},
     ),
     outcome([row for row in ROWS if row.limit is None or row.value < 0.04], rule="simple", degC=float("nan")),
 )
-CASES = pytest.mark.parametrize("made", [WHOLE, LEAN], ids=["whole", "lean"])
+MARKED = certificate(made=outcome(plan=RECALLED), unconfirmed=True)
+CASES = pytest.mark.parametrize("made", [WHOLE, LEAN, MARKED], ids=["whole", "lean", "marked"])
 
 # Round trip ----------------------------------------------------------------------------------------------------------
 
@@ -67,11 +75,22 @@ def results(draw):
     return StatedResult(draw(quantities()), limit, draw(st.sampled_from(CONFORMITIES)) if limited else None)
 
 
+lists = st.lists(
+    st.builds(StatedList, plain, st.lists(quantities(), min_size=1, max_size=2).map(tuple)), max_size=2
+).map(tuple)
+
+
 @st.composite
 def certificates(draw):
     told = about(
         number=draw(words),
-        item={"name": draw(words), "maker": draw(words), "model": draw(words), "serial_number": draw(words)},
+        item={
+            "name": draw(words),
+            "maker": draw(words),
+            "model": draw(words),
+            "serial_number": draw(words),
+        },
+        set_up=draw(st.none() | st.fixed_dictionaries({"stylus": words, "mounting": words, "software": words})),
         conditions={
             "temperature_degC": sorted([draw(st.floats(-50, 100)), draw(st.floats(-50, 100))]),
             "relative_humidity_percent": sorted([draw(st.floats(0, 100)), draw(st.floats(0, 100))]),
@@ -81,12 +100,25 @@ def certificates(draw):
         WHOLE,
         about=told,
         title=draw(plain),
-        declarations=tuple(draw(st.lists(plain, min_size=1, max_size=3))),
+        statements=(
+            Statement("decision", draw(plain)),
+            *draw(st.lists(st.builds(Statement, st.sampled_from(KINDS[2:]), plain), max_size=3)),
+        ),
         conformity=draw(st.sampled_from(CONFORMITIES)),
         methods=(Method(draw(plain), draw(plain), draw(st.none() | plain)),),
-        equipment=(Equipment(draw(plain), draw(plain), draw(plain), tuple(draw(st.lists(quantities(), max_size=2)))),),
+        equipment=(
+            Equipment(
+                draw(plain),
+                draw(plain),
+                draw(plain),
+                tuple(draw(st.lists(quantities(), max_size=2))),
+                draw(st.none() | plain),
+            ),
+        ),
         artefact_degC=draw(st.none() | st.tuples(numbers, numbers)),
         results=tuple(draw(st.lists(results(), min_size=1, max_size=3))),
+        individual=draw(lists),
+        budgets=draw(lists),
     )
 
 
@@ -121,7 +153,7 @@ def found(made, path):
 
 
 def test_values_are_stated_to_the_digits_of_their_uncertainty():
-    real = ".//dcc:result/dcc:data/dcc:quantity/si:real/"
+    real = ".//dcc:result/dcc:data/dcc:quantity[@refType='basic_measuredValue']/si:real/"
     assert found(WHOLE, f"{real}si:value") == ["0.010", "-0.045", "0.051", "0.080", "0.010", "0.02000", "0"]
     assert set(found(WHOLE, f"{real}si:unit")) == {r"\milli\metre", r"\one"}
     expanded = f"{real}si:measurementUncertaintyUnivariate/si:expandedMU/"
@@ -200,16 +232,97 @@ def test_the_rule_is_named_by_its_edition_or_not_at_all():
 
 
 def test_a_plan_of_the_user_is_stated_with_its_digest_and_numbers():
-    shipped = WHOLE.methods[1].description
+    shipped = MARKED.methods[1].description
     assert shipped.startswith("Test plan iso10360-12 of truearm")
     assert "Numbers: probing: points = 25, smallest_sphere_mm = 10" in shipped
     assert "; articulation: points = 5," in shipped
-    cut = load_verification_plan("iso10360-12").model_copy(update={"articulation": None, "uni": None, "bi": None})
+    cut = CONFIRMED.model_copy(update={"articulation": None, "uni": None, "bi": None})
     own = certificate(made=outcome(ROWS[:1], plan=cut, plan_sha256="ab12")).methods[1].description
-    assert own.startswith("Test plan of the user, named iso10360-12, SHA-256 ab12. Numbers: probing: points")
+    assert own.startswith(
+        "Test plan of the user, named iso10360-12, SHA-256 ab12. Its numbers were confirmed against ISO 10360-12:2016 "
+        f"by First Example on {DAY}. Numbers: probing: points"
+    )
     assert "uni" not in own
     nameless = certificate(made=outcome(ROWS[:1], plan=cut.model_copy(update={"name": "mine"})))
-    assert "the user, named mine. Numbers" in nameless.methods[1].description
+    assert "the user, named mine. Its numbers" in nameless.methods[1].description
+
+
+def test_without_confirmed_numbers_there_is_no_certificate_or_one_without_conformity():
+    with pytest.raises(InputError, match=r"certificate: 7 numbers are not confirmed against .* in .*: prob"):
+        certificate(made=outcome(plan=RECALLED))
+    assert MARKED.reservation is not None
+    assert MARKED.reservation.startswith("Not for conformity decisions: ")
+    assert MARKED.conformity is None
+    assert MARKED.texts("decision") == MARKED.texts("decision rule") == ()
+    assert found(MARKED, ".//dcc:conformity") == []
+    assert found(MARKED, ".//dcc:norm") == ["JCGM 100:2008"]
+    assert MARKED.methods[1].name == "Articulated arm with tactile probe (plan not confirmed against ISO 10360-12:2016)"
+    # Limits are stated all the same, and confirmed numbers need no mark.
+    assert [one.limit for one in MARKED.results] == [one.limit for one in WHOLE.results]
+    assert certificate(unconfirmed=True) == WHOLE
+    assert WHOLE.reservation is None
+    assert WHOLE.methods[1].name == "Articulated arm with tactile probe, after ISO 10360-12:2016"
+
+
+def test_numbers_set_to_confirmed_need_the_name_of_who_did_it():
+    nameless = CONFIRMED.model_copy(update={"confirmation": None})
+    with pytest.raises(
+        InputError, match=r"does not state who confirmed its numbers .*\[confirmation\] with confirmed_by"
+    ):
+        certificate(made=outcome(plan=nameless))
+    # Tests without points do not count.
+    own = CONFIRMED.model_copy(update={"bi": RECALLED.bi})
+    assert certificate(made=outcome(plan=own)).conformity == WHOLE.conformity
+
+
+def test_a_mark_and_a_conformity_in_one_file_are_refused():
+    text = dcc(WHOLE).decode().replace("truearm_limitsOfUse", "truearm_notForConformityDecisions")
+    with pytest.raises(InputError, match="not for conformity decisions, but states a conformity"):
+        parse_dcc(text.encode())
+
+
+def test_every_individual_result_and_budget_is_stated():
+    rows = [row(value, label="E_Uni, 900") for value in (0.0102, -0.0207, 0.0049)]
+    made = certificate(made=outcome([worst_result(rows)]))
+    (listed,) = made.individual
+    assert listed.name == "E_Uni, 900"
+    assert [str(one.value) for one in listed.quantities] == ["0.010", "-0.021", "0.005"]
+    assert {str(one.expanded) for one in listed.quantities} == {"0.010"}
+    (budget,) = made.budgets
+    assert [(one.name, str(one.value)) for one in budget.quantities] == [
+        ("calibration", "0.0030"),
+        ("calibration: degrees of freedom", "4.0"),
+        ("fixture", "0.0040"),
+        ("combined standard uncertainty", "0.0050"),
+        ("combined standard uncertainty: degrees of freedom", "30.9"),  # 0.005^4 / (0.003^4 / 4)
+    ]
+    assert parse_dcc(dcc(made)) == made
+
+
+def test_certificates_of_earlier_versions_are_still_read():
+    text = dcc(WHOLE).decode()
+    for name, kind in module.STATEMENTS.items():
+        if name != "decision":
+            text = text.replace(f' refType="{kind}"', "")
+    for kind in (module.STYLUS, module.MOUNTING, module.ARM_SOFTWARE):
+        text = re.sub(rf'<dcc:influenceCondition refType="{kind}">.*?</dcc:influenceCondition>', "", text, flags=re.S)
+    text = re.sub(rf'<dcc:identification refType="{module.ISSUER}">.*?</dcc:identification>', "", text, flags=re.S)
+    text = re.sub(r'<dcc:result refType="truearm_.*?</dcc:result>', "", text, flags=re.S)
+    old = parse_dcc(text.encode())
+    assert (old.about.set_up, old.equipment[0].issued_by) == (None, None)
+    assert {one.kind for one in old.statements} == {"decision", "remark"}
+    assert old.results == WHOLE.results
+    with pytest.raises(InputError, match="states the stylus, the mounting and the software"):
+        certificate(old.about)
+
+
+def test_a_certificate_names_who_calibrated_the_artefacts():
+    made = outcome()
+    nameless = made.artefacts.spheres[0].model_copy(update={"issued_by": None})
+    artefacts = made.artefacts.model_copy(update={"spheres": (nameless,)})
+    with pytest.raises(InputError, match=r"'ball': a certificate names the laboratory .*issued_by"):
+        certificate(made=replace(made, artefacts=artefacts))
+    assert "bar by certificate K-1 of Gauge & Co (2026-11-03)" in WHOLE.texts("traceability")[0]
 
 
 def test_temperatures_are_said_to_be_means():
@@ -255,7 +368,7 @@ def test_children_stand_in_the_order_of_the_schemas(made):
             places = [ORDER[name].split().index(child) for child in children]
             assert places == sorted(places), (name, children)
             seen.add(name)
-        elif len(element) and name not in ("location", "data"):
+        elif len(element) and name not in ("location", "data", "list"):
             assert len({child.tag for child in element}) == 1 or name == "administrativeData", name
     assert seen >= set(ORDER) - {"expandedMU"}
 

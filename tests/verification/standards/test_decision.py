@@ -240,8 +240,8 @@ def test_the_worst_row_decides():
         Verdict.NOT_CONFORM,
         None,
     ]
-    assert worst_result([good, near, free]) is near
-    assert worst_result([good, bad, near]) is bad
+    assert worst_result([good, near, free]) == near
+    assert worst_result([good, bad, near]) == bad
     # Of several that conform: the one nearest to its own limit, not the largest.
     assert worst_result([row(0.02, 0.05), row(0.015, 0.02)]).where == "0.015"
     assert worst_result([row(1.0, None), row(-2.0, None)]).where == "-2.0"

@@ -60,6 +60,14 @@ class Item(Document):
     inventory_number: Text | None = None
 
 
+class SetUp(Document):
+    """What the results depend on: the stylus, the mounting of the arm, and its software or firmware with version."""
+
+    stylus: Text
+    mounting: Text
+    software: Text
+
+
 class Contact(Document):
     """A company or laboratory and its address."""
 
@@ -123,6 +131,8 @@ class AdministrativeData(Document):
     laboratory, customer : Contact
     persons : tuple of Person
     conditions : Conditions
+    set_up : SetUp
+        Stylus, mounting and software of the arm; None in certificates of earlier versions.
 
     Examples
     --------
@@ -140,6 +150,7 @@ class AdministrativeData(Document):
     customer: Contact
     persons: Annotated[tuple[Person, ...], Field(min_length=1, max_length=100)]
     conditions: Conditions
+    set_up: SetUp | None = None
 
     @field_validator("issued")
     @classmethod
@@ -157,6 +168,20 @@ class AdministrativeData(Document):
                 hint="correct one of the dates",
             )
         return self
+
+    def check_complete(self) -> None:
+        """Check that what results depend on is stated; certificates of earlier versions, which are read, lack it.
+
+        Raises
+        ------
+        InputError
+            If the set-up is missing.
+        """
+        if self.set_up is None:
+            raise InputError(
+                "a certificate states the stylus, the mounting and the software of the arm",
+                hint="add [set_up] with stylus, mounting and software; truearm certificate --template shows it",
+            )
 
     def check_days(self, begin: datetime.date, end: datetime.date) -> None:
         """Check that the arm was received before the measurement, and the certificate issued after it.

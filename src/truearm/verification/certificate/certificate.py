@@ -5,17 +5,20 @@ from __future__ import annotations
 import datetime
 from dataclasses import dataclass
 from decimal import Decimal
+from math import isfinite
 
 from truearm import __version__
 from truearm.errors import InputError
 from truearm.verification.certificate.administrative_data import AdministrativeData, xml_text
+from truearm.verification.certificate.statements import Statement, make_statements
 from truearm.verification.standards.artefacts import Artefact, CalibratedBar, CalibratedSphere
-from truearm.verification.standards.decision import COVERAGE_PROBABILITY, ConformityResult, Verdict
+from truearm.verification.standards.decision import COVERAGE_PROBABILITY, Budget, ConformityResult, Verdict
 from truearm.verification.standards.verification import Verification
 from truearm.verification.standards.verification_plan import PLANS, load_verification_plan
-from truearm.verification.standards.verification_text import RULE_STANDARDS, describe_decision, describe_rule
+from truearm.verification.standards.verification_text import RULE_STANDARDS, describe_rule
 
 SOFTWARE = "truearm"
+DEGREES_OF_FREEDOM = "degrees of freedom"
 # The non-binary rule with guard bands of ILAC-G8:09/2019 [recalled, not confirmed]: undecided values within their limit
 # are a conditional pass, those beyond it a conditional fail.
 CONFORMITIES = ("pass", "conditionalPass", "conditionalFail", "fail")
@@ -47,11 +50,22 @@ class StatedQuantity:
 
 @dataclass(frozen=True)
 class StatedResult:
-    """A test value with the limit of its magnitude, and one of `CONFORMITIES`; None where it has no limit."""
+    """A test value with the limit of its magnitude, and one of `CONFORMITIES`.
+
+    Without a limit, or in a certificate that makes no statement of conformity, the conformity is None.
+    """
 
     quantity: StatedQuantity
     limit: StatedQuantity | None
     conformity: str | None
+
+
+@dataclass(frozen=True)
+class StatedList:
+    """Quantities that belong together: the individual results of a test value, or an uncertainty budget."""
+
+    name: str
+    quantities: tuple[StatedQuantity, ...]
 
 
 @dataclass(frozen=True)
@@ -65,12 +79,13 @@ class Method:
 
 @dataclass(frozen=True)
 class Equipment:
-    """An artefact: its certificate and calibrated sizes."""
+    """An artefact: its certificate, the laboratory that issued it, and the calibrated sizes."""
 
     name: str
     description: str
     certificate: str
     quantities: tuple[StatedQuantity, ...]
+    issued_by: str | None = None
 
 
 @dataclass(frozen=True)
@@ -86,15 +101,17 @@ class Certificate:
         Name and version of the program.
     title : str
         Title of the measurement.
-    declarations : tuple of str
-        The decision, the decision rule, and remarks.
-    conformity : str
-        One of `CONFORMITIES`.
+    statements : tuple of Statement
+        The decision, the decision rule, uncertainty, traceability, limits of use, and remarks.
+    conformity : str or None
+        One of `CONFORMITIES`; None in a certificate that makes no statement of conformity.
     methods : tuple of Method
     equipment : tuple of Equipment
     artefact_degC : (Decimal, Decimal) or None
         Lowest and highest temperature of an artefact, each the mean of a group of points.
     results : tuple of StatedResult
+    individual, budgets : tuple of StatedList
+        The individual results behind a test value, and the uncertainty budgets of the test values.
     """
 
     about: AdministrativeData
@@ -103,29 +120,56 @@ class Certificate:
     software: str
     release: str
     title: str
-    declarations: tuple[str, ...]
-    conformity: str
+    statements: tuple[Statement, ...]
+    conformity: str | None
     methods: tuple[Method, ...]
     equipment: tuple[Equipment, ...]
     artefact_degC: tuple[Decimal, Decimal] | None
     results: tuple[StatedResult, ...]
+    individual: tuple[StatedList, ...] = ()
+    budgets: tuple[StatedList, ...] = ()
+
+    def texts(self, kind: str) -> tuple[str, ...]:
+        """Return the statements of a kind."""
+        return tuple(one.text for one in self.statements if one.kind == kind)
+
+    @property
+    def reservation(self) -> str | None:
+        """Why the certificate is not for conformity decisions; None if it is."""
+        return next(iter(self.texts("reservation")), None)
 
 
-def make_certificate(about: AdministrativeData, verification: Verification) -> Certificate:
+def make_certificate(
+    about: AdministrativeData, verification: Verification, *, unconfirmed: bool = False
+) -> Certificate:
     """State a verification as a calibration certificate.
+
+    Parameters
+    ----------
+    about : AdministrativeData
+    verification : Verification
+    unconfirmed : bool
+        Make a certificate even if numbers of the test plan are not confirmed. It is then marked "not for conformity
+        decisions" and states values and limits, but no conformity.
 
     Raises
     ------
     InputError
-        If dates or temperatures of `about` contradict those of the points, or as `check_uncertainties`.
+        If the software of the arm, the stylus or the mounting is not stated, dates or temperatures of `about`
+        contradict those of the points, or as `check_plan`, `check_artefacts` and `check_uncertainties`.
     """
+    gap = confirmation_gap(verification)
+    if not unconfirmed:
+        check_plan(verification)
+    check_artefacts(verification)
     check_uncertainties(verification)
+    about.check_complete()
     days = [group.date for group in verification.groups]
     about.check_days(min(days), max(days))
     degC = verification.temperatures
     if degC is not None:
         about.check_room(*degC)
-    rule = describe_rule(verification.rule)
+    stated = gap is None
     methods = [
         Method(
             "Expanded uncertainty",
@@ -134,12 +178,14 @@ def make_certificate(about: AdministrativeData, verification: Verification) -> C
             "JCGM 100:2008",
         ),
         Method(
-            xml_text(verification.plan.title),
+            xml_text(verification.plan.heading),
             xml_text(_describe_plan(verification)),
-            xml_text(verification.plan.standard),
+            xml_text(verification.plan.standard) if stated else None,
         ),
-        Method("Decision rule", xml_text(rule), RULE_STANDARDS[verification.rule]),
     ]
+    if stated:
+        rule = describe_rule(verification.rule)
+        methods.append(Method("Decision rule", xml_text(rule), RULE_STANDARDS[verification.rule]))
     return Certificate(
         about=about,
         begin=min(days),
@@ -147,13 +193,57 @@ def make_certificate(about: AdministrativeData, verification: Verification) -> C
         software=SOFTWARE,
         release=__version__,
         title=xml_text(f"Verification: {verification.specification.name}"),
-        declarations=tuple(xml_text(text) for text in (describe_decision(verification), rule, *verification.remarks)),
-        conformity=_overall(verification),
+        statements=make_statements(about, verification, gap),
+        conformity=_overall(verification) if stated else None,
         methods=tuple(methods),
         equipment=tuple(_equipment(one, verification) for one in verification.used_artefacts),
         artefact_degC=None if degC is None else (_to(degC[0], 2), _to(degC[1], 2)),
-        results=tuple(_result(row) for row in verification.rows),
+        results=tuple(_result(row, stated) for row in verification.rows),
+        individual=tuple(_individual(row) for row in verification.rows if len(row.individual) > 1),
+        budgets=_budgets(verification),
     )
+
+
+def confirmation_gap(verification: Verification) -> str | None:
+    """Return what is missing before the results count as results after the standard; None if nothing."""
+    return verification.plan.confirmation_gap(verification.measured.tests)
+
+
+def check_plan(verification: Verification) -> None:
+    """Check that the laboratory has confirmed the numbers of the test plan.
+
+    Raises
+    ------
+    InputError
+        If not.
+    """
+    gap = confirmation_gap(verification)
+    if gap is None:
+        return
+    name = verification.plan.name
+    file = f"truearm verify --print-plan {name} > my-plan.toml" if name in PLANS else "your plan file"
+    raise InputError(
+        f"no certificate: {gap}",
+        hint=f"{file}: compare each number with your copy of the standard, set confirmed = true, and add "
+        "[confirmation] with confirmed_by and date; or --unconfirmed for a certificate marked 'not for conformity "
+        "decisions'",
+    )
+
+
+def check_artefacts(verification: Verification) -> None:
+    """Check that the issuing laboratory of every artefact's certificate is known: traceability needs it.
+
+    Raises
+    ------
+    InputError
+        If not.
+    """
+    unknown = [one.name for one in verification.used_artefacts if one.issued_by is None]
+    if unknown:
+        raise InputError(
+            f"{', '.join(map(repr, unknown))}: a certificate names the laboratory that calibrated each artefact",
+            hint='add issued_by = "NAME OF THE LABORATORY" to the artefact, from its certificate',
+        )
 
 
 def check_uncertainties(verification: Verification) -> None:
@@ -181,6 +271,9 @@ def _describe_plan(verification: Verification) -> str:
     else:
         known = "" if verification.plan_sha256 is None else f", SHA-256 {verification.plan_sha256}"
         source = f"Test plan of the user, named {plan.name}{known}."
+    if plan.confirmation is not None and confirmation_gap(verification) is None:
+        by, day = plan.confirmation.confirmed_by, plan.confirmation.date
+        source += f" Its numbers were confirmed against {plan.standard} by {by} on {day}."
     numbers = []
     for name, test in plan.tests.items():
         entries = [(key, one) for key, one in test.model_dump().items() if isinstance(one, dict)]
@@ -202,18 +295,50 @@ def _overall(verification: Verification) -> str:
     return max(stated, key=CONFORMITIES.index)
 
 
-def _result(row: ConformityResult) -> StatedResult:
-    name = xml_text(row.name)
-    if row.unit != "mm":  # a count
-        return StatedResult(StatedQuantity(name, Decimal(int(row.value)), "1"), None, None)
-    u = row.uncertainty
+def _result(row: ConformityResult, stated: bool) -> StatedResult:
     limit = None if row.limit is None else StatedQuantity("limit of the magnitude", _exact(row.limit), "mm")
+    return StatedResult(_value(row, row.name), limit, conformity_of(row) if stated else None)
+
+
+def _value(row: ConformityResult, name: str) -> StatedQuantity:
+    """A test value to the digits of its expanded uncertainty, and that uncertainty."""
+    name, u = xml_text(name), row.uncertainty
+    if row.unit != "mm":  # a count
+        return StatedQuantity(name, Decimal(int(row.value)), "1")
     value = _rounded(row.value, u)
     if u == 0:
-        return StatedResult(StatedQuantity(name, value, "mm"), limit, conformity_of(row))
+        return StatedQuantity(name, value, "mm")
     factor, level = _to(row.budget.coverage_factor, 2), _to(COVERAGE_PROBABILITY, 4)
-    quantity = StatedQuantity(name, value, "mm", _rounded(u, u), factor, level)
-    return StatedResult(quantity, limit, conformity_of(row))
+    return StatedQuantity(name, value, "mm", _rounded(u, u), factor, level)
+
+
+def _individual(row: ConformityResult) -> StatedList:
+    return StatedList(
+        xml_text(row.label),
+        tuple(_value(one, one.where or str(number)) for number, one in enumerate(row.individual, start=1)),
+    )
+
+
+def _budgets(verification: Verification) -> tuple[StatedList, ...]:
+    """The uncertainty budgets, each with the test values that it belongs to."""
+    names: dict[Budget, list[str]] = {}
+    for row in verification.rows:
+        if row.budget.contributions:
+            names.setdefault(row.budget, []).append(row.name)
+    return tuple(StatedList(xml_text("; ".join(dict.fromkeys(of))), _budget(budget)) for budget, of in names.items())
+
+
+def _budget(budget: Budget) -> tuple[StatedQuantity, ...]:
+    """Standard uncertainties, each followed by its degrees of freedom where they are finite."""
+    lines = []
+    for label, u, dof in (
+        *((one.label, one.u, one.dof) for one in budget.contributions),
+        ("combined standard uncertainty", budget.u, budget.dof),
+    ):
+        lines.append(StatedQuantity(xml_text(label), _rounded(u, u), "mm"))
+        if isfinite(dof):
+            lines.append(StatedQuantity(xml_text(f"{label}: {DEGREES_OF_FREEDOM}"), _to(dof, 1), "1"))
+    return tuple(lines)
 
 
 def _equipment(one: Artefact, verification: Verification) -> Equipment:
@@ -230,6 +355,7 @@ def _equipment(one: Artefact, verification: Verification) -> Equipment:
         f"Calibrated on {one.date}, certificate valid until {one.expires}.",
         xml_text(one.certificate),
         tuple(StatedQuantity(xml_text(name), _rounded(v, u), "mm", standard=_rounded(u, u)) for name, v, u in sizes),
+        None if one.issued_by is None else xml_text(one.issued_by),
     )
 
 

@@ -15,17 +15,26 @@ from pathlib import Path
 from truearm.errors import TruearmError
 from truearm.files.atomic_write import atomic_file
 from truearm.verification.certificate.administrative_data import Contact
-from truearm.verification.certificate.certificate import Certificate, StatedQuantity
+from truearm.verification.certificate.certificate import Certificate, StatedList, StatedQuantity
 from truearm.verification.certificate.dcc_reader import (
     ADDRESS,
     AMBIENT,
+    ARM_SOFTWARE,
     ARTEFACT,
+    BUDGET,
+    CERTIFICATE,
     CONDITIONS,
+    CONFORMITY,
     HUMIDITY,
+    INDIVIDUAL,
+    ISSUER,
     LANGUAGE,
     LIMIT,
+    MOUNTING,
     SCHEMA_VERSION,
     SPACES,
+    STATEMENTS,
+    STYLUS,
     UNITS,
     Element,
     parse_dcc,
@@ -98,10 +107,10 @@ def _administrative(parent: Element, certificate: Certificate) -> None:
         _in(one, "mainSigner", "true" if person.main_signer else "false")
     _contact(_in(parent, "customer"), about.customer)
     statements = _in(parent, "statements")
-    for number, declaration in enumerate(certificate.declarations):
-        statement = _in(statements, "statement", **({} if number else {"refType": "basic_conformity"}))
-        _text(statement, "declaration", declaration)
-        if number == 0:
+    for stated in certificate.statements:
+        statement = _in(statements, "statement", refType=STATEMENTS[stated.kind])
+        _text(statement, "declaration", stated.text)
+        if stated.kind == "decision" and certificate.conformity is not None:
             _in(statement, "conformity", certificate.conformity)
 
 
@@ -120,7 +129,10 @@ def _measured(parent: Element, certificate: Certificate) -> None:
         one = _in(equipments, "measuringEquipment", refType="basic_normalUsed")
         _text(one, "name", equipment.name)
         _text(one, "description", equipment.description)
-        _identification(_in(one, "identifications"), "other", equipment.certificate, "certificate")
+        known = _in(one, "identifications")
+        _identification(known, "other", equipment.certificate, "certificate", CERTIFICATE)
+        if equipment.issued_by is not None:
+            _identification(known, "other", equipment.issued_by, "laboratory that issued the certificate", ISSUER)
         if equipment.quantities:
             sizes = _in(one, "measuringEquipmentQuantities")
             for quantity in equipment.quantities:
@@ -133,16 +145,34 @@ def _measured(parent: Element, certificate: Certificate) -> None:
         _condition(conditions, HUMIDITY, _decimal(low) / 100, _decimal(high) / 100, "1")
     if certificate.artefact_degC is not None:
         _condition(conditions, ARTEFACT, *certificate.artefact_degC, "degC")
+    if (set_up := certificate.about.set_up) is not None:
+        for kind, words in ((STYLUS, set_up.stylus), (MOUNTING, set_up.mounting), (ARM_SOFTWARE, set_up.software)):
+            one = _in(conditions, "influenceCondition", refType=kind)
+            _text(one, "name", CONDITIONS[kind])
+            _text(_in(one, "data"), "text", words)
     results = _in(parent, "results")
     for result in certificate.results:
         one = _in(results, "result")
         _text(one, "name", result.quantity.name)
         value = _in(_in(one, "data"), "quantity", refType="basic_measuredValue")
         _quantity(value, result.quantity)
-        if result.limit is not None and result.conformity is not None:
-            statement = _in(_in(value, "measurementMetaData"), "metaData", refType="basic_conformity")
-            _in(statement, "conformity", result.conformity)
+        if result.limit is not None:
+            kind = LIMIT if result.conformity is None else CONFORMITY
+            statement = _in(_in(value, "measurementMetaData"), "metaData", refType=kind)
+            if result.conformity is not None:
+                _in(statement, "conformity", result.conformity)
             _quantity(_in(_in(statement, "data"), "quantity", refType=LIMIT), result.limit)
+    for kind, lists in ((INDIVIDUAL, certificate.individual), (BUDGET, certificate.budgets)):
+        for listed in lists:
+            _list(results, kind, listed)
+
+
+def _list(parent: Element, kind: str, listed: StatedList) -> None:
+    one = _in(parent, "result", refType=kind)
+    _text(one, "name", listed.name)
+    quantities = _in(_in(one, "data"), "list")
+    for quantity in listed.quantities:
+        _quantity(_in(quantities, "quantity"), quantity)
 
 
 def _in(parent: Element, tag: str, text: str | None = None, **attributes: str) -> Element:
@@ -163,8 +193,8 @@ def _software(parent: Element, certificate: Certificate) -> None:
     _in(one, "type", "application")
 
 
-def _identification(parent: Element, issuer: str, value: str, name: str) -> None:
-    one = _in(parent, "identification")
+def _identification(parent: Element, issuer: str, value: str, name: str, kind: str | None = None) -> None:
+    one = _in(parent, "identification", **({} if kind is None else {"refType": kind}))
     _in(one, "issuer", issuer)
     _in(one, "value", value)
     _text(one, "name", name)

@@ -23,9 +23,11 @@ from truearm.verification.certificate.certificate import (
     Certificate,
     Equipment,
     Method,
+    StatedList,
     StatedQuantity,
     StatedResult,
 )
+from truearm.verification.certificate.statements import Statement
 
 SCHEMA_VERSION = "3.3.0"
 LANGUAGE = "en"  # of all texts
@@ -38,13 +40,33 @@ SPACES = {
 }
 UNITS = {"mm": r"\milli\metre", "degC": r"\degreecelsius", "1": r"\one"}
 # Reference types and names of the conditions.
+# Free text: PTB's rules accept no version of installed software but a letter and numbers.
+STYLUS, MOUNTING, ARM_SOFTWARE = "truearm_stylus", "truearm_mounting", "truearm_armSoftware"
 AMBIENT, HUMIDITY, ARTEFACT = "basic_temperature", "basic_humidityRelative", "truearm_artefactTemperature"
 CONDITIONS = {
     AMBIENT: "ambient temperature",
     HUMIDITY: "relative humidity",
     ARTEFACT: "artefact temperature, means of groups of points",
+    STYLUS: "stylus",
+    MOUNTING: "mounting of the arm",
+    ARM_SOFTWARE: "software of the arm",
 }
 LIMIT = "truearm_limit"
+CERTIFICATE, ISSUER = "truearm_certificate", "truearm_issuingLaboratory"
+CONFORMITY = "basic_conformity"
+INDIVIDUAL, BUDGET = "truearm_individualResults", "truearm_uncertaintyBudget"
+# Reference types of the statements, by kind.
+STATEMENTS = {
+    "reservation": "truearm_notForConformityDecisions",
+    "decision": CONFORMITY,
+    "decision rule": "truearm_decisionRule",
+    "uncertainty": "truearm_uncertainty",
+    "traceability": "truearm_traceability",
+    "limits of use": "truearm_limitsOfUse",
+    "item": "truearm_onlyThisItem",
+    "reproduction": "truearm_onlyInFull",
+    "remark": "truearm_remark",
+}
 
 ADDRESS = (("street", "street"), ("street_no", "streetNo"), ("post_code", "postCode"), ("city", "city"))
 
@@ -76,7 +98,7 @@ def parse_dcc(content: bytes) -> Certificate:
     measured = _one(root, "measurementResults/measurementResult")
     core = _one(administrative, "coreData")
     software = _one(administrative, "dccSoftware/software")
-    statements = _all(administrative, "statements/statement")
+    results = _all(measured, "results/result")
     return Certificate(
         about=_about(administrative, core, measured),
         begin=_date(_one(core, "beginPerformanceDate")),
@@ -84,8 +106,8 @@ def parse_dcc(content: bytes) -> Certificate:
         software=_content(software, "name"),
         release=_text(_one(software, "release")).removeprefix("v"),
         title=_content(measured, "name"),
-        declarations=tuple(_content(statement, "declaration") for statement in statements),
-        conformity=_conformity(_one(administrative, "statements/statement[@refType='basic_conformity']")),
+        statements=_statements_of(administrative),
+        conformity=_overall_of(root, administrative),
         methods=tuple(
             Method(_content(one, "name"), _content(one, "description"), _maybe(one, "norm"))
             for one in _all(measured, "usedMethods/usedMethod")
@@ -94,16 +116,19 @@ def parse_dcc(content: bytes) -> Certificate:
             Equipment(
                 _content(one, "name"),
                 _content(one, "description"),
-                _text(_one(one, "identifications/identification/value")),
+                _text(_one(_all(one, "identifications/identification")[0], "value")),
                 tuple(
                     _quantity_of(size)
                     for size in one.findall("dcc:measuringEquipmentQuantities/dcc:measuringEquipmentQuantity", SPACES)
                 ),
+                _maybe(one, f"identifications/identification[@refType='{ISSUER}']/value"),
             )
             for one in _all(measured, "measuringEquipments/measuringEquipment")
         ),
         artefact_degC=_condition_of(measured, ARTEFACT),
-        results=tuple(_result_of(one) for one in _all(measured, "results/result")),
+        results=tuple(_result_of(one) for one in results if one.get("refType") not in (INDIVIDUAL, BUDGET)),
+        individual=tuple(_list_of(one) for one in results if one.get("refType") == INDIVIDUAL),
+        budgets=tuple(_list_of(one) for one in results if one.get("refType") == BUDGET),
     )
 
 
@@ -159,6 +184,7 @@ def _about(administrative: Element, core: Element, measured: Element) -> Adminis
             "temperature_degC": () if degC is None else tuple(map(float, degC)),
             "relative_humidity_percent": None if humidity is None else tuple(float(100 * share) for share in humidity),
         },
+        "set_up": _set_up_of(measured),
     }
     try:
         return AdministrativeData.model_validate(fields)
@@ -187,14 +213,45 @@ def _condition_of(measured: Element, kind: str) -> tuple[Decimal, Decimal] | Non
     return ends[0].value, ends[1].value
 
 
+def _set_up_of(measured: Element) -> dict[str, str] | None:
+    """Stylus, mounting and software of the arm; None in certificates of earlier versions."""
+    path = "influenceConditions/influenceCondition[@refType='{}']/data/text/content"
+    kinds = {"stylus": STYLUS, "mounting": MOUNTING, "software": ARM_SOFTWARE}
+    found = {key: _maybe(measured, path.format(kind)) for key, kind in kinds.items()}
+    return {key: value or "" for key, value in found.items()} if any(found.values()) else None
+
+
+def _statements_of(administrative: Element) -> tuple[Statement, ...]:
+    """The statements; those of unknown kind are remarks, as all but the decision are in files of earlier versions."""
+    kinds = {kind: name for name, kind in STATEMENTS.items()}
+    return tuple(
+        Statement(kinds.get(one.get("refType", ""), "remark"), _content(one, "declaration"))
+        for one in _all(administrative, "statements/statement")
+    )
+
+
+def _overall_of(root: Element, administrative: Element) -> str | None:
+    """The conformity of the decision; None where the certificate is not for conformity decisions."""
+    path = "statements/statement[@refType='{}']"
+    if _all(administrative, path.format(STATEMENTS["reservation"]), some=False):
+        if any(True for _ in root.iter(f"{{{SPACES['dcc']}}}conformity")):
+            raise InputError("the certificate is not for conformity decisions, but states a conformity")
+        return None
+    return _conformity(_one(administrative, path.format(CONFORMITY)))
+
+
 def _result_of(element: Element) -> StatedResult:
     quantity = _one(element, "data/quantity")
     statements = _all(quantity, "measurementMetaData/metaData", some=False)
     if not statements:
         return StatedResult(_quantity_of(quantity), None, None)
-    return StatedResult(
-        _quantity_of(quantity), _quantity_of(_one(statements[0], "data/quantity")), _conformity(statements[0])
-    )
+    limit = _quantity_of(_one(statements[0], "data/quantity"))
+    stated = _all(statements[0], "conformity", some=False)
+    return StatedResult(_quantity_of(quantity), limit, _conformity(statements[0]) if stated else None)
+
+
+def _list_of(element: Element) -> StatedList:
+    return StatedList(_content(element, "name"), tuple(map(_quantity_of, _all(element, "data/list/quantity"))))
 
 
 def _quantity_of(element: Element) -> StatedQuantity:

@@ -50,6 +50,8 @@ class Artefact(_WithUncertainties):
         As in the file of points.
     certificate : str
         Number or title of its certificate.
+    issued_by : str or None
+        The laboratory that issued the certificate; a certificate of the arm needs it.
     date, expires : date
         Dates of the calibration and of the end of its validity.
     form_mm : float
@@ -62,6 +64,7 @@ class Artefact(_WithUncertainties):
 
     name: Name
     certificate: Name
+    issued_by: Name | None = None
     date: datetime.date
     expires: datetime.date
     form_mm: NotNegative
@@ -316,7 +319,7 @@ def example_artefacts(measuring_range_mm: float) -> Artefacts:
     Uncertainties have the order of magnitude that laboratories state: 0.2 um for a ball, 1 um for a length and 0.5 K
     with 1e-6 / K for carbon fibre, 2.5 um for the fixture of a bar.
     """
-    known: dict[str, Any] = {"certificate": "example, no calibration", **_EXAMPLE_DATES}
+    known: dict[str, Any] = {"certificate": "example, no calibration", "issued_by": "nobody", **_EXAMPLE_DATES}
     lengths = (round(share * measuring_range_mm, -1) or 1.0 for share in _EXAMPLE_SHARES)
     return Artefacts(
         spheres=(

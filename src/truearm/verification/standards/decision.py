@@ -8,7 +8,7 @@ sides of a limit, the default of the edition of 2017 a probability of 95 % of co
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import cached_property
 from math import erf, hypot, inf, isfinite, isinf, sqrt
@@ -122,6 +122,8 @@ class ConformityResult:
         None where there is no limit.
     where : str
         Position, length and run of the value.
+    individual : tuple of ConformityResult
+        The individual results of which this is the decisive one; empty where there is no other.
     """
 
     label: str
@@ -131,6 +133,7 @@ class ConformityResult:
     limit: float | None
     verdict: Verdict | None
     where: str = ""
+    individual: tuple[ConformityResult, ...] = field(default=(), repr=False, compare=False)
 
     @property
     def name(self) -> str:
@@ -295,14 +298,18 @@ def assess_conformity(
 
 
 def worst_result(rows: Sequence[ConformityResult]) -> ConformityResult:
-    """Return the decisive row of a test: the one with the worst verdict and, among those, nearest to its limit."""
-    return max(
+    """Return the decisive row of a test, with all rows as its individual results.
+
+    It is the one with the worst verdict and, among those, nearest to its limit.
+    """
+    worst = max(
         rows,
         key=lambda row: (
             -1 if row.verdict is None else _ORDER.index(row.verdict),
             abs(row.value) + row.uncertainty - (row.limit or 0.0),
         ),
     )
+    return replace(worst, individual=tuple(rows))
 
 
 def overall_verdict(rows: Iterable[ConformityResult]) -> Verdict | None:

@@ -7,6 +7,7 @@ are in the test plan (`verification_plan`) and checked by `point_checks`; the fu
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -113,7 +114,8 @@ def l_dia(
             assess_conformity("L_Dia.5x5, largest distance", float(distance), budget, None, rule=rule, where=where)
         )
     worst = worst_result(rows)
-    return [worst, secondary[rows.index(worst)]]
+    beside = secondary[rows.index(worst)]
+    return [worst, replace(beside, individual=tuple(secondary))]
 
 
 def e_uni(
@@ -192,13 +194,15 @@ def _length_errors(
         sets.setdefault((one.bar.name, one.length.name, one.position), []).append(row(one))
     again = 0
     counted: dict[tuple[str, ...], list[ConformityResult]] = {}
+    measured: dict[tuple[str, ...], list[ConformityResult]] = {}
     for key, rows in sets.items():
         first, second = rows[:repeats], rows[repeats:]
         outside = sum(one.verdict not in (Verdict.CONFORM, None) for one in first)
         if outside == 1 and len(second) == repeats and again < tolerated_sets:
             first, second, again = second, [], again + 1
         counted.setdefault(key[:2], []).extend(first + second)
-    results = [worst_result(rows) for rows in counted.values()]
+        measured.setdefault(key[:2], []).extend(rows)  # with the sets that were measured again and do not count
+    results = [replace(worst_result(rows), individual=tuple(measured[key])) for key, rows in counted.items()]
     if tolerated_sets:
         results.append(
             ConformityResult(f"{symbol}, sets measured again", again, "", Budget(), None, None, f"of {len(sets)}")

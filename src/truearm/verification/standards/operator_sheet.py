@@ -46,8 +46,8 @@ def operator_sheet_page(sheet: OperatorSheet) -> Page:
         sections.append(_probing(sheet))
     sections += [_records(sheet), _steps(sheet)]
     return Page(
-        title=f"{sheet.plan.standard}: operator's sheet",
-        subtitle=f"{sheet.plan.title}: {format_count(points, 'point')} in {format_count(steps, 'step')}. Laid out for "
+        title=f"Operator's sheet: {sheet.plan.heading}",
+        subtitle=f"{format_count(points, 'point')} in {format_count(steps, 'step')}. Laid out for "
         f"a measuring range of {format_number(round(sheet.measuring_range_mm))}\u00a0mm by truearm {__version__}.",
         sections=tuple(sections),
     )

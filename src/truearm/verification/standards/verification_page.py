@@ -45,7 +45,7 @@ def verification_page(verification: Verification, *, facts: Sequence[tuple[str, 
     nearest_label = f"of its limit, value and uncertainty together: {nearest.name}"
     return Page(
         title=f"{verification.specification.name}: {verification.verdict.value}",
-        subtitle=f"{verification.plan.title}. Limits: {verification.specification.source}.",
+        subtitle=f"{verification.plan.heading}. Limits: {verification.specification.source}.",
         summary=(
             LabelledValue(nearest_label, format_percent(_share_of_limit(nearest)), state=_STATES[nearest.verdict]),
             LabelledValue("values with a limit", len(verification.rows_with_limit)),

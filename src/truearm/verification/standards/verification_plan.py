@@ -6,7 +6,8 @@ TOML files in the folder ``plans``, or the user's own, that state the source of 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import datetime
+from collections.abc import Collection, Iterator
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -16,6 +17,7 @@ from pydantic import Field, field_validator, model_validator
 
 from truearm.errors import InputError
 from truearm.files.toml_documents import Document, Name, NotNegative, Positive, parse_toml, read_document
+from truearm.verification.standards.dates import check_past
 from truearm.verification.standards.decision import DECISION_RULES, DecisionRule
 
 CHECK_STANDARD = "check against your copy of the standard"
@@ -132,6 +134,19 @@ class Volumetric(PlannedTest):
     longest_share: Share
 
 
+class Confirmation(Document):
+    """Who compared the numbers of a plan with the text of the standard, and when."""
+
+    confirmed_by: Name
+    date: datetime.date
+
+    @field_validator("date")
+    @classmethod
+    def _past(cls, day: datetime.date) -> datetime.date:
+        check_past(day)
+        return day
+
+
 class VerificationPlan(Document):
     """A test plan; a test without an entry is not part of it.
 
@@ -140,6 +155,8 @@ class VerificationPlan(Document):
     name, title, standard : str
     decision_rule : {"iso14253-1:2013", "iso14253-1:2017", "simple"}
         That of `verify`, unless that is given another one.
+    confirmation : Confirmation or None
+        Who confirmed its numbers; None if nobody has.
     probing, articulation, uni, bi, effective_diameter, single_point, volumetric : PlannedTest or None
 
     Examples
@@ -154,6 +171,7 @@ class VerificationPlan(Document):
     title: Name
     standard: Name
     decision_rule: DecisionRule = DECISION_RULES[0]
+    confirmation: Confirmation | None = None
     probing: Probing | None = None
     articulation: Articulation | None = None
     uni: LengthTest | None = None
@@ -174,6 +192,28 @@ class VerificationPlan(Document):
         if not self.tests:
             raise InputError("expected a test, got none", hint=f"add one of {', '.join(sorted(TESTS))}")
         return self
+
+    @property
+    def heading(self) -> str:
+        """The title; it names the standard as followed only if every number is confirmed, and by whom is stated."""
+        title = self.title.partition(", after ")[0]  # plans that earlier versions printed name the standard there
+        gap = self.confirmation_gap(self.tests)
+        if gap is None:
+            return f"{title}, after {self.standard}"
+        return f"{title} (plan not confirmed against {self.standard})"
+
+    def confirmation_gap(self, tests: Collection[str]) -> str | None:
+        """Return what is missing before results of these tests count as results after the standard."""
+        missing = [key for key, _, _ in self.unconfirmed() if key.partition(".")[0] in tests]
+        if missing:
+            numbers = "number is" if len(missing) == 1 else "numbers are"
+            return (
+                f"{len(missing)} {numbers} not confirmed against {self.standard} in the test plan {self.name!r}: "
+                f"{', '.join(missing)}"
+            )
+        if self.confirmation is None and self not in map(_builtin, PLANS):
+            return f"the test plan {self.name!r} does not state who confirmed its numbers against {self.standard}"
+        return None
 
     @property
     def tests(self) -> dict[str, PlannedTest]:
@@ -202,7 +242,9 @@ class VerificationPlan(Document):
 
 
 TESTS = tuple(
-    name for name, field in VerificationPlan.model_fields.items() if not field.is_required() and name != "decision_rule"
+    name
+    for name, field in VerificationPlan.model_fields.items()
+    if not field.is_required() and name not in ("decision_rule", "confirmation")
 )
 
 

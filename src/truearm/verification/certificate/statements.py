@@ -1,0 +1,92 @@
+"""What a calibration certificate states in words beside the results."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from truearm.pages.number_format import capitalize
+from truearm.verification.certificate.administrative_data import AdministrativeData, xml_text
+from truearm.verification.standards.verification import Verification
+from truearm.verification.standards.verification_text import LEVEL_TEXT, describe_decision, describe_rule
+
+NOT_FOR_CONFORMITY = "not for conformity decisions"
+KINDS = (
+    "reservation",
+    "decision",
+    "decision rule",
+    "uncertainty",
+    "traceability",
+    "limits of use",
+    "item",
+    "reproduction",
+    "remark",
+)
+
+
+@dataclass(frozen=True)
+class Statement:
+    """A statement of a certificate; `kind` is one of `KINDS`."""
+
+    kind: str
+    text: str
+
+
+def make_statements(about: AdministrativeData, verification: Verification, gap: str | None) -> tuple[Statement, ...]:
+    """Return the statements of a certificate.
+
+    Parameters
+    ----------
+    about : AdministrativeData
+    verification : Verification
+    gap : str or None
+        Why the plan's numbers do not count as those of the standard. Without a gap, the certificate states the
+        decision and its rule; with one, it states that it is not for conformity decisions.
+    """
+    said = {"reservation": _reservation(gap)} if gap is not None else {}
+    if gap is None:
+        said |= {"decision": describe_decision(verification), "decision rule": describe_rule(verification.rule)}
+    said |= {
+        "uncertainty": _UNCERTAINTY,
+        "traceability": _traceability(verification),
+        "limits of use": _limits_of_use(verification),
+        "item": f"The results relate only to the item with serial number {about.item.serial_number}.",
+        "reproduction": _reproduction(about),
+    }
+    remarks = [Statement("remark", xml_text(f"{capitalize(remark)}.")) for remark in verification.remarks]
+    return (*(Statement(kind, xml_text(text)) for kind, text in said.items()), *remarks)
+
+
+_UNCERTAINTY = (
+    f"U is the expanded uncertainty of a test value for a coverage probability of {LEVEL_TEXT}: the standard "
+    "uncertainty times the coverage factor k, evaluated after JCGM 100:2008 (GUM). It comes from artefact and set-up. "
+    "It does not contain the errors of the arm, which are the object of the test."
+)
+
+
+def _reservation(gap: str) -> str:
+    mark = capitalize(NOT_FOR_CONFORMITY)
+    return f"{mark}: {gap}. This certificate states values and limits, but no conformity."
+
+
+def _limits_of_use(verification: Verification) -> str:
+    days = sorted({str(group.date) for group in verification.groups})
+    when = days[0] if len(days) == 1 else f"{days[0]} to {days[-1]}"
+    return (
+        "The results hold for the arm with the stylus, the mounting, the software and the conditions that this "
+        f"certificate states, on the days of the measurement ({when}). The certificate states no period of validity."
+    )
+
+
+def _reproduction(about: AdministrativeData) -> str:
+    return (
+        "This certificate may not be reproduced except in full without the written approval of "
+        f"{about.laboratory.name}."
+    )
+
+
+def _traceability(verification: Verification) -> str:
+    known = [
+        f"{one.name} by certificate {one.certificate} of {one.issued_by} ({one.date})"
+        for one in verification.used_artefacts
+    ]
+    return f"Traceability to the SI units rests on the calibration of the artefacts: {'; '.join(known)}."
