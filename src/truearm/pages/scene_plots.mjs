@@ -1,6 +1,6 @@
 // Plots beside the space: values against each quantity, and how often each value occurs. A range selects points.
 
-import { formatNumber } from "./scene_cloud.mjs";
+import { formatFixed } from "./scene_cloud.mjs";
 import { coloursOf } from "./scene_paint.mjs";
 
 const BINS = 40;
@@ -182,7 +182,8 @@ export class RangePlot {
     pen.font = "12px system-ui, sans-serif";
     pen.textBaseline = "bottom";
     const beyond = this.axis < 0 && this.cloud.value.beyond ? "\u2265\u202f" : "";
-    const number = (value) => formatNumber(value, this.axis < 0 ? 2 : 3).replace(/\.0+$/, "");
+    const decimals = Math.max(0, Math.min(6, Math.ceil(-Math.log10((high - low) / 100))));
+    const number = (value) => formatFixed(value, value === 0 ? 0 : decimals);
     [
       [low, "left", ""],
       [(low + high) / 2, "center", ""],

@@ -64,8 +64,8 @@ export class SceneView {
     });
     this.note = build("div", { className: "readout", hidden: true, aria: { role: "status" } });
     const space = build("div", { className: "space-frame" }, this.canvas, this.note);
-    const main = build("div", { className: "main" }, this.bar(), space);
-    const beside = build("div", { className: "beside" });
+    const main = build("div", { className: "scene-main" }, this.bar(), space);
+    const beside = build("div", { className: "scene-beside" });
     const stage = build("div", { className: "stage" }, main, beside, help);
     if (this.cloud) this.buildPlots(main, beside);
     if (this.mechanism?.controls) {

@@ -8,6 +8,7 @@ import numpy as np
 
 from truearm.compensation.models import Compensator, NominalModel
 from truearm.compensation.models.comparison_page import ModelComparison
+from truearm.compensation.models.readings_scene import arm_at_readings
 from truearm.compensation.models.seat_page import SeatComparison
 from truearm.compensation.models.training_conditions import fingerprint
 from truearm.errors import InputError
@@ -31,6 +32,8 @@ def compare_models(models: dict[str, Compensator], readings: Session) -> ModelCo
         points=points,
         predicted=predicted,
         errors={name: dict(e) for name, e in errors.items()},  # type: ignore[arg-type]
+        reading_names=[readings.called(row) for row in range(len(readings))],
+        mechanism=arm_at_readings(models, readings),
         **joint_facts(first),
     )
 
@@ -66,6 +69,10 @@ def compare_in_seats(models: dict[str, Compensator], readings: Session, lengths:
         predicted={name: points[several] for name, points in predicted.items()},
         lengths=rows,
         length_errors=errors,
+        reading_names=[
+            f"{readings.called(row)}, seat {readings.seat[row]}" for row in np.flatnonzero(several).tolist()
+        ],
+        mechanism=arm_at_readings(models, readings),
         **joint_facts(first),
     )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +11,13 @@ from truearm.compensation.export.constants_section import constants_section
 from truearm.compensation.export.constants_table import constants_table
 from truearm.compensation.export.rigid_arm import best_rigid_arm
 from truearm.compensation.models import Compensator
-from truearm.compensation.models.comparison_page import ModelComparison, comparison_page, improvement_sentence
-from truearm.compensation.models.identification_sections import identification_sections
+from truearm.compensation.models.comparison_page import (
+    ModelComparison,
+    comparison_page,
+    comparison_verdict,
+    improvement_sentence,
+)
+from truearm.compensation.models.identification_sections import identification_sections, identified_budgets
 from truearm.compensation.models.identified_model import IdentifiedModel, NominalModel
 from truearm.compensation.models.seat_page import SeatComparison, seats_page
 from truearm.compensation.models.tips import tip_names
@@ -102,11 +107,15 @@ class ReportResult(PageRecord):
             "subtitle": f"{len(session)} readings of {session.file.name if session.file else 'a session'}",
             "facts": page_facts(models, session),
             "remarks": self.page_remarks,
-            "more": [*identification_sections(models, session), *_constants_sections(models)],
         }
+        both = identified_budgets(models, session)
+        layout["more"] = [*_constants_sections(models), *identification_sections(models, session, both)]
         if isinstance(self.comparison, SeatComparison):
             return seats_page(self.comparison, **layout)
-        return comparison_page(self.comparison, **layout)
+        budgets = {name: budget for name, (budget, _) in both.items()}
+        compared = replace(self.comparison, std_mm={name: budget.std_mm for name, budget in budgets.items()})
+        trained = [name for name, model in models.items() if model.is_trained_on(session)]
+        return comparison_page(compared, verdict=comparison_verdict(compared, budgets, trained=trained), **layout)
 
     def blocks(self) -> Iterator[str | TextTable]:
         """See `Record`."""
@@ -144,7 +153,10 @@ def _constants_sections(models: Mapping[str, Compensator]) -> list[Section]:
     for name, model in identified.items():
         rigid = best_rigid_arm(model)
         title = name if len(identified) > 1 else ""
-        sections.append(constants_section(constants_table(model, rigid), rigid.loss, name=title))
+        table, reach = constants_table(model, rigid), model.arm.chain.reach
+        sections.append(
+            constants_section(table, rigid.loss, reach_mm=reach, name=title, folded=name != list(identified)[-1])
+        )
     return sections
 
 

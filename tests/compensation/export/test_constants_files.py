@@ -228,8 +228,16 @@ def test_a_damaged_file_is_refused(whole, tmp_path, change, message):
 
 def test_the_page_has_every_constant(planted):
     _, model, table = planted
-    section = constants_section(table, best_rigid_arm(model).loss)
-    assert section.folded
-    assert len(section.tables[0].rows) == len(table.constants)
+    section = constants_section(table, best_rigid_arm(model).loss, reach_mm=1000.0)
+    changed, whole = section.tables
+    assert whole.folded
+    assert len(whole.rows) == len(table.constants)
+    significant = {
+        f"{one.place} {one.name}"
+        for one in table.constants
+        if one.place not in ("base", "tip") and abs(one.change) > 2 * one.std > 0
+    }
+    assert {row[0] for row in changed.rows} <= significant
+    assert len(changed.rows) == min(len(significant), 8)
     page = render(Page("A page", sections=(section,)))
     assert "only as a sum with the base" in page

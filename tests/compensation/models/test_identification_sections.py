@@ -166,8 +166,9 @@ def test_the_page_of_seats_says_how_well_they_agree(rng):
         sliding=[False] * 6,
     )
     page = seats_page(seated, title="Seats", subtitle="", facts=[], remarks=["Look."])
-    assert [section.title for section in page.sections][:2] == ["Agreement in the seats", "Lengths"]
-    agreement, lengths = page.sections[:2]
+    titles = [section.title for section in page.sections]
+    assert titles[:3] == ["Where the points disagree", "Agreement in the seats", "Lengths"]
+    agreement, lengths = page.sections[1:3]
     assert agreement.text.startswith("Look.")
     (_, mean, rms, p95, largest, n) = agreement.tables[0].rows[0]
     assert (mean, rms, p95, largest, n) == pytest.approx((0.5, 0.5, 0.5, 0.5, 24))
@@ -176,7 +177,7 @@ def test_the_page_of_seats_says_how_well_they_agree(rng):
     assert lengths.tables[0].rows == (("S1", "S2", 500.0, 0.005, -0.2, 0.01),)
     assert page.summary[-1].value == 0.01
     outline = Outline(render(page))
-    assert outline.tags.count("figure") == 5
+    assert outline.tags.count("figure") == 6
     without = seats_page(
         SeatComparison(**{**vars(seated), "lengths": [], "length_errors": {}}), title="Seats", subtitle="", facts=[]
     )

@@ -9,9 +9,13 @@ from truearm.pages.page import Column, Section, Table
 
 # Rotations of an arm are stated in degrees; their changes are thousandths of one.
 DEG = 57.29577951308232
+SIGNIFICANT = 2.0  # standard uncertainties of a change
+MOST_SHOWN = 8
 
 
-def constants_section(table: ConstantsTable, loss: ExportLoss, *, name: str = "") -> Section:
+def constants_section(
+    table: ConstantsTable, loss: ExportLoss, *, reach_mm: float, name: str = "", folded: bool = False
+) -> Section:
     """The constants of an arm beside the drawing, with their changes and standard uncertainties.
 
     Parameters
@@ -19,8 +23,12 @@ def constants_section(table: ConstantsTable, loss: ExportLoss, *, name: str = ""
     table : ConstantsTable
     loss : ExportLoss
         Of the arm with these constants alone.
+    reach_mm : float
+        Of the arm: what a rotation moves.
     name : str
         Of the model, where there are several.
+    folded : bool
+        Whether the section shows its title only.
     """
     rows = []
     for one in table.constants:
@@ -28,19 +36,28 @@ def constants_section(table: ConstantsTable, loss: ExportLoss, *, name: str = ""
         u = factor * one.std
         identified, change = (RoundedNumber(factor * value, u) for value in (one.identified, one.change))
         rows.append((f"{one.place} {one.name}", factor * one.nominal, identified, change, u or None, unit, one.status))
+    columns = (
+        Column("constant"),
+        Column("nominal", digits=7),
+        Column("identified", digits=7),
+        Column("change", digits=3),
+        Column("standard uncertainty", digits=2),
+        Column("unit"),
+        Column("status"),
+    )
+    changed = _changed(table, reach_mm)
+    short = Table(
+        columns[:-1],
+        tuple(rows[i][:-1] for i in changed[:MOST_SHOWN]),
+        f"{len(changed)} of {len(rows)} constants differ from the drawing by more than twice their standard uncertainty"
+        + (f"; the {MOST_SHOWN} with the largest effect at full reach" if len(changed) > MOST_SHOWN else ""),
+    )
     shown = Table(
-        (
-            Column("constant"),
-            Column("nominal", digits=7),
-            Column("identified", digits=7),
-            Column("change", digits=3),
-            Column("standard uncertainty", digits=2),
-            Column("unit"),
-            Column("status"),
-        ),
+        columns,
         tuple(rows),
-        f"Constants of the best rigid arm, {'modified ' if table.identified.convention == 'mdh' else ''}"
+        f"All constants of the best rigid arm, {'modified ' if table.identified.convention == 'mdh' else ''}"
         "Denavit-Hartenberg, in the branch of the nominal table",
+        folded=True,
     )
     exported, nominal = (format_number(error, digits=2) for error in (loss.exported_mm, loss.nominal_mm))
     text = (
@@ -50,5 +67,15 @@ def constants_section(table: ConstantsTable, loss: ExportLoss, *, name: str = ""
         "Angles are in the nominal branch; nearly parallel axes have beta, a rotation about y, and keep d. A constant "
         "that is identifiable only as a sum stays nominal, and the other part of the sum takes the change."
     )
-    title = "Constants of the arm"
-    return Section(f"{title}: {name}" if name else title, text, tables=(shown,), folded=True)
+    title = "Constants: drawn and identified"
+    return Section(f"{title}: {name}" if name else title, text, tables=(short, shown), folded=folded)
+
+
+def _changed(table: ConstantsTable, reach_mm: float) -> list[int]:
+    """Rows of the arm's own constants with a significant change, the one with the largest effect first."""
+    effect = {
+        i: abs(one.change) * (reach_mm if one.unit == "rad" else 1.0)
+        for i, one in enumerate(table.constants)
+        if one.place not in ("base", "tip") and one.std > 0 and abs(one.change) > SIGNIFICANT * one.std
+    }
+    return sorted(effect, key=lambda i: -effect[i])

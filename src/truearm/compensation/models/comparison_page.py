@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -15,12 +15,18 @@ from truearm.compensation.models.error_figures import (
     errors_by_reading,
     joint_ranges,
 )
+from truearm.compensation.models.readings_scene import readings_scene
+from truearm.compensation.models.uncertainty import COVERAGE_FACTOR, LEVEL, UncertaintyBudget
 from truearm.compensation.models.workspace_figures import error_in_workspace, workspace
-from truearm.pages.number_format import format_mm
-from truearm.pages.page import Column, LabelledValue, Page, Section, Table
+from truearm.pages.number_format import format_count, format_mm, format_percent, format_uncertainty
+from truearm.pages.page import Column, LabelledValue, Page, PageVerdict, Section, State, Table
 from truearm.pages.plotting import styles_of
+from truearm.pages.scene import Mechanism
 from truearm.typing import FloatArray
 
+# Share of the readings in their 95 % ellipsoids from which the stated uncertainty counts as confirmed: readings of one
+# position err alike, so that of a few hundred the share scatters by some percent.
+LEAST_COVERAGE = 0.9
 ERROR_COLUMNS = (
     ("mean_mm", "mean distance", "mm"),
     ("rms_mm", "rms distance", "mm"),
@@ -50,6 +56,12 @@ class ModelComparison:
     lower, upper : (n_joints,) array
         Joint limits, infinite where there is none.
     sliding : sequence of bool
+    reading_names : sequence of str
+        Of the readings, such as their lines in the file; numbers by default.
+    mechanism : Mechanism, optional
+        The arm that the interactive view brings to a reading.
+    std_mm : mapping of str to (n,) array
+        Standard uncertainty of a coordinate at each reading, of the models that state one.
     """
 
     angles: FloatArray
@@ -60,6 +72,9 @@ class ModelComparison:
     lower: FloatArray
     upper: FloatArray
     sliding: Sequence[bool]
+    reading_names: Sequence[str] = ()
+    mechanism: Mechanism | None = None
+    std_mm: Mapping[str, FloatArray] = field(default_factory=dict)
 
 
 def comparison_page(
@@ -71,8 +86,9 @@ def comparison_page(
     remarks: Sequence[str] = (),
     floor: Mapping[str, float] | None = None,
     more: Sequence[Section] = (),
+    verdict: PageVerdict | None = None,
 ) -> Page:
-    """The page: errors before and after compensation, the session, where the errors come from.
+    """The page: the verdict, the readings in space, errors before and after compensation; then the details, folded.
 
     Parameters
     ----------
@@ -86,12 +102,16 @@ def comparison_page(
         The figures of `ERROR_COLUMNS` and `n` of an arm without systematic errors, where they are known.
     more : sequence of Section
         Further sections, before the details.
+    verdict : PageVerdict, optional
+        From `comparison_verdict`; without one the page states the errors and judges nothing.
     """
     return Page(
         title=title,
-        subtitle=f"{_answer(compared)} {subtitle}",
+        subtitle=subtitle,
+        verdict=verdict or PageVerdict(error_sentence(compared)),
         summary=_summary(compared),
         sections=(
+            _in_space(compared),
             _result(compared, remarks, floor),
             *more,
             _measured(compared),
@@ -136,10 +156,70 @@ def _best(compared: ModelComparison) -> str:
     return min(compared.errors, key=lambda name: compared.errors[name]["mean_mm"])
 
 
-def _answer(compared: ModelComparison) -> str:
+def error_sentence(compared: ModelComparison) -> str:
     """The answer a reader came for, in a sentence."""
     mean = {name: errors["mean_mm"] for name, errors in compared.errors.items()}
-    return improvement_sentence("Mean error", mean[next(iter(mean))], mean[_best(compared)])
+    sentence = improvement_sentence("Mean error", mean[next(iter(mean))], mean[_best(compared)])
+    p95 = compared.errors[_best(compared)]["p95_mm"]
+    n = format_count(len(compared.points), "reading")
+    return f"{sentence} 95 % of the errors of {n} are below {format_mm(p95)}."
+
+
+def comparison_verdict(
+    compared: ModelComparison, budgets: Mapping[str, UncertaintyBudget], *, trained: Sequence[str] = ()
+) -> PageVerdict:
+    """What accuracy a model has, of what, and how sure that is.
+
+    Good: compensation reduces the error of readings that took no part in training, and the uncertainty that the model
+    states covers them. Doubtful: they are training readings, or the stated uncertainty is too small for them.
+
+    Parameters
+    ----------
+    compared : ModelComparison
+    budgets : mapping of str to UncertaintyBudget
+        Of the models that state an uncertainty.
+    trained : sequence of str
+        Models that were trained on these readings.
+    """
+    best, before = _best(compared), next(iter(compared.errors))
+    if not compared.errors[best]["mean_mm"] < compared.errors[before]["mean_mm"]:
+        return PageVerdict(error_sentence(compared), "bad", "Do not use this model for these readings.")
+    details: list[str] = []
+    state: State = "good"
+    if best in trained:
+        state = "doubtful"
+        details.append("These are the training readings of the model; errors of other readings are larger (split).")
+    if (budget := budgets.get(best)) is not None:
+        u = format_uncertainty(budget.expanded_mm)
+        details.append(f"Expanded uncertainty of a coordinate by {best}: U = {u} mm (k = {COVERAGE_FACTOR:g}).")
+        if budget.n_points:
+            details.append(
+                f"{format_percent(budget.coverage)} of the readings lie in the ellipsoids that should hold "
+                f"{format_percent(LEVEL)}."
+            )
+            if budget.coverage < LEAST_COVERAGE:
+                state = "doubtful"
+                details.append("The stated uncertainty is too small for these readings.")
+    return PageVerdict(error_sentence(compared), state, " ".join(details))
+
+
+def _in_space(compared: ModelComparison) -> Section:
+    distances = _distances(compared)
+    best = _best(compared)
+    scene = readings_scene(
+        compared.points,
+        distances,
+        compared.angles,
+        what="error",
+        names=compared.reading_names or [f"reading {i + 1}" for i in range(len(compared.points))],
+        joint_names=compared.joint_names,
+        sliding=compared.sliding,
+        still=error_in_workspace(compared.points, distances[best], name=best),
+        shown=best,
+        std_mm=compared.std_mm.get(best),
+        mechanism=compared.mechanism,
+    )
+    return Section("Where the errors are", scenes=(scene,))
 
 
 def improvement_sentence(what: str, before_mm: float, after_mm: float) -> str:
@@ -176,7 +256,7 @@ def _result(compared: ModelComparison, remarks: Sequence[str], floor: Mapping[st
         + "An error is the difference between a model's point and the reference point of the same reading. Distances "
         "are in space; a coordinate is one of x, y, z. The reduction is that of the nominal arm's mean absolute "
         "coordinate error.",
-        figures=(before_after(distances, styles=styles), error_distribution(distances, styles=styles)),
+        figures=(before_after(distances, styles=styles),),
         tables=(table,),
     )
 
@@ -195,6 +275,7 @@ def _measured(compared: ModelComparison) -> Section:
             ),
             workspace(compared.points),
         ),
+        folded=True,
     )
 
 
@@ -202,20 +283,21 @@ def _by_coordinate(compared: ModelComparison) -> Section:
     errors = {name: points - compared.points for name, points in compared.predicted.items()}
     styles = styles_of(errors)
     return Section(
-        "Errors of each coordinate",
+        "Distribution and coordinates",
         figures=(
+            error_distribution(_distances(compared), styles=styles),
             errors_by_reading(errors, styles=styles),
             coordinates_by_reading(compared.points, compared.predicted, styles=styles),
         ),
+        folded=True,
     )
 
 
 def _by_cause(compared: ModelComparison) -> Section:
     distances = _distances(compared)
-    best = _best(compared)
     return Section(
-        "Where the error comes from",
-        "Errors by joint position and by place. Distances have no sign: a periodic error shows twice its frequency.",
+        "Errors by joint position",
+        "Distances have no sign: a periodic error shows twice its frequency.",
         figures=(
             error_against_joint(
                 compared.angles,
@@ -224,6 +306,6 @@ def _by_cause(compared: ModelComparison) -> Section:
                 sliding=compared.sliding,
                 styles=styles_of(distances),
             ),
-            error_in_workspace(compared.points, distances[best], name=best),
         ),
+        folded=True,
     )

@@ -73,12 +73,14 @@ def before_after(errors: Mapping[str, npt.ArrayLike], *, styles: Mapping[str, St
     """
     by_name = nonnegative_arrays(errors, "errors")
     pens = styles_of(by_name, styles)
+    logarithmic = _needs_log(by_name)
     with figure_style():
-        drawing = _clouds(by_name, pens)
+        drawing = _clouds(by_name, pens, logarithmic)
     summary = join_phrases(f"{shorten(name)} {_mean(values)} mm" for name, values in by_name.items())
     return Figure(
         (drawing,),
-        caption=f"Every dot is one reading; the further right, the larger its error. Mean error: {summary}.",
+        caption=f"Every dot is one reading; the further right, the larger its error. "
+        f"{'The scale is logarithmic. ' if logarithmic else ''}Mean error: {summary}.",
         alt=f"Errors of all readings as clouds of dots, one row a model. Mean error: {summary}.",
     )
 
@@ -244,24 +246,28 @@ def running_median(x: FloatArray, y: FloatArray, *, windows: int = 60) -> tuple[
     return np.median(x[order][rows], axis=1), np.median(y[order][rows], axis=1)
 
 
-def _clouds(errors: Mapping[str, FloatArray], pens: Mapping[str, Style]) -> Drawing:
+def _clouds(errors: Mapping[str, FloatArray], pens: Mapping[str, Style], logarithmic: bool) -> Drawing:
     drawing, (axes,) = make_panel(4.6, 0.72 + 0.66 * len(errors))
     drawing.subplots_adjust(left=0.12 / 4.6, right=1 - 0.16 / 4.6)
-    largest = max(float(values.max()) for values in errors.values()) or 1e-6
+    low, high = _ends(errors, logarithmic)
+    edges = np.geomspace(low, high, 81) if logarithmic else np.linspace(low, high, 81)
     for i, (name, values) in enumerate(errors.items()):
         base = float(len(errors) - 1 - i)
-        _cloud(axes, values, base, largest, pens[name])
-        axes.text(0.0, base + 0.43, shorten(name, longest=18), weight="bold", color=pens[name].colour)
-        axes.text(largest, base + 0.43, f"mean {_mean(values)} mm,  {_most(values)}", ha="right")
-    axes.set(xlim=(-0.012 * largest, 1.02 * largest), ylim=(-0.45, len(errors) - 0.2), xlabel="error [mm]")
+        _cloud(axes, np.clip(values, low, high), base, edges, pens[name])
+        axes.plot([values.mean()] * 2, [base - 0.34, base + 0.34], color=INK, linewidth=1.4)
+        on = axes.get_yaxis_transform()
+        axes.text(0.01, base + 0.43, shorten(name, longest=18), weight="bold", color=pens[name].colour, transform=on)
+        axes.text(0.99, base + 0.43, f"mean {_mean(values)} mm,  {_most(values)}", ha="right", transform=on)
+    axes.set(ylim=(-0.45, len(errors) - 0.2))
+    _error_axis(axes, errors, logarithmic)
     axes.set_yticks([])
     axes.spines["left"].set_visible(False)
     return drawing
 
 
-def _cloud(axes: Axes, values: FloatArray, base: float, largest: float, pen: Style) -> None:
+def _cloud(axes: Axes, values: FloatArray, base: float, edges: FloatArray, pen: Style) -> None:
     n = len(values)
-    counts, edges = np.histogram(values, bins=80, range=(0.0, largest))
+    counts, edges = np.histogram(values, edges)
     density = np.sqrt(counts / counts.max())
     height = np.interp(values, (edges[1:] + edges[:-1]) / 2, density)
     spread = (np.arange(n) * 0.6180339887498949) % 1 - 0.5  # golden ratio: even and not random
@@ -275,7 +281,6 @@ def _cloud(axes: Axes, values: FloatArray, base: float, largest: float, pen: Sty
         linewidths=0,
         rasterized=many,
     )
-    axes.plot([values.mean()] * 2, [base - 0.34, base + 0.34], color=INK, linewidth=1.4)
 
 
 def _cumulative(errors: Mapping[str, FloatArray], pens: Mapping[str, Style], logarithmic: bool) -> Drawing:

@@ -33,7 +33,17 @@ POINTS_PER_WAVE = 10
 _LEVEL = format_percent(LEVEL)
 
 
-def identification_sections(models: Mapping[str, Compensator], session: Session) -> list[Section]:
+Budgets = Mapping[str, tuple[UncertaintyBudget, tuple[Outlier, ...]]]
+
+
+def identified_budgets(models: Mapping[str, Compensator], session: Session) -> Budgets:
+    """Uncertainty budget, and readings that contradict it, of every identified model among some models of one arm."""
+    return {name: uncertainty_budget(model, session) for name, model in _identified(models).items()}
+
+
+def identification_sections(
+    models: Mapping[str, Compensator], session: Session, budgets: Budgets | None = None
+) -> list[Section]:
     """Sections about the identified models among some models of one arm; none for the others.
 
     Parameters
@@ -42,17 +52,16 @@ def identification_sections(models: Mapping[str, Compensator], session: Session)
         By their names on the page.
     session : Session
         The readings of the page.
+    budgets : mapping, optional
+        From `identified_budgets`, if they are there already.
     """
-    identified = {
-        name: model
-        for name, model in models.items()
-        if isinstance(model, IdentifiedModel) and not isinstance(model, NominalModel)
-    }
+    identified = _identified(models)
+    budgets = identified_budgets(models, session) if budgets is None else budgets
     titles = {name: name if len(identified) > 1 else "" for name in identified}
     uncertainty, unidentifiable, outlying = [], [], []
     terms: list[Section | None] = []
     for name, model in identified.items():
-        budget, on_page = uncertainty_budget(model, session)
+        budget, on_page = budgets[name]
         groups = identifiability(model.fit_).unidentifiable
         uncertainty.append(uncertainty_section(budget, model.held_out_errors_, name=titles[name]))
         if (process := model.residual_process_) is not None:
@@ -72,6 +81,14 @@ def identification_sections(models: Mapping[str, Compensator], session: Session)
     )
     sections = [*uncertainty, *terms, joint_errors, *unidentifiable, *outlying]
     return [section for section in sections if section is not None]
+
+
+def _identified(models: Mapping[str, Compensator]) -> dict[str, IdentifiedModel]:
+    return {
+        name: model
+        for name, model in models.items()
+        if isinstance(model, IdentifiedModel) and not isinstance(model, NominalModel)
+    }
 
 
 def uncertainty_section(budget: UncertaintyBudget, held_out: HeldOutErrors | None, *, name: str = "") -> Section:
@@ -127,7 +144,7 @@ def uncertainty_section(budget: UncertaintyBudget, held_out: HeldOutErrors | Non
             LabelledValue(f"{_LEVEL} of these errors below", held_out.p95_mm, "mm"),
             LabelledValue("largest of these errors", held_out.max_mm, "mm"),
         ]
-    return Section(_titled("Uncertainty", name), text, rows=tuple(rows))
+    return Section(_titled("Uncertainty", name), text, rows=tuple(rows), folded=True)
 
 
 def terms_section(found: Sequence[Effect], *, name: str = "") -> Section | None:
@@ -204,6 +221,7 @@ def joint_errors_section(
         "Encoder and gear turn about the same axis, so the figures show the sum of their errors. Its mean is part of "
         "the joint offset and not shown.",
         figures=(joint_error_figure(errors, angles, names=names, styles=styles),),
+        folded=True,
     )
 
 
@@ -270,6 +288,7 @@ def outlier_section(found: Mapping[str, Sequence[Outlier]], *, name: str = "") -
         "Check these readings for a ball that was not seated, a hidden target or a wrong name. Outliers have a smaller "
         "weight in the identification; excluded readings are gross errors and took no part in it.",
         tables=tables,
+        folded=True,
     )
 
 

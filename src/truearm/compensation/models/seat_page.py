@@ -15,10 +15,12 @@ from truearm.compensation.models.error_figures import (
     error_distribution,
     joint_ranges,
 )
-from truearm.compensation.models.workspace_figures import workspace
+from truearm.compensation.models.readings_scene import readings_scene
+from truearm.compensation.models.workspace_figures import error_in_workspace, workspace
 from truearm.pages.number_format import format_count, format_mm
-from truearm.pages.page import Cell, Column, LabelledValue, Page, Section, Table
+from truearm.pages.page import Cell, Column, LabelledValue, Page, PageVerdict, Section, Table
 from truearm.pages.plotting import Style, styles_of
+from truearm.pages.scene import Mechanism
 from truearm.typing import FloatArray
 
 
@@ -42,6 +44,10 @@ class SeatComparison:
     lower, upper : (n_joints,) array
         Joint limits, infinite where there is none.
     sliding : sequence of bool
+    reading_names : sequence of str
+        Of the readings, such as their lines in the file; numbers by default.
+    mechanism : Mechanism, optional
+        The arm that the interactive view brings to a reading.
     """
 
     angles: FloatArray
@@ -53,6 +59,8 @@ class SeatComparison:
     lower: FloatArray
     upper: FloatArray
     sliding: Sequence[bool]
+    reading_names: Sequence[str] = ()
+    mechanism: Mechanism | None = None
 
 
 def seats_page(
@@ -77,13 +85,11 @@ def seats_page(
     styles = styles_of(distances)
     return Page(
         title=title,
-        subtitle=improvement_sentence(
-            "Mean distance from the seat's mean point",
-            *(float(distances[name].mean()) for name in (next(iter(distances)), best)),
-        )
-        + f" {subtitle}",
+        subtitle=subtitle,
+        verdict=_verdict(distances, best),
         summary=_summary(seated, distances, best),
         sections=(
+            _in_space(seated, distances, best),
             _agreement(seated, distances, remarks, styles),
             *_lengths(seated),
             *more,
@@ -101,19 +107,49 @@ def seats_page(
                     ),
                     workspace(seated.predicted[best]),
                 ),
+                folded=True,
             ),
             Section(
-                "Where the error comes from",
-                "Errors against joint position. Distances have no sign, so a periodic error shows twice its frequency.",
+                "Errors by joint position",
+                "Distances have no sign, so a periodic error shows twice its frequency.",
                 figures=(
                     error_against_joint(
                         seated.angles, distances, names=seated.joint_names, sliding=seated.sliding, styles=styles
                     ),
                 ),
+                folded=True,
             ),
         ),
         facts=tuple(facts),
     )
+
+
+def _verdict(distances: Mapping[str, FloatArray], best: str) -> PageVerdict:
+    """How well the points of a seat agree; without a reference nobody can say how true they are."""
+    before, after = (float(distances[name].mean()) for name in (next(iter(distances)), best))
+    what = "Mean distance from the seat's mean point"
+    return PageVerdict(
+        improvement_sentence(what, before, after),
+        "none" if after < before else "bad",
+        "This shows how well points of one seat agree. An error that shifts all of them alike does not show.",
+    )
+
+
+def _in_space(seated: SeatComparison, distances: Mapping[str, FloatArray], best: str) -> Section:
+    points = seated.predicted[best]
+    scene = readings_scene(
+        points,
+        distances,
+        seated.angles,
+        what="distance from the seat's mean",
+        names=seated.reading_names or [f"seat {name}" for name in seated.seat],
+        joint_names=seated.joint_names,
+        sliding=seated.sliding,
+        still=error_in_workspace(points, distances[best], name=best),
+        shown=best,
+        mechanism=seated.mechanism,
+    )
+    return Section("Where the points disagree", scenes=(scene,))
 
 
 def _from_mean(points: FloatArray, seat: npt.NDArray[np.str_]) -> FloatArray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -48,6 +48,8 @@ class UncertaintyBudget:
         share.
     n_covered_99 : int
         Those that lie in their 99 % ellipsoids, which follow the tails of the training readings.
+    std_mm : (n,) array
+        Combined standard uncertainty of a coordinate at each reading, root mean square over x, y, z.
     """
 
     of_parameters_mm: float
@@ -58,6 +60,12 @@ class UncertaintyBudget:
     n_points: int
     n_covered: int
     n_covered_99: int = 0
+    std_mm: FloatArray = field(default_factory=lambda: np.zeros(0), compare=False, repr=False)
+
+    @property
+    def coverage(self) -> float:
+        """Share of the readings with reference points that lie in their 95 % ellipsoids; NaN without any."""
+        return self.n_covered / self.n_points if self.n_points else np.nan
 
     @property
     def expanded_mm(self) -> float:
@@ -109,6 +117,7 @@ def uncertainty_budget(model: Compensator, readings: Session) -> tuple[Uncertain
         n_points=len(seen),
         n_covered=int((times < ELLIPSOID_FACTOR).sum()),
         n_covered_99=int((times < model.ellipsoid_factor(0.99)).sum()),
+        std_mm=np.sqrt(_variances(combined).mean(axis=1)),
     )
     far = [
         Outlier.of_reading(int(seen[i]), float(errors[i]), float(times[i] / np.sqrt(3)), kind="prediction")

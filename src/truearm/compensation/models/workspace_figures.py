@@ -85,9 +85,9 @@ def error_in_workspace(points: npt.ArrayLike, errors: npt.ArrayLike, *, name: st
     )
     return Figure(
         panels,
-        caption=f"Error{of_model} in space: darker is larger; {summary}. "
-        f"{cells}Clusters of dark places indicate an error source that the model does not describe; "
-        "scattered dark spots indicate noise.",
+        caption=f"Error{of_model} in space, by colour; {summary}. "
+        f"{cells}Clusters of large errors indicate an error source that the model does not describe; "
+        "scattered ones indicate noise.",
         alt=f"Four scatter plots of {len(points)} tip positions, coloured by the error{of_model}; {summary}.",
         columns=2,
         light_paper=True,
