@@ -5,6 +5,9 @@ import tomllib
 from pathlib import Path
 
 project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())["project"]
-for requirement in [*project["dependencies"], *project["optional-dependencies"]["parquet"]]:
+for requirement in [
+    *project["dependencies"],
+    *(one for extra in ("parquet", "pdf", "sign") for one in project["optional-dependencies"][extra]),
+]:
     if bounded := re.fullmatch(r"([\w-]+)>=([\w.]+)", requirement):
         print(f"{bounded[1]}=={bounded[2]}")

@@ -112,6 +112,34 @@ def test_without_confirmed_numbers_a_certificate_is_refused_or_marked(truearm, b
     )
 
 
+def test_a_certificate_for_paper_has_the_one_for_machines_inside(truearm, bench):
+    pikepdf = pytest.importorskip("pikepdf", reason="pip install pikepdf reads PDF files")
+    pytest.importorskip("fpdf", reason="pip install truearm[pdf] writes PDF files")
+    Path("my-plan.toml").write_text(plan_text("iso10360-12"))
+    ran = truearm(*ALL, "--unconfirmed", "--pdf", "certificate.pdf")
+    assert (ran.code, ran.err) == (0, "")
+    assert ran.out.endswith("PDF written to certificate.pdf\n")
+    with pikepdf.open("certificate.pdf") as pdf:
+        assert pdf.Root.AF[0].EF.F.read_bytes() == Path("certificate.xml").read_bytes()
+        meta = pdf.open_metadata()
+        assert meta["dc:title"] == "Calibration certificate V-2026-042"
+        assert "not for conformity decisions" in meta["dc:description"]
+
+
+def test_without_the_package_for_pdf_files_nothing_is_written(truearm, bench, snapshot, monkeypatch):
+    from truearm.pages import pdf
+
+    def missing(name):
+        raise ImportError(name)
+
+    monkeypatch.setattr(pdf, "import_module", missing)
+    there = snapshot(bench)
+    ran = truearm(*ALL, "--pdf", "certificate.pdf")
+    assert (ran.code, ran.out) == (2, "")
+    assert "pip install 'truearm[pdf]'" in ran.err
+    assert snapshot(bench) == there
+
+
 def test_limits_that_nothing_was_tested_for_are_named(truearm, bench):
     Path("my-plan.toml").write_text(confirm(plan_text("iso10360-12").partition("[articulation")[0]))
     made = Made().iso()
@@ -236,6 +264,8 @@ def test_wrong_files_are_refused_and_nothing_is_written(truearm, bench, snapshot
         ({"--out": "certificate.txt"}, "ends in .xml"),
         ({"--out": "away/certificate.xml"}, "the folder away does not exist"),
         ({"--html": "points.csv"}, "ends in .html"),
+        ({"--pdf": "points.csv"}, "ends in .pdf"),
+        ({"--logo": "logo.png"}, "--logo applies to --pdf only"),
         ({"--html": "away/page.html"}, "the folder away does not exist"),
         ({"--about": "nothing.toml"}, "the file does not exist"),
     ],

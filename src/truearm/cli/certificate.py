@@ -20,6 +20,12 @@ def certificate(
     ] = None,
     out: Annotated[Path | None, typer.Option("--out", help="Certificate to write, .xml.")] = None,
     html: Annotated[Path | None, typer.Option("--html", help="The same for people, .html.")] = None,
+    pdf: Annotated[
+        Path | None, typer.Option("--pdf", help="The same for paper, .pdf: PDF/A-3 with the XML file inside.")
+    ] = None,
+    logo: Annotated[
+        Path | None, typer.Option("--logo", help="With --pdf: the laboratory's logo, .png or .svg.")
+    ] = None,
     rule: RuleOption = None,
     unconfirmed: Annotated[
         bool,
@@ -35,7 +41,7 @@ def certificate(
     """State a verification as a calibration certificate.
 
     The result is a digital calibration certificate (DCC), an XML file in the format of PTB. The files are those of
-    truearm verify; --about has the other data of a certificate. Print the page of --html for a certificate on paper.
+    truearm verify; --about has the other data of a certificate. --pdf writes the certificate for paper.
     """
     from truearm.errors import InputError
 
@@ -55,14 +61,18 @@ def certificate(
     assert about is not None
     assert out is not None
     from truearm.workflows.certificate import certificate as stated
-    from truearm.workflows.certificate import check_certificate_path
+    from truearm.workflows.certificate import check_certificate_path, check_pdf_path
     from truearm.workflows.verify import verify
 
     inputs = (Path(plan), points, artefacts, mpe, about)
     check_certificate_path(out, *inputs)
     if html is not None:
         check_page_path(html, *inputs, out)
+    if logo is not None and pdf is None:
+        raise InputError("--logo applies to --pdf only", hint="add --pdf certificate.pdf")
+    if pdf is not None:
+        check_pdf_path(pdf, *inputs, out)
     verification = verify(points, plan=plan, artefacts=artefacts, specification=mpe, rule=rule)
     result = stated(verification, about, unconfirmed=unconfirmed)
-    result.save(out, html)
-    print_record(result, files={"certificate": out, "page": html})
+    result.save(out, html, pdf=pdf, logo=logo)
+    print_record(result, files={"certificate": out, "page": html, "PDF": pdf})

@@ -201,12 +201,17 @@ def svg_element(drawing: Drawing, prefix: str) -> str:
     return ElementTree.tostring(root, encoding="unicode", short_empty_elements=True)
 
 
-def save_png(figure: Figure, path: str | Path, *, dpi: int = 200) -> None:
-    """Write a figure as a PNG picture, its panels in rows as on a wide page."""
+def pixels_of(figure: Figure, *, dpi: int = 200) -> npt.NDArray[np.uint8]:
+    """A figure as a picture (height, width, 4), its panels in rows as on a wide page."""
     with figure_style():
         pictures = [_pixels(drawing, dpi) for drawing in figure.panels]
     rows = [pictures[i : i + figure.columns] for i in range(0, len(pictures), figure.columns)]
-    whole = _stacked([_stacked(row, axis=1) for row in rows], axis=0)
+    return _stacked([_stacked(row, axis=1) for row in rows], axis=0)
+
+
+def save_png(figure: Figure, path: str | Path, *, dpi: int = 200) -> None:
+    """Write a figure as a PNG picture, its panels in rows as on a wide page."""
+    whole = pixels_of(figure, dpi=dpi)
     unsigned: Any = {"Software": None}
     with atomic_file(path) as beside:
         imsave(beside, whole, format="png", dpi=dpi, metadata=unsigned)

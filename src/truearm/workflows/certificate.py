@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -19,7 +20,7 @@ from truearm.verification.certificate.certificate import (
     check_uncertainties,
     make_certificate,
 )
-from truearm.verification.certificate.dcc import dcc, write_dcc
+from truearm.verification.certificate.dcc import checked_dcc, dcc
 from truearm.verification.certificate.statements import NOT_FOR_CONFORMITY
 from truearm.workflows.outputs import PageRecord, check_output_is_not_input, check_page_path
 from truearm.workflows.verify import VerificationResult, digests_of
@@ -58,38 +59,75 @@ class CertificateResult(PageRecord):
         """See `PageRecord`."""
         return tuple(self.digests)
 
-    def save(self, path: str | Path, page: str | Path | None = None) -> None:
-        """Write the digital calibration certificate (DCC, XML) and, if wanted, its page; both or neither.
+    def save(
+        self,
+        path: str | Path,
+        page: str | Path | None = None,
+        *,
+        pdf: str | Path | None = None,
+        logo: str | Path | None = None,
+    ) -> None:
+        """Write the digital calibration certificate (DCC, XML) and, if wanted, the same for people; all or nothing.
 
         Parameters
         ----------
         path : path
             Ends in ``.xml``.
         page : path, optional
-            The same for people; ends in ``.html``.
+            The same for a browser; ends in ``.html``.
+        pdf : path, optional
+            The same for paper, as PDF/A-3 with the XML file inside; ends in ``.pdf``.
+        logo : path, optional
+            Logo of the laboratory for the PDF, ``.png`` or ``.svg``.
 
         Raises
         ------
         InputError
-            If a name has another ending, is that of an input file, or cannot be written.
+            If a name has another ending, is that of an input file, or cannot be written; or the logo is none.
+        MissingTool
+            If there is a `pdf` and fpdf2 is not installed.
         """
-        check_certificate_path(path, *self.input_files)
-        if page is None:
-            write_dcc(self.certificate, path)
-            return
-        from truearm.pages.html import write_page
+        read = (*self.input_files, *(() if logo is None else (logo,)))
+        check_certificate_path(path, *read)
+        if page is not None:
+            check_page_path(page, *read, path)
+        if pdf is not None:
+            check_pdf_path(pdf, *read, path)
+        xml = checked_dcc(self.certificate)
+        # All are complete before any takes its name, the certificate first: no page without its certificate.
+        with ExitStack() as files:
+            if pdf is not None:
+                files.enter_context(atomic_file(pdf)).write_bytes(self.pdf(xml, logo=logo))
+            if page is not None:
+                from truearm.pages.html import write_page
 
-        check_page_path(page, *self.input_files, path)
-        # Both are complete before either takes its name, the certificate first: no page without its certificate.
-        with atomic_file(page) as page_beside, atomic_file(path) as beside:
-            write_dcc(self.certificate, beside)
-            write_page(self.page(), page_beside)
+                write_page(self.page(xml), files.enter_context(atomic_file(page)))
+            files.enter_context(atomic_file(path)).write_bytes(xml)
 
-    def page(self) -> Page:
-        """The certificate for people, to print."""
+    def pdf(self, xml: bytes | None = None, *, logo: str | Path | None = None) -> bytes:
+        """Return the certificate for paper, as PDF/A-3.
+
+        Parameters
+        ----------
+        xml : bytes, optional
+            The digital calibration certificate to put inside; by default that of this certificate, unsigned.
+        logo : path, optional
+            Logo of the laboratory, ``.png`` or ``.svg``.
+        """
+        from truearm.pages.paper import read_logo
+        from truearm.pages.pdf import pdf_bytes
+        from truearm.verification.certificate.certificate_page import certificate_paper
+
+        xml = checked_dcc(self.certificate) if xml is None else xml
+        picture = None if logo is None else read_logo(logo)
+        return pdf_bytes(self.page(xml), certificate_paper(self.certificate, xml, logo=picture))
+
+    def page(self, xml: bytes | None = None) -> Page:
+        """The certificate for people; `xml` is the file for machines that it names, by default the unsigned one."""
         from truearm.verification.certificate.certificate_page import certificate_page
 
-        xml = ("the same for machines (XML)", f"SHA-256 {sha256(dcc(self.certificate)).hexdigest()}")
+        digest = sha256(dcc(self.certificate) if xml is None else xml).hexdigest()
+        named = ("the same for machines (XML)", f"SHA-256 {digest}")
         plan, *files, program = self.verification.facts()
         about = [
             (file.name, f"SHA-256 {digest}")
@@ -97,7 +135,7 @@ class CertificateResult(PageRecord):
             if file not in self.verification.digests
         ]
         return certificate_page(
-            self.certificate, self.verification.verification, facts=[xml, plan, *files, *about, program]
+            self.certificate, self.verification.verification, facts=[named, plan, *files, *about, program]
         )
 
     def blocks(self) -> Iterator[str]:
@@ -206,6 +244,26 @@ def check_certificate_path(path: str | Path, *inputs: str | Path) -> None:
         raise InputError(f"expected a file name that ends in .xml, got {path.name!r}", file=path)
     check_output_is_not_input(path, *inputs)
     check_writable(path)
+
+
+def check_pdf_path(path: str | Path, *inputs: str | Path) -> None:
+    """Check, before long work, that PDF files can be written, and this one under a name that is not an input file's.
+
+    Raises
+    ------
+    InputError
+        If the name does not end in .pdf, is one of `inputs`, or cannot be written.
+    MissingTool
+        If fpdf2 is not installed.
+    """
+    from truearm.pages.pdf import check_pdf_writer
+
+    path = Path(path)
+    if path.suffix != ".pdf":
+        raise InputError(f"expected a file name that ends in .pdf, got {path.name!r}", file=path)
+    check_output_is_not_input(path, *inputs)
+    check_writable(path)
+    check_pdf_writer()
 
 
 def _in(error: InputError, file: Path | None) -> InputError:

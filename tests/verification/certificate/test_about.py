@@ -7,7 +7,7 @@ import re
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from made_up_outcome import DAY, TOLD, about, certificate, outcome
+from made_up_outcome import DAY, RECALLED, TOLD, about, certificate, outcome
 
 from truearm.errors import InputError
 from truearm.files.toml_documents import parse_toml
@@ -17,7 +17,7 @@ from truearm.verification.certificate.administrative_data import (
     template,
     xml_text,
 )
-from truearm.verification.certificate.certificate_page import administrative_sections
+from truearm.verification.certificate.certificate_page import certificate_page
 
 
 def test_the_template_has_every_key_and_is_refused_until_it_is_filled_in(tmp_path):
@@ -82,18 +82,43 @@ def test_texts_are_such_that_xml_holds_them(text):
     assert not re.search("[\x00-\x1f\ud800-\udfff\ufffe\uffff]", made)
 
 
+def entries(made):
+    """The tables without heads, by section."""
+    page = certificate_page(made, outcome())
+    return {section.title: [row for table in section.tables for row in table.rows] for section in page.sections}
+
+
 def test_people_read_all_of_it():
-    listed = dict(administrative_sections(certificate(made=outcome())))
-    assert list(listed) == ["certificate", "arm", "laboratory", "customer", "responsible", "room"]
-    assert ("serial number", "7") in listed["arm"]
-    assert ("place", "00000 Exampletown, DE") in listed["laboratory"]
-    assert ("street", "Gauge Street 1") in listed["customer"]
-    assert ("First Example", "head, signs the certificate") in listed["responsible"]
-    assert ("relative humidity", "40.1 to 55 %") in listed["room"]
-    lean = about(received=None, conditions={"temperature_degC": (20.0, 20.0)})
-    told = dict(administrative_sections(certificate(lean)))
-    assert "arm received" not in dict(told["certificate"])
-    assert "relative humidity" not in dict(told["room"])
+    read = entries(certificate(made=outcome()))
+    assert ("serial number", "7") in read["Arm"]
+    assert ("software", "Example Measure 4.2") in read["Arm"]
+    assert ("place", "00000 Exampletown, DE") in read["Laboratory and customer"]
+    assert ("street", "Gauge Street 1") in read["Laboratory and customer"]
+    assert ("First Example", "head, signs the certificate") in read["Laboratory and customer"]
+    assert ("relative humidity", "40.1 to 55 %") in read["Conditions"]
+    lean = entries(certificate(about(received=None, conditions={"temperature_degC": (20.0, 20.0)})))
+    assert {"arm received", "relative humidity"}.isdisjoint(name for name, _ in lean["Conditions"])
+
+
+def test_the_page_begins_with_the_verdict_or_with_the_mark():
+    page = certificate_page(certificate(), outcome())
+    assert page.verdict is not None
+    assert (page.verdict.state, page.verdict.sentence[:12]) == ("bad", "Not conform:")
+    # Values that do not conform come first, those without a limit have no verdict.
+    (results,) = page.sections[0].tables
+    assert [row[-1] for row in results.rows][:3] == [
+        "not conform",
+        "undecided, within the limit",
+        "undecided, beyond the limit",
+    ]
+    assert results.rows[-1][-1] is None
+    marked = certificate(made=outcome(plan=RECALLED), unconfirmed=True)
+    page = certificate_page(marked, outcome(plan=RECALLED))
+    assert page.verdict is not None
+    assert (page.verdict.state, page.verdict.sentence) == ("doubtful", "Not for conformity decisions.")
+    (results,) = page.sections[0].tables
+    assert "verdict" not in [column.heading for column in results.columns]
+    assert page.sections[0].figures == ()
 
 
 @pytest.mark.parametrize("room", [(30.0, 32.0), (10.0, 12.0)])

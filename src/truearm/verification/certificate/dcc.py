@@ -49,13 +49,17 @@ def write_dcc(certificate: Certificate, path: str | Path) -> None:
     InputError
         If the folder does not exist or is not writable.
     """
-    content = dcc(certificate)
-    if parse_dcc(content) != certificate:
-        raise TruearmError(
-            f"{path}: the certificate read back differs from the one written; please report this as a bug"
-        )
+    content = checked_dcc(certificate)
     with atomic_file(path) as beside:
         beside.write_bytes(content)
+
+
+def checked_dcc(certificate: Certificate) -> bytes:
+    """Return a certificate as XML that was read back and compared with it."""
+    content = dcc(certificate)
+    if parse_dcc(content) != certificate:
+        raise TruearmError("the certificate read back differs from the one written; please report this as a bug")
+    return content
 
 
 def dcc(certificate: Certificate) -> bytes:

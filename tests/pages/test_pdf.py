@@ -1,0 +1,198 @@
+"""Pages as PDF/A-3: valid, the same on every sheet, whole or not at all; and logos that do no harm."""
+
+from __future__ import annotations
+
+import datetime
+import io
+import re
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure as Drawing
+from PIL import Image
+
+from truearm.errors import InputError, MissingTool
+from truearm.pages import paper as paper_module
+from truearm.pages import pdf as pdf_module
+from truearm.pages.number_format import RoundedNumber
+from truearm.pages.page import Column, LabelledValue, Page, PageVerdict, Section, Table
+from truearm.pages.paper import Attachment, Paper, read_logo
+from truearm.pages.pdf import pdf_bytes, write_pdf
+from truearm.pages.plotting import Figure
+
+pytest.importorskip("fpdf", reason="pip install truearm[pdf] writes PDF files")
+pikepdf = pytest.importorskip("pikepdf", reason="pip install pikepdf[pdfa] checks PDF files")
+
+SVG = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 10 4"><circle cx="2" cy="2" r="2" fill="#12407a"/></svg>'
+XML = b"<certificate>" + b"0" * 500 + b"</certificate>"
+
+
+def made_up_page():
+    drawing = Drawing(figsize=(4, 2))
+    drawing.add_subplot().plot([0, 1], [0, 1])
+    rows = tuple((f"row {i}", RoundedNumber(i / 7, 0.01), i) for i in range(90))
+    table = Table(
+        (Column("name"), Column("value", "mm"), Column("n")), rows, "Many rows.", states=("bad", *["none"] * 89)
+    )
+    return Page(
+        "Document 7 \u2212 \u00b5m \u2264 \u03b1",
+        "About something.",
+        (LabelledValue("count", 3),),
+        (
+            Section("Values", "One.\n\nTwo.", figures=(Figure((drawing,), "A line.", "a line"),), tables=(table,)),
+            Section("Folded", "It is open on paper.", folded=True),
+        ),
+        (("file", "SHA-256 0"),),
+        PageVerdict("Not good enough.", "bad", "Measure again."),
+    )
+
+
+def made_up_paper(**changes):
+    attachment = Attachment("data.xml", XML, "application/xml", "the data")
+    given = {"heading": "Document 7", "issuer": ("Somebody", "Somewhere"), "date": datetime.date(2026, 11, 5)}
+    return Paper(**given | {"mark": "a draft", "signatures": ("A", "B", "C"), "attachments": (attachment,)} | changes)
+
+
+@pytest.fixture(scope="module")
+def document(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("pdf")
+    (folder / "logo.svg").write_text(SVG)
+    write_pdf(made_up_page(), made_up_paper(logo=read_logo(folder / "logo.svg")), folder / "page.pdf")
+    return folder / "page.pdf"
+
+
+def test_a_judge_of_pdf_a_finds_nothing_but_what_it_does_not_know(document):
+    pdfa = pytest.importorskip("pikepdf.pdfa", reason="pip install pikepdf[pdfa] checks PDF files")
+    found = pdfa.validate_written(document, "3b").findings
+    # It judges neither attached files nor the page to open first: the tests below do.
+    unknown = {"pikepdf:embedded-file", "pikepdf:schema-Catalog"}
+    assert [one for one in found if one.rule not in unknown or one.kind != "unsupported"] == []
+    assert all("/OpenAction" in one.where for one in found if one.rule == "pikepdf:schema-Catalog")
+
+
+def test_the_attached_file_is_the_source_of_the_document(document):
+    with pikepdf.open(document) as pdf:
+        (related,) = pdf.Root.AF
+        assert related.AFRelationship == "/Source"
+        assert (str(related.F), str(related.UF), str(related.Desc)) == ("data.xml", "data.xml", "the data")
+        stream = related.EF.F
+        assert (stream.Subtype, stream.read_bytes()) == ("/application/xml", XML)
+        assert "/ModDate" in stream.Params
+        assert pdf.Root.Names.EmbeddedFiles.Names[1].objgen == related.objgen
+
+
+def test_it_states_what_it_is_and_brings_its_fonts_and_colours(document):
+    with pikepdf.open(document) as pdf:
+        meta = pdf.open_metadata()
+        assert (meta["pdfaid:part"], meta["pdfaid:conformance"]) == ("3", "B")
+        assert (meta["dc:title"], meta["dc:creator"]) == (made_up_page().title, ["Somebody"])
+        (intent,) = pdf.Root.OutputIntents
+        assert intent.S == "/GTS_PDFA1"
+        assert intent.DestOutputProfile.N == 3
+        assert not pdf.is_encrypted
+        assert "/AA" not in pdf.Root
+        assert isinstance(pdf.Root.OpenAction, pikepdf.Array)  # a place on a page, not a script
+        fonts = [
+            one for one in pdf.objects if isinstance(one, pikepdf.Dictionary) and one.get("/Type") == "/FontDescriptor"
+        ]
+        assert len(fonts) == 2
+        assert all("/FontFile2" in font for font in fonts)
+        assert not any(isinstance(one, pikepdf.Dictionary) and "/JS" in one for one in pdf.objects)
+        a4 = [round(side * 25.4 / 72) for side in (595.28, 841.89)]
+        assert {tuple(round(float(side) * 25.4 / 72) for side in page.mediabox[2:]) for page in pdf.pages} == {
+            tuple(a4)
+        }
+
+
+def test_every_sheet_has_the_number_the_count_and_the_mark(document):
+    if shutil.which("pdftotext") is None:
+        pytest.skip("pdftotext of poppler-utils reads the text")
+    text = subprocess.run(["pdftotext", "-raw", document, "-"], capture_output=True, text=True, check=True).stdout
+    sheets = text.split("\f")[:-1]
+    assert len(sheets) > 2
+    for number, sheet in enumerate(sheets, start=1):
+        assert f"page {number} of {len(sheets)}" in sheet
+        assert sheet.count("Document 7") >= 2
+        assert re.sub(r"\s", "", "a draft") in re.sub(r"\s", "", sheet)
+    assert "Not good enough." in sheets[0]
+    assert sum("value [mm]" in sheet for sheet in sheets) > 1  # heads are repeated
+    assert {f"row {i}" for i in range(90)} <= set(re.findall(r"row \d+", text))
+    assert "It is open on paper." in text
+
+
+def test_the_same_page_gives_the_same_bytes():
+    page = Page("title", sections=(Section("a", "b"),))
+    assert pdf_bytes(page, made_up_paper(attachments=())) == pdf_bytes(page, made_up_paper(attachments=()))
+
+
+def test_a_character_without_a_glyph_is_refused_and_nothing_is_written(tmp_path):
+    with pytest.raises(InputError, match="the font of the PDF has no glyph for \u682a \u5f0f in '\u682a\u5f0f'"):
+        write_pdf(Page("title", sections=(Section("\u682a\u5f0f"),)), made_up_paper(), tmp_path / "page.pdf")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_without_the_package_the_message_says_how_to_get_it(tmp_path, monkeypatch):
+    def missing(name):
+        raise ImportError(name)
+
+    monkeypatch.setattr(pdf_module, "import_module", missing)
+    with pytest.raises(MissingTool, match=r"pip install 'truearm\[pdf\]'"):
+        write_pdf(made_up_page(), made_up_paper(), tmp_path / "page.pdf")
+    assert list(tmp_path.iterdir()) == []
+
+
+# Logos ---------------------------------------------------------------------------------------------------------------
+
+
+def png(width=20, height=10):
+    out = io.BytesIO()
+    Image.fromarray(np.full((height, width, 4), 200, dtype=np.uint8)).save(out, "PNG")
+    return out.getvalue()
+
+
+def test_a_png_with_transparency_keeps_the_file_valid(tmp_path):
+    pdfa = pytest.importorskip("pikepdf.pdfa", reason="pip install pikepdf[pdfa] checks PDF files")
+    (tmp_path / "logo.png").write_bytes(png())
+    logo = read_logo(tmp_path / "logo.png")
+    assert logo.kind == "png"
+    write_pdf(Page("title"), made_up_paper(logo=logo, attachments=()), tmp_path / "page.pdf")
+    found = pdfa.validate_written(tmp_path / "page.pdf", "3b").findings
+    assert [one for one in found if "/OpenAction" not in one.where] == []
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"", "expected a logo, PNG or SVG"),
+        (b"\xff\xd8\xff\xe0 JFIF", "expected a logo, PNG or SVG"),
+        (b"<html/>", "expected a logo, PNG or SVG"),
+        (png()[:60], "the PNG cannot be read"),
+        (SVG.replace("<svg", "<!DOCTYPE svg [<!ENTITY a 'b'>]><svg").encode(), "DOCTYPE"),
+        (SVG.replace("<circle", '<image href="http://x.example/a.png"/><circle').encode(), "contains <image>"),
+        (SVG.replace("<circle", "<script>1</script><circle").encode(), "contains <script>"),
+        (SVG.replace("<circle", "<text>a</text><circle").encode(), "contains <text>"),
+        (SVG.replace("<circle", '<circle onload="a()"').encode(), "refers to another file or a script"),
+        (
+            SVG.replace('fill="#12407a"', 'fill="url(http://x.example/a)"').encode(),
+            "refers to another file or a script",
+        ),
+        (SVG.replace('fill="#12407a"', 'href="file:///etc/hosts"').encode(), "refers to another file or a script"),
+    ],
+)
+def test_other_logos_are_refused(tmp_path, content, said):
+    (tmp_path / "logo").write_bytes(content)
+    with pytest.raises(InputError, match=said) as refused:
+        read_logo(tmp_path / "logo")
+    assert refused.value.file == tmp_path / "logo"
+
+
+def test_large_logos_are_refused_before_they_are_unpacked(tmp_path, monkeypatch):
+    (tmp_path / "logo.png").write_bytes(png())
+    monkeypatch.setattr(paper_module, "MAX_LOGO_PIXELS", 19)
+    with pytest.raises(InputError, match="20 x 10 pixels, more than 19"):
+        read_logo(tmp_path / "logo.png")
+    monkeypatch.setattr(paper_module, "MAX_LOGO_BYTES", 10)
+    with pytest.raises(InputError, match="larger than"):
+        read_logo(tmp_path / "logo.png")
