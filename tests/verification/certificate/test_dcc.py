@@ -122,7 +122,7 @@ def certificates(draw):
     )
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(certificates())
 def test_what_is_written_is_what_is_read(made):
     content = dcc(made)
@@ -438,7 +438,8 @@ def test_a_long_file_is_refused(tmp_path, monkeypatch):
 
 def test_whatever_element_is_missing_empty_or_double_the_reader_refuses_or_reads():
     """Never any other exception."""
-    root = ET.fromstring(dcc(WHOLE))
+    small = certificate(made=outcome([worst_result(ROWS[:2])]))
+    root = ET.fromstring(dcc(small))
     refused = 0
     for parent in list(root.iter()):
         for child in list(parent):
@@ -458,5 +459,5 @@ def test_whatever_element_is_missing_empty_or_double_the_reader_refuses_or_reads
             except InputError:
                 refused += 1
             child.text = text
-    assert parse_dcc(ET.tostring(root)) == WHOLE
+    assert parse_dcc(ET.tostring(root)) == small
     assert refused > 100
