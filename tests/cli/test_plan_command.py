@@ -33,8 +33,9 @@ def test_the_first_line_of_a_plan_is_its_uncertainty(truearm, tmp_path):
     lines = ran.out.splitlines()
     assert lines[0].startswith("Uncertainty of a point in the volume after 12 poses with a tracker: ")
     assert lines[0].endswith("mm (root mean square; noise of a coordinate 0.02 mm)")
-    assert [line[0] for line in lines[1:-6]] == ["-"] * len(lines[1:-6])
-    assert any(line.startswith("- Not identifiable from this plan: ") for line in lines[1:-6])
+    assert lines[1].startswith("From pose to pose the joint that turns most turns by ")
+    assert [line[0] for line in lines[2:-6]] == ["-"] * len(lines[2:-6])
+    assert any(line.startswith("- Not identifiable from this plan: ") for line in lines[2:-6])
     assert [line.split()[0] for line in lines[-6:-1]] == ["strategy", "i-optimal", "d-optimal", "technician", "random"]
     assert [line.endswith("21 of 39  chosen") for line in lines[-5:-1]] == [True, False, False, False]
     assert lines[-1] == f"session written to {out}"
@@ -60,7 +61,18 @@ def test_json_has_the_files_and_all_strategies(truearm, tmp_path):
     assert found["after_mm"] == drawn["after_mm"] == drawn["course"]["rms_mm"][-1]
     assert found["before_mm"] == drawn["course"]["rms_mm"][0]
     assert drawn["course"]["n"][-1] == 9
-    assert set(drawn) == {"after_mm", "course", "o1", "o2", "o3", "o4", "o5", "rank", "n_parameters"}
+    assert set(drawn) == {
+        "after_mm",
+        "mean_joint_move_deg",
+        "course",
+        "o1",
+        "o2",
+        "o3",
+        "o4",
+        "o5",
+        "rank",
+        "n_parameters",
+    }
     assert found["limitations"]
     assert (tmp_path / "plan.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["plan-lengths.csv", "plan.csv", "plan.html"]

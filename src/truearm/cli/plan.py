@@ -46,6 +46,19 @@ def plan(
             help="Where the arm is to be used: NEAR,FAR,LOW,HIGH [mm] from its shoulder and HALF_ANGLE [deg].",
         ),
     ] = None,
+    table: Annotated[
+        str | None,
+        typer.Option(
+            "--table",
+            help="Where seats and bars can stand: height Z of the table above the base (0), or Z,X0,X1,Y0,Y1 [mm].",
+        ),
+    ] = None,
+    avoid: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--avoid", help="Box X0,X1,Y0,Y1,Z0,Z1 [mm] in which neither arm nor artefact may be; repeatable."
+        ),
+    ] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of all random numbers.")] = 0,
     as_json: Json = False,
 ) -> None:
@@ -82,6 +95,8 @@ def plan(
             terms=terms,
             session=session,
             volume=None if volume is None else numbers_of(volume, "--volume", "300,800,-200,400,60"),
+            table=None if table is None else numbers_of(table, "--table", "-40,200,900,-400,400"),
+            avoid=[numbers_of(box, "--avoid", "0,200,-300,300,0,900") for box in avoid or ()],
             seed=seed,
             progress=tell,
         )

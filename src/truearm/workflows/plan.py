@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from math import isfinite
+from math import degrees, isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 from zipfile import is_zipfile
@@ -19,6 +19,7 @@ from truearm.identification.planning.plan import SessionPlan, plan_session, usua
 from truearm.identification.planning.prior import Terms
 from truearm.identification.planning.proposal import LENGTH_U_MM, Artefact, CalibrationPlan, Strategy
 from truearm.identification.planning.sampling import Sector
+from truearm.identification.planning.sampling.surroundings import Box, Surroundings
 from truearm.identification.planning.sampling.workspace import stance
 from truearm.identification.planning.template import (
     check_template_path,
@@ -134,6 +135,10 @@ class PlanResult(PageRecord):
             f"before {planned.before_mm:.4g} mm (root mean square{without}; noise of a coordinate "
             f"{self.plan.prior.noise_mm:.4g} mm)"
         )
+        yield (
+            f"From pose to pose the joint that turns most turns by {degrees(planned.proposal.mean_move):.0f} deg on "
+            "average."
+        )
         for sentence in self.limitations:
             yield f"- {sentence}"
         rows = [
@@ -181,6 +186,8 @@ def plan(
     terms: Terms | None = None,
     session: SessionLike | None = None,
     volume: Sequence[float] | None = None,
+    table: Sequence[float] | None = None,
+    avoid: Sequence[Sequence[float]] = (),
     seed: int = 0,
     progress: Callable[[int, str], None] | None = None,
 ) -> PlanResult:
@@ -211,6 +218,11 @@ def plan(
     volume : five floats, optional
         Where the arm is to be used, seen from its shoulder: nearest and farthest horizontal distance [mm], lowest and
         highest height [mm], half angle to both sides of the front [deg].
+    table : one or five floats, optional
+        Where seats and bars can stand: height of the table above the base; with its extent x0, x1, y0, y1 in the base
+        frame the arm may be beside it [mm]. By default the table carries the base too.
+    avoid : sequence of six floats
+        Boxes x0, x1, y0, y1, z0, z1 in the base frame in which neither arm nor artefact may be [mm].
     seed : int
         Seed of all random numbers.
     progress : callable, optional
@@ -249,6 +261,7 @@ def plan(
         noise_mm=noise_mm,
         measured=measured,
         volume=None if volume is None else _sector(volume, nominal),
+        surroundings=to_surroundings(table, avoid),
         seed=seed,
         progress=progress,
     )
@@ -282,6 +295,33 @@ def _arm_or_model(arm: Arm | Compensator | str | Path) -> tuple[Arm | Identified
             hint="use a kinematic or physical model, or the name of the arm",
         )
     return model, f"a model of {model.n_train_} readings" if file is None else f"the model {file.name}"
+
+
+def to_surroundings(table: Sequence[float] | None, avoid: Sequence[Sequence[float]]) -> Surroundings:
+    """The table and the boxes from their numbers.
+
+    Raises
+    ------
+    InputError
+        If a table has neither one nor five numbers, a box has not six, or a range is empty.
+    """
+    boxes = []
+    for box in avoid:
+        if len(box) != 6:
+            problem = f"a box needs six numbers X0,X1,Y0,Y1,Z0,Z1, got {len(box)}"
+            raise InputError(problem, hint="0,200,-300,300,0,900")
+        x0, x1, y0, y1, z0, z1 = map(float, box)
+        boxes.append(Box((x0, y0, z0), (x1, y1, z1)))
+    numbers = [0.0] if table is None else list(map(float, table))
+    if len(numbers) == 1:
+        return Surroundings(numbers[0], avoid=tuple(boxes))
+    if len(numbers) != 5:
+        raise InputError(
+            f"a table needs its height Z, or Z,X0,X1,Y0,Y1 with its extent, got {len(numbers)} numbers",
+            hint="-40,200,900,-400,400",
+        )
+    height, x0, x1, y0, y1 = numbers
+    return Surroundings(height, (x0, x1), (y0, y1), avoid=tuple(boxes))
 
 
 def _sector(volume: Sequence[float], arm: Arm) -> Sector:

@@ -34,6 +34,7 @@ from truearm.identification.planning.sampling.seat import (
     checked_points,
     farthest_points,
 )
+from truearm.identification.planning.sampling.surroundings import Surroundings
 from truearm.identification.planning.sampling.workspace import (
     Sector,
     Stance,
@@ -46,6 +47,11 @@ from truearm.identification.planning.sampling.workspace import (
 from truearm.typing import BoolArray, FloatArray, IntArray, NameArray
 
 OUTSIDE, UNDER_TABLE, NO_ROOM = "tip outside the volume", "joint below the table", "bar not inside the volume"
+IN_A_BOX, NO_TABLE = "arm in a box to avoid or in the table", "artefact not on the table, or in a box to avoid"
+ON_A_TABLE = Surroundings()
+"""The arm's base is on the table that carries the artefacts."""
+
+_WHERE_TABLES_ARE = "check --table and --avoid: coordinates are from the centre of the base, x and y as in its arm file"
 # Maximum draws of joint angles per pose; of a usual arm one in ten to one in a hundred is in the volume.
 _DRAWS = 2000
 _PLACES = 300  # maximum draws of places of a bar per place
@@ -127,6 +133,7 @@ def seat_poses(
     poses: int,
     seed: int,
     sector: Sector = SEAT_SECTOR,
+    surroundings: Surroundings = ON_A_TABLE,
     technician: bool = False,
 ) -> Candidates:
     """Poses with the tip in seats, each a candidate.
@@ -146,6 +153,8 @@ def seat_poses(
     seed : int
     sector : Sector
         Where seats may be.
+    surroundings : Surroundings
+        Table and boxes; for seats that truearm places, and for all poses.
     technician : bool
         Postures of a person who measures parts: stylus and joints as in `sampling.measuring`, without a choice.
 
@@ -156,12 +165,13 @@ def seat_poses(
     """
     check_five_rotary_joints(arm)
     rng, where, per_seat = np.random.default_rng(checked_seed(seed)), stance(arm), checked_count(poses)
+    habits = _Habits(arm, where, surroundings, technician)
     rejected: Counter[str] = Counter()
     if isinstance(seats, int | np.integer):
         wanted = checked_count(int(seats), "seats")
-        pool = draw_points(where, 10 * _SPARE * wanted, sector=sector, rng=rng)
+        pool = _places_for_seats(where, 10 * _SPARE * wanted, sector, surroundings, rng, rejected)
         points = pool[farthest_points(pool, _SPARE * wanted)]
-        held = _held_in_turn(arm, points[:, None], wanted, per_seat, where, rng, rejected, technician)
+        held = _held_in_turn(habits, points[:, None], wanted, per_seat, rng, rejected)
         if len(held) < wanted:
             raise InputError(
                 f"arm {arm.name!r} reaches only {len(held)} of {wanted} seats in {per_seat} postures each",
@@ -169,7 +179,7 @@ def seat_poses(
             )
     else:
         points = checked_points(seats)
-        held = _held_in_turn(arm, points[:, None], len(points), per_seat, where, rng, rejected, technician)
+        held = _held_in_turn(habits, points[:, None], len(points), per_seat, rng, rejected)
         if len(held) < len(points):
             missed = min(set(range(len(points))) - {place for place, _ in held})
             raise InputError(
@@ -196,6 +206,7 @@ def bar_places(
     poses: int,
     seed: int,
     sector: Sector = SEAT_SECTOR,
+    surroundings: Surroundings = ON_A_TABLE,
     technician: bool = False,
 ) -> Candidates:
     """Places of a bar with a seat at each end, in any direction, with poses in both seats.
@@ -213,6 +224,8 @@ def bar_places(
     seed : int
     sector : Sector
         Region of both seats.
+    surroundings : Surroundings
+        Table and boxes.
     technician : bool
         As in `seat_poses`.
 
@@ -227,8 +240,8 @@ def bar_places(
         raise InputError(f"expected the positive length of a bar in mm, got {length_mm}")
     rejected: Counter[str] = Counter()
     wanted = checked_count(n, "places")
-    ends = _ends(where, _SPARE * wanted, length_mm, sector, rng, rejected)
-    held = _held_in_turn(arm, ends, wanted, per_seat, where, rng, rejected, technician)
+    ends = _ends(where, _SPARE * wanted, length_mm, sector, surroundings, rng, rejected)
+    held = _held_in_turn(_Habits(arm, where, surroundings, technician), ends, wanted, per_seat, rng, rejected)
     if len(held) < wanted:
         raise InputError(
             f"arm {arm.name!r} reaches only {len(held)} of {wanted} places of a bar of {length_mm:g} mm in {per_seat} "
@@ -293,22 +306,30 @@ def supports_technician_poses(arm: Arm) -> bool:
     return arm.n_joints >= 5 and not bool(arm.chain.is_prismatic.any())
 
 
+@dataclass(frozen=True, eq=False)
+class _Habits:
+    """How poses in seats are found: for which arm, among which surroundings, and whether as a technician does."""
+
+    arm: Arm
+    where: Stance
+    surroundings: Surroundings
+    technician: bool
+
+
 def _held_in_turn(
-    arm: Arm,
+    habits: _Habits,
     places: FloatArray,
     wanted: int,
     per_seat: int,
-    where: Stance,
     rng: np.random.Generator,
     rejected: Counter[str],
-    technician: bool,
 ) -> list[tuple[int, list[FloatArray]]]:
     """The first `wanted` places (n, seats, 3) whose seats are all reached: number and (per_seat, n_joints) each."""
     held: list[tuple[int, list[FloatArray]]] = []
     at = 0
     while at < len(places) and len(held) < wanted:
         some = places[at : at + wanted - len(held)]
-        found = _postures_in(arm, some.reshape(-1, 3), per_seat, where, rng, rejected, technician)
+        found = _postures_in(habits, some.reshape(-1, 3), per_seat, rng, rejected)
         for count in range(len(some)):
             both = [angles for angles in found[count * some.shape[1] :][: some.shape[1]] if angles is not None]
             if len(both) == some.shape[1]:
@@ -320,15 +341,10 @@ def _held_in_turn(
 
 
 def _postures_in(
-    arm: Arm,
-    points: FloatArray,
-    n: int,
-    where: Stance,
-    rng: np.random.Generator,
-    rejected: Counter[str],
-    technician: bool,
+    habits: _Habits, points: FloatArray, n: int, rng: np.random.Generator, rejected: Counter[str]
 ) -> list[FloatArray | None]:
     """Find n postures with the tip at each of the points, (n, n_joints) [rad], or None if there are fewer."""
+    arm, where, technician = habits.arm, habits.where, habits.technician
     m = POOL * n + 20
     tips = np.repeat(points, m, axis=0)
     down = np.tile([0.0, 0.0, -1.0], (len(tips), 1))
@@ -343,6 +359,9 @@ def _postures_in(
     angles, reason = reach(arm, tips, axes, posture)
     angles = _within_a_turn(arm, angles)
     rejected[NOT_REACHED] += int((reason != "").sum())
+    free = habits.surroundings.leaves_free(arm.chain, angles)
+    rejected[IN_A_BOX] += int(((reason == "") & ~free).sum())
+    reason = np.where(free, reason, IN_A_BOX)
     found: list[FloatArray | None] = []
     for some, why in zip(np.split(angles, len(points)), np.split(reason, len(points)), strict=True):
         good = some[why == ""]
@@ -353,8 +372,37 @@ def _postures_in(
     return found
 
 
+def _places_for_seats(
+    where: Stance,
+    n: int,
+    sector: Sector,
+    surroundings: Surroundings,
+    rng: np.random.Generator,
+    rejected: Counter[str],
+) -> FloatArray:
+    """Draw points of the sector on or above the table, (n, 3) [mm]."""
+    found = np.zeros((0, 3))
+    for _ in range(_PLACES):
+        points = draw_points(where, n, sector=sector, rng=rng)
+        held = surroundings.holds(points)
+        rejected[NO_TABLE] += int((~held).sum())
+        found = np.concatenate([found, points[held]])
+        if len(found) >= n:
+            return found[:n]
+    raise InputError(
+        "there is hardly a place for a seat: the table and the boxes leave none in front of the arm",
+        hint=_WHERE_TABLES_ARE,
+    )
+
+
 def _ends(
-    where: Stance, n: int, length_mm: float, sector: Sector, rng: np.random.Generator, rejected: Counter[str]
+    where: Stance,
+    n: int,
+    length_mm: float,
+    sector: Sector,
+    surroundings: Surroundings,
+    rng: np.random.Generator,
+    rejected: Counter[str],
 ) -> FloatArray:
     """Draw both ends of bars in the sector, uniform over places and directions, (n, 2, 3) [mm]."""
     found = np.zeros((0, 2, 3))
@@ -364,12 +412,15 @@ def _ends(
         second = first + length_mm * direction / np.linalg.norm(direction, axis=1, keepdims=True)
         inside = _in_sector(second, where, sector)
         rejected[NO_ROOM] += int((~inside).sum())
+        held = surroundings.holds_bars(first, second)
+        rejected[NO_TABLE] += int((inside & ~held).sum())
+        inside &= held
         found = np.concatenate([found, np.stack([first, second], axis=1)[inside]])
         if len(found) >= n:
             return found[:n]
     raise InputError(
         f"a bar of {length_mm:g} mm hardly fits into the volume of an arm with a reach of {where.reach_mm:.0f} mm",
-        hint="use a shorter bar, or another sector",
+        hint=f"use a shorter bar, or another sector; {_WHERE_TABLES_ARE}",
     )
 
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from functools import cached_property
+from math import degrees
 from typing import Any, Protocol
 
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
 from truearm.identification.estimation.identification_result import IdentificationResult
-from truearm.identification.planning.candidates import Candidates
+from truearm.identification.planning.candidates import ON_A_TABLE, Candidates
 from truearm.identification.planning.limitations import limitations
 from truearm.identification.planning.prior import Prior, Terms, identified_prior, nominal_prior
 from truearm.identification.planning.proposal import (
@@ -21,6 +22,7 @@ from truearm.identification.planning.proposal import (
     Strategy,
     propose,
 )
+from truearm.identification.planning.sampling.surroundings import Surroundings
 from truearm.identification.planning.sampling.workspace import Sector
 from truearm.identification.planning.template import continue_seat_numbers
 from truearm.identification.terms.state import ArmState
@@ -105,6 +107,7 @@ class SessionPlan:
             "noise_mm": self.plan.prior.noise_mm,
             "before_mm": self.before_mm,
             "after_mm": self.after_mm,
+            "mean_joint_move_deg": degrees(self.proposal.mean_move),
             "strategies": {name: proposal.to_dict() for name, proposal in self.plan.proposals.items()},
             "limitations": list(self.limitations),
         }
@@ -120,6 +123,7 @@ def plan_session(
     noise_mm: float | None = None,
     measured: Session | None = None,
     volume: Sector | None = None,
+    surroundings: Surroundings = ON_A_TABLE,
     seed: int = 0,
     progress: Progress | None = None,
 ) -> SessionPlan:
@@ -143,6 +147,8 @@ def plan_session(
         Readings already taken that the model was not identified from.
     volume : Sector, optional
         Where the arm is to be used.
+    surroundings : Surroundings
+        The table that carries the artefacts, and boxes to avoid.
     seed : int
     progress : callable, optional
         Called with the number of strategies done and a note.
@@ -169,7 +175,7 @@ def plan_session(
             raise measured.error("the model was identified from these readings; they are already taken into account")
         prior = prior.after(measured)
         seats += [] if measured.seat is None else measured.seat.tolist()
-    plan = propose(nominal, prior, artefact, n, volume=volume, seed=seed, progress=progress)
+    plan = propose(nominal, prior, artefact, n, volume=volume, surroundings=surroundings, seed=seed, progress=progress)
     if strategy not in plan.proposals:
         raise InputError(
             f"a technician's poses need at least five rotary joints; arm {nominal.name!r} has fewer",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from math import ceil
+from math import ceil, degrees
 from typing import Any, Literal
 
 import numpy as np
@@ -13,6 +13,7 @@ from truearm.arm.arm import Arm
 from truearm.errors import InputError
 from truearm.identification.estimation.alignment import rigid_motions
 from truearm.identification.planning.candidates import (
+    ON_A_TABLE,
     Candidates,
     bar_places,
     seat_poses,
@@ -25,7 +26,9 @@ from truearm.identification.planning.information import design_problem, tip_jaco
 from truearm.identification.planning.observability import Observability, observability
 from truearm.identification.planning.prior import Prior
 from truearm.identification.planning.sampling.poses import checked_count, checked_seed
+from truearm.identification.planning.sampling.surroundings import Surroundings
 from truearm.identification.planning.sampling.workspace import Sector
+from truearm.identification.planning.tour import mean_joint_move, order_of_few_moves
 from truearm.typing import FloatArray, IntArray
 
 Progress = Callable[[int, str], None]
@@ -94,8 +97,8 @@ class Proposal:
     Attributes
     ----------
     poses : Candidates
-        Each a candidate, in the order of measurement: with a tracker the most useful first, with an artefact place by
-        place and seat by seat.
+        Each a candidate, in the order of measurement: place by place and seat by seat, and so that the joints move
+        little from pose to pose.
     counts : (m,) int array
         Numbers of poses, from 0 to all.
     rms_mm : (m,) array
@@ -103,17 +106,21 @@ class Proposal:
         seats, apart from the scale, which they do not determine.
     observability : Observability
         Of the terms by these poses alone; each coefficient is scaled by its prior standard deviation.
+    mean_move : float
+        Mean over the moves from pose to pose of the largest move of a joint [rad].
     """
 
     poses: Candidates
     counts: IntArray
     rms_mm: FloatArray
     observability: Observability
+    mean_move: float
 
     def to_dict(self) -> dict[str, Any]:
         """Return the numbers as plain data."""
         return {
             "after_mm": float(self.rms_mm[-1]),
+            "mean_joint_move_deg": degrees(self.mean_move),
             "course": {"n": self.counts.tolist(), "rms_mm": self.rms_mm.tolist()},
             **{f"o{i}": getattr(self.observability, f"o{i}") for i in range(1, 6)},
             "rank": self.observability.rank,
@@ -151,6 +158,7 @@ def propose(
     n: int,
     *,
     volume: Sector | None = None,
+    surroundings: Surroundings = ON_A_TABLE,
     seed: int = 0,
     progress: Progress | None = None,
 ) -> CalibrationPlan:
@@ -171,6 +179,8 @@ def propose(
     volume : Sector, optional
         Where the arm is to be used, by default `Sector()`. With a tracker, a technician's poses are there too; other
         poses may be anywhere in the sector in which the arm works.
+    surroundings : Surroundings
+        The table that carries the artefacts, and boxes to avoid.
     seed : int
         Seed of all random choices.
     progress : callable, optional
@@ -197,7 +207,7 @@ def propose(
     report(0, "poses in the volume")
     there = volume_poses(arm, VOLUME_POSES, seed=seed + 1, sector=volume)
     report(0, "candidate poses")
-    chooser = _Chooser(arm, prior, artefact, n, there, seed)
+    chooser = _Chooser(arm, prior, artefact, n, there, surroundings, seed)
     pool = chooser.pool(volume)
     proposals: dict[Strategy, Proposal] = {}
     for number, strategy in enumerate(STRATEGIES):
@@ -208,7 +218,10 @@ def propose(
             report(number, f"{strategy}: {what} {done} of {total}")
 
         report(number, strategy)
-        proposals[strategy] = chooser.proposal(chooser.choose(pool, strategy, tell))
+        chosen = chooser.choose(pool, strategy, tell)
+        proposals[strategy] = chooser.proposal(
+            chosen.split_into_poses(order_of_few_moves(arm, chosen.angles, chosen.seat))
+        )
     return CalibrationPlan(arm, prior, artefact, there, proposals)
 
 
@@ -221,6 +234,7 @@ class _Chooser:
     artefact: Artefact
     n: int
     volume: FloatArray
+    surroundings: Surroundings
     seed: int
 
     @property
@@ -238,12 +252,23 @@ class _Chooser:
                 n_there = int(found.technician.sum())
                 angles[found.technician] = volume_poses(self.arm, n_there, seed=self.seed, sector=volume)
                 found = replace(found, angles=angles)
-            return found
+            return self._free(found)
         per_seat = min(_PER_POSE_IN_SEAT * self.per_seat, self.per_seat + _MOST_SPARE)
         return self._in_places(_PER_PLACE * self.artefact.places, per_seat, technician=False)
 
+    def _free(self, found: Candidates) -> Candidates:
+        """Poses of a tracker plan in which the arm is in no box, enough for each strategy."""
+        free = self.surroundings.leaves_free(self.arm.chain, found.angles)
+        assert found.technician is not None  # tracker_poses says so
+        for technician in set(found.technician.tolist()):
+            if (n := int((free & (found.technician == technician)).sum())) < self.n:
+                raise InputError(
+                    f"only {n} of {self.n} poses leave the table and the boxes free", hint="check --table and --avoid"
+                )
+        return found if free.all() else found.split_into_poses(np.flatnonzero(free))
+
     def choose(self, pool: Candidates, strategy: Strategy, tell: Callable[[str, int, int], None]) -> Candidates:
-        """Poses by a strategy, in the order of measurement."""
+        """Poses by a strategy, place by place and seat by seat."""
         if self.artefact.kind == "tracker":
             assert pool.technician is not None  # tracker_poses says so
             which = np.arange(len(pool))
@@ -270,7 +295,8 @@ class _Chooser:
         rms = np.sqrt([problem.variance(range(count)) for count in counts])
         J = information_rows(self.prior, poses)
         std = np.sqrt(self.prior.covariance.diagonal())
-        return Proposal(poses, counts, rms, observability(J * std, n_poses=self.n))
+        moved = mean_joint_move(self.arm, poses.angles)
+        return Proposal(poses, counts, rms, observability(J * std, n_poses=self.n), moved)
 
     def _places(self, pool: Candidates, strategy: Strategy, tell: Callable[[str, int, int], None]) -> list[int]:
         """Places of the artefact, the most useful first, judged by the most different poses in each."""
@@ -303,7 +329,12 @@ class _Chooser:
         )
 
     def _in_places(self, places: int, per_seat: int, *, technician: bool) -> Candidates:
-        options = {"poses": per_seat, "seed": self.seed, "technician": technician}
+        options = {
+            "poses": per_seat,
+            "seed": self.seed,
+            "technician": technician,
+            "surroundings": self.surroundings,
+        }
         if self.artefact.length_mm is not None:
             return bar_places(self.arm, places, length_mm=self.artefact.length_mm, **options)  # type: ignore[arg-type]
         return seat_poses(self.arm, seats=places, **options)  # type: ignore[arg-type]
