@@ -342,7 +342,7 @@ def test_the_page_has_the_charts_and_the_answer(folder):
     assert f"{ARM}: interim checks" in html
     for phrase in ("seat cone, SPAT.2s", "drift since about check", "cumulative", "Temperature of the checks"):
         assert phrase in html
-    assert html.count('<div class="panel">') == 7  # six charts and the temperature
+    assert html.count('<div class="panel"') == 7  # six charts and the temperature
 
 
 def test_an_interrupted_check_is_not_added(truearm, folder, snapshot, monkeypatch):

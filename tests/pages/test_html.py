@@ -4,6 +4,7 @@ import os
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +14,8 @@ from html_outline import HOSTILE, Outline
 from truearm.compensation.models import error_figures as figures
 from truearm.compensation.models.workspace_figures import error_in_workspace, workspace
 from truearm.errors import InputError
-from truearm.pages.html import paragraphs, render, write_page
-from truearm.pages.page import Column, LabelledValue, Page, Section, Table
+from truearm.pages.html import paragraphs, render, with_places, write_page
+from truearm.pages.page import Column, LabelledValue, Page, PageVerdict, Section, Table
 from truearm.pages.plotting import styles_of
 
 
@@ -234,3 +235,72 @@ def test_the_page_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
         write_page(broken, target)
     assert "first" in target.read_text(encoding="utf-8")
     assert [path.name for path in tmp_path.iterdir()] == ["page.html"]
+
+
+# Verdicts and folded parts -------------------------------------------------------------------------------------------
+
+
+def test_a_verdict_is_the_first_text_of_the_page_in_words_with_a_sign_and_escaped():
+    verdict = PageVerdict(f"Not conform {HOSTILE}", "bad", f"Measure again {HOSTILE}")
+    html = render(Page("Title", verdict=verdict, sections=(Section("S", verdict=PageVerdict("It fits.", "good")),)))
+    body = re.sub(r"<[^>]+>", " ", html.partition("<body>")[2])
+    assert body.split()[:2] == ["Not", "conform"]
+    assert "script" not in Outline(html).tags
+    assert html.count("&lt;script&gt;") == 2
+    # A sign that differs in shape, and a word for those who do not see it.
+    signs = re.findall(r'<svg class="sign (\w+)" viewBox="0 0 24 24" role="img" aria-label="(\w+)">(.*?)</svg>', html)
+    assert [sign[:2] for sign in signs] == [("bad", "bad"), ("good", "good")]
+    assert signs[0][2] != signs[1][2]
+
+
+@pytest.mark.parametrize("state", ["good", "doubtful", "bad", "none"])
+def test_every_state_marks_verdicts_key_numbers_and_rows(state):
+    table = Table((Column("a"),), (("x",), ("y",)), "t", states=(state, "none"))
+    page = Page(
+        "P",
+        verdict=PageVerdict("In words.", state),
+        summary=(LabelledValue("n", 1, state=state),),
+        sections=(Section("S", tables=(table,), rows=(LabelledValue("m", 2, state=state),)),),
+    )
+    html = render(page)
+    assert f'<div class="verdict {state}">' in html
+    assert html.count('<svg class="sign') == (0 if state == "none" else 4)
+    assert html.count(f'<tr class="{state}">') == (0 if state == "none" else 2)
+
+
+def test_folded_tables_show_the_first_sentence_of_their_caption_and_keep_the_rest():
+    table = Table((Column("a"),), ((1,),), "Table 2, effort. Medians of the starts.", folded=True)
+    html = render(Page("P", sections=(Section("S", tables=(table,)),), facts=(("versions", "1"),)))
+    assert re.search(r"<summary[^>]*>Table 2, effort</summary>\s*<p class=\"caption\">Medians of the starts.</p>", html)
+    assert Outline(html).tags.count("details") == 2  # and the data and settings
+    assert "details::details-content { display: block;" in html  # on paper they are open
+
+
+def test_a_table_without_headings_has_no_head():
+    html = render(Page("P", sections=(Section("S", tables=(Table((Column(""),) * 2, (("arm", ""),), ""),)),)))
+    assert "<thead>" not in html
+    assert '<th scope="row">arm</th>' in html
+
+
+def test_single_panels_stand_beside_their_text_or_their_neighbour(html):
+    (single,) = (figures.before_after({"a": np.linspace(0.1, 1, 20)}),)
+    text = Page("P", sections=(Section("S", "A short text.", figures=(single,)),))
+    assert '<div class="beside">' in render(text)
+    assert '<div class="beside">' not in render(Page("P", sections=(Section("S", "word " * 300, figures=(single,)),)))
+    assert [place for _, place in with_places((single, single))] == ["half", "half"]
+    wide = replace(single, columns=2)
+    assert [place for _, place in with_places((single, wide, single))] == ["alone", "full", "alone"]
+    assert "max-width:644px" in html  # 4.6 inches
+
+
+@pytest.mark.parametrize(
+    ("make", "told"),
+    [
+        (lambda: PageVerdict(" "), "a verdict in words"),
+        (lambda: Table((Column("a"),), ((1,),), "t", states=("good", "bad")), "state for each of 1 rows .* got 2"),
+        (lambda: Table((Column("a"),), ((1,),), " ", folded=True), "a caption for a folded table"),
+    ],
+)
+def test_a_verdict_needs_words_and_a_folded_table_a_caption(make, told):
+    with pytest.raises(InputError, match=told):
+        make()

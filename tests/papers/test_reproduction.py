@@ -17,7 +17,14 @@ from truearm.papers.gao2017.final_test import poses_outside
 from truearm.papers.gao2017.reproduction import GOAL_MET, _reason, arm_pose, reproduce, verdict
 from truearm.papers.gao2017.results import FITTED_BOX, METHODS
 from truearm.papers.gao2017.tables import TABLES
-from truearm.papers.gao2017.training import TEST_STREAM, TRAINERS, machine_data, run_training
+from truearm.papers.gao2017.training import (
+    CURVE_POINTS,
+    TEST_STREAM,
+    TRAINERS,
+    TRAINING_STREAM,
+    machine_data,
+    run_training,
+)
 from truearm.papers.gao2017.training_plan import (
     BOX_FITTING_ROWS,
     FULL_EFFORT,
@@ -86,7 +93,9 @@ def without_times(results):
 
     def plain(value):
         if isinstance(value, dict):
-            return {key: plain(item) for key, item in value.items() if "seconds" not in key and key != "trained"}
+            timeless = {key: item for key, item in value.items() if "seconds" not in key and key != "trained"}
+            return {key: [[at, error] for at, _, error in item] if key == "curve" else plain(item)
+                    for key, item in timeless.items()}  # fmt: skip
         return [plain(item) for item in value] if isinstance(value, list) else value
 
     return plain(to_plain(results))
@@ -409,6 +418,8 @@ def test_a_finished_training_does_not_run_again(tmp_path):
         lambda kept: kept | {"epochs": 10**6},
         lambda kept: kept | {"epochs": "3"},
         lambda kept: kept | {"reached": [[1.0, 1, 0.0]]},
+        lambda kept: kept | {"curve": [[10**6, 1.0, 1.0]]},
+        lambda kept: kept | {"curve": [[1, 1.0, -1.0]]},
         lambda kept: kept | {"machine": {}},
         lambda kept: kept | {"more": 1},
         lambda kept: {key: value for key, value in kept.items() if key != "stop"},
@@ -423,6 +434,27 @@ def test_a_damaged_file_of_a_training_is_refused(tmp_path, damage):
     with pytest.raises(InputError, match="not the file of a finished training.*delete it") as error:
         run_training(training, tmp_path, lambda share, note: None)
     assert error.value.file == file
+
+
+def test_a_learning_curve_is_kept_and_may_be_missing_in_files_of_earlier_versions(tmp_path):
+    training = training_of(2, TABLES[2][0], "varpro", EFFORT, seed=0)
+    done = run_training(training, tmp_path, lambda share, note: None)
+    again = run_training(training, tmp_path, lambda share, note: None)
+    assert again.curve == done.curve
+    epochs, seconds, errors = np.array(done.curve).T
+    assert (epochs[0], epochs[-1]) == (0, done.epochs)
+    assert 1 < len(epochs) <= CURVE_POINTS
+    assert (np.diff(epochs) > 0).all()
+    assert (np.diff(seconds) >= 0).all()
+    # The last point is the error of the network that is kept, on the poses that it was fitted to; the trainer weighs
+    # each coordinate by its range, which differ by a third.
+    angles, points = training.source.data(training.n_train, seed=0, stream=TRAINING_STREAM)
+    assert errors[-1] == pytest.approx(np.sqrt(((done.predict(angles) - points) ** 2).mean()), rel=0.3)
+    (file,) = tmp_path.iterdir()
+    kept = json.loads(file.read_text())
+    del kept["curve"]
+    file.write_text(json.dumps(kept))
+    assert run_training(training, tmp_path, lambda share, note: None).curve == ()
 
 
 def test_half_a_file_and_one_that_is_too_large_are_refused(tmp_path, monkeypatch):

@@ -11,7 +11,7 @@ from html_outline import HOSTILE, Outline
 from truearm.pages.html import render
 from truearm.papers.gao2017.phrases import range_cell
 from truearm.papers.gao2017.reproduction_page import paper_figure, reproduction_page
-from truearm.papers.gao2017.results import Claims, FigureData, TrainerResult
+from truearm.papers.gao2017.results import TIME_OVER, Claims, FigureData, TrainerResult
 
 PARTS = {
     "figures.arm": ("The arm (Figures 1 and 2)", "--figure 1"),
@@ -100,6 +100,7 @@ def test_every_result_has_its_section(page):
         "Table 2": 1,
         "Table 3": 1,
         "Table 4": 1,
+        "Learning curves": 1,
         "Error before and after (Figures 6 to 8)": 3,
         "What 97 % means": 1,
         "The learning rate": 1,
@@ -127,13 +128,67 @@ def test_the_page_is_well_formed_and_needs_no_other_file(page):
     html = render(page)
     outline = Outline(html)
     assert len(outline.ids) == len(set(outline.ids))
-    assert outline.tags.count("figure") == 16
+    assert outline.tags.count("figure") == 17
     assert not re.search(r"https?://|@import|file:", html)
     text = re.sub(r"<svg.*?</svg>", "", html, flags=re.DOTALL)
     assert "nan" not in text
     assert not re.search("[\u2212-]0(\\.0*)?[<\u202f ]", text)  # zero has no sign
     # The figures are small, so that the page can be mailed.
     assert len(html.encode()) < 1_500_000
+
+
+def test_the_verdict_counts_the_rows_and_trainings_that_were_cut_make_it_doubtful(page, results):
+    assert page.verdict.state == "good"
+    sentence = "The paper's accuracy is reached or surpassed in 27 of 27 table rows with trainlm and in 25 of 25 table"
+    assert page.verdict.sentence.startswith(sentence)
+    rows = list(results.tables[4])
+    missed = replace(rows[0], verdict=rows[0].verdict | {"varpro": "not reached"})
+    page = reproduction_page(only(with_table(results, 4, [missed, *rows[1:]]), "tables.4"))
+    assert page.verdict.state == "doubtful"
+    assert "3 of 4 table rows with varpro" in page.verdict.sentence
+    longest = rows[2]
+    runs = [replace(run, stop=TIME_OVER) for run in longest.results["varpro"].runs]
+    of_row = longest.results | {"varpro": TrainerResult.of("varpro", runs, time_limit_s=9.0)}
+    rows[2] = replace(longest, results=of_row)
+    page = reproduction_page(only(with_table(results, 4, rows), "tables.4"))
+    assert page.verdict.state == "doubtful"
+    assert "time limit cut trainings of 1 row" in page.verdict.detail
+    assert [row.state for row in page.summary[:2]] == ["none", "doubtful"]
+    (curves,) = section(page, "Learning curves").figures
+    assert "An open mark" in curves.caption
+    assert reproduction_page(only(results)).verdict is None
+
+
+def test_tables_and_drawings_are_folded(page):
+    for title in ("Table 2", "Table 3", "Table 4"):
+        assert all(table.folded for table in section(page, title).tables)
+    open_ = [part.title for part in page.sections if not part.folded]
+    assert [words(title) for title in open_] == [
+        *("In short", "Table 2", "Table 3", "Table 4", "Learning curves", "What 97 % means", "Outside the box"),
+    ]
+
+
+def test_learning_curves_show_the_longest_training_of_each_table(page, results):
+    (figure,) = section(page, "Learning curves").figures
+    titles = [panel.axes[0].get_title(loc="left").partition(":")[0] for panel in figure.panels]
+    longest = {number: max(rows, key=lambda row: row.paper.seconds) for number, rows in results.tables.items()}
+    assert titles == [f"Table {number}, row {row.paper.row}" for number, row in longest.items()]
+    line = figure.panels[2].axes[0].lines[0]
+    _, seconds, error = longest[4].results["trainlm"].runs[0].curve[-1]
+    assert line.get_xydata()[-1].tolist() == [seconds, error]
+    # Results of earlier versions have none, which is no fault.
+    rows = [
+        replace(
+            row,
+            results={
+                name: one and TrainerResult.of(name, [replace(run, curve=()) for run in one.runs], time_limit_s=None)
+                for name, one in row.results.items()
+            },
+        )
+        for row in results.tables[4]
+    ]
+    page = reproduction_page(only(with_table(results, 4, rows), "tables.4"))
+    assert "Learning curves" not in [part.title for part in page.sections]
 
 
 def test_tables_have_every_row_with_the_papers_values_beside_ours(page, results):
@@ -230,7 +285,7 @@ def test_an_empty_reproduction_makes_a_page_that_names_the_command_for_each_part
 def test_one_part_alone_is_drawn(results, place):
     page = reproduction_page(only(results, place))
     assert len(section(page, PARTS[place][0]).figures) == 1
-    assert sum(len(part.figures) for part in page.sections) == 1
+    assert sum(len(part.figures) for part in page.sections) == 1 + (place == "tables.4")  # its learning curves
     assert "Not part of this run" in [part.title for part in page.sections]
 
 
@@ -444,4 +499,4 @@ def test_numbers_far_apart_are_drawn(results):
         rows.append(with_times(replace(row, paper=paper, results=row.results | {"trainlm": new}), trainlm=0.0))
     results = with_claim(with_table(results, 4, rows), "scatter", mean_mm=(1.0,) * 30)
     page = reproduction_page(only(results, "tables.4", "claims.scatter"))
-    assert Outline(render(page)).tags.count("figure") == 2
+    assert Outline(render(page)).tags.count("figure") == 3

@@ -20,7 +20,9 @@ from truearm.pages.palette import style_rules
 from truearm.pages.plotting import Figure, svg_element
 from truearm.pages.scene import Scene, scene_script, script_hash
 
-_LONG_TEXT = 900  # letters from which a text is set in two columns where the page is wide
+_PIXELS_PER_INCH = 140  # at most, where a panel has 8.5 points of lettering
+_LONG_TEXT = 550  # letters from which a text is set in two columns where the page is wide
+_BESIDE = 1000  # letters up to which a text stands beside its figure
 
 
 def render(page: Page) -> str:
@@ -64,7 +66,7 @@ def is_long(text: str) -> bool:
 
 def is_beside(section: Section) -> bool:
     """Whether the text of a section stands beside its figure on a wide page: a short text and one single panel."""
-    return bool(section.text) and not is_long(section.text) and [one.columns for one in section.figures] == [1]
+    return 0 < len(section.text) <= _BESIDE and [one.columns for one in section.figures] == [1]
 
 
 def with_places(figures: Sequence[Figure]) -> list[tuple[Figure, str]]:
@@ -110,6 +112,16 @@ class FormattedTable:
     fillable: bool = False
     states: tuple[State, ...] = ()
     folded: bool = False
+
+    @property
+    def title(self) -> str:
+        """The first sentence of the caption, which a folded table shows."""
+        return self.caption.partition(". ")[0]
+
+    @property
+    def note(self) -> str:
+        """The caption after its first sentence."""
+        return self.caption.partition(". ")[2]
 
     @property
     def has_head(self) -> bool:
@@ -192,6 +204,11 @@ def _scene_data(scene: Scene) -> Markup:
     return Markup(scene.to_json())  # noqa: S704, every sign of markup in it is an escape
 
 
+def _widest(drawing: Drawing) -> str:
+    """The largest width of a panel on a page: its lettering is then as large as the text."""
+    return f"{drawing.get_figwidth() * _PIXELS_PER_INCH:.0f}px"
+
+
 def _package_text(name: str) -> str:
     return files("truearm.pages").joinpath(name).read_text(encoding="utf-8")
 
@@ -204,6 +221,7 @@ def _template() -> jinja2.Template:
     environment.globals.update(
         picture=_picture,
         scene_data=_scene_data,
+        widest=_widest,
         paragraphs=paragraphs,
         is_long=is_long,
         is_beside=is_beside,

@@ -57,7 +57,7 @@ FAINT, LIMIT = "#d9dce0", "#8a9099"  # grids and hairlines; axes and limits
 PALE = "#e4ebf3"  # an area behind the data
 # Orange, navy, purple: apart for every common colour blindness, and 59, 26 and 45 in lightness on grey paper.
 ORANGE, NAVY, PURPLE, TEAL, GREY, OLIVE = "#d9730d", "#12407a", "#a8488f", "#2f8f8b", "#6b7078", "#8a7a00"
-GOOD, DOUBTFUL, BAD = "#1a7f37", "#9a6700", "#c0231c"
+GOOD, DOUBTFUL, BAD = "#1a7f37", "#946200", "#c0231c"
 
 PALETTE = (
     Colour("paper", PAPER, "#15181d"),

@@ -109,7 +109,6 @@ def box_figure(claim: BoxStudy, *, chosen: float, styles: Mapping[str, Style]) -
                 xy=(1.01, published[name]),
                 xycoords=axes.get_yaxis_transform(),
                 va="center",
-                color=styles[name].colour,
             )
         axes.axvline(chosen, color=LIMIT, linewidth=1.0, linestyle=(0, (4, 3)))
         axes.annotate(
@@ -127,7 +126,7 @@ def box_figure(claim: BoxStudy, *, chosen: float, styles: Mapping[str, Style]) -
     return Figure(
         (drawing,),
         caption="Mean error of networks that are trained and tested in boxes of several widths (marks). Dotted lines "
-        f"are the paper's values, black diamonds where the networks have them: {summary}.",
+        f"are the paper's values, diamonds where the networks have them: {summary}.",
         alt=f"Mean error against the half-width of the box for {len(errors)} networks; the paper's values: {summary}.",
     )
 
@@ -240,7 +239,7 @@ def predictions_figure(poses: Predictions, *, styles: Mapping[str, Style]) -> Fi
     count = format_count(len(poses.points_mm), "pose")
     return Figure(
         panels,
-        caption=f"Coordinates of {count}: above, the true values as black crosses and the predictions as marks; below, "
+        caption=f"Coordinates of {count}: above, the true values as crosses and the predictions as marks; below, "
         f"predicted minus true. Error of a single coordinate: {summary}.",
         alt=f"Coordinates x, y and z of {count}, true and predicted, and the errors. {summary}.",
         columns=3,

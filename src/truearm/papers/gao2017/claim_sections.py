@@ -80,7 +80,9 @@ def final_test_section(results: Reproduction, *, styles: Mapping[str, Style]) ->
         f"{format_percent(test.paper['network'].removed_percent / 100)}. The test has {test.poses} further poses; an "
         f"error is the absolute error of one coordinate, of {3 * test.poses} in all. {SHARES_NOTE}{cut_note(n_cut)}"
     )
-    return Section(title, "\n\n".join([text, *missing]), tables=(_final_table(test),), figures=tuple(figures))
+    return Section(
+        title, "\n\n".join([text, *missing]), tables=(_final_table(test),), figures=tuple(figures), folded=True
+    )
 
 
 def removed_percent(test: FinalTestResult) -> dict[str, float]:
@@ -169,7 +171,9 @@ def learning_rate_section(results: Reproduction, *, styles: Mapping[str, Style])
         f"the paper's values range from {format_mm(min(claim.paper_mean_mm))} to "
         f"{format_mm(max(claim.paper_mean_mm))}.{cut_note(claim.n_cut)}"
     )
-    return Section("The learning rate", text, figures=(learning_rate_figure(claim, style=styles["trainlm"]),))
+    return Section(
+        "The learning rate", text, figures=(learning_rate_figure(claim, style=styles["trainlm"]),), folded=True
+    )
 
 
 def scatter_section(results: Reproduction, *, styles: Mapping[str, Style]) -> Section | MissingPart:
@@ -188,7 +192,9 @@ def scatter_section(results: Reproduction, *, styles: Mapping[str, Style]) -> Se
         f"{format_mm(min(many))} to {format_mm(max(many))}; the choice of ten test poses causes the rest."
         f"{cut_note(claim.n_cut)}"
     )
-    return Section("The scatter of starts", text, figures=(scatter_figure(claim, style=styles["trainlm"]),))
+    return Section(
+        "The scatter of starts", text, figures=(scatter_figure(claim, style=styles["trainlm"]),), folded=True
+    )
 
 
 def joint_ranges_section(results: Reproduction, *, styles: Mapping[str, Style]) -> Section:
@@ -225,7 +231,7 @@ def joint_ranges_section(results: Reproduction, *, styles: Mapping[str, Style]) 
         text.append(cut_note(claim.n_cut).strip())
     simulation = box_figure(claim, chosen=boxes.simulation_deg, styles=styles)
     experiment = experiment_box_figure(study, chosen=boxes.experiment_deg, styles=styles)
-    return Section(title, "\n\n".join(text), figures=(simulation, experiment))
+    return Section(title, "\n\n".join(text), figures=(simulation, experiment), folded=True)
 
 
 def _remaining_ratios(rows: Sequence[RowResult]) -> list[str]:

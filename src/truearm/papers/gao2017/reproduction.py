@@ -206,6 +206,7 @@ def _run(result: TrainingResult, n_test: int, level_mm: float | None) -> Run:
         max_many_mm=float(many.max()),
         seconds_to_paper=seconds,
         epochs_to_paper=epoch,
+        curve=result.curve,
     )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from truearm.arm.arm_drawing import arm_figure, frame_figure
 from truearm.pages.number_format import format_count, format_in_text
-from truearm.pages.page import Cell, Column, LabelledValue, Page, Section, Table
+from truearm.pages.page import Cell, Column, LabelledValue, Page, PageVerdict, Section, Table
 from truearm.pages.plotting import Figure, Style, styles_of
 from truearm.papers.gao2017.claim_figures import predictions_figure
 from truearm.papers.gao2017.claim_sections import (
@@ -21,6 +21,7 @@ from truearm.papers.gao2017.claim_sections import (
     scatter_section,
     share_section,
 )
+from truearm.papers.gao2017.learning_curves import learning_curves_section
 from truearm.papers.gao2017.network_drawing import network_layers
 from truearm.papers.gao2017.phrases import COMMAND, MissingPart, as_count, format_degrees, mark_cut, with_figure_number
 from truearm.papers.gao2017.results import METHODS, MODELS, ArmPose, Reproduction
@@ -48,9 +49,10 @@ _STYLES: dict[str, Style] = {
 
 def reproduction_page(results: Reproduction) -> Page:
     """Make the page of a reproduction."""
-    parts: list[Section | MissingPart] = [
+    parts: list[Section | MissingPart | None] = [
         _answer(results),
         *(table_section(number, rows, results.rule, styles=_STYLES) for number, rows in results.tables.items()),
+        learning_curves_section(results, styles=_STYLES),
         final_test_section(results, styles=_STYLES),
         share_section(results, styles=_STYLES),
         learning_rate_section(results, styles=_STYLES),
@@ -75,6 +77,7 @@ def reproduction_page(results: Reproduction) -> Page:
         summary=_summary(results),
         sections=tuple(sections),
         facts=_facts(results),
+        verdict=_page_verdict(results),
     )
 
 
@@ -95,7 +98,8 @@ def _summary(results: Reproduction) -> tuple[LabelledValue, ...]:
             judged = [
                 row for row in results.rows() if row.verdicts.get(method) in ("reproduced", "better", "not reached")
             ]
-            rows.append(LabelledValue(mark_cut(label, count_cut(judged, method)), value))
+            n_cut = count_cut(judged, method)
+            rows.append(LabelledValue(mark_cut(label, n_cut), value, state="doubtful" if n_cut else "none"))
     times = speedups(results.rows())
     if times:
         label = "speed-up of varpro over trainlm to the paper's mean error, median of rows"
@@ -103,9 +107,32 @@ def _summary(results: Reproduction) -> tuple[LabelledValue, ...]:
     test = results.final_test
     if test is not None:
         for name, share in removed_percent(test).items():
-            label = mark_cut(f"error removed on {test.poses} further poses, {name}", test.n_cut(name))
-            rows.append(LabelledValue(label, share, "%"))
+            n_cut = test.n_cut(name)
+            label = mark_cut(f"error removed on {test.poses} further poses, {name}", n_cut)
+            rows.append(LabelledValue(label, share, "%", state="doubtful" if n_cut else "none"))
     return tuple(rows)
+
+
+def _page_verdict(results: Reproduction) -> PageVerdict | None:
+    """In how many rows of the tables the paper's accuracy is reached; None if no row was run."""
+    judged = {name: count_verdicts(results.rows(), name) for name in METHODS}
+    shares = {name: (counts["reproduced"] + counts["better"], counts["not reached"]) for name, counts in judged.items()}
+    parts = [
+        f"{good} of {format_count(good + missed, 'table row')} with {name}"
+        for name, (good, missed) in shares.items()
+        if good + missed
+    ]
+    if not parts:
+        return None
+    n_cut = sum(count_cut(results.rows(), name) for name in METHODS)
+    missed = sum(missed for _, missed in shares.values())
+    detail = (
+        f"The time limit cut trainings of {format_count(n_cut, 'row')}: what they would have reached is not known."
+        if n_cut
+        else ""
+    )
+    sentence = f"The paper's accuracy is reached or surpassed in {' and in '.join(parts)}."
+    return PageVerdict(sentence, "doubtful" if missed or n_cut else "good", detail)
 
 
 def _answer(results: Reproduction) -> Section:
@@ -136,6 +163,7 @@ def _verdict_table(results: Reproduction) -> Table:
             if rows
         ),
         "Verdicts of the trainings that were run, each once; each table's section states the rule",
+        folded=True,
     )
 
 
@@ -154,6 +182,7 @@ def _arm(results: Reproduction) -> Section | MissingPart:
             with_figure_number(1, arm_figure(arm.frames, arm.tip_mm)),
             with_figure_number(2, frame_figure(arm.frames, arm.tip_mm)),
         ),
+        folded=True,
     )
 
 
@@ -173,7 +202,7 @@ def _network(results: Reproduction) -> Section | MissingPart:
     sizes = results.figures.network
     if sizes is None:
         return MissingPart("The drawing of the network", "--figure 3")
-    return Section("The network (Figure 3)", figures=(with_figure_number(3, network_layers(sizes)),))
+    return Section("The network (Figure 3)", figures=(with_figure_number(3, network_layers(sizes)),), folded=True)
 
 
 def _ten_poses(results: Reproduction) -> Section | MissingPart:
@@ -181,7 +210,7 @@ def _ten_poses(results: Reproduction) -> Section | MissingPart:
     if poses is None:
         return MissingPart("Figure 4", "--figure 4")
     figure = with_figure_number(4, predictions_figure(poses, styles=_STYLES))
-    return Section("Some poses in detail (Figure 4)", figures=(figure,))
+    return Section("Some poses in detail (Figure 4)", figures=(figure,), folded=True)
 
 
 def _facts(results: Reproduction) -> tuple[tuple[str, str], ...]:

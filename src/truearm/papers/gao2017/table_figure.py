@@ -17,7 +17,7 @@ from truearm.pages.palette import FAINT, INK, PAPER, SOFT
 from truearm.pages.plotting import Figure, Style, figure_style, set_log_scale, shorten, styles_of
 
 PAPER_STYLE = Style(INK, "D", ":")  # the paper's own numbers, in every figure
-_WIDTH_IN, _ROW_IN, _HEAD_IN, _FOOT_IN = 4.7, 0.27, 0.52, 0.44
+_WIDTH_IN, _ROW_IN, _HEAD_IN, _FOOT_IN = 4.7, 0.25, 0.52, 0.44
 _LETTER_IN = 0.082
 
 
@@ -69,7 +69,7 @@ def table_figure(
         panels = (_errors(rows, headings, pens), _times(rows, headings[:1], pens))
     return Figure(
         panels,
-        caption="Left: mean error of each start (small marks) and the median (large) beside the paper's value (black "
+        caption="Left: mean error of each start (small marks) and the median (large) beside the paper's value ("
         "diamond). Right: time until the error first was at or below the paper's, median of the starts that reached "
         "it, beside the paper's training time, which was measured on another machine; the numbers at the edge are the "
         "starts that reached it. trainlm fits 70 % of the poses, varpro all. Both scales are logarithmic.",
@@ -98,7 +98,7 @@ def _times(rows: Sequence[TableFigureRow], headings: Sequence[str], pens: Mappin
         for name in pens
     }
     _draw(axes, [row.paper_s for row in rows], got, medians, pens)
-    for k, (name, pen) in enumerate(pens.items()):
+    for k, name in enumerate(pens):
         for base, row, times in zip(_bases(rows), rows, got[name], strict=True):
             started = len(row.seconds.get(name, ()))
             if started:
@@ -111,7 +111,6 @@ def _times(rows: Sequence[TableFigureRow], headings: Sequence[str], pens: Mappin
                     ha="center",
                     va="center",
                     fontsize=7.5,
-                    color=pen.colour,
                 )
     axes.set_xlabel("time [s]")
     return drawing

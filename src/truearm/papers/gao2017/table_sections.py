@@ -143,7 +143,7 @@ def _effort(number: int, rows: Sequence[RowResult]) -> Table:
 def _table(columns: Mapping[Column, Sequence[Cell]], caption: str) -> Table:
     """A table without its empty columns."""
     filled = {column: cells for column, cells in columns.items() if any(cell is not None for cell in cells)}
-    return Table(tuple(filled), tuple(zip(*filled.values(), strict=True)), caption)
+    return Table(tuple(filled), tuple(zip(*filled.values(), strict=True)), caption, folded=True)
 
 
 def _cells(

@@ -47,6 +47,9 @@ TRAINING_STREAM, TEST_STREAM, EVALUATION_STREAM, OUTSIDE_STREAM, FINAL_TEST_STRE
 """Random streams of poses and noise of one seed; `truearm.workflows.demo` has 0 to 2."""
 RECIPE = 2
 """Raised whenever the course of a training changes, so that no result of an older course is used for it."""
+CURVE_POINTS = 60
+"""The most points of a learning curve that are kept, evenly in the logarithm of the epoch."""
+_LARGEST_RMS_MM = 1e12
 LARGEST_FILE = 20_000_000  # bytes: a network of the paper takes less than one
 
 # Their default learning rate, 0.01, is that of the paper's rows.
@@ -204,6 +207,9 @@ class TrainingResult:
     weights : (n_weights,) array
     angle_scale, point_scale : MinMaxScaler
         Angles [rad] and points [mm] onto [-1, 1].
+    curve : tuple of (int, float, float)
+        The learning curve: epoch, time [s] without evaluations, and root mean square error of a coordinate on the
+        fitted poses [mm]. Empty in results of earlier versions.
     """
 
     training: Training
@@ -217,6 +223,7 @@ class TrainingResult:
     weights: FloatArray
     angle_scale: MinMaxScaler
     point_scale: MinMaxScaler
+    curve: tuple[tuple[int, float, float], ...] = ()
 
     @property
     def was_cut(self) -> bool:
@@ -280,6 +287,7 @@ def _train(training: Training, progress: ProgressCallback) -> TrainingResult:
     many_inputs = angle_scale.scale(many_angles.T)
     reached: dict[float, tuple[int, float]] = {}
     evaluation_seconds = 0.0
+    curve: list[tuple[int, float, float]] = []
 
     def evaluate(epoch: Epoch) -> None:
         # The evaluation is no part of the training, but the trainer's clock includes all evaluations before this one.
@@ -292,6 +300,8 @@ def _train(training: Training, progress: ProgressCallback) -> TrainingResult:
             reached.update({level: (epoch.epoch, max(seconds, 0.0)) for level in missing if error <= level})
         limit = training.time_limit_s or math.inf
         rms = math.sqrt(epoch.perf * float(np.mean(point_scale.half_range**2)))
+        if rms < _LARGEST_RMS_MM:  # neither infinite nor undefined
+            curve.append((epoch.epoch, max(seconds, 0.0), rms))
         progress(max(epoch.epoch / training.epochs, epoch.seconds / limit), f"epoch {epoch.epoch}, {rms:.4f} mm rms")
         evaluation_seconds += process_time() - begun
 
@@ -317,7 +327,14 @@ def _train(training: Training, progress: ProgressCallback) -> TrainingResult:
         weights=weights,
         angle_scale=angle_scale,
         point_scale=point_scale,
+        curve=_thinned(curve),
     )
+
+
+def _thinned(curve: list[tuple[int, float, float]]) -> tuple[tuple[int, float, float], ...]:
+    """At most `CURVE_POINTS` points of a learning curve, with the first and the last."""
+    kept = np.unique(np.geomspace(1, max(len(curve), 1), CURVE_POINTS).round().astype(int)) - 1
+    return tuple(curve[i] for i in kept if i < len(curve))
 
 
 # The file ------------------------------------------------------------------------------------------------------------
@@ -325,6 +342,7 @@ def _train(training: Training, progress: ProgressCallback) -> TrainingResult:
 _Number = Annotated[float, Field(ge=-1e12, le=1e12, allow_inf_nan=False)]
 _Count = Annotated[int, Field(ge=0, le=10**9)]
 _Seconds = Annotated[float, Field(ge=0, le=1e9, allow_inf_nan=False)]
+_Rms = Annotated[float, Field(ge=0, le=_LARGEST_RMS_MM, allow_inf_nan=False)]
 _Ends = Annotated[list[_Number], Field(min_length=1, max_length=100)]
 _Text = Annotated[str, Field(max_length=1000)]
 
@@ -354,6 +372,7 @@ class _TrainingFile(_Schema):
     point_range: tuple[_Ends, _Ends]
     limit_s: _Seconds | None = None
     weights: Annotated[list[_Number], Field(max_length=1_000_000)]
+    curve: Annotated[list[tuple[_Count, _Seconds, _Rms]], Field(max_length=1000)] = []
 
     @classmethod
     def of(cls, result: TrainingResult) -> _TrainingFile:
@@ -369,6 +388,7 @@ class _TrainingFile(_Schema):
             point_range=(result.point_scale.lower.tolist(), result.point_scale.upper.tolist()),
             limit_s=result.limit_s,
             weights=result.weights.tolist(),
+            curve=list(result.curve),
         )
 
     @classmethod
@@ -396,6 +416,8 @@ class _TrainingFile(_Schema):
             raise damaged(f"expected at most {training.epochs} epochs, got {kept.epochs}")
         if any(level not in training.levels_mm or epoch > training.epochs for level, epoch, _ in kept.reached):
             raise damaged(f"expected levels of this training, reached within {training.epochs} epochs")
+        if any(epoch > training.epochs for epoch, _, _ in kept.curve):
+            raise damaged(f"expected a learning curve of at most {training.epochs} epochs")
         lengths = [len(ends) for ends in (*kept.angle_range, *kept.point_range)]
         if lengths != [6, 6, 3, 3] or len(kept.weights) != training.network.n_weights:
             raise damaged(f"expected {training.network.n_weights} weights and ranges of 6 and 3 numbers")
@@ -414,4 +436,5 @@ class _TrainingFile(_Schema):
             weights=np.array(kept.weights),
             angle_scale=angle_scale,
             point_scale=point_scale,
+            curve=tuple(kept.curve),
         )

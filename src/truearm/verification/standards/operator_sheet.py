@@ -54,8 +54,8 @@ def operator_sheet_page(sheet: OperatorSheet) -> Page:
 
 
 def _preparation(sheet: OperatorSheet) -> Section:
-    heads = ("arm", sheet.arm or _BLANK, "operator", _BLANK)
     entries = (
+        ("arm", sheet.arm or _BLANK, "operator", _BLANK),
         ("its serial number", _BLANK, "date", _BLANK),
         ("probe, its tip", _BLANK, "air at the start [degC]", _BLANK),
         ("place", _BLANK, "air at the end [degC]", _BLANK),
@@ -72,7 +72,7 @@ def _preparation(sheet: OperatorSheet) -> Section:
         "specifies. Qualify the stylus, but not on the sphere of this test. Fix arm and artefacts so that they do not "
         "move.",
         tables=(
-            Table(tuple(Column(head) for head in heads), entries, "", fillable=True),
+            Table((Column(""),) * 4, entries, "", fillable=True),
             Table(
                 tuple(Column(head) for head in columns),
                 artefacts,

@@ -149,7 +149,7 @@ def places_figure(sheet: OperatorSheet) -> Figure:
                 for (column, row), numbers in labels.items():
                     at = (column * sheet.reach_mm / 20, row * sheet.reach_mm / 20)
                     axes.annotate(
-                        ", ".join(numbers), at, xytext=(5, 5), textcoords="offset points", color=colour, weight="bold"
+                        ", ".join(numbers), at, xytext=(5, 5), textcoords="offset points", color=INK, weight="bold"
                     )
             panels.append(drawing)
     number = " and ".join(format_count(len(stands), what) for what, stands, *_ in kinds if stands)
@@ -174,10 +174,17 @@ def bars_figure(sheet: OperatorSheet) -> Figure:
                 axes.set_axis_off()
                 (x0, y0), (x1, y1) = _flat(start, view=view), _flat(end, view=view)
                 axes.plot([x0, x1], [y0, y1], color=ORANGE, linewidth=2.6, solid_capstyle="round", zorder=3)
-                for name, x, y in (("A", x0, y0), ("B", x1, y1)):
+                length = float(np.hypot(x1 - x0, y1 - y0))
+                seen = length > 0.25 * sheet.reach_mm  # else end-on: one name beside the dot
+                for name, x, y, sign in (("A", x0, y0, -1), ("B", x1, y1, 1)):
                     axes.plot(x, y, "o", color=ORANGE, markersize=4.5, markeredgecolor=PAPER, zorder=4)
-                    if np.hypot(x1 - x0, y1 - y0) > 0.25 * sheet.reach_mm or name == "B":
-                        axes.annotate(name, (x, y), xytext=(4, 3), textcoords="offset points", color=INK, zorder=6)
+                    if seen or name == "B":
+                        # Beyond the end, so that no name lies on the bar.
+                        away = sign * np.array([x1 - x0, y1 - y0]) / length if seen else np.array([0.8, 0.6])
+                        axes.annotate(
+                            name, (x, y), xytext=tuple(8 * away), textcoords="offset points", color=INK, ha="center",
+                            va="center", zorder=6,
+                        )  # fmt: skip
                 axes.set_title(_VIEWS[view], fontsize=7, loc="center", pad=1, weight="normal")
             drawing.text(
                 0.02,
@@ -212,43 +219,52 @@ def pattern_figure(patterns: Mapping[int, Placement]) -> Figure:
         tuple(panels),
         caption="Points on the ball, from above; those on the rim lie on the equator. Ahead is to the right.",
         alt=f"Pattern of {numbers} points on the upper half of a ball, seen from above.",
-        columns=2,
+        columns=min(len(panels), 2),
     )
 
 
 def groups_figure(groups: Mapping[str, FloatArray]) -> Figure:
-    """Draw the direction of the stylus in each group, from above and from the side."""
+    """Draw the direction of the stylus in each group, from above and in space."""
     with figure_style():
         panels = []
-        for view in (_ABOVE, _SIDE):
-            low, high = (-1.9, 4.6) if view == _SIDE else (-4.0, 4.0)
+        for title, across_up in _BALL_VIEWS.items():
+            in_space = bool(across_up[1, 2])
+            low, high = (-1.9, 4.6) if in_space else (-4.0, 4.0)
             drawing, axes = _ball(3.0, across=(-4.3, 4.1), up=(low, high))
-            if view == _SIDE:
+            if in_space:
                 axes.plot([0, 0], [-1.0, -1.9], color=LIMIT, linewidth=2.5, zorder=1)
-            marks: dict[tuple[float, float], list[str]] = {}
             for name, direction in groups.items():
-                ends = np.array([_flat(direction * away, view=view) for away in (1.05, 3.2)])
-                behind = direction[1] > 0.1 and view == _SIDE
-                axes.plot(*ends.T, color=NAVY, linewidth=1.6, zorder=2 if behind else 4)
-                axes.plot(*ends[0], "o", color=ORANGE, markersize=4.5, zorder=2 if behind else 5)
-                x, y = _flat(direction * 3.6, view=view)
-                marks.setdefault((round(x, 2) + 0.0, round(y, 2) + 0.0), []).append(name)
-            longest = max(np.hypot(*place) for place in marks)
-            for (x, y), names in marks.items():
-                # The label of a direction that is seen end-on or behind another one is moved aside.
-                aside = 0.45 if abs(x) < 0.1 and np.hypot(x, y) < 0.9 * longest else 0.0
-                place = (x + aside + 0.12 * (len(names) - 1) * bool(aside), y + (0.45 if np.hypot(x, y) < 0.1 else 0))
-                axes.annotate(", ".join(names), place, ha="left" if aside else "center", va="center", weight="bold")
-            axes.annotate("\u2190 the arm", (-4.2, low), ha="left", va="bottom", color=LIMIT, fontsize=8)
-            axes.set_title(_VIEWS[view], loc="center")
+                _stylus(axes, name, direction, across_up)
+            axes.annotate("\u2190 the arm", (-4.2, low), ha="left", va="bottom", color=INK, fontsize=8)
+            axes.set_title(title, loc="center")
             panels.append(drawing)
     directions = "; ".join(f"{name}: {describe_direction(direction, 0.0)}" for name, direction in groups.items())
     return Figure(
         tuple(panels),
-        caption="The stylus in each group; orange is its tip. The arm stands to the left of both pictures.",
+        caption="The stylus in each group; orange is its tip. The arm stands to the left of both pictures; in space, "
+        "the ball is seen from the arm's side and the right.",
         alt=f"Directions of the stylus. {directions}.",
         columns=2,
     )
+
+
+# Across and up of each view of a ball, of coordinates ahead, left and up. In space: azimuth -120 deg, 20 deg above the
+# horizon, from where no two of the standard's directions coincide.
+_BALL_VIEWS = {
+    "from above": np.eye(3)[:2],
+    "in space": np.array([[0.866, -0.5, 0.0], [0.171, 0.296, 0.940]]),
+}
+
+
+def _stylus(axes: Axes, name: str, direction: FloatArray, across_up: FloatArray) -> None:
+    """Draw one direction of the stylus, with its name at the end."""
+    near, far = across_up @ (1.05 * direction), across_up @ (3.2 * direction)
+    behind = float(np.cross(*across_up) @ direction) < 0
+    axes.plot(*np.stack([near, far]).T, color=NAVY, linewidth=1.6, zorder=2 if behind else 4)
+    axes.plot(*near, "o", color=ORANGE, markersize=4.5, zorder=2 if behind else 5)
+    # One that is seen end-on has its name beside it.
+    place = across_up @ (3.6 * direction) if np.hypot(*far) > 0.5 else far + 0.5
+    axes.annotate(name, (float(place[0]), float(place[1])), ha="center", va="center", weight="bold", zorder=6)
 
 
 # The coordinates across and up of each view, and its name.
