@@ -66,7 +66,8 @@ def is_long(text: str) -> bool:
 
 def is_beside(section: Section) -> bool:
     """Whether the text of a section stands beside its figure on a wide page: a short text and one single panel."""
-    return 0 < len(section.text) <= _BESIDE and [one.columns for one in section.figures] == [1]
+    alone = not section.scenes and 0 < len(section.text) <= _BESIDE
+    return alone and [one.columns for one in section.figures] == [1]
 
 
 def with_places(figures: Sequence[Figure]) -> list[tuple[Figure, str]]:

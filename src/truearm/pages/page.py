@@ -127,7 +127,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Section:
-    """A chapter of the page: its verdict, text, rows, scenes, tables and figures, in this order.
+    """A chapter of the page: its verdict, text, scenes, figures, rows and tables, in this order.
 
     An empty line in `text` starts a paragraph.
 
