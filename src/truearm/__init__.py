@@ -25,6 +25,7 @@ _HOMES = {
     "truearm.workflows.check": ("CheckResult", "check"),
     "truearm.workflows.check_export": ("ExportCheck", "check_export"),
     "truearm.workflows.correct": ("CorrectedTargets", "correct"),
+    "truearm.workflows.diagnose": ("Diagnosis", "diagnose"),
     "truearm.workflows.evaluate": ("Evaluation", "evaluate"),
     "truearm.workflows.export": ("ExportResult", "export"),
     "truearm.workflows.fetch": ("PublishedReadings", "fetch"),

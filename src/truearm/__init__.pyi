@@ -34,6 +34,8 @@ from truearm.workflows.check_export import ExportCheck as ExportCheck
 from truearm.workflows.check_export import check_export as check_export
 from truearm.workflows.correct import CorrectedTargets as CorrectedTargets
 from truearm.workflows.correct import correct as correct
+from truearm.workflows.diagnose import Diagnosis as Diagnosis
+from truearm.workflows.diagnose import diagnose as diagnose
 from truearm.workflows.evaluate import Evaluation as Evaluation
 from truearm.workflows.evaluate import evaluate as evaluate
 from truearm.workflows.export import ExportResult as ExportResult

@@ -70,6 +70,10 @@ class InputError(TruearmError, ValueError):
         """The same error, found in `file`."""
         return InputError(self.problem, file=file, line=self.line, column=self.column, hint=self.hint, row=self.row)
 
+    def with_hint(self, hint: str) -> InputError:
+        """The same error with another hint."""
+        return InputError(self.problem, file=self.file, line=self.line, column=self.column, hint=hint, row=self.row)
+
 
 class MissingTool(InputError):
     """A package or program that this needs is not installed; the hint says how to get it."""

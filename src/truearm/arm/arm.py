@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from truearm.arm.chain import Chain
+from truearm.arm.denavit_hartenberg import DHTable
 from truearm.arm.masses import LinkMasses
 from truearm.errors import InputError
 from truearm.typing import FloatArray
+
+# Metadata of a field that model files do not keep.
+NOT_KEPT = "not kept in a model file"
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +47,9 @@ class Arm:
     nominal_error_mm : float
         Error of the nominal arm at the tip, if it is known to be larger than usual [mm]: a model is fitted to readings
         that the arm misses by up to twice as much. 0 if nothing is stated.
+    table : DHTable, optional
+        The table that the chain was built from, as its file states it; not kept in a model file. It counts only as long
+        as it is that of the chain.
 
     Raises
     ------
@@ -70,6 +77,7 @@ class Arm:
     gravity_in_base: FloatArray | None = None
     serial_number: str = ""
     nominal_error_mm: float = 0.0
+    table: DHTable | None = field(default=None, repr=False, metadata={NOT_KEPT: True})
 
     def __post_init__(self) -> None:
         n = self.chain.n_joints
@@ -77,13 +85,13 @@ class Arm:
         if len(names) != n or len(set(names)) != n:
             raise InputError(f"arm {self.name!r} has {n} joints and needs as many different names, got {list(names)}")
         object.__setattr__(self, "joint_names", names)
-        for field, default in (("lower", -np.inf), ("upper", np.inf), ("working_pose", 0.0)):
-            given = getattr(self, field)
+        for name, default in (("lower", -np.inf), ("upper", np.inf), ("working_pose", 0.0)):
+            given = getattr(self, name)
             value = np.full(n, default) if given is None else np.array(given, dtype=float)
             if value.shape != (n,) or np.isnan(value).any():
-                raise InputError(f"arm {self.name!r}: {field} must be {n} numbers, got {given}")
+                raise InputError(f"arm {self.name!r}: {name} must be {n} numbers, got {given}")
             value.flags.writeable = False
-            object.__setattr__(self, field, value)
+            object.__setattr__(self, name, value)
         lower, upper = self.limits.T
         if not (lower < upper).all():
             joint = names[int(np.argmin(lower < upper))]

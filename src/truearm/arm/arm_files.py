@@ -244,7 +244,20 @@ def _arm_of(file: _ArmFile) -> Arm:
         nominal_error_mm=file.nominal_error_mm,
         masses=_masses_of(file),
         gravity_in_base=None if file.gravity_in_base is None else np.asarray(file.gravity_in_base),
+        table=_stated_table(file),
     )
+
+
+def _stated_table(file: _ArmFile) -> DHTable | None:
+    """The table as it stands in the file; None if it has rows that are no joints."""
+    if any(joint.type == "fixed" for joint in file.joints):
+        return None
+    a, d, alpha, theta = (
+        np.array([_number(joint, name) for joint in file.joints]) for name in ("a", "d", "alpha", "theta")
+    )
+    base, flange = (np.eye(4) if one is None else one for one in (_frame_of(file.base), _frame_of(file.flange)))
+    prismatic = np.array([joint.type == "prismatic" for joint in file.joints])
+    return DHTable(file.convention, a, d, alpha, theta, prismatic, base, flange, _triple(file, "tip"))
 
 
 def _table_of(file: _ArmFile) -> dict[str, Any]:

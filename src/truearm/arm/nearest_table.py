@@ -78,6 +78,12 @@ def drawn_convention(chain: Chain) -> Convention:
     return "mdh" if not standard and all(_read_modified(frame) for frame in inner) else "dh"
 
 
+def has_table_form(chain: Chain) -> bool:
+    """Whether a chain has the form of a table of either convention, as one built from a table has."""
+    inner = chain.fixed[1:-1]
+    return all(_read_standard(frame) for frame in inner) or all(_read_modified(frame) for frame in inner)
+
+
 def drawn_table(chain: Chain, convention: Convention = "dh") -> DHTable:
     """Read the table off a nominal chain, as its arm file has it.
 

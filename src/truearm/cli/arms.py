@@ -12,6 +12,7 @@ from truearm.cli.console import (
     Json,
     check_output_is_not_input,
     check_page_path,
+    free_parts,
     print_line,
     print_record,
 )
@@ -32,6 +33,16 @@ def arms(
     convention: Annotated[
         Literal["dh", "mdh"], typer.Option("--convention", help="Of the table that is printed or written.")
     ] = "dh",
+    readings: Annotated[
+        Path | None,
+        typer.Option("--readings", help="A session: say which mistake in the arm file or the readings explains it."),
+    ] = None,
+    lengths: Annotated[
+        Path | None, typer.Option("--lengths", help="Known lengths between seats of the session.")
+    ] = None,
+    free: Annotated[
+        str, typer.Option("--free", help="With --readings: what is unknown of the arm's placement, as in fit.")
+    ] = "base,tip",
     as_json: Json = False,
 ) -> None:
     """List the arms known by name, or print or write one.
@@ -40,6 +51,7 @@ def arms(
     base and tip in the frame of the reference. With a name and --out: an arm file, to edit into your own arm's, or to
     use elsewhere. With --page: a page on which the arm is turned with the mouse and its joints are moved, to see
     whether a file describes an arm; NAME.html unless --out names another.
+    With --readings: what is wrong where arm and readings contradict each other. Nothing is changed.
     """
     from truearm.arm import write_arm
     from truearm.arm.catalogue import arm_path
@@ -47,6 +59,16 @@ def arms(
     from truearm.workflows.arms import catalogue, describe_arm, page_name
     from truearm.workflows.inputs import is_model_file
 
+    if readings is not None or lengths is not None:
+        if readings is None or not arm or out is not None or page or is_model_file(arm):
+            raise InputError(
+                "--readings needs a nominal arm, without --out and --page; --lengths needs --readings",
+                hint="truearm arms ARM --readings FILE",
+            )
+        from truearm.workflows.diagnose import diagnose
+
+        print_record(diagnose(arm, readings, lengths=lengths, free=free_parts(free)), as_json=as_json)
+        return
     if not arm:
         if out is not None or page:
             option = "--page" if page else "--out"

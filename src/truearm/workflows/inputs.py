@@ -17,6 +17,7 @@ import numpy as np
 from truearm.arm import Arm, load_arm
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.compensator import FREE_PARTS, MIN_ROWS
+from truearm.compensation.models.description_hint import explain_readings
 from truearm.compensation.models.model_file import load_model
 from truearm.compensation.models.nominal_check import MAX_NOMINAL_ERROR
 from truearm.compensation.models.refit import used_in_refit
@@ -453,6 +454,8 @@ def evaluation_remarks(model: Compensator, session: Session) -> list[str]:
                 f"The nominal arm misses these points by {nominal:.0f} mm. If reference or base moved, transfer "
                 "the model to the new set-up (refit); otherwise check the session for another arm, unit, sign or zero."
             )
+            if (explained := explain_readings(model.arm_, session)) is not None:
+                remarks.append(f"{explained[0].upper()}{explained[1:]}.")
     if inputs := model.inputs_outside_training(session):
         remarks.append(f"{describe_outside(inputs)}.")
     remarks += [*payload_remarks(model, session), *frame_remarks(model)]

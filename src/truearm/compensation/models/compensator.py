@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.arm.arm import Arm
+from truearm.compensation.models.description_hint import explaining
 from truearm.compensation.models.estimator import Regressor
 from truearm.compensation.models.held_out_errors import NONE_HELD_OUT
 from truearm.compensation.models.nominal_check import UNCHECKED, check_nominal_arm, refuse_implausible, same_nominal
@@ -172,8 +173,9 @@ class Compensator(Regressor, ABC):
         begun = time.perf_counter()
         data = self._prepare(arm, readings, lengths, nominal)
         if nominal is None:
-            self.nominal_ = self._fit_nominal(data)
-            self._check_nominal(readings, data)
+            with explaining(arm, readings, lengths=lengths, free=self.free_):
+                self.nominal_ = self._fit_nominal(data)
+                self._check_nominal(readings, data)
         else:
             self.nominal_, self.nominal_check_ = same_nominal(self, nominal), nominal.nominal_check_
         self._fit(data, progress or no_progress)

@@ -19,6 +19,7 @@ import types
 import zipfile
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, fields, is_dataclass, replace
+from dataclasses import Field as DataclassField
 from functools import cache
 from inspect import get_annotations
 from pathlib import Path
@@ -29,6 +30,7 @@ import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from truearm import __version__
+from truearm.arm.arm import NOT_KEPT
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.hybrid import HybridModel
 from truearm.compensation.models.identified_model import (
@@ -234,13 +236,18 @@ def _encode(value: Any, name: str, arrays: dict[str, Array]) -> Any:
     if isinstance(value, ReferenceFit):
         value = _outliers_only(value)
     if is_dataclass(value):
-        parts = {field.name: getattr(value, field.name) for field in fields(value)}
+        parts = {field.name: getattr(value, field.name) for field in _kept_fields(value)}
         return {key: _encode(one, f"{name}.{key}", arrays) for key, one in parts.items()}
     if isinstance(value, Mapping):  # by number: a name of a session or a seat is no name of a file
         return [[key, _encode(one, f"{name}.{i}", arrays)] for i, (key, one) in enumerate(value.items())]
     if isinstance(value, tuple | list):
         return [_encode(one, f"{name}.{i}", arrays) for i, one in enumerate(value)]
     raise TruearmError(f"a model file cannot hold {name}, which is a {type(value).__name__}")
+
+
+def _kept_fields(kind: Any) -> list[DataclassField[Any]]:
+    """The fields of a dataclass that the file keeps."""
+    return [field for field in fields(kind) if NOT_KEPT not in field.metadata]
 
 
 def _outliers_only(reference: ReferenceFit) -> ReferenceFit:
@@ -270,8 +277,8 @@ def _decode(hint: Any, data: Any, name: str, arrays: dict[str, Array]) -> Any:
         return _taken_array(get_args(arguments[1])[0], data, name, arrays)
     if is_dataclass(hint):
         hints = get_type_hints(hint)
-        names = [field.name for field in fields(hint)]
-        optional = {field.name for field in fields(hint) if field.default is not MISSING}
+        names = [field.name for field in _kept_fields(hint)]
+        optional = {field.name for field in _kept_fields(hint) if field.default is not MISSING}
         if not isinstance(data, dict) or not set(names) - optional <= data.keys() <= set(names):
             raise InputError(f"model.json, {name}: expected {', '.join(names)}, got {str(data)[:60]}")
         build: Callable[..., Any] = hint  # type: ignore[assignment]

@@ -12,6 +12,7 @@ from typing import TypeVar
 import numpy as np
 
 from truearm.compensation.models.compensator import FREE_PARTS, MIN_ROWS, Compensator
+from truearm.compensation.models.description_hint import explaining
 from truearm.compensation.models.held_out_errors import NONE_HELD_OUT
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.compensation.models.nominal_check import (
@@ -136,7 +137,8 @@ def refit(
     bare = [without_sizes(reference) for reference in references]
     usual = usual_nominal_error(model.arm_, new.nominal_, state, bare, constants(model.arm_.chain, free=free))
     new.nominal_check_ = NominalCheck(typical_error(new.fit_), usual)
-    refuse_implausible(new.nominal_check_, model.arm_, readings, new.nominal_.tips(state))
+    with explaining(model.arm_, readings, lengths=lengths, free=free):
+        refuse_implausible(new.nominal_check_, model.arm_, readings, new.nominal_.tips(state))
     new.residual_std_ = max(unexplained_std, new.fit_.references[0].noise_std)
     new.free_, new.tips_ = free, tip_names(whole) if is_new_tip else model.tips_
     new.held_out_, new.held_out_distances_, new.held_out_errors_ = NONE_HELD_OUT, NONE_HELD_OUT, None

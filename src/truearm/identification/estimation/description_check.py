@@ -1,0 +1,287 @@
+"""Which mistake in the description of an arm, or of its readings, explains what the readings say.
+
+Every interpretation (`truearm.arm.description_mistakes`) is a hypothesis. Base and tip are free in all of them, and the
+constants of the arm may err as their prior says, so that the residuals r of an interpretation have the covariance
+``s^2 I + J P J'``. Hypotheses are compared by the restricted likelihood of that, of the contrasts that base and tip do
+not affect (D. A. Harville, "Bayesian inference for variance components using only error contrasts", Biometrika 61
+(1974) 383), each with the noise s that suits it best, and by a prior: every mistake of the list is as likely as any
+other, so that each change that is assumed costs the logarithm of their number. Two hypotheses differ where the
+odds are very strong by R. E. Kass and A. E. Raftery, "Bayes factors", J. Am. Stat. Assoc. 90 (1995) 773: twice their
+logarithm is 10 or more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+
+from truearm.arm.arm import Arm
+from truearm.arm.chain import Chain
+from truearm.arm.description_mistakes import Interpretation, Mistake, likely_mistakes
+from truearm.arm.rigid_motions import cross_matrix
+from truearm.identification.estimation.description_fits import (
+    DescriptionFits,
+    fit_descriptions,
+    length_rows,
+)
+from truearm.identification.estimation.reference_table import ReferenceTable
+from truearm.identification.terms.catalogue import ANGLE_STD, LENGTH_STD, TYPICAL_REACH_MM, relative_size
+from truearm.solve.threads import one_blas_thread
+from truearm.typing import FloatArray
+
+# Logarithm of the odds from which one hypothesis is better than another.
+VERY_STRONG = 5.0
+# The error of an interpretation is the one that three of four readings do not exceed.
+QUANTILE = 0.75
+# Multiple of the usual error of an arm up to which an interpretation is plausible (see `nominal_check.MAX_RATIO`).
+MAX_RATIO = 2.0
+# Interpretations whose likelihood is computed, those with the least residuals.
+MOST_JUDGED = 24
+# Readings by which all pairs of mistakes are screened, and pairs that are then fitted to all.
+SCREENING_READINGS, MOST_PAIRS = 20, 60
+# Standard deviations of the noise that are tried [mm]; no arm repeats better than the least.
+NOISE_MM = np.geomspace(1e-3, 1e4, 71)
+# Arms reach about a metre, most of them within this factor: whether the arm or the points have the wrong unit.
+REACH_FACTOR = 3.0
+# Distance within which the tip is where it is stated, on an arm of usual size [mm]; some do not state it at all.
+TIP_MM = 30.0
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """An interpretation of the arm file and the readings, and how well it explains them.
+
+    Attributes
+    ----------
+    mistakes : tuple of str
+        What would be wrong; empty for the arm and the readings as stated.
+    error_mm : float
+        Distance from the references that three of four readings do not exceed, with base and tip fitted [mm].
+    usual_mm : float
+        Root mean square distance that errors of the constants usually cause [mm].
+    log_odds : float
+        Logarithm of the odds against the arm and the readings as stated.
+    """
+
+    mistakes: tuple[str, ...]
+    error_mm: float
+    usual_mm: float
+    log_odds: float
+
+    @property
+    def is_plausible(self) -> bool:
+        """Whether the arm would miss by no more than arms do."""
+        return self.error_mm <= MAX_RATIO * self.usual_mm
+
+    @property
+    def is_usual(self) -> bool:
+        """Whether the arm misses by no more than errors of its constants usually cause."""
+        return self.error_mm <= self.usual_mm
+
+    def __str__(self) -> str:
+        return " and ".join(self.mistakes) or "as stated"
+
+
+@dataclass(frozen=True)
+class DescriptionCheck:
+    """What explains the readings of an arm.
+
+    Attributes
+    ----------
+    stated : Explanation
+        The arm and the readings as stated.
+    findings : tuple of Explanation
+        Mistakes that explain the readings and that these readings do not tell apart, the likeliest first; empty if
+        nothing explains them clearly better than the arm as stated.
+    others : tuple of Explanation
+        The next likely interpretations, which do not explain them as well.
+    n_readings, n_tried : int
+        Readings compared, and interpretations tried.
+    """
+
+    stated: Explanation
+    findings: tuple[Explanation, ...]
+    others: tuple[Explanation, ...]
+    n_readings: int
+    n_tried: int
+
+
+class _Hypothesis(NamedTuple):
+    mistakes: tuple[Mistake, ...]
+    interpretation: Interpretation
+
+
+@one_blas_thread()
+def check_description(arm: Arm, table: ReferenceTable) -> DescriptionCheck:
+    """Find what a person got wrong: one mistake, or two if no single one explains the readings.
+
+    Parameters
+    ----------
+    arm : Arm
+    table : ReferenceTable
+        What the readings refer to.
+    """
+    mistakes = [
+        one
+        for one in likely_mistakes(arm, has_points=table.has_points, has_lengths=bool(len(table.lengths)))
+        if one.subject != "rows" or len(table.points or table.seats) > 1
+    ]
+    stated = Interpretation.stated(arm)
+    as_stated = _Hypothesis((), stated)
+    single = [_Hypothesis((one,), one.mend(stated)) for one in mistakes]
+    judged = _judged([as_stated, *single], table, len(mistakes))
+    check = _decided(judged, table, 1 + len(single))
+    if check.findings or check.stated.is_plausible:
+        return check
+    pairs = _screened_pairs(mistakes, stated, table)
+    judged += [one for one in _judged([as_stated, *pairs], table, len(mistakes)) if one.mistakes]
+    return _decided(judged, table, 1 + len(single) + len(pairs))
+
+
+def _screened_pairs(mistakes: Sequence[Mistake], stated: Interpretation, table: ReferenceTable) -> list[_Hypothesis]:
+    """The pairs of mistakes that leave the least residuals at some of the readings."""
+    pairs = [
+        _Hypothesis((one, two), two.mend(one.mend(stated)))
+        for one, two in combinations(mistakes, 2)
+        if one.subject != two.subject
+    ]
+    few = table.of_readings(SCREENING_READINGS)
+    interpretations = [pair.interpretation for pair in pairs]
+    scores = fit_descriptions(few, interpretations).scores(few, interpretations)
+    return [pairs[i] for i in np.argsort(scores, kind="stable")[:MOST_PAIRS].tolist()]
+
+
+def _judged(hypotheses: Sequence[_Hypothesis], table: ReferenceTable, n_mistakes: int) -> list[Explanation]:
+    """Explanations by the first hypothesis, which is the arm as stated, and by the best of the others."""
+    interpretations = [one.interpretation for one in hypotheses]
+    fits = fit_descriptions(table, interpretations)
+    scores = fits.scores(table, interpretations)
+    order = [0, *(1 + np.argsort(scores[1:], kind="stable"))[:MOST_JUDGED].tolist()]
+    found = []
+    for i in order:
+        log_likelihood, usual = _likelihood(table, fits, i, interpretations[i])
+        log_prior = -len(hypotheses[i].mistakes) * np.log(n_mistakes)
+        error = float(np.quantile(np.linalg.norm(fits.residuals[i], axis=1), QUANTILE))
+        names = tuple(one.description for one in hypotheses[i].mistakes)
+        found.append(Explanation(names, error, usual, log_likelihood + log_prior))
+    return [Explanation(one.mistakes, one.error_mm, one.usual_mm, one.log_odds - found[0].log_odds) for one in found]
+
+
+def _decided(judged: Sequence[Explanation], table: ReferenceTable, n_tried: int) -> DescriptionCheck:
+    stated, others = judged[0], sorted(judged[1:], key=lambda one: -one.log_odds)
+    findings: list[Explanation] = []
+    if others and not stated.is_usual and others[0].log_odds >= VERY_STRONG and others[0].is_plausible:
+        findings = [one for one in others if one.log_odds > others[0].log_odds - VERY_STRONG]
+    rest = [one for one in others if one not in findings]
+    return DescriptionCheck(stated, tuple(findings), tuple(rest), len(table.angles), n_tried)
+
+
+def _likelihood(table: ReferenceTable, fits: DescriptionFits, i: int, one: Interpretation) -> tuple[float, float]:
+    """Logarithm of the restricted likelihood of an interpretation, and the usual error of such an arm [mm]."""
+    stated = one.table.chain()
+    chain = stated.with_tip(fits.tip_in_flange[i])
+    jacobian = chain.tip_derivatives(one.angles(table.angles)).motion_jacobian
+    kept = fits.kept[i]
+    m, n = len(jacobian), one.table.prismatic.size
+    std = np.tile(np.repeat([ANGLE_STD, LENGTH_STD * relative_size(stated)], 3), n)
+    by_constant = jacobian[:, 1:-1].reshape(m, 6 * n, 3).transpose(0, 2, 1) * std
+    by_tip = jacobian[:, -1, 3:].transpose(0, 2, 1)
+    free = [by_tip] if "tip" in table.free else []
+    residuals = fits.residuals[i]
+    if table.has_points:
+        if "base" in table.free:
+            free += [-cross_matrix(fits.points_in_base[i]), np.broadcast_to(np.eye(3), (m, 3, 3))]
+        parts = (residuals, np.concatenate([np.zeros((m, 3, 0)), *free], axis=2), by_constant)
+        r, X, K = (part[kept].reshape(3 * kept.sum(), -1) for part in parts)
+        n_absorbed, scale = 0, one.point_factor
+    else:
+        r, X, K, n_absorbed = _in_seats(table, fits, i, one, by_constant, by_tip)
+        scale = float(fits.movement[i])
+    log_likelihood, usual = restricted_likelihood(r[:, 0], X, K, n_absorbed=n_absorbed, scale=scale)
+    return log_likelihood + _log_prior_of_size(stated, chain), usual * float(np.sqrt(3))
+
+
+def _log_prior_of_size(stated: Chain, fitted: Chain) -> float:
+    """Logarithm of the prior of an arm's reach, log-normal, and of the tip about the stated one, a Cauchy density."""
+    reach = np.log(max(stated.reach, 1e-9) / TYPICAL_REACH_MM) / np.log(REACH_FACTOR)
+    off = np.linalg.norm(fitted.tip_in_flange - stated.tip_in_flange) / (TIP_MM * relative_size(stated))
+    return float(-0.5 * reach**2 - 2 * np.log1p(off**2))
+
+
+def _in_seats(
+    table: ReferenceTable,
+    fits: DescriptionFits,
+    i: int,
+    one: Interpretation,
+    by_constant: FloatArray,
+    by_tip: FloatArray,
+) -> tuple[FloatArray, FloatArray, FloatArray, int]:
+    """Residuals of kept readings from the means of their seats and of lengths, with their derivatives.
+
+    The last is the number of coordinates of seats, which the means absorb.
+    """
+    kept = fits.kept[i]
+    seat = table.seats[one.shift]
+    same = (seat[:, None] == seat[None]) & kept
+    mean = same / np.maximum(same.sum(axis=1, keepdims=True), 1)
+    free = by_tip if "tip" in table.free else by_tip[..., :0]
+    means = [np.einsum("mn,nij->mij", mean, part) for part in (free, by_constant)]
+    rows = 3 * int(kept.sum())
+    r = fits.residuals[i][kept].reshape(rows, 1)
+    X, K = ((part - at)[kept].reshape(rows, -1) for part, at in zip((free, by_constant), means, strict=True))
+    n_absorbed = 3 * len(np.unique(seat[kept]))
+    for columns in (0, 1):
+        of_lengths = length_rows(table, [one], seat[None], fits.points_in_base[i : i + 1], means[columns][None])
+        if of_lengths is None:
+            return r, X, K, n_absorbed
+        if columns:
+            K = np.concatenate([K, of_lengths[1][0]])
+        else:
+            r, X = np.concatenate([r, of_lengths[0].T]), np.concatenate([X, of_lengths[1][0]])
+    return r, X, K, n_absorbed
+
+
+def restricted_likelihood(
+    residuals: FloatArray, free: FloatArray, tolerances: FloatArray, *, n_absorbed: int = 0, scale: float = 1.0
+) -> tuple[float, float]:
+    """Logarithm of the restricted likelihood of residuals, at the noise that makes it largest.
+
+    Parameters
+    ----------
+    residuals : (n,) array
+        [mm].
+    free : (n, p) array
+        Derivatives by parameters of which nothing is known.
+    tolerances : (n, k) array
+        Derivatives by parameters with a prior, times their prior standard deviations [mm].
+    n_absorbed : int
+        Contrasts that are lost already, as of means that were subtracted.
+    scale : float
+        Residual by the stated unit of what was measured: the likelihood is that of the numbers stated.
+
+    Returns
+    -------
+    log_likelihood : float
+        Without the constant that depends on the number of contrasts only.
+    usual : float
+        Root mean square residual that the parameters with a prior cause [mm].
+    """
+    Q, R = np.linalg.qr(free)
+    weights = np.abs(R.diagonal())
+    Q = Q[:, weights > 1e-9 * weights.max(initial=0.0)]
+    r, K = residuals - Q @ (Q.T @ residuals), tolerances - Q @ (Q.T @ tolerances)
+    n = len(residuals) - Q.shape[1] - n_absorbed
+    U, s, _ = np.linalg.svd(K, full_matrices=False)
+    U, s = U[:, :n], s[:n]
+    c = U.T @ r
+    rest = max(float(r @ r - c @ c), 0.0)
+    noise = NOISE_MM[:, None] ** 2
+    variance = noise + s**2
+    of_tolerances = (np.log(variance) + c**2 / variance).sum(axis=1)
+    of_noise = (n - len(s)) * np.log(noise[:, 0]) + rest / noise[:, 0]
+    best = float((-0.5 * (of_tolerances + of_noise)).max())
+    return best + n * float(np.log(max(scale, 1e-12))), float(np.sqrt((s**2).sum() / max(len(residuals), 1)))

@@ -1,0 +1,155 @@
+"""Diagnose: what is wrong in an arm file or a table of readings that contradict each other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from truearm.arm.arm import Arm
+from truearm.errors import InputError
+from truearm.identification.estimation.description_check import DescriptionCheck, Explanation, check_description
+from truearm.identification.estimation.reference_table import LEAST_READINGS, reference_table
+from truearm.readings import Lengths, read_lengths
+from truearm.readings.checks import check_angles
+from truearm.workflows.inputs import ArmLike, LengthsLike, SessionLike, to_arm, to_free_parts, to_session
+from truearm.workflows.record import Record, TextTable, to_plain
+from truearm.workflows.sentences import format_mm
+
+# Interpretations listed behind the findings.
+N_OTHERS = 5
+
+
+def diagnose(
+    arm: ArmLike,
+    session: SessionLike,
+    *,
+    lengths: LengthsLike | None = None,
+    free: Iterable[str] = ("base", "tip"),
+) -> Diagnosis:
+    """Find what a person got wrong in an arm file or a table of readings.
+
+    Some 100 single mistakes are tried (signs, zeros, order and units of joints, signs of the constants of a table, its
+    convention, units and handedness of the references), and all pairs of them where no single one explains the
+    readings. Nothing is changed.
+
+    Parameters
+    ----------
+    arm : Arm, str or Path
+        The nominal arm: an `Arm`, a name of `list_arms`, or an arm file or URDF.
+    session : Session, DataFrame, str or Path
+        Readings with reference points, or in seats.
+    lengths : Lengths, str or Path, optional
+        Known lengths between seats of the session.
+    free : iterable of {"base", "tip"}
+        What is unknown of the placement of the arm.
+
+    Returns
+    -------
+    Diagnosis
+
+    Raises
+    ------
+    InputError
+        If the number of joints is wrong, or there are too few readings with points or in seats.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import truearm as ta
+    >>> session = ta.simulate("ur10", poses=30, strategy="uniform", seed=1).session
+    >>> wrong = ta.Session(session.angles * [1, 1, 1, -1, 1, 1], session.points)
+    >>> ta.diagnose("ur10", wrong).check.findings[0].mistakes
+    ('sign of J4 reversed',)
+    """
+    nominal = to_arm(arm)
+    parts = to_free_parts(free)
+    given = to_session(session, n_joints=nominal.n_joints)
+    check_angles(given, n_joints=nominal.n_joints)
+    known = lengths if lengths is None or isinstance(lengths, Lengths) else read_lengths(lengths)
+    table = reference_table(given, known, free=parts)
+    if table is None:
+        raise InputError(
+            f"expected {LEAST_READINGS} or more readings with a reference point or in a seat, the readings have fewer",
+            file=given.file,
+            hint="add columns x_mm, y_mm, z_mm, or a column seat with the names of seats",
+        )
+    return Diagnosis(nominal, check_description(nominal, table), has_points=table.has_points)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Diagnosis(Record):
+    """What explains the readings of an arm that contradict its description.
+
+    Attributes
+    ----------
+    arm : Arm
+        As it was given.
+    check : DescriptionCheck
+        The arm as stated, the mistakes that explain the readings, and the next likely ones.
+    has_points : bool
+        Whether the readings have reference points; else seats.
+    """
+
+    arm: Arm
+    check: DescriptionCheck
+    has_points: bool
+
+    def summary(self) -> str:
+        """The answer in one sentence."""
+        stated, findings = self.check.stated, self.check.findings
+        of = "its reference points" if self.has_points else "the means of its seats"
+        if findings:
+            first = findings[0]
+            return f"{first}: {format_mm(stated.error_mm)} as stated, {format_mm(first.error_mm)} if this is put right."
+        if stated.is_usual:
+            return (
+                f"The readings do not contradict the arm: it misses {of} by {format_mm(stated.error_mm)}, and arms "
+                f"like it miss by up to {format_mm(stated.usual_mm)}."
+            )
+        return (
+            f"No known mistake explains the readings: the arm misses {of} by {format_mm(stated.error_mm)}, and arms "
+            f"like it miss by up to {format_mm(stated.usual_mm)}."
+        )
+
+    def blocks(self) -> Iterator[str | TextTable]:
+        """See `Record.blocks`."""
+        check = self.check
+        yield self.summary()
+        if len(check.findings) > 1:
+            yield f"These readings do not tell {len(check.findings)} mistakes apart: look at the arm for each of them."
+        rows = [("as stated", check.stated), *((str(one), one) for one in check.findings)]
+        rows += [(str(one), one) for one in check.others[:N_OTHERS]] if not check.stated.is_usual else []
+        yield TextTable(
+            ("what is wrong", "error mm", "usual mm", ""),
+            [(name, f"{one.error_mm:.3g}", f"{one.usual_mm:.2g}", self._verdict(one)) for name, one in rows],
+            left_aligned=(0, 3),
+        )
+        yield (
+            f"error: three of four of {check.n_readings} readings miss by less, with base and tip fitted; usual: what "
+            f"errors of the constants cause. {check.n_tried} interpretations were tried."
+        )
+        yield "Nothing was changed: correct the arm file or the readings, and run this again."
+
+    def _verdict(self, one: Explanation) -> str:
+        if one in self.check.findings:
+            return "explains the readings"
+        return "" if one.is_plausible else "contradicted"
+
+    def to_dict(self) -> dict[str, Any]:
+        """See `Record.to_dict`."""
+        check = self.check
+        plain: dict[str, Any] = to_plain(
+            {
+                "summary": self.summary(),
+                "arm": self.arm.name,
+                "references": "points" if self.has_points else "seats",
+                "is_contradicted": not check.stated.is_usual,
+                "stated": check.stated,
+                "findings": check.findings,
+                "others": check.others,
+                "n_readings": check.n_readings,
+                "n_tried": check.n_tried,
+            }
+        )
+        return plain

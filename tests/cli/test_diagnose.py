@@ -1,0 +1,116 @@
+"""The doctor at every door: the verb, the command, and the hints of refusals. It proposes and changes nothing."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import truearm as ta
+from truearm.arm import write_arm
+from truearm.errors import InputError
+from truearm.readings import Session, write_lengths, write_session
+
+SIGN = np.where(np.arange(6) == 3, -1.0, 1.0)
+
+
+@pytest.fixture(scope="module")
+def readings() -> Session:
+    session = ta.simulate("gao2017", poses=40, strategy="uniform", preset="shop", seed=1).session
+    return Session(session.angles, session.points)
+
+
+@pytest.fixture(scope="module")
+def wrong(readings) -> Session:
+    return replace(readings, angles=readings.angles * SIGN)
+
+
+def test_the_first_line_names_the_mistake_and_both_errors(wrong):
+    diagnosis = ta.diagnose("gao2017", wrong)
+    first, *_, last = str(diagnosis).splitlines()
+    assert first.startswith("sign of J4 reversed: ")
+    assert first.endswith("if this is put right.")
+    assert "Nothing was changed" in last
+    assert diagnosis.to_dict()["findings"][0]["mistakes"] == ["sign of J4 reversed"]
+
+
+def test_a_right_arm_is_said_to_be_right(readings):
+    diagnosis = ta.diagnose("gao2017", readings)
+    assert diagnosis.summary().startswith("The readings do not contradict the arm")
+    assert diagnosis.to_dict()["findings"] == []
+
+
+def test_no_explanation_is_said(readings, rng):
+    lost = replace(readings, points=rng.uniform(-500, 500, readings.points.shape))
+    assert ta.diagnose("gao2017", lost.rows(np.arange(12))).summary().startswith("No known mistake explains")
+
+
+def test_too_few_readings_are_refused(readings):
+    with pytest.raises(InputError, match="expected 8 or more readings with a reference point or in a seat"):
+        ta.diagnose("gao2017", readings.rows(np.arange(5)))
+    with pytest.raises(InputError, match="J1 .. J7"):
+        ta.diagnose("measuring7", readings)
+
+
+def test_the_command_prints_it_and_changes_no_file(wrong, truearm, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_arm(ta.load_arm("gao2017"), "my-arm.toml")
+    write_session(wrong, "readings.csv")
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    assert truearm("arms", "my-arm.toml", "--readings", "readings.csv").out.startswith("sign of J4 reversed: ")
+    as_json = truearm("arms", "my-arm.toml", "--readings", "readings.csv", "--json").out
+    assert json.loads(as_json)["is_contradicted"] is True
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def test_seats_and_a_bar_serve_the_command(truearm, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    simulated = ta.simulate("gao2017", poses=40, strategy="seat", preset="shop", bars=2, reference=False, seed=1)
+    write_session(replace(simulated.session, angles=simulated.session.angles * SIGN), "readings.csv")
+    write_lengths(simulated.lengths, "lengths.csv")
+    ran = truearm("arms", "gao2017", "--readings", "readings.csv", "--lengths", "lengths.csv")
+    assert ran.code == 0, ran.err
+    assert "sign of J4 reversed" in ran.out.splitlines()[0]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["arms", "gao2017", "--lengths", "x.csv"], "--lengths needs --readings"),
+        (
+            ["arms", "gao2017", "--readings", "x.csv", "--out", "a.toml"],
+            "--readings needs a nominal arm",
+        ),
+        (["arms", "gao2017", "--readings", "x.csv", "--page"], "--readings needs a nominal arm"),
+        (["arms", "gao2017", "--readings", "x.csv"], "x.csv"),
+    ],
+)
+def test_what_does_not_go_together_is_refused(arguments, says, truearm, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    ran = truearm(*arguments)
+    assert ran.code == 2
+    assert says in ran.err
+
+
+def test_a_refused_fit_names_the_mistake(wrong):
+    with pytest.raises(InputError, match="misses its references") as refused:
+        ta.fit(replace(ta.load_arm("gao2017"), lower=None, upper=None), wrong, model="nominal")
+    assert refused.value.hint.startswith("put this right: sign of J4 reversed (")
+
+
+def test_an_evaluation_names_it_too(readings, wrong):
+    model = ta.fit("gao2017", readings, model="nominal").model
+    remarks = " ".join(ta.evaluate(model, wrong).remarks)
+    assert "Put this right: sign of J4 reversed (" in remarks
+
+
+def test_a_model_file_does_not_keep_the_table(readings, tmp_path):
+    """It is of the arm file; what is read back has the same arm."""
+    model = ta.fit("gao2017", readings, model="nominal").model
+    model.save(tmp_path / "m.truearm")
+    again = ta.load_model(tmp_path / "m.truearm")
+    assert model.arm_.table is not None
+    assert again.arm_.table is None
+    assert (again.arm_.chain.fixed == model.arm_.chain.fixed).all()
