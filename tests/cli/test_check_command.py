@@ -101,9 +101,9 @@ def folder(bench, course, tmp_path, monkeypatch):
 
 def test_an_unchanged_arm_needs_no_recalibration_after_ten_checks(course):
     assert [course[day].code for day in TYPED] == [3, 3, 0, 0, 1]
-    assert course[10].out.startswith("recalibrate: not enough checks yet; 9 before this one, 10 are needed\n")
+    assert course[10].out.startswith("Not enough checks yet: 9 before this one, 10 are needed")
     for day in (11, 18):
-        assert course[day].out.startswith("recalibrate: no\n")
+        assert course[day].out.startswith("No need to recalibrate: ")
     assert all(not ran.err for ran in course.values())
 
 
@@ -116,7 +116,7 @@ def test_a_drift_is_detected_and_dated(course, bench):
     seen = 11 + answers.index(RecalibrationAdvice.YES)
     assert STEADY < seen <= STEADY + 10
     assert set(answers[seen - 11 :]) == {RecalibrationAdvice.YES}
-    since = re.search(r"recalibrate: yes, since check (\d+) of 2026-01-(\d+)", course[len(CREEP)].out)
+    since = re.search(r"Recalibrate: a value has changed since check (\d+) of 2026-01-(\d+)", course[len(CREEP)].out)
     assert since[1] == since[2]
     assert abs(int(since[1]) - (STEADY + 1)) <= 2
     assert "length bar A to bar B, length error: drift since about check" in course[len(CREEP)].out
@@ -157,11 +157,11 @@ def test_a_new_model_starts_a_new_baseline_and_names_the_checks_that_are_not_com
     ran = truearm(*asked, "--report", "new.html")
     said = re.search(
         r"\na new model: 26 checks of arm.truearm in this history, not compared; result of the last one, "
-        r'2026-01-26: "recalibrate: yes, since check (\d+) of 2026-01-\d\d"\n',
+        r'2026-01-26: "Recalibrate: a value has changed since check (\d+) of 2026-01-\d\d\."\n',
         ran.out,
     )
     assert said
-    assert ran.out.startswith("recalibrate: not enough")
+    assert ran.out.startswith("Not enough checks yet")
     assert ran.code == 3
     assert "A new model: 26 checks of arm.truearm in this history" in Path("new.html").read_text()
     found = json.loads(truearm(*asked, "--json").out)
@@ -189,14 +189,14 @@ def test_artefacts_retired_before_a_new_model_stay_retired(truearm, folder):
         write_session(session(day).rows(session(day).seat == "bar B"), f"part{day}.csv")
         asked = ("check", model, f"part{day}.csv", "--history", "arm.sqlite", "--date", f"2026-01-{day}")
         ran = truearm(*asked)
-    assert '2026-01-27: "recalibrate: yes, since check' in ran.out
+    assert '2026-01-27: "Recalibrate: a value has changed since check' in ran.out
     gone = ("--retired", "cone", "--retired", "bar A", "--retired", "ball", "--mpe", "mpe.toml")
     ran = truearm(*asked, *gone, "--report", "page.html")
-    assert '2026-01-27: "recalibrate: no"' in ran.out
-    assert re.search("2026-01-27: .{1,6}recalibrate: no", Path("page.html").read_text())
+    assert '2026-01-27: "No need to recalibrate' in ran.out
+    assert re.search("2026-01-27: .{1,6}No need to recalibrate", Path("page.html").read_text())
     assert json.loads(truearm(*asked, *gone, "--json").out)["other_models"][0]["recalibrate"] == "no"
     Path("mpe.toml").write_text(MPE.replace("B_um = 80", "B_um = 1"))
-    assert '2026-01-27: "recalibrate: yes"' in truearm(*asked, *gone).out
+    assert '2026-01-27: "Recalibrate: a value exceeds' in truearm(*asked, *gone).out
     ran = truearm(*asked, "--retired", "nowhere")
     assert (ran.code, "no check contains the retired artefact 'nowhere'" in ran.err) == (2, True)
 
@@ -212,7 +212,7 @@ def test_a_history_refuses_a_model_of_another_arm(truearm, folder, snapshot):
     assert snapshot(folder) == before
 
 
-def test_one_check_beyond_the_limits_is_inconclusive(truearm, folder):
+def test_one_check_beyond_the_limits_is_undecided(truearm, folder):
     """A blow that moves the elbow's zero by a minute of arc, after ten quiet checks."""
     Path("arm.sqlite").unlink()
     model, history = load_model("arm.truearm"), History("arm.sqlite")
@@ -228,11 +228,11 @@ def test_one_check_beyond_the_limits_is_inconclusive(truearm, folder):
             11,
             3,
             (
-                "Inconclusive: repeat the check before you recalibrate. "
+                "Undecided: repeat the check before you recalibrate. "
                 "Clean the artefacts first, and check that they are fixed."
             ),
         ),
-        (12, 1, "recalibrate: yes, since check 11 of 2026-01-11"),
+        (12, 1, "Recalibrate: a value has changed since check 11 of 2026-01-11."),
     ):
         write_session(session(day, creep_arcsec=60.0), f"day{day}.csv")
         ran = truearm("check", "arm.truearm", f"day{day}.csv", "--history", "arm.sqlite", "--date", f"2026-01-{day}")
@@ -252,10 +252,10 @@ def test_limits_of_the_specification_apply_from_the_first_check_on(truearm, fold
     ran = truearm(*arguments(1, "--mpe", "mpe.toml"))
     assert ran.code == 3
     assert re.search(r"seat cone, SPAT.2s: 0.0\d+ mm exceeds the limit of 0.0100 mm in check 1 only\n", ran.out)
-    assert "Inconclusive: repeat the check" in ran.out
+    assert "Undecided: repeat the check" in ran.out
     ran = truearm(*arguments(2, "--mpe", "mpe.toml"))
     assert ran.code == 1
-    assert ran.out.startswith("recalibrate: yes\n")
+    assert ran.out.startswith("Recalibrate: a value exceeds its limit in the specification")
 
 
 def test_a_warm_bar_causes_no_recalibration(truearm, folder):
@@ -358,6 +358,47 @@ def test_an_interrupted_check_is_not_added(truearm, folder, snapshot, monkeypatc
     ran = truearm(*arguments(27, "--report", "page.html"))
     assert (ran.code, ran.out, ran.err) == (130, "", "truearm: interrupted\n")
     Path("day27.csv").unlink()
+    assert snapshot(folder) == before
+
+
+def test_a_wrong_check_is_withdrawn_and_stays_on_the_page(truearm, folder):
+    """Check 26 called for recalibration; without it check 25 is the last, and check 27 has the number 27."""
+    asked = ("check", "arm.truearm", "--history", "arm.sqlite", "--withdraw")
+    ran = truearm(*asked, "26", "--reason", "the bar was <loose>")
+    assert (ran.code, ran.err) == (0, "")
+    assert ran.out.splitlines()[0] == "Check 26 of 2026-01-26 is withdrawn: the bar was <loose>"
+    assert "\nWithout it: " in ran.out
+    write_session(session(27), "day27.csv")
+    found = json.loads(truearm(*arguments(27, "--report", "page.html", "--json")).out)
+    assert (found["n_checks"], found["values"][0]["check"]) == (26, 27)
+    assert [(one["check"], one["reason"]) for one in found["withdrawn"]] == [(26, "the bar was <loose>")]
+    assert found["history"]["rows"] == 28
+    html = Path("page.html").read_text()
+    assert html.count('<tr class="withdrawn">') == 1
+    assert "the bar was &lt;loose&gt;" in html
+    assert found["history"]["sha256"] in html
+    stated = json.loads(truearm(*asked, "2026-01-27", "--reason", "again", "--json").out)
+    assert (stated["check"], stated["n_checks"]) == (27, 25)
+
+
+@pytest.mark.parametrize(
+    ("options", "phrase"),
+    [
+        (("--withdraw", "99", "--reason", "x"), "no check that counts has the number or date '99'"),
+        (("--withdraw", "yesterday", "--reason", "x"), "has the number or date 'yesterday'"),
+        (("--withdraw", "3"), "--withdraw needs --reason"),
+        (("--withdraw", "3", "--reason", " "), "expected the reason"),
+        (("--withdraw", "3", "--reason", "x", "--mpe", "mpe.toml"), "--mpe does not apply to --withdraw"),
+        (("--reason", "x"), "--reason applies to --withdraw only"),
+        ((), "the session is missing"),
+        (("--withdraw", "3", "--reason", "x", "--history", "new.sqlite"), "the file does not exist"),
+    ],
+)
+def test_what_cannot_be_withdrawn_is_refused(truearm, folder, snapshot, options, phrase):
+    before = snapshot(folder)
+    ran = truearm("check", "arm.truearm", "--history", "arm.sqlite", *options)
+    assert (ran.code, ran.out) == (2, "")
+    assert phrase in ran.err
     assert snapshot(folder) == before
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
 
@@ -9,20 +10,23 @@ import typer
 
 from truearm.cli.console import (
     Json,
-    SessionFile,
+    ModelFile,
     check_output_is_not_input,
     check_page_path,
     print_record,
     progress,
 )
+from truearm.errors import InputError
 
 
 def check(
-    model: Annotated[Path, typer.Argument(metavar="MODEL", help="Model file.")],
-    session: SessionFile,
+    model: ModelFile,
     history: Annotated[
         Path, typer.Option("--history", help="File of the checks so far, .sqlite; the first check creates it.")
     ],
+    session: Annotated[
+        Path | None, typer.Argument(metavar="SESSION", help="Session file, .csv or .parquet; none with --withdraw.")
+    ] = None,
     lengths: Annotated[
         Path | None, typer.Option("--lengths", help="File of known lengths between the session's seats, .csv.")
     ] = None,
@@ -37,6 +41,11 @@ def check(
         str | None, typer.Option("--date", help="Date of the check: 2026-11-03 or 2026-11-03T08:30; now by default.")
     ] = None,
     report: Annotated[Path | None, typer.Option("--report", help="Page with the trend charts to write, .html.")] = None,
+    withdrawn: Annotated[
+        str | None,
+        typer.Option("--withdraw", metavar="NUMBER|DATE", help="Withdraw a wrong check; it stays in the history."),
+    ] = None,
+    reason: Annotated[str | None, typer.Option("--reason", help="With --withdraw: what was wrong with it.")] = None,
     as_json: Json = False,
 ) -> None:
     """Check whether the arm is still as it was identified.
@@ -46,8 +55,19 @@ def check(
     artefact is not measured. A session that is in the history already is not added again; the last one is completed
     if it comes with more, such as --lengths.
 
-    Exit code 0: no need; 1: recalibrate; 3: inconclusive (repeat the check), or not enough checks.
+    --withdraw 12 --reason "the ball was dirty", without a session: check 12 no longer counts. It stays in the history
+    with the reason, and on the page, struck through. Exit code 0.
+
+    Exit code 0: no need; 1: recalibrate; 3: undecided (repeat the check), or not enough checks.
     """
+    others = {"--lengths": lengths, "--retired": retired, "--mpe": mpe, "--date": date, "--report": report}
+    if withdrawn is not None:
+        _withdraw(model, history, withdrawn, reason, session=session, others=others, as_json=as_json)
+        return
+    if reason is not None:
+        raise InputError("--reason applies to --withdraw only", hint="omit it")
+    if session is None:
+        raise InputError("the session is missing", hint="truearm check MODEL SESSION --history HISTORY")
     from truearm.verification.monitor.assessment import RecalibrationAdvice
     from truearm.workflows.check import check as checked
 
@@ -61,3 +81,23 @@ def check(
             result.save_page(report)
     print_record(result, as_json=as_json, files={"page": report})
     raise typer.Exit({RecalibrationAdvice.NO: 0, RecalibrationAdvice.YES: 1}.get(result.recalibrate, 3))
+
+
+def _withdraw(
+    model: Path,
+    history: Path,
+    which: str,
+    reason: str | None,
+    *,
+    session: Path | None,
+    others: Mapping[str, object],
+    as_json: bool,
+) -> None:
+    from truearm.workflows.withdraw_check import withdraw_check
+
+    given: dict[str, object] = {"a session": session, **others}
+    if unused := [name for name, value in given.items() if value is not None]:
+        raise InputError(f"{unused[0]} does not apply to --withdraw", hint="omit it")
+    if reason is None:
+        raise InputError("--withdraw needs --reason as well", hint='--reason "the ball was dirty"')
+    print_record(withdraw_check(model, history, which, reason=reason), as_json=as_json)

@@ -14,7 +14,7 @@ from truearm.pages.plotting import Figure
 from truearm.pages.scene import Scene
 
 Cell = str | int | float | RoundedNumber | None
-State = Literal["good", "doubtful", "bad", "none"]
+State = Literal["good", "doubtful", "bad", "withdrawn", "none"]
 
 
 @dataclass(frozen=True)

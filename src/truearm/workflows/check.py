@@ -20,10 +20,18 @@ from truearm.compensation.models.training_conditions import fingerprint
 from truearm.errors import InputError
 from truearm.readings import Lengths, Session, check_sessions
 from truearm.solve.threads import one_blas_thread
-from truearm.verification.monitor.assessment import Assessment, RecalibrationAdvice, Trend, describe_assessment
+from truearm.verification.monitor.assessment import (
+    Assessment,
+    RecalibrationAdvice,
+    Trend,
+    describe_assessment,
+    describe_correlations,
+    describe_power,
+    describe_withdrawals,
+)
 from truearm.verification.monitor.control_chart import MIN_BASELINE_CHECKS
 from truearm.verification.monitor.history import History, OtherModel
-from truearm.verification.monitor.interim_check import CheckValue, InterimCheck, interim_values
+from truearm.verification.monitor.interim_check import CheckValue, InterimCheck, counted, interim_values
 from truearm.verification.monitor.recorded_check import RecordedCheck, record_check
 from truearm.verification.standards.dates import format_date, now, parse_moment
 from truearm.workflows.inputs import (
@@ -57,6 +65,8 @@ class CheckResult(PageRecord):
         Name of the model file, or of the kind of model.
     history : Path
         The file of the history.
+    head : (int, str)
+        Its number of rows and its last checksum after this check.
     input_remarks : tuple of str
         What was ignored of session and lengths, and readings outside the trained range.
     files : tuple of Path
@@ -67,6 +77,7 @@ class CheckResult(PageRecord):
     model: Compensator
     model_name: str
     history: Path
+    head: tuple[int, str]
     input_remarks: tuple[str, ...]
     files: tuple[Path, ...]
 
@@ -87,8 +98,9 @@ class CheckResult(PageRecord):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What was ignored, what could not be judged, and the results of other models."""
-        return (*self.input_remarks, *self.assessment.remarks, *self.record.remarks)
+        """What was ignored, what could not be judged, withdrawn checks, and the results of other models."""
+        withdrawn = describe_withdrawals(self.record.checks)
+        return (*self.input_remarks, *self.assessment.remarks, *withdrawn, *self.record.remarks)
 
     def page(self) -> Page:
         """The control charts with the advice."""
@@ -98,7 +110,7 @@ class CheckResult(PageRecord):
         facts = [
             ("model", f"{self.model_name}, {self.model.n_train_} training readings, SHA-256 {check.model}"),
             ("arm", f"{arm.name}: {arm.title}. {arm.source}"),
-            ("history", self.history.name),
+            ("history", f"{self.history.name}: {self.head[0]} rows, last checksum {self.head[1]}"),
             version_row(),
         ]
         return drift_page(self.record.checks, self.assessment, arm=arm.name, remarks=self.record.remarks, facts=facts)
@@ -108,16 +120,17 @@ class CheckResult(PageRecord):
         from truearm.verification.monitor.interim_check_page import trend_figure
 
         charted = [trend for trend in self.assessment.trends if trend.chart is not None]
-        return trend_figure(charted) if charted else None
+        return trend_figure(charted, self.record.checks) if charted else None
 
     def blocks(self) -> Iterator[str | TextTable]:
         """See `Record`."""
         checks, record = self.record.checks, self.record
         yield describe_assessment(self.assessment, checks)
         yield from self.assessment.reasons
-        last = checks[-1]
+        yield from describe_power(self.assessment)
+        last = record.last
         temperature = "" if last.temperature_degC is None else f", {last.temperature_degC:.1f} degC"
-        yield f"check {len(checks)} of {self.model_name}, {format_date(last.date)}{temperature}"
+        yield f"check {1 + checks.index(last)} of {self.model_name}, {format_date(last.date)}{temperature}"
         if record.completed:
             yield "this session completes the last check of the history"
         elif not record.added:
@@ -137,12 +150,13 @@ class CheckResult(PageRecord):
                 "drift: the larger cumulative sum, in standard deviations; above "
                 f"{charts[0].rules.decision_interval:.2f} it shows a change"
             )
+            yield describe_correlations(self.assessment)
         yield from self.remarks
 
     def to_dict(self) -> dict[str, Any]:
         """See `Record`."""
         record, assessment = self.record, self.assessment
-        last, since = record.checks[-1], assessment.since
+        last, since = record.last, assessment.since
         return {
             "added": record.added,
             "completed": record.completed,
@@ -150,12 +164,23 @@ class CheckResult(PageRecord):
             "session": last.session,
             "date": format_date(last.date),
             "temperature_degC": last.temperature_degC,
-            "n_checks": len(record.checks),
+            "n_checks": len(counted(record.checks)),
             "n_needed": MIN_BASELINE_CHECKS,
             "recalibrate": assessment.recalibrate.value,
             "since": None if since is None else {"check": since + 1, "date": format_date(record.checks[since].date)},
             "reasons": list(assessment.reasons),
             "remarks": list(self.remarks),
+            "withdrawn": [
+                {
+                    "check": number,
+                    "date": format_date(one.date),
+                    "withdrawn": format_date(one.withdrawn.date),
+                    "reason": one.withdrawn.reason,
+                }
+                for number, one in enumerate(record.checks, start=1)
+                if one.withdrawn is not None
+            ],
+            "history": {"rows": self.head[0], "sha256": self.head[1]},
             "values": [_trend_to_dict(trend) for trend in assessment.trends],
             "other_models": [_model_to_dict(*one) for one in record.other_models],
         }
@@ -237,10 +262,10 @@ def check(
         remarks.append(f"{outside} of {len(readings)} readings have a joint outside the trained range.")
     temperature = None if readings.temperature_degC is None else float(readings.temperature_degC.mean())
     values = _values(fitted, readings, known, temperature)
-    new = InterimCheck(moment, _model_fingerprint(model), fingerprint(readings), temperature, values)
+    new = InterimCheck(moment, model_file_fingerprint(model), fingerprint(readings), temperature, values)
     name = Path(model).name if isinstance(model, str | Path) else type(fitted).__name__
     record = record_check(kept, new, specification=limits, retired=retired, name=name, arm=fitted.arm.name)
-    return CheckResult(record, fitted, name, file, tuple(remarks), files)
+    return CheckResult(record, fitted, name, file, kept.head, tuple(remarks), files)
 
 
 def single_reading_remarks(session: Session, lengths: Lengths | None) -> list[str]:
@@ -276,7 +301,7 @@ def _values(
         raise (error.in_file(session.file) if session.file is not None and error.file is None else error) from None
 
 
-def _model_fingerprint(model: ModelLike) -> str:
+def model_file_fingerprint(model: ModelLike) -> str:
     """SHA-256 of the model file: another model, even of the same readings, starts a new baseline."""
     if isinstance(model, str | Path):
         with Path(model).open("rb") as stream:
@@ -284,7 +309,7 @@ def _model_fingerprint(model: ModelLike) -> str:
     with TemporaryDirectory() as folder:  # the same model gives the same file
         file = Path(folder) / "model.truearm"
         save_model(model, file)
-        return _model_fingerprint(file)
+        return model_file_fingerprint(file)
 
 
 def _cells(trend: Trend) -> list[str]:
@@ -333,6 +358,7 @@ def _trend_to_dict(trend: Trend) -> dict[str, Any]:
         "lower_mm": to_plain(chart.lower[-1]),
         "upper_mm": to_plain(chart.upper[-1]),
         "beyond": bool(chart.out_of_limits[-1]),
+        "correlation": dict(zip(("mean", "low", "high"), chart.correlation, strict=True)),
         "cusum_up": float(chart.cusum[0, -1]),
         "cusum_down": float(chart.cusum[1, -1]),
         "decision_interval": chart.rules.decision_interval,
@@ -344,7 +370,7 @@ def _model_to_dict(model: OtherModel, assessment: Assessment) -> dict[str, Any]:
     return {
         "model": model.model,
         "name": model.name or None,
-        "n_checks": len(model.checks),
-        "last": format_date(model.checks[-1].date),
+        "n_checks": len(counted(model.checks)),
+        "last": format_date(model.last.date),
         "recalibrate": assessment.recalibrate.value,
     }

@@ -22,7 +22,8 @@ from truearm.errors import InputError, TruearmError
 from truearm.verification.monitor.assessment import RecalibrationAdvice
 from truearm.verification.monitor.history import _TABLE as TABLE
 from truearm.verification.monitor.history import APPLICATION_ID, VERSION, History
-from truearm.verification.monitor.interim_check import CheckValue, InterimCheck
+from truearm.verification.monitor.interim_check import CheckValue, InterimCheck, Withdrawal, counted
+from truearm.verification.monitor.recorded_check import record_check
 from truearm.verification.standards.specification import Specification
 
 MODEL, OTHER = "a" * 64, "b" * 64
@@ -143,6 +144,105 @@ def test_missing_values_complete_the_last_check(filled):
     assert [one.date.day for one in history.checks(MODEL)] == [1, 2, 3, 4]
 
 
+# Withdrawal ----------------------------------------------------------------------------------------------------------
+
+LATER = Withdrawal(datetime.datetime(2026, 2, 1), "the ball was dirty")
+
+
+def test_a_withdrawn_check_stays_with_its_reason_and_its_number(filled):
+    history = History(filled)
+    second = history.checks(MODEL)[1]
+    rows, checksum = history.head
+    history.withdraw(second, LATER)
+    assert history.checks(MODEL) == (check(1), check(2, withdrawn=LATER), check(3))
+    assert counted(history.checks(MODEL)) == (check(1), check(3))
+    assert history.head[0] == rows + 1
+    assert history.head[1] != checksum
+    with pytest.raises(InputError, match="withdrawn already, or not in this history"):
+        history.withdraw(second, LATER)
+    with pytest.raises(InputError, match="withdrawn already, or not in this history"):
+        history.withdraw(check(9), LATER)
+    assert history.head[0] == rows + 1
+
+
+def test_a_session_may_be_checked_again_after_its_withdrawal(filled):
+    """A check with a wrong date, which would refuse all checks before it, and a later one that completes nothing."""
+    history = History(filled)
+    future = check(28, session="d" * 64)
+    assert history.append(future)
+    with pytest.raises(InputError, match="--withdraw withdraws one with a wrong date"):
+        history.append(check(4))
+    history.withdraw(future, LATER)
+    right = check(4, session="d" * 64)
+    assert history.append(right)
+    assert history.checks(MODEL)[3:] == (replace(future, withdrawn=LATER), right)
+    assert not history.append(right)
+    assert history.append(check(5))
+
+
+def test_a_withdrawn_check_changes_no_chart(path):
+    """Sixteen checks, one of them far off and withdrawn: the others are assessed, with the numbers that they had."""
+    history, steady = History(path), 0.01 + 0.0005 * np.resize([1.0, -1.0, 0.5, -0.5], 17)
+    for day in range(1, 17):
+        value = CheckValue("SPAT.2s", "cone", 0.1 if day == 12 else steady[day], 0.0005, 0.0, 10)
+        recorded = record_check(history, check(day, values=(value,)))
+        if day == 12:
+            assert recorded.assessment.recalibrate is RecalibrationAdvice.UNDECIDED
+            history.withdraw(recorded.last, LATER)
+            assert record_check(history, check(11, values=(value,))).last.date.day == 11
+    (trend,) = recorded.assessment.trends
+    assert recorded.assessment.recalibrate is RecalibrationAdvice.NO
+    assert (recorded.number, recorded.assessment.n_before) == (16, 14)
+    assert 11 not in trend.checks
+    assert trend.chart.n_before[-1] == 14
+
+
+def test_a_model_of_which_all_checks_are_withdrawn_is_no_other_model(filled):
+    history = History(filled)
+    for one in history.checks(MODEL):
+        history.withdraw(one, LATER)
+    assert history.other_models(OTHER, arm="gao2017") == ()
+    assert counted(history.checks(MODEL)) == ()
+
+
+@pytest.mark.parametrize("reason", ["", " ", "x" * 1001, "two\nlines", 5])
+def test_a_withdrawal_needs_a_reason(reason):
+    with pytest.raises(InputError, match="the reason of a withdrawal"):
+        Withdrawal(LATER.date, reason)
+
+
+@pytest.mark.parametrize(
+    "row",
+    [
+        {"withdraws": 4},
+        {"withdraws": 0},
+        {"withdraws": True},
+        {"withdraws": 1, "reason": ""},
+        {"withdraws": 1, "date": "yesterday"},
+        {"withdraws": 1, "more": 1},
+    ],
+)
+def test_a_record_that_is_no_withdrawal_is_refused_though_its_checksum_matches(filled, row):
+    texts = [json.dumps(one) for one in records_of(filled)]
+    stated = {"date": "2026-02-01 00:00:00", "reason": "dirt"}
+    write_records(filled, [*texts, json.dumps({"withdraws": 1, **stated})])
+    assert len(counted(History(filled).checks(MODEL))) == 2
+    write_records(filled, [*texts, json.dumps({**stated, **row})])
+    with pytest.raises(InputError, match="damaged"):
+        History(filled)
+
+
+def test_a_history_of_the_first_version_is_read_and_gets_its_head_with_the_next_check(filled):
+    execute(filled, "DROP TABLE head", "PRAGMA user_version = 1")
+    history = History(filled)
+    assert [one.date.day for one in history.checks(MODEL)] == [1, 2, 3]
+    assert history.append(check(4))
+    assert [one.date.day for one in history.checks(MODEL)] == [1, 2, 3, 4]
+    execute(filled, "DELETE FROM checks WHERE id = 4")
+    with pytest.raises(InputError, match="last rows are missing"):
+        History(filled)
+
+
 @pytest.mark.parametrize(
     ("number", "changed"),
     [
@@ -178,7 +278,10 @@ def test_other_models_are_named_with_their_last_result(filled):
     assert (other.name, other.arm, [one.date.day for one in other.checks]) == ("new.truearm", "gao2017", [4, 5])
     words = other.describe(other.assess())
     assert words.startswith("2 checks of new.truearm in this history, not compared; result of the last one, ")
-    assert words.endswith('2026-01-05 08:30: "recalibrate: not enough checks yet; 1 before this one, 10 are needed"')
+    assert words.endswith(
+        '2026-01-05 08:30: "Not enough checks yet: 1 before this one, 10 are needed to say that the arm has not '
+        'changed."'
+    )
     (unnamed,) = history.other_models(OTHER, arm="gao2017")  # its checks were added without names
     assert unnamed.describe(unnamed.assess()).startswith("3 checks of another model (SHA-256 aaaaaaaaaaaa..)")
     assert history.append(check(6, model="c" * 64), name="un\nprintable", arm="gao2017")
@@ -193,9 +296,13 @@ def test_another_model_is_assessed_without_retired_artefacts_and_with_the_specif
         worn = replace(good, artefact="cone", value_mm=steady[day] if day < 12 else 0.1)
         history.append(check(day, model=OTHER, values=(good, worn)[: 2 if day < 14 else 1]))
     (other,) = history.other_models(MODEL, arm="gao2017")
-    assert other.describe(other.assess()).endswith('"recalibrate: yes, since check 12 of 2026-01-12 08:30"')
+    assert other.describe(other.assess()).endswith(
+        '"Recalibrate: a value has changed since check 12 of 2026-01-12 08:30."'
+    )
     known = ["cone", "nowhere", "second cone"]  # the last one is in its last check
-    assert other.describe(other.assess(retired=known)).endswith('"recalibrate: no"')
+    assert other.describe(other.assess(retired=known)).endswith(
+        '"No need to recalibrate: no value has changed by more than the scatter of the earlier checks."'
+    )
     strict = Specification(name="arm", source="sheet", measuring_range_mm=2000, limits={"SPAT.2s": {"B_um": 1}})
     assert other.assess(strict, retired=["cone"]).recalibrate is RecalibrationAdvice.YES
 
@@ -274,8 +381,14 @@ def test_a_history_is_an_ordinary_file(path):
 @pytest.mark.parametrize(
     ("statement", "phrase"),
     [
-        ("PRAGMA user_version = 99", "version 1, got version 99"),
+        ("PRAGMA user_version = 99", "version 2, got version 99"),
         ("PRAGMA user_version = 0", "tables are not those"),
+        ("PRAGMA user_version = 1", "tables are not those"),
+        ("DROP TABLE head", "tables are not those"),
+        ("DELETE FROM head", "last rows are missing"),
+        ("UPDATE head SET rows = 4", "last rows are missing"),
+        ("DELETE FROM checks WHERE id = 3", "last rows are missing"),
+        ("DELETE FROM checks", "last rows are missing"),
         ("PRAGMA application_id = 0", "SQLite file of another program"),
         ("DROP TABLE checks", "tables are not those"),
         ("CREATE TRIGGER t AFTER INSERT ON checks BEGIN DELETE FROM checks; END", "tables are not those"),
@@ -319,7 +432,7 @@ def content(tmp_path_factory):
 
 
 @settings(max_examples=300, deadline=None)
-@given(bit=st.integers(0, 8 * 2 * 4096 - 1))
+@given(bit=st.integers(0, 8 * 3 * 4096 - 1))
 def test_a_flipped_bit_anywhere_is_refused_or_changes_no_number(content, tmp_path_factory, bit):
     path = tmp_path_factory.getbasetemp() / "flipped.sqlite"
     path.write_bytes(flip(content, bit))
@@ -343,6 +456,7 @@ def write_records(path, records):
         for number, text in enumerate(records, start=1):
             checksum = hashlib.sha256(f"{checksum}\n{text}".encode()).hexdigest()
             database.execute("INSERT INTO checks VALUES (?, ?, ?)", (number, text, checksum))
+        database.execute("UPDATE head SET rows = ?, sha256 = ?", (len(records), checksum))
         database.commit()
 
 

@@ -169,18 +169,18 @@ def test_the_answer_no_needs_ten_earlier_checks(rng):
         assess([])
 
 
-def test_a_large_step_is_inconclusive_in_one_check_and_certain_in_two(rng):
+def test_a_large_step_is_undecided_in_one_check_and_certain_in_two(rng):
     steady = 0.001 * rng.standard_normal(6)
     checks = checks_of(np.r_[steady, 0.2])
     found = assess(checks)
-    assert (found.recalibrate, found.since) == (RecalibrationAdvice.INCONCLUSIVE, None)
+    assert (found.recalibrate, found.since) == (RecalibrationAdvice.UNDECIDED, None)
     assert found.reasons == ("length A to B, length error: beyond the limits of its chart in check 7 only",)
-    assert "Inconclusive: repeat the check" in describe_assessment(found, checks)
+    assert "Undecided: repeat the check" in describe_assessment(found, checks)
     checks = checks_of(np.r_[steady, 0.2, 0.21])
     found = assess(checks)
     assert (found.recalibrate, found.since) == (RecalibrationAdvice.YES, 6)
     assert found.reasons[0].endswith("check 7")
-    assert describe_assessment(found, checks) == "recalibrate: yes, since check 7 of 2026-01-07"
+    assert describe_assessment(found, checks) == "Recalibrate: a value has changed since check 7 of 2026-01-07."
     found = assess(checks_of(np.r_[steady, 0.2, steady[0]]))
     assert (found.recalibrate, found.reasons) == (RecalibrationAdvice.NOT_ENOUGH, ())
 
@@ -194,7 +194,7 @@ def test_a_single_value_beyond_its_limits_does_not_date_a_change_of_another_char
     assert found.reasons[1].endswith("beyond the limits of its chart in check 30 only")
     left_out = [*checks_of(steady, scatters), checks_of([0.0])[0]]
     found = assess(left_out)
-    assert found.recalibrate is RecalibrationAdvice.INCONCLUSIVE
+    assert found.recalibrate is RecalibrationAdvice.UNDECIDED
     assert found.reasons[0].endswith("in check 30 only, last measured in check 30")
 
 
@@ -293,7 +293,7 @@ def test_two_values_over_their_limit_by_more_than_u_ask_for_recalibration():
     """ISO 14253-1: 0.0125 mm with U = 2 x 0.001 mm is over 0.010, but not proved over 0.011."""
     checks = checks_of([-0.0125])
     over = assess(checks, limited(E_Uni=10))
-    assert (over.recalibrate, over.since) == (RecalibrationAdvice.INCONCLUSIVE, None)
+    assert (over.recalibrate, over.since) == (RecalibrationAdvice.UNDECIDED, None)
     assert over.reasons[0].endswith("-0.0125 mm exceeds the limit of 0.0100 mm in check 1 only")
     twice = assess(checks_of([-0.0125, -0.0126]), limited(E_Uni=10))
     assert (twice.recalibrate, twice.since) == (RecalibrationAdvice.YES, None)
@@ -312,13 +312,13 @@ def test_two_values_beyond_opposite_limits_are_no_confirmed_change(rng):
     steady = 0.001 * rng.standard_normal(15)
     checks = checks_of(np.r_[steady, 0.05, -0.05])
     found = assess(checks)
-    assert (found.recalibrate, found.since) == (RecalibrationAdvice.INCONCLUSIVE, None)
+    assert (found.recalibrate, found.since) == (RecalibrationAdvice.UNDECIDED, None)
     assert found.reasons[0].endswith("in check 17 only")
     back = assess(checks_of(np.r_[steady, 0.05, -0.05, -0.05]))
     assert (back.recalibrate, back.since) == (RecalibrationAdvice.YES, 16)
     limits = limited(**{"E_Uni": 10, "SPAT.Max": 10})
     over = assess(checks_of([0.0125, -0.0125]), limits)
-    assert over.recalibrate is RecalibrationAdvice.INCONCLUSIVE
+    assert over.recalibrate is RecalibrationAdvice.UNDECIDED
     assert over.reasons[0].endswith("in check 2 only")
     assert assess(checks_of([0.0, 0.0], [0.02, 0.02]), limits).recalibrate is RecalibrationAdvice.YES
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -11,6 +12,7 @@ import numpy as np
 from truearm.errors import InputError
 from truearm.typing import IntArray
 from truearm.verification.monitor.control_chart import (
+    DETECTED_WITHIN,
     MIN_BASELINE_CHECKS,
     ControlChart,
     ControlRules,
@@ -22,9 +24,12 @@ from truearm.verification.standards.dates import format_date
 from truearm.verification.standards.decision import Verdict, decide
 from truearm.verification.standards.specification import Specification
 
-INCONCLUSIVE_TEXT = (
-    "Inconclusive: repeat the check before you recalibrate. Clean the artefacts first, and check that they are fixed."
+UNDECIDED_TEXT = (
+    "Undecided: repeat the check before you recalibrate. Clean the artefacts first, and check that they are fixed."
 )
+
+
+_START = datetime.datetime(2000, 1, 1)
 
 
 class RecalibrationAdvice(StrEnum):
@@ -32,7 +37,7 @@ class RecalibrationAdvice(StrEnum):
 
     YES = "yes"
     NO = "no"
-    INCONCLUSIVE = "inconclusive"
+    UNDECIDED = "undecided"
     NOT_ENOUGH = "not enough checks yet"
 
 
@@ -130,13 +135,13 @@ def assess(
     Yes: a chart signals a change (see `control_chart`), by its cumulative sum or by two or more values in a row beyond
     the same limit; or the latest two values have the same sign and exceed their limit in the
     specification by more than the uncertainty of the artefact (ISO 14253-1). Quantities that the last check does not
-    contain count with their latest values. Inconclusive: that is true of the latest value only, for which dirt in a
+    contain count with their latest values. Undecided: that is true of the latest value only, for which dirt in a
     seat may be the cause. No: neither, and every chart of the last check has enough earlier checks.
 
     Parameters
     ----------
     checks : sequence of InterimCheck
-        All of one model, in the order of their dates.
+        All of one model, in the order of their dates. Withdrawn ones are numbered and do not count.
     specification : Specification, optional
     retired : collection of str, optional
         Artefacts that were repaired or replaced, and are no longer assessed; for a length, one of its seats.
@@ -144,27 +149,29 @@ def assess(
     Raises
     ------
     InputError
-        If there is no check, or a retired artefact is in the last check or in none.
+        If there is no check that counts, or a retired artefact is in the last check or in none.
 
     Notes
     -----
     The rate of false alarms is shared among the charts that existed at each check, so that later checks do not change
     the result of an earlier one.
     """
-    if not checks:
+    counted = [i for i, check in enumerate(checks) if check.withdrawn is None]
+    if not counted:
         raise InputError("expected one check or more, got none")
+    last = checks[counted[-1]]
     series: dict[tuple[str, str, bool], list[int]] = {}
     rules = []
     for i, check in enumerate(checks):
-        for value in check.values:
+        for value in check.values if check.withdrawn is None else ():
             series.setdefault(value.key, []).append(i)
         charted = [CHECK_QUANTITIES[name] for name, *_ in series if CHECK_QUANTITIES[name].charted]
         rules.append(control_rules(max(1, sum(quantity.n_sides for quantity in charted))))
-    _check_retired(retired, checks)
+    _check_retired(retired, last, [checks[i] for i in counted])
     by_key = [{value.key: value for value in check.values} for check in checks]
     trends = tuple(
-        _trend([by_key[i][key] for i in series[key]], series[key], rules, specification)
-        for key in dict.fromkeys((*by_key[-1], *series))
+        _trend([by_key[i][key] for i in series[key]], series[key], checks, rules, specification)
+        for key in dict.fromkeys((*by_key[counted[-1]], *series))
         if not any(by_key[series[key][-1]][key].uses(name) for name in retired)
     )
     current = [trend for trend in trends if trend.current and trend.chart is not None]
@@ -172,7 +179,7 @@ def assess(
     if any(trend.confirmed for trend in trends):
         advice = RecalibrationAdvice.YES
     elif any(trend.alarm for trend in trends):
-        advice = RecalibrationAdvice.INCONCLUSIVE
+        advice = RecalibrationAdvice.UNDECIDED
     elif current and all(trend.enough for trend in current):
         advice = RecalibrationAdvice.NO
     else:
@@ -185,20 +192,59 @@ def assess(
 
 
 def describe_assessment(assessment: Assessment, checks: Sequence[InterimCheck]) -> str:
-    """The advice in one line."""
-    if assessment.recalibrate is RecalibrationAdvice.YES:
-        since = (
-            ""
-            if assessment.since is None
-            else f", since check {assessment.since + 1} of {format_date(checks[assessment.since].date)}"
+    """The advice in one sentence."""
+    advice = assessment.recalibrate
+    if advice is RecalibrationAdvice.NO:
+        return "No need to recalibrate: no value has changed by more than the scatter of the earlier checks."
+    if advice is RecalibrationAdvice.NOT_ENOUGH:
+        return (
+            f"Not enough checks yet: {assessment.n_before} before this one, {MIN_BASELINE_CHECKS} are needed to say "
+            "that the arm has not changed."
         )
-        return f"recalibrate: yes{since}"
-    if assessment.recalibrate is RecalibrationAdvice.INCONCLUSIVE:
-        return INCONCLUSIVE_TEXT
-    if assessment.recalibrate is RecalibrationAdvice.NO:
-        return "recalibrate: no"
+    if advice is RecalibrationAdvice.UNDECIDED:
+        return UNDECIDED_TEXT
+    if assessment.since is None:
+        return "Recalibrate: a value exceeds its limit in the specification, as it did in the check before."
     return (
-        f"recalibrate: not enough checks yet; {assessment.n_before} before this one, {MIN_BASELINE_CHECKS} are needed"
+        f"Recalibrate: a value has changed since check {assessment.since + 1} of "
+        f"{format_date(checks[assessment.since].date)}."
+    )
+
+
+def describe_power(assessment: Assessment) -> tuple[str, ...]:
+    """What the checks show now, and what they cannot show yet; empty when there are enough."""
+    n = assessment.n_before
+    if n >= MIN_BASELINE_CHECKS or assessment.recalibrate is RecalibrationAdvice.YES:
+        return ()
+    now = ["whether a value lies far from those before"] if n >= 2 else []
+    if any(trend.limit_mm is not None for trend in assessment.trends):
+        now.append("whether a value exceeds its limit in the specification")
+    shown = f"The checks show {' and '.join(now)}" if now else "There is nothing yet to compare the values with"
+    return (
+        f"{shown}; that the arm is unchanged does not show before check {MIN_BASELINE_CHECKS + 1}.",
+        (
+            f"After {MIN_BASELINE_CHECKS} checks a gross change shows; after {2 * MIN_BASELINE_CHECKS} checks, in half "
+            f"of the cases, a change of three standard deviations within {DETECTED_WITHIN} further checks."
+        ),
+    )
+
+
+def describe_withdrawals(checks: Sequence[InterimCheck]) -> tuple[str, ...]:
+    """The withdrawn checks, a sentence each."""
+    return tuple(
+        f"Check {i} of {format_date(one.date)} was withdrawn on {one.withdrawn.date.date()}: {one.withdrawn.reason}"
+        for i, one in enumerate(checks, start=1)
+        if one.withdrawn is not None
+    )
+
+
+def describe_correlations(assessment: Assessment) -> str:
+    """How consecutive checks correlate, in the middle of the charts, in one phrase."""
+    known = [trend.chart.correlation for trend in assessment.trends if trend.chart is not None]
+    mean, low, high = np.median(known, axis=0) if known else (0.0, 0.0, 0.0)
+    return (
+        f"correlation of consecutive checks: {mean:.2f}, between {low:.2f} and {high:.2f} (median of "
+        f"{len(known)} {'chart' if len(known) == 1 else 'charts'}); the limits allow for it"
     )
 
 
@@ -207,9 +253,9 @@ def is_measured(artefact: str, checks: Sequence[InterimCheck]) -> bool:
     return any(value.uses(artefact) for check in checks for value in check.values)
 
 
-def _check_retired(retired: Collection[str], checks: Sequence[InterimCheck]) -> None:
+def _check_retired(retired: Collection[str], last: InterimCheck, checks: Sequence[InterimCheck]) -> None:
     for name in retired:
-        if is_measured(name, checks[-1:]):
+        if is_measured(name, [last]):
             raise InputError(
                 f"{name!r} is retired but is in the last check",
                 hint="give a repaired or replaced artefact a new name in the session",
@@ -222,9 +268,14 @@ def _check_retired(retired: Collection[str], checks: Sequence[InterimCheck]) -> 
 
 
 def _trend(
-    values: Sequence[CheckValue], at: Sequence[int], rules: Sequence[ControlRules], specification: Specification | None
+    values: Sequence[CheckValue],
+    at: Sequence[int],
+    checks: Sequence[InterimCheck],
+    rules: Sequence[ControlRules],
+    specification: Specification | None,
 ) -> Trend:
     """The series `values` of the checks `at`; `rules` has those of every check."""
+    last = max(i for i, check in enumerate(checks) if check.withdrawn is None)
     latest = values[-1]
     quantity = CHECK_QUANTITIES[latest.quantity]
     chart = None
@@ -233,6 +284,7 @@ def _trend(
             [one.value_mm for one in values],
             u=[one.u_mm for one in values],
             rules=[rules[i] for i in at],
+            days=[(checks[i].date - _START) / datetime.timedelta(days=1) for i in at],
             scale=quantity.scale,
             upper_only=quantity.scale,
         )
@@ -240,7 +292,7 @@ def _trend(
     over_before = (
         len(values) > 1 and _compare(values[-2], specification)[1] and values[-2].value_mm * latest.value_mm > 0
     )
-    return Trend(latest, at[-1] == len(rules) - 1, np.array(at), chart, limit, over, over_before)
+    return Trend(latest, at[-1] == last, np.array(at), chart, limit, over, over_before)
 
 
 def _compare(value: CheckValue, specification: Specification | None) -> tuple[float | None, bool]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import datetime
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -140,6 +140,28 @@ class CheckValue:
 
 
 @dataclass(frozen=True)
+class Withdrawal:
+    """Why a check no longer counts: what was wrong with it, and when that was stated.
+
+    Raises
+    ------
+    InputError
+        If the reason is empty, too long or cannot be printed.
+    """
+
+    date: datetime.datetime
+    reason: str
+
+    def __post_init__(self) -> None:
+        reason = self.reason
+        if not isinstance(reason, str) or not reason.strip() or len(reason) > MOST_NAME or not reason.isprintable():
+            raise InputError(
+                f"expected the reason of a withdrawal, up to {MOST_NAME} characters in one line, got {reason!r:.80}",
+                hint='--reason "the ball was dirty"',
+            )
+
+
+@dataclass(frozen=True)
 class InterimCheck:
     """An interim check as a history stores it.
 
@@ -153,6 +175,8 @@ class InterimCheck:
         Mean temperature of the readings.
     values : tuple of CheckValue
         One or more, each quantity of an artefact once.
+    withdrawn : Withdrawal or None
+        None for a check that counts.
 
     Raises
     ------
@@ -165,6 +189,7 @@ class InterimCheck:
     session: str
     temperature_degC: float | None
     values: tuple[CheckValue, ...]
+    withdrawn: Withdrawal | None = None
 
     def __post_init__(self) -> None:
         if self.temperature_degC is not None and not _is_number(self.temperature_degC):
@@ -175,6 +200,11 @@ class InterimCheck:
         for i, name in enumerate(names):
             if name in names[:i]:
                 raise InputError(f"the check has two values of {name[1]:.80}, {name[0]}")
+
+
+def counted(checks: Iterable[InterimCheck]) -> tuple[InterimCheck, ...]:
+    """The checks that are not withdrawn."""
+    return tuple(check for check in checks if check.withdrawn is None)
 
 
 def _is_number(value: object) -> bool:

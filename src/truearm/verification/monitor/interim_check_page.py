@@ -14,14 +14,23 @@ from truearm.pages.page import Cell, Column, LabelledValue, Page, PageVerdict, S
 from truearm.pages.palette import FAINT, INK, LIMIT, NAVY, ORANGE
 from truearm.pages.plotting import Figure, figure_style, join_phrases, make_panel, shorten
 from truearm.readings.thermal_expansion import ARTEFACT_U_K
-from truearm.verification.monitor.assessment import INCONCLUSIVE_TEXT, Assessment, RecalibrationAdvice, Trend
+from truearm.verification.monitor.assessment import (
+    Assessment,
+    RecalibrationAdvice,
+    Trend,
+    describe_assessment,
+    describe_correlations,
+    describe_power,
+    describe_withdrawals,
+)
 from truearm.verification.monitor.control_chart import MIN_BASELINE_CHECKS, ControlChart
-from truearm.verification.monitor.interim_check import InterimCheck
+from truearm.verification.monitor.interim_check import InterimCheck, counted
 from truearm.verification.standards.dates import format_date
 
 # Limits from fewer earlier values are too wide to draw.
 _FEW = 5
 _MOST_ROWS = 60
+_MOST_TICKS = 4
 
 
 def drift_page(
@@ -51,7 +60,7 @@ def drift_page(
     rows = [LabelledValue("recalibrate", assessment.recalibrate.value, state=_STATES[assessment.recalibrate])]
     if assessment.since is not None:
         rows += [LabelledValue("changed since", format_date(checks[assessment.since].date))]
-    rows.append(LabelledValue("checks with this model", len(checks)))
+    rows.append(LabelledValue("checks with this model", len(counted(checks))))
     return Page(
         title=f"{arm}: interim checks",
         subtitle=f"{format_count(len(checks), 'check')}, {first} to {last}."
@@ -61,9 +70,10 @@ def drift_page(
         sections=drift_sections(checks, assessment, remarks),
         facts=tuple(facts),
         verdict=PageVerdict(
-            verdict_sentence(checks, assessment),
+            describe_assessment(assessment, checks),
             _STATES[assessment.recalibrate],
-            " ".join(f"{capitalize(reason)}." for reason in assessment.reasons[:2]),
+            " ".join(f"{capitalize(reason)}." for reason in assessment.reasons[:2])
+            or " ".join(describe_power(assessment)),
         ),
     )
 
@@ -71,24 +81,9 @@ def drift_page(
 _STATES: dict[RecalibrationAdvice, State] = {
     RecalibrationAdvice.NO: "good",
     RecalibrationAdvice.NOT_ENOUGH: "doubtful",
-    RecalibrationAdvice.INCONCLUSIVE: "doubtful",
+    RecalibrationAdvice.UNDECIDED: "doubtful",
     RecalibrationAdvice.YES: "bad",
 }
-
-
-def verdict_sentence(checks: Sequence[InterimCheck], assessment: Assessment) -> str:
-    """The advice of a history of checks in one sentence."""
-    advice = assessment.recalibrate
-    if advice is RecalibrationAdvice.NO:
-        return "No need to recalibrate: no value has changed by more than the scatter of the earlier checks."
-    if advice is RecalibrationAdvice.NOT_ENOUGH:
-        return f"Not enough checks yet: {assessment.n_before} before the last one, {MIN_BASELINE_CHECKS} are needed."
-    if advice is RecalibrationAdvice.INCONCLUSIVE:
-        return INCONCLUSIVE_TEXT
-    if assessment.since is None:
-        return "Recalibrate: a value exceeds its limit in the specification, as it did in the check before."
-    since = f"check {assessment.since + 1} of {format_date(checks[assessment.since].date)}"
-    return f"Recalibrate: a value has changed since {since}."
 
 
 def drift_sections(
@@ -118,7 +113,9 @@ _METHOD = (
     "cumulative sum above the decision interval a small or slow one. The beginning of the change is where a step or a "
     "drift fits the values best; for a slow drift it is uncertain. The limits and the decision interval depend on the "
     "number of charts in the history: for an arm that has not changed, one check in 370 has a value beyond its "
-    "limits, and one in 370 a cumulative sum above the decision interval.\n\n"
+    "limits, and one in 370 a cumulative sum above the decision interval. Checks of consecutive days may resemble each "
+    "other; the limits allow for a correlation of consecutive checks as large as these checks leave possible, and lie "
+    "about the value that it makes probable.\n\n"
     "One value beyond its limits, or over the "
     "limit of the specification, may be caused by dirt in a seat: repeat the check. Recalibrate after two in a row on "
     f"the same side, or when a cumulative sum exceeds the decision interval.\n\n"
@@ -128,23 +125,26 @@ _METHOD = (
 )
 
 
-def trend_figure(trends: Sequence[Trend]) -> Figure:
+def trend_figure(trends: Sequence[Trend], checks: Sequence[InterimCheck]) -> Figure:
     """Draw the charts of the trends that have one, the values above and the cumulative sums below.
 
     Parameters
     ----------
     trends : sequence of Trend
         At least one with a chart.
+    checks : sequence of InterimCheck
+        All checks, for their dates.
     """
     charted = [(trend, trend.chart) for trend in trends if trend.chart is not None]
     with figure_style():
-        panels = tuple(_panel(trend, chart) for trend, chart in charted)
+        panels = tuple(_panel(trend, chart, checks) for trend, chart in charted)
     ends = join_phrases(f"{trend.latest.label} {trend.latest.value_mm:.4f} mm" for trend, _ in charted)
     return Figure(
         panels,
         caption="Above: the value of each check; grey: its limits and the mean, from earlier checks; orange: beyond "
         "the limits; dotted: the limit of the specification. Below: cumulative sums of the deviations upwards and "
-        "downwards, in standard deviations, with the decision interval. Orange line: the beginning of the change.",
+        "downwards, in standard deviations, with the decision interval. Orange line: the beginning of the change. "
+        "Below the axis: number and date of the check.",
         alt=f"Control charts of {format_count(len(charted), 'value')} over the checks. Their last values: {ends}.",
         columns=2,
     )
@@ -152,14 +152,18 @@ def trend_figure(trends: Sequence[Trend]) -> Figure:
 
 def temperature_figure(checks: Sequence[InterimCheck]) -> Figure:
     """Draw the temperature of the checks that have one; at least one has."""
-    number = [i + 1 for i, check in enumerate(checks) if check.temperature_degC is not None]
-    degC = [check.temperature_degC for check in checks if check.temperature_degC is not None]
+    known = [
+        (i, check.temperature_degC)
+        for i, check in enumerate(checks, start=1)
+        if check.temperature_degC is not None and check.withdrawn is None
+    ]
+    number, degC = zip(*known, strict=True)
     with figure_style():
         drawing, (axes,) = make_panel(4.6, 1.9)
         axes.plot(number, degC, "o-", color=INK, markersize=3, linewidth=0.7)
         middle, half = (max(degC) + min(degC)) / 2, max((max(degC) - min(degC)) * 0.6, 0.5)
-        axes.set(ylabel="temperature [degC]", xlabel="check", ylim=(middle - half, middle + half))
-        _checks_axis(axes, len(checks))
+        axes.set(ylabel="temperature [degC]", ylim=(middle - half, middle + half))
+        _checks_axis(axes, checks)
     return Figure(
         (drawing,),
         caption="Mean temperature of the readings of each check. A trend that follows it is not due to the arm alone.",
@@ -169,21 +173,10 @@ def temperature_figure(checks: Sequence[InterimCheck]) -> Figure:
 
 
 def _answer(checks: Sequence[InterimCheck], assessment: Assessment, remarks: Sequence[str]) -> str:
-    if assessment.recalibrate is RecalibrationAdvice.NO:
-        head = "No. No value of the last check has changed since the first checks by more than their scatter."
-    elif assessment.recalibrate is RecalibrationAdvice.NOT_ENOUGH:
-        head = (
-            f"Not enough checks yet: {assessment.n_before} before the last one; each value needs {MIN_BASELINE_CHECKS}."
-        )
-    elif assessment.recalibrate is RecalibrationAdvice.INCONCLUSIVE:
-        head = INCONCLUSIVE_TEXT
-    elif assessment.since is None:
-        head = "Yes. A value exceeds its limit in the specification, in the check before too."
-    else:
-        since = f"check {assessment.since + 1} of {format_date(checks[assessment.since].date)}"
-        head = f"Yes. A value has changed since {since}."
     sentences = [f"{capitalize(phrase)}." for phrase in (*assessment.reasons, *assessment.remarks, *remarks)]
-    return "\n\n".join([head, *sentences])
+    sentences += [f"{one}." for one in describe_withdrawals(checks)]
+    head = [describe_assessment(assessment, checks), *describe_power(assessment)]
+    return "\n\n".join([*head, *sentences, f"{capitalize(describe_correlations(assessment))}."])
 
 
 def _last_table(trends: Sequence[Trend]) -> Table:
@@ -237,8 +230,8 @@ def _verdict(trend: Trend) -> str:
 def _figures(checks: Sequence[InterimCheck], assessment: Assessment) -> tuple[Figure, ...]:
     figures = []
     if len(checks) > 1 and any(trend.chart is not None for trend in assessment.trends):
-        figures.append(trend_figure(assessment.trends))
-    if sum(check.temperature_degC is not None for check in checks) > 1:
+        figures.append(trend_figure(assessment.trends, checks))
+    if sum(check.temperature_degC is not None for check in counted(checks)) > 1:
         figures.append(temperature_figure(checks))
     return tuple(figures)
 
@@ -246,6 +239,9 @@ def _figures(checks: Sequence[InterimCheck], assessment: Assessment) -> tuple[Fi
 def _checks_table(checks: Sequence[InterimCheck], trends: Sequence[Trend]) -> Table:
     columns = [Column("check"), Column("date"), Column("temperature", "degC")]
     columns += [Column(trend.latest.label, "mm") for trend in trends]
+    any_withdrawn = len(counted(checks)) < len(checks)
+    if any_withdrawn:
+        columns.append(Column("withdrawn"))
     rows: list[tuple[Cell, ...]] = []
     for number, check in list(enumerate(checks, start=1))[-_MOST_ROWS:]:
         values = {value.key: RoundedNumber(value.value_mm, value.u_mm) for value in check.values}
@@ -256,13 +252,15 @@ def _checks_table(checks: Sequence[InterimCheck], trends: Sequence[Trend]) -> Ta
                 format_date(check.date).replace("-", "\u2011"),
                 degC,
                 *(values.get(trend.latest.key) for trend in trends),
+                *([check.withdrawn.reason if check.withdrawn else None] if any_withdrawn else []),
             )
         )
     which = f"The last {_MOST_ROWS} of {len(checks)} checks." if len(checks) > _MOST_ROWS else "All checks."
-    return Table(tuple(columns), tuple(rows), which)
+    states: list[State] = ["withdrawn" if check.withdrawn else "none" for check in checks[-_MOST_ROWS:]]
+    return Table(tuple(columns), tuple(rows), which, states=tuple(states))
 
 
-def _panel(trend: Trend, chart: ControlChart) -> Drawing:
+def _panel(trend: Trend, chart: ControlChart, checks: Sequence[InterimCheck]) -> Drawing:
     drawing, (above, below) = make_panel(4.6, 3.4, rows=2)
     number = trend.checks + 1
     _values(above, number, chart)
@@ -278,8 +276,8 @@ def _panel(trend: Trend, chart: ControlChart) -> Drawing:
     for line in (interval, -interval) if lowest else (interval,):
         below.axhline(line, color=LIMIT, linewidth=0.9)
     below.set_ylim(1.25 * min(lowest, -float(down.max())), 1.25 * max(interval, float(up.max())))
-    below.set(xlabel="check", ylabel="drift")
-    _checks_axis(below, int(number[-1]))
+    below.set_ylabel("drift")
+    _checks_axis(below, checks)
     if trend.since is not None:
         for axes in (above, below):
             axes.axvline(trend.since + 0.5, color=ORANGE, linewidth=1.0, zorder=1)
@@ -305,6 +303,13 @@ def _values(axes: Axes, number: npt.NDArray[np.intp], chart: ControlChart) -> No
     axes.locator_params(axis="y", nbins=5)
 
 
-def _checks_axis(axes: Axes, n: int) -> None:
+def _checks_axis(axes: Axes, checks: Sequence[InterimCheck]) -> None:
+    """Number and date of some of the checks; equal steps, so that many checks of one day can be read too."""
+    n = len(checks)
     axes.set_xlim(0.4, max(n, 2) + 0.6)
-    axes.locator_params(axis="x", nbins=8, integer=True)
+    shown = sorted({1 + round(share * (n - 1)) for share in np.linspace(0, 1, _MOST_TICKS)})
+    axes.set_xticks(shown, [f"{i}\n{checks[i - 1].date.date()}" for i in shown])
+    if n > 1:  # a date at an end is wider than the margin
+        labels = axes.get_xticklabels()
+        labels[0].set_horizontalalignment("left")
+        labels[-1].set_horizontalalignment("right")

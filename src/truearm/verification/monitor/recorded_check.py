@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from truearm.verification.monitor.assessment import Assessment, assess, is_measured
 from truearm.verification.monitor.control_chart import MIN_BASELINE_CHECKS
 from truearm.verification.monitor.history import History, OtherModel
-from truearm.verification.monitor.interim_check import InterimCheck
+from truearm.verification.monitor.interim_check import InterimCheck, counted
 from truearm.verification.standards.specification import Specification
 
 
@@ -20,7 +20,7 @@ class RecordedCheck:
     ----------
     check : InterimCheck
     checks : tuple of InterimCheck
-        All checks of its model in the order of their dates, itself included.
+        All checks of its model in the order of their dates, itself and withdrawn ones included.
     assessment : Assessment
         Of `checks`.
     added : bool
@@ -41,13 +41,19 @@ class RecordedCheck:
     @property
     def number(self) -> int:
         """The number of the check of this session, counted from 1."""
-        return 1 + [one.session for one in self.checks].index(self.check.session)
+        return max(i for i, one in enumerate(self.checks, start=1) if one.session == self.check.session)
+
+    @property
+    def last(self) -> InterimCheck:
+        """The last check that counts."""
+        return counted(self.checks)[-1]
 
     @property
     def remarks(self) -> tuple[str, ...]:
         """The results of other models, while this one is new or was last used before them."""
-        n, others = len(self.checks), self.other_models
-        if not others or (n > MIN_BASELINE_CHECKS and self.checks[-2].date > others[0][0].checks[-1].date):
+        own, others = counted(self.checks), self.other_models
+        n = len(own)
+        if not others or (n > MIN_BASELINE_CHECKS and own[-2].date > others[0][0].last.date):
             return ()
         prefix = "a new model: " if n == 1 else ""
         return tuple(f"{prefix}{model.describe(assessment)}" for model, assessment in others)
@@ -82,9 +88,13 @@ def record_check(
     """
     others = history.other_models(check.model, arm=arm)
     before, checks = history.checks(check.model), history.with_check(check)
-    elsewhere = [one for model in others for one in model.checks]
+    elsewhere = [one for model in others for one in counted(model.checks)]
     # Artefacts that only checks of other models have were retired before this model.
-    own = [artefact for artefact in retired if is_measured(artefact, checks) or not is_measured(artefact, elsewhere)]
+    own = [
+        artefact
+        for artefact in retired
+        if is_measured(artefact, counted(checks)) or not is_measured(artefact, elsewhere)
+    ]
     assessment = assess(checks, specification, retired=own)
     other_models = tuple((model, model.assess(specification, retired=retired)) for model in others)
     changed = history.append(check, name=name, arm=arm)

@@ -1,0 +1,109 @@
+"""The rows of a history of interim checks: checks and withdrawals, and their JSON texts."""
+
+from __future__ import annotations
+
+import datetime
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+
+from truearm.verification.monitor.interim_check import CheckValue, InterimCheck, Withdrawal
+
+_FINGERPRINT = re.compile("[0-9a-f]{64}")
+MOST_NAME = 1000
+
+
+@dataclass(frozen=True)
+class CheckRow:
+    """A check in a row of the file."""
+
+    check: InterimCheck
+    name: str
+    arm: str
+
+
+@dataclass(frozen=True)
+class WithdrawalRow:
+    """The withdrawal of the check in an earlier row, counted from 1."""
+
+    row: int
+    withdrawal: Withdrawal
+
+
+@dataclass(frozen=True)
+class HistoryRows:
+    """All rows of the file and the last checksum; rows are numbered from 1."""
+
+    rows: tuple[CheckRow | WithdrawalRow, ...]
+    checksum: str = ""
+
+    @property
+    def check_rows(self) -> list[CheckRow]:
+        """The rows with checks."""
+        return [row for row in self.rows if isinstance(row, CheckRow)]
+
+    def checks_of(self, model: str) -> tuple[InterimCheck, ...]:
+        """A model's checks in the order of addition, with their withdrawals; a row may complete the check before."""
+        checks: list[InterimCheck] = []
+        by_row: dict[int, int] = {}
+        for number, row in enumerate(self.rows, start=1):
+            if isinstance(row, WithdrawalRow):
+                if (at := by_row.get(row.row)) is not None:
+                    checks[at] = replace(checks[at], withdrawn=row.withdrawal)
+            elif row.check.model == model:
+                same = [i for i, one in enumerate(checks) if _is_same(one, row.check)]
+                by_row[number] = same[0] if same else len(checks)
+                checks[by_row[number] :] = [row.check, *checks[by_row[number] + 1 :]]
+        return tuple(checks)
+
+    def row_of(self, check: InterimCheck) -> int:
+        """The number of the row with a check that counts."""
+        wanted = replace(check, withdrawn=None)
+        return max(
+            number for number, row in enumerate(self.rows, start=1) if isinstance(row, CheckRow) and row.check == wanted
+        )
+
+
+def _is_same(stored: InterimCheck, check: InterimCheck) -> bool:
+    """Whether a check completes a stored one: the same readings, and not withdrawn."""
+    return stored.session == check.session and stored.withdrawn is None
+
+
+def encode_check(record: CheckRow) -> str:
+    """Return the JSON text of a row with a check."""
+    check = {**asdict(record.check), "date": record.check.date.isoformat(sep=" ")}
+    del check["withdrawn"]
+    return json.dumps({"name": record.name, "arm": record.arm, **check}, allow_nan=False)
+
+
+def encode_withdrawal(row: int, withdrawal: Withdrawal) -> str:
+    """Return the JSON text of a row that withdraws the check in an earlier one."""
+    stated = {"date": withdrawal.date.isoformat(sep=" "), "reason": withdrawal.reason}
+    return json.dumps({"withdraws": row, **stated}, allow_nan=False)
+
+
+def decode_row(text: str, rows: Sequence[CheckRow | WithdrawalRow]) -> CheckRow | WithdrawalRow:
+    """The row of a JSON text after other rows; raises what `History._read` catches."""
+    fields = json.loads(text)
+    if "withdraws" in fields:
+        row, date = fields.pop("withdraws"), datetime.datetime.fromisoformat(fields.pop("date"))
+        if type(row) is not int or not 1 <= row <= len(rows) or not isinstance(rows[row - 1], CheckRow):
+            raise ValueError("expected the row of an earlier check")
+        return WithdrawalRow(row, Withdrawal(date, **fields))
+    name, arm = fields.pop("name"), fields.pop("arm")
+    date = datetime.datetime.fromisoformat(fields.pop("date"))
+    values = tuple(CheckValue(**value) for value in fields.pop("values"))
+    if "withdrawn" in fields:
+        raise ValueError("expected a check that counts")
+    check = InterimCheck(date=date, values=values, **fields)
+    if date.tzinfo is not None or not all(map(_FINGERPRINT.fullmatch, (check.model, check.session))):
+        raise ValueError("expected a local date and SHA-256 fingerprints")
+    if not (is_name(name) and is_name(arm)):
+        raise ValueError("expected printable names")
+    return CheckRow(check, name, arm)
+
+
+def is_name(value: object) -> bool:
+    """Whether a value is a name that can be printed."""
+    return isinstance(value, str) and len(value) <= MOST_NAME and value.isprintable()

@@ -1,0 +1,119 @@
+"""`withdraw_check`: a wrong interim check no longer counts; it stays in the history with the reason."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from truearm.errors import InputError
+from truearm.files.file_reading import check_readable
+from truearm.verification.monitor.assessment import Assessment, assess, describe_assessment
+from truearm.verification.monitor.history import MAX_BYTES, History
+from truearm.verification.monitor.interim_check import InterimCheck, Withdrawal, counted
+from truearm.verification.standards.dates import format_date, now
+from truearm.workflows.check import model_file_fingerprint
+from truearm.workflows.inputs import ModelLike
+from truearm.workflows.record import Record, TextTable
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class WithdrawalResult(Record):
+    """A check that no longer counts, and the assessment of the others.
+
+    Attributes
+    ----------
+    check : InterimCheck
+        With its withdrawal.
+    number : int
+        Counted from 1; other checks keep theirs.
+    checks : tuple of InterimCheck
+        All checks of the model.
+    assessment : Assessment or None
+        Of those that count; None where there is none.
+    """
+
+    check: InterimCheck
+    number: int
+    checks: tuple[InterimCheck, ...]
+    assessment: Assessment | None
+
+    def blocks(self) -> Iterator[str | TextTable]:
+        """See `Record`."""
+        assert self.check.withdrawn is not None
+        yield f"Check {self.number} of {format_date(self.check.date)} is withdrawn: {self.check.withdrawn.reason}"
+        yield "It stays in the history with the reason, and no longer counts."
+        if self.assessment is None:
+            yield "No check of this model is left that counts."
+        else:
+            yield f"Without it: {describe_assessment(self.assessment, self.checks)}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """See `Record`."""
+        assert self.check.withdrawn is not None
+        return {
+            "check": self.number,
+            "date": format_date(self.check.date),
+            "reason": self.check.withdrawn.reason,
+            "n_checks": len(counted(self.checks)),
+            "recalibrate": None if self.assessment is None else self.assessment.recalibrate.value,
+        }
+
+
+def withdraw_check(
+    model: ModelLike, history: History | str | Path, which: str | int, *, reason: str
+) -> WithdrawalResult:
+    """Withdraw a wrong check: it stays in the history with the reason, and no longer counts.
+
+    Parameters
+    ----------
+    model : model or path
+    history : History or path
+        The file of its checks.
+    which : str or int
+        The number of the check, counted from 1, or its date.
+    reason : str
+        What was wrong with it.
+
+    Returns
+    -------
+    WithdrawalResult
+
+    Raises
+    ------
+    InputError
+        If there is no history, no such check or more than one, it is withdrawn already, or the reason is empty.
+    """
+    kept = history if isinstance(history, History) else _existing(Path(history))
+    whose = model_file_fingerprint(model)
+    known = kept.checks(whose)
+    number = _number_of(str(which).strip(), known, kept.path)
+    withdrawal = Withdrawal(now(), reason)
+    kept.withdraw(known[number - 1], withdrawal)
+    checks = kept.checks(whose)
+    assessment = assess(checks) if counted(checks) else None
+    return WithdrawalResult(checks[number - 1], number, checks, assessment)
+
+
+def _existing(path: Path) -> History:
+    """The history in a file: a withdrawal creates none."""
+    check_readable(path, limit_bytes=MAX_BYTES, hint="name the file of the checks with --history")
+    return History(path)
+
+
+def _number_of(which: str, checks: Sequence[InterimCheck], file: Path) -> int:
+    """The number of the check that counts and has this number or date."""
+    counting = {i: one for i, one in enumerate(checks, start=1) if one.withdrawn is None}
+    listed = [f"{i} of {format_date(one.date)}" for i, one in counting.items()]
+    hint = f"use one of {', '.join(listed[-8:])}" if listed else "check the model file: each model has its own checks"
+    if which.isdecimal():
+        found = [int(which)] if int(which) in counting else []
+    else:
+        found = [
+            i for i, one in counting.items() if which.replace("T", " ") in (format_date(one.date), f"{one.date.date()}")
+        ]
+    if len(found) != 1:
+        what = "no check that counts has" if not found else f"checks {', '.join(map(str, found))} have"
+        raise InputError(f"{what} the number or date {which!r:.40}", file=file, hint=hint)
+    return found[0]
