@@ -36,6 +36,7 @@ expansion_per_K = 1e-6
 u_expansion_per_K = 0.3e-6
 u_temperature_K = 0.5
 u_fixture_mm = 0.002
+u_alignment_mm = 0.3
 lengths = [
 {
     chr(10).join(
@@ -59,6 +60,9 @@ MPE = """\
 name = "measuring arm 2.5 m"
 source = "its data sheet"
 measuring_range_mm = 2500
+
+[rated_conditions]
+air_degC = { min = 15, max = 25 }
 
 [limits]
 "P_Size.Sph.1x25::Tact.AArm" = { B_um = 15 }

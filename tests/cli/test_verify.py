@@ -93,6 +93,43 @@ def test_the_plan_names_the_decision_rule_and_an_option_another_one(truearm, ben
     assert found["rows"][1]["conformance_probability"] == pytest.approx(0.971, abs=0.001)  # Phi(1.9), tables
 
 
+def test_outside_the_rated_conditions_nothing_is_decided(truearm, bench):
+    """Points at 26.1 degC, rated 15 to 25: neither the good arm conforms nor the one that measures too large fails."""
+    for too_large in (0.0, 1e-3):
+        Path("points.csv").write_text(Made(degC=26.1, too_large=too_large).iso().text())
+        ran = truearm(*options())
+        assert ran.code == 3
+        unmet = "rated conditions not met: temperature of the artefacts 26.1 degC, rated 15 to 25 degC"
+        assert ran.out.splitlines()[0] == f"undecided: {unmet}"
+    page = truearm(*options(), "--report", "page.html", "--json")
+    found = json.loads(page.out)
+    assert {row["verdict"] for row in found["rows"]} <= {"undecided", None}
+    (condition,) = found["rated_conditions"]
+    assert condition["measured"] == pytest.approx([26.1, 26.1])
+    assert (condition["rated"], condition["met"]) == ([15, 25], False)
+    assert unmet in Path("page.html").read_text()
+
+
+def test_conditions_are_stated_with_the_points(truearm, bench):
+    """Warmed up 10 minutes in the probing test: its values are undecided, the others not; humidity is not stated."""
+    rated = "air_degC = { min = 15, max = 25 }\nwarm_up_min = { min = 30 }\nhumidity_percent = { max = 70 }"
+    Path("mpe.toml").write_text(MPE.replace("air_degC = { min = 15, max = 25 }", rated))
+    head, *rows = Path("points.csv").read_text().splitlines()
+    warmed = [row + (",10" if row.startswith("probing") else ",45") for row in rows]
+    Path("points.csv").write_text("\n".join([f"{head},warm_up_min", *warmed]) + "\n")
+    ran = truearm(*options())
+    assert (ran.code, ran.err) == (3, "")
+    assert ran.out.startswith("undecided: rated conditions not met: warm-up time 10 to 45 min, rated 30 min or more\n")
+    assert "do not state whether rated conditions were met: relative humidity (rated 70 % or less)" in ran.out
+    by_test = {row["label"]: row["verdict"] for row in json.loads(truearm(*options(), "--json").out)["rows"]}
+    assert (by_test["P_Size.Sph.1x25"], by_test["E_Uni, 900"]) == ("undecided", "conform")
+    Path("mpe.toml").write_text(MPE.replace("[rated_conditions]\nair_degC = { min = 15, max = 25 }", ""))
+    assert "the specification states no rated conditions" in truearm(*options()).out
+    Path("points.csv").write_text("\n".join([f"{head},humidity_percent", *(row + ",170" for row in rows)]) + "\n")
+    refused = truearm(*options())
+    assert (refused.code, "expected humidity_percent from 0 to 100, got 170" in refused.err) == (2, True)
+
+
 def test_simple_acceptance_hides_no_value_far_beyond_its_limit(truearm, bench):
     """A fixture of 6 um: U of 12 um is more than a quarter of 30 um; a form of 100 um is beyond that by far."""
     Path("points.csv").write_text(Made(noise_mm=0.03).iso().text())
@@ -634,7 +671,7 @@ def blocks(kind):
 
 
 def test_the_page_shows_what_the_program_prints(truearm, bench):
-    (shown,) = blocks("console")
+    shown = blocks("console")[0]
     command, _, printed = shown.partition("\n")
     assert command == "$ truearm " + " ".join(options())
     assert truearm(*options()).out == printed

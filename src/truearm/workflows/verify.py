@@ -23,7 +23,7 @@ from truearm.verification.standards.specification import Specification, read_spe
 from truearm.verification.standards.verification import Verification
 from truearm.verification.standards.verification import verify as verify_points
 from truearm.verification.standards.verification_plan import PLANS, VerificationPlan, load_verification_plan
-from truearm.verification.standards.verification_text import describe_rule
+from truearm.verification.standards.verification_text import describe_rule, describe_unmet
 from truearm.workflows.outputs import PageRecord, version_row
 from truearm.workflows.record import TextTable, format_fixed
 
@@ -97,7 +97,8 @@ class VerificationResult(PageRecord):
 
     def blocks(self) -> Iterator[str | TextTable]:
         """See `Record`."""
-        yield f"{self.verdict.value}: {_ANSWERS[self.verdict]}"
+        unrated = self.verdict is Verdict.UNDECIDED and self.verification.unmet_conditions
+        yield f"{self.verdict.value}: {describe_unmet(self.verification) if unrated else _ANSWERS[self.verdict]}"
         yield f"{self.verification.plan.heading}: {self.verification.specification.name}"
         yield TextTable(
             ["test", "value [mm]", "U [mm]", "limit [mm]", "verdict", "where"], map(_cells, self.rows), (0, 4, 5)
@@ -118,6 +119,16 @@ class VerificationResult(PageRecord):
             "specification": self.verification.specification.name,
             "rule": self.verification.rule,
             "verdict": self.verdict.value,
+            "rated_conditions": [
+                {
+                    "condition": one.name,
+                    "unit": one.unit,
+                    "rated": [one.rated.min, one.rated.max],
+                    "measured": None if one.measured is None else list(one.measured),
+                    "met": one.met,
+                }
+                for one in self.verification.conditions
+            ],
             "rows": [_row_to_dict(row) for row in self.rows],
             "remarks": list(self.remarks),
         }

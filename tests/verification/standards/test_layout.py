@@ -81,6 +81,19 @@ def test_other_counts_are_laid_out_too():
     assert len({tuple(one.at.round(6)) for one in layout if one.test == "uni" and one.keys["end"] == "A"}) == 15
     faces = {one.keys["end"]: one.normals[0] for one in layout if one.test == "bi" and one.keys["position"] == "1"}
     assert faces["A"] @ faces["B"] == pytest.approx(-1)
+    # Without a stated alignment, three points on each face.
+    bars = (artefacts.bars[0].model_copy(update={"u_alignment_mm": None}),)
+    guided = artefacts.model_copy(update={"bars": bars})
+    layout = lay_out_tests(plan, guided, RANGE)
+    assert {len(one.points) for one in layout if one.test == "bi"} == {3}
+    (row,) = (
+        one
+        for one in verify(
+            as_measured(layout, guided), plan=plan, artefacts=guided, specification=example_specification(RANGE)
+        ).rows
+        if one.label.startswith("E_Bi")
+    )
+    assert abs(row.value) < 1e-9
 
 
 @pytest.mark.parametrize("name", PLANS)

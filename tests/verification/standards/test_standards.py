@@ -208,9 +208,42 @@ def test_between_faces_the_distance_is_along_the_normal_and_the_tip_goes_off():
     opposite = np.array([[1003.0, 5, 3], [1003.0, 2, 4]])
     one = bar(face, opposite, tip_mm=3.0)
     assert e_bi([one], NO_LIMITS)[0].value == pytest.approx(0, abs=1e-10)
-    assert e_bi([bar(face[0], opposite[:1] * [1, 0, 0], tip_mm=3.0)], NO_LIMITS)[0].value == pytest.approx(0, abs=1e-10)
-    with pytest.raises(InputError, match="one point on either face"):
-        e_bi([bar(face[:2], opposite)], NO_LIMITS)
+    with pytest.raises(InputError, match="one point on either face, or three and more"):
+        e_bi([bar(face[:2], opposite[:2])], NO_LIMITS)
+    with pytest.raises(InputError, match="not across the length"):
+        e_bi([bar(np.array([[0.0, 0, 0], [5, 10, 0], [0, 0, 10]]), opposite, tip_mm=3.0)], NO_LIMITS)
+
+
+ALIGNED = BAR.model_copy(update={"u_alignment_mm": np.sqrt(2.0)})  # rms distance beside each other 2 mm
+
+
+def test_single_points_on_opposite_faces_need_their_alignment():
+    """Touched 2 mm beside the opposite point, 100 mm are sqrt(10004) = 100.019998 mm, less s^2 / L = 2 / 100."""
+    ends = np.array([[0.0, 0, 0]]), np.array([[100.0, 2.0, 0]])
+    with pytest.raises(InputError, match="2 mm beside make 100 mm longer by 0.02 mm"):
+        e_bi([LengthMeasurement(BAR, SHORT, *ends)], NO_LIMITS)
+    (row,) = e_bi([LengthMeasurement(ALIGNED, SHORT, *ends)], NO_LIMITS)
+    assert row.value == pytest.approx(-2e-6, abs=1e-7)
+    assert row.budget.contributions[-1].label == "alignment of opposite points"
+    assert row.budget.contributions[-1].u == pytest.approx(0.02, rel=1e-12)
+    # With three points on a face there is no slant: 2 mm beside change nothing.
+    face = np.array([[0.0, 5, 5], [0, -5, 5], [0, 0, -5]])
+    (plane,) = e_bi([LengthMeasurement(ALIGNED, SHORT, face, face + [100.0, 2.0, 0])], NO_LIMITS)
+    assert plane.value == pytest.approx(0, abs=1e-10)
+    assert len(plane.budget.contributions) == len(row.budget.contributions) - 1
+
+
+def test_the_alignment_subtracts_the_average_and_states_the_scatter(rng):
+    """4000 pairs of points of a perfect arm: mean and standard deviation of the error to 5 % of s^2 / L = 0.02 mm."""
+    beside = np.sqrt(2.0) * rng.standard_normal((4000, 2))
+    errors = [
+        LengthMeasurement(ALIGNED, SHORT, np.zeros((1, 3)), np.array([[100.0, y, z]])).error(
+            opposite=True, corrected=False
+        )
+        for y, z in beside
+    ]
+    assert np.mean(errors) == pytest.approx(0, abs=0.001)
+    assert np.std(errors) == pytest.approx(0.02, rel=0.05)
 
 
 def test_a_set_measured_again_counts_instead_where_the_plan_tolerates_it():

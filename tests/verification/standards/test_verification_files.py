@@ -257,3 +257,22 @@ def test_hostile_files_are_refused(tmp_path):
             read_specification(tmp_path / name)
     (tmp_path / "bom.toml").write_bytes(b"\xef\xbb\xbf" + (MPE + "E_Uni = { B_um = 30 }").encode())
     assert read_specification(tmp_path / "bom.toml").name == "arm"
+
+
+@pytest.mark.parametrize(
+    ("rated", "phrase"),
+    [
+        ("air = { min = 18 }", "unknown condition 'air'"),
+        ("air_degC = { }", "expected min, max or both"),
+        ("air_degC = { min = 22, max = 18 }", "min = 22 is larger than max = 18"),
+        ('air_degC = { min = "18" }', "air_degC"),
+        ("air_degC = 20", "air_degC"),
+    ],
+)
+def test_wrong_rated_conditions_are_refused(tmp_path, rated, phrase):
+    path = tmp_path / "mpe.toml"
+    about = 'name = "arm"\nsource = "sheet"\nmeasuring_range_mm = 2500\n'
+    path.write_text(f"{about}[rated_conditions]\n{rated}\n[limits]\nE_Uni = {{ B_um = 30 }}\n")
+    with pytest.raises(InputError, match=phrase) as raised:
+        read_specification(path)
+    assert raised.value.file == path

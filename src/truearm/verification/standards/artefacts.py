@@ -185,8 +185,17 @@ class CalibratedLength(_WithUncertainties):
 
 
 class CalibratedBar(_Expanding):
-    """A ball bar, ball plate, step gauge or gauge block with its lengths."""
+    """A ball bar, ball plate, step gauge or gauge block with its lengths.
 
+    Attributes
+    ----------
+    u_alignment_mm : float or None
+        Of a length between faces, with one point on each: standard uncertainty of how far the point on one face lies
+        beside the one opposite, in each of both directions across the length [mm]. None: three points or more a face.
+    lengths : tuple of CalibratedLength
+    """
+
+    u_alignment_mm: Annotated[float, Field(strict=True, ge=0, le=20)] | None = None
     lengths: Annotated[tuple[CalibratedLength, ...], Field(min_length=1, max_length=1000)]
 
     @model_validator(mode="after")
@@ -344,6 +353,7 @@ def example_artefacts(measuring_range_mm: float) -> Artefacts:
                 u_expansion_per_K=0.3e-6,
                 u_temperature_K=0.5,
                 u_fixture_mm=0.0025,
+                u_alignment_mm=0.5,
                 lengths=tuple(CalibratedLength(name=f"{one:g}", length_mm=one, u_mm=0.001) for one in lengths),
             ),
         ),

@@ -124,6 +124,8 @@ class ConformityResult:
         Position, length and run of the value.
     individual : tuple of ConformityResult
         The individual results of which this is the decisive one; empty where there is no other.
+    in_rated_conditions : bool
+        Whether the value was measured within the rated conditions of its limit; otherwise it is undecided.
     """
 
     label: str
@@ -134,6 +136,7 @@ class ConformityResult:
     verdict: Verdict | None
     where: str = ""
     individual: tuple[ConformityResult, ...] = field(default=(), repr=False, compare=False)
+    in_rated_conditions: bool = True
 
     @property
     def name(self) -> str:
@@ -295,6 +298,13 @@ def assess_conformity(
     """Return the row of a test value in mm, with the verdict where there is a limit."""
     verdict = None if limit is None else decide(value, budget.expanded, limit, rule=rule, dof=budget.dof)
     return ConformityResult(label, value, "mm", budget, limit, verdict, where)
+
+
+def outside_rated_conditions(row: ConformityResult) -> ConformityResult:
+    """Return a row and its individual ones without a decision: a limit applies within the rated conditions only."""
+    individual = tuple(map(outside_rated_conditions, row.individual))
+    verdict = None if row.verdict is None else Verdict.UNDECIDED
+    return replace(row, verdict=verdict, individual=individual, in_rated_conditions=False)
 
 
 def worst_result(rows: Sequence[ConformityResult]) -> ConformityResult:

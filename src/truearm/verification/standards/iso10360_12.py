@@ -162,8 +162,9 @@ def e_bi(
 ) -> list[ConformityResult]:
     """Length measurement error E_Bi: measured less calibrated length, faces touched from opposite sides.
 
-    It contains the error of the stylus tip. With three or more points on face A, the distance is that along the normal
-    of their least-squares plane. Arguments, sources and unconfirmed numbers as for `e_uni`.
+    It contains the error of the stylus tip. With three or more points on a face, the distance is that along the normal
+    of their least-squares plane; with one on each, the budget contains their alignment. Arguments, sources and
+    unconfirmed numbers as for `e_uni`.
     """
     return _length_errors("E_Bi", True, lengths, specification, repeats, tolerated_sets, rule)
 
@@ -183,7 +184,7 @@ def _length_errors(
         return assess_conformity(
             f"{symbol}, {one.length.name}",
             one.error(opposite=opposite, corrected=corrected),
-            one.budget(corrected=corrected),
+            one.budget(corrected=corrected, opposite=opposite),
             specification.limit(symbol, one.length.length_mm),
             rule=rule,
             where=one.where,

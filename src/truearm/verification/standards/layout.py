@@ -36,6 +36,9 @@ from truearm.verification.standards.verification_plan import (
     Volumetric,
 )
 
+# Points on a face lie this far from its middle [mm]: the face of a gauge block is 9 mm wide.
+FACE_MM = 3.5
+
 
 @dataclass(frozen=True, eq=False)
 class Placement:
@@ -301,10 +304,15 @@ def _ends(
     shoulder_mm: float,
     opposite: bool,
 ) -> Iterator[Placement]:
-    """Both ends of a length: one point each, in a seat or at the centre of a ball, or on opposite faces."""
+    """Both ends of a length: a point each, in a seat or at the centre of a ball, or one or three on opposite faces."""
+    beside = np.zeros((1, 3))
+    if opposite and bar.u_alignment_mm is None:
+        turns = np.radians([90.0, 210.0, 330.0])
+        beside = FACE_MM * np.stack([np.cos(turns), np.sin(turns), np.zeros(3)], axis=1) @ frame_about(along).T
     for end, at, outward in (("A", start, -along), ("B", start + length.length_mm * along, along)):
         normal = outward if opposite else seat_normal(along, at)
         approach = normal
         if not opposite and abs(along[2]) > UPRIGHT and at[2] < shoulder_mm:  # low seats are touched from above
             approach = (normal + [0.0, 0.0, 0.5]) / np.linalg.norm(normal + [0.0, 0.0, 0.5])
-        yield Placement(name, bar.name, {**keys, "end": end}, at[None], normal[None], at, approach[None])
+        normals, approaches = (np.tile(one, (len(beside), 1)) for one in (normal, approach))
+        yield Placement(name, bar.name, {**keys, "end": end}, at + beside, normals, at, approaches)

@@ -24,6 +24,8 @@ LEAST_ON_BALL = 5
 # Chosen here: points that determine a ball this many times less accurately than points all over its half are refused,
 # such as points evenly over a cap that ends nearer to its pole than 55 to 60 deg.
 LOOSEST = 3.0
+# Of the angle between the normal of a face and a length, 20 deg: a larger one belongs to another face.
+LEAST_COSINE = 0.94
 
 
 def check_spread(points: FloatArray, planned: int) -> None:
@@ -142,7 +144,7 @@ class LengthMeasurement:
     length : CalibratedLength
     start, end : (n, 3), (m, 3) array
         Points at its two ends: one each, in a seat or on a face; or five and more on a ball; or, of a length between
-        faces touched from opposite sides, three and more on the first face [mm].
+        faces touched from opposite sides, three and more on a face [mm].
     degC : float
         Temperature of the bar.
     tip_mm : float
@@ -177,7 +179,8 @@ class LengthMeasurement:
         Raises
         ------
         InputError
-            If the number of points of an end does not determine it, or they lie too close together on the ball.
+            If the number of points of an end does not determine it, or they lie too close together on the ball, or not
+            across the length.
         """
         if opposite:
             return self._between_faces() - self.tip_mm
@@ -191,25 +194,56 @@ class LengthMeasurement:
         return float(np.linalg.norm(centres[1] - centres[0]))
 
     def _between_faces(self) -> float:
+        """The distance of opposite faces along their normal.
+
+        With three points or more on a face: along the normal of its plane, or the mean of both. With one point on each,
+        the direction is unknown by the angle of two points that do not lie opposite: with the standard uncertainty s of
+        their distance across the length L in each direction, the distance is too large by ``s^2 / L`` on average, with
+        that standard deviation (GUM F.2.4.4, recalled). The average is subtracted.
+        """
+        where = f"length {self.length.name!r}, {self.where}"
+        between = self.end.mean(axis=0) - self.start.mean(axis=0)
+        measured = float(np.linalg.norm(between))
         if len(self.start) == len(self.end) == 1:
-            return float(np.linalg.norm(self.end[0] - self.start[0]))
-        if len(self.start) < 3:
+            if self.bar.u_alignment_mm is None:
+                raise InputError(
+                    f"{where}: one point on each face does not show how far beside each other they lie: 2 mm beside "
+                    "make 100 mm longer by 0.02 mm",
+                    hint="measure three points or more on each face, spread over it; or state u_alignment_mm of "
+                    f"{self.bar.name!r}, the standard uncertainty of that distance in each direction",
+                )
+            return measured - self.alignment_mm
+        normals = [fit_plane(points, std_mm=1.0).normal for points in (self.start, self.end) if len(points) >= 3]
+        if not normals:
             raise InputError(
-                f"length {self.length.name!r}, {self.where}: expected one point on either face, or three and more on "
-                f"face A, got {len(self.start)} and {len(self.end)}",
+                f"{where}: expected one point on either face, or three and more on a face, got {len(self.start)} and "
+                f"{len(self.end)}",
                 hint="measure the missing points",
             )
-        face = fit_plane(self.start, std_mm=1.0)
-        return float(abs((self.end.mean(axis=0) - face.point) @ face.normal))
+        normal = np.sum([one * np.sign(one @ between) for one in normals], axis=0)
+        along = float(normal @ between / np.linalg.norm(normal))
+        if along < LEAST_COSINE * measured:
+            raise InputError(
+                f"{where}: the points of a face lie in a plane that is not across the length",
+                hint="spread the points over the face, and check that they belong to it",
+            )
+        return along
+
+    @property
+    def alignment_mm(self) -> float:
+        """By how much single points on opposite faces lie too far apart on average, and its uncertainty [mm]."""
+        return (self.bar.u_alignment_mm or 0.0) ** 2 / self.length.length_mm
 
     def error(self, *, opposite: bool, corrected: bool) -> float:
         """Return measured less calibrated length [mm]; `corrected` to 20 degC or at its temperature."""
         measured = self.distance_mm(opposite=opposite)
         return (self.bar.at_reference(measured, self.degC) if corrected else measured) - self.length.length_mm
 
-    def budget(self, *, corrected: bool) -> Budget:
+    def budget(self, *, corrected: bool, opposite: bool = False) -> Budget:
         """Return the uncertainty budget of `error`."""
         bar = self.bar
         calibration = Contribution("calibration of the length", self.length.u_mm, bar.calibration_dof)
         thermal = bar.thermal(self.length.length_mm, self.degC) if corrected else ()
-        return Budget((calibration, *thermal, *bar.form_and_fixture(ends=2)))
+        single = opposite and len(self.start) == len(self.end) == 1
+        slant = (Contribution("alignment of opposite points", self.alignment_mm),) if single else ()
+        return Budget((calibration, *thermal, *bar.form_and_fixture(ends=2), *slant))

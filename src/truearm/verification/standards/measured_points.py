@@ -9,7 +9,7 @@ from __future__ import annotations
 import datetime
 import difflib
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -42,6 +42,8 @@ FARTHEST_MM = 1e6
 
 POINT = ("x_mm", "y_mm", "z_mm")
 TEMPERATURE, TIP = "artefact_degC", "tip_diameter_mm"
+# Conditions of the measurement that a specification may rate, in any row of a group.
+CONDITION_COLUMNS = ("air_degC", "air_K_per_h", "air_K_per_m", "warm_up_min", "humidity_percent")
 # The greatest number of names in a message.
 MOST_NAMED = 12
 REQUIRED_COLUMNS = ("test", "artefact", "date", *POINT)
@@ -73,6 +75,8 @@ class PointGroup:
         Day of the measurement.
     lines : tuple of int
         Lines of its points in the file, counted from 1; empty for points from a program.
+    conditions : dict of str to (float, float)
+        The lowest and the highest value of each of `CONDITION_COLUMNS` that is stated.
     """
 
     artefact: str
@@ -82,6 +86,7 @@ class PointGroup:
     tip_mm: float
     date: datetime.date
     lines: tuple[int, ...] = ()
+    conditions: dict[str, tuple[float, float]] = field(default_factory=dict)
 
     @property
     def line(self) -> int | None:
@@ -161,7 +166,7 @@ def read_points(path: str | Path) -> MeasuredPoints:
     """
     path = Path(path)
     sheet = read_sheet(path)
-    check_names(sheet, REQUIRED_COLUMNS, OPTIONAL_COLUMNS, meant=_in_mm)
+    check_names(sheet, REQUIRED_COLUMNS, (*OPTIONAL_COLUMNS, *CONDITION_COLUMNS), meant=_in_mm)
     columns = _columns(sheet)
     tests = {}
     for test in dict.fromkeys(columns.words["test"].tolist()):
@@ -196,7 +201,7 @@ def _in_mm(column: str) -> str | None:
 
 
 def _columns(sheet: Sheet) -> _Columns:
-    numbers = [*POINT, *(name for name in (TEMPERATURE, TIP) if name in sheet.names)]
+    numbers = [*POINT, *(name for name in (TEMPERATURE, TIP, *CONDITION_COLUMNS) if name in sheet.names)]
     words = [name for name in (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS) if name in sheet.names and name not in numbers]
     index = sheet.names.index
     optional = [index(name) for name in numbers if name not in POINT]
@@ -206,7 +211,7 @@ def _columns(sheet: Sheet) -> _Columns:
     return _Columns(
         {
             name: found[:, numbers.index(name)] if name in numbers else np.full(len(found), np.nan)
-            for name in (*POINT, TEMPERATURE, TIP)
+            for name in (*POINT, TEMPERATURE, TIP, *CONDITION_COLUMNS)
         },
         {name: by_name.get(name, empty) for name in (*REQUIRED_COLUMNS[:3], *OPTIONAL_COLUMNS[:5])},
         sheet,
@@ -325,4 +330,34 @@ def _group(columns: _Columns, test: str, identity: tuple[str, ...], rows: list[i
         tip_mm=float(tip[0]),
         date=day,
         lines=tuple(columns.sheet.first_line + row for row in rows),
+        conditions=_conditions(columns, rows),
     )
+
+
+def _conditions(columns: _Columns, rows: list[int]) -> dict[str, tuple[float, float]]:
+    """The conditions that some of the rows state."""
+    stated = {}
+    for name in CONDITION_COLUMNS:
+        values = columns.numbers[name][rows]
+        least, most = _POSSIBLE[name]
+        if (absurd := (values < least) | (values > most)).any():
+            row = rows[int(np.argmax(absurd))]
+            raise columns.error(
+                f"expected {name} from {least:g} to {most:g}, got {columns.numbers[name][row]:g}",
+                row,
+                name,
+                hint="check the unit, which is in the name of the column",
+            )
+        if not np.isnan(values).all():
+            stated[name] = (float(np.nanmin(values)), float(np.nanmax(values)))
+    return stated
+
+
+# Other values are in another unit.
+_POSSIBLE = {
+    "air_degC": (COLDEST_DEGC, WARMEST_DEGC),
+    "air_K_per_h": (0.0, 100.0),
+    "air_K_per_m": (0.0, 100.0),
+    "warm_up_min": (0.0, 1e5),
+    "humidity_percent": (0.0, 100.0),
+}

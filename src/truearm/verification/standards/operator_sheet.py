@@ -31,8 +31,9 @@ _BLANK = "\u00a0"  # a cell to fill in by hand
 _STEP_MM = 10  # positions are printed to a centimetre
 
 _ENDS_TOUCHED = (
-    "Measure one point in a seat, five points all over the half of a ball (the pole and four on the equator, never a "
-    "single one), and one point on a face."
+    "Measure one point in a seat, and five points all over the half of a ball (the pole and four on the equator, never "
+    "a single one). On faces: three points or more a face, spread over it; or, if the file of artefacts states the "
+    "alignment, one point on each, exactly opposite."
 )
 
 

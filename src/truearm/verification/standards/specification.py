@@ -10,10 +10,11 @@ import difflib
 from pathlib import Path
 from typing import Self
 
-from pydantic import field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from truearm.errors import InputError
 from truearm.files.toml_documents import Document, Name, NotNegative, Positive, read_document
+from truearm.verification.standards.rated_conditions import CONDITIONS, RatedRange
 
 # The names of the results of the tests, without the index that standards add (":0:Tact.AArm").
 SYMBOLS = (
@@ -106,6 +107,8 @@ class Specification(Document):
         Diameter of its spherical reach [mm].
     corrected_to_20_degC : bool
         Whether the limits apply to lengths corrected to 20 degC by the artefact's temperature, as usual.
+    rated_conditions : dict of str to RatedRange
+        Outside which the limits do not apply, by the names of `CONDITION_COLUMNS`; empty where none are stated.
     limits : dict of str to Limit
         By symbol.
 
@@ -121,7 +124,16 @@ class Specification(Document):
     source: Name
     measuring_range_mm: Positive
     corrected_to_20_degC: bool = True
+    rated_conditions: dict[str, RatedRange] = Field(default_factory=dict)
     limits: dict[str, Limit]
+
+    @field_validator("rated_conditions")
+    @classmethod
+    def _known_conditions(cls, given: dict[str, RatedRange]) -> dict[str, RatedRange]:
+        for name in given:
+            if name not in CONDITIONS:
+                raise InputError(f"unknown condition {name!r:.80}", hint=f"use one of {', '.join(CONDITIONS)}")
+        return given
 
     @field_validator("measuring_range_mm")
     @classmethod
@@ -207,5 +219,6 @@ def example_specification(measuring_range_mm: float) -> Specification:
         name=f"example, measuring range {measuring_range_mm:.5g} mm",
         source="example limits of truearm",
         measuring_range_mm=measuring_range_mm,
+        rated_conditions={"air_degC": RatedRange(min=15.0, max=25.0)},
         limits={symbol: Limit(B_um=round(share * limit, 1)) for symbol, limit in micrometres.items()},
     )

@@ -13,11 +13,13 @@ from truearm.verification.standards.decision import (
     ConformityResult,
     DecisionRule,
     Verdict,
+    outside_rated_conditions,
     overall_verdict,
     simple_applies,
 )
 from truearm.verification.standards.evaluation import Evaluation
 from truearm.verification.standards.measured_points import MeasuredPoints, PointGroup
+from truearm.verification.standards.rated_conditions import ConditionResult, compare_conditions
 from truearm.verification.standards.specification import SYMBOLS, Specification
 from truearm.verification.standards.verification_plan import CHECK_STANDARD, VerificationPlan
 
@@ -30,7 +32,7 @@ class Verification:
     ----------
     rows : tuple of ConformityResult
     verdict : Verdict
-        Conform only if every row with a limit conforms.
+        Conform only if every row with a limit conforms, within the rated conditions of the specification.
     remarks : tuple of str
         Suspected blunders, tests and limits that were not tested, and numbers of the plan to check.
     measured : MeasuredPoints
@@ -55,7 +57,7 @@ class Verification:
     @property
     def groups(self) -> tuple[PointGroup, ...]:
         """The groups of points of all tests."""
-        return tuple(group for groups in self.measured.tests.values() for group in groups)
+        return _groups(self.measured)
 
     @property
     def rows_with_limit(self) -> tuple[ConformityResult, ...]:
@@ -72,6 +74,16 @@ class Verification:
     def measured_lengths(self, bar: str) -> set[str]:
         """Return the names of a bar's lengths that were measured."""
         return {group.keys["length"] for group in self.groups if group.artefact == bar}
+
+    @property
+    def conditions(self) -> tuple[ConditionResult, ...]:
+        """The rated conditions of the specification, each with what was measured."""
+        return compare_conditions(self.specification.rated_conditions, self.groups)
+
+    @property
+    def unmet_conditions(self) -> tuple[ConditionResult, ...]:
+        """The rated conditions that were not met: limits do not apply outside them."""
+        return tuple(one for one in self.conditions if one.met is False)
 
     @property
     def temperatures(self) -> tuple[float, float] | None:
@@ -120,7 +132,7 @@ def verify(
     remarks: list[str] = []
     for name, test in plan.tests.items():
         if name in measured.tests:
-            rows += evaluation.rows_of(name, test)
+            rows += _rated(evaluation.rows_of(name, test), measured.tests[name], specification)
         elif test.required:
             raise measured.error(
                 f"the points of test {name!r} are missing",
@@ -135,10 +147,35 @@ def verify(
             hint=f"add a limit under [limits]: one of {', '.join(SYMBOLS)}",
         )
     remarks += _remarks(rows, plan, specification, rule, measured.tests)
-    remarks = [*evaluation.remarks, *remarks]
+    remarks = [*evaluation.remarks, *_condition_remarks(specification, _groups(measured)), *remarks]
     return Verification(
         tuple(rows), verdict, tuple(remarks), measured, plan, artefacts, specification, rule, plan_sha256
     )
+
+
+def _groups(measured: MeasuredPoints) -> tuple[PointGroup, ...]:
+    return tuple(group for groups in measured.tests.values() for group in groups)
+
+
+def _rated(
+    rows: Sequence[ConformityResult], groups: Sequence[PointGroup], specification: Specification
+) -> list[ConformityResult]:
+    """The rows of a test; undecided, those with a limit, if its groups were not measured within rated conditions."""
+    if all(one.met is not False for one in compare_conditions(specification.rated_conditions, groups)):
+        return list(rows)
+    return [outside_rated_conditions(row) for row in rows]
+
+
+def _condition_remarks(specification: Specification, groups: Sequence[PointGroup]) -> list[str]:
+    if not specification.rated_conditions:
+        return ["the specification states no rated conditions: its limits are taken to apply as measured"]
+    results = compare_conditions(specification.rated_conditions, groups)
+    remarks = []
+    if unmet := [str(one) for one in results if one.met is False]:
+        remarks.append(f"not decided where rated conditions were not met: {'; '.join(unmet)}")
+    if unstated := [str(one) for one in results if one.met is None]:
+        remarks.append(f"the points do not state whether rated conditions were met: {'; '.join(unstated)}")
+    return remarks
 
 
 def _remarks(

@@ -35,7 +35,10 @@ def describe_decision(verification: Verification) -> str:
     if outside := by[Verdict.NOT_CONFORM]:
         verb = "does" if len(outside) == 1 else "do"
         parts.append(f"{format_count(len(outside), 'value')} {verb} not conform: {_list_rows(outside)}.")
-    if between := by[Verdict.UNDECIDED]:
+    if unrated := [row for row in by[Verdict.UNDECIDED] if not row.in_rated_conditions]:
+        verb = "is" if len(unrated) == 1 else "are"
+        parts.append(f"{format_count(len(unrated), 'value')} {verb} not decided: {describe_unmet(verification)}.")
+    if between := [row for row in by[Verdict.UNDECIDED] if row.in_rated_conditions]:
         verb = "lies" if len(between) == 1 else "lie"
         parts.append(
             f"{format_count(len(between), 'value')} {verb} in the guard band about the limit, and can neither "
@@ -45,6 +48,11 @@ def describe_decision(verification: Verification) -> str:
     return " ".join(parts)
 
 
+def describe_unmet(verification: Verification) -> str:
+    """The rated conditions that were not met, in one phrase."""
+    return f"rated conditions not met: {'; '.join(map(str, verification.unmet_conditions))}"
+
+
 def verdict_sentence(verification: Verification) -> str:
     """The verdict in one sentence: how many of the tested values are beyond a limit."""
     rows = verification.rows_with_limit
@@ -52,6 +60,8 @@ def verdict_sentence(verification: Verification) -> str:
     if verification.verdict is Verdict.CONFORM:
         return f"Conform: {'all ' if count > 1 else ''}{format_count(count, 'tested value')} within the limits."
     of = f"{count} of {format_count(len(rows), 'tested value')}"
+    if verification.verdict is Verdict.UNDECIDED and verification.unmet_conditions:
+        return f"Undecided: {describe_unmet(verification)}."
     if verification.verdict is Verdict.NOT_CONFORM:
         return f"Not conform: {of} beyond the limit."
     return f"Undecided: {of} too near to the limit for the uncertainty of the test."

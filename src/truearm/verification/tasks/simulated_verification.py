@@ -94,8 +94,8 @@ def simulate_points(sample: ArmSample, posed: PosedTest, artefacts: Artefacts, *
 
     The artefacts are drawn within their certificates. Sizes and temperatures are normal with the stated standard
     uncertainties, once for each artefact; the error of the fixture is drawn for each group. Each point deviates from a
-    perfect ball by up to half the form deviation, uniformly, and that of a seat in each direction. The temperature is
-    20 degC.
+    perfect ball by up to half the form deviation, uniformly, and that of a seat in each direction. Single points on
+    opposite faces lie beside each other by the stated alignment. The temperature is 20 degC.
     """
     rng = np.random.default_rng([_POINTS, seed])
     true = true_points(posed.placements, artefacts, rng)
@@ -145,8 +145,12 @@ def true_points(placements: Sequence[Placement], artefacts: Artefacts, rng: np.r
             continue
         if one.keys.get("end") == "B":
             along = one.at - starts[_pair(one)]
-            middle = middle + excess[one.artefact, one.keys["length"]] * along / np.linalg.norm(along)
-        out.append(middle + artefact.form_mm * rng.uniform(-0.5, 0.5, (len(one.points), 3)))
+            along = along / np.linalg.norm(along)
+            middle = middle + excess[one.artefact, one.keys["length"]] * along
+            if one.test == "bi" and len(one.points) == 1 and isinstance(artefact, CalibratedBar):
+                beside = (artefact.u_alignment_mm or 0.0) * rng.standard_normal(3)
+                middle = middle + beside - (beside @ along) * along
+        out.append(middle + one.points - one.at + artefact.form_mm * rng.uniform(-0.5, 0.5, (len(one.points), 3)))
     return out
 
 
