@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
 from time import process_time
@@ -28,8 +28,9 @@ from truearm.compensation.models import (
     NominalModel,
     PhysicalModel,
 )
-from truearm.compensation.models.comparison_page import comparison_page, error_table
+from truearm.compensation.models.comparison_page import comparison_page, comparison_verdict, error_table
 from truearm.compensation.models.error_figures import before_after
+from truearm.compensation.models.uncertainty import uncertainty_budget
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file, check_writable
 from truearm.identification.planning.sampling import Poses, box, measuring_poses
@@ -326,8 +327,14 @@ class DemoResult(Record):
             ),
             *page_facts(done.models, session),
         ]
-        return comparison_page(
+        budgets = {"physical": uncertainty_budget(done.models["physical"], session)[0]}
+        compared = replace(
             compare_models(done.models, session),
+            std_mm={name: budget.std_mm for name, budget in budgets.items()},
+        )
+        return comparison_page(
+            compared,
+            verdict=comparison_verdict(compared, budgets),
             title="A measuring arm before and after compensation",
             subtitle="The experiment of Gao et al. (Complexity 2017, 5156264) on a virtual arm with such errors",
             facts=facts,
