@@ -72,15 +72,15 @@ def test_the_numbers_of_the_page_are_those_given():
     cloud = made_up_cloud()
     data = data_of(render(scene_page(cloud=cloud)))["points"]
     for axis, column in enumerate(data["at"]):
-        # A twenty-thousandth of the span is less than a pixel.
-        np.testing.assert_allclose(np.array(column["data"]) * column["step"], cloud.points[:, axis], atol=0.05)
+        # Half a step, a two-thousandth of the span: less than a pixel.
+        np.testing.assert_allclose(np.array(column["data"]) * column["step"], cloud.points[:, axis], atol=0.25)
     for given_, column in zip(
         [*cloud.values, *cloud.axes, *cloud.notes], data["values"] + data["axes"] + data["notes"], strict=True
     ):
         found = np.array(column["data"]) * column["step"]
-        np.testing.assert_allclose(found, given_.values, rtol=2e-3, atol=1e-2 if column["unit"] == "deg" else 1e-6)
+        np.testing.assert_allclose(found, given_.values, rtol=2e-3, atol=5e-2 if column["unit"] == "deg" else 1e-6)
         assert (column["name"], column["unit"]) == (given_.name, given_.unit)
-    assert data["names"][0] == "line 2"
+    assert data["names"] == {"before": "line ", "last": [*range(2, 62)]}
 
 
 @given(st.lists(st.floats(0, 1e6, allow_subnormal=False), min_size=1, max_size=30))
@@ -89,7 +89,7 @@ def test_values_of_any_size_keep_three_digits(values):
     (shown,) = column.to_json()["values"]
     found = np.array(shown["data"]) * shown["step"]
     # A thousandth of the median or, where it is zero, what cannot be seen on the scale.
-    assert np.abs(found - values).max() <= max(np.median(values) / 1000, np.ptp(values) / 20_000, 1e-9 * max(values))
+    assert np.abs(found - values).max() <= max(np.median(values) / 1000, np.ptp(values) / 2000, 1e-9 * max(values))
     assert shown["top"] > 0
 
 
@@ -98,7 +98,7 @@ def test_no_text_ends_the_data_or_becomes_a_script():
     html = render(scene_page(cloud=PointCloud(cloud.points, [HOSTILE] * 4, cloud.values, noun=HOSTILE)))
     assert html.count("<script") == html.count("</script>") == 2
     data = data_of(html)["points"]
-    assert data["names"][0] == data["values"][0]["name"] == data["noun"] == HOSTILE
+    assert data["names"]["last"][0] == data["values"][0]["name"] == data["noun"] == HOSTILE
 
 
 def test_the_policy_permits_the_script_of_the_page_and_no_other():
@@ -136,7 +136,7 @@ def test_of_too_many_points_the_largest_and_an_even_selection_are_kept():
 
 def test_a_page_of_12000_points_stays_small():
     page = render(scene_page(cloud=made_up_cloud(12_000, axes=6)))
-    assert len(page.encode()) < 1_600_000  # a mail takes 3 MB, and a page has other figures too
+    assert len(page.encode()) < 1_000_000  # a mail takes 3 MB, and a page has other figures too
 
 
 @pytest.mark.parametrize(

@@ -27,12 +27,15 @@ _BESIDE = 1000  # letters up to which a text stands beside its figure
 
 def render(page: Page) -> str:
     """The page as one HTML document. The same page gives the same bytes."""
-    script = scene_script() if any(section.scenes for section in page.sections) else ""
+    # Right after the first scenes, which can then be turned before the browser has read the rest.
+    script_after = next((section for section in page.sections if section.scenes), None)
+    script = "" if script_after is None else scene_script()
     sheets = ["page.css", *(["scene.css"] if script else [])]
     html = _template().render(
         page=page,
         style=Markup(style_rules() + "".join(map(_package_text, sheets))),  # noqa: S704, our own files
         script=Markup(script),  # noqa: S704, our own file
+        script_after=script_after,
         script_hash=script_hash() if script else "",
     )
     # HTML permits neither NUL nor half a surrogate pair, and a name may contain them.

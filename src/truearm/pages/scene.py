@@ -34,7 +34,7 @@ MOST_POINTS = 12_000
 _LARGEST_SHARE = 0.05
 # A few outliers, beyond this quantile, must not take the whole scale of colours.
 _USUAL_PERCENT, _FAR = 99.0, 1.5
-_STEPS = 20_000  # of a column's span: finer differences are not visible
+_STEPS = 2000  # of a column's span, at least: finer differences are not visible
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,8 +115,9 @@ class PointCloud:
         kept = thinned(values)
         return {
             "noun": self.noun,
+            "total": n,
             "shown": self.shown,
-            "names": [str(self.names[i]) for i in kept.tolist()],
+            "names": _numbered([str(self.names[i]) for i in kept.tolist()]),
             "at": [_steps(points[kept, axis]) for axis in range(3)],
             "values": [
                 {"name": column.name, "unit": column.unit, **_steps(numbers[kept], fine=True), **_top(numbers)}
@@ -290,12 +291,21 @@ def thinned(values: Sequence[FloatArray], most: int = MOST_POINTS) -> IntArray:
     return np.sort(np.concatenate([largest, even]))
 
 
+def _numbered(names: list[str]) -> dict[str, Any]:
+    """Names that differ in their last number only as the number; others in full."""
+    parts = [re.fullmatch(r"(.*?)(0|[1-9]\d{0,8})", name, flags=re.DOTALL) for name in names]
+    if all(parts) and len({part[1] for part in parts if part}) == 1:
+        return {"before": parts[0][1] if parts[0] else "", "last": [int(part[2]) for part in parts if part]}
+    return {"before": "", "last": names}
+
+
 def _steps(values: FloatArray, *, fine: bool = False) -> dict[str, Any]:
     """A column as whole numbers of a step that is too small to be seen."""
     span = float(np.ptp(values)) if len(values) else 0.0
     small = float(np.median(np.abs(values))) / 1000 if fine else 0.0
     step = max(min(span / _STEPS, small) if small else span / _STEPS, float(np.abs(values).max(initial=0.0)) * 1e-9)
-    step = 10.0 ** np.floor(np.log10(step)) if step > 0 else 1.0
+    power = 10.0 ** np.floor(np.log10(step)) if step > 0 else 1.0
+    step = max((k * power for k in (1, 2, 5) if k * power <= step), default=power)
     if span == 0.0 and values.any():
         step = float(np.abs(values[0]))
     return {"step": float(step), "data": np.round(values / step).astype(np.int64).tolist()}

@@ -25,7 +25,8 @@ export class Cloud {
   /** @param {object} data the part `points` of the scene's data */
   constructor(data) {
     this.noun = data.noun;
-    this.names = data.names;
+    this.total = data.total;
+    this.names = data.names.last.map((last) => `${data.names.before}${last}`);
     this.at = data.at.map(columnValues);
     this.count = this.at[0].length;
     this.values = data.values.map((column) => ({ ...column, data: columnValues(column) }));
@@ -76,7 +77,10 @@ export class Cloud {
     for (let i = 0; i < this.count; i += 1) {
       if (this.selected[i]) [n, sum, largest] = [n + 1, sum + data[i], Math.max(largest, data[i])];
     }
-    const which = this.ranges.size ? `${n} of ${this.count} ${this.noun}s selected` : `All ${this.count} ${this.noun}s`;
+    const more = this.total > this.count ? ` of the view, ${this.total} in all` : "";
+    const which = this.ranges.size
+      ? `${n} of ${this.count} ${this.noun}s selected`
+      : `All ${this.count} ${this.noun}s${more}`;
     const numbers = n
       ? `mean ${formatNumber(sum / n, 3)} ${unit}, largest ${formatNumber(largest, 3)} ${unit}`
       : "none";

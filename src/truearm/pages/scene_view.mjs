@@ -25,6 +25,7 @@ export class SceneView {
     this.showLengths = Boolean(this.mechanism && this.mechanism.controls);
     this.bounds = boundsOf(this.extent());
     this.camera = new Camera(this.bounds);
+    this.changed = true;
     this.pointers = new Map();
     this.build(figure, data);
     this.painter = new Painter(this.canvas, this);
@@ -78,12 +79,12 @@ export class SceneView {
 
   /** @returns {HTMLElement} */
   bar() {
-    const look = (name) => [name, () => this.act(() => this.camera.look(...VIEWS[name]))];
+    const look = (name) => [name, () => this.look(() => this.camera.look(...VIEWS[name]))];
     const actions = [
       ...Object.keys(VIEWS).map(look),
-      ["+", () => this.act(() => this.camera.magnify(1.3))],
-      ["\u2212", () => this.act(() => this.camera.magnify(1 / 1.3))],
-      ["reset", () => this.act(() => this.camera.reset())],
+      ["+", () => this.look(() => this.camera.magnify(1.3))],
+      ["\u2212", () => this.look(() => this.camera.magnify(1 / 1.3))],
+      ["reset", () => this.look(() => this.camera.reset())],
     ];
     const bar = buttonBar(actions, "view");
     if (this.cloud && this.cloud.values.length > 1) {
@@ -113,15 +114,25 @@ export class SceneView {
     beside.append(build("div", { className: "plots" }, ...this.plots.map((plot) => plot.element)), all);
   }
 
+  /** @param {() => void} change of the camera: the plots stay as they are */
+  look(change) {
+    change();
+    this.refresh(false);
+  }
+
   /** @param {() => void} change */
   act(change) {
     change();
     this.refresh();
   }
 
-  /** Draw once before the next frame, however often it is asked for. */
-  refresh() {
+  /**
+   * Draw once before the next frame, however often it is asked for.
+   * @param {boolean} [plots] whether the plots have changed too
+   */
+  refresh(plots = true) {
     this.hide();
+    this.changed = this.changed || plots;
     if (this.waiting) return;
     this.waiting = true;
     requestAnimationFrame(() => {
@@ -132,10 +143,12 @@ export class SceneView {
 
   draw() {
     this.painter.paint();
-    if (!this.cloud) return;
-    this.plots.forEach((plot) => plot.paint());
-    const text = this.cloud.summary();
-    if (this.status.textContent !== text) this.status.textContent = text;
+    if (this.cloud && this.changed) {
+      this.plots.forEach((plot) => plot.paint());
+      const text = this.cloud.summary();
+      if (this.status.textContent !== text) this.status.textContent = text;
+    }
+    this.changed = false;
   }
 
   /** @param {HTMLElement} figure */
@@ -182,7 +195,7 @@ export class SceneView {
     } else {
       this.camera.turn(-0.4 * dx, 0.4 * dy);
     }
-    this.refresh();
+    this.refresh(false);
   }
 
   /** @returns {number} distance of two pointers in pixels */
@@ -196,7 +209,7 @@ export class SceneView {
   wheel(event) {
     if (!event.ctrlKey && document.activeElement !== this.canvas) return;
     event.preventDefault();
-    this.act(() => this.camera.magnify(Math.exp(-0.0015 * event.deltaY)));
+    this.look(() => this.camera.magnify(Math.exp(-0.0015 * event.deltaY)));
   }
 
   /** @param {KeyboardEvent} event */
@@ -206,11 +219,13 @@ export class SceneView {
     ];
     if (event.ctrlKey || event.metaKey || event.altKey) return;
     if (across || up) {
-      this.act(() => (event.shiftKey ? this.camera.pan(30 * across, 30 * up) : this.camera.turn(-8 * across, -8 * up)));
-    } else if (event.key === "+" || event.key === "=") this.act(() => this.camera.magnify(1.2));
-    else if (event.key === "-") this.act(() => this.camera.magnify(1 / 1.2));
-    else if (event.key === "0") this.act(() => this.camera.reset());
-    else if (event.key === "Escape") this.refresh();
+      this.look(() =>
+        event.shiftKey ? this.camera.pan(30 * across, 30 * up) : this.camera.turn(-8 * across, -8 * up),
+      );
+    } else if (event.key === "+" || event.key === "=") this.look(() => this.camera.magnify(1.2));
+    else if (event.key === "-") this.look(() => this.camera.magnify(1 / 1.2));
+    else if (event.key === "0") this.look(() => this.camera.reset());
+    else if (event.key === "Escape") this.hide();
     else if ("np".includes(event.key) && this.cloud) this.step(event.key === "n" ? 1 : -1);
     else return;
     event.preventDefault();
@@ -262,11 +277,12 @@ export class SceneView {
   }
 }
 
-/** Make every scene of the page interactive. */
+/** Make every scene interactive that the browser has read, and the later ones when it has read the page. */
 export function start() {
-  document.querySelectorAll("figure.scene").forEach((figure) => {
+  document.querySelectorAll("figure.scene:not(.live)").forEach((figure) => {
     const data = JSON.parse(figure.querySelector("script[type='application/json']").textContent);
     new SceneView(figure, data);
   });
   performance.mark("scenes drawn"); // read by the benchmark of the pages
+  if (document.readyState === "loading") document.addEventListener("DOMContentLoaded", start, { once: true });
 }

@@ -153,6 +153,7 @@ def _cells(axes: Axes, across: FloatArray, up: FloatArray, pen: dict[str, Any]) 
         cmap=pen["cmap"],
         norm=pen["norm"],
         linewidths=0.2,
+        rasterized=True,  # more than a thousand cells
     )
 
 
