@@ -1,10 +1,12 @@
-"""A real browser for tests, without a network: the PDF that it prints of a page."""
+"""A real browser for tests, without a network: the PDF that it prints of a page, and its picture of a page."""
 
 import shutil
 import subprocess
 from contextlib import contextmanager
 
+import numpy as np
 import pytest
+from matplotlib.image import imread
 
 from truearm.pages.html import write_page
 
@@ -87,3 +89,28 @@ class Tab:
             if one["impact"] in ("serious", "critical")
             for node in one["nodes"]
         ]
+
+
+def picture_of(page, folder, *, width, dark=False, most=12_000):
+    """What a browser shows of a page, down to its last mark: an array (height, width, 3) from 0 to 1."""
+    if BROWSER is None:
+        pytest.skip("no chromium here (on Debian: apt-get install chromium)")
+    write_page(page, folder / "page.html")
+    shot = folder / "shot.png"
+    asked = [
+        f"--user-data-dir={folder / 'profile'}",
+        f"--blink-settings=preferredColorScheme={0 if dark else 1}",
+        f"--screenshot={shot}",
+        f"--window-size={width},{most}",
+    ]
+    subprocess.run(
+        [BROWSER, *ALONE, *asked, (folder / "page.html").as_uri()], capture_output=True, timeout=120, check=True
+    )
+    pixels = imread(shot)[..., :3]
+    marked = np.flatnonzero((np.abs(pixels - pixels[-1, 0]) > 0.02).any(axis=(1, 2)))
+    return pixels[: marked[-1] + 1]
+
+
+def shown_height(page, folder, *, width):
+    """Height of a page in a browser, to its last mark [pixels]."""
+    return len(picture_of(page, folder, width=width))

@@ -7,9 +7,10 @@ import pytest
 from matplotlib.image import imread
 from test_html import made_up_page
 
-from browser import BROWSER, QUIET
+from browser import BROWSER, QUIET, picture_of
 from html_outline import Outline
 from truearm.pages.html import write_page
+from truearm.pages.page import LabelledValue, Page, PageVerdict
 
 pytestmark = pytest.mark.skipif(BROWSER is None, reason="no chromium here (on Debian: apt-get install chromium)")
 
@@ -37,3 +38,17 @@ def test_a_browser_shows_the_page_without_a_complaint(tmp_path, width):
     assert 0.01 < drawn.mean() < 0.3
     coloured = np.ptp(shot, axis=-1) > 0.3
     assert coloured.mean() > 0.001
+
+
+def test_a_dark_screen_shows_the_page_dark_with_light_marks_and_a_light_one_light(tmp_path):
+    page = Page(
+        "A title", verdict=PageVerdict("Not conform.", "bad"), summary=(LabelledValue("mean error", 0.01234, "mm"),)
+    )
+    for dark in (False, True):
+        shown = picture_of(page, tmp_path, width=900, dark=dark, most=700)
+        paper = float(shown[-1, 0].mean())
+        assert (paper < 0.15) if dark else (paper > 0.95)
+        ink = shown.max() if dark else shown.min()
+        assert abs(ink - paper) > 0.7
+        red, green, blue = shown[..., 0], shown[..., 1], shown[..., 2]
+        assert np.mean((red - green > 0.2) & (red - blue > 0.2)) > 0.001  # the sign and the edge of the verdict

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from made_up_reproduction import made_up_results
 
+from browser import shown_height
 from html_outline import HOSTILE, Outline
 from truearm.pages.html import render
 from truearm.papers.gao2017.phrases import range_cell
@@ -166,6 +167,11 @@ def test_tables_and_drawings_are_folded(page):
     assert [words(title) for title in open_] == [
         *("In short", "Table 2", "Table 3", "Table 4", "Learning curves", "What 97 % means", "Outside the box"),
     ]
+
+
+def test_the_folded_page_is_no_taller_than_6000_pixels(page, tmp_path):
+    # It was 17,800 with every table and drawing open.
+    assert shown_height(page, tmp_path, width=1400) <= 6000
 
 
 def test_learning_curves_show_the_longest_training_of_each_table(page, results):

@@ -17,7 +17,7 @@ from truearm.identification.planning.sampling.workspace import joint_origins, st
 from truearm.identification.planning.template import bars, notes, place_names
 from truearm.pages.figures import range_figure
 from truearm.pages.number_format import format_count, format_mm, format_number
-from truearm.pages.page import Column, LabelledValue, Page, Section, Table
+from truearm.pages.page import Column, LabelledValue, Page, PageVerdict, Section, Table
 from truearm.pages.palette import INK, LIMIT, NAVY, ORANGE, PAPER
 from truearm.pages.plotting import Figure, Style, figure_style, make_panel, set_log_scale, styles_of
 from truearm.typing import FloatArray
@@ -62,6 +62,12 @@ def plan_page(planned: SessionPlan, *, facts: Sequence[tuple[str, str]] = ()) ->
             _observability(plan),
         ),
         facts=tuple(facts),
+        verdict=PageVerdict(
+            f"{format_count(len(poses), 'pose')} bring the uncertainty of a point{apart} to "
+            f"{format_mm(planned.after_mm)}.",
+            detail=f"Before, it is {format_mm(planned.before_mm)}. Three-dimensional root mean square in the volume, "
+            "as predicted for the nominal arm.",
+        ),
     )
 
 

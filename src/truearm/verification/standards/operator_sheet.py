@@ -8,7 +8,7 @@ import numpy as np
 
 from truearm import __version__
 from truearm.pages.number_format import capitalize, format_count, format_number
-from truearm.pages.page import Cell, Column, Page, Section, Table
+from truearm.pages.page import Cell, Column, Page, PageVerdict, Section, Table
 from truearm.typing import FloatArray
 from truearm.verification.standards.layout import Placement
 from truearm.verification.standards.operator_sheet_figures import (
@@ -48,9 +48,10 @@ def operator_sheet_page(sheet: OperatorSheet) -> Page:
     sections += [_records(sheet), _steps(sheet)]
     return Page(
         title=f"Operator's sheet: {sheet.plan.heading}",
-        subtitle=f"{format_count(points, 'point')} in {format_count(steps, 'step')}. Laid out for "
-        f"a measuring range of {format_number(round(sheet.measuring_range_mm))}\u00a0mm by truearm {__version__}.",
+        subtitle=f"Laid out for a measuring range of {format_number(round(sheet.measuring_range_mm))}\u00a0mm by "
+        f"truearm {__version__}.",
         sections=tuple(sections),
+        verdict=PageVerdict(f"Measure {format_count(points, 'point')} in {format_count(steps, 'step')}."),
     )
 
 
