@@ -308,6 +308,15 @@ def test_no_permission(refused, bench):
     refused(["simulate", "gao2017", "--out", "x.csv"], "protected against writing")
 
 
+@pytest.mark.parametrize("writer", ["simulate", "split", "split, first"])
+def test_readings_that_are_there_are_not_replaced(refused, bench, truearm, writer):
+    verb, out = WRITERS[writer]
+    (bench / out).write_text("precious")
+    refused(verb, out, "the file exists already", "Try: --force to replace it")
+    assert truearm(*verb, "--force").code == 0
+    assert (bench / out).read_text() != "precious"
+
+
 def test_the_demo_looks_before_it_works(refused, bench):
     refused(["demo", "--out", "s.csv"], "expected a folder to write to, got a file")
     refused(["demo", "--out", "s.csv/deep/er"], "s.csv is a file, not a folder")
@@ -320,6 +329,7 @@ def test_the_demo_looks_before_it_works(refused, bench):
 def test_a_full_disk_leaves_what_was_there(bench, snapshot, writer):
     """A limit on the size of files stands for a full disk: a write fails in the middle."""
     verb, out = WRITERS[writer]
+    verb = (*verb, "--force") if writer in ("simulate", "split") else verb
     (bench / out).write_text("before")
     before = snapshot(bench)
     program = f"""

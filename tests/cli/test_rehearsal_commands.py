@@ -38,8 +38,13 @@ def test_a_plan_is_carried_out_with_its_names_and_the_length_of_the_bar(truearm,
     assert lengths.length_mm.tolist() == [300.0, 300.0]
     # Its template is refused before it is filled in; the rehearsal is a session.
     assert truearm("fit", plan, "--arm", "gao2017", "--out", tmp_path / "m.truearm").code == 2
-    again = truearm("simulate", "gao2017", "--plan", plan, "--preset", "shop", "--seed", 1, "--out", out)
-    assert again.code == 0
+    again = ("simulate", "gao2017", "--plan", plan, "--preset", "shop", "--seed", 1, "--out", out)
+    refused = truearm(*again)
+    assert (refused.code, "measured.csv: the file exists already. Try: --force to replace it" in refused.err) == (
+        2,
+        True,
+    )
+    assert truearm(*again, "--force").code == 0
     assert np.abs(read_session(out).angles - session.angles).max() > 0  # another day, other noise
 
 

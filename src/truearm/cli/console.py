@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
+from truearm.workflows.outputs import check_new_file as check_new_file
 from truearm.workflows.outputs import check_output_is_not_input as check_output_is_not_input
 from truearm.workflows.outputs import check_page_path as check_page_path
 from truearm.workflows.outputs import version_row as version_row
@@ -26,6 +27,7 @@ SessionFile = Annotated[Path, typer.Argument(metavar="SESSION", help="Session fi
 LengthsFile = Annotated[
     Path | None, typer.Option("--lengths", help="File of known lengths between the session's seats, .csv.")
 ]
+Force = Annotated[bool, typer.Option("--force", help="Replace files that exist already.")]
 RuleOption = Annotated[
     Literal["iso14253-1:2013", "iso14253-1:2017", "simple"] | None,
     typer.Option("--rule", help="Decision rule; by default that of the plan. simple ignores a small uncertainty."),

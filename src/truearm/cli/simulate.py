@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from truearm.cli.console import ARM_HELP, Json, print_record, progress
+from truearm.cli.console import ARM_HELP, Force, Json, check_new_file, print_record, progress
 
 # Options that a plan states itself.
 STATED_BY_A_PLAN = ("poses", "strategy", "seats", "bars", "bar_mm", "anchors", "half_width_deg", "reference")
@@ -79,6 +79,7 @@ def simulate(
         bool,
         typer.Option("--moved", help="With --plan: the reference instrument stands elsewhere, to rehearse a refit."),
     ] = False,
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Measure with a virtual arm, whose errors are known.
@@ -100,11 +101,11 @@ def simulate(
         _check_leaves_to_plan(context)
         draws = {"preset": preset, "seed": seed, "arm_seed": arm_seed}
         if artefacts is None:
-            _rehearse(arm, plan, out, lengths, moved=moved, as_json=as_json, **draws)
+            _rehearse(arm, plan, out, lengths, moved=moved, force=force, as_json=as_json, **draws)
         else:
-            _rehearse_points(arm, plan, artefacts, out, as_json=as_json, **draws)
+            _rehearse_points(arm, plan, artefacts, out, force=force, as_json=as_json, **draws)
         return
-    _check_outputs(out, lengths, bars, for_plans={"--moved": moved, "--artefacts": artefacts})
+    _check_outputs(out, lengths, bars, force=force, for_plans={"--moved": moved, "--artefacts": artefacts})
     with progress(f"measuring {poses} poses"):
         result = simulate_readings(
             arm,
@@ -124,7 +125,7 @@ def simulate(
     print_record(result, as_json=as_json, files={"session": out} | ({} if lengths is None else {"lengths": lengths}))
 
 
-def _check_outputs(out: Path, lengths: Path | None, bars: int, *, for_plans: Mapping[str, object]) -> None:
+def _check_outputs(out: Path, lengths: Path | None, bars: int, *, force: bool, for_plans: Mapping[str, object]) -> None:
     """Check, before long work, that the files can be written and belong to the options."""
     from truearm.errors import InputError
     from truearm.files.atomic_write import check_writable, is_same_file
@@ -140,6 +141,8 @@ def _check_outputs(out: Path, lengths: Path | None, bars: int, *, for_plans: Map
         if is_same_file(lengths, out):
             raise InputError("--out and --lengths are the same file", file=lengths)
         check_writable(lengths)
+    for file in (out, *([] if lengths is None else [lengths])):
+        check_new_file(file, force=force)
 
 
 def _check_leaves_to_plan(context: typer.Context) -> None:
@@ -154,7 +157,7 @@ def _check_leaves_to_plan(context: typer.Context) -> None:
 
 
 def _rehearse(
-    arm: str, plan: Path, out: Path, lengths: Path | None, *, moved: bool, as_json: bool, **draws: Any
+    arm: str, plan: Path, out: Path, lengths: Path | None, *, moved: bool, force: bool, as_json: bool, **draws: Any
 ) -> None:
     from truearm.cli.console import check_output_is_not_input
     from truearm.files.atomic_write import check_writable
@@ -167,6 +170,7 @@ def _rehearse(
     for file in (out, beside):
         check_output_is_not_input(file, plan, lengths_path(plan))
         check_writable(file)
+        check_new_file(file, force=force)
     with progress(f"carrying out {plan.name}"):
         result = rehearse(arm, plan, moved=moved, **draws)
         written = None if result.lengths is None else beside
@@ -174,13 +178,16 @@ def _rehearse(
     print_record(result, as_json=as_json, files={"session": out, "lengths": written})
 
 
-def _rehearse_points(arm: str, points: Path, artefacts: Path, out: Path, *, as_json: bool, **draws: Any) -> None:
+def _rehearse_points(
+    arm: str, points: Path, artefacts: Path, out: Path, *, force: bool, as_json: bool, **draws: Any
+) -> None:
     from truearm.cli.console import check_output_is_not_input
     from truearm.readings import check_session_path
     from truearm.workflows.rehearse_points import rehearse_points
 
     check_session_path(out)
     check_output_is_not_input(out, points, artefacts)
+    check_new_file(out, force=force)
     with progress(f"taking the points of {points.name}"):
         result = rehearse_points(arm, points, artefacts, **draws)
         result.save(out)

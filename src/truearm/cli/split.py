@@ -7,7 +7,7 @@ from typing import Annotated, cast
 
 import typer
 
-from truearm.cli.console import SessionFile, check_output_is_not_input, print_line, progress
+from truearm.cli.console import Force, SessionFile, check_new_file, check_output_is_not_input, print_line, progress
 
 
 def split(
@@ -17,6 +17,7 @@ def split(
     by: Annotated[str, typer.Option("--by", help="What stays together: position, seat, session or row.")] = "position",
     share: Annotated[float, typer.Option("--hold-out", help="Share of the groups to hold out.")] = 0.3,
     seed: Annotated[int, typer.Option("--seed", min=0, help="The same seed gives the same split.")] = 0,
+    force: Force = False,
 ) -> None:
     """Split a session into training and test readings.
 
@@ -33,6 +34,7 @@ def split(
     for path in (train, test):
         check_output_is_not_input(path, session)
         check_session_path(path)
+        check_new_file(path, force=force)
     with progress(f"splitting {session.name}"):
         readings = read_session(session)
         parts = hold_out(readings, by=cast(SplitBy, by), fraction=share, seed=seed)

@@ -26,6 +26,18 @@ def check_output_is_not_input(out: str | Path, *inputs: str | Path) -> None:
         raise InputError("the output file is an input file and would be overwritten", file=out, hint="another name")
 
 
+def check_new_file(out: str | Path, *, force: bool) -> None:
+    """Check that a file of readings does not exist yet: those of a measurement could be in it.
+
+    Raises
+    ------
+    InputError
+        If the file exists, unless `force` asks to replace it.
+    """
+    if not force and Path(out).exists():
+        raise InputError("the file exists already", file=out, hint="--force to replace it, or another name")
+
+
 def check_page_path(page: str | Path, *inputs: str | Path) -> None:
     """Check, before long work, that a page can be written under a name that is not the name of an input file.
 
