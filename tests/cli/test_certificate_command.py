@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import datetime
+import json
 import re
 import tomllib
 import xml.etree.ElementTree as ET
@@ -140,6 +142,64 @@ def test_without_the_package_for_pdf_files_nothing_is_written(truearm, bench, sn
     assert snapshot(bench) == there
 
 
+@pytest.fixture
+def key(bench):
+    """The key of a laboratory and its certificate, made for this test."""
+    pytest.importorskip("signxml", reason="pip install truearm[sign] signs and verifies")
+    from cryptography import x509
+    from cryptography.hazmat.primitives import hashes, serialization
+    from cryptography.hazmat.primitives.asymmetric import ec
+
+    made = ec.generate_private_key(ec.SECP256R1())
+    name = x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, "Example Laboratory")])
+    since = datetime.datetime(2026, 1, 1, tzinfo=datetime.UTC)
+    builder = x509.CertificateBuilder(name, name, made.public_key(), 7, since, since.replace(year=2028))
+    pem, plain = serialization.Encoding.PEM, serialization.NoEncryption()
+    Path("key.pem").write_bytes(made.private_bytes(pem, serialization.PrivateFormat.PKCS8, plain))
+    Path("signer.pem").write_bytes(builder.sign(made, hashes.SHA256()).public_bytes(pem))
+
+
+def test_a_signed_certificate_is_verified_when_it_is_read(truearm, bench, key):
+    ran = truearm(*ALL, "--sign", "key.pem", "--signer", "signer.pem")
+    assert (ran.code, ran.err) == (0, "")
+    assert read_dcc("certificate.xml").conformity == "pass"
+    assert "signed by" in Path("certificate.html").read_text()
+    for name in ("certificate.xml", "certificate.html"):
+        assert "PRIVATE" not in Path(name).read_text()
+    read = truearm("certificate", "--read", "certificate.xml")
+    assert (read.code, read.err) == (0, "")
+    first, second, *_ = read.out.splitlines()
+    assert first == "certificate V-2026-042, conform"
+    assert second.startswith("The signature is good; signed by CN=Example Laboratory; verified by its own certificate:")
+    read = truearm("certificate", "--read", "certificate.xml", "--trusted", "signer.pem", "--json")
+    assert json.loads(read.out)["signature"]["trusted"] is True
+    text = Path("certificate.xml").read_text()
+    assert ">0.03<" in text
+    Path("changed.xml").write_text(text.replace(">0.03<", ">0.04<"))
+    read = truearm("certificate", "--read", "changed.xml")
+    assert (read.code, read.out) == (2, "")
+    assert read.err.startswith("truearm: changed.xml: the signature is broken: do not use this file")
+
+
+def test_an_unsigned_certificate_says_so_and_is_not_a_trusted_one(truearm, bench, key):
+    assert truearm(*ALL).code == 0
+    read = truearm("certificate", "--read", "certificate.xml")
+    assert (read.code, read.out.splitlines()[1]) == (0, "The file is not signed: anybody can have changed it.")
+    read = truearm("certificate", "--read", "certificate.xml", "--trusted", "signer.pem")
+    assert (read.code, "the file is not signed" in read.err) == (2, True)
+
+
+def test_the_certificate_of_the_signer_was_valid_on_the_day_of_issue(truearm, bench, key, snapshot):
+    Path("about.toml").write_text(ABOUT.replace("2026-11-", "2025-11-"))
+    Path("points.csv").write_text(Made().iso().text().replace("2026-11-03", "2025-11-03"))
+    Path("artefacts.toml").write_text(ARTEFACTS.replace("date = 2026-01-15", "date = 2025-01-15"))
+    there = snapshot(bench)
+    ran = truearm(*ALL, "--sign", "key.pem", "--signer", "signer.pem")
+    assert (ran.code, ran.out) == (2, "")
+    assert "issued on 2025-11-05; its signer's certificate is valid from 2026-01-01 to 2028-01-01" in ran.err
+    assert snapshot(bench) == there
+
+
 def test_limits_that_nothing_was_tested_for_are_named(truearm, bench):
     Path("my-plan.toml").write_text(confirm(plan_text("iso10360-12").partition("[articulation")[0]))
     made = Made().iso()
@@ -266,6 +326,8 @@ def test_wrong_files_are_refused_and_nothing_is_written(truearm, bench, snapshot
         ({"--html": "points.csv"}, "ends in .html"),
         ({"--pdf": "points.csv"}, "ends in .pdf"),
         ({"--logo": "logo.png"}, "--logo applies to --pdf only"),
+        ({"--sign": "key.pem"}, "--sign applies to --signer only"),
+        ({"--trusted": "signer.pem"}, "--trusted applies to --read only"),
         ({"--html": "away/page.html"}, "the folder away does not exist"),
         ({"--about": "nothing.toml"}, "the file does not exist"),
     ],

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from truearm.cli.console import RuleOption, check_page_path, print_line, print_record
+from truearm.cli.console import Json, RuleOption, check_page_path, print_line, print_record
+
+if TYPE_CHECKING:
+    from truearm.files.xml_signatures import Signer
 
 
 def certificate(
@@ -26,6 +29,8 @@ def certificate(
     logo: Annotated[
         Path | None, typer.Option("--logo", help="With --pdf: the laboratory's logo, .png or .svg.")
     ] = None,
+    sign: Annotated[Path | None, typer.Option("--sign", help="Private key to sign the XML file with, .pem.")] = None,
+    signer: Annotated[Path | None, typer.Option("--signer", help="With --sign: the key's certificate, .pem.")] = None,
     rule: RuleOption = None,
     unconfirmed: Annotated[
         bool,
@@ -37,42 +42,82 @@ def certificate(
     template: Annotated[
         bool, typer.Option("--template", help="Print a file to fill in for --about, and nothing else.")
     ] = False,
+    read: Annotated[
+        Path | None, typer.Option("--read", help="Read a certificate, .xml, and verify its signature.")
+    ] = None,
+    trusted: Annotated[
+        Path | None, typer.Option("--trusted", help="With --read: the signer's certificate that you trust, .pem.")
+    ] = None,
+    as_json: Json = False,
 ) -> None:
     """State a verification as a calibration certificate.
 
     The result is a digital calibration certificate (DCC), an XML file in the format of PTB. The files are those of
     truearm verify; --about has the other data of a certificate. --pdf writes the certificate for paper.
-    """
-    from truearm.errors import InputError
 
+    With --read: what a certificate states, and who signed it. A broken signature is refused.
+    """
     if template:
         from truearm.verification.certificate.administrative_data import template as template_text
 
         print_line(template_text().rstrip("\n"))
         return
-    given = {"--plan": plan or None, "--points": points, "--artefacts": artefacts, "--mpe": mpe, "--about": about}
-    for option, value in (given | {"--out": out}).items():
-        if value is None:
-            hint = "truearm certificate --template > about.toml" if option == "--about" else None
-            raise InputError(f"{option} is missing", hint=hint or "truearm certificate --help")
-    assert points is not None
-    assert artefacts is not None
-    assert mpe is not None
-    assert about is not None
-    assert out is not None
+    if read is not None:
+        from truearm.workflows.read_certificate import read_certificate
+
+        print_record(read_certificate(read, trusted=trusted), as_json=as_json)
+        return
+    _check_options({"--pdf": pdf, "--logo": logo, "--sign": sign, "--signer": signer, "--trusted": trusted})
+    given = {"--points": points, "--artefacts": artefacts, "--mpe": mpe, "--about": about, "--out": out}
+    points_file, artefacts_file, mpe_file, about_file, certificate_file = _needed({"--plan": plan or None}, given)
     from truearm.workflows.certificate import certificate as stated
     from truearm.workflows.certificate import check_certificate_path, check_pdf_path
     from truearm.workflows.verify import verify
 
-    inputs = (Path(plan), points, artefacts, mpe, about)
-    check_certificate_path(out, *inputs)
+    inputs = (
+        Path(plan),
+        points_file,
+        artefacts_file,
+        mpe_file,
+        about_file,
+        *(one for one in (logo, sign, signer) if one is not None),
+    )
+    check_certificate_path(certificate_file, *inputs)
     if html is not None:
-        check_page_path(html, *inputs, out)
-    if logo is not None and pdf is None:
-        raise InputError("--logo applies to --pdf only", hint="add --pdf certificate.pdf")
+        check_page_path(html, *inputs, certificate_file)
     if pdf is not None:
-        check_pdf_path(pdf, *inputs, out)
-    verification = verify(points, plan=plan, artefacts=artefacts, specification=mpe, rule=rule)
-    result = stated(verification, about, unconfirmed=unconfirmed)
-    result.save(out, html, pdf=pdf, logo=logo)
-    print_record(result, files={"certificate": out, "page": html, "PDF": pdf})
+        check_pdf_path(pdf, *inputs, certificate_file)
+    signing = None if sign is None or signer is None else _signer(sign, signer)
+    verification = verify(points_file, plan=plan, artefacts=artefacts_file, specification=mpe_file, rule=rule)
+    result = stated(verification, about_file, unconfirmed=unconfirmed)
+    result.save(certificate_file, html, pdf=pdf, logo=logo, signer=signing)
+    print_record(result, as_json=as_json, files={"certificate": out, "page": html, "PDF": pdf})
+
+
+def _needed(plan: dict[str, str | None], files: dict[str, Path | None]) -> tuple[Path, ...]:
+    """The files that a certificate needs, if the plan and all of them are given."""
+    from truearm.errors import InputError
+
+    for option, value in (plan | files).items():
+        if value is None:
+            hint = "truearm certificate --template > about.toml" if option == "--about" else None
+            raise InputError(f"{option} is missing", hint=hint or "truearm certificate --help")
+    return tuple(file for file in files.values() if file is not None)
+
+
+def _check_options(options: dict[str, Path | None]) -> None:
+    """Check that no option is given without the one that it belongs to."""
+    from truearm.errors import InputError
+
+    for option, other in (("--logo", "--pdf"), ("--sign", "--signer"), ("--signer", "--sign"), ("--trusted", "--read")):
+        if options[option] is not None and options.get(other) is None:
+            raise InputError(f"{option} applies to {other} only", hint=f"add {other}")
+
+
+def _signer(key: Path, certificate: Path) -> Signer:
+    """Read the key and its certificate; ask for the password of an encrypted key."""
+    from truearm.files.xml_signatures import is_encrypted, read_signer
+
+    asked = is_encrypted(key)
+    password = typer.prompt(f"Password of {key}", hide_input=True, err=True) if asked else None
+    return read_signer(key, certificate, password=password)

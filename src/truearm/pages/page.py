@@ -160,6 +160,8 @@ class Page:
         Data and settings behind the page: versions, fingerprint of the data; folded on a screen.
     verdict : PageVerdict, optional
         What a reader came for; the first line of the page.
+    mark : str
+        Across every sheet of paper; on a screen the verdict says it.
     """
 
     title: str
@@ -168,6 +170,7 @@ class Page:
     sections: tuple[Section, ...] = ()
     facts: tuple[tuple[str, str], ...] = ()
     verdict: PageVerdict | None = None
+    mark: str = ""
 
 
 def _check(cell: object, place: str, *, column: str | None = None) -> None:

@@ -21,11 +21,13 @@ from truearm.verification.certificate.certificate import (
     make_certificate,
 )
 from truearm.verification.certificate.dcc import checked_dcc, dcc
+from truearm.verification.certificate.dcc_reader import parse_dcc_file
 from truearm.verification.certificate.statements import NOT_FOR_CONFORMITY
 from truearm.workflows.outputs import PageRecord, check_output_is_not_input, check_page_path
 from truearm.workflows.verify import VerificationResult, digests_of
 
 if TYPE_CHECKING:
+    from truearm.files.xml_signatures import Signer
     from truearm.pages.page import Page
 
 AdministrativeDataLike: TypeAlias = AdministrativeData | str | Path
@@ -66,6 +68,7 @@ class CertificateResult(PageRecord):
         *,
         pdf: str | Path | None = None,
         logo: str | Path | None = None,
+        signer: Signer | None = None,
     ) -> None:
         """Write the digital calibration certificate (DCC, XML) and, if wanted, the same for people; all or nothing.
 
@@ -79,6 +82,8 @@ class CertificateResult(PageRecord):
             The same for paper, as PDF/A-3 with the XML file inside; ends in ``.pdf``.
         logo : path, optional
             Logo of the laboratory for the PDF, ``.png`` or ``.svg``.
+        signer : Signer, optional
+            Key and certificate with which the XML file is signed, see `truearm.files.xml_signatures.read_signer`.
 
         Raises
         ------
@@ -93,7 +98,7 @@ class CertificateResult(PageRecord):
             check_page_path(page, *read, path)
         if pdf is not None:
             check_pdf_path(pdf, *read, path)
-        xml = checked_dcc(self.certificate)
+        xml = checked_dcc(self.certificate, signer)
         # All are complete before any takes its name, the certificate first: no page without its certificate.
         with ExitStack() as files:
             if pdf is not None:
@@ -126,8 +131,11 @@ class CertificateResult(PageRecord):
         """The certificate for people; `xml` is the file for machines that it names, by default the unsigned one."""
         from truearm.verification.certificate.certificate_page import certificate_page
 
-        digest = sha256(dcc(self.certificate) if xml is None else xml).hexdigest()
-        named = ("the same for machines (XML)", f"SHA-256 {digest}")
+        xml = dcc(self.certificate) if xml is None else xml
+        signature = parse_dcc_file(xml).signature
+        named = [("the same for machines (XML)", f"SHA-256 {sha256(xml).hexdigest()}")]
+        if signature is not None:
+            named.append(("signed by", f"{signature.signer}, certificate SHA-256 {signature.fingerprint}"))
         plan, *files, program = self.verification.facts()
         about = [
             (file.name, f"SHA-256 {digest}")
@@ -135,7 +143,7 @@ class CertificateResult(PageRecord):
             if file not in self.verification.digests
         ]
         return certificate_page(
-            self.certificate, self.verification.verification, facts=[named, plan, *files, *about, program]
+            self.certificate, self.verification.verification, facts=[*named, plan, *files, *about, program]
         )
 
     def blocks(self) -> Iterator[str]:

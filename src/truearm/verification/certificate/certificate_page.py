@@ -74,6 +74,7 @@ def certificate_page(
         ),
         facts=tuple(facts),
         verdict=_verdict(certificate, verification),
+        mark="" if certificate.reservation is None else NOT_FOR_CONFORMITY,
     )
 
 

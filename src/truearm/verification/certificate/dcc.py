@@ -14,6 +14,7 @@ from pathlib import Path
 
 from truearm.errors import TruearmError
 from truearm.files.atomic_write import atomic_file
+from truearm.files.xml_signatures import Signer, sign_xml
 from truearm.verification.certificate.administrative_data import Contact
 from truearm.verification.certificate.certificate import Certificate, StatedList, StatedQuantity
 from truearm.verification.certificate.dcc_reader import (
@@ -54,9 +55,9 @@ def write_dcc(certificate: Certificate, path: str | Path) -> None:
         beside.write_bytes(content)
 
 
-def checked_dcc(certificate: Certificate) -> bytes:
-    """Return a certificate as XML that was read back and compared with it."""
-    content = dcc(certificate)
+def checked_dcc(certificate: Certificate, signer: Signer | None = None) -> bytes:
+    """Return a certificate as XML, signed if there is a signer, that was read back and compared with it."""
+    content = dcc(certificate) if signer is None else sign_xml(dcc(certificate), signer)
     if parse_dcc(content) != certificate:
         raise TruearmError("the certificate read back differs from the one written; please report this as a bug")
     return content

@@ -9,6 +9,7 @@ from __future__ import annotations
 import datetime
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
+from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from pydantic import ValidationError
 
 from truearm.errors import InputError
 from truearm.files.file_reading import read_limited
+from truearm.files.xml_signatures import Signature, verified_content
 from truearm.verification.certificate.administrative_data import AdministrativeData
 from truearm.verification.certificate.certificate import (
     CONFORMITIES,
@@ -73,23 +75,66 @@ ADDRESS = (("street", "street"), ("street_no", "streetNo"), ("post_code", "postC
 Element = ET.Element
 
 
+@dataclass(frozen=True)
+class CertificateFile:
+    """A certificate as it was read; `signature` is None if the file is not signed."""
+
+    certificate: Certificate
+    signature: Signature | None
+
+
 def read_dcc(path: str | Path) -> Certificate:
-    """Read a certificate of this program.
+    """Read a certificate of this program, and verify its signature if it has one.
 
     Raises
     ------
     InputError
-        If the file is missing, too long, not such a certificate, or breaks a rule of its content.
+        If the file is missing, too long, not such a certificate, breaks a rule of its content, or its signature is
+        broken.
+    """
+    return read_dcc_file(path).certificate
+
+
+def read_dcc_file(path: str | Path, *, trusted: str | Path | None = None) -> CertificateFile:
+    """Read a certificate of this program with its signature.
+
+    Parameters
+    ----------
+    path : path
+    trusted : path, optional
+        Certificate (PEM) of the signer; a file that is not signed with its key is refused.
+
+    Raises
+    ------
+    InputError
+        As `read_dcc`, and if the signer's certificate was not valid on the day of issue.
     """
     try:
-        return parse_dcc(read_limited(path, limit_bytes=MAX_BYTES))
+        return parse_dcc_file(read_limited(path, limit_bytes=MAX_BYTES), trusted=trusted)
     except InputError as error:
-        raise error.in_file(path) from None
+        raise (error if error.file is not None else error.in_file(path)) from None
 
 
 def parse_dcc(content: bytes) -> Certificate:
     """Read the content of a certificate, see `read_dcc`."""
-    root = _parsed(content)
+    return parse_dcc_file(content).certificate
+
+
+def parse_dcc_file(content: bytes, *, trusted: str | Path | None = None) -> CertificateFile:
+    """Read the content of a certificate and its signature, see `read_dcc_file`."""
+    signed, signature = verified_content(content, trusted=trusted)
+    certificate = _certificate_of(signed)  # only what the signature signs
+    if signature is not None and not signature.valid_from <= certificate.about.issued <= signature.valid_until:
+        raise InputError(
+            f"the certificate was issued on {certificate.about.issued}; its signer's certificate is valid from "
+            f"{signature.valid_from} to {signature.valid_until}",
+            hint="sign with a certificate that is valid on the day of issue",
+        )
+    return CertificateFile(certificate, signature)
+
+
+def _certificate_of(content: bytes) -> Certificate:
+    root = ET.fromstring(content.decode("utf-8-sig"))  # noqa: S314, it was parsed before: it has no document type
     if root.tag != f"{{{SPACES['dcc']}}}digitalCalibrationCertificate":
         raise InputError(f"expected a digital calibration certificate, got <{root.tag:.80}>")
     if (version := root.get("schemaVersion")) != SCHEMA_VERSION:
@@ -130,23 +175,6 @@ def parse_dcc(content: bytes) -> Certificate:
         individual=tuple(_list_of(one) for one in results if one.get("refType") == INDIVIDUAL),
         budgets=tuple(_list_of(one) for one in results if one.get("refType") == BUDGET),
     )
-
-
-def _parsed(content: bytes) -> Element:
-    """Parse UTF-8 XML without a document type."""
-    try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise InputError("expected UTF-8 text") from None
-    # Decoded first, so that no other encoding can hide it; a text that only mentions it is refused too.
-    if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise InputError("a certificate contains no DOCTYPE or ENTITY; truearm refuses such files")
-    try:
-        return ET.fromstring(text)  # noqa: S314, it has no document type
-    except ET.ParseError as error:
-        raise InputError(f"not valid XML: {error}", line=error.position[0]) from None
-    except ValueError as error:  # a NUL, half a surrogate pair
-        raise InputError(f"not valid XML: {error}") from None
 
 
 def _about(administrative: Element, core: Element, measured: Element) -> AdministrativeData:
