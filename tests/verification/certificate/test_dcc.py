@@ -26,10 +26,17 @@ from truearm.verification.certificate.certificate import (
     StatedResult,
     conformity_of,
 )
+from truearm.verification.certificate.certificate_page import CONFORMITY_WORDS
 from truearm.verification.certificate.dcc import checked_dcc, dcc, write_dcc
 from truearm.verification.certificate.dcc_reader import parse_dcc, read_dcc
 from truearm.verification.certificate.statements import KINDS, Statement
-from truearm.verification.standards.decision import DECISION_RULES, Budget, Contribution, worst_result
+from truearm.verification.standards.decision import (
+    DECISION_RULES,
+    Budget,
+    Contribution,
+    outside_rated_conditions,
+    worst_result,
+)
 
 SPACES = {"dcc": "https://ptb.de/dcc", "si": "https://ptb.de/si"}
 WHOLE = certificate()
@@ -275,6 +282,15 @@ def test_numbers_set_to_confirmed_need_the_name_of_who_did_it():
     # Tests without points do not count.
     own = CONFIRMED.model_copy(update={"bi": RECALLED.bi})
     assert certificate(made=outcome(plan=own)).conformity == WHOLE.conformity
+
+
+def test_a_value_outside_the_rated_conditions_of_its_limit_is_no_pass():
+    made = certificate(made=outcome([row(0.01), outside_rated_conditions(row(0.001, label="E_Uni, 150"))]))
+    assert [one.conformity for one in made.results] == ["pass", "noPass"]
+    assert made.conformity == "noPass"
+    assert parse_dcc(dcc(made)) == made
+    assert CONFORMITY_WORDS.keys() == {*CONFORMITIES, None}
+    assert module.STATEMENTS.keys() == set(KINDS)
 
 
 def test_a_mark_and_a_conformity_in_one_file_are_refused():

@@ -20,8 +20,9 @@ from truearm.verification.standards.verification_text import RULE_STANDARDS, des
 SOFTWARE = "truearm"
 DEGREES_OF_FREEDOM = "degrees of freedom"
 # The non-binary rule with guard bands of ILAC-G8:09/2019 [recalled, not confirmed]: undecided values within their limit
-# are a conditional pass, those beyond it a conditional fail.
-CONFORMITIES = ("pass", "conditionalPass", "conditionalFail", "fail")
+# are a conditional pass, those beyond it a conditional fail. A value that was measured outside the rated conditions of
+# its limit is no pass, whatever it is.
+CONFORMITIES = ("pass", "conditionalPass", "noPass", "conditionalFail", "fail")
 
 
 @dataclass(frozen=True)
@@ -285,6 +286,8 @@ def conformity_of(row: ConformityResult) -> str | None:
     """The verdict of a row as one of `CONFORMITIES`; None where it has no limit."""
     if row.verdict is None or row.limit is None:
         return None
+    if not row.in_rated_conditions:
+        return "noPass"
     if row.verdict is Verdict.UNDECIDED:
         return "conditionalPass" if abs(row.value) <= row.limit else "conditionalFail"
     return "pass" if row.verdict is Verdict.CONFORM else "fail"

@@ -18,10 +18,11 @@ from truearm.verification.standards.verification_text import limit_uncertainty, 
 
 Entries = Sequence[tuple[str, str | None]]
 
-# What the four statements of conformity of the XML file are called for people, and their states.
+# What the statements of conformity of the XML file are called for people, and their states.
 CONFORMITY_WORDS: dict[str | None, tuple[str, State]] = {
     "pass": ("conform", "good"),
     "conditionalPass": ("undecided, within the limit", "doubtful"),
+    "noPass": ("not decided", "doubtful"),
     "conditionalFail": ("undecided, beyond the limit", "doubtful"),
     "fail": ("not conform", "bad"),
     None: ("", "none"),
@@ -257,7 +258,7 @@ def _method(certificate: Certificate) -> Section:
 
 
 def _use(certificate: Certificate) -> Section:
-    kinds = ("item", "reproduction", "limits of use", "reservation", "remark")
+    kinds = ("item", "reproduction", "rated conditions", "limits of use", "reservation", "remark")
     return Section("Use of this certificate", "\n\n".join(text for kind in kinds for text in certificate.texts(kind)))
 
 

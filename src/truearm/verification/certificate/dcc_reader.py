@@ -64,6 +64,7 @@ STATEMENTS = {
     "decision rule": "truearm_decisionRule",
     "uncertainty": "truearm_uncertainty",
     "traceability": "truearm_traceability",
+    "rated conditions": "truearm_ratedConditions",
     "limits of use": "truearm_limitsOfUse",
     "item": "truearm_onlyThisItem",
     "reproduction": "truearm_onlyInFull",

@@ -16,6 +16,7 @@ KINDS = (
     "decision rule",
     "uncertainty",
     "traceability",
+    "rated conditions",
     "limits of use",
     "item",
     "reproduction",
@@ -48,6 +49,7 @@ def make_statements(about: AdministrativeData, verification: Verification, gap: 
     said |= {
         "uncertainty": _UNCERTAINTY,
         "traceability": _traceability(verification),
+        **_rated_conditions(verification),
         "limits of use": _limits_of_use(verification),
         "item": f"The results relate only to the item with serial number {about.item.serial_number}.",
         "reproduction": _reproduction(about),
@@ -75,6 +77,14 @@ def _limits_of_use(verification: Verification) -> str:
         "The results hold for the arm with the stylus, the mounting, the software and the conditions that this "
         f"certificate states, on the days of the measurement ({when}). The certificate states no period of validity."
     )
+
+
+def _rated_conditions(verification: Verification) -> dict[str, str]:
+    """The conditions that the limits are rated for and those of the measurement, if the specification states any."""
+    if not verification.conditions:
+        return {}
+    listed = "; ".join(map(str, verification.conditions))
+    return {"rated conditions": f"Conditions of the measurement, and those that the limits are rated for: {listed}."}
 
 
 def _reproduction(about: AdministrativeData) -> str:
