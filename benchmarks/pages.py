@@ -47,10 +47,14 @@ def large_report() -> Page:
 
 def measured(chromium: Browser, path: Path, runs: int) -> dict[str, Any]:
     """Size, height and times of one page."""
-    first, turns, height = [], [], 0
+    first, cpu, turns, height = [], [], [], 0
     for _ in range(runs):
         tab = chromium.new_page(viewport={"width": WIDTH, "height": HEIGHT})
+        inspector = tab.context.new_cdp_session(tab)
+        inspector.send("Performance.enable", {"timeDomain": "threadTicks"})  # CPU time, whatever else the machine does
         tab.goto(path.as_uri())
+        metrics = {one["name"]: one["value"] for one in inspector.send("Performance.getMetrics")["metrics"]}
+        cpu.append(metrics["TaskDuration"])
         first.append(tab.evaluate("performance.getEntriesByName('scenes drawn')[0].startTime") / 1000)
         turns.append(tab.evaluate(TURN))
         height = tab.evaluate("document.documentElement.scrollHeight")
@@ -60,6 +64,7 @@ def measured(chromium: Browser, path: Path, runs: int) -> dict[str, Any]:
         "height [px]": height,
         "first frame [s]": min(first),
         "median [s]": median(first),
+        "CPU of the whole page [s]": min(cpu),
         "a turn [ms]": min(turns),
     }
 

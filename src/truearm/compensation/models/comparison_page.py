@@ -168,7 +168,7 @@ def error_sentence(compared: ModelComparison) -> str:
 def comparison_verdict(
     compared: ModelComparison, budgets: Mapping[str, UncertaintyBudget], *, trained: Sequence[str] = ()
 ) -> PageVerdict:
-    """What accuracy a model has, of what, and how sure that is.
+    """The accuracy of a model on these readings, and its uncertainty.
 
     Good: compensation reduces the error of readings that took no part in training, and the uncertainty that the model
     states covers them. Doubtful: they are training readings, or the stated uncertainty is too small for them.
