@@ -32,6 +32,7 @@ _HOMES = {
     "truearm.workflows.fit": ("FitResult", "fit"),
     "truearm.workflows.operator_sheet": ("OperatorSheetResult", "operator_sheet"),
     "truearm.workflows.plan": ("PlanResult", "plan"),
+    "truearm.workflows.plan_check": ("CheckPlan", "plan_check"),
     "truearm.workflows.predict": ("Prediction", "predict"),
     "truearm.workflows.refit": ("RefitResult", "refit"),
     "truearm.workflows.rehearse": ("rehearse",),

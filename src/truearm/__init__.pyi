@@ -48,6 +48,8 @@ from truearm.workflows.operator_sheet import OperatorSheetResult as OperatorShee
 from truearm.workflows.operator_sheet import operator_sheet as operator_sheet
 from truearm.workflows.plan import PlanResult as PlanResult
 from truearm.workflows.plan import plan as plan
+from truearm.workflows.plan_check import CheckPlan as CheckPlan
+from truearm.workflows.plan_check import plan_check as plan_check
 from truearm.workflows.predict import Prediction as Prediction
 from truearm.workflows.predict import predict as predict
 from truearm.workflows.refit import RefitResult as RefitResult

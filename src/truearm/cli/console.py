@@ -83,6 +83,12 @@ def print_record(record: Record, *, as_json: bool = False, files: Mapping[str, P
         print_line(f"{what.replace('_', ' ')} written to {path}")
 
 
+def is_given(context: typer.Context, name: str) -> bool:
+    """Whether a person typed the option or argument of this name; else it has its default."""
+    source = context.get_parameter_source(name)
+    return source is not None and source.name == "COMMANDLINE"
+
+
 def free_parts(text: str) -> tuple[str, ...]:
     """The free parts that --free names.
 

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
-from truearm.cli.console import ARM_HELP, Json, check_page_path, numbers_of, print_record, progress
+from truearm.cli.console import ARM_HELP, Json, check_page_path, is_given, numbers_of, print_record, progress
+
+# What the plan of an interim check takes; all else belongs to calibrations.
+FOR_CHECKS = ("arm", "artefact", "out", "length", "sphere", "table", "avoid", "seed", "as_json")
 
 
 def plan(
+    context: typer.Context,
     arm: Annotated[str, typer.Argument(metavar="ARM|MODEL", help=f"{ARM_HELP} Or a model file.")],
     artefact: Annotated[
-        Literal["seat", "bar", "tracker"], typer.Option("--artefact", help="What the poses are measured with.")
+        Literal["seat", "bar", "tracker", "check"],
+        typer.Option("--artefact", help="What the poses are measured with; check: the routine of an interim check."),
     ],
     out: Annotated[Path, typer.Option("--out", help="Session file to fill in, .csv; must be new.")],
     poses: Annotated[int, typer.Option("--poses", min=1, max=500, help="Number of readings.")] = 50,
@@ -23,6 +28,9 @@ def plan(
         typer.Option("--seats", min=1, max=200, help="Number of seats, or of places of the bar (one for 10 poses)."),
     ] = None,
     length: Annotated[float | None, typer.Option("--length", help="Of the bar, between its seats [mm].")] = None,
+    sphere: Annotated[
+        float | None, typer.Option("--sphere", help="With --artefact check: diameter of a sphere [mm].")
+    ] = None,
     noise: Annotated[
         float | None,
         typer.Option("--noise", help="Standard deviation of a coordinate [mm] (that of the model, or 0.02)."),
@@ -72,13 +80,27 @@ def plan(
     technician: poses as a person chooses them who measures parts. random: random poses. All four are compared.
 
     With a model instead of an arm: the poses that come next.
+
+    --artefact check: the routine of an interim check (truearm check), ten readings in a cone, with --length four in
+    each seat of a bar, with --sphere nine on a sphere.
     """
     from truearm.arm.catalogue import arm_path
+    from truearm.errors import InputError
     from truearm.identification.planning.proposal import STRATEGIES
     from truearm.identification.planning.template import check_template_path
     from truearm.workflows.plan import plan as planned
     from truearm.workflows.plan import template_files
 
+    around: dict[str, Any] = {
+        "table": None if table is None else numbers_of(table, "--table", "-40,200,900,-400,400"),
+        "avoid": [numbers_of(box, "--avoid", "0,200,-300,300,0,900") for box in avoid or ()],
+    }
+    if artefact == "check":
+        _check_is_of_a_check(context)
+        _plan_check(arm, out, length_mm=length, sphere_mm=sphere, seed=seed, as_json=as_json, **around)
+        return
+    if sphere is not None:
+        raise InputError("--sphere applies to --artefact check only", hint="omit it")
     for file in template_files(out, artefact):
         check_template_path(file)
     if page is not None:
@@ -95,8 +117,7 @@ def plan(
             terms=terms,
             session=session,
             volume=None if volume is None else numbers_of(volume, "--volume", "300,800,-200,400,60"),
-            table=None if table is None else numbers_of(table, "--table", "-40,200,900,-400,400"),
-            avoid=[numbers_of(box, "--avoid", "0,200,-300,300,0,900") for box in avoid or ()],
+            **around,
             seed=seed,
             progress=tell,
         )
@@ -106,4 +127,23 @@ def plan(
         files = dict(zip(("session", "lengths"), result.save(out), strict=False)) | (
             {} if page is None else {"page": page}
         )
+    print_record(result, as_json=as_json, files=files)
+
+
+def _check_is_of_a_check(context: typer.Context) -> None:
+    """Refuse options that a routine of an interim check has not."""
+    from truearm.errors import InputError
+
+    for parameter in context.command.params:
+        if is_given(context, parameter.name or "") and parameter.name not in FOR_CHECKS:
+            raise InputError(f"{parameter.opts[0]} does not apply to --artefact check", hint="omit it")
+
+
+def _plan_check(arm: str, out: Path, *, as_json: bool, **options: Any) -> None:
+    from truearm.identification.planning.template import check_template_path
+    from truearm.workflows.plan_check import plan_check
+
+    check_template_path(out)
+    result = plan_check(arm, **options)
+    files = dict(zip(("session", "lengths"), result.save(out), strict=False))
     print_record(result, as_json=as_json, files=files)

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from truearm.cli.console import ARM_HELP, Force, Json, check_new_file, print_record, progress
+from truearm.cli.console import ARM_HELP, Force, Json, check_new_file, is_given, print_record, progress
 
 # Options that a plan states itself.
 STATED_BY_A_PLAN = ("poses", "strategy", "seats", "bars", "bar_mm", "anchors", "half_width_deg", "reference")
@@ -150,9 +150,7 @@ def _check_leaves_to_plan(context: typer.Context) -> None:
     from truearm.errors import InputError
 
     for parameter in context.command.params:
-        source = context.get_parameter_source(parameter.name or "")
-        given = source is not None and source.name == "COMMANDLINE"
-        if given and parameter.name in STATED_BY_A_PLAN:
+        if parameter.name in STATED_BY_A_PLAN and is_given(context, parameter.name):
             raise InputError(f"{parameter.opts[0]} does not apply to --plan: the plan states it", hint="omit it")
 
 

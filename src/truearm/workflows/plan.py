@@ -247,7 +247,7 @@ def plan(
     if strategy not in get_args(Strategy):
         raise InputError(f"expected a strategy out of {', '.join(get_args(Strategy))}, got {strategy!r}")
     measured_with = Artefact(artefact, usual_places(artefact, poses) if seats is None else seats, length_mm)
-    subject, source = _arm_or_model(arm)
+    subject, source = arm_or_model(arm)
     nominal = subject if isinstance(subject, Arm) else subject.arm_
     measured = None
     if session is not None:
@@ -279,7 +279,7 @@ def template_files(path: str | Path, artefact: str) -> tuple[Path, ...]:
     return (path, lengths_path(path)) if artefact == "bar" else (path,)
 
 
-def _arm_or_model(arm: Arm | Compensator | str | Path) -> tuple[Arm | IdentifiedModel, str]:
+def arm_or_model(arm: Arm | Compensator | str | Path) -> tuple[Arm | IdentifiedModel, str]:
     """What to plan for and, of a model, where it comes from."""
     if isinstance(arm, Compensator):
         model, file = arm, None

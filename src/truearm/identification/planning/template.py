@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,7 +17,7 @@ from truearm.identification.planning.candidates import Candidates
 from truearm.identification.planning.planned_readings import AIM
 from truearm.identification.planning.proposal import LENGTH_U_MM
 from truearm.readings.lengths import ARTEFACT, ENDS, EXPANSION, NUMBERS
-from truearm.typing import NameArray
+from truearm.typing import FloatArray, NameArray
 
 
 def check_template_path(path: str | Path) -> None:
@@ -61,31 +61,69 @@ def write_template(arm: Arm, poses: Candidates, path: str | Path) -> None:
     InputError
         As `check_template_path`.
     """
+    names = {} if poses.seat is None else {"seat": poses.seat}
+    if poses.length_mm is not None:
+        names["position"] = place_names(poses)
+    write_aims(arm, poses.angles, path, names=names, notes=notes(poses), points=poses.seat is None)
+
+
+def write_aims(
+    arm: Arm,
+    angles: FloatArray,
+    path: str | Path,
+    *,
+    names: Mapping[str, NameArray],
+    notes: Sequence[str],
+    points: bool = False,
+) -> None:
+    """Write angles to aim at as a session file to fill in.
+
+    Parameters
+    ----------
+    arm : Arm
+    angles : (n, n_joints) array
+        In the order of measurement [rad, or mm].
+    path : path
+        Ends in ``.csv``; must be new.
+    names : mapping of str to (n,) array of str
+        Columns of names, such as ``seat``.
+    notes : sequence of str
+        An instruction for each reading.
+    points : bool
+        Whether there are columns for reference points.
+
+    Raises
+    ------
+    InputError
+        As `check_template_path`.
+    """
     check_template_path(path)
     units = ["mm" if slides else "deg" for slides in arm.chain.is_prismatic]
     joints = [f"q{number}_{unit}" for number, unit in enumerate(units, start=1)]
-    names: list[NameArray] = []
-    heads = [*joints]
-    if poses.seat is None:
-        heads += ["x_mm", "y_mm", "z_mm"]
-    else:
-        heads.append("seat")
-        names.append(poses.seat)
-    if poses.length_mm is not None:
-        heads.append("position")
-        names.append(place_names(poses))
-    heads += ["note", *(f"{AIM}{joint}" for joint in joints)]
-    aims = np.where(arm.chain.is_prismatic, poses.angles, np.degrees(poses.angles))
-    empty = [""] * (len(joints) + (3 if poses.seat is None else 0))
+    measured = [*joints, *(("x_mm", "y_mm", "z_mm") if points else ())]
+    aims = np.where(arm.chain.is_prismatic, angles, np.degrees(angles)).tolist()
     with atomic_file(path) as beside, beside.open("w", encoding="utf-8", newline="") as out:
         writer = csv.writer(out, lineterminator="\n")
-        writer.writerow(heads)
-        for row, (note, aim) in enumerate(zip(notes(poses), aims.tolist(), strict=True)):
-            writer.writerow([*empty, *(name[row] for name in names), note, *(f"{angle:.1f}" for angle in aim)])
+        writer.writerow([*measured, *names, "note", *(f"{AIM}{joint}" for joint in joints)])
+        for row, (note, aim) in enumerate(zip(notes, aims, strict=True)):
+            named = [column[row] for column in names.values()]
+            writer.writerow([*[""] * len(measured), *named, note, *(f"{angle:.1f}" for angle in aim)])
 
 
 def write_bar_lengths(poses: Candidates, path: str | Path) -> None:
     """Write the length of the bar at each of its places for a fit: one artefact with one certificate.
+
+    Raises
+    ------
+    InputError
+        As `check_template_path`.
+    """
+    assert poses.length_mm is not None  # a bar has a length
+    write_length_rows(bars(poses), poses.length_mm, LENGTH_U_MM, path)
+
+
+def write_length_rows(ends: Sequence[tuple[str, str]], length_mm: float, u_mm: float, path: str | Path) -> None:
+    """Write the planned length of a bar between pairs of seats, to be replaced by that of its certificate.
 
     Raises
     ------
@@ -99,8 +137,8 @@ def write_bar_lengths(poses: Candidates, path: str | Path) -> None:
     with atomic_file(path) as beside, beside.open("w", encoding="utf-8", newline="") as out:
         writer = csv.writer(out, lineterminator="\n")
         writer.writerow((*ENDS, *NUMBERS, ARTEFACT, *EXPANSION, "note"))
-        stated = f"{poses.length_mm:g}", f"{LENGTH_U_MM:g}", f"bar {poses.length_mm:g}", "", "", note
-        writer.writerows((*ends, *stated) for ends in bars(poses))
+        stated = f"{length_mm:g}", f"{u_mm:g}", f"bar {length_mm:g}", "", "", note
+        writer.writerows((*pair, *stated) for pair in ends)
 
 
 def bars(poses: Candidates) -> list[tuple[str, str]]:
