@@ -38,8 +38,6 @@ if TYPE_CHECKING:
 
 ArtefactKind: TypeAlias = Literal["seat", "bar", "tracker"]
 
-_OBSERVABILITY = tuple(f"o{i}" for i in range(1, 6))
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PlanResult(PageRecord):
@@ -145,13 +143,12 @@ class PlanResult(PageRecord):
             [
                 name,
                 f"{proposal.rms_mm[-1]:.4g}",
-                *(f"{getattr(proposal.observability, index):.3g}" for index in _OBSERVABILITY),
-                f"{proposal.observability.rank} of {proposal.observability.n_parameters}",
+                f"{degrees(proposal.mean_move):.0f}",
                 "chosen" if name == planned.strategy else "",
             ]
             for name, proposal in self.plan.proposals.items()
         ]
-        yield TextTable(["strategy", "after [mm]", *(index.upper() for index in _OBSERVABILITY), "rank", ""], rows)
+        yield TextTable(["strategy", "after [mm]", "move [deg]", ""], rows)
 
     def to_dict(self) -> dict[str, Any]:
         """See `Record`."""

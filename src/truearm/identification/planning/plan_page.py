@@ -226,8 +226,15 @@ def _one_by_one(plan: CalibrationPlan, poses: Candidates) -> Section:
     aims = np.where(slides, poses.angles, np.degrees(poses.angles)).round().astype(int).tolist()
     units = ["mm" if slide else "deg" for slide in slides]
     joints = (Column(f"J{joint}", unit) for joint, unit in enumerate(units, start=1))
-    rows = ((number, what, *aim) for number, (what, aim) in enumerate(zip(notes(poses), aims, strict=True), start=1))
-    table = Table((Column("pose"), Column("instruction"), *joints), tuple(rows), "In the order of measurement.")
+    rows = (
+        ("\u2610", number, what, *aim)
+        for number, (what, aim) in enumerate(zip(notes(poses), aims, strict=True), start=1)
+    )
+    table = Table(
+        (Column("done"), Column("pose"), Column("instruction"), *joints),
+        tuple(rows),
+        "In the order of measurement; tick each reading that is written down.",
+    )
     return Section("Pose by pose", tables=(table,))
 
 
