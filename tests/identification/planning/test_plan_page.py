@@ -46,7 +46,7 @@ def test_a_page_states_gain_places_poses_and_limitations_and_folds_the_indices(p
     listed = page.sections[-2].tables[0]
     assert len(listed.rows) == 9
     # Degrees, rounded.
-    assert np.array([row[2:] for row in listed.rows]) == pytest.approx(np.degrees(chosen(plan).angles), abs=0.5001)
+    assert np.array([row[3:] for row in listed.rows]) == pytest.approx(np.degrees(chosen(plan).angles), abs=0.5001)
     compared = page.sections[0].tables[0]
     assert [row[0] for row in compared.rows] == ["i-optimal", "d-optimal", "technician", "random"]
     assert [row[0] for row in page.sections[-1].tables[0].rows] == [row[0] for row in compared.rows]
