@@ -124,6 +124,31 @@ def has_reference(session: Session) -> BoolArray:
     return known
 
 
+def serial_number_of(session: Session) -> str:
+    """The serial number of the arm that was read; empty if none is stated.
+
+    Raises
+    ------
+    InputError
+        If the readings are of several arms.
+    """
+    if session.serial_number is None:
+        return ""
+    stated = session.serial_number != ""
+    if not stated.any():
+        return ""
+    first = str(session.serial_number[np.argmax(stated)])
+    if (others := stated & (session.serial_number != first)).any():
+        row = int(np.argmax(others))
+        raise session.error(
+            f"expected readings of one arm, got serial numbers {first!r} and {str(session.serial_number[row])!r}",
+            row,
+            column="serial_number",
+            hint="one session file for each arm",
+        )
+    return first
+
+
 def check_angles(session: Session, *, n_joints: int, prismatic: npt.ArrayLike | None = None) -> None:
     """Check that a session has the arm's number of joints, and numbers that can be angles.
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 # Columns with one name a reading, in the order of the session file; the first of them name what the tip touched, or
 # the fixed point from which its distance was measured.
 TOUCHED = ("seat", "sphere", "plane", "line", "anchor")
-NAMED = (*TOUCHED, "tip", "position", "session")
+NAMED = (*TOUCHED, "tip", "position", "session", "serial_number")
 
 # Mass that the flange carries [kg].
 PAYLOAD = "payload_kg"
@@ -71,6 +71,8 @@ class Session:
         Name of the tip, where the flange carries several; of every reading.
     session : (n,) array of str, optional
         Name of the session (base and reference unmoved) in which the arm was read.
+    serial_number : (n,) array of str, optional
+        Serial number of the arm that was read; of all readings the same, or empty.
     temperature_degC : (n,) array, optional
         Temperature of the arm [degC].
     quaternion : (n, 4) array, optional
@@ -130,6 +132,7 @@ class Session:
     seat: NameArray | None = None
     position: NameArray | None = None
     session: NameArray | None = None
+    serial_number: NameArray | None = None
     temperature_degC: FloatArray | None = None
     quaternion: FloatArray | None = None
     sphere: NameArray | None = None

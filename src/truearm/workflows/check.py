@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from truearm.compensation.models import Compensator
+from truearm.compensation.models.arm_check import with_serial_number
 from truearm.compensation.models.model_file import save_model
 from truearm.compensation.models.training_conditions import fingerprint
 from truearm.errors import InputError
@@ -264,7 +265,10 @@ def check(
     values = _values(fitted, readings, known, temperature)
     new = InterimCheck(moment, model_file_fingerprint(model), fingerprint(readings), temperature, values)
     name = Path(model).name if isinstance(model, str | Path) else type(fitted).__name__
-    record = record_check(kept, new, specification=limits, retired=retired, name=name, arm=fitted.arm.name)
+    unit = with_serial_number(fitted.arm_, readings).serial_number
+    record = record_check(
+        kept, new, specification=limits, retired=retired, name=name, arm=fitted.arm.name, serial_number=unit
+    )
     return CheckResult(record, fitted, name, file, kept.head, tuple(remarks), files)
 
 

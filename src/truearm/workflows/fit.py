@@ -18,6 +18,7 @@ from truearm.compensation.models import (
     NominalModel,
     PhysicalModel,
 )
+from truearm.compensation.models.arm_check import with_serial_number
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.compensation.models.model_file import save_model
 from truearm.compensation.models.reading_references import (
@@ -126,6 +127,7 @@ def fit(
         raise InputError(f"options {foreign} belong to one model, got model 'auto'", hint="name the model")
     nominal_arm, parts = to_arm(arm), to_free_parts(free)
     given = to_session(session, n_joints=nominal_arm.n_joints)
+    nominal_arm = with_serial_number(nominal_arm, given)
     checked = within_limits(given, nominal_arm, limits)
     used = checked.session
     # Options are checked before anything is computed.

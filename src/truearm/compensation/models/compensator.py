@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.arm.arm import Arm
+from truearm.compensation.models.arm_check import check_readings_of
 from truearm.compensation.models.description_hint import explaining
 from truearm.compensation.models.estimator import Regressor
 from truearm.compensation.models.held_out_errors import NONE_HELD_OUT
@@ -43,7 +44,7 @@ from truearm.identification.estimation.references import Reference
 from truearm.identification.estimation.tails import ellipsoid_factor
 from truearm.identification.terms import Term, constants
 from truearm.identification.terms.thermal import UNKNOWN_MATERIAL, link_vectors
-from truearm.readings.checks import check_angles, check_sessions, skip_beyond_limits
+from truearm.readings.checks import check_sessions
 from truearm.readings.lengths import Lengths
 from truearm.readings.session import Session
 from truearm.solve.threads import one_blas_thread
@@ -437,12 +438,7 @@ class Compensator(Regressor, ABC):
 
     def _check_inputs(self, arm: Arm, readings: Session) -> None:
         """Refuse readings of another number or kind of joints, or mostly outside their limits."""
-        if readings.n_joints != arm.n_joints:
-            raise InputError(
-                f"expected readings of {arm.n_joints} joints for arm {arm.name!r}, got {readings.n_joints}"
-            )
-        check_angles(readings, n_joints=arm.n_joints, prismatic=arm.chain.is_prismatic)
-        skip_beyond_limits(readings, arm.limits, prismatic=arm.chain.prismatic)
+        check_readings_of(arm, readings)
 
     def _check_session(self, readings: Session) -> None:
         self._check_fitted()

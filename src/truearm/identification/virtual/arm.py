@@ -120,6 +120,11 @@ class VirtualArm:
         return cls(nominal, preset, systematic, seed)
 
     @property
+    def serial_number(self) -> str:
+        """That of the nominal arm; without one, made of preset and seed: another draw is another unit."""
+        return self.nominal.serial_number or f"virtual-{self.preset.name}-{self.seed}"
+
+    @property
     def perturbed_chain(self) -> PerturbedChain:
         """The nominal chain with the terms of the errors."""
         return self.systematic.model.perturbed_chain
@@ -190,6 +195,7 @@ class VirtualArm:
             session=None if session is None else np.full(len(angles), session),
             temperature_degC=air,
             directions=state.directions,
+            serial_number=np.full(len(angles), self.serial_number),
         )
         if reference:
             readings = self._with_reference(readings, tips, random_stream("session", seed, "reference"))

@@ -141,15 +141,15 @@ class History:
         contents = self._contents()
         return len(contents.rows), contents.checksum
 
-    def other_models(self, model: str, *, arm: str) -> tuple[OtherModel, ...]:
+    def other_models(self, model: str, *, arm: str, serial_number: str = "") -> tuple[OtherModel, ...]:
         """Return the other models with checks in the history, the last used one first.
 
         Parameters
         ----------
         model : str
             A fingerprint.
-        arm : str
-            Name of its arm.
+        arm, serial_number : str
+            Name and serial number of its arm.
 
         Raises
         ------
@@ -157,7 +157,7 @@ class History:
             If all checks of the history belong to models of other arms, or the file is damaged.
         """
         contents = self._contents()
-        self._check_arm(contents.check_rows, arm)
+        self._check_arm(contents.check_rows, arm, serial_number)
         first = {one.check.model: one for one in reversed(contents.check_rows)}
         last_used = dict.fromkeys(one.check.model for one in reversed(contents.check_rows) if one.check.model != model)
         return tuple(
@@ -179,7 +179,7 @@ class History:
         """
         return self._with(self.checks(check.model), check)
 
-    def append(self, check: InterimCheck, *, name: str = "", arm: str = "") -> bool:
+    def append(self, check: InterimCheck, *, name: str = "", arm: str = "", serial_number: str = "") -> bool:
         """Add a check, or complete the last one, whole or not at all: see `with_check`.
 
         Parameters
@@ -188,6 +188,8 @@ class History:
         name, arm : str
             Names of the model's file and of its arm; those of a model's first check count. A name that cannot be
             printed is stored as an empty one. With the name of an arm, a history of another arm refuses the check.
+        serial_number : str
+            Of the arm; a history with another serial number refuses the check.
 
         Returns
         -------
@@ -213,10 +215,10 @@ class History:
                 if checks == known:
                     return False
                 if arm:
-                    self._check_arm(contents.check_rows, arm)
-                name, arm = (text if is_name(text) else "" for text in (name, arm))
+                    self._check_arm(contents.check_rows, arm, serial_number)
+                stated = (text if is_name(text) else "" for text in (name, arm, serial_number))
                 (new,) = [one for one in checks if one not in known]
-                _insert(database, encode_check(CheckRow(new, name, arm)), contents)
+                _insert(database, encode_check(CheckRow(new, *stated)), contents)
         return True
 
     def withdraw(self, check: InterimCheck, withdrawal: Withdrawal) -> None:
@@ -266,8 +268,16 @@ class History:
             )
         return (*known, check)
 
-    def _check_arm(self, records: Sequence[CheckRow], arm: str) -> None:
-        """Refuse another arm; a model without the name of an arm may belong to any."""
+    def _check_arm(self, records: Sequence[CheckRow], arm: str, serial_number: str) -> None:
+        """Refuse another arm; a model without the name of an arm may belong to any, and so may one without a number."""
+        numbers = {one.serial_number for one in records} - {""}
+        if serial_number and numbers and serial_number not in numbers:
+            raise InputError(
+                f"the checks in this history are of serial number {', '.join(map(repr, sorted(numbers)))}, "
+                f"the model is of {serial_number!r}",
+                file=self.path,
+                hint="check the model file, or name another file with --history: checks of two arms are never compared",
+            )
         first = {one.check.model: one.arm for one in reversed(records)}
         arms = set(first.values())
         if arms and arms.isdisjoint(("", arm)):

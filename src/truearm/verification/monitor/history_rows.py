@@ -21,6 +21,7 @@ class CheckRow:
     check: InterimCheck
     name: str
     arm: str
+    serial_number: str = ""
 
 
 @dataclass(frozen=True)
@@ -74,7 +75,9 @@ def encode_check(record: CheckRow) -> str:
     """Return the JSON text of a row with a check."""
     check = {**asdict(record.check), "date": record.check.date.isoformat(sep=" ")}
     del check["withdrawn"]
-    return json.dumps({"name": record.name, "arm": record.arm, **check}, allow_nan=False)
+    # Without a number the row is as it was before there were any.
+    number = {"serial_number": record.serial_number} if record.serial_number else {}
+    return json.dumps({"name": record.name, "arm": record.arm, **number, **check}, allow_nan=False)
 
 
 def encode_withdrawal(row: int, withdrawal: Withdrawal) -> str:
@@ -91,7 +94,7 @@ def decode_row(text: str, rows: Sequence[CheckRow | WithdrawalRow]) -> CheckRow 
         if type(row) is not int or not 1 <= row <= len(rows) or not isinstance(rows[row - 1], CheckRow):
             raise ValueError("expected the row of an earlier check")
         return WithdrawalRow(row, Withdrawal(date, **fields))
-    name, arm = fields.pop("name"), fields.pop("arm")
+    stated = (fields.pop("name"), fields.pop("arm"), fields.pop("serial_number", ""))
     date = datetime.datetime.fromisoformat(fields.pop("date"))
     values = tuple(CheckValue(**value) for value in fields.pop("values"))
     if "withdrawn" in fields:
@@ -99,9 +102,9 @@ def decode_row(text: str, rows: Sequence[CheckRow | WithdrawalRow]) -> CheckRow 
     check = InterimCheck(date=date, values=values, **fields)
     if date.tzinfo is not None or not all(map(_FINGERPRINT.fullmatch, (check.model, check.session))):
         raise ValueError("expected a local date and SHA-256 fingerprints")
-    if not (is_name(name) and is_name(arm)):
+    if not all(map(is_name, stated)):
         raise ValueError("expected printable names")
-    return CheckRow(check, name, arm)
+    return CheckRow(check, *stated)
 
 
 def is_name(value: object) -> bool:

@@ -67,6 +67,7 @@ def record_check(
     retired: Collection[str] = (),
     name: str = "",
     arm: str = "",
+    serial_number: str = "",
 ) -> RecordedCheck:
     """Assess a check beside the earlier ones of its model, and add it to the history.
 
@@ -80,13 +81,15 @@ def record_check(
         Artefacts that were repaired or replaced, and are no longer assessed; for a length, one of its seats.
     name, arm : str
         Names of the model's file and of its arm, as `History.append` takes them.
+    serial_number : str
+        Of the arm.
 
     Raises
     ------
     InputError
         As `History.append` and `assess`; nothing is added then.
     """
-    others = history.other_models(check.model, arm=arm)
+    others = history.other_models(check.model, arm=arm, serial_number=serial_number)
     before, checks = history.checks(check.model), history.with_check(check)
     elsewhere = [one for model in others for one in counted(model.checks)]
     # Artefacts that only checks of other models have were retired before this model.
@@ -97,6 +100,6 @@ def record_check(
     ]
     assessment = assess(checks, specification, retired=own)
     other_models = tuple((model, model.assess(specification, retired=retired)) for model in others)
-    changed = history.append(check, name=name, arm=arm)
+    changed = history.append(check, name=name, arm=arm, serial_number=serial_number)
     completed = changed and len(checks) == len(before)
     return RecordedCheck(check, checks, assessment, changed and not completed, completed, other_models)

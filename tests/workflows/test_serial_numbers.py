@@ -1,0 +1,83 @@
+"""Two units of one type are two arms: their readings, models and histories do not mix, and both numbers are named."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import truearm as ta
+from truearm.arm import load_arm, read_arm, write_arm
+from truearm.errors import InputError
+from truearm.readings import read_session, write_session
+
+
+def readings(unit: int, *, seed: int = 1) -> ta.Session:
+    return ta.simulate(
+        "measuring7", poses=16, strategy="seat", seats=2, preset="shop", seed=seed, arm_seed=unit
+    ).session
+
+
+@pytest.fixture(scope="module")
+def of_one() -> ta.Session:
+    return readings(1)
+
+
+@pytest.fixture(scope="module")
+def model(of_one):
+    return ta.fit("measuring7", of_one, model="nominal").model
+
+
+def test_a_virtual_arm_has_a_number_of_preset_and_seed(of_one, tmp_path):
+    assert set(of_one.serial_number) == {"virtual-shop-1"}
+    write_session(of_one, tmp_path / "readings.csv")
+    assert set(read_session(tmp_path / "readings.csv").serial_number) == {"virtual-shop-1"}
+
+
+def test_a_virtual_arm_of_a_unit_keeps_its_number():
+    unit = replace(load_arm("gao2017"), serial_number="10017")
+    session = ta.simulate(unit, poses=10, preset="shop").session
+    assert set(session.serial_number) == {"10017"}
+
+
+def test_a_model_keeps_the_number_of_its_readings(model, tmp_path):
+    assert model.arm_.serial_number == "virtual-shop-1"
+    model.save(tmp_path / "m.truearm")
+    assert ta.load_model(tmp_path / "m.truearm").arm_.serial_number == "virtual-shop-1"
+
+
+def test_readings_of_another_unit_are_refused_with_both_numbers(model):
+    says = "readings are of the arm with serial number 'virtual-shop-2', arm 'measuring7' has 'virtual-shop-1'"
+    with pytest.raises(InputError, match=says):
+        ta.evaluate(model, readings(2))
+
+
+def test_a_fit_refuses_an_arm_file_of_another_unit(of_one, tmp_path):
+    write_arm(replace(load_arm("measuring7"), serial_number="10018"), tmp_path / "arm.toml")
+    assert read_arm(tmp_path / "arm.toml").serial_number == "10018"
+    with pytest.raises(InputError, match=r"'virtual-shop-1'.*'10018'"):
+        ta.fit(tmp_path / "arm.toml", of_one, model="nominal")
+
+
+def test_readings_without_a_number_are_of_any_unit(model, of_one):
+    bare = replace(of_one, serial_number=None)
+    assert len(ta.predict(model, bare).points) == 16
+    assert ta.fit("measuring7", bare, model="nominal").model.arm_.serial_number == ""
+
+
+def test_a_session_of_two_units_is_refused(of_one):
+    names = np.where(np.arange(16) < 12, "a", "b")
+    with pytest.raises(InputError, match="expected readings of one arm, got serial numbers 'a' and 'b'") as refused:
+        ta.fit("measuring7", replace(of_one, serial_number=names), model="nominal")
+    assert refused.value.row == "reading 13"
+
+
+def test_a_history_is_of_one_unit(model, tmp_path):
+    ta.check(model, readings(1, seed=2), tmp_path / "history.sqlite")
+    before = (tmp_path / "history.sqlite").read_bytes()
+    other = ta.fit("measuring7", readings(2), model="nominal").model
+    says = "history are of serial number 'virtual-shop-1', the model is of 'virtual-shop-2'"
+    with pytest.raises(InputError, match=says):
+        ta.check(other, readings(2, seed=2), tmp_path / "history.sqlite")
+    assert (tmp_path / "history.sqlite").read_bytes() == before
