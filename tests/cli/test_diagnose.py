@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import truearm as ta
 from truearm.arm import write_arm
@@ -114,3 +115,14 @@ def test_a_model_file_does_not_keep_the_table(readings, tmp_path):
     assert model.arm_.table is not None
     assert again.arm_.table is None
     assert (again.arm_.chain.fixed == model.arm_.chain.fixed).all()
+
+
+def test_orientations_in_another_unit_are_named(readings):
+    """Rotation vectors in degrees, read as radians: the points agree, and so it is not the arm."""
+    arm, readings = ta.load_arm("gao2017"), readings.rows(np.arange(14))
+    turns = Rotation.from_matrix(arm.chain.pose(readings.angles).R_base_tip).as_rotvec()
+    wrong = Rotation.from_rotvec(np.degrees(turns)).as_quat(scalar_first=True)
+    with pytest.raises(InputError, match="misses its references") as refused:
+        ta.fit(arm, replace(readings, quaternion=wrong), model="nominal")
+    assert "the points agree with the arm to " in refused.value.hint
+    assert "--orientation-unit" in refused.value.hint

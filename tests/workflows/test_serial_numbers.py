@@ -15,7 +15,7 @@ from truearm.readings import read_session, write_session
 
 def readings(unit: int, *, seed: int = 1) -> ta.Session:
     return ta.simulate(
-        "measuring7", poses=16, strategy="seat", seats=2, preset="shop", seed=seed, arm_seed=unit
+        "measuring7", poses=20, strategy="seat", seats=4, preset="shop", seed=seed, arm_seed=unit
     ).session
 
 
@@ -62,12 +62,12 @@ def test_a_fit_refuses_an_arm_file_of_another_unit(of_one, tmp_path):
 
 def test_readings_without_a_number_are_of_any_unit(model, of_one):
     bare = replace(of_one, serial_number=None)
-    assert len(ta.predict(model, bare).points) == 16
+    assert len(ta.predict(model, bare).points) == 20
     assert ta.fit("measuring7", bare, model="nominal").model.arm_.serial_number == ""
 
 
 def test_a_session_of_two_units_is_refused(of_one):
-    names = np.where(np.arange(16) < 12, "a", "b")
+    names = np.where(np.arange(20) < 12, "a", "b")
     with pytest.raises(InputError, match="expected readings of one arm, got serial numbers 'a' and 'b'") as refused:
         ta.fit("measuring7", replace(of_one, serial_number=names), model="nominal")
     assert refused.value.row == "reading 13"

@@ -52,6 +52,12 @@ def explain_readings(
     if table is None:
         return None
     check = check_description(arm, table)
+    if not check.findings and check.stated.is_usual and readings.quaternion is not None and table.has_points:
+        return (
+            f"the points agree with the arm to {check.stated.error_mm:.2g} mm and the orientations do not: check their "
+            "unit (--orientation-unit of import), the order of their numbers (quaternions: w first), and that they are "
+            "of the flange in the frame of the reference"
+        )
     if not check.findings:
         return None
     found = ", or ".join(str(one) for one in check.findings[:MOST_NAMED])
