@@ -41,7 +41,8 @@ ARMS = (
 
 def sessions(*, seats: bool, seed: int) -> Iterator[tuple[str, Arm, Session, Lengths | None]]:
     """Readings of virtual arms, with points or with seats and a bar."""
-    for name, preset, strategy in ARMS:
+    kinds = {(name, preset): (name, preset, strategy) for name, preset, strategy in ARMS} if seats else {}
+    for name, preset, strategy in kinds.values() or ARMS:
         arm = replace(load_arm(name), lower=None, upper=None)
         with_limits = load_arm(name)
         options = {"strategy": "seat", "seats": 3, "bars": 2, "reference": False} if seats else {"strategy": strategy}
