@@ -122,6 +122,18 @@ def test_every_sheet_has_the_number_the_count_and_the_mark(document):
     assert "It is open on paper." in text
 
 
+@pytest.mark.skipif(shutil.which("pdftotext") is None, reason="pdftotext of poppler-utils reads the sheets")
+def test_head_and_foot_can_be_read_on_a_sheet_that_ends_with_another_font(tmp_path):
+    drawing = Drawing(figsize=(4, 5.6))
+    tall = Section("A heading alone", figures=(Figure((drawing,), "Tall.", "tall"),))
+    page = Page("A title", "", (), (tall,), (), PageVerdict("A verdict.", "bad", ""))
+    write_pdf(page, made_up_paper(signatures=()), tmp_path / "page.pdf")
+    text = subprocess.run(["pdftotext", "-layout", tmp_path / "page.pdf", "-"], capture_output=True, text=True).stdout
+    for number, sheet in enumerate(text.split("\f")[:2], start=1):
+        assert f"page {number} of 2" in sheet
+        assert sheet.count("Document 7") >= 2
+
+
 def test_the_same_page_gives_the_same_bytes():
     page = Page("title", sections=(Section("a", "b"),))
     assert pdf_bytes(page, made_up_paper(attachments=())) == pdf_bytes(page, made_up_paper(attachments=()))

@@ -230,6 +230,8 @@ class _Sheets:
         pdf.set_auto_page_break(False)
         for number in range(1, pages + 1):
             pdf.page = number
+            # The sheet was left with another font than the one that fpdf2 holds as set.
+            pdf.current_font_is_set_on_page = False
             self._style(SMALL, colour=SOFT)
             pdf.set_xy(MARGIN_MM, 10.0)
             pdf.cell(WIDTH_MM, 4.0, self.known(self.paper.heading), align="L")

@@ -22,7 +22,10 @@ def check_past(day: datetime.date | datetime.datetime) -> None:
     """
     moment = day if isinstance(day, datetime.datetime) else datetime.datetime.combine(day, datetime.time())
     if moment > now() + datetime.timedelta(days=1):
-        raise InputError(f"the date {day} is in the future", hint="write year, month, day: 2026-11-03")
+        raise InputError(
+            f"the date {day} is in the future",
+            hint="write year, month, day: 2026-11-03; to rehearse the coming months, state days in the past",
+        )
 
 
 def parse_moment(text: str) -> datetime.datetime:
