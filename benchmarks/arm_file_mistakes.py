@@ -63,7 +63,7 @@ def planted(
     angles = np.linalg.solve(mended.angle_matrix, (session.angles - mended.angle_offset).T).T
     changes: dict[str, object] = {"angles": angles}
     if session.points is not None:
-        points = session.points / mended.point_factor * ([-1, 1, 1] if mended.is_mirrored else [1, 1, 1])
+        points = session.points / mended.point_factor @ mended.points_turn  # it undoes itself
         changes["points"] = np.roll(points, mended.shift, axis=0)
         changes["point_std"] = None
     elif mended.shift:

@@ -121,6 +121,10 @@ def test_a_range_in_a_plot_selects_points_in_space(cloud):
     assert "selected" in cloud.page.locator(".selected").inner_text()
     plot.press("Escape")
     assert cloud.picture() == first
+    ends = cloud.page.locator(".range-plot canvas").first
+    for _ in range(9):
+        ends.press("Shift+ArrowRight")
+    assert re.search(r"error 0\.\d+ mm or more\.", cloud.page.locator(".selected").inner_text())
 
 
 def test_a_reader_chooses_the_value_that_colours(cloud):
@@ -147,6 +151,41 @@ def test_sliders_and_fields_move_the_end(mechanism):
     assert "expected 2 numbers" in mechanism.page.locator(".note").inner_text()
     mechanism.page.get_by_label("A1 [deg]").fill("100")
     assert mechanism.page.get_by_label("A1 [deg]").get_attribute("aria-invalid") == "true"
+
+
+@pytest.mark.parametrize(
+    ("typed", "says"),
+    [
+        ("10 2O", '"2O" is none'),
+        ("1,234.5 0", '"1,234.5" is none'),
+        ("10 0x10", '"0x10" is none'),
+        ("10", "got 1"),
+        ("1 2 3", "got 3"),
+    ],
+)
+def test_an_entry_that_is_no_number_is_said_and_moves_nothing(mechanism, typed, says):
+    first, line = mechanism.picture(), mechanism.page.get_by_label("all 2, as one line")
+    line.fill(typed)
+    assert mechanism.page.locator(".note").inner_text().startswith("expected 2 numbers, separated by spaces")
+    assert says in mechanism.page.locator(".note").inner_text()
+    assert line.get_attribute("aria-invalid") == "true"
+    assert mechanism.picture() == first
+    line.fill("\u22121,5e1, +5.")
+    assert mechanism.page.locator(".note").inner_text() == ""
+    assert line.get_attribute("aria-invalid") == "false"
+    assert mechanism.page.get_by_label("A1 [deg]").input_value() == "-15"
+    mechanism.page.get_by_label("A1 [deg]").fill("")
+    assert mechanism.page.locator(".note").inner_text() == "A1: expected a number"
+
+
+@pytest.mark.parametrize("width", [420, 900, 980, 1400])
+def test_long_coordinates_stand_apart(chromium, paths, width):
+    with Tab(chromium, paths["mechanism"], width=width) as tab:
+        tab.page.get_by_label("all 2, as one line").fill("-135 -1234.5")
+        sizes = "(cells) => cells.map((one) => [one.scrollWidth, one.clientWidth])"
+        assert all(needed <= has for needed, has in tab.page.locator(".end td").evaluate_all(sizes))
+        lines = "(heads) => heads.map((one) => one.clientHeight / parseFloat(getComputedStyle(one).lineHeight))"
+        assert max(tab.page.locator(".end th").evaluate_all(lines)) < 2
 
 
 def test_the_mechanism_goes_to_the_point_that_is_pointed_at(chromium, paths):

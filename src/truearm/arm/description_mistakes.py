@@ -9,7 +9,7 @@ them is decided in `truearm.identification.estimation.description_check`.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
@@ -43,8 +43,8 @@ class Interpretation:
         [rad, or mm for sliding joints].
     point_factor, length_factor : float
         Of the reference points and of known lengths: mm by stated unit.
-    is_mirrored : bool
-        Whether the frame of the reference points is left-handed.
+    points_turn : (3, 3) array
+        The reference points are ``points_turn @ stated``: a mirrored axis, or two exchanged ones.
     shift : int
         The reference of reading i stands in row i + shift.
     """
@@ -54,7 +54,7 @@ class Interpretation:
     angle_offset: FloatArray
     point_factor: float = 1.0
     length_factor: float = 1.0
-    is_mirrored: bool = False
+    points_turn: FloatArray = field(default_factory=lambda: np.eye(3))
     shift: int = 0
 
     @classmethod
@@ -69,10 +69,12 @@ class Interpretation:
 
     def is_same(self, other: Interpretation) -> bool:
         """Whether both understand every arm file and every reading in the same way."""
-        plain = ("point_factor", "length_factor", "is_mirrored", "shift")
+        plain = ("point_factor", "length_factor", "shift")
         if any(getattr(self, name) != getattr(other, name) for name in plain):
             return False
-        arrays = [(self.angle_matrix, other.angle_matrix), (self.angle_offset, other.angle_offset)]
+        arrays = [
+            (getattr(self, name), getattr(other, name)) for name in ("angle_matrix", "angle_offset", "points_turn")
+        ]
         fixed = [(self.table.chain().fixed, other.table.chain().fixed)]
         tips = [(self.table.tip_in_flange, other.table.tip_in_flange)]
         return all(np.abs(a - b).max() < _NO_CHANGE for a, b in (*arrays, *fixed, *tips))
@@ -97,7 +99,9 @@ class Mistake:
     subject: str
 
 
-def likely_mistakes(arm: Arm, *, has_points: bool = True, has_lengths: bool = False) -> tuple[Mistake, ...]:
+def likely_mistakes(
+    arm: Arm, *, has_points: bool = True, has_lengths: bool = False, base_is_known: bool = False
+) -> tuple[Mistake, ...]:
     """List the mistakes that can be made with an arm, without those that would change nothing.
 
     Parameters
@@ -106,13 +110,15 @@ def likely_mistakes(arm: Arm, *, has_points: bool = True, has_lengths: bool = Fa
         Mistakes in a table are listed if its chain has the form of one, as arms of TOML files have.
     has_points, has_lengths : bool
         Whether the readings have reference points, and known lengths between seats.
+    base_is_known : bool
+        Whether it matters which axis of the points is mirrored; a base that is fitted turns one case into another.
     """
     stated = Interpretation.stated(arm)
     found = [*_of_joints(arm), *_of_pairs(arm), *_of_all_angles(arm), *_of_units()]
     if stated.table is arm.table or has_table_form(arm.chain):
         found += _of_rows(arm, stated.table)
     if has_points:
-        found += _of_points()
+        found += _of_points(base_is_known)
     if has_lengths:
         found += _of_lengths()
     found += [Mistake(_SHIFTED[step], _with(shift=step), "rows") for step in (1, -1)]
@@ -276,11 +282,21 @@ def _sized(factor: float) -> Callable[[DHTable], DHTable]:
     return change
 
 
-def _of_points() -> Iterator[Mistake]:
+def _of_points(base_is_known: bool) -> Iterator[Mistake]:
     for unit, mm in POINT_UNITS_MM.items():
         yield Mistake(f"reference points are in {unit}, stated in mm", _with(point_factor=mm), "point unit")
-    says = "frame of the reference points is left-handed (an axis mirrored, or two axes exchanged)"
-    yield Mistake(says, _with(is_mirrored=True), "handedness")
+    if not base_is_known:
+        says = "frame of the reference points is left-handed (an axis mirrored, or two axes exchanged)"
+        yield Mistake(says, _with(points_turn=np.diag([-1.0, 1.0, 1.0])), "handedness")
+        return
+    for i, axis in enumerate("xyz"):
+        mirror = np.diag(np.where(np.arange(3) == i, -1.0, 1.0))
+        yield Mistake(f"sign of {axis} of the reference points reversed", _with(points_turn=mirror), "handedness")
+    for i, j in combinations(range(3), 2):
+        order = list(range(3))
+        order[i], order[j] = j, i
+        says = f"{'xyz'[i]} and {'xyz'[j]} of the reference points exchanged"
+        yield Mistake(says, _with(points_turn=np.eye(3)[order]), "handedness")
 
 
 def _of_lengths() -> Iterator[Mistake]:

@@ -86,7 +86,8 @@ export class Cloud {
       : "none";
     const ranges = [...this.ranges].map(([axis, [low, high]]) => {
       const column = this.column(axis);
-      return `${column.name} ${formatNumber(low, 3)} to ${formatNumber(high, 3)} ${column.unit}`;
+      const end = high === Infinity ? `${column.unit} or more` : `to ${formatNumber(high, 3)} ${column.unit}`;
+      return `${column.name} ${formatNumber(low, 3)} ${end}`;
     });
     return `${which}: ${name}, ${numbers}.${ranges.length ? ` Selected by ${ranges.join("; ")}.` : ""}`;
   }

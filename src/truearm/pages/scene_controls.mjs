@@ -17,19 +17,25 @@ export function build(tag, properties = {}, ...children) {
   return element;
 }
 
+// One number: a decimal point or comma, and no sign that separates thousands.
+const NUMBER = /^[-+\u2212]?(\d+([.,]\d*)?|[.,]\d+)(e[-+]?\d+)?$/i;
+
 /**
  * @param {string} text numbers separated by spaces, semicolons, tabs or commas
  * @param {number} count
- * @returns {number[] | null}
+ * @returns {number[]}
+ * @throws {Error} says which of them is no number, or that there are more or fewer
  */
 export function parseNumbers(text, count) {
-  let parts = text
-    .trim()
-    .split(/[\s;]+|,\s+/)
-    .filter((part) => part !== "");
-  if (parts.length !== count) parts = text.split(",");
-  const numbers = parts.map((part) => parseFloat(part.trim().replace(",", ".").replace("\u2212", "-")));
-  return numbers.length === count && numbers.every(Number.isFinite) ? numbers : null;
+  const given = text.trim();
+  let parts = given.split(/[\s;]+|,\s+/).filter((part) => part !== "");
+  if (parts.length !== count && given.split(",").length === count) parts = given.split(",");
+  parts = parts.map((part) => part.trim());
+  const wrong = parts.find((part) => !NUMBER.test(part));
+  if (wrong !== undefined) throw new Error(`expected ${count} numbers, separated by spaces; "${wrong}" is none`);
+  if (parts.length !== count)
+    throw new Error(`expected ${count} numbers, separated by spaces, got ${parts.length}`);
+  return parts.map((part) => Number(part.replace(",", ".").replace("\u2212", "-")));
 }
 
 /** A slider and a field for each pivot, a field for all of them, and where the end then is. */
@@ -41,8 +47,9 @@ export class MechanismControls {
     this.changed = changed;
     this.rows = mechanism.names.map((name, i) => this.row(name, i));
     this.place = build("table", { className: "end" });
+    this.note = build("p", { className: "note", aria: { role: "status" } });
     this.all = this.allField();
-    this.element = build("div", { className: "mechanism" }, this.place, this.table(), this.all);
+    this.element = build("div", { className: "mechanism" }, this.place, this.table(), this.all, this.note);
     this.update();
   }
 
@@ -60,7 +67,8 @@ export class MechanismControls {
     const field = build("input", { type: "number", step: "any", aria: { "aria-label": `${name} [${unit}]` } });
     slider.addEventListener("input", () => this.set(i, Math.round(Number(slider.value) * 10) / 10));
     field.addEventListener("input", () => {
-      if (field.value !== "" && Number.isFinite(field.valueAsNumber)) this.set(i, field.valueAsNumber, field);
+      if (Number.isFinite(field.valueAsNumber)) this.set(i, field.valueAsNumber, field);
+      else this.refuse(field, `${name}: expected a number`);
     });
     return { slider, field };
   }
@@ -89,14 +97,21 @@ export class MechanismControls {
   allField() {
     const count = this.values.length;
     const input = build("input", { type: "text", autocomplete: "off", spellcheck: false });
-    const note = build("span", { className: "note", aria: { role: "status" } });
     input.addEventListener("input", () => {
-      const numbers = parseNumbers(input.value, count);
-      note.textContent = numbers || !input.value.trim() ? "" : `expected ${count} numbers, separated by spaces`;
-      if (numbers) this.setAll(numbers, input);
+      try {
+        this.setAll(parseNumbers(input.value, count), input);
+      } catch (fault) {
+        this.refuse(input, fault.message);
+      }
     });
     this.allInput = input;
-    return build("label", { className: "all" }, `all ${count}, as one line`, input, note);
+    return build("label", { className: "all" }, `all ${count}, as one line`, input);
+  }
+
+  /** Mark an entry that cannot be used; nothing moves. @param {HTMLInputElement} input @param {string} problem */
+  refuse(input, problem) {
+    mark(input, problem);
+    this.note.textContent = problem;
   }
 
   /** @param {number} i @param {number} value @param {Element} [typing] a field that is not written to */
@@ -122,12 +137,11 @@ export class MechanismControls {
       slider.value = this.values[i];
       if (field !== typing) field.value = Number(this.values[i].toFixed(4));
       const outside = limited[i] && (this.values[i] < low[i] || this.values[i] > high[i]);
-      field.classList.toggle("outside", outside);
-      field.setAttribute("aria-invalid", outside);
-      field.title = outside ? "outside the limits" : "";
+      mark(field, outside ? "outside the limits" : "");
     });
-    if (this.allInput && this.allInput !== typing)
-      this.allInput.value = this.values.map((v) => Number(v.toFixed(4))).join(" ");
+    if (this.allInput !== typing) this.allInput.value = this.values.map((v) => Number(v.toFixed(4))).join(" ");
+    mark(this.allInput, "");
+    this.note.textContent = "";
     this.writePlace();
   }
 
@@ -149,6 +163,13 @@ export class MechanismControls {
       ),
     );
   }
+}
+
+/** @param {HTMLInputElement} input @param {string} problem empty: there is none */
+function mark(input, problem) {
+  input.classList.toggle("outside", problem !== "");
+  input.setAttribute("aria-invalid", problem !== "");
+  input.title = problem;
 }
 
 /** @param {[string, () => void][]} actions @param {string} label @returns {HTMLElement} buttons in a row */

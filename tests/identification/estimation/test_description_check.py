@@ -122,6 +122,20 @@ def test_a_mistake_in_the_readings_is_named(readings, description):
     assert not check.stated.is_plausible
 
 
+@pytest.mark.parametrize(
+    ("turn", "description"),
+    [
+        (np.diag([1, -1, 1]), "sign of y of the reference points reversed"),
+        (np.eye(3)[[1, 0, 2]], "x and y of the reference points exchanged"),
+        (np.eye(3)[[0, 2, 1]], "y and z of the reference points exchanged"),
+    ],
+)
+def test_where_the_base_is_known_the_axis_is_named(turn, description):
+    angles = np.random.default_rng(5).uniform(-2, 2, (30, 6))
+    table = reference_table(Session(angles, ARM.chain.tip_in_base(angles) @ turn), free=("tip",))
+    assert check_description(ARM, table).findings[0].mistakes == (description,)
+
+
 @pytest.mark.parametrize("description", ["sign of a of J2 reversed", "a and d of J3 exchanged", 'of convention "dh"'])
 def test_a_mistake_in_the_arm_file_is_named(readings, description):
     """Where two changes of a table are the same arm in other words, both are named."""

@@ -127,7 +127,12 @@ def check_description(arm: Arm, table: ReferenceTable) -> DescriptionCheck:
     """
     mistakes = [
         one
-        for one in likely_mistakes(arm, has_points=table.has_points, has_lengths=bool(len(table.lengths)))
+        for one in likely_mistakes(
+            arm,
+            has_points=table.has_points,
+            has_lengths=bool(len(table.lengths)),
+            base_is_known="base" not in table.free,
+        )
         if one.subject != "rows" or len(table.points or table.seats) > 1
     ]
     stated = Interpretation.stated(arm)

@@ -67,8 +67,7 @@ class ReferenceTable:
 
     def points_of(self, one: Interpretation) -> FloatArray:
         """(m, 3) points by an interpretation [mm]."""
-        points = one.point_factor * self.points[one.shift]
-        return points * [-1.0, 1.0, 1.0] if one.is_mirrored else points
+        return np.asarray(one.point_factor * self.points[one.shift] @ one.points_turn.T)
 
 
 def reference_table(
