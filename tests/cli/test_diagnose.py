@@ -43,6 +43,13 @@ def test_a_right_arm_is_said_to_be_right(readings):
     assert diagnosis.to_dict()["findings"] == []
 
 
+def test_equal_poses_show_nothing(readings):
+    same = readings.rows(np.zeros(12, dtype=int))
+    diagnosis = ta.diagnose("gao2017", same)
+    assert diagnosis.summary().startswith("The poses of these readings show nothing")
+    assert diagnosis.to_dict()["findings"] == []
+
+
 def test_no_explanation_is_said(readings, rng):
     lost = replace(readings, points=rng.uniform(-500, 500, readings.points.shape))
     assert ta.diagnose("gao2017", lost.rows(np.arange(12))).summary().startswith("No known mistake explains")
@@ -93,6 +100,7 @@ def test_what_does_not_go_together_is_refused(arguments, says, truearm, tmp_path
     ran = truearm(*arguments)
     assert ran.code == 2
     assert says in ran.err
+    assert "ARM" not in ran.err
 
 
 def test_a_refused_fit_names_the_mistake(wrong):

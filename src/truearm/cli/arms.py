@@ -61,9 +61,10 @@ def arms(
 
     if readings is not None or lengths is not None:
         if readings is None or not arm or out is not None or page or is_model_file(arm):
+            name = arm if arm and not is_model_file(arm) else "my-arm.toml"
             raise InputError(
                 "--readings needs a nominal arm, without --out and --page; --lengths needs --readings",
-                hint="truearm arms ARM --readings FILE",
+                hint=f"truearm arms {name} --readings {readings or 'session.csv'}",
             )
         from truearm.workflows.diagnose import diagnose
 

@@ -16,6 +16,8 @@ from truearm.workflows.inputs import ArmLike, LengthsLike, SessionLike, to_arm, 
 from truearm.workflows.record import Record, TextTable, to_plain
 from truearm.workflows.sentences import format_mm
 
+# Below this, errors of the constants move no reading against the others: rounding [mm].
+_NO_EFFECT_MM = 1e-6
 # Interpretations listed behind the findings.
 N_OTHERS = 5
 
@@ -102,6 +104,11 @@ class Diagnosis(Record):
         if findings:
             first = findings[0]
             return f"{first}: {format_mm(stated.error_mm)} as stated, {format_mm(first.error_mm)} if this is put right."
+        if stated.usual_mm < _NO_EFFECT_MM:
+            return (
+                "The poses of these readings show nothing of the arm: no error of its constants would be seen in them. "
+                "Read at poses in which all joints move."
+            )
         if stated.is_usual:
             return (
                 f"The readings do not contradict the arm: it misses {of} by {format_mm(stated.error_mm)}, and arms "
@@ -129,7 +136,10 @@ class Diagnosis(Record):
             f"error: three of four of {check.n_readings} readings miss by less, with base and tip fitted; usual: what "
             f"errors of the constants cause. {check.n_tried} interpretations were tried."
         )
-        yield "Nothing was changed: correct the arm file or the readings, and run this again."
+        if check.stated.is_usual:
+            yield "Nothing was changed."
+        else:
+            yield "Nothing was changed: correct the arm file or the readings, and run this again."
 
     def _verdict(self, one: Explanation) -> str:
         if one in self.check.findings:

@@ -62,6 +62,6 @@ def explain_readings(
         return None
     found = ", or ".join(str(one) for one in check.findings[:MOST_NAMED])
     return (
-        f"put this right: {found} ({check.findings[0].error_mm:.2g} mm remain; truearm arms ARM --readings FILE says "
-        "more)"
+        f"put this right: {found} ({check.findings[0].error_mm:.2g} mm remain; `truearm arms` with your arm "
+        f"file and --readings {readings.file or 'session.csv'} says more)"
     )
