@@ -48,6 +48,19 @@ def test_a_plan_is_carried_out_with_its_names_and_the_length_of_the_bar(truearm,
     assert np.abs(read_session(out).angles - session.angles).max() > 0  # another day, other noise
 
 
+def test_a_bar_without_its_length_and_a_file_that_nobody_named_are_refused(truearm, plan, tmp_path):
+    alone = tmp_path / "plan.csv"
+    alone.write_bytes(plan.read_bytes())
+    ran = truearm("simulate", "gao2017", "--plan", alone, "--out", tmp_path / "session.csv")
+    assert (ran.code, "plan-lengths.csv is missing beside the plan" in ran.err) == (2, True)
+    kept = tmp_path / "session-lengths.csv"
+    kept.write_text("mine", encoding="utf-8")
+    ran = truearm("simulate", "gao2017", "--plan", plan, "--out", tmp_path / "session.csv")
+    assert (ran.code, "session-lengths.csv: the file exists already" in ran.err) == (2, True)
+    assert kept.read_text(encoding="utf-8") == "mine"
+    assert not (tmp_path / "session.csv").exists()
+
+
 @pytest.mark.parametrize(
     ("options", "says"),
     [
@@ -85,6 +98,11 @@ def test_the_points_of_a_sheet_are_filled_in_by_a_model(truearm, made, tmp_path)
     with points.open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 97
+    # The readings below are anywhere: no planned points to compare them with.
+    with points.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, rows[0].keys(), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows({**row, "note_x_mm": ""} for row in rows)
     model = made / "kinematic.truearm"
     arguments = ["simulate", "gao2017", "--poses", 97, "--seed", 9, "--no-reference", "--out", angles]
     assert truearm(*arguments).code == 0

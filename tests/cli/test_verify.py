@@ -379,11 +379,6 @@ POINTS = {
     "far away": (scaled(1e280), ["line 2, column 'x_mm'", "expected a coordinate within 1e+06 mm"]),
     "odd end": (first("uni", ",A,", ",left,"), ["column 'end'", "expected A or B, got 'left'"]),
     "text": (first("probing", ",20.0", ",warm"), ["line 2, column 'artefact_degC'", "a number, got 'warm'"]),
-    "semicolons": (lambda text: text.replace(",", ";"), ["line 1: cells are separated by semicolons, expected commas"]),
-    "German semicolons": (
-        lambda text: text.replace(",", ";").replace(".", ","),
-        ["line 1: cells are separated by semicolons", "decimal commas by points, then semicolons by commas"],
-    ),
     "tabs": (lambda text: text.replace(",", "\t"), ["line 1: cells are separated by tabs, expected commas"]),
     "an empty row": (first("uni", "uni", ",,,,,,,,,,,\nuni"), ["expected numbers, got an empty row. Try: delete"]),
     "empty": (lambda text: "", ["empty file"]),

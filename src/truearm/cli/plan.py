@@ -64,7 +64,9 @@ def plan(
     avoid: Annotated[
         list[str] | None,
         typer.Option(
-            "--avoid", help="Box X0,X1,Y0,Y1,Z0,Z1 [mm] in which neither arm nor artefact may be; repeatable."
+            "--avoid",
+            help="Box X0,X1,Y0,Y1,Z0,Z1 [mm] in which neither arm nor artefact is in any pose; between poses nothing "
+            "is checked; repeatable.",
         ),
     ] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of all random numbers.")] = 0,

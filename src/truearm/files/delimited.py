@@ -46,6 +46,9 @@ _SWAP = str.maketrans(",.", ".,")  # decimal commas to points, and points to som
 _FORMULA = re.compile(r"'*(?:[=@\t\r]|[+-](?![\d. +-]*$))")
 
 
+_WITH_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?", re.ASCII)
+
+
 @dataclass(frozen=True, eq=False)
 class Sheet:
     """Delimited text: its header, and where its rows begin.
@@ -166,6 +169,27 @@ def read_sheet(
     if header:
         _check_separator(sheet, importable)
     return sheet
+
+
+def read_form(path: str | Path) -> Sheet:
+    """Read a form that a person filled in with a spreadsheet: `read_sheet`, also with semicolons.
+
+    Spreadsheets separate cells by semicolons where numbers have a decimal comma. Such a file has decimal commas
+    throughout, or decimal points throughout.
+
+    Raises
+    ------
+    InputError
+        As `read_sheet`.
+    """
+    path = Path(path)
+    data = _as_utf8(read_limited(path, limit_bytes=MAX_BYTES), path, "utf-8", importable=False)
+    head = next(_lines(data), "")
+    if ";" not in head or "," in head:
+        return read_sheet(path)
+    cells = (cell for row in csv.reader(_lines(data), delimiter=";") for cell in row)
+    decimal = "," if any(_WITH_COMMA.fullmatch(cell.strip()) for cell in cells) else "."
+    return read_sheet(path, separator=";", decimal=decimal)
 
 
 def check_names(

@@ -219,7 +219,8 @@ def plan(
         Where seats and bars can stand: height of the table above the base; with its extent x0, x1, y0, y1 in the base
         frame the arm may be beside it [mm]. By default the table carries the base too.
     avoid : sequence of six floats
-        Boxes x0, x1, y0, y1, z0, z1 in the base frame in which neither arm nor artefact may be [mm].
+        Boxes x0, x1, y0, y1, z0, z1 in the base frame in which neither arm nor artefact is in any pose [mm]; between
+        poses nothing is checked.
     seed : int
         Seed of all random numbers.
     progress : callable, optional

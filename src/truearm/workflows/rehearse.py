@@ -58,7 +58,7 @@ def rehearse(
     Raises
     ------
     InputError
-        If the plan is of another arm, or the file of lengths of another plan.
+        If the plan is of another arm, the file of lengths is of another plan, or a plan with a bar has none.
 
     Examples
     --------
@@ -92,6 +92,12 @@ def _lengths_of(planned: PlannedReadings, given: str | Path | None) -> Lengths |
     beside = lengths_path(planned.file)
     file = given if given is not None else beside if beside.is_file() else None
     if file is None:
+        if planned.position is not None and (planned.position != "").any():
+            raise InputError(
+                f"{beside.name} is missing beside the plan: a bar without its length",
+                file=planned.file,
+                hint="copy it there; truearm plan wrote it with the plan",
+            )
         return None
     if planned.seat is None:
         raise InputError("lengths are between seats, and the plan has none", file=file, hint="omit them")

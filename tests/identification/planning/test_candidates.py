@@ -8,13 +8,8 @@ from truearm.arm.catalogue import list_arms, load_arm
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
 from truearm.identification.planning.candidates import Candidates, bar_places, seat_poses, tracker_poses, volume_poses
-from truearm.identification.planning.exchange import (
-    DesignProblem,
-    moment_matrix,
-    project_out,
-    select_candidates,
-    stack_factors,
-)
+from truearm.identification.planning.exchange import DesignProblem, select_candidates
+from truearm.identification.planning.factors import moment_matrix, project_out, stack_factors
 from truearm.identification.planning.sampling import Sector
 from truearm.identification.planning.sampling.measuring import END_STOP_MARGIN_RAD
 from truearm.identification.planning.sampling.workspace import azimuth_of, joint_origins, stance

@@ -14,14 +14,11 @@ from truearm.identification.planning.exchange import (
     DOptimality,
     IOptimality,
     _Posterior,
-    factor_of,
     fedorov_exchange,
     greedy,
-    moment_matrix,
-    project_out,
     select_candidates,
-    stack_factors,
 )
+from truearm.identification.planning.factors import factor_of, moment_matrix, project_out, stack_factors
 
 CRITERIA = [IOptimality(), DOptimality()]
 

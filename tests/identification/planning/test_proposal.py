@@ -6,7 +6,7 @@ from test_candidates import gantry
 
 from truearm.arm.catalogue import load_arm
 from truearm.errors import InputError
-from truearm.identification.planning.exchange import moment_matrix
+from truearm.identification.planning.factors import moment_matrix
 from truearm.identification.planning.information import tip_jacobian
 from truearm.identification.planning.limitations import limitations
 from truearm.identification.planning.prior import nominal_prior

@@ -9,7 +9,9 @@ from hypothesis import strategies as st
 
 from truearm.arm import load_arm
 from truearm.errors import InputError
-from truearm.identification.planning.candidates import bar_places, seat_poses
+from truearm.identification.planning.candidates import bar_places, seat_poses, tracker_poses
+from truearm.identification.planning.prior import nominal_prior
+from truearm.identification.planning.proposal import Artefact, propose
 from truearm.identification.planning.sampling.surroundings import Box, Surroundings
 from truearm.identification.planning.sampling.workspace import joint_origins
 from truearm.workflows.plan import to_surroundings
@@ -51,6 +53,30 @@ def test_artefacts_stand_on_the_table_and_the_arm_stays_out_of_the_box(artefact)
     )
     points = line[:, :-1, None] + np.linspace(0, 1, 200)[:, None] * np.diff(line, axis=1)[:, :, None]
     assert not ((points >= POST.low) & (points <= POST.high)).all(axis=-1).any()
+
+
+def test_nothing_beyond_the_shoulder_is_below_a_table_without_extent():
+    arm = load_arm("gao2017")
+    around = Surroundings(300.0)
+    found = tracker_poses(arm, 40, seed=0)
+    free = around.leaves_free(arm.chain, found.angles)
+    beyond = np.concatenate(
+        [joint_origins(arm.chain, found.angles)[:, 2:], arm.chain.tip_in_base(found.angles)[:, None]], axis=1
+    )
+    above = beyond[..., 2].min(axis=1) >= 299.0
+    assert 0 < above.sum() < 40
+    assert free.tolist() == above.tolist()
+    # A table above the shoulder: the column comes up through it.
+    high = Surroundings(500.0).leaves_free(arm.chain, found.angles)
+    assert high.tolist() == (beyond[..., 2].min(axis=1) >= 499.0).tolist()
+
+
+def test_a_plan_with_a_tracker_keeps_its_points_above_the_table():
+    arm = load_arm("gen3lite")
+    known = nominal_prior(arm, terms="constants", noise_mm=0.02)
+    plan = propose(arm, known, Artefact("tracker"), 6, surroundings=Surroundings(250.0))
+    for proposal in plan.proposals.values():
+        assert arm.chain.tip_in_base(proposal.poses.angles)[:, 2].min() >= 249.0
 
 
 def test_by_default_no_artefact_is_below_the_base():

@@ -67,6 +67,18 @@ def test_the_bar_has_one_true_length_at_all_places_within_its_certificate(virtua
     assert np.linalg.norm(ends[0] - ends[1]) == pytest.approx(300.0, abs=1e-9)
 
 
+def test_lengths_that_share_a_seat_are_met_together(virtual, planned):
+    free = touched_points(virtual.nominal.chain, planned)
+    at = {name: free[planned.seat == name][0] for name in planned.seat.tolist()}
+    ends = [("B1a", "B1b"), ("B1b", "B2a"), ("B2a", "B2b")]
+    stated = np.array([np.linalg.norm(at[a] - at[b]) for a, b in ends]) + [3.0, -2.0, 4.0]
+    lengths = Lengths(*np.array(ends).T, stated, np.full(3, 0.005))
+    moved = touched_points(virtual.nominal.chain, planned, lengths)
+    at = {name: moved[planned.seat == name][0] for name in planned.seat.tolist()}
+    assert [np.linalg.norm(at[a] - at[b]) for a, b in ends] == pytest.approx(stated, abs=1e-8)
+    assert np.linalg.norm(moved - free, axis=1).max() < 5.0
+
+
 def test_another_arm_has_another_bar(virtual, planned):
     other = VirtualArm.draw(virtual.nominal, "shop", seed=4)
     wide = bar(u_mm=1.0)

@@ -88,6 +88,34 @@ def test_a_reading_too_many_is_named(form, planned):
         fill_points_form(form, twice, day=DAY)
 
 
+def test_points_in_reverse_order_or_shifted_by_one_are_refused(form, planned):
+    before = form.read_bytes()
+    with pytest.raises(InputError, match="is not at its place in the plan"):
+        fill_points_form(form, planned[::-1], day=DAY)
+    shifted = np.insert(np.delete(planned, 12, axis=0), 90, planned[90], axis=0)  # one missed, another taken twice
+    with pytest.raises(InputError, match="is not at its place in the plan") as caught:
+        fill_points_form(form, shifted, day=DAY)
+    assert 12 + 2 <= caught.value.line <= 90 + 2
+    assert form.read_bytes() == before
+
+
+def test_points_taken_by_hand_in_another_frame_are_at_their_places(form, planned):
+    by_hand = planned[:, [1, 2, 0]] + 500 + np.random.default_rng(0).normal(0, 2.0, planned.shape)
+    assert fill_points_form(form, by_hand, day=DAY) == len(planned)
+
+
+def test_a_form_saved_with_semicolons_and_decimal_commas_is_filled_alike(form, planned):
+    lines = form.read_text(encoding="utf-8").splitlines()
+    assert '"' not in "".join(lines)
+    form.write_text("\n".join(line.replace(",", ";").replace(".", ",") for line in lines), encoding="utf-8")
+    assert fill_points_form(form, planned, day=DAY, artefact_degC=20.5) == len(planned)
+    assert f"{planned[0, 0]:.6f};{planned[0, 1]:.6f}".replace(".", ",") in form.read_text(encoding="utf-8")
+    measured = read_points(form)
+    points = np.concatenate([group.points for test in measured.tests.values() for group in test])
+    assert np.sort(points, axis=0) == pytest.approx(np.sort(planned, axis=0), abs=1e-6)
+    assert len(np.concatenate([one.points for one in read_planned_points(form)])) == len(planned)
+
+
 def test_far_too_few_readings_are_counted_only(form, planned):
     with pytest.raises(InputError, match=f"expected {len(planned)} readings .* got 5") as caught:
         fill_points_form(form, planned[:5], day=DAY)

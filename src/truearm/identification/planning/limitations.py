@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from truearm.identification.planning.exchange import moment_matrix
+from truearm.identification.planning.factors import moment_matrix
 from truearm.identification.planning.information import tip_jacobian
 from truearm.identification.planning.prior import Prior
 from truearm.identification.planning.proposal import CalibrationPlan, Proposal, information_rows

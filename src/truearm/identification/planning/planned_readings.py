@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from truearm.arm.arm import Arm
-from truearm.files.delimited import Sheet, read_columns, read_sheet
+from truearm.files.delimited import Sheet, read_columns, read_form
 from truearm.typing import BoolArray, FloatArray, NameArray
 
 AIM = "note_"
@@ -60,7 +60,7 @@ def read_planned(path: str | Path, arm: Arm) -> PlannedReadings:
         If the file is no plan, is the plan of an arm with other joints, or an angle is no number or far outside the
         limits of its joint.
     """
-    sheet = read_sheet(Path(path))
+    sheet = read_form(Path(path))
     columns = _aim_columns(sheet, arm)
     touched = [name for name in ("seat", "sphere", "position") if name in sheet.names]
     numbers, words = read_columns(

@@ -14,7 +14,7 @@ from truearm.errors import InputError
 from truearm.identification.estimation.alignment import rigid_motions
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
-from truearm.identification.planning.exchange import project_out
+from truearm.identification.planning.factors import project_out
 from truearm.identification.planning.information import tip_jacobian
 from truearm.identification.terms.basis import Constant, InSession
 from truearm.identification.terms.catalogue import base_terms, constants, gravity, own_axis, wobble

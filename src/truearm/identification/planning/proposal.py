@@ -21,7 +21,8 @@ from truearm.identification.planning.candidates import (
     tracker_poses,
     volume_poses,
 )
-from truearm.identification.planning.exchange import DesignProblem, project_out, select_candidates
+from truearm.identification.planning.exchange import DesignProblem, select_candidates
+from truearm.identification.planning.factors import project_out
 from truearm.identification.planning.information import design_problem, tip_jacobian
 from truearm.identification.planning.observability import Observability, observability
 from truearm.identification.planning.prior import Prior

@@ -21,6 +21,10 @@ FARTHEST_MM = 25.0
 SAME_SHARE = 0.05
 # Spread of the places of a reference instrument in a new set-up [mm]; its azimuth is arbitrary.
 SHIFT_MM = 300.0
+# Steps until all lengths are met, what counts as met [mm], and the smallest share of a singular value.
+_STEPS, _EXACT_MM, _RANK = 30, 1e-10, 1e-6
+# Standard uncertainties that lengths may contradict each other by.
+_WITHIN = 5.0
 
 
 def carry_out(
@@ -33,7 +37,7 @@ def carry_out(
     """Measure the readings of a plan with a virtual arm.
 
     Each seat is where the aims of its readings have the nominal tip, on average, and each sphere where theirs are
-    best on a sphere. The two seats of a length are moved along their line until they have the true length: the
+    best on a sphere. Seats are moved as little as possible until all lengths between them are the true ones: the
     certificate's, with an error within its standard uncertainty that is the same at all places of one artefact. The
     artefacts do not expand. Without seats and spheres a reference instrument measures the tip.
 
@@ -73,19 +77,8 @@ def touched_points(chain: Chain, planned: PlannedReadings, lengths: Lengths | No
         rows = planned.rows_of(name)
         out[rows] = tips[rows].mean(axis=0)
         _check_near(planned, name, np.linalg.norm(tips[rows] - out[rows], axis=1))
-    for a, b, length in [] if lengths is None else zip(lengths.seat_a, lengths.seat_b, lengths.length_mm, strict=True):
-        ends = [planned.rows_of(str(name)) for name in (a, b)]
-        first, second = (out[rows][0] for rows in ends)
-        apart = float(np.linalg.norm(second - first))
-        if abs(apart - length) > SAME_SHARE * length:
-            raise InputError(
-                f"the plan has seats {a} and {b} {apart:.1f} mm apart, the file of lengths states {length:.1f} mm",
-                file=planned.file,
-                hint="give the file of lengths that truearm plan wrote with this plan",
-            )
-        out[ends[0]], out[ends[1]] = (
-            (first + second) / 2 + side * length / 2 * (second - first) / apart for side in (-1, 1)
-        )
+    if lengths is not None:
+        _move_to_lengths(out, planned, lengths)
     for name in _names(planned.sphere):
         rows = planned.rows_of(name, "sphere")
         centre, radius = _sphere(tips[rows], planned, name)
@@ -94,6 +87,46 @@ def touched_points(chain: Chain, planned: PlannedReadings, lengths: Lengths | No
         _check_near(planned, name, np.abs(distance - radius).ravel())
         out[rows] = centre + radius * away / distance
     return out
+
+
+def _move_to_lengths(places: FloatArray, planned: PlannedReadings, lengths: Lengths) -> None:
+    """Move seats in `places` (n, 3) as little as possible, until all lengths between them are the stated ones.
+
+    Gauss-Newton steps of the smallest norm: lengths that share a seat are met together.
+    """
+    names = list(dict.fromkeys([*lengths.seat_a.tolist(), *lengths.seat_b.tolist()]))
+    rows = [planned.rows_of(name) for name in names]
+    at = np.array([places[touched][0] for touched in rows])
+    a, b = (np.array([names.index(name) for name in ends.tolist()]) for ends in (lengths.seat_a, lengths.seat_b))
+    apart = np.linalg.norm(at[b] - at[a], axis=1)
+    if (other := np.abs(apart - lengths.length_mm) > SAME_SHARE * lengths.length_mm).any():
+        i = int(np.argmax(other))
+        raise InputError(
+            f"the plan has seats {names[a[i]]} and {names[b[i]]} {apart[i]:.1f} mm apart, the file of lengths states "
+            f"{lengths.length_mm[i]:.1f} mm",
+            file=planned.file,
+            hint="give the file of lengths that truearm plan wrote with this plan",
+        )
+    each = np.arange(len(a))
+    for _ in range(_STEPS):
+        along = at[b] - at[a]
+        apart = np.linalg.norm(along, axis=1, keepdims=True)
+        J = np.zeros((len(a), len(names), 3))
+        J[each, b], J[each, a] = along / apart, -along / apart
+        short = lengths.length_mm - apart.ravel()
+        if np.abs(short).max() < _EXACT_MM:
+            break
+        at = at + np.linalg.lstsq(J.reshape(len(a), -1), short, rcond=_RANK)[0].reshape(at.shape)
+    # Lengths in a line contradict each other within their certificates.
+    if (np.abs(short) > np.maximum(_WITHIN * lengths.u_mm, 1e3 * _EXACT_MM)).any():
+        i = int(np.argmax(np.abs(short)))
+        raise InputError(
+            f"the lengths contradict each other: {names[a[i]]} to {names[b[i]]} is off by {abs(short[i]):.3f} mm",
+            file=lengths.file or planned.file,
+            hint="check the lengths between seats that share a seat",
+        )
+    for touched, place in zip(rows, at, strict=True):
+        places[touched] = place
 
 
 def move_set_up(measured: Measurement, *, seed: int) -> Measurement:

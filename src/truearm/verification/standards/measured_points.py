@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from truearm.errors import InputError
-from truearm.files.delimited import Sheet, check_names, quoted_cell, read_columns, read_sheet
+from truearm.files.delimited import Sheet, check_names, quoted_cell, read_columns, read_form
 from truearm.files.toml_documents import reject_control_characters
 from truearm.readings.thermal_expansion import COLDEST_DEGC, WARMEST_DEGC
 from truearm.typing import FloatArray, NameArray
@@ -165,7 +165,7 @@ def read_points(path: str | Path) -> MeasuredPoints:
     ['single_point']
     """
     path = Path(path)
-    sheet = read_sheet(path)
+    sheet = read_form(path)
     check_names(sheet, REQUIRED_COLUMNS, (*OPTIONAL_COLUMNS, *CONDITION_COLUMNS), meant=_in_mm)
     columns = _columns(sheet)
     tests = {}

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file, check_writable
-from truearm.files.delimited import Sheet, check_names, escape_formula, read_columns, read_sheet
+from truearm.files.delimited import Sheet, check_names, escape_formula, read_columns, read_form
 from truearm.readings.thermal_expansion import COLDEST_DEGC, WARMEST_DEGC
 from truearm.typing import FloatArray, IntArray
 from truearm.verification.standards.dates import check_past
@@ -37,6 +37,8 @@ PLANNED, FROM = ("note_x_mm", "note_y_mm", "note_z_mm"), ("note_from_x", "note_f
 ON_SURFACES = ("probing", "articulation", "effective_diameter", "bi")
 # The largest stylus tips in use [mm].
 LARGEST_TIP_MM = 50.0
+# A point taken by hand is about this near to the planned one; a wrong row is farther where it matters [mm].
+NEAR_MM = 20.0
 
 
 def write_points_form(layout: Sequence[Placement], path: str | Path, *, tip_diameter_mm: float | None = None) -> None:
@@ -123,7 +125,9 @@ def fill_points_form(
     ------
     InputError
         If there are more or fewer points than empty rows (the message says which point is likely missing or one too
-        many), a point on a surface has no tip diameter, or day or temperature are implausible.
+        many), distances between points are not the planned ones (a point missed and another taken twice, or another
+        order; the message names the first), a point on a surface has no tip diameter, or day or temperature are
+        implausible.
     """
     check_past(day)
     if artefact_degC is not None and not COLDEST_DEGC <= artefact_degC <= WARMEST_DEGC:
@@ -138,6 +142,8 @@ def fill_points_form(
         raise form.sheet.error("all points have coordinates already", hint="write a new form: truearm verify --sheet")
     if len(points) != len(rows):
         raise form.mismatch(points, rows)
+    if (first := form.first_elsewhere(points, rows)) is not None:
+        raise form.elsewhere(int(rows[first]), first + 1)
     for row in rows:
         if form.cell(row, "test") in ON_SURFACES and not form.cell(row, TIP):
             raise form.sheet.error(
@@ -148,11 +154,11 @@ def fill_points_form(
             )
     for row, point in zip(rows.tolist(), points.tolist(), strict=True):
         for name, value in zip(POINT, point, strict=True):
-            form.enter(row, name, f"{value:.6f}")
+            form.enter_number(row, name, f"{value:.6f}")
         if not form.cell(row, "date"):
             form.enter(row, "date", day.isoformat())
         if artefact_degC is not None and form.cell(row, "test") in SIZE_TESTS and not form.cell(row, TEMPERATURE):
-            form.enter(row, TEMPERATURE, f"{artefact_degC:g}")
+            form.enter_number(row, TEMPERATURE, f"{artefact_degC:g}")
     form.write()
     return len(rows)
 
@@ -165,7 +171,7 @@ def read_planned_points(path: str | Path) -> tuple[PlannedPoints, ...]:
     InputError
         If the file is no form of `write_points_form`.
     """
-    sheet = read_sheet(Path(path))
+    sheet = read_form(Path(path))
     _check_form(sheet)
     if missing := [name for name in (*PLANNED, *FROM) if name not in sheet.names]:
         raise sheet.error(
@@ -235,7 +241,7 @@ def _check_form(sheet: Sheet) -> None:
 
 
 def _read_form(path: str | Path) -> _Form:
-    sheet = read_sheet(Path(path))
+    sheet = read_form(Path(path))
     _check_form(sheet)
     return _Form(sheet, [list(cells) for cells in sheet.rows()])
 
@@ -249,6 +255,13 @@ class _Form:
 
     def cell(self, row: int, column: str) -> str:
         return self.cells[row][self.sheet.names.index(column)].strip()
+
+    def number(self, row: int, column: str) -> float:
+        """The number in a cell; ValueError where there is none."""
+        return float(self.cell(row, column).replace(self.sheet.decimal, "."))
+
+    def enter_number(self, row: int, column: str, text: str) -> None:
+        self.enter(row, column, text.replace(".", self.sheet.decimal))
 
     def enter(self, row: int, column: str, text: str) -> None:
         self.cells[row][self.sheet.names.index(column)] = text
@@ -279,11 +292,59 @@ class _Form:
             return self.sheet.error(problem, hint=hint)
         if len(points) < len(rows):
             row = int(rows[suspect])
-            named = [self.cell(row, "test"), *(f"{key} {self.cell(row, key)}" for key in KEYS if self.cell(row, key))]
-            note = self.cell(row, "note") if "note" in self.sheet.names else ""
-            where = ", ".join([*named, *([note] if note else [])])
-            return self.sheet.error(f"{problem}; the reading of this point is likely missing: {where}", row, hint=hint)
+            missing = f"{problem}; the reading of this point is likely missing: {self._where(row)}"
+            return self.sheet.error(missing, row, hint=hint)
         return self.sheet.error(f"{problem}; reading {suspect + 1} is likely one too many", hint=hint)
+
+    def first_elsewhere(self, points: FloatArray, rows: IntArray) -> int | None:
+        """The first point that is not where the plan puts it, seen from the points of its group before it.
+
+        Distances are the same in all frames, and within a group wherever its artefact stands. The points are centres
+        of the tip, which may be on another side of the artefact than planned.
+        """
+        planned = self._planned(rows)
+        if planned is None:
+            return None
+        groups: dict[tuple[str, ...], list[int]] = {}
+        for at, row in enumerate(rows.tolist()):
+            identity = tuple(self.cell(row, name) for name in ("test", "artefact"))
+            keys = KEY_COLUMNS.get(identity[0], KEYS)
+            groups.setdefault((*identity, *(self.cell(row, key) for key in keys)), []).append(at)
+        bad = []
+        for group in groups.values():
+            off = np.abs(_distances(points[group]) - _distances(planned[group]))
+            slack = NEAR_MM + max(self._tip_mm(int(rows[at])) for at in group)
+            if (wrong := np.tril(off > slack).any(axis=1)).any():
+                bad.append(group[int(np.argmax(wrong))])
+        return min(bad, default=None)
+
+    def elsewhere(self, row: int, reading: int) -> InputError:
+        """The error of a point that is not where the plan puts it."""
+        return self.sheet.error(
+            f"reading {reading} is not at its place in the plan, by its distances to the points of its group before "
+            f"it: {self._where(row)}",
+            row,
+            hint="look for a point missed, taken twice or in another order; from there on the readings fit other rows",
+        )
+
+    def _where(self, row: int) -> str:
+        named = [self.cell(row, "test"), *(f"{key} {self.cell(row, key)}" for key in KEYS if self.cell(row, key))]
+        note = self.cell(row, "note") if "note" in self.sheet.names else ""
+        return ", ".join([*named, *([note] if note else [])])
+
+    def _tip_mm(self, row: int) -> float:
+        try:
+            return abs(self.number(row, TIP)) if self.cell(row, TIP) else 0.0
+        except ValueError:  # read_points says so
+            return 0.0
+
+    def _planned(self, rows: IntArray) -> FloatArray | None:
+        """Planned points of rows, or None without such columns or where their cells were changed."""
+        try:
+            planned = np.array([[self.number(row, name) for name in PLANNED] for row in rows.tolist()])
+        except (ValueError, IndexError):
+            return None
+        return planned if np.isfinite(planned).all() else None
 
     def _suspect(self, points: FloatArray, rows: IntArray) -> int | None:
         """Which point is missing (or which reading one too many), by the distances from point to point.
@@ -293,9 +354,8 @@ class _Form:
         """
         if abs(len(points) - len(rows)) != 1 or min(len(points), len(rows)) < 2:
             return None
-        try:
-            planned = np.array([[float(self.cell(row, name)) for name in PLANNED] for row in rows.tolist()])
-        except (ValueError, IndexError):  # no such column, or its cells were changed
+        planned = self._planned(rows)
+        if planned is None:
             return None
         long, short = (planned, points) if len(planned) > len(points) else (points, planned)
         off = [np.abs(_steps(np.delete(long, i, axis=0)) - _steps(short)).sum() for i in range(len(long))]
@@ -303,9 +363,13 @@ class _Form:
 
     def write(self) -> None:
         with atomic_file(self.sheet.file) as beside, beside.open("w", encoding="utf-8", newline="") as out:
-            writer = csv.writer(out, lineterminator="\n")
+            writer = csv.writer(out, delimiter=self.sheet.separator, lineterminator="\n")
             writer.writerow(self.sheet.names)
             writer.writerows(self.cells)
+
+
+def _distances(points: FloatArray) -> FloatArray:
+    return np.asarray(np.linalg.norm(points[:, None] - points, axis=2))
 
 
 def _steps(points: FloatArray) -> FloatArray:

@@ -61,7 +61,7 @@ class Surroundings:
         Height of the table above the base [mm]. Seats, bars and tips are on or above it; by default at the base.
     x_mm, y_mm : pair of floats, optional
         The table's extent in the base frame [mm]: seats and bars are above it. The arm may be beside it and below its
-        top. Without an extent, it is everywhere.
+        top. Without an extent, it is everywhere: all joints beyond the shoulder, and the tip, are above it.
     avoid : sequence of Box
         Neither arm nor artefact is in these.
 
@@ -113,10 +113,12 @@ class Surroundings:
 
         The links are lines from joint to joint, from the shoulder to the tip.
         """
-        free = np.ones(len(angles), bool)
-        if not self._obstacles:
-            return free
         line = np.concatenate([joint_origins(chain, angles)[:, 1:], chain.tip_in_base(angles)[:, None]], axis=1)
+        free = np.ones(len(angles), bool)
+        if self.x_mm is None:
+            # A half space: links between two points above it are above it. Joints in the shoulder are of the column.
+            beyond = np.linalg.norm(line - line[:, :1], axis=2) > _TOUCH_MM
+            free &= ~(beyond & (line[..., 2] < self.table_mm - _TOUCH_MM)).any(axis=1)
         for box in self._obstacles:
             free &= ~box.cuts(line[:, :-1], line[:, 1:]).any(axis=1)
         return free
