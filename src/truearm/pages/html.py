@@ -30,7 +30,8 @@ def render(page: Page) -> str:
     # Right after the first scenes, which can then be turned before the browser has read the rest.
     script_after = next((section for section in page.sections if section.scenes), None)
     script = "" if script_after is None else scene_script()
-    sheets = ["page.css", *(["scene.css"] if script else [])]
+    has_cards = any(section.cards for section in page.sections)
+    sheets = ["page.css", *(["scene.css"] if script else []), *(["cards.css"] if has_cards else [])]
     html = _template().render(
         page=page,
         style=Markup(style_rules() + "".join(map(_package_text, sheets))),  # noqa: S704, our own files

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from truearm.errors import InputError
+from truearm.pages.cards import CardSet
 from truearm.pages.number_format import RoundedNumber
 from truearm.pages.plotting import Figure
 from truearm.pages.scene import Scene
@@ -127,7 +128,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Section:
-    """A chapter of the page: its verdict, text, scenes, figures, rows and tables, in this order.
+    """A chapter of the page: its verdict, text, scenes, figures, rows, tables and cards, in this order.
 
     An empty line in `text` starts a paragraph.
 
@@ -142,6 +143,7 @@ class Section:
     folded: bool = False
     verdict: PageVerdict | None = None
     scenes: tuple[Scene, ...] = ()
+    cards: CardSet | None = None
 
 
 @dataclass(frozen=True)

@@ -42,11 +42,20 @@ def test_a_page_states_gain_places_poses_and_limitations_and_folds_the_indices(p
         "Observability indices",
     ]
     assert [section.folded for section in page.sections] == [False] * 5 + [True]
-    assert [len(section.figures) for section in page.sections] == [1, 1, 2, 0, 0, 0]
+    assert [len(section.figures) for section in page.sections] == [1, 1, 1, 0, 0, 0]
+    assert [len(section.scenes) for section in page.sections] == [0, 0, 1, 0, 0, 0]
     listed = page.sections[-2].tables[0]
     assert len(listed.rows) == 9
     # Degrees, rounded.
     assert np.array([row[3:] for row in listed.rows]) == pytest.approx(np.degrees(chosen(plan).angles), abs=0.5001)
+    cards = page.sections[-2].cards.cards
+    assert [card.values[0][1] for card in cards] == [f"{row[3]}\u00a0deg".replace("-", "\u2212") for row in listed.rows]
+    # The tip above the base, from the side and from above: ahead and to the left are the axes of a turned base.
+    tips = ARM.chain.tip_in_base(chosen(plan).angles)
+    ends = np.array([[line[-1] for line in card.lines] for card in cards])
+    assert ends[:, 0, 1] == pytest.approx(tips[:, 2], abs=1e-9)
+    assert np.linalg.norm(ends[:, 1], axis=1) == pytest.approx(np.linalg.norm(tips[:, :2], axis=1), abs=1e-9)
+    assert ends[:, 0, 0] == pytest.approx(ends[:, 1, 0], abs=1e-9)
     compared = page.sections[0].tables[0]
     assert [row[0] for row in compared.rows] == ["i-optimal", "d-optimal", "technician", "random"]
     assert [row[0] for row in page.sections[-1].tables[0].rows] == [row[0] for row in compared.rows]

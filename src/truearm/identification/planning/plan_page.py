@@ -12,9 +12,10 @@ from matplotlib.figure import Figure as Drawing
 
 from truearm.identification.planning.candidates import Candidates
 from truearm.identification.planning.plan import SessionPlan
+from truearm.identification.planning.pose_cards import poses_scene, poses_section
 from truearm.identification.planning.proposal import CalibrationPlan, Proposal, Strategy
 from truearm.identification.planning.sampling.workspace import joint_origins, stance
-from truearm.identification.planning.template import bars, notes, place_names
+from truearm.identification.planning.template import bars, place_names
 from truearm.pages.figures import range_figure
 from truearm.pages.number_format import format_count, format_mm, format_number
 from truearm.pages.page import Column, LabelledValue, Page, PageVerdict, Section, Table
@@ -58,7 +59,7 @@ def plan_page(planned: SessionPlan, *, facts: Sequence[tuple[str, str]] = ()) ->
             _where(plan, poses),
             _how(plan, poses),
             Section("What this plan cannot determine", "\n\n".join(planned.limitations)),
-            _one_by_one(plan, poses),
+            poses_section(plan.arm, poses),
             _observability(plan),
         ),
         facts=tuple(facts),
@@ -217,25 +218,9 @@ def _how(plan: CalibrationPlan, poses: Candidates) -> Section:
         "Poses",
         "Move near each pose; a few degrees do not matter. Write down what the encoders read. The poses respect the "
         "joint limits and keep all joints above the table. Collisions of the arm with itself are not checked.",
-        figures=(poses_figure(plan, poses.angles), ranges),
+        scenes=(poses_scene(arm, poses, poses_figure(plan, poses.angles)),),
+        figures=(ranges,),
     )
-
-
-def _one_by_one(plan: CalibrationPlan, poses: Candidates) -> Section:
-    slides = plan.arm.chain.is_prismatic.tolist()
-    aims = np.where(slides, poses.angles, np.degrees(poses.angles)).round().astype(int).tolist()
-    units = ["mm" if slide else "deg" for slide in slides]
-    joints = (Column(f"J{joint}", unit) for joint, unit in enumerate(units, start=1))
-    rows = (
-        ("\u2610", number, what, *aim)
-        for number, (what, aim) in enumerate(zip(notes(poses), aims, strict=True), start=1)
-    )
-    table = Table(
-        (Column("done"), Column("pose"), Column("instruction"), *joints),
-        tuple(rows),
-        "In the order of measurement; tick each reading that is written down.",
-    )
-    return Section("Pose by pose", tables=(table,))
 
 
 def _line(axes: Axes, x: Any, y: Any, pen: Style, name: str) -> None:
