@@ -12,6 +12,7 @@ import pytest
 
 from html_outline import HOSTILE, Outline
 from truearm.compensation.models import error_figures as figures
+from truearm.compensation.models import joint_figures
 from truearm.compensation.models.workspace_figures import error_in_workspace, workspace
 from truearm.errors import InputError
 from truearm.pages.html import paragraphs, render, with_places, write_page
@@ -53,7 +54,7 @@ def made_up_page(readings=200, joints=6, seed=5):
             Section(
                 "Measured",
                 rows=(LabelledValue("temperature", 20.31, "°C", 0.12), LabelledValue("arm", "virtual")),
-                figures=(figures.joint_ranges(angles), workspace(points)),
+                figures=(joint_figures.joint_ranges(angles), workspace(points)),
             ),
             Section(
                 "Errors",
@@ -61,7 +62,7 @@ def made_up_page(readings=200, joints=6, seed=5):
                     figures.errors_by_reading(errors, styles=styles),
                     figures.coordinates_by_reading(points, {"network": points + errors["network"]}, styles=styles),
                     figures.error_distribution(lengths, styles=styles),
-                    figures.error_against_joint(
+                    joint_figures.error_against_joint(
                         angles, {name: lengths[name] for name in ("nominal", "kinematic")}, styles=styles
                     ),
                     error_in_workspace(points, lengths["kinematic"], name="kinematic"),
@@ -171,7 +172,7 @@ def test_what_others_wrote_is_text_and_not_markup():
                 (LabelledValue(HOSTILE, 1.0, HOSTILE),),
                 (
                     figures.before_after(lengths),
-                    figures.joint_ranges(np.ones((3, 1)), names=[HOSTILE]),
+                    joint_figures.joint_ranges(np.ones((3, 1)), names=[HOSTILE]),
                     error_in_workspace(np.ones((20, 3)), lengths[HOSTILE], name='" onload="x'),
                 ),
                 (Table((Column(HOSTILE, HOSTILE),), ((HOSTILE,),), HOSTILE),),

@@ -9,7 +9,8 @@ from matplotlib.colors import to_hex
 from matplotlib.image import imread
 
 from truearm.compensation.models import error_figures as figures
-from truearm.compensation.models.error_figures import running_median
+from truearm.compensation.models import joint_figures
+from truearm.compensation.models.joint_figures import running_median
 from truearm.compensation.models.workspace_figures import error_in_workspace, workspace
 from truearm.errors import InputError
 from truearm.pages.plotting import Figure, Style, save_png, styles_of, svg_element
@@ -34,11 +35,11 @@ def all_figures(readings=60, joints=6):
     measured = {name: points + e for name, e in errors.items()}
     return {
         "workspace": workspace(points),
-        "joint_ranges": figures.joint_ranges(angles, lower=np.full(joints, -3.0), upper=np.full(joints, 3.0)),
+        "joint_ranges": joint_figures.joint_ranges(angles, lower=np.full(joints, -3.0), upper=np.full(joints, 3.0)),
         "errors_by_reading": figures.errors_by_reading(errors),
         "coordinates_by_reading": figures.coordinates_by_reading(points, measured),
         "error_distribution": figures.error_distribution(lengths),
-        "error_against_joint": figures.error_against_joint(angles, lengths),
+        "error_against_joint": joint_figures.error_against_joint(angles, lengths),
         "before_after": figures.before_after(lengths),
         "error_in_workspace": error_in_workspace(points, lengths["nominal"], name="nominal"),
     }
@@ -68,7 +69,7 @@ def test_every_axis_names_its_unit_unless_it_counts():
 def test_few_readings_and_any_number_of_joints_are_drawn(joints, readings):
     drawn = all_figures(readings, joints) if (readings, joints) in ((1, 1), (2, 12)) else None
     angles, _, _, lengths = made_up(readings, joints)
-    figure = figures.error_against_joint(angles, lengths)
+    figure = joint_figures.error_against_joint(angles, lengths)
     assert len(figure.panels) == joints
     assert f"J{joints}" in svg_element(figure.panels[-1], "p-")
     for other in (drawn or {}).values():
@@ -81,8 +82,8 @@ def test_errors_of_zero_and_joints_at_rest_are_drawn():
     for figure in (
         figures.error_distribution(zero),
         figures.before_after(zero),
-        figures.error_against_joint(still, zero),
-        figures.joint_ranges(still),
+        joint_figures.error_against_joint(still, zero),
+        joint_figures.joint_ranges(still),
         figures.errors_by_reading({"a": np.zeros((20, 3)), "b": np.zeros((20, 3))}),
         error_in_workspace(np.ones((20, 3)), np.zeros(20)),
     ):
@@ -97,7 +98,7 @@ def test_some_zeros_among_errors_do_not_break_the_logarithmic_scale():
 
 def test_sliding_joints_are_drawn_in_millimetres_apart_from_degrees():
     angles = np.column_stack([np.linspace(-1, 1, 30), np.linspace(0, 250, 30)])
-    figure = figures.joint_ranges(
+    figure = joint_figures.joint_ranges(
         angles, names=["turn", "slide"], lower=[-np.inf, 0], upper=[np.inf, 300], sliding=[False, True]
     )
     turn, slide = figure.panels
@@ -151,9 +152,9 @@ def test_odd_names_are_drawn_as_they_are(name):
     for figure in (
         figures.error_distribution(odd),
         figures.before_after(odd),
-        figures.error_against_joint(angles, odd, names=[name, "J2"]),
+        joint_figures.error_against_joint(angles, odd, names=[name, "J2"]),
         figures.errors_by_reading({name: errors["nominal"], "other": errors["network"]}),
-        figures.joint_ranges(angles, names=[name, "J2"]),
+        joint_figures.joint_ranges(angles, names=[name, "J2"]),
     ):
         assert "<script" not in texts_of(figure)
     assert "<use" in svg_element(figures.before_after(odd).panels[0], "p-")
@@ -180,20 +181,20 @@ def test_more_models_than_pens_are_drawn():
             "the same length under every name, got 'a' 2, 'b' 3",
         ),
         (
-            lambda: figures.error_against_joint(np.ones((4, 2)), {"a": np.ones(3)}),
+            lambda: joint_figures.error_against_joint(np.ones((4, 2)), {"a": np.ones(3)}),
             "the same 3 readings as the errors, got 4",
         ),
         (
-            lambda: figures.error_against_joint(np.ones((3, 0)), {"a": np.ones(3)}),
+            lambda: joint_figures.error_against_joint(np.ones((3, 0)), {"a": np.ones(3)}),
             r"\(n, joints\), got the shape \(3, 0\)",
         ),
-        (lambda: figures.joint_ranges(np.ones((3, 2)), names=["a"]), "2 joint names, got 1"),
-        (lambda: figures.joint_ranges(np.ones((3, 2)), lower=[0.0]), "expected 2 lower limits"),
+        (lambda: joint_figures.joint_ranges(np.ones((3, 2)), names=["a"]), "2 joint names, got 1"),
+        (lambda: joint_figures.joint_ranges(np.ones((3, 2)), lower=[0.0]), "expected 2 lower limits"),
         (
-            lambda: figures.joint_ranges(np.ones((3, 1)), lower=[2.0], upper=[1.0]),
+            lambda: joint_figures.joint_ranges(np.ones((3, 1)), lower=[2.0], upper=[1.0]),
             "lower limit 1 is above the upper limit",
         ),
-        (lambda: figures.joint_ranges(np.ones((3, 2)), sliding=[True]), "sliding for each of 2 joints, got 1"),
+        (lambda: joint_figures.joint_ranges(np.ones((3, 2)), sliding=[True]), "sliding for each of 2 joints, got 1"),
         (lambda: error_in_workspace(np.ones((3, 3)), np.ones(2)), "got 3 points and 2 errors"),
         (
             lambda: figures.coordinates_by_reading(np.ones((3, 3)), {"a": np.ones((2, 3))}),
@@ -213,7 +214,7 @@ def test_bad_arrays_are_refused_with_what_came_and_where(draw, told):
 def test_the_arrays_given_are_left_as_they_were():
     angles, points, _, lengths = made_up()
     before = angles.copy(), points.copy(), lengths["nominal"].copy()
-    figures.joint_ranges(angles)
+    joint_figures.joint_ranges(angles)
     error_in_workspace(points, lengths["nominal"])
     assert all(np.array_equal(a, b) for a, b in zip(before, (angles, points, lengths["nominal"]), strict=True))
 

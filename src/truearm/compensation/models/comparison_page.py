@@ -10,11 +10,10 @@ import numpy as np
 from truearm.compensation.models.error_figures import (
     before_after,
     coordinates_by_reading,
-    error_against_joint,
     error_distribution,
     errors_by_reading,
-    joint_ranges,
 )
+from truearm.compensation.models.joint_figures import error_against_joint, joint_ranges
 from truearm.compensation.models.readings_scene import readings_scene
 from truearm.compensation.models.uncertainty import COVERAGE_FACTOR, LEVEL, UncertaintyBudget
 from truearm.compensation.models.workspace_figures import error_in_workspace, workspace

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Drawing
 from matplotlib.ticker import FixedLocator, MaxNLocator
 
-from truearm.compensation.models.error_figures import joint_matrix, joint_names
+from truearm.compensation.models.joint_figures import joint_matrix, joint_names
 from truearm.errors import InputError
 from truearm.identification.estimation.diagnostics import JointError
 from truearm.pages.number_format import format_number

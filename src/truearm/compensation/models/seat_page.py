@@ -11,10 +11,9 @@ import numpy.typing as npt
 from truearm.compensation.models.comparison_page import improvement_sentence
 from truearm.compensation.models.error_figures import (
     before_after,
-    error_against_joint,
     error_distribution,
-    joint_ranges,
 )
+from truearm.compensation.models.joint_figures import error_against_joint, joint_ranges
 from truearm.compensation.models.readings_scene import readings_scene
 from truearm.compensation.models.workspace_figures import error_in_workspace, workspace
 from truearm.pages.number_format import format_count, format_mm
