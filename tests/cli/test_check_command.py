@@ -364,10 +364,11 @@ def test_an_interrupted_check_is_not_added(truearm, folder, snapshot, monkeypatc
 def test_a_wrong_check_is_withdrawn_and_stays_on_the_page(truearm, folder):
     """Check 26 called for recalibration; without it check 25 is the last, and check 27 has the number 27."""
     asked = ("check", "arm.truearm", "--history", "arm.sqlite", "--withdraw")
-    ran = truearm(*asked, "26", "--reason", "the bar was <loose>")
+    ran = truearm(*asked, "26", "--reason", "the bar was <loose>", "--report", "withdrawn.html")
     assert (ran.code, ran.err) == (0, "")
     assert ran.out.splitlines()[0] == "Check 26 of 2026-01-26 is withdrawn: the bar was <loose>"
     assert "\nWithout it: " in ran.out
+    assert Path("withdrawn.html").read_text().count('<tr class="withdrawn">') == 1
     write_session(session(27), "day27.csv")
     found = json.loads(truearm(*arguments(27, "--report", "page.html", "--json")).out)
     assert (found["n_checks"], found["values"][0]["check"]) == (26, 27)
@@ -419,7 +420,7 @@ REFUSED = {
         ("--date", "2026-01-25"),
         "order",
     ),
-    "a day to come": (None, ("--date", "2962-01-01"), "is in the future"),
+    "a day to come": (None, ("--date", "2962-01-01"), "to rehearse the coming months, state days in the past"),
     "a day before all days": (None, ("--date", "0001-01-01T00:00+14:00"), "expected a date, got '0001-01-01T00:00+14"),
     "a day after all days": (None, ("--date", "9999-12-31T23:59:59-12:00"), "expected a date, got '9999-12-31T23:59"),
     "a bar that is not there": (None, ("--lengths", "nowhere.csv"), "nowhere.csv"),

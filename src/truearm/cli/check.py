@@ -56,13 +56,13 @@ def check(
     if it comes with more, such as --lengths.
 
     --withdraw 12 --reason "the ball was dirty", without a session: check 12 no longer counts. It stays in the history
-    with the reason, and on the page, struck through. Exit code 0.
+    with the reason, and on the page (--report), struck through. Exit code 0.
 
     Exit code 0: no need; 1: recalibrate; 3: undecided (repeat the check), or not enough checks.
     """
-    others = {"--lengths": lengths, "--retired": retired, "--mpe": mpe, "--date": date, "--report": report}
+    others = {"--lengths": lengths, "--retired": retired, "--mpe": mpe, "--date": date}
     if withdrawn is not None:
-        _withdraw(model, history, withdrawn, reason, session=session, others=others, as_json=as_json)
+        _withdraw(model, history, withdrawn, reason, session=session, others=others, report=report, as_json=as_json)
         return
     if reason is not None:
         raise InputError("--reason applies to --withdraw only", hint="omit it")
@@ -91,6 +91,7 @@ def _withdraw(
     *,
     session: Path | None,
     others: Mapping[str, object],
+    report: Path | None,
     as_json: bool,
 ) -> None:
     from truearm.workflows.withdraw_check import withdraw_check
@@ -100,4 +101,9 @@ def _withdraw(
         raise InputError(f"{unused[0]} does not apply to --withdraw", hint="omit it")
     if reason is None:
         raise InputError("--withdraw needs --reason as well", hint='--reason "the ball was dirty"')
-    print_record(withdraw_check(model, history, which, reason=reason), as_json=as_json)
+    if report is not None:
+        check_page_path(report, model, history)
+    result = withdraw_check(model, history, which, reason=reason)
+    if report is not None and result.assessment is not None:
+        result.save_page(report)
+    print_record(result, as_json=as_json, files={"page": None if result.assessment is None else report})

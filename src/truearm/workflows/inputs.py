@@ -22,6 +22,7 @@ from truearm.compensation.models.model_file import load_model
 from truearm.compensation.models.nominal_check import MAX_NOMINAL_ERROR
 from truearm.compensation.models.refit import used_in_refit
 from truearm.compensation.models.tips import tip_names
+from truearm.compensation.models.training_conditions import TrainingConditions
 from truearm.errors import InputError
 from truearm.readings import (
     Lengths,
@@ -45,7 +46,7 @@ from truearm.readings.thermal_expansion import (
     at_measured_temperature,
     thermal_expansion_of,
 )
-from truearm.typing import BoolArray, IntArray
+from truearm.typing import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -403,11 +404,26 @@ def without_refit_readings(session: Session, *models: Compensator) -> tuple[Sess
     return session.rows(rows), rows, (remark,)
 
 
-def describe_outside(inputs: Mapping[str, BoolArray]) -> str:
+def describe_outside(inputs: Mapping[str, BoolArray], training: TrainingConditions, session: Session) -> str:
     """How many readings are outside the trained range, and in which inputs; a sentence without its full stop."""
     rows = np.logical_or.reduce(list(inputs.values()))
+    if list(inputs) == ["temperature"] and session.temperature_degC is not None:
+        return f"{int(rows.sum())} of {len(rows)} readings are {_kelvin(training, session.temperature_degC[rows])}"
     what = ", ".join(f"{name} {int(outside.sum())}" for name, outside in inputs.items())
     return f"{int(rows.sum())} of {len(rows)} readings are outside the trained range ({what})"
+
+
+def _kelvin(training: TrainingConditions, degC: FloatArray) -> str:
+    """By how much readings were warmer or colder than those of the training, in words."""
+    known = training.temperature_degC
+    lower, upper = (REFERENCE_DEGC, REFERENCE_DEGC) if known is None else (known.lower, known.upper)
+    phrases = []
+    for kelvin, word in ((degC - upper, "warmer"), (lower - degC, "colder")):
+        if (kelvin > 0).any():
+            least, most = f"{kelvin[kelvin > 0].min():.1f}", f"{kelvin.max():.1f}"
+            phrases.append(f"{most if least == most else f'{least} to {most}'} K {word}")
+    than = "than 20 degC; the training states no temperature" if known is None else "than the training"
+    return f"{' or '.join(phrases)} {than}; all else is in the trained range"
 
 
 def payload_remarks(model: Compensator, session: Session) -> tuple[str, ...]:
@@ -457,7 +473,7 @@ def evaluation_remarks(model: Compensator, session: Session) -> list[str]:
             if (explained := explain_readings(model.arm_, session)) is not None:
                 remarks.append(f"{explained[0].upper()}{explained[1:]}.")
     if inputs := model.inputs_outside_training(session):
-        remarks.append(f"{describe_outside(inputs)}.")
+        remarks.append(f"{describe_outside(inputs, model.training_, session)}.")
     remarks += [*payload_remarks(model, session), *frame_remarks(model)]
     if model.is_trained_on(session):
         remarks.append("These are the training readings of the model: a fair test needs others (split).")

@@ -225,7 +225,7 @@ class Prediction(Record):
             first = next(iter(self.model.session_frames_))
             yield f"{n} readings are in no session that the model knows: their points are in the frame of {first}."
         if self.inputs_outside:
-            yield f"{describe_outside(self.inputs_outside)}{self._advice()}."
+            yield f"{describe_outside(self.inputs_outside, self.model.training_, self.session)}{self._advice()}."
         if self.outside_u_mm:
             sizes = ", ".join(f"{name} {format_fixed(size)} mm" for name, size in self.outside_u_mm.items())
             yield f"There these inputs add to the standard uncertainty (root mean square): {sizes}."

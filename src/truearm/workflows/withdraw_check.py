@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from truearm.errors import InputError
 from truearm.files.file_reading import check_readable
@@ -14,12 +14,16 @@ from truearm.verification.monitor.history import MAX_BYTES, History
 from truearm.verification.monitor.interim_check import InterimCheck, Withdrawal, counted
 from truearm.verification.standards.dates import format_date, now
 from truearm.workflows.check import model_file_fingerprint
-from truearm.workflows.inputs import ModelLike
-from truearm.workflows.record import Record, TextTable
+from truearm.workflows.inputs import ModelLike, to_model
+from truearm.workflows.outputs import PageRecord, input_files, version_row
+from truearm.workflows.record import TextTable
+
+if TYPE_CHECKING:
+    from truearm.pages.page import Page
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class WithdrawalResult(Record):
+class WithdrawalResult(PageRecord):
     """A check that no longer counts, and the assessment of the others.
 
     Attributes
@@ -32,12 +36,46 @@ class WithdrawalResult(Record):
         All checks of the model.
     assessment : Assessment or None
         Of those that count; None where there is none.
+    model : model or path
+    history : Path
+        The file of the history.
+    head : (int, str)
+        Its number of rows and its last checksum after the withdrawal.
     """
 
     check: InterimCheck
     number: int
     checks: tuple[InterimCheck, ...]
     assessment: Assessment | None
+    model: ModelLike
+    history: Path
+    head: tuple[int, str]
+
+    @property
+    def input_files(self) -> tuple[Path, ...]:
+        """See `PageRecord`."""
+        return (*input_files(self.model), self.history)
+
+    def page(self) -> Page:
+        """The control charts without the withdrawn check, which is struck through.
+
+        Raises
+        ------
+        InputError
+            If no check is left that counts.
+        """
+        from truearm.verification.monitor.interim_check_page import drift_page
+
+        if self.assessment is None:
+            raise InputError("no check of this model is left that counts: there is nothing to draw")
+        arm = to_model(self.model).arm
+        facts = [
+            ("model", f"SHA-256 {self.check.model}"),
+            ("arm", f"{arm.name}: {arm.title}. {arm.source}"),
+            ("history", f"{self.history.name}: {self.head[0]} rows, last checksum {self.head[1]}"),
+            version_row(),
+        ]
+        return drift_page(self.checks, self.assessment, arm=arm.name, facts=facts)
 
     def blocks(self) -> Iterator[str | TextTable]:
         """See `Record`."""
@@ -45,7 +83,7 @@ class WithdrawalResult(Record):
         yield f"Check {self.number} of {format_date(self.check.date)} is withdrawn: {self.check.withdrawn.reason}"
         yield "It stays in the history with the reason, and no longer counts."
         if self.assessment is None:
-            yield "No check of this model is left that counts."
+            yield "No check of this model is left that counts, and there is nothing to draw on a page."
         else:
             yield f"Without it: {describe_assessment(self.assessment, self.checks)}"
 
@@ -93,7 +131,7 @@ def withdraw_check(
     kept.withdraw(known[number - 1], withdrawal)
     checks = kept.checks(whose)
     assessment = assess(checks) if counted(checks) else None
-    return WithdrawalResult(checks[number - 1], number, checks, assessment)
+    return WithdrawalResult(checks[number - 1], number, checks, assessment, model, kept.path, kept.head)
 
 
 def _existing(path: Path) -> History:
