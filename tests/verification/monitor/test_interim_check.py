@@ -326,3 +326,20 @@ def test_two_values_beyond_opposite_limits_are_no_confirmed_change(rng):
 def test_dates_are_formatted_with_their_time_unless_it_is_midnight():
     assert format_date(datetime.datetime(2026, 1, 2)) == "2026-01-02"
     assert format_date(datetime.datetime(2026, 1, 2, 8, 30)) == "2026-01-02 08:30"
+
+
+def test_gross_scatter_is_seen_without_an_earlier_check():
+    """Points of the expected scatter never are gross; a seat with one point 1 mm off is, at the first check."""
+    rng = np.random.default_rng(7)
+    seats = np.array(["cone"] * 5)
+    for _ in range(300):
+        right = interim_values(rng.normal(0, 0.005, (5, 3)), std_mm=np.full(5, 0.005), seat=seats)
+        assert right[0].times_expected(1 / 370) is None
+    points = rng.normal(0, 0.005, (5, 3))
+    points[0, 0] += 1.0
+    values = interim_values(points, std_mm=np.full(5, 0.005), seat=seats)
+    # s is 1 mm / sqrt(5), expected sqrt(3) 0.005 mm.
+    assert values[0].times_expected(1 / 370) == pytest.approx(1 / np.sqrt(5) / np.sqrt(3) / 0.005, rel=0.02)
+    found = assess([InterimCheck(datetime.datetime(2026, 1, 5), "m", "s", None, values)])
+    assert found.recalibrate is RecalibrationAdvice.UNDECIDED
+    assert "52 times what the model expects" in found.reasons[0] or "51 times" in found.reasons[0]

@@ -13,6 +13,7 @@ from truearm.errors import InputError
 from truearm.typing import IntArray
 from truearm.verification.monitor.control_chart import (
     DETECTED_WITHIN,
+    FALSE_ALARMS,
     MIN_BASELINE_CHECKS,
     ControlChart,
     ControlRules,
@@ -136,7 +137,7 @@ def assess(
     the same limit; or the latest two values have the same sign and exceed their limit in the
     specification by more than the uncertainty of the artefact (ISO 14253-1). Quantities that the last check does not
     contain count with their latest values. Undecided: that is true of the latest value only, for which dirt in a
-    seat may be the cause. No: neither, and every chart of the last check has enough earlier checks.
+    seat may be the cause; or, with few checks, the scatter in a seat is far above that which the model expects. No: neither, and every chart of the last check has enough earlier checks.
 
     Parameters
     ----------
@@ -175,17 +176,18 @@ def assess(
         if not any(by_key[series[key][-1]][key].uses(name) for name in retired)
     )
     current = [trend for trend in trends if trend.current and trend.chart is not None]
+    gross = [_gross(trend, times) for trend in current if (times := _times_expected(trend)) is not None]
     first_checks = [trend.since for trend in trends if trend.since is not None and not trend.single_value_out_of_limits]
     if any(trend.confirmed for trend in trends):
         advice = RecalibrationAdvice.YES
-    elif any(trend.alarm for trend in trends):
+    elif gross or any(trend.alarm for trend in trends):
         advice = RecalibrationAdvice.UNDECIDED
     elif current and all(trend.enough for trend in current):
         advice = RecalibrationAdvice.NO
     else:
         advice = RecalibrationAdvice.NOT_ENOUGH
     reasons = [_reason(trend, trend.since) for trend in trends if trend.since is not None]
-    reasons += [_over(trend) for trend in trends if trend.over_limit]
+    reasons += [_over(trend) for trend in trends if trend.over_limit] + gross
     n_before = min((int(trend.chart.n_before[-1]) for trend in current if trend.chart is not None), default=0)
     remarks = (*_remarks(trends), *_not_compared(trends, specification))
     return Assessment(advice, min(first_checks, default=None), tuple(reasons), remarks, n_before, trends)
@@ -332,6 +334,20 @@ def _over(trend: Trend) -> str:
     return (
         f"{trend.latest.label}: {trend.latest.value_mm:{sign}.4f} mm exceeds the limit of {trend.limit_mm:.4f} mm"
         f"{only}{_when_last(trend)}"
+    )
+
+
+def _times_expected(trend: Trend) -> float | None:
+    """How many times the scatter is that which the model expects, where few checks are there to compare it with."""
+    if trend.chart is None or trend.enough:
+        return None
+    return trend.latest.times_expected(FALSE_ALARMS)
+
+
+def _gross(trend: Trend, times: float) -> str:
+    return (
+        f"{trend.latest.label}: {trend.latest.value_mm:.4f} mm is {times:.0f} times what the model expects; if a "
+        "repeated check shows less, withdraw this one (--withdraw), or it counts among the first"
     )
 
 

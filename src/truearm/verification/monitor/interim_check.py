@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import chdtri
 
 from truearm.errors import InputError
 from truearm.readings.lengths import Lengths
@@ -27,6 +28,8 @@ SAME_SHARE = 0.05
 # The least number of points that determines form and diameter of a sphere.
 LEAST_ON_SPHERE = 5
 MOST_NAME = 1000
+# A model states the scatter of its training readings; elsewhere, and by another operator, it is up to so many times that.
+LARGEST_UNSTATED = 3.0
 
 
 @dataclass(frozen=True)
@@ -130,6 +133,19 @@ class CheckValue:
         kind = CHECK_QUANTITIES[self.quantity].artefact
         as_measured = " as measured" if kind == "length" and self.length_mm is None else ""
         return f"{kind} {self.artefact}, {self.quantity}{as_measured}"
+
+    def times_expected(self, rate: float) -> float | None:
+        """The scatter in a seat in units of that which the model expects, where it is grossly larger; else None.
+
+        For unchanged readings, ``(n - 1) s^2 / sigma^2`` is chi-squared with 3 (n - 1) degrees of freedom. It is gross
+        beyond `LARGEST_UNSTATED` times the bound that such readings exceed with the probability `rate`.
+        """
+        if self.quantity != "SPAT.2s" or self.n < 2 or self.u_mm == 0:
+            return None
+        freedom = 3 * (self.n - 1)
+        sigma = self.u_mm * np.sqrt(2 * (self.n - 1)) / 2
+        bound = 2 * sigma * float(np.sqrt(chdtri(freedom, rate) / (self.n - 1)))
+        return self.value_mm / (2 * sigma * np.sqrt(3)) if self.value_mm > LARGEST_UNSTATED * bound else None
 
     def uses(self, artefact: str) -> bool:
         """Whether it was measured on an artefact; a length is measured on both of its seats."""
