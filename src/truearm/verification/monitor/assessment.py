@@ -137,7 +137,8 @@ def assess(
     the same limit; or the latest two values have the same sign and exceed their limit in the
     specification by more than the uncertainty of the artefact (ISO 14253-1). Quantities that the last check does not
     contain count with their latest values. Undecided: that is true of the latest value only, for which dirt in a
-    seat may be the cause; or, with few checks, the scatter in a seat is far above that which the model expects. No: neither, and every chart of the last check has enough earlier checks.
+    seat may be the cause; or, with few checks, the scatter in a seat is far above that which the model expects.
+    No: neither, and every chart of the last check has enough earlier checks.
 
     Parameters
     ----------

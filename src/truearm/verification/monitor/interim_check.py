@@ -28,7 +28,7 @@ SAME_SHARE = 0.05
 # The least number of points that determines form and diameter of a sphere.
 LEAST_ON_SPHERE = 5
 MOST_NAME = 1000
-# A model states the scatter of its training readings; elsewhere, and by another operator, it is up to so many times that.
+# A model states the scatter of its training readings; elsewhere, and by other hands, it is up to so many times that.
 LARGEST_UNSTATED = 3.0
 
 
