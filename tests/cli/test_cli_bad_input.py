@@ -100,7 +100,7 @@ FILES = {
     "infinite": (changed(7, "q1_deg", "inf"), ["s.csv, line 8, column 'q1_deg'", "got 'inf'"], True),
     "empty cell": (changed(9, "x_mm", ""), ["s.csv, line 10, column 'x_mm'", "empty cell", "Try: "], True),
     "decimal comma": (changed(3, "x_mm", '"1,5"'), ["s.csv, line 4, column 'x_mm'", "decimal '.'", "points"], True),
-    "row too long": (lambda rows: rows[5].append("1"), ["s.csv, line 6", "19 values", "got 20"], True),
+    "row too long": (lambda rows: rows[5].append("1"), ["s.csv, line 6", "20 values", "got 21"], True),
     "duplicate row": (copied_row, ["s.csv, line 21", "repeats line 4", "Try: delete"], False),
     "constant rows": (all_rows_as_first(), ["s.csv", "40 readings", "same angles", "Try: "], False),
     "constant joint": (all_rows_as_first("q4_deg"), ["s.csv, column 'q4_deg'", "J4 never moves", "Try: "], False),
