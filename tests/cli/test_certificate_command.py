@@ -327,6 +327,7 @@ def test_wrong_files_are_refused_and_nothing_is_written(truearm, bench, snapshot
         ({"--pdf": "points.csv"}, "ends in .pdf"),
         ({"--logo": "logo.png"}, "--logo applies to --pdf only"),
         ({"--sign": "key.pem"}, "--sign applies to --signer only"),
+        ({"--read": "certificate.xml"}, "has no effect with --read"),
         ({"--trusted": "signer.pem"}, "--trusted applies to --read only"),
         ({"--html": "away/page.html"}, "the folder away does not exist"),
         ({"--about": "nothing.toml"}, "the file does not exist"),

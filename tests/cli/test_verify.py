@@ -120,7 +120,10 @@ def test_conditions_are_stated_with_the_points(truearm, bench):
     ran = truearm(*options())
     assert (ran.code, ran.err) == (3, "")
     assert ran.out.startswith("undecided: rated conditions not met: warm-up time 10 to 45 min, rated 30 min or more\n")
-    assert "do not state whether rated conditions were met: relative humidity (rated 70 % or less)" in ran.out
+    assert (
+        "it is not stated whether rated conditions were met: relative humidity (rated 70 % or less), fill in the column"
+        in ran.out
+    )
     by_test = {row["label"]: row["verdict"] for row in json.loads(truearm(*options(), "--json").out)["rows"]}
     assert (by_test["P_Size.Sph.1x25"], by_test["E_Uni, 900"]) == ("undecided", "conform")
     Path("mpe.toml").write_text(MPE.replace("[rated_conditions]\nair_degC = { min = 15, max = 25 }", ""))

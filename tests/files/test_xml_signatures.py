@@ -191,3 +191,10 @@ def test_without_the_package_the_message_says_how_to_get_it(signed, keys, monkey
     with pytest.raises(MissingTool):
         read_signer(keys / "ec.key", keys / "ec.pem")
     assert verified_content(CONTENT) == (CONTENT, None)
+
+
+def test_a_short_curve_signs_nothing(tmp_path):
+    short = ec.generate_private_key(ec.SECP224R1())
+    write(tmp_path, "short", short, certified(short))
+    with pytest.raises(InputError, match="224 bits, fewer than 256"):
+        signer(tmp_path, "short")

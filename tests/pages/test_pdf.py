@@ -7,6 +7,7 @@ import io
 import re
 import shutil
 import subprocess
+import zlib
 
 import numpy as np
 import pytest
@@ -207,4 +208,15 @@ def test_large_logos_are_refused_before_they_are_unpacked(tmp_path, monkeypatch)
         read_logo(tmp_path / "logo.png")
     monkeypatch.setattr(paper_module, "MAX_LOGO_BYTES", 10)
     with pytest.raises(InputError, match="larger than"):
+        read_logo(tmp_path / "logo.png")
+
+
+def test_a_logo_that_states_too_many_pixels_is_refused_unopened(tmp_path):
+    chunk = b"IHDR" + (60000).to_bytes(4, "big") * 2 + bytes([8, 2, 0, 0, 0])
+    png = b"\x89PNG\r\n\x1a\n" + (13).to_bytes(4, "big") + chunk + zlib.crc32(chunk).to_bytes(4, "big")
+    (tmp_path / "logo.png").write_bytes(png)
+    with pytest.raises(InputError, match="60000 x 60000 pixels"):
+        read_logo(tmp_path / "logo.png")
+    (tmp_path / "logo.png").write_bytes(png[:12])
+    with pytest.raises(InputError, match="PNG cannot be read"):
         read_logo(tmp_path / "logo.png")

@@ -63,6 +63,10 @@ def certificate(
         print_line(template_text().rstrip("\n"))
         return
     if read is not None:
+        inputs_of_a_new_one = {"--points": points, "--artefacts": artefacts, "--mpe": mpe, "--about": about}
+        outputs = {"--out": out, "--html": html, "--pdf": pdf, "--logo": logo, "--sign": sign, "--signer": signer}
+        others = {"--plan": plan or None, **inputs_of_a_new_one, **outputs, "--rule": rule}
+        _check_reads_only(others | {"--unconfirmed": unconfirmed or None})
         from truearm.workflows.read_certificate import read_certificate
 
         print_record(read_certificate(read, trusted=trusted), as_json=as_json)
@@ -103,6 +107,16 @@ def _needed(plan: dict[str, str | None], files: dict[str, Path | None]) -> tuple
             hint = "truearm certificate --template > about.toml" if option == "--about" else None
             raise InputError(f"{option} is missing", hint=hint or "truearm certificate --help")
     return tuple(file for file in files.values() if file is not None)
+
+
+def _check_reads_only(others: dict[str, object]) -> None:
+    """Check that no option of a new certificate is given with --read: it would have no effect."""
+    from truearm.errors import InputError
+
+    if given := [option for option, value in others.items() if value is not None]:
+        raise InputError(
+            f"{', '.join(given)} has no effect with --read", hint="use --read with --trusted or --json only"
+        )
 
 
 def _check_options(options: dict[str, Path | None]) -> None:

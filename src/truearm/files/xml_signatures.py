@@ -20,6 +20,7 @@ from truearm.files.file_reading import read_limited
 
 MAX_PEM_BYTES = 100_000
 LEAST_RSA_BITS = 2048
+LEAST_CURVE_BITS = 256
 _DSIG = "{http://www.w3.org/2000/09/xmldsig#}"
 _ENVELOPED = "http://www.w3.org/2000/09/xmldsig#enveloped-signature"
 _METHODS = ("RSA_SHA256", "RSA_SHA384", "RSA_SHA512", "ECDSA_SHA256", "ECDSA_SHA384", "ECDSA_SHA512")
@@ -198,11 +199,13 @@ def _check_key(key: Any, file: str | Path | None) -> None:
     """Check that a key is of a kind and a size that is good for signatures."""
     rsa = _package("cryptography.hazmat.primitives.asymmetric.rsa")
     if _is_elliptic(key):
-        return
-    if not isinstance(key, rsa.RSAPrivateKey | rsa.RSAPublicKey):
+        least = LEAST_CURVE_BITS
+    elif isinstance(key, rsa.RSAPrivateKey | rsa.RSAPublicKey):
+        least = LEAST_RSA_BITS
+    else:
         raise InputError("expected a key for RSA or an elliptic curve", file=file)
-    if (bits := key.key_size) < LEAST_RSA_BITS:
-        raise InputError(f"the key has {bits} bits, fewer than {LEAST_RSA_BITS}", file=file, hint="make a longer one")
+    if (bits := key.key_size) < least:
+        raise InputError(f"the key has {bits} bits, fewer than {least}", file=file, hint="make a longer one")
 
 
 def _is_elliptic(key: Any) -> bool:

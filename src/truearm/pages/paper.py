@@ -92,18 +92,20 @@ def read_logo(path: str | Path) -> Logo:
 def _check_png(content: bytes) -> None:
     from PIL import Image, UnidentifiedImageError
 
+    # Of the first chunk, IHDR (PNG specification, 11.2.1): before a library looks at the pixels.
+    width, height = (int.from_bytes(content[at : at + 4], "big") for at in (16, 20))
+    if max(width, height) > MAX_LOGO_PIXELS:
+        raise InputError(
+            f"the logo has {width} x {height} pixels, more than {MAX_LOGO_PIXELS} on a side",
+            hint="make it smaller; 600 pixels are enough",
+        )
     try:
         with Image.open(io.BytesIO(content), formats=["PNG"]) as picture:
-            width, height = picture.size
-            if max(width, height) > MAX_LOGO_PIXELS:  # before its pixels are unpacked
-                raise InputError(
-                    f"the logo has {width} x {height} pixels, more than {MAX_LOGO_PIXELS} on a side",
-                    hint="make it smaller; 600 pixels are enough",
-                )
+            # A second IHDR chunk would replace the first.
+            if picture.size != (width, height):
+                raise ValueError("it states two sizes")
             picture.load()
-    except (UnidentifiedImageError, OSError, SyntaxError, ValueError) as error:
-        if isinstance(error, InputError):
-            raise
+    except (UnidentifiedImageError, Image.DecompressionBombError, OSError, SyntaxError, ValueError) as error:
         raise InputError(f"the PNG cannot be read ({error})", hint="save the logo again as PNG") from None
 
 

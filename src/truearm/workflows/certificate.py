@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -229,6 +229,7 @@ def certificate(
         check_uncertainties(verification.verification)
     except InputError as error:
         raise _in(error, verification.artefacts_file) from None
+    verification = replace(verification, verification=verification.verification.in_room(stated.room))
     try:
         made = make_certificate(stated, verification.verification, unconfirmed=unconfirmed)
     except InputError as error:

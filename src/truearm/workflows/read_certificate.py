@@ -9,7 +9,7 @@ from typing import Any
 
 from truearm.files.xml_signatures import Signature
 from truearm.verification.certificate.certificate import Certificate
-from truearm.verification.certificate.certificate_page import CONFORMITY_WORDS
+from truearm.verification.certificate.certificate_page import CONFORMITY_WORDS, NOT_DECIDED
 from truearm.verification.certificate.dcc_reader import read_dcc_file
 from truearm.verification.certificate.statements import NOT_FOR_CONFORMITY
 from truearm.workflows.record import Record, to_plain
@@ -25,7 +25,9 @@ class ReadCertificate(Record):
     def blocks(self) -> Iterator[str]:
         """See `Record`."""
         made, about = self.certificate, self.certificate.about
-        verdict = NOT_FOR_CONFORMITY if made.conformity is None else CONFORMITY_WORDS[made.conformity][0]
+        verdict = NOT_DECIDED[0] if made.conformity is None else CONFORMITY_WORDS[made.conformity][0]
+        if made.reservation is not None:
+            verdict = NOT_FOR_CONFORMITY
         yield f"certificate {about.number}, {verdict}"
         yield describe_signature(self.signature)
         item = about.item

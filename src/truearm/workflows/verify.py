@@ -97,7 +97,7 @@ class VerificationResult(PageRecord):
 
     def blocks(self) -> Iterator[str | TextTable]:
         """See `Record`."""
-        unrated = self.verdict is Verdict.UNDECIDED and self.verification.unmet_conditions
+        unrated = self.verdict is Verdict.UNDECIDED and not all(row.in_rated_conditions for row in self.rows)
         yield f"{self.verdict.value}: {describe_unmet(self.verification) if unrated else _ANSWERS[self.verdict]}"
         yield f"{self.verification.plan.heading}: {self.verification.specification.name}"
         yield TextTable(

@@ -26,7 +26,7 @@ from truearm.verification.certificate.certificate import (
     StatedResult,
     conformity_of,
 )
-from truearm.verification.certificate.certificate_page import CONFORMITY_WORDS
+from truearm.verification.certificate.certificate_page import CONFORMITY_WORDS, certificate_page
 from truearm.verification.certificate.dcc import checked_dcc, dcc, write_dcc
 from truearm.verification.certificate.dcc_reader import parse_dcc, read_dcc
 from truearm.verification.certificate.statements import KINDS, Statement
@@ -37,6 +37,8 @@ from truearm.verification.standards.decision import (
     outside_rated_conditions,
     worst_result,
 )
+from truearm.verification.standards.rated_conditions import RatedRange
+from truearm.verification.standards.verification_plan import VerificationPlan
 
 SPACES = {"dcc": "https://ptb.de/dcc", "si": "https://ptb.de/si"}
 WHOLE = certificate()
@@ -284,11 +286,97 @@ def test_numbers_set_to_confirmed_need_the_name_of_who_did_it():
     assert certificate(made=outcome(plan=own)).conformity == WHOLE.conformity
 
 
-def test_a_value_outside_the_rated_conditions_of_its_limit_is_no_pass():
-    made = certificate(made=outcome([row(0.01), outside_rated_conditions(row(0.001, label="E_Uni, 150"))]))
-    assert [one.conformity for one in made.results] == ["pass", "noPass"]
-    assert made.conformity == "noPass"
+def test_nothing_is_stated_of_a_value_outside_the_rated_conditions_of_its_limit():
+    outside = outside_rated_conditions(row(0.001, label="E_Uni, 150"))
+    made = certificate(made=outcome([row(0.01), outside]))
+    assert [one.conformity for one in made.results] == ["pass", None]
+    assert made.conformity is None
     assert parse_dcc(dcc(made)) == made
+    assert found(made, ".//dcc:statement/dcc:conformity") == []
+    # A value within them that fails is a fail of all.
+    failed = certificate(made=outcome([row(0.08), outside]))
+    assert failed.conformity == "fail"
+    assert parse_dcc(dcc(failed)) == failed
+
+
+def rated(**ranges):
+    made = outcome([row(0.01), row(0.08, label="E_Bi, 900")])
+    limits = made.specification.model_copy(
+        update={"rated_conditions": {key: RatedRange(**one) for key, one in ranges.items()}}
+    )
+    return replace(made, specification=limits)
+
+
+def measured_at(made, **conditions):
+    """The verification with conditions at the points of its first test only."""
+    tests = dict(made.measured.tests)
+    name, groups = next(iter(tests.items()))
+    tests[name] = tuple(replace(group, conditions=conditions) for group in groups)
+    return replace(made, measured=replace(made.measured, tests=tests))
+
+
+@pytest.mark.parametrize(
+    ("ranges", "told", "stated", "said"),
+    [
+        ({"air_degC": {"min": 15, "max": 25}}, {"temperature_degC": (20.0, 27.9)}, {}, "27.9 degC, rated 15 to 25"),
+        ({"humidity_percent": {"max": 30}}, {}, {}, "humidity 40.1 to 55 %, rated 30"),
+        ({"warm_up_min": {"min": 30}}, {}, {}, "fill in the column warm_up_min of the points"),
+        # One group that states a condition does not state it for the others.
+        ({"warm_up_min": {"min": 30}}, {}, {"warm_up_min": (40.0, 40.0)}, "at some of the points, rated 30 min"),
+        (
+            {"humidity_percent": {"max": 70}},
+            {"relative_humidity_percent": None},
+            {},
+            "humidity_percent of the points or relative_humidity_percent of the room",
+        ),
+    ],
+)
+def test_rated_conditions_that_the_room_contradicts_or_nobody_states_leave_all_undecided(ranges, told, stated, said):
+    room = about(conditions={"temperature_degC": (19.5, 20.5), "relative_humidity_percent": (40.1, 55.0)} | told)
+    made = certificate(room, measured_at(rated(**ranges), **stated))
+    assert made.conformity is None
+    assert [one.conformity for one in made.results] == [None, None]
+    assert found(made, ".//dcc:conformity") == []
+    assert said in made.texts("decision")[0]
+    assert "guard band about" not in made.texts("decision")[0]
+    assert parse_dcc(dcc(made)) == made
+
+
+def test_rated_conditions_that_the_room_states_are_met():
+    made = certificate(made=rated(air_degC={"min": 15, "max": 25}, humidity_percent={"max": 70}))
+    assert [one.conformity for one in made.results] == ["pass", "fail"]
+    assert "relative humidity 40.1 to 55 %, rated 70 % or less" in made.texts("rated conditions")[0]
+    assert not any("not stated" in one for one in made.texts("remark"))
+
+
+def test_the_verdict_on_paper_lists_no_values_of_unmet_conditions():
+    made = rated(humidity_percent={"max": 30}).in_room(about().room)
+    verdict = certificate_page(certificate(made=made), made).verdict
+    assert verdict.sentence.startswith("Undecided: rated conditions not met: relative humidity")
+    assert (verdict.state, verdict.detail) == ("doubtful", "")
+
+
+def test_a_plan_confirmed_after_the_certificate_was_issued_is_refused():
+    late = CONFIRMED.confirmation.model_copy(update={"date": DAY.replace(day=6)})
+    with pytest.raises(InputError, match="before the numbers of the test plan were confirmed on 2026-11-06"):
+        certificate(made=outcome(plan=CONFIRMED.model_copy(update={"confirmation": late})))
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"confirmed_by": " "}, "expected who confirmed the numbers"),
+        ({"confirmed_by": "-1-"}, "expected who confirmed the numbers"),
+        ({"date": datetime.date(1900, 1, 1)}, "before ISO 10360-12:2016 was published"),
+    ],
+)
+def test_a_confirmation_names_somebody_and_a_day_after_the_standard(changes, told):
+    plan = CONFIRMED.model_dump()
+    with pytest.raises((InputError, ValueError), match=told):
+        VerificationPlan.model_validate(plan | {"confirmation": plan["confirmation"] | changes})
+
+
+def test_states_and_statements_are_whole():
     assert CONFORMITY_WORDS.keys() == {*CONFORMITIES, None}
     assert module.STATEMENTS.keys() == set(KINDS)
 

@@ -212,6 +212,9 @@ def test_between_faces_the_distance_is_along_the_normal_and_the_tip_goes_off():
         e_bi([bar(face[:2], opposite[:2])], NO_LIMITS)
     with pytest.raises(InputError, match="not across the length"):
         e_bi([bar(np.array([[0.0, 0, 0], [5, 10, 0], [0, 0, 10]]), opposite, tip_mm=3.0)], NO_LIMITS)
+    along = np.array([[0.0, 0, 0], [10, 0, 0], [0, 10, 0]])  # a plane that contains the length: no normal along it
+    with pytest.raises(InputError, match="not across the length"):
+        e_bi([bar(along, along + [1003.0, 0, 0], tip_mm=3.0)], NO_LIMITS)
 
 
 ALIGNED = BAR.model_copy(update={"u_alignment_mm": np.sqrt(2.0)})  # rms distance beside each other 2 mm

@@ -202,6 +202,29 @@ class AdministrativeData(Document):
                 hint="correct the date received",
             )
 
+    def check_confirmation(self, day: datetime.date) -> None:
+        """Check that the numbers of the test plan were confirmed by the day of issue.
+
+        Raises
+        ------
+        InputError
+            If not.
+        """
+        if self.issued < day:
+            raise InputError(
+                f"issued on {self.issued}, before the numbers of the test plan were confirmed on {day}",
+                hint="correct the date issued, or date under [confirmation] of the plan",
+            )
+
+    @property
+    def room(self) -> dict[str, tuple[float, float]]:
+        """Lowest and highest value of the conditions that may be rated, by their names there."""
+        stated = {
+            "air_degC": self.conditions.temperature_degC,
+            "humidity_percent": self.conditions.relative_humidity_percent,
+        }
+        return {key: pair for key, pair in stated.items() if pair is not None}
+
     def check_room(self, coldest_degC: float, warmest_degC: float) -> None:
         """Check that the artefacts had about the temperature of the room.
 

@@ -20,8 +20,8 @@ from truearm.verification.standards.verification_text import RULE_STANDARDS, des
 SOFTWARE = "truearm"
 DEGREES_OF_FREEDOM = "degrees of freedom"
 # The non-binary rule with guard bands of ILAC-G8:09/2019 [recalled, not confirmed]: undecided values within their limit
-# are a conditional pass, those beyond it a conditional fail. A value that was measured outside the rated conditions of
-# its limit is no pass, whatever it is.
+# are a conditional pass, those beyond it a conditional fail. Nothing is stated of a value that was measured outside the
+# rated conditions of its limit; earlier versions wrote "noPass", which a machine can take for a rejection.
 CONFORMITIES = ("pass", "conditionalPass", "noPass", "conditionalFail", "fail")
 
 
@@ -105,7 +105,8 @@ class Certificate:
     statements : tuple of Statement
         The decision, the decision rule, uncertainty, traceability, limits of use, and remarks.
     conformity : str or None
-        One of `CONFORMITIES`; None in a certificate that makes no statement of conformity.
+        One of `CONFORMITIES`; None in a certificate that makes no statement of conformity: with a reservation, or where
+        rated conditions of the limits were not met or are not stated.
     methods : tuple of Method
     equipment : tuple of Equipment
     artefact_degC : (Decimal, Decimal) or None
@@ -159,6 +160,7 @@ def make_certificate(
         If the software of the arm, the stylus or the mounting is not stated, dates or temperatures of `about`
         contradict those of the points, or as `check_plan`, `check_artefacts` and `check_uncertainties`.
     """
+    verification = verification.in_room(about.room)
     gap = confirmation_gap(verification)
     if not unconfirmed:
         check_plan(verification)
@@ -167,6 +169,8 @@ def make_certificate(
     about.check_complete()
     days = [group.date for group in verification.groups]
     about.check_days(min(days), max(days))
+    if verification.plan.confirmation is not None:
+        about.check_confirmation(verification.plan.confirmation.date)
     degC = verification.temperatures
     if degC is not None:
         about.check_room(*degC)
@@ -283,19 +287,20 @@ def _describe_plan(verification: Verification) -> str:
 
 
 def conformity_of(row: ConformityResult) -> str | None:
-    """The verdict of a row as one of `CONFORMITIES`; None where it has no limit."""
-    if row.verdict is None or row.limit is None:
+    """The verdict of a row as one of `CONFORMITIES`; None without a limit or outside its rated conditions."""
+    if row.verdict is None or row.limit is None or not row.in_rated_conditions:
         return None
-    if not row.in_rated_conditions:
-        return "noPass"
     if row.verdict is Verdict.UNDECIDED:
         return "conditionalPass" if abs(row.value) <= row.limit else "conditionalFail"
     return "pass" if row.verdict is Verdict.CONFORM else "fail"
 
 
-def _overall(verification: Verification) -> str:
-    stated = [one for row in verification.rows_with_limit if (one := conformity_of(row)) is not None]
-    return max(stated, key=CONFORMITIES.index)
+def _overall(verification: Verification) -> str | None:
+    """The worst of all; None if nothing is stated of some value, unless another one fails."""
+    stated = [conformity_of(row) for row in verification.rows_with_limit]
+    if None in stated:
+        return "fail" if "fail" in stated else None
+    return max((one for one in stated if one is not None), key=CONFORMITIES.index)
 
 
 def _result(row: ConformityResult, stated: bool) -> StatedResult:

@@ -27,6 +27,8 @@ CONFORMITY_WORDS: dict[str | None, tuple[str, State]] = {
     "fail": ("not conform", "bad"),
     None: ("", "none"),
 }
+# Of a value with a limit, or a verification, of which no conformity is stated because of rated conditions.
+NOT_DECIDED: tuple[str, State] = ("not decided", "doubtful")
 PLACES = {
     "laboratory": "at the laboratory",
     "laboratoryBranch": "at a branch of the laboratory",
@@ -114,7 +116,7 @@ def certificate_paper(certificate: Certificate, xml: bytes, *, logo: Logo | None
 def _verdict(certificate: Certificate, verification: Verification) -> PageVerdict:
     if certificate.reservation is not None:
         return PageVerdict(f"{capitalize(NOT_FOR_CONFORMITY)}.", "doubtful", certificate.reservation.partition(": ")[2])
-    _, state = CONFORMITY_WORDS[certificate.conformity]
+    state = NOT_DECIDED[1] if certificate.conformity is None else CONFORMITY_WORDS[certificate.conformity][1]
     return PageVerdict(verdict_sentence(verification), state, worst_values(verification))
 
 
@@ -123,8 +125,8 @@ def _results(certificate: Certificate, verification: Verification) -> Section:
     columns = [Column("test"), Column("value", "mm"), Column("U", "mm"), Column("k"), Column("limit", "mm")]
     if stated:
         columns.append(Column("verdict"))
-    ordered = sorted(certificate.results, key=lambda one: _URGENCY[_state(one)])
-    rows = [_result_cells(one)[: len(columns)] for one in ordered]
+    ordered = sorted(certificate.results, key=lambda one: _URGENCY[_words(one, stated)[1]])
+    rows = [_result_cells(one, stated)[: len(columns)] for one in ordered]
     rows_with_limit = verification.rows_with_limit
     return Section(
         "Results",
@@ -136,7 +138,7 @@ def _results(certificate: Certificate, verification: Verification) -> Section:
                 tuple(columns),
                 tuple(rows),
                 "Test values with their expanded uncertainty U and limits.",
-                states=tuple(_state(one) for one in ordered),
+                states=tuple(_words(one, stated)[1] for one in ordered),
             ),
         ),
         figures=(limits_figure(rows_with_limit, rule=verification.rule),) if stated else (),
@@ -146,17 +148,19 @@ def _results(certificate: Certificate, verification: Verification) -> Section:
 _URGENCY: dict[State, int] = {"bad": 0, "doubtful": 1, "good": 2, "none": 2}
 
 
-def _state(result: StatedResult) -> State:
-    return CONFORMITY_WORDS[result.conformity][1]
+def _words(result: StatedResult, stated: bool) -> tuple[str, State]:
+    """The verdict of a value for people, and its state; `stated` if the certificate is for conformity decisions."""
+    undecided = stated and result.limit is not None and result.conformity is None
+    return NOT_DECIDED if undecided else CONFORMITY_WORDS[result.conformity]
 
 
-def _result_cells(result: StatedResult) -> tuple[Cell, ...]:
+def _result_cells(result: StatedResult, stated: bool) -> tuple[Cell, ...]:
     quantity = result.quantity
     limit = None
     if result.limit is not None:
         exact = float(result.limit.value)
         limit = RoundedNumber(exact, limit_uncertainty(exact))
-    words = CONFORMITY_WORDS[result.conformity][0] or None
+    words = _words(result, stated)[0] or None
     return (quantity.name, _number(quantity), _uncertainty(quantity), _factor(quantity), limit, words)
 
 

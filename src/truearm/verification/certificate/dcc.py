@@ -32,6 +32,7 @@ from truearm.verification.certificate.dcc_reader import (
     LANGUAGE,
     LIMIT,
     MOUNTING,
+    NOT_DECIDED,
     SCHEMA_VERSION,
     SPACES,
     STATEMENTS,
@@ -113,7 +114,8 @@ def _administrative(parent: Element, certificate: Certificate) -> None:
     _contact(_in(parent, "customer"), about.customer)
     statements = _in(parent, "statements")
     for stated in certificate.statements:
-        statement = _in(statements, "statement", refType=STATEMENTS[stated.kind])
+        undecided = stated.kind == "decision" and certificate.conformity is None
+        statement = _in(statements, "statement", refType=NOT_DECIDED if undecided else STATEMENTS[stated.kind])
         _text(statement, "declaration", stated.text)
         if stated.kind == "decision" and certificate.conformity is not None:
             _in(statement, "conformity", certificate.conformity)

@@ -56,6 +56,7 @@ CONDITIONS = {
 LIMIT = "truearm_limit"
 CERTIFICATE, ISSUER = "truearm_certificate", "truearm_issuingLaboratory"
 CONFORMITY = "basic_conformity"
+NOT_DECIDED = "truearm_notDecided"  # a decision without a conformity: rated conditions not met or not stated
 INDIVIDUAL, BUDGET = "truearm_individualResults", "truearm_uncertaintyBudget"
 # Reference types of the statements, by kind.
 STATEMENTS = {
@@ -252,7 +253,7 @@ def _set_up_of(measured: Element) -> dict[str, str] | None:
 
 def _statements_of(administrative: Element) -> tuple[Statement, ...]:
     """The statements; those of unknown kind are remarks, as all but the decision are in files of earlier versions."""
-    kinds = {kind: name for name, kind in STATEMENTS.items()}
+    kinds = {kind: name for name, kind in STATEMENTS.items()} | {NOT_DECIDED: "decision"}
     return tuple(
         Statement(kinds.get(one.get("refType", ""), "remark"), _content(one, "declaration"))
         for one in _all(administrative, "statements/statement")
@@ -260,11 +261,13 @@ def _statements_of(administrative: Element) -> tuple[Statement, ...]:
 
 
 def _overall_of(root: Element, administrative: Element) -> str | None:
-    """The conformity of the decision; None where the certificate is not for conformity decisions."""
+    """The conformity of the decision; None where that states none, or the certificate is not for such decisions."""
     path = "statements/statement[@refType='{}']"
     if _all(administrative, path.format(STATEMENTS["reservation"]), some=False):
         if any(True for _ in root.iter(f"{{{SPACES['dcc']}}}conformity")):
             raise InputError("the certificate is not for conformity decisions, but states a conformity")
+        return None
+    if _all(administrative, path.format(NOT_DECIDED), some=False):
         return None
     return _conformity(_one(administrative, path.format(CONFORMITY)))
 

@@ -1,9 +1,10 @@
 """The history of an arm's interim checks: an append-only SQLite file with a chain of checksums.
 
 Each row of the table `checks` stores one check as JSON text, with the SHA-256 checksum of the row before and of that
-text. Reading verifies the whole chain, so that no stored value can change unnoticed. The table `head` has the number of
-rows and the last checksum, so that no last row can disappear unnoticed. A row that repeats the session of an earlier
-one completes it; a row that names an earlier one withdraws its check, with the reason.
+text. Reading verifies the whole chain, so that no stored value changes by accident and unnoticed. The table `head` has
+the number of rows and the last checksum, so that no last row disappears by accident and unnoticed. Neither has a key:
+who changes a history on purpose can calculate both again, and only a copy elsewhere shows it. A row that repeats the
+session of an earlier one completes it; a row that names an earlier one withdraws its check, with the reason.
 
 The file identifies itself by its application id and version (``PRAGMA application_id``, ``PRAGMA user_version``;
 https://www.sqlite.org/pragma.html). SQLite adds a row whole or not at all, also when the program is killed, and creates

@@ -221,8 +221,9 @@ class LengthMeasurement:
                 hint="measure the missing points",
             )
         normal = np.sum([one * np.sign(one @ between) for one in normals], axis=0)
-        along = float(normal @ between / np.linalg.norm(normal))
-        if along < LEAST_COSINE * measured:
+        size = float(np.linalg.norm(normal))  # 0 where every face lies along the length
+        along = float(normal @ between) / size if size else 0.0
+        if not along >= LEAST_COSINE * measured or measured == 0:
             raise InputError(
                 f"{where}: the points of a face lie in a plane that is not across the length",
                 hint="spread the points over the face, and check that they belong to it",

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import inf, isnan
+from types import MappingProxyType
 from typing import Self
 
 from pydantic import model_validator
@@ -63,18 +64,23 @@ class ConditionResult:
     name, unit : str
     rated : RatedRange
     measured : (float, float) or None
-        The lowest and the highest value; None if the points do not state it.
+        The lowest and the highest value; None if it is stated nowhere.
+    missing : str
+        What to fill in where a group of points does not state the condition, nor the room; empty if all do.
     """
 
     name: str
     unit: str
     rated: RatedRange
     measured: tuple[float, float] | None
+    missing: str = ""
 
     @property
     def met(self) -> bool | None:
-        """Whether the condition was met; None if that is not stated."""
-        return None if self.measured is None else self.rated.contains(*self.measured)
+        """Whether the condition was met; None if nothing contradicts it, but it is not stated for all points."""
+        if self.measured is not None and not self.rated.contains(*self.measured):
+            return False
+        return None if self.missing else True
 
     def __str__(self) -> str:
         rated = f"rated {self.rated.describe(self.unit)}"
@@ -82,23 +88,40 @@ class ConditionResult:
             return f"{self.name} ({rated})"
         low, high = self.measured
         values = " to ".join(dict.fromkeys((f"{low:.4g}", f"{high:.4g}")))
-        return f"{self.name} {values} {self.unit}, {rated}"
+        some = " at some of the points" if self.missing else ""
+        return f"{self.name} {values} {self.unit}{some}, {rated}"
 
 
-def compare_conditions(rated: Mapping[str, RatedRange], groups: Sequence[PointGroup]) -> tuple[ConditionResult, ...]:
+def compare_conditions(
+    rated: Mapping[str, RatedRange],
+    groups: Sequence[PointGroup],
+    room: Mapping[str, tuple[float, float]] = MappingProxyType({}),
+) -> tuple[ConditionResult, ...]:
     """Compare the conditions of measured groups with the rated ones.
 
     The artefacts have the temperature of the air after some hours: where the temperature of the air is rated, theirs is
-    compared too.
+    compared too. What is stated of the room, lowest and highest, holds for all groups; what one group states holds for
+    that group only.
     """
     results = []
     for key, limits in rated.items():
         name, unit = CONDITIONS[key]
         stated = [group.conditions[key] for group in groups if key in group.conditions]
+        if key in room:
+            stated.append(room[key])
         measured = (min(low for low, _ in stated), max(high for _, high in stated)) if stated else None
-        degC = [group.degC for group in groups if not isnan(group.degC)] if key == "air_degC" else []
+        by_artefact = key == "air_degC"
+        degC = [group.degC for group in groups if by_artefact and not isnan(group.degC)]
+        whole = key in room or all(
+            key in group.conditions or (by_artefact and not isnan(group.degC)) for group in groups
+        )
         if degC:
             results.append(ConditionResult("temperature of the artefacts", unit, limits, (min(degC), max(degC))))
-        if measured is not None or not degC:
-            results.append(ConditionResult(name, unit, limits, measured))
+        if measured is not None or not whole:
+            results.append(ConditionResult(name, unit, limits, measured, "" if whole else _where_to_state(key)))
     return tuple(results)
+
+
+def _where_to_state(key: str) -> str:
+    room = " or relative_humidity_percent of the room" if key == "humidity_percent" else ""
+    return f"fill in the column {key} of the points{room}"

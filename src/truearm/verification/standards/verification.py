@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from math import isnan
 
 from truearm.errors import InputError
@@ -19,7 +19,7 @@ from truearm.verification.standards.decision import (
 )
 from truearm.verification.standards.evaluation import Evaluation
 from truearm.verification.standards.measured_points import MeasuredPoints, PointGroup
-from truearm.verification.standards.rated_conditions import ConditionResult, compare_conditions
+from truearm.verification.standards.rated_conditions import ConditionResult, RatedRange, compare_conditions
 from truearm.verification.standards.specification import SYMBOLS, Specification
 from truearm.verification.standards.verification_plan import CHECK_STANDARD, VerificationPlan
 
@@ -42,6 +42,8 @@ class Verification:
     rule : {"iso14253-1:2013", "iso14253-1:2017", "simple"}
     plan_sha256 : str or None
         SHA-256 of the plan's file, where it is one of the user's own.
+    room : mapping of str to (float, float)
+        What is stated of the room beside the points, see `in_room`.
     """
 
     rows: tuple[ConformityResult, ...]
@@ -53,6 +55,30 @@ class Verification:
     specification: Specification
     rule: DecisionRule = "iso14253-1:2013"
     plan_sha256: str | None = None
+    room: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+    def in_room(self, room: Mapping[str, tuple[float, float]]) -> Verification:
+        """Return the verification with what is stated of the room, as a certificate needs it.
+
+        A limit applies within its rated conditions. So nothing is decided if the room contradicts one of them, or if
+        one is not stated for all points. (Where points contradict one, their test is already undecided.)
+
+        Parameters
+        ----------
+        room : mapping of str to (float, float)
+            Lowest and highest value of rated conditions, by their keys.
+        """
+        rated = self.specification.rated_conditions
+        results = compare_conditions(rated, self.groups, room)
+        contradicted = any(not rated[key].contains(*pair) for key, pair in room.items() if key in rated)
+        before = _condition_remarks(rated, self.conditions)
+        remarks = [*_condition_remarks(rated, results), *(one for one in self.remarks if one not in before)]
+        rows = self.rows
+        if contradicted or any(one.met is None for one in results):
+            rows = tuple(map(outside_rated_conditions, rows))
+        verdict = overall_verdict(rows)
+        assert verdict is not None  # some row has a limit
+        return replace(self, rows=rows, verdict=verdict, remarks=tuple(remarks), room=room)
 
     @property
     def groups(self) -> tuple[PointGroup, ...]:
@@ -78,12 +104,17 @@ class Verification:
     @property
     def conditions(self) -> tuple[ConditionResult, ...]:
         """The rated conditions of the specification, each with what was measured."""
-        return compare_conditions(self.specification.rated_conditions, self.groups)
+        return compare_conditions(self.specification.rated_conditions, self.groups, self.room)
 
     @property
     def unmet_conditions(self) -> tuple[ConditionResult, ...]:
         """The rated conditions that were not met: limits do not apply outside them."""
         return tuple(one for one in self.conditions if one.met is False)
+
+    @property
+    def unstated_conditions(self) -> tuple[ConditionResult, ...]:
+        """The rated conditions that are not stated for all points, and not contradicted."""
+        return tuple(one for one in self.conditions if one.met is None)
 
     @property
     def temperatures(self) -> tuple[float, float] | None:
@@ -147,7 +178,8 @@ def verify(
             hint=f"add a limit under [limits]: one of {', '.join(SYMBOLS)}",
         )
     remarks += _remarks(rows, plan, specification, rule, measured.tests)
-    remarks = [*evaluation.remarks, *_condition_remarks(specification, _groups(measured)), *remarks]
+    rated = specification.rated_conditions
+    remarks = [*evaluation.remarks, *_condition_remarks(rated, compare_conditions(rated, _groups(measured))), *remarks]
     return Verification(
         tuple(rows), verdict, tuple(remarks), measured, plan, artefacts, specification, rule, plan_sha256
     )
@@ -166,15 +198,14 @@ def _rated(
     return [outside_rated_conditions(row) for row in rows]
 
 
-def _condition_remarks(specification: Specification, groups: Sequence[PointGroup]) -> list[str]:
-    if not specification.rated_conditions:
+def _condition_remarks(rated: Mapping[str, RatedRange], results: Sequence[ConditionResult]) -> list[str]:
+    if not rated:
         return ["the specification states no rated conditions: its limits are taken to apply as measured"]
-    results = compare_conditions(specification.rated_conditions, groups)
     remarks = []
     if unmet := [str(one) for one in results if one.met is False]:
         remarks.append(f"not decided where rated conditions were not met: {'; '.join(unmet)}")
-    if unstated := [str(one) for one in results if one.met is None]:
-        remarks.append(f"the points do not state whether rated conditions were met: {'; '.join(unstated)}")
+    if unstated := [f"{one}, {one.missing}" for one in results if one.met is None]:
+        remarks.append(f"it is not stated whether rated conditions were met: {'; '.join(unstated)}")
     return remarks
 
 

@@ -7,6 +7,7 @@ TOML files in the folder ``plans``, or the user's own, that state the source of 
 from __future__ import annotations
 
 import datetime
+import re
 from collections.abc import Collection, Iterator
 from functools import cache
 from importlib.resources import files
@@ -140,6 +141,14 @@ class Confirmation(Document):
     confirmed_by: Name
     date: datetime.date
 
+    @field_validator("confirmed_by")
+    @classmethod
+    def _somebody(cls, given: str) -> str:
+        given = given.strip()
+        if sum(sign.isalpha() for sign in given) < 2:
+            raise InputError(f"expected who confirmed the numbers, got {given!r:.80}", hint="write name and function")
+        return given
+
     @field_validator("date")
     @classmethod
     def _past(cls, day: datetime.date) -> datetime.date:
@@ -186,6 +195,17 @@ class VerificationPlan(Document):
         if given not in DECISION_RULES:
             raise InputError(f"unknown decision rule {given!r:.80}", hint=f"use one of {', '.join(DECISION_RULES)}")
         return given
+
+    @model_validator(mode="after")
+    def _confirmed_after_publication(self) -> Self:
+        """Numbers are compared with a text that exists; a standard's name ends in its year."""
+        year = re.search(r"\b(19|20)\d\d$", self.standard.strip())
+        if self.confirmation is not None and year is not None and self.confirmation.date.year < int(year[0]):
+            raise InputError(
+                f"the numbers were confirmed on {self.confirmation.date}, before {self.standard} was published",
+                hint="correct date under [confirmation]",
+            )
+        return self
 
     @model_validator(mode="after")
     def _not_empty(self) -> Self:

@@ -49,8 +49,14 @@ def describe_decision(verification: Verification) -> str:
 
 
 def describe_unmet(verification: Verification) -> str:
-    """The rated conditions that were not met, in one phrase."""
-    return f"rated conditions not met: {'; '.join(map(str, verification.unmet_conditions))}"
+    """The rated conditions that were not met, and those that are not stated, in one phrase."""
+    parts = []
+    if unmet := verification.unmet_conditions:
+        parts.append(f"rated conditions not met: {'; '.join(map(str, unmet))}")
+    elif unstated := verification.unstated_conditions:
+        listed = "; ".join(f"{one}, {one.missing}" for one in unstated)
+        parts.append(f"rated conditions not stated for all points: {listed}")
+    return "; ".join(parts)
 
 
 def verdict_sentence(verification: Verification) -> str:
@@ -60,7 +66,7 @@ def verdict_sentence(verification: Verification) -> str:
     if verification.verdict is Verdict.CONFORM:
         return f"Conform: {'all ' if count > 1 else ''}{format_count(count, 'tested value')} within the limits."
     of = f"{count} of {format_count(len(rows), 'tested value')}"
-    if verification.verdict is Verdict.UNDECIDED and verification.unmet_conditions:
+    if verification.verdict is Verdict.UNDECIDED and not all(row.in_rated_conditions for row in rows):
         return f"Undecided: {describe_unmet(verification)}."
     if verification.verdict is Verdict.NOT_CONFORM:
         return f"Not conform: {of} beyond the limit."
@@ -68,9 +74,13 @@ def verdict_sentence(verification: Verification) -> str:
 
 
 def worst_values(verification: Verification) -> str:
-    """The values that decide against conformity, with their uncertainties and limits; empty if all conform."""
+    """The values that decide against conformity, with their uncertainties and limits; empty if all conform.
+
+    A value that was measured outside the rated conditions decides nothing, whatever it is.
+    """
     conform = verification.verdict is Verdict.CONFORM
-    deciding = [] if conform else [row for row in verification.rows_with_limit if row.verdict is verification.verdict]
+    rows = [row for row in verification.rows_with_limit if row.in_rated_conditions]
+    deciding = [] if conform else [row for row in rows if row.verdict is verification.verdict]
     return f"{_list_rows(deciding)}." if deciding else ""
 
 
