@@ -193,6 +193,7 @@ def test_the_certificate_of_the_signer_was_valid_on_the_day_of_issue(truearm, be
     Path("about.toml").write_text(ABOUT.replace("2026-11-", "2025-11-"))
     Path("points.csv").write_text(Made().iso().text().replace("2026-11-03", "2025-11-03"))
     Path("artefacts.toml").write_text(ARTEFACTS.replace("date = 2026-01-15", "date = 2025-01-15"))
+    Path("my-plan.toml").write_text(CONFIRMED_PLAN.replace("date = 2026-11-02", "date = 2025-11-02"))
     there = snapshot(bench)
     ran = truearm(*ALL, "--sign", "key.pem", "--signer", "signer.pem")
     assert (ran.code, ran.out) == (2, "")
