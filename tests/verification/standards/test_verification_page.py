@@ -200,7 +200,7 @@ def test_the_verdict_comes_first_and_values_that_do_not_conform_lead():
         ([good, row(0.02, label="E_Bi, 900")], "good", "Conform: all 2 tested values within the limits."),
         ([good], "good", "Conform: 1 tested value within the limits."),
         ([good, between], "doubtful", "Undecided: 1 of 2 tested values too near to the limit"),
-        ([good, between, bad], "bad", "Not conform: 1 of 3 tested values beyond the limit."),
+        ([good, between, bad], "bad", "Not conform: 1 of 3 tested values does not conform, 1 is undecided."),
     ):
         page = verification_page(outcome(rows))
         assert page.verdict.state == state

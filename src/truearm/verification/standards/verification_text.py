@@ -60,7 +60,7 @@ def describe_unmet(verification: Verification) -> str:
 
 
 def verdict_sentence(verification: Verification) -> str:
-    """The verdict in one sentence: how many of the tested values are beyond a limit."""
+    """The verdict in one sentence: how many of the tested values do not conform, and how many are undecided."""
     rows = verification.rows_with_limit
     count = sum(row.verdict is verification.verdict for row in rows)
     if verification.verdict is Verdict.CONFORM:
@@ -69,7 +69,9 @@ def verdict_sentence(verification: Verification) -> str:
     if verification.verdict is Verdict.UNDECIDED and not all(row.in_rated_conditions for row in rows):
         return f"Undecided: {describe_unmet(verification)}."
     if verification.verdict is Verdict.NOT_CONFORM:
-        return f"Not conform: {of} beyond the limit."
+        undecided = sum(row.verdict is Verdict.UNDECIDED for row in rows)
+        more = f", {undecided} {'is' if undecided == 1 else 'are'} undecided" if undecided else ""
+        return f"Not conform: {of} {'does' if count == 1 else 'do'} not conform{more}."
     return f"Undecided: {of} too near to the limit for the uncertainty of the test."
 
 
