@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 
 import pytest
 
@@ -92,10 +93,10 @@ def test_a_changed_check_pose_is_found(model, exported):
 
 def test_an_arm_with_another_serial_number_is_named(session, tmp_path):
     arm = ta.load_arm("ur10")
-    models = []
+    models, readings = [], replace(session, serial_number=None)  # of an arm without a number
     for serial in ("10017", "10018"):
         own = ta.Arm(arm.name, arm.chain, lower=arm.lower, upper=arm.upper, serial_number=serial)
-        models.append(ta.fit(own, session, model="nominal").model)
+        models.append(ta.fit(own, readings, model="nominal").model)
     ta.export(models[0], tmp_path / "a.urdf")
     assert read_manifest(tmp_path / "a.urdf").provenance.serial_number == "10017"
     assert "serial number 10018" in str(ta.check_export(models[1], tmp_path / "a.urdf"))
