@@ -63,5 +63,6 @@ def explain_readings(
     found = ", or ".join(str(one) for one in check.findings[:MOST_NAMED])
     return (
         f"put this right: {found} ({check.findings[0].error_mm:.2g} mm remain; `truearm arms` with your arm "
-        f"file and --readings {readings.file or 'session.csv'} says more)"
+        f"file and --readings {readings.file or 'session.csv'} says more, and "
+        "`truearm docs describe-your-arm` where each is put right)"
     )
