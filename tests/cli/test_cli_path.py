@@ -138,7 +138,8 @@ def test_predict_writes_points_with_uncertainties_and_a_flag(truearm, made, tmp_
     assert ran.out.startswith("40 points, standard uncertainty of a coordinate 0.0")
     assert ran.out.endswith(f"points written to {tmp_path / 'points.csv'}\n")
     table = pd.read_csv(tmp_path / "points.csv")
-    assert table.columns.tolist() == ["x_mm", "y_mm", "z_mm", "sx_mm", "sy_mm", "sz_mm", "outside_training"]
+    points, flags = ["x_mm", "y_mm", "z_mm", "sx_mm", "sy_mm", "sz_mm"], ["outside_training", "serial_number"]
+    assert table.columns.tolist() == points + flags
     model, session = load_model(made / "kinematic.truearm"), read_session(made / "angles.csv")
     points, covariance = model.predict_readings(session, return_cov=True)
     # Written to 1e-6 mm.
