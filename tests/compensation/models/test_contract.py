@@ -340,7 +340,8 @@ def test_wrong_units_and_arms_are_refused_at_fit(real, rng):
         (-session.angles, session.points),
     ):
         with pytest.raises(
-            InputError, match="outside its limits|misses its references by .* Try: check|may be in m: convert"
+            InputError,
+            match="outside its limits|misses its references by .* Try: (check|put this right)|may be in m: convert",
         ):
             KinematicModel(real.arm).fit(angles, points)
 

@@ -69,7 +69,7 @@ def test_another_unit_of_the_data_changes_no_odds(rng):
     assert in_inch - in_mm == pytest.approx(9 * np.log(25.4))
 
 
-@pytest.mark.parametrize("name", ["gao2017", "panda", "wam"])
+@pytest.mark.parametrize("name", ["gao2017", "panda", "wam", "gen3lite"])  # the last one has beta
 def test_many_chains_at_once_are_the_chains_one_by_one(name):
     stated = Interpretation.stated(load_arm(name))
     others = [one.mend(stated) for one in likely_mistakes(load_arm(name))[::7]]

@@ -103,7 +103,7 @@ def fixed_motions(interpretations: Sequence[Interpretation]) -> FloatArray:
     across[..., 0, 0] = along[..., 2, 2] = across[..., 3, 3] = along[..., 3, 3] = 1.0
     beta = np.stack([one.beta for one in tables])
     if beta.any():
-        turn = Rotation.from_euler("y", beta.ravel()).as_matrix().reshape(*beta.shape, 3, 3)
+        turn = Rotation.from_euler("y", beta.reshape(-1, 1)).as_matrix().reshape(*beta.shape, 3, 3)
         across[..., :3, :3] = across[..., :3, :3] @ turn
     across[..., 0, 3], across[..., 1, 3], along[..., 2, 3] = columns["a"], columns["b"], columns["d"]
     base, flange = (np.stack([getattr(one, name) for one in tables]) for name in ("base", "flange"))
