@@ -61,7 +61,7 @@ def references_of(drawn, rows, *, std=None):
 def known_noise(monkeypatch):
     """The noise is known: what is estimated with a group differs from that without it."""
     monkeypatch.setattr(
-        "truearm.identification.estimation.identification.paule_mandel_variance", lambda *_, **__: NOISE**2
+        "truearm.identification.estimation.rounds.paule_mandel_variance", lambda *_, **__: NOISE**2
     )
 
 

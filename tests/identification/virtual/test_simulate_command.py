@@ -31,7 +31,7 @@ def test_a_session_file_comes_out_with_what_was_rejected_and_the_floor(tmp_path,
 def test_two_sessions_of_one_arm_have_its_errors_in_common(tmp_path):
     """Points differ from the nominal chain by the same function: the true one of --arm-seed."""
     for seed in (1, 2):
-        simulate("gao2017", tmp_path / "s.csv", poses=30, seed=seed, arm_seed=4)
+        simulate("gao2017", tmp_path / "s.csv", poses=30, seed=seed, arm_seed=4, force=True)
         readings = read_session(tmp_path / "s.csv")
         arm = VirtualArm.draw(load_arm("gao2017"), PRESETS["research"], seed=4)
         assert np.abs(arm.true_tip(readings.angles) - readings.points).max() < 0.06  # noise: 5 sigma of 0.01 mm
