@@ -12,6 +12,7 @@ from truearm.identification.estimation.description_check import DescriptionCheck
 from truearm.identification.estimation.reference_table import LEAST_READINGS, reference_table
 from truearm.readings import Lengths, read_lengths
 from truearm.readings.checks import check_angles
+from truearm.solve.threads import one_blas_thread
 from truearm.workflows.inputs import ArmLike, LengthsLike, SessionLike, to_arm, to_free_parts, to_session
 from truearm.workflows.record import Record, TextTable, to_plain
 from truearm.workflows.sentences import format_mm
@@ -22,6 +23,7 @@ _NO_EFFECT_MM = 1e-6
 N_OTHERS = 5
 
 
+@one_blas_thread()
 def diagnose(
     arm: ArmLike,
     session: SessionLike,
