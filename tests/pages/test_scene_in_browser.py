@@ -118,12 +118,14 @@ def test_a_range_in_a_plot_selects_points_in_space(cloud):
     cloud.page.get_by_role("button", name="select all").click()
     assert cloud.picture() == first
     plot.press("ArrowRight")
+    assert cloud.picture() != first
     assert "selected" in cloud.page.locator(".selected").inner_text()
     plot.press("Escape")
     assert cloud.picture() == first
     ends = cloud.page.locator(".range-plot canvas").first
     for _ in range(9):
         ends.press("Shift+ArrowRight")
+    cloud.picture()
     assert re.search(r"error 0\.\d+ mm or more\.", cloud.page.locator(".selected").inner_text())
 
 

@@ -60,9 +60,7 @@ def references_of(drawn, rows, *, std=None):
 @pytest.fixture
 def known_noise(monkeypatch):
     """The noise is known: what is estimated with a group differs from that without it."""
-    monkeypatch.setattr(
-        "truearm.identification.estimation.rounds.paule_mandel_variance", lambda *_, **__: NOISE**2
-    )
+    monkeypatch.setattr("truearm.identification.estimation.rounds.paule_mandel_variance", lambda *_, **__: NOISE**2)
 
 
 def test_an_identification_can_be_resumed(drawn):

@@ -129,7 +129,7 @@ def test_a_specification_sheet_alone(capsys, tmp_path):
     assert "For arms whose worst test result equals its limit, U = " in told
     page = (tmp_path / "page.html").read_text()
     for word in (
-        "Is the arm fit for the tolerance?",
+        'class="verdict',
         "Would more points help?",
         "Assumptions",
         "P_Form.Sph.1x25",
