@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from truearm.arm import load_arm
@@ -20,6 +20,7 @@ POST = Box((300.0, -80.0, 0.0), (420.0, 80.0, 500.0))
 
 
 @given(st.lists(st.floats(-2, 2), min_size=6, max_size=6))
+@example([2.3e-309, 0.0, 0.0, 0.0, 0.0, 0.0])
 def test_a_segment_cuts_a_box_where_one_of_its_points_is_inside(numbers):
     box = Box((-0.5, -0.4, -0.3), (0.5, 0.4, 0.3))
     start, end = np.array(numbers[:3]), np.array(numbers[3:])

@@ -42,7 +42,8 @@ class Box:
     def cuts(self, start: FloatArray, end: FloatArray) -> BoolArray:
         """(...) Whether the segments from `start` to `end` (..., 3) have a point in the box."""
         along = end - start
-        with np.errstate(divide="ignore", invalid="ignore"):
+        # A segment of next to no length along an axis overflows to infinity, which compares as it should.
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             ends = np.stack([(np.asarray(side) - start) / along for side in (self.low, self.high)])
         # Parallel to a pair of faces: between them always, or never.
         between = (start >= self.low) & (start <= self.high)
