@@ -334,7 +334,7 @@ POINTS = {
     ),
     "no x": (first_column("x_mm", "note_x"), ["the column x_mm is missing"]),
     "empty column": (
-        lambda text: text.replace("\n", ",\n"),
+        lambda text: text.replace("\n", ",1\n").replace(",1\n", ",\n", 1),
         ["line 1, column 13: the column has no name", "delete the"],
     ),
     "unknown column": (first_column("group", "gruppe"), ["unknown column 'gruppe'", "Try: test, artefact"]),
@@ -356,8 +356,8 @@ POINTS = {
     "too early": (lambda text: text.replace("2026", "2025"), ["calibrated on 2026-01-15, after points were measured"]),
     "no date": (first("uni", "2026-11-03", ""), ["column 'date'", "needs 'date', got an empty cell"]),
     "odd date": (
-        lambda text: text.replace("2026-11-03", "3.11.2026"),
-        ["expected a date, got '3.11.2026'", "Try: write year"],
+        lambda text: text.replace("2026-11-03", "3/11/2026"),
+        ["expected a date, got '3/11/2026'", "Try: write year"],
     ),
     "no temperature": (first("probing", ",20.0", ","), ["column 'artefact_degC'", "needs the temperature"]),
     "end B warmer": (

@@ -39,14 +39,12 @@ _FOREIGN = {
     b"\x89HDF": ("an HDF5 file", "export the numbers as CSV"),
 }
 
+_NO_NAME = "delete the column, or let its name start with 'note'"
 _SWAP = str.maketrans(",.", ".,")  # decimal commas to points, and points to something that is no number
 
 # Cells that a spreadsheet would run as a formula (OWASP, "CSV Injection"). An apostrophe in front makes them text; one
 # more in front of those that have one makes that reversible. Numbers with a sign are no formulas.
 _FORMULA = re.compile(r"'*(?:[=@\t\r]|[+-](?![\d. +-]*$))")
-
-
-_WITH_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?", re.ASCII)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +65,8 @@ class Sheet:
         One character each.
     data : bytes
         The whole file in UTF-8.
+    stated : bool
+        Whether a person stated separator and decimal sign (`truearm import`), so that messages may name the options.
     """
 
     file: Path
@@ -76,9 +76,10 @@ class Sheet:
     separator: str
     decimal: str
     data: bytes
+    stated: bool = False
 
     def error(
-        self, problem: str, row: int | None = None, *, column: str | None = None, hint: str | None = None
+        self, problem: str, row: int | None = None, *, column: str | int | None = None, hint: str | None = None
     ) -> InputError:
         """Make an error that states this file and the line of `row` (counted from 0), or of the header."""
         line = self.first_line + row if row is not None else self.first_line - 1 or None
@@ -92,7 +93,7 @@ class Sheet:
         InputError
             If a row has too many or too few cells, a line break, or nothing at all while others follow.
         """
-        lines = _lines(self.data)
+        lines = physical_lines(self.data)
         for _ in range(self.first_line - 1):
             next(lines)
         reader, width, empty = csv.reader(lines, delimiter=self.separator), len(self.names), None
@@ -105,6 +106,8 @@ class Sheet:
                 if (len(cells) != width or not cells[0].strip()) and not "".join(cells).strip():
                     empty = row if empty is None else empty
                     continue
+                if len(cells) > width and not "".join(cells[width:]).strip():
+                    del cells[width:]  # columns without a name that a spreadsheet appended
                 if empty is not None:  # skipped silently, it would hide that something is missing there
                     raise self.error("expected numbers, got an empty row", empty, hint="delete the row")
                 if len(cells) != width:
@@ -116,6 +119,8 @@ class Sheet:
 
     def _ragged(self, row: int, cells: list[str]) -> InputError:
         hint = None
+        if len(cells) == len(split_line(self.head, self.separator)) > len(self.names):
+            raise self.error("the column has no name", column=len(self.names) + 1, hint=_NO_NAME)
         if self.separator == "," and len(cells) > len(self.names):
             hint = "write decimal points, not commas, and a name that holds a comma in quotation marks"
         elif len(cells) < len(self.names):
@@ -132,9 +137,8 @@ def read_sheet(
     encoding: str = "utf-8",
     header: bool = True,
     skip_lines: int = 0,
-    importable: bool = False,
 ) -> Sheet:
-    """Read delimited text and its header.
+    """Read delimited text and its header, with the separator and the decimal sign that a person stated.
 
     Parameters
     ----------
@@ -148,8 +152,6 @@ def read_sheet(
         Whether the first line names the columns.
     skip_lines : int
         Lines before the header (or before the first row) that are not part of the table.
-    importable : bool
-        Whether `truearm import` reads such tables, and messages may name it.
 
     Raises
     ------
@@ -158,38 +160,36 @@ def read_sheet(
     """
     path = Path(path)
     _check_signs(separator, decimal)
-    data = _as_utf8(read_limited(path, limit_bytes=MAX_BYTES), path, encoding, importable)
-    head = next(islice(_lines(data), skip_lines, None), "").rstrip("\r\n")
-    if not head.strip():
-        expected = "a header line with the names of the columns" if header else "a row of numbers"
-        raise InputError(f"expected {expected}, got an empty line", file=path, line=skip_lines + 1)
-    cells = next(csv.reader([head], delimiter=separator), [])
-    names = tuple(cell.strip() for cell in cells) if header else tuple(str(i + 1) for i in range(len(cells)))
-    sheet = Sheet(path, names, skip_lines + header + 1, head, separator, decimal, data)
+    hint = "save it as 'CSV UTF-8', or give its --encoding (often cp1252)"
+    data = as_utf8(read_limited(path, limit_bytes=MAX_BYTES), path, encoding, hint=hint)
+    head = first_line(
+        data, path, skip_lines, "a header line with the names of the columns" if header else "a row of numbers"
+    )
+    cells = split_line(head, separator)
+    names = tuple(cells) if header else tuple(str(i + 1) for i in range(len(cells)))
+    sheet = Sheet(path, names, skip_lines + header + 1, head, separator, decimal, data, stated=True)
     if header:
-        _check_separator(sheet, importable)
+        _check_separator(sheet)
     return sheet
 
 
-def read_form(path: str | Path) -> Sheet:
-    """Read a form that a person filled in with a spreadsheet: `read_sheet`, also with semicolons.
-
-    Spreadsheets separate cells by semicolons where numbers have a decimal comma. Such a file has decimal commas
-    throughout, or decimal points throughout.
+def first_line(data: bytes, path: Path, skip_lines: int, expected: str) -> str:
+    """Return the first line of a table without its end.
 
     Raises
     ------
     InputError
-        As `read_sheet`.
+        If it is empty where a line with what is `expected` should be.
     """
-    path = Path(path)
-    data = _as_utf8(read_limited(path, limit_bytes=MAX_BYTES), path, "utf-8", importable=False)
-    head = next(_lines(data), "")
-    if ";" not in head or "," in head:
-        return read_sheet(path)
-    cells = (cell for row in csv.reader(_lines(data), delimiter=";") for cell in row)
-    decimal = "," if any(_WITH_COMMA.fullmatch(cell.strip()) for cell in cells) else "."
-    return read_sheet(path, separator=";", decimal=decimal)
+    head = next(islice(physical_lines(data), skip_lines, None), "").rstrip("\r\n")
+    if not head.strip():
+        raise InputError(f"expected {expected}, got an empty line", file=path, line=skip_lines + 1)
+    return head
+
+
+def split_line(line: str, separator: str) -> list[str]:
+    """Split a line into its cells, without blanks around them."""
+    return [cell.strip() for cell in next(csv.reader([line], delimiter=separator), [])]
 
 
 def check_names(
@@ -216,8 +216,7 @@ def check_header(names: Sequence[str], *, file: Path | None, line: int | None) -
     """Check that every column has a name, and one of its own."""
     for i, name in enumerate(names):
         if not name:
-            hint = "delete the column, or let its name start with 'note'"
-            raise InputError("the column has no name", file=file, line=line, column=i + 1, hint=hint)
+            raise InputError("the column has no name", file=file, line=line, column=i + 1, hint=_NO_NAME)
         if name in names[:i]:
             hint = "delete one of the two"
             raise InputError("two columns have this name", file=file, line=line, column=name, hint=hint)
@@ -277,6 +276,47 @@ def write_columns(
             writer.writerows(zip(*(_cells(v[start : start + _CHUNK], decimals) for v in columns.values()), strict=True))
 
 
+def as_utf8(data: bytes, path: Path, encoding: str, *, hint: str = "save it as 'CSV UTF-8'") -> bytes:
+    """Return `data` as text in UTF-8 without a byte order mark.
+
+    Raises
+    ------
+    InputError
+        If it is empty, binary, or not in `encoding`.
+    """
+    for beginning, (what, remedy) in _FOREIGN.items():
+        if data.startswith(beginning):
+            raise InputError(f"expected text (CSV), got {what}", file=path, hint=remedy)
+    try:
+        codec = codecs.lookup(encoding)
+        if not getattr(codec, "_is_text_encoding", True):  # hex, zip, rot13: no encodings of text
+            raise LookupError
+        name = codec.name
+    except LookupError:
+        raise InputError(f"unknown encoding {quoted_cell(encoding)}", hint="utf-8, latin-1, cp1252 or utf-16") from None
+    if name == "utf-8" and data[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
+        raise InputError("expected UTF-8 text, got UTF-16", file=path, hint="save it as 'CSV UTF-8'")
+    if not (name == "utf-8" and data.isascii()):
+        try:
+            data = data.decode(name).removeprefix("\ufeff").encode()
+        except (UnicodeError, AttributeError) as error:
+            line = data.count(b"\n", 0, error.start) + 1 if isinstance(error, UnicodeDecodeError) else None
+            raise InputError(
+                f"expected text in {name}, got bytes that are not", file=path, line=line, hint=hint
+            ) from None
+    if b"\0" in data:
+        line = data.count(b"\n", 0, data.index(b"\0")) + 1
+        raise InputError("expected text (CSV), got a binary file", file=path, line=line)
+    if not data.strip(b"\r\n"):
+        raise InputError("expected a table, got an empty file", file=path)
+    return data
+
+
+def physical_lines(data: bytes) -> Iterator[str]:
+    """Iterate over lines with their ends, whether those are of Unix, Windows or the old Macintosh."""
+    return io.TextIOWrapper(io.BytesIO(data), "utf-8", newline="")
+
+
 def escape_formula(cell: str) -> str:
     """Put an apostrophe in front of a cell that a spreadsheet would run as a formula."""
     return f"'{cell}" if _FORMULA.match(cell) else cell
@@ -297,11 +337,6 @@ def _cells(values: FloatArray | IntArray | NameArray, decimals: int | None) -> l
     if values.dtype.kind == "f":
         return ["" if cell != cell else cell for cell in cells] if np.isnan(values).any() else cells
     return [escape_formula(cell) for cell in cells]
-
-
-def _lines(data: bytes) -> Iterator[str]:
-    """Lines with their ends, whether those are of Unix, Windows or the old Macintosh."""
-    return io.TextIOWrapper(io.BytesIO(data), "utf-8", newline="")
 
 
 def _floats(cells: Sequence[str], decimal: str, *, may_be_empty: bool) -> tuple[FloatArray, BoolArray]:
@@ -351,11 +386,11 @@ def _described(cell: str, sheet: Sheet) -> tuple[str, str | None]:
     ):
         return f"expected a number, got {quoted_cell(text)}", "write numbers without thousands separators"
     if re.fullmatch(r"[+-]?\d*[.,]\d*([eE][+-]?\d+)?", text):
+        problem = f"expected a number with decimal {sheet.decimal!r}, got {quoted_cell(text)}"
         other = "," if sheet.decimal == "." else "."
-        return (
-            f"expected a number with decimal {sheet.decimal!r}, got {quoted_cell(text)}",
-            "write decimal points" if other == sheet.separator else f"--decimal '{other}'",
-        )
+        if other == sheet.separator:
+            return problem, "write decimal points"
+        return problem, f"--decimal '{other}'" if sheet.stated else "write all numbers with the same decimal sign"
     return f"expected a number, got {quoted_cell(text)}", None
 
 
@@ -371,50 +406,9 @@ def _check_signs(separator: str, decimal: str) -> None:
         )
 
 
-def _as_utf8(data: bytes, path: Path, encoding: str, importable: bool) -> bytes:
-    """Return `data` as text in UTF-8 without a byte order mark."""
-    for beginning, (what, hint) in _FOREIGN.items():
-        if data.startswith(beginning):
-            raise InputError(f"expected text (CSV), got {what}", file=path, hint=hint)
-    try:
-        codec = codecs.lookup(encoding)
-        if not getattr(codec, "_is_text_encoding", True):  # hex, zip, rot13: no encodings of text
-            raise LookupError
-        name = codec.name
-    except LookupError:
-        raise InputError(f"unknown encoding {quoted_cell(encoding)}", hint="utf-8, latin-1, cp1252 or utf-16") from None
-    if name == "utf-8" and data[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
-        raise InputError("expected UTF-8 text, got UTF-16", file=path, hint="save it as 'CSV UTF-8'")
-    if not (name == "utf-8" and data.isascii()):
-        try:
-            data = data.decode(name).removeprefix("\ufeff").encode()
-        except (UnicodeError, AttributeError) as error:
-            line = data.count(b"\n", 0, error.start) + 1 if isinstance(error, UnicodeDecodeError) else None
-            hint = "save it as 'CSV UTF-8'"
-            if importable:
-                hint += ", or give `truearm import` its --encoding (often cp1252)"
-            raise InputError(
-                f"expected text in {name}, got bytes that are not", file=path, line=line, hint=hint
-            ) from None
-    if b"\0" in data:
-        line = data.count(b"\n", 0, data.index(b"\0")) + 1
-        raise InputError("expected text (CSV), got a binary file", file=path, line=line)
-    if not data.strip(b"\r\n"):
-        raise InputError("expected a table, got an empty file", file=path)
-    return data
-
-
-def _check_separator(sheet: Sheet, importable: bool) -> None:
+def _check_separator(sheet: Sheet) -> None:
     """Refuse a table whose header is one piece that holds another separator."""
     for separator, name, typed in ((";", "semicolons", "';'"), ("\t", "tabs", "TAB")):
         if sheet.separator == "," and len(sheet.names) == 1 and separator in sheet.names[0]:
-            first, decimal = "", ""
-            if re.search(rb"\d,\d", sheet.data):
-                first, decimal = "decimal commas by points, then ", " --decimal ','"
-            hint = (
-                f"in a text editor replace {first}{name} by commas; "
-                "or save it as 'CSV UTF-8 (comma delimited)' where Windows has the list separator ','"
-            )
-            if importable:
-                hint += f"; or truearm import {sheet.file.name} --separator {typed}{decimal} --angles .. --out SESSION"
-            raise sheet.error(f"cells are separated by {name}, expected commas", hint=hint)
+            decimal = " --decimal ','" if re.search(rb"\d,\d", sheet.data) else ""
+            raise sheet.error(f"cells are separated by {name}, expected commas", hint=f"--separator {typed}{decimal}")

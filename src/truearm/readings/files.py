@@ -11,8 +11,9 @@ import numpy.typing as npt
 
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file, check_writable
-from truearm.files.delimited import MAX_BYTES, quoted_cell, read_columns, read_sheet, write_columns
+from truearm.files.delimited import MAX_BYTES, quoted_cell, read_columns, write_columns
 from truearm.files.file_reading import check_readable
+from truearm.files.spreadsheet_forms import read_form
 from truearm.readings.columns import (
     AngleUnit,
     recognise_columns,
@@ -36,7 +37,8 @@ def read_session(path: str | Path, *, n_joints: int | None = None) -> Session:
     Parameters
     ----------
     path : path
-        CSV (comma, decimal point, UTF-8), or Parquet with the same columns (needs ``truearm[parquet]``).
+        CSV (comma, decimal point, UTF-8, or as a spreadsheet of another country saves it), or Parquet with the same
+        columns (needs ``truearm[parquet]``).
     n_joints : int, optional
         The arm's number of joints; any number by default.
 
@@ -62,7 +64,7 @@ def read_session(path: str | Path, *, n_joints: int | None = None) -> Session:
     check_readable(path, limit_bytes=MAX_BYTES)
     if path.suffix in (".parquet", ".pq") or _begins_as_parquet(path):
         return session_from_frame(_read_parquet(path, n_joints), file=path, n_joints=n_joints)
-    sheet = read_sheet(path, importable=True)
+    sheet = read_form(path)
     columns = recognise_columns(sheet.names, file=path, line=1, n_joints=n_joints)
     groups = ([sheet.names.index(c) for c in g] for g in (columns.numbers, columns.words, columns.optional))
     numbers, words = read_columns(sheet, *groups)
@@ -142,7 +144,7 @@ def _begins_as_parquet(path: Path) -> bool:
         with path.open("rb") as file:
             return file.read(4) == b"PAR1"
     except OSError:
-        return False  # read_sheet says what is wrong
+        return False  # read_form says what is wrong
 
 
 def _pyarrow(path: Path) -> tuple[Any, Any]:

@@ -12,7 +12,8 @@ import numpy as np
 
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
-from truearm.files.delimited import check_names, quoted_cell, read_columns, read_sheet, write_columns
+from truearm.files.delimited import check_names, quoted_cell, read_columns, write_columns
+from truearm.files.spreadsheet_forms import read_form
 from truearm.readings.session import LARGEST_MM
 from truearm.typing import FloatArray, IntArray, NameArray
 
@@ -291,7 +292,7 @@ def read_lengths(path: str | Path, *, seats: Iterable[str] | None = None) -> Len
     Parameters
     ----------
     path : path
-        As the session file in CSV: comma, decimal point, UTF-8. Columns whose name starts with ``note`` are not read.
+        As the session file in CSV. Columns whose name starts with ``note`` are not read.
     seats : iterable of str, optional
         The session's seats: only the lengths between them, see `Lengths.between`.
 
@@ -309,7 +310,7 @@ def read_lengths(path: str | Path, *, seats: Iterable[str] | None = None) -> Len
     [500.0123]
     """
     path = Path(path)
-    sheet = read_sheet(path)
+    sheet = read_form(path)
     wanted, further = (*ENDS, *NUMBERS), (ARTEFACT, PLACE, *EXPANSION)
     check_names(sheet, wanted, further)
     at = {name: sheet.names.index(name) for name in (*wanted, *further) if name in sheet.names}

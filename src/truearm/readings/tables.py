@@ -193,7 +193,6 @@ def import_table(
         encoding=encoding,
         header=header,
         skip_lines=skip_lines,
-        importable=True,
     )
     degC, named = (
         _optional(columns.temperature),

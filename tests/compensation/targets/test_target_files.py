@@ -124,7 +124,7 @@ def test_a_reflection_is_no_rotation():
         ("", "empty file"),
         ("q1_deg,q2_deg\n1,nan\n", "expected a finite number, got 'nan'"),
         ("q1_deg,q2_deg\n1,2\n3\n", "expected 2 values"),
-        ("q1_deg;q2_deg\n1;2\n", "separated by semicolons"),
+        ("q1_deg;q2_deg\n1;1,234\n", "may be 1.234 or 1234"),
         ("# truearm-export: {}\nq1_deg\n1\n", "corrected already"),
         ("q1_deg,q1_deg\n1,2\n", "two columns have this name"),
         ("q1_deg,q2_deg\n", "at least one row"),

@@ -20,3 +20,14 @@ def test_a_day_is_past_within_a_day_of_now(monkeypatch):
     ):
         with pytest.raises(InputError, match=told):
             dates.check_past(day)
+
+
+@pytest.mark.parametrize("text", ["2026-03-01", "01.03.2026", "1.3.2026"])
+def test_a_day_is_written_year_first_or_with_points(text):
+    assert dates.parse_day(text) == datetime.date(2026, 3, 1)
+
+
+@pytest.mark.parametrize("text", ["3/1/2026", "2026-3-1", "31.02.2026", "1.3.26", "", "01.03.2999"])
+def test_other_days_are_refused(text):
+    with pytest.raises(InputError, match="expected a date|in the future"):
+        dates.parse_day(text)

@@ -15,8 +15,9 @@ from scipy.spatial.transform import Rotation
 from truearm.compensation.targets.manifest import MARKER
 from truearm.compensation.targets.targets import Targets
 from truearm.errors import InputError
-from truearm.files.delimited import MAX_BYTES, check_header, quoted_cell, read_columns, read_sheet
+from truearm.files.delimited import MAX_BYTES, check_header, quoted_cell, read_columns
 from truearm.files.file_reading import read_limited
+from truearm.files.spreadsheet_forms import read_form
 from truearm.readings.columns import ANGLE, FACTOR, TEMPERATURE, frame_numbers, frame_words, unit_of
 from truearm.readings.session import DIRECTION, LOAD, NAMED, QUATERNION_TOLERANCE
 from truearm.typing import FloatArray, NameArray
@@ -75,7 +76,7 @@ def read_targets(path: str | Path, *, start: npt.ArrayLike | None = None) -> Tar
     first = read_limited(path, limit_bytes=MAX_BYTES)[:4096].decode("latin-1")
     if MARKER in first:
         raise _twice(path)
-    sheet = read_sheet(path)
+    sheet = read_form(path)
     numbers, words = _recognise(sheet.names, file=path, line=1)
     values, texts = read_columns(
         sheet, [sheet.names.index(name) for name in numbers], [sheet.names.index(name) for name in words]

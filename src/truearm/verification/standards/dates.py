@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import re
 
 from truearm.errors import InputError
 
@@ -26,6 +27,26 @@ def check_past(day: datetime.date | datetime.datetime) -> None:
             f"the date {day} is in the future",
             hint="write year, month, day: 2026-11-03; to rehearse the coming months, state days in the past",
         )
+
+
+def parse_day(text: str) -> datetime.date:
+    """Read a day in the past: ``2026-11-03``, or with points ``03.11.2026``, as many spreadsheets save it.
+
+    Days between slashes are refused: 3/11/2026 means two days.
+
+    Raises
+    ------
+    InputError
+        If the text is no day, or the day is in the future.
+    """
+    day_first = re.fullmatch(r"(\d{1,2})\.(\d{1,2})\.(\d{4})", text, re.ASCII)
+    try:
+        day = datetime.date(*map(int, day_first.groups()[::-1])) if day_first else datetime.date.fromisoformat(text)
+    except ValueError:
+        hint = "write year, month, day: 2026-03-31"
+        raise InputError(f"expected a date, got {text!r:.80}", hint=hint) from None
+    check_past(day)
+    return day
 
 
 def parse_moment(text: str) -> datetime.datetime:

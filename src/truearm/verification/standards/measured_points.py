@@ -15,11 +15,12 @@ from pathlib import Path
 import numpy as np
 
 from truearm.errors import InputError
-from truearm.files.delimited import Sheet, check_names, quoted_cell, read_columns, read_form
+from truearm.files.delimited import Sheet, check_names, quoted_cell, read_columns
+from truearm.files.spreadsheet_forms import read_form
 from truearm.files.toml_documents import reject_control_characters
 from truearm.readings.thermal_expansion import COLDEST_DEGC, WARMEST_DEGC
 from truearm.typing import FloatArray, NameArray
-from truearm.verification.standards.dates import check_past
+from truearm.verification.standards.dates import parse_day
 
 # The columns that identify a group of points in a test, outermost first.
 KEY_COLUMNS: dict[str, tuple[str, ...]] = {
@@ -271,16 +272,7 @@ def _group(columns: _Columns, test: str, identity: tuple[str, ...], rows: list[i
             hint="measure a group on one day; correct the date if it is mistyped",
         )
     try:
-        day = datetime.date.fromisoformat(str(days[0]))
-    except ValueError:
-        raise columns.error(
-            f"expected a date, got {quoted_cell(str(days[0]))}",
-            rows[0],
-            "date",
-            hint="write year, month, day: 2026-03-31",
-        ) from None
-    try:
-        check_past(day)
+        day = parse_day(str(days[0]))
     except InputError as error:
         raise columns.error(error.problem, rows[0], "date", hint=error.hint) from None
     degC = columns.numbers[TEMPERATURE][rows]

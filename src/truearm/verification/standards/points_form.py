@@ -13,7 +13,8 @@ import numpy.typing as npt
 
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file, check_writable
-from truearm.files.delimited import Sheet, check_names, escape_formula, read_columns, read_form
+from truearm.files.delimited import Sheet, check_names, escape_formula, read_columns
+from truearm.files.spreadsheet_forms import read_form
 from truearm.readings.thermal_expansion import COLDEST_DEGC, WARMEST_DEGC
 from truearm.typing import FloatArray, IntArray
 from truearm.verification.standards.dates import check_past
@@ -362,7 +363,9 @@ class _Form:
         return int(np.argmin(off))
 
     def write(self) -> None:
-        with atomic_file(self.sheet.file) as beside, beside.open("w", encoding="utf-8", newline="") as out:
+        # A spreadsheet that separates by semicolons takes UTF-8 for Windows' encoding if there is no byte order mark.
+        encoding = "utf-8" if self.sheet.separator == "," else "utf-8-sig"
+        with atomic_file(self.sheet.file) as beside, beside.open("w", encoding=encoding, newline="") as out:
             writer = csv.writer(out, delimiter=self.sheet.separator, lineterminator="\n")
             writer.writerow(self.sheet.names)
             writer.writerows(self.cells)
