@@ -135,7 +135,7 @@ def test_text_that_is_not_utf_8(refused, bench):
     lines = [line + (",note" if i == 0 else ",k\u00fchl" if i == 6 else ",") for i, line in enumerate(text)]
     (bench / "s.csv").write_text("\n".join(lines), encoding="latin-1")
     for verb in (FIT, PREDICT):
-        refused(verb, "s.csv, line 7", "utf-8", "Try: ", "--encoding")
+        refused(verb, "s.csv, line 7", "utf-8", "Try: save it as 'CSV UTF-8'")
 
 
 @pytest.mark.parametrize(
@@ -350,7 +350,7 @@ def test_too_little_memory(refused, monkeypatch):
     def none_left(*arguments, **options):
         raise MemoryError
 
-    monkeypatch.setattr(files, "read_sheet", none_left)
+    monkeypatch.setattr(files, "read_form", none_left)
     refused(FIT, "not enough memory", "Try: ")
 
 

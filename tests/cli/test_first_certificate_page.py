@@ -11,8 +11,8 @@ import pytest
 PAGE = Path(__file__).parents[2] / "docs" / "first-certificate.md"
 BLOCK = re.compile(r"^```(\w+) ?(\S*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 NUMBER = re.compile(r"\d+(?:\.\d+)?")
-# Numbers of a fit differ in the last digits from machine to machine.
-SHARE = 0.2
+# A pose that inverse kinematics finds on one processor it may miss on another: the plan differs, and the fit with it.
+SHARE = 0.5
 # A check that has too few checks before it says so.
 INCONCLUSIVE = 3
 

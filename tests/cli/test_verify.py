@@ -382,7 +382,6 @@ POINTS = {
     "far away": (scaled(1e280), ["line 2, column 'x_mm'", "expected a coordinate within 1e+06 mm"]),
     "odd end": (first("uni", ",A,", ",left,"), ["column 'end'", "expected A or B, got 'left'"]),
     "text": (first("probing", ",20.0", ",warm"), ["line 2, column 'artefact_degC'", "a number, got 'warm'"]),
-    "tabs": (lambda text: text.replace(",", "\t"), ["line 1: cells are separated by tabs, expected commas"]),
     "an empty row": (first("uni", "uni", ",,,,,,,,,,,\nuni"), ["expected numbers, got an empty row. Try: delete"]),
     "empty": (lambda text: "", ["empty file"]),
     "a sphere's place copied": (SECOND_SPHERE, ["position 2 has the same coordinates as position 1: a copy"]),

@@ -171,12 +171,15 @@ def test_a_scale_without_a_range_is_refused(fitted, tmp_path):
 
 @pytest.mark.parametrize("name", SAMPLES)
 def test_a_file_of_format_1_predicts_what_it_did(name):
-    """To the last bit on the machine that wrote it; sums in another order differ by 1e-12."""
+    """To the last bit on the machine that wrote it; sums in another order differ by 1e-12.
+
+    The inverse of a matrix with little information on some constants makes 4e-7 of it in the uncertainty.
+    """
     model = load_model(Path(__file__).parent / f"{name}-format-1.truearm")
     tip, std, nominal = SAMPLES[name]
     points, covariance = model.predict(model.arm.working[None], return_cov=True)
     np.testing.assert_allclose(points, [tip], rtol=1e-12)
-    np.testing.assert_allclose(np.sqrt(np.diag(covariance[0])), std, rtol=1e-8)
+    np.testing.assert_allclose(np.sqrt(np.diag(covariance[0])), std, rtol=1e-5)
     np.testing.assert_allclose(model.predict_nominal(model.arm.working[None]), [nominal], rtol=1e-12)
     assert model.ellipsoid_factor(0.99) == pytest.approx(np.sqrt(11.345), abs=1e-4)  # its tails were not kept
 

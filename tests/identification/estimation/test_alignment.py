@@ -31,3 +31,10 @@ def test_without_gross_errors_it_is_the_least_squares_motion_but_for_the_noise(r
     for found in (align(b, noisy), align_robust(b, noisy)):
         off = b @ found[:3, :3].T + found[:3, 3] - a
         assert np.sqrt((off**2).mean()) < 0.1  # mm: the noise of one point; the mean of 40 has a third of it
+
+
+def test_three_points_are_all_used_however_well_two_of_them_agree():
+    """Two points would leave the rotation about their line open."""
+    T, b, a = points(np.random.default_rng(0), 3)
+    a[2] += 0.5 * (b[0] - b[1]) @ T[:3, :3].T / np.linalg.norm(b[0] - b[1])  # mm
+    np.testing.assert_allclose(align_robust(b, a), align(b, a), atol=1e-9)  # mm

@@ -385,6 +385,8 @@ class _Sums:
         parts: list[_Part] = []
         for low, high in sorted(self.blocks):
             sums = self.blocks.pop((low, high))
+            if low == high == self.last:  # the product of a matrix with itself is symmetric but for rounding
+                sums = 0.5 * (sums + sums.T)
             rows = slice(int(starts[low]), int(starts[low + 1]))
             columns = slice(int(starts[high]), int(starts[high + 1]))
             mirrored = gram[columns, rows] if low != high else None

@@ -80,7 +80,7 @@ def align_robust(points_in_b: FloatArray, points_in_a: FloatArray) -> FloatArray
     """The rigid motion `align` of the majority of the points; outliers have no influence.
 
     Among the motions of random triples of points, the one with the least median distance selects the points: those
-    within `MAX_DISTANCE` times that distance. Source: P. J. Rousseeuw, "Least median of squares
+    within `MAX_DISTANCE` times that distance, and the three nearest in any case. Source: P. J. Rousseeuw, "Least median of squares
     regression", J. Am. Stat. Assoc. 79 (1984) 871.
 
     Parameters
@@ -101,7 +101,8 @@ def align_robust(points_in_b: FloatArray, points_in_a: FloatArray) -> FloatArray
         off = np.linalg.norm(points_in_b @ T[:3, :3].T + T[:3, 3] - points_in_a, axis=1)
         if np.median(off) < least:
             least, best = float(np.median(off)), off
-    together = best <= MAX_DISTANCE * least
+    # Two points leave the rotation about their line open; without noise, distances of right points are rounding.
+    together = best <= max(MAX_DISTANCE * least, np.partition(best, 2)[2])
     return align(points_in_b[together], points_in_a[together])
 
 

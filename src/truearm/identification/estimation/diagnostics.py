@@ -21,7 +21,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import qr
 
 from truearm.arm.chain import Chain
 from truearm.arm.rigid_motions import cos_sin
@@ -248,6 +247,8 @@ NO_DISPLACEMENT = 2e-3
 LEAST_SHARE = 0.2
 # Of a combination of more constants than this the largest are named.
 MOST_PARTNERS = 4
+# Sizes within this share of the largest are equal to it: rounding must not decide.
+_TIE = 0.02
 STRONG = 0.95
 
 
@@ -376,17 +377,29 @@ def _named(
     n_open = open_directions.shape[1]
     if not n_open:
         return ()
-    pivots = qr(open_directions.T, mode="r", pivoting=True)[1][:n_open]
+    pivots = _pivots(open_directions)
     echelon = prior_std[:, None] * (open_directions @ np.linalg.inv(open_directions[pivots]))
     found = []
     for pivot, movement in zip(pivots, echelon.T, strict=True):
         moved = np.abs(movement) * effects
-        largest = [i for i in np.argsort(-moved) if i != pivot and moved[i] > LEAST_SHARE * moved[pivot]]
+        by_size = np.argsort(-moved, kind="stable")
+        largest = [i for i in by_size if i != pivot and moved[i] > LEAST_SHARE * moved[pivot]]
         members = [int(pivot), *(int(i) for i in largest[: MOST_PARTNERS - 1])]
         found.append(
             Unidentifiable(tuple(names[i] for i in members), tuple(float(movement[i]) for i in members), at_other_poses)
         )
     return tuple(sorted(found, key=lambda one: names.index(one.constants[0])))
+
+
+def _pivots(open_directions: FloatArray) -> IntArray:
+    """Rows of an (n, k) matrix that pivoted Gram-Schmidt selects, of equal ones the first: rounding must not decide."""
+    rows, pivots = open_directions.copy(), np.zeros(open_directions.shape[1], dtype=np.intp)
+    for k in range(len(pivots)):
+        size = np.linalg.norm(rows, axis=1)
+        pivots[k] = np.argmax(size >= (1 - _TIE) * size.max())
+        along = rows[pivots[k]] / size[pivots[k]]
+        rows -= np.outer(rows @ along, along)
+    return pivots
 
 
 def _correlated(covariance: FloatArray, names: list[str]) -> tuple[CorrelatedPair, ...]:
