@@ -101,7 +101,7 @@ def folder(bench, course, tmp_path, monkeypatch):
 
 def test_an_unchanged_arm_needs_no_recalibration_after_ten_checks(course):
     assert [course[day].code for day in TYPED] == [3, 3, 0, 0, 1]
-    assert course[10].out.startswith("Not enough checks yet: 9 before this one, 10 are needed")
+    assert course[10].out.startswith("Not enough checks yet: 10 with this one, 11 are needed")
     for day in (11, 18):
         assert course[day].out.startswith("No need to recalibrate: ")
     assert all(not ran.err for ran in course.values())

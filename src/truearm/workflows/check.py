@@ -27,10 +27,11 @@ from truearm.verification.monitor.assessment import (
     Trend,
     describe_assessment,
     describe_correlations,
+    describe_missing_limits,
     describe_power,
     describe_withdrawals,
 )
-from truearm.verification.monitor.control_chart import MIN_BASELINE_CHECKS
+from truearm.verification.monitor.control_chart import CHECKS_NEEDED
 from truearm.verification.monitor.history import History, OtherModel
 from truearm.verification.monitor.interim_check import CheckValue, InterimCheck, counted, interim_values
 from truearm.verification.monitor.recorded_check import RecordedCheck, record_check
@@ -140,10 +141,10 @@ class CheckResult(PageRecord):
                 "history already, and is not added again; the results are those of the last check"
             )
         current = [trend for trend in self.assessment.trends if trend.current]
-        heads = ["value", "result [mm]", "mean before [mm]", "limits of the chart [mm]", "drift", "MPE [mm]", ""]
+        heads = ["value", "result [mm]", "mean before [mm]", "limits of the chart [mm]", "drift", "MPE [mm]", "state"]
         rows = [_cells(trend) for trend in current]
         shown = [i for i in range(len(heads)) if i < 2 or any(row[i] for row in rows)]
-        words = (0, *(at for at, i in enumerate(shown) if not heads[i]))
+        words = (0, *(at for at, i in enumerate(shown) if heads[i] == "state"))
         yield TextTable([heads[i] for i in shown], [[row[i] for i in shown] for row in rows], words)
         charts = [trend.chart for trend in current if trend.chart is not None and trend.chart.n_before[-1] > 1]
         if charts:
@@ -151,6 +152,8 @@ class CheckResult(PageRecord):
                 "drift: the larger cumulative sum, in standard deviations; above "
                 f"{charts[0].rules.decision_interval:.2f} it shows a change"
             )
+            if (missing := describe_missing_limits(self.assessment)) is not None:
+                yield missing
             yield describe_correlations(self.assessment)
         yield from self.remarks
 
@@ -166,7 +169,7 @@ class CheckResult(PageRecord):
             "date": format_date(last.date),
             "temperature_degC": last.temperature_degC,
             "n_checks": len(counted(record.checks)),
-            "n_needed": MIN_BASELINE_CHECKS,
+            "n_needed": CHECKS_NEEDED,
             "recalibrate": assessment.recalibrate.value,
             "since": None if since is None else {"check": since + 1, "date": format_date(record.checks[since].date)},
             "reasons": list(assessment.reasons),
@@ -324,6 +327,7 @@ def _cells(trend: Trend) -> list[str]:
     if chart is None or np.isnan(chart.centre[-1]):
         return [latest.label, value, "", "", "", limit, "over MPE" if trend.over_limit else ""]
     low, high = chart.lower[-1], format_fixed(chart.upper[-1], sign=sign)
+    limits = f"up to {high}" if np.isnan(low) else f"{format_fixed(low, sign=sign)} to {high}"
     verdicts = {
         "beyond": chart.out_of_limits[-1],
         "drift": chart.signal_index is not None,
@@ -333,7 +337,7 @@ def _cells(trend: Trend) -> list[str]:
         latest.label,
         value,
         format_fixed(chart.centre[-1], sign=sign),
-        f"up to {high}" if np.isnan(low) else f"{format_fixed(low, sign=sign)} to {high}",
+        limits if chart.shows_limits[-1] else "\u2013",
         f"{chart.cusum[:, -1].max():.2f}",
         limit,
         ", ".join(verdict for verdict, applies in verdicts.items() if applies),
@@ -362,7 +366,9 @@ def _trend_to_dict(trend: Trend) -> dict[str, Any]:
         "lower_mm": to_plain(chart.lower[-1]),
         "upper_mm": to_plain(chart.upper[-1]),
         "beyond": bool(chart.out_of_limits[-1]),
-        "correlation": dict(zip(("mean", "low", "high"), chart.correlation, strict=True)),
+        "correlation": dict(zip(("mean", "low", "high"), chart.correlation, strict=True))
+        if chart.shows_correlation
+        else None,
         "cusum_up": float(chart.cusum[0, -1]),
         "cusum_down": float(chart.cusum[1, -1]),
         "decision_interval": chart.rules.decision_interval,

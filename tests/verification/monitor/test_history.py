@@ -279,8 +279,7 @@ def test_other_models_are_named_with_their_last_result(filled):
     words = other.describe(other.assess())
     assert words.startswith("2 checks of new.truearm in this history, not compared; result of the last one, ")
     assert words.endswith(
-        '2026-01-05 08:30: "Not enough checks yet: 1 before this one, 10 are needed to say that the arm has not '
-        'changed."'
+        '2026-01-05 08:30: "Not enough checks yet: 2 with this one, 11 are needed to say that the arm has not changed."'
     )
     (unnamed,) = history.other_models(OTHER, arm="gao2017")  # its checks were added without names
     assert unnamed.describe(unnamed.assess()).startswith("3 checks of another model (SHA-256 aaaaaaaaaaaa..)")

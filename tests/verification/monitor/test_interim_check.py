@@ -13,8 +13,15 @@ from hypothesis import strategies as st
 from truearm.errors import InputError
 from truearm.readings import Lengths
 from truearm.readings.thermal_expansion import ARTEFACT_U_K
-from truearm.verification.monitor.assessment import RecalibrationAdvice, assess, describe_assessment
-from truearm.verification.monitor.control_chart import MIN_BASELINE_CHECKS
+from truearm.verification.monitor.assessment import (
+    RecalibrationAdvice,
+    assess,
+    describe_assessment,
+    describe_correlations,
+    describe_missing_limits,
+    describe_power,
+)
+from truearm.verification.monitor.control_chart import CHECKS_NEEDED, MIN_BASELINE_CHECKS, MIN_LIMIT_VALUES
 from truearm.verification.monitor.interim_check import CheckValue, InterimCheck, interim_values
 from truearm.verification.standards.dates import format_date
 from truearm.verification.standards.specification import Specification
@@ -169,6 +176,28 @@ def test_the_answer_no_needs_ten_earlier_checks(rng):
         assess([])
 
 
+def test_few_checks_show_neither_limits_nor_a_correlation(rng):
+    """Limits from the sixth check on, the correlation from the tenth; a limit that is exceeded shows at once."""
+    errors = 0.001 * rng.standard_normal(MIN_BASELINE_CHECKS + 1)
+    for n in range(1, len(errors) + 1):
+        found = assess(checks_of(errors[:n]))
+        assert (describe_missing_limits(found) is None) == (n > MIN_LIMIT_VALUES)
+        assert ("stated from 10 checks on" in describe_correlations(found)) == (n < 10)
+        assert found.trends[0].chart.shows_limits.sum() == max(0, n - MIN_LIMIT_VALUES)
+        assert bool(describe_power(found)) == (n <= MIN_BASELINE_CHECKS)
+    assert "limits of the charts are shown from 6 checks on" in describe_missing_limits(assess(checks_of(errors[:3])))
+    beyond = assess(checks_of([*errors[:3], 1000.0])).trends[0].chart
+    assert beyond.out_of_limits[-1]
+    assert beyond.shows_limits[-1]
+
+
+def test_checks_are_counted_with_the_last_one():
+    """The sentence, its reason and a remark give one number of checks."""
+    checks = checks_of([0.0, 0.001, -0.001])
+    assert describe_assessment(assess(checks), checks).startswith("Not enough checks yet: 3 with this one, 11 are")
+    assert describe_power(assess(checks))[0].endswith("does not show before there are 11 checks.")
+
+
 def test_a_large_step_is_undecided_in_one_check_and_certain_in_two(rng):
     steady = 0.001 * rng.standard_normal(6)
     checks = checks_of(np.r_[steady, 0.2])
@@ -259,9 +288,7 @@ def test_a_new_artefact_has_no_answer_though_others_have_enough_checks(rng):
     ]
     found = assess([*seats, replace(checks_of([0.2], [0.0205])[0], session="f" * 64)])
     assert (found.recalibrate, found.n_before) == (RecalibrationAdvice.NOT_ENOUGH, 0)
-    assert found.remarks == (
-        f"length A to B, length error: not assessed yet, 0 of {MIN_BASELINE_CHECKS} earlier checks",
-    )
+    assert found.remarks == (f"length A to B, length error: not assessed yet, 1 of {CHECKS_NEEDED} checks",)
 
 
 @settings(max_examples=40, deadline=None)

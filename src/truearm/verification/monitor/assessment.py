@@ -12,9 +12,12 @@ import numpy as np
 from truearm.errors import InputError
 from truearm.typing import IntArray
 from truearm.verification.monitor.control_chart import (
+    CHECKS_NEEDED,
     DETECTED_WITHIN,
     FALSE_ALARMS,
     MIN_BASELINE_CHECKS,
+    MIN_CORRELATION_VALUES,
+    MIN_LIMIT_VALUES,
     ControlChart,
     ControlRules,
     control_chart,
@@ -201,8 +204,8 @@ def describe_assessment(assessment: Assessment, checks: Sequence[InterimCheck]) 
         return "No need to recalibrate: no value has changed by more than the scatter of the earlier checks."
     if advice is RecalibrationAdvice.NOT_ENOUGH:
         return (
-            f"Not enough checks yet: {assessment.n_before} before this one, {MIN_BASELINE_CHECKS} are needed to say "
-            "that the arm has not changed."
+            f"Not enough checks yet: {1 + assessment.n_before} with this one, {CHECKS_NEEDED} are needed to say that "
+            "the arm has not changed."
         )
     if advice is RecalibrationAdvice.UNDECIDED:
         return UNDECIDED_TEXT
@@ -224,7 +227,7 @@ def describe_power(assessment: Assessment) -> tuple[str, ...]:
         now.append("whether a value exceeds its limit in the specification")
     shown = f"The checks show {' and '.join(now)}" if now else "There is nothing yet to compare the values with"
     return (
-        f"{shown}; that the arm is unchanged does not show before check {MIN_BASELINE_CHECKS + 1}.",
+        f"{shown}; that the arm is unchanged does not show before there are {CHECKS_NEEDED} checks.",
         (
             f"After {MIN_BASELINE_CHECKS} checks a gross change shows; after {2 * MIN_BASELINE_CHECKS} checks, in half "
             f"of the cases, a change of three standard deviations within {DETECTED_WITHIN} further checks."
@@ -241,10 +244,28 @@ def describe_withdrawals(checks: Sequence[InterimCheck]) -> tuple[str, ...]:
     )
 
 
+def describe_missing_limits(assessment: Assessment) -> str | None:
+    """From how many checks the charts of the last check have limits; None where all have them."""
+    charts = [trend.chart for trend in assessment.trends if trend.current and trend.chart is not None]
+    if all(chart.shows_limits[-1] for chart in charts):
+        return None
+    return (
+        f"limits of the charts are shown from {1 + MIN_LIMIT_VALUES} checks on; from fewer they would be many times "
+        "too wide"
+    )
+
+
 def describe_correlations(assessment: Assessment) -> str:
     """How consecutive checks correlate, in the middle of the charts, in one phrase."""
-    known = [trend.chart.correlation for trend in assessment.trends if trend.chart is not None]
-    mean, low, high = np.median(known, axis=0) if known else (0.0, 0.0, 0.0)
+    charts = [trend.chart for trend in assessment.trends if trend.chart is not None]
+    known = [chart.correlation for chart in charts if chart.shows_correlation]
+    if not known:
+        u = MIN_CORRELATION_VALUES**-0.5
+        return (
+            f"the correlation of consecutive checks is stated from {MIN_CORRELATION_VALUES} checks on, which show it "
+            f"with a standard uncertainty of {u:.1f}"
+        )
+    mean, low, high = np.median(known, axis=0)
     return (
         f"correlation of consecutive checks: {mean:.2f}, between {low:.2f} and {high:.2f} (median of "
         f"{len(known)} {'chart' if len(known) == 1 else 'charts'}); the limits allow for it"
@@ -363,7 +384,7 @@ def _remarks(trends: Sequence[Trend]) -> tuple[str, ...]:
     for trend in trends:
         if trend.chart is None or trend.alarm:
             continue
-        n = f"{trend.chart.n_before[-1]} of {MIN_BASELINE_CHECKS} earlier checks"
+        n = f"{1 + trend.chart.n_before[-1]} of {CHECKS_NEEDED} checks"
         if not trend.current:
             then = "unchanged" if trend.enough else f"not assessed, {n},"
             remarks.append(f"{trend.latest.label}: not in this check; {then} in check {trend.checks[-1] + 1}")

@@ -20,15 +20,14 @@ from truearm.verification.monitor.assessment import (
     Trend,
     describe_assessment,
     describe_correlations,
+    describe_missing_limits,
     describe_power,
     describe_withdrawals,
 )
-from truearm.verification.monitor.control_chart import MIN_BASELINE_CHECKS, ControlChart
+from truearm.verification.monitor.control_chart import MIN_BASELINE_CHECKS, MIN_LIMIT_VALUES, ControlChart
 from truearm.verification.monitor.interim_check import InterimCheck, counted
 from truearm.verification.standards.dates import format_date
 
-# Limits from fewer earlier values are too wide to draw.
-_FEW = 5
 _MOST_ROWS = 60
 _MOST_TICKS = 4
 
@@ -141,9 +140,10 @@ def trend_figure(trends: Sequence[Trend], checks: Sequence[InterimCheck]) -> Fig
     ends = join_phrases(f"{trend.latest.label} {trend.latest.value_mm:.4f} mm" for trend, _ in charted)
     return Figure(
         panels,
-        caption="Above: the value of each check; grey: its limits and the mean, from earlier checks; orange: beyond "
-        "the limits; dotted: the limit of the specification. Below: cumulative sums of the deviations upwards and "
-        "downwards, in standard deviations, with the decision interval. Orange line: the beginning of the change. "
+        caption="Above: the value of each check; grey: its limits and the mean, from earlier checks "
+        f"(from check {1 + MIN_LIMIT_VALUES} on); orange: beyond the limits; dotted: the limit of the specification. "
+        "Below: cumulative sums of the deviations upwards and downwards, in standard deviations, with the decision "
+        "interval. Orange line: the beginning of the change. "
         "Below the axis: number and date of the check.",
         alt=f"Control charts of {format_count(len(charted), 'value')} over the checks. Their last values: {ends}.",
         columns=2,
@@ -175,8 +175,9 @@ def temperature_figure(checks: Sequence[InterimCheck]) -> Figure:
 def _answer(checks: Sequence[InterimCheck], assessment: Assessment, remarks: Sequence[str]) -> str:
     sentences = [f"{capitalize(phrase)}." for phrase in (*assessment.reasons, *assessment.remarks, *remarks)]
     sentences += [f"{one}." for one in describe_withdrawals(checks)]
-    head = [describe_assessment(assessment, checks), *describe_power(assessment)]
-    return "\n\n".join([*head, *sentences, f"{capitalize(describe_correlations(assessment))}."])
+    on_charts = [describe_missing_limits(assessment), describe_correlations(assessment)]
+    sentences.append(" ".join(f"{capitalize(phrase)}." for phrase in on_charts if phrase is not None))
+    return "\n\n".join([describe_assessment(assessment, checks), *describe_power(assessment), *sentences])
 
 
 def _last_table(trends: Sequence[Trend]) -> Table:
@@ -190,7 +191,7 @@ def _last_table(trends: Sequence[Trend]) -> Table:
         Column("upper limit", "mm"),
         Column("cumulative sum"),
         *([Column("limit of the specification", "mm")] if with_limit else []),
-        Column(""),
+        Column("state"),
     ]
     rows: list[tuple[Cell, ...]] = []
     for trend in trends:
@@ -200,7 +201,8 @@ def _last_table(trends: Sequence[Trend]) -> Table:
         if chart is None or np.isnan(chart.scores[-1]):
             cells += [None] * 4
         else:
-            edges = (float(each[-1]) for each in (chart.centre, chart.lower, chart.upper))
+            limits = (chart.lower[-1], chart.upper[-1]) if chart.shows_limits[-1] else (np.nan, np.nan)
+            edges = (float(edge) for edge in (chart.centre[-1], *limits))
             cells += [None if np.isnan(edge) else RoundedNumber(edge, u) for edge in edges]
             cells.append(float(chart.cusum[:, -1].max()))
         if with_limit:
@@ -224,7 +226,7 @@ def _verdict(trend: Trend) -> str:
         states += ["beyond its limits"] if chart.out_of_limits[-1] else []
         if not states:
             states = ["unchanged"] if chart.enough else ["too few checks"]
-    return ", ".join(states)
+    return ", ".join(states) or "without a chart"
 
 
 def _figures(checks: Sequence[InterimCheck], assessment: Assessment) -> tuple[Figure, ...]:
@@ -285,7 +287,7 @@ def _panel(trend: Trend, chart: ControlChart, checks: Sequence[InterimCheck]) ->
 
 
 def _values(axes: Axes, number: npt.NDArray[np.intp], chart: ControlChart) -> None:
-    drawn = chart.n_before >= _FEW
+    drawn = chart.shows_limits
     shown = [chart.values, chart.upper[drawn], chart.lower[drawn][~np.isnan(chart.lower[drawn])]]
     low, high = (float(f(np.concatenate(shown))) for f in (np.min, np.max))
     room = max(0.08 * (high - low), 0.0005)
