@@ -11,6 +11,7 @@ import pytest
 PAGE = Path(__file__).parents[2] / "docs" / "first-certificate.md"
 BLOCK = re.compile(r"^```(\w+) ?(\S*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 NUMBER = re.compile(r"\d+(?:\.\d+)?")
+SELECTED = re.compile(r"\((?:kinematic|physical) model")  # the better of two that are nearly as good
 # A pose that inverse kinematics finds on one processor it may miss on another: the plan differs, and the fit with it.
 SHARE = 0.5
 # A check that has too few checks before it says so.
@@ -41,7 +42,8 @@ def check_printed(shown, printed):
 def is_alike(shown, printed):
     """The same words, and numbers that agree to a share."""
     numbers = [list(map(float, NUMBER.findall(text))) for text in (shown, printed)]
-    return NUMBER.sub("#", shown) == NUMBER.sub("#", printed) and numbers[1] == pytest.approx(numbers[0], rel=SHARE)
+    words = [SELECTED.sub("(model", NUMBER.sub("#", text)) for text in (shown, printed)]
+    return words[0] == words[1] and numbers[1] == pytest.approx(numbers[0], rel=SHARE)
 
 
 def test_the_page_goes_from_an_empty_folder_to_three_monthly_checks(truearm, tmp_path, monkeypatch):

@@ -100,7 +100,7 @@ def correct(
     >>> corrected.joints.shape, int(corrected.refused.sum())
     ((5, 6), 0)
     >>> nominal = ta.correct(model, corrected.joints, direction="feedback").joints
-    >>> bool(abs(nominal - session.angles[:5]).max() < 1e-9)
+    >>> bool(abs(nominal - session.angles[:5]).max() < 1e-6)
     True
     """
     fitted = to_model_of_tip(model)

@@ -240,9 +240,8 @@ class IdentifiedModel(Compensator):
             self.variance_function_ = fit_variance_function(held_out, angles)
             share = self.variance_function_.share(angles[held_out.rows])
             scaled = replace(held_out, freedom=share * held_out.freedom)
-            variance = conformal_residual_variance(scaled)
-            if len(held_out.rows) < len(self.held_out_.rows):  # few may remain, and those the best known
-                variance = max(variance, noise_variance)
+            # Of few readings all may lie within the uncertainty of the parameters, which itself rests on the noise.
+            variance = max(conformal_residual_variance(scaled), noise_variance)
             if len(held_out.rows) >= LEAST_READINGS:
                 self.tail_freedom_ = tail_freedom(scaled, variance)
         else:

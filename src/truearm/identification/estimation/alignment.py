@@ -80,8 +80,8 @@ def align_robust(points_in_b: FloatArray, points_in_a: FloatArray) -> FloatArray
     """The rigid motion `align` of the majority of the points; outliers have no influence.
 
     Among the motions of random triples of points, the one with the least median distance selects the points: those
-    within `MAX_DISTANCE` times that distance, and the three nearest in any case. Source: P. J. Rousseeuw, "Least median of squares
-    regression", J. Am. Stat. Assoc. 79 (1984) 871.
+    within `MAX_DISTANCE` times that distance, and the three nearest in any case. Source: P. J. Rousseeuw, "Least
+    median of squares regression", J. Am. Stat. Assoc. 79 (1984) 871.
 
     Parameters
     ----------

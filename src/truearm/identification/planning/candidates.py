@@ -297,7 +297,7 @@ def volume_poses(arm: Arm, n: int, *, seed: int, sector: Sector | None = None) -
     """
     sector = sector or Sector()
     if supports_technician_poses(arm):
-        return _within_a_turn(arm, measuring_poses(arm, n, seed=seed, sector=sector).angles)
+        return within_a_turn(arm, measuring_poses(arm, n, seed=seed, sector=sector).angles)
     return _spread(arm, checked_count(n), sector, np.random.default_rng(checked_seed(seed)))[0]
 
 
@@ -357,7 +357,7 @@ def _postures_in(
         posture[:, 0] += azimuth_of(tips, where)
         posture = np.clip(posture, *inner_limits(arm))
     angles, reason = reach(arm, tips, axes, posture)
-    angles = _within_a_turn(arm, angles)
+    angles = within_a_turn(arm, angles)
     rejected[NOT_REACHED] += int((reason != "").sum())
     free = habits.surroundings.leaves_free(arm.chain, angles)
     rejected[IN_A_BOX] += int(((reason == "") & ~free).sum())
@@ -410,7 +410,7 @@ def _ends(
         first = draw_points(where, n, sector=sector, rng=rng)
         direction = rng.standard_normal((n, 3))
         second = first + length_mm * direction / np.linalg.norm(direction, axis=1, keepdims=True)
-        inside = _in_sector(second, where, sector)
+        inside = in_sector(second, where, sector)
         rejected[NO_ROOM] += int((~inside).sum())
         held = surroundings.holds_bars(first, second)
         rejected[NO_TABLE] += int((inside & ~held).sum())
@@ -432,9 +432,9 @@ def _spread(arm: Arm, n: int, sector: Sector, rng: np.random.Generator) -> tuple
     rejected: Counter[str] = Counter()
     found = np.zeros((0, arm.n_joints))
     for _ in range(_DRAWS // 50):
-        angles = rng.uniform(lower, upper, (50 * n, arm.n_joints))
+        angles = within_a_turn(arm, rng.uniform(lower, upper, (50 * n, arm.n_joints)))
         tips = arm.chain.tip_in_base(angles)
-        inside = _in_sector(tips, where, sector)
+        inside = in_sector(tips, where, sector)
         angles, tips = angles[inside], tips[inside]
         above = joint_origins(arm.chain, angles)[:, :, 2].min(axis=1) >= np.minimum(tips[:, 2], 0.0)
         rejected.update({OUTSIDE: int((~inside).sum()), UNDER_TABLE: int((~above).sum())})
@@ -447,14 +447,16 @@ def _spread(arm: Arm, n: int, sector: Sector, rng: np.random.Generator) -> tuple
     )
 
 
-def _within_a_turn(arm: Arm, angles: FloatArray) -> FloatArray:
-    """Reduce angles of joints without limits to half a turn about the working pose: full turns give the same pose."""
-    free = np.isinf(arm.limits).all(axis=1) & ~arm.chain.is_prismatic
+def within_a_turn(arm: Arm, angles: FloatArray) -> FloatArray:
+    """Reduce angles to half a turn about the working pose, within the limits: full turns give the same pose."""
     turned = (angles - arm.working + np.pi) % (2 * np.pi) - np.pi + arm.working
-    return np.asarray(np.where(free, turned, angles))
+    lower, upper = inner_limits(arm)
+    allowed = ~arm.chain.is_prismatic & (turned >= lower) & (turned <= upper)
+    return np.asarray(np.where(allowed, turned, angles))
 
 
-def _in_sector(points: FloatArray, where: Stance, sector: Sector) -> BoolArray:
+def in_sector(points: FloatArray, where: Stance, sector: Sector) -> BoolArray:
+    """(n,) Whether points (n, 3) of the base frame [mm] are in a sector."""
     ahead = (points - where.shoulder_in_base) / where.reach_mm
     radius = np.hypot(ahead[:, 0], ahead[:, 1])
     return np.asarray(

@@ -175,7 +175,17 @@ def plan_session(
             raise measured.error("the model was identified from these readings; they are already taken into account")
         prior = prior.after(measured)
         seats += [] if measured.seat is None else measured.seat.tolist()
-    plan = propose(nominal, prior, artefact, n, volume=volume, surroundings=surroundings, seed=seed, progress=progress)
+    plan = propose(
+        nominal,
+        prior,
+        artefact,
+        n,
+        volume=volume,
+        surroundings=surroundings,
+        to_measure=strategy,
+        seed=seed,
+        progress=progress,
+    )
     if strategy not in plan.proposals:
         raise InputError(
             f"a technician's poses need at least five rotary joints; arm {nominal.name!r} has fewer",

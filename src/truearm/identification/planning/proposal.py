@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import ceil, degrees
 from typing import Any, Literal
 
@@ -21,9 +22,11 @@ from truearm.identification.planning.candidates import (
     tracker_poses,
     volume_poses,
 )
+from truearm.identification.planning.coordinate_exchange import shorten_path
 from truearm.identification.planning.exchange import DesignProblem, select_candidates
 from truearm.identification.planning.factors import project_out
 from truearm.identification.planning.information import design_problem, tip_jacobian
+from truearm.identification.planning.nearby_poses import NearbyPoses
 from truearm.identification.planning.observability import Observability, observability
 from truearm.identification.planning.prior import Prior
 from truearm.identification.planning.sampling.poses import checked_count, checked_seed
@@ -37,6 +40,9 @@ Strategy = Literal["i-optimal", "d-optimal", "technician", "random"]
 
 STRATEGIES: tuple[Strategy, ...] = ("i-optimal", "d-optimal", "technician", "random")
 """Smallest uncertainty in the volume; smallest confidence ellipsoid; poses of a person who measures; random poses."""
+
+OPTIMAL: tuple[Strategy, ...] = ("i-optimal", "d-optimal")
+"""The strategies that choose poses for what they tell of the arm."""
 
 LENGTH_U_MM = 0.005
 """Assumed standard uncertainty of the length of a bar [mm]."""
@@ -160,6 +166,7 @@ def propose(
     *,
     volume: Sector | None = None,
     surroundings: Surroundings = ON_A_TABLE,
+    to_measure: Strategy | None = None,
     seed: int = 0,
     progress: Progress | None = None,
 ) -> CalibrationPlan:
@@ -182,6 +189,9 @@ def propose(
         poses may be anywhere in the sector in which the arm works.
     surroundings : Surroundings
         The table that carries the artefacts, and boxes to avoid.
+    to_measure : str, optional
+        The strategy whose poses are to be measured, none by default. If it is one of `OPTIMAL`, its poses are exchanged
+        for others a short way apart (see `coordinate_exchange`).
     seed : int
         Seed of all random choices.
     progress : callable, optional
@@ -220,9 +230,10 @@ def propose(
 
         report(number, strategy)
         chosen = chooser.choose(pool, strategy, tell)
-        proposals[strategy] = chooser.proposal(
-            chosen.split_into_poses(order_of_few_moves(arm, chosen.angles, chosen.seat))
-        )
+        chosen = chosen.split_into_poses(order_of_few_moves(arm, chosen.angles, chosen.seat))
+        if strategy == to_measure and strategy in OPTIMAL:
+            chosen = chooser.shorten(chosen, volume, tell)
+        proposals[strategy] = chooser.proposal(chosen)
     return CalibrationPlan(arm, prior, artefact, there, proposals)
 
 
@@ -289,6 +300,23 @@ class _Chooser:
         order = [(rank[place], seat) for place, seat in zip(there.place[rows].tolist(), there.seat[rows], strict=True)]
         return there.split_into_poses(rows[sorted(range(self.n), key=order.__getitem__)])
 
+    def shorten(self, poses: Candidates, volume: Sector, tell: Callable[[str, int, int], None]) -> Candidates:
+        """Poses a short way apart, at hardly more uncertainty."""
+
+        def factors(angles: FloatArray) -> FloatArray:
+            jacobian = tip_jacobian(self._prior.perturbed_chain, self._prior.state(angles))[1]
+            return np.asarray(jacobian / self._prior.noise_mm)
+
+        return shorten_path(
+            self.arm,
+            poses,
+            self._problem(poses),
+            factors,
+            NearbyPoses(self.arm, self.surroundings, volume),
+            seed=self.seed,
+            progress=lambda done, total: tell("shorten the moves", done, total),
+        )
+
     def proposal(self, poses: Candidates) -> Proposal:
         """Predicted uncertainty of poses, in their order."""
         problem = self._problem(poses)
@@ -316,8 +344,13 @@ class _Chooser:
         name = {"i-optimal": "I-optimal", "d-optimal": "D-optimal"}[strategy]
         return select_candidates(self._problem(candidates), n, strategy=name, progress=tell).rows
 
+    @cached_property
+    def _prior(self) -> Prior:
+        """Of all that the readings determine apart from seats: the frame of a tracker too."""
+        return self.prior.with_frame() if self.artefact.kind == "tracker" else self.prior
+
     def _problem(self, candidates: Candidates) -> DesignProblem:
-        prior = self.prior.with_frame() if self.artefact.kind == "tracker" else self.prior
+        prior = self._prior
         return design_problem(
             prior.perturbed_chain,
             candidates,
