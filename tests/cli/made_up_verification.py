@@ -150,9 +150,11 @@ class Made:
             self.add("volumetric", "bar", length * direction, end="B", **keys)
         return self
 
-    def text(self):
+    def text(self, serial_number=None):
+        """The file; with a column for the serial number of the arm, if one is given."""
+        unit = {} if serial_number is None else {"serial_number": serial_number}
         out = io.StringIO()
-        writer = csv.DictWriter(out, COLUMNS, restval="", lineterminator="\n")
+        writer = csv.DictWriter(out, (*COLUMNS, *unit), restval="", lineterminator="\n")
         writer.writeheader()
-        writer.writerows(self.rows)
+        writer.writerows(row | unit for row in self.rows)
         return out.getvalue()

@@ -26,7 +26,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "certificate.md"
 def bench(tmp_path, monkeypatch):
     """A folder with all files of a good arm's certificate."""
     monkeypatch.chdir(tmp_path)
-    Path("points.csv").write_text(Made().iso().text())
+    Path("points.csv").write_text(Made().iso().text("10017"))
     Path("artefacts.toml").write_text(ARTEFACTS)
     Path("mpe.toml").write_text(MPE)
     Path("about.toml").write_text(ABOUT)
@@ -69,7 +69,7 @@ def test_a_certificate_for_machines_and_for_people(truearm, bench):
 
 
 def test_also_what_does_not_conform_gets_its_certificate(truearm, bench):
-    Path("points.csv").write_text(Made(too_large=60e-6).iso().text())
+    Path("points.csv").write_text(Made(too_large=60e-6).iso().text("10017"))
     ran = truearm(*ALL)
     assert (ran.code, ran.out) == (
         0,
@@ -81,6 +81,31 @@ def test_also_what_does_not_conform_gets_its_certificate(truearm, bench):
     assert read_dcc("certificate.xml").conformity == "fail"
     assert truearm(*ALL, "--rule", "simple").code == 0
     assert "simple acceptance" in read_dcc("certificate.xml").texts("decision rule")[0]
+
+
+def test_the_points_of_another_arm_are_refused_with_both_numbers(truearm, bench, snapshot):
+    Path("points.csv").write_text(Made().iso().text("10018"))
+    there = snapshot(bench)
+    ran = truearm(*ALL)
+    assert (ran.code, ran.out) == (2, "")
+    assert (
+        "about.toml: item.serial_number: the certificate is of the arm with serial number '10017', the points are of "
+        "'10018'. Try: give the points of this arm, or correct the number that is wrong" in ran.err
+    )
+    assert snapshot(bench) == there
+
+
+@pytest.mark.parametrize("number", [None, ""])
+def test_points_without_a_serial_number_are_certified_and_that_is_said(truearm, bench, number):
+    Path("points.csv").write_text(Made().iso().text(number))
+    ran = truearm(*ALL)
+    assert (ran.code, ran.err) == (0, "")
+    assert ran.out.splitlines()[1].startswith(
+        "The points do not state the serial number of the arm: truearm could not compare it with '10017'."
+    )
+    assert "not stated" in Path("certificate.html").read_text()
+    stated = json.loads(truearm(*ALL, "--json").out)
+    assert (stated["serial_number"], stated["serial_number_in_points"]) == ("10017", None)
 
 
 def test_a_plan_of_the_user_is_stated_as_such(truearm, bench):
@@ -191,7 +216,7 @@ def test_an_unsigned_certificate_says_so_and_is_not_a_trusted_one(truearm, bench
 
 def test_the_certificate_of_the_signer_was_valid_on_the_day_of_issue(truearm, bench, key, snapshot):
     Path("about.toml").write_text(ABOUT.replace("2026-11-", "2025-11-"))
-    Path("points.csv").write_text(Made().iso().text().replace("2026-11-03", "2025-11-03"))
+    Path("points.csv").write_text(Made().iso().text("10017").replace("2026-11-03", "2025-11-03"))
     Path("artefacts.toml").write_text(ARTEFACTS.replace("date = 2026-01-15", "date = 2025-01-15"))
     Path("my-plan.toml").write_text(CONFIRMED_PLAN.replace("date = 2026-11-02", "date = 2025-11-02"))
     there = snapshot(bench)
@@ -205,7 +230,7 @@ def test_limits_that_nothing_was_tested_for_are_named(truearm, bench):
     Path("my-plan.toml").write_text(confirm(plan_text("iso10360-12").partition("[articulation")[0]))
     made = Made().iso()
     made.rows = [row for row in made.rows if row["test"] == "probing"]
-    Path("points.csv").write_text(made.text())
+    Path("points.csv").write_text(made.text("10017"))
     ran = truearm(*ALL)
     assert ran.code == 0, ran
     made = read_dcc("certificate.xml")

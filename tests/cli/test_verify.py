@@ -730,6 +730,19 @@ def test_the_page_tells_what_to_do_with_one_ball_bar(truearm, bench):
     assert "lengths = 1, positions = 20, longest_share = 0.36" in ran.out
 
 
+def test_the_points_state_the_arm_that_measured_them(truearm, bench):
+    Path("points.csv").write_text(Made().iso().text("10017"))
+    ran = truearm(*options(), "--report", "page.html")
+    assert ran.out.splitlines()[1].endswith("measuring arm 2.5 m, serial number 10017")
+    assert "10017" in Path("page.html").read_text()
+    assert json.loads(truearm(*options(), "--json").out)["serial_number"] == "10017"
+    first, _, last = Made().iso().text("10017").rpartition("10017")
+    Path("points.csv").write_text(f"{first}10018{last}")
+    ran = truearm(*options())
+    assert (ran.code, ran.out) == (2, "")
+    assert "column 'serial_number': expected points of one arm, got serial numbers '10017' and '10018'" in ran.err
+
+
 def test_the_page_names_every_column_and_what_tells_groups_apart():
     text = PAGE.read_text(encoding="utf-8")
     for name in (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS):

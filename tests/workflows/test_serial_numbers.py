@@ -11,6 +11,7 @@ import truearm as ta
 from truearm.arm import load_arm, read_arm, write_arm
 from truearm.errors import InputError
 from truearm.readings import read_session, write_session
+from truearm.workflows.arms import describe_arm
 
 
 def readings(unit: int, *, seed: int = 1) -> ta.Session:
@@ -71,6 +72,34 @@ def test_a_session_of_two_units_is_refused(of_one):
     with pytest.raises(InputError, match="expected readings of one arm, got serial numbers 'a' and 'b'") as refused:
         ta.fit("measuring7", replace(of_one, serial_number=names), model="nominal")
     assert refused.value.row == "reading 13"
+
+
+def test_the_points_of_a_verification_state_the_unit_of_the_model(tmp_path):
+    plan = ta.load_verification_plan("asme-b89.4.22")
+    sheet = ta.operator_sheet(plan.model_copy(update={"single_point": None, "volumetric": None}))
+    sheet.save_points(tmp_path / "points.csv", tip_diameter_mm=6)
+    angles = ta.rehearse_points(
+        "measuring7", tmp_path / "points.csv", sheet.sheet.artefacts, preset="shop", arm_seed=1
+    ).session
+    bare = replace(angles, serial_number=None)
+    model = ta.fit("measuring7", readings(1), model="nominal").model
+    (tmp_path / "again.csv").write_bytes((tmp_path / "points.csv").read_bytes())
+    ta.predict(model, bare).fill(tmp_path / "points.csv", artefact_degC=20)
+    assert ta.read_points(tmp_path / "points.csv").serial_number == "virtual-shop-1"
+    form = (tmp_path / "again.csv").read_text().splitlines()
+    at = form[0].split(",").index("serial_number")
+    first = form[1].split(",")
+    first[at] = "virtual-shop-2"
+    (tmp_path / "again.csv").write_text("\n".join([form[0], ",".join(first), *form[2:]]) + "\n")
+    with pytest.raises(InputError, match=r"line 2.*'virtual-shop-2', the model is of 'virtual-shop-1'"):
+        ta.predict(model, bare).fill(tmp_path / "again.csv", artefact_degC=20)
+
+
+def test_the_description_of_an_arm_names_its_unit():
+    unit = replace(load_arm("measuring7"), serial_number="10017")
+    assert "serial number: 10017" in str(describe_arm(unit)).splitlines()
+    assert describe_arm(unit).to_dict()["serial_number"] == "10017"
+    assert "serial number" not in str(describe_arm("measuring7"))
 
 
 def test_a_history_is_of_one_unit(model, tmp_path):

@@ -138,6 +138,7 @@ class ArmDescription(PageRecord):
         facts: dict[str, Any] = {
             "name": arm.name,
             "title": arm.title,
+            "serial_number": arm.serial_number or None,
             "source": arm.source,
             "joint_names": list(arm.joint_names),
             "fixed_xyz_mm": [xyz for xyz, _ in frames],
@@ -175,6 +176,8 @@ class ArmDescription(PageRecord):
             yield f"masses of the links: {', '.join(f'{mass:.4g}' for mass in arm.masses.mass_kg)} kg"
         if (arm.gravity_direction != [0, 0, -1]).any():
             yield f"direction of gravity in the base frame: {', '.join(map(format_fixed, arm.gravity_direction))}"
+        if arm.serial_number:
+            yield f"serial number: {arm.serial_number}"
         yield f"source: {arm.source}"
 
     def _table(self, columns: dict[str, list[float]]) -> TextTable:

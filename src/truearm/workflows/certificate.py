@@ -153,6 +153,12 @@ class CertificateResult(PageRecord):
         else:
             yield f"certificate {self.number}, {NOT_FOR_CONFORMITY}"
             yield self.certificate.reservation
+        if not self.verification.serial_number:
+            number = self.certificate.about.item.serial_number
+            yield (
+                f"The points do not state the serial number of the arm: truearm could not compare it with {number!r}. "
+                "Compare it with the arm itself, or enter it into the column serial_number of the points."
+            )
 
     def to_dict(self) -> dict[str, Any]:
         """See `Record`."""
@@ -161,6 +167,8 @@ class CertificateResult(PageRecord):
             "conformity": self.certificate.conformity,
             "reservation": self.certificate.reservation,
             **self.verification.to_dict(),
+            "serial_number": self.certificate.about.item.serial_number,
+            "serial_number_in_points": self.verification.serial_number or None,
         }
 
 
@@ -190,7 +198,7 @@ def certificate(
     InputError
         If numbers of the test plan are not confirmed, a value that has a limit has no uncertainty, the laboratory that
         calibrated an artefact is not named, dates or temperatures do not fit those of the points, or an input file has
-        changed since it was read.
+        changed since it was read; or the points are of an arm with another serial number.
 
     Examples
     --------

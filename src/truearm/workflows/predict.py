@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from truearm.compensation.models import Compensator, HybridModel, NetworkModel, PhysicalModel
+from truearm.compensation.models.arm_check import with_serial_number
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.compensation.models.training_conditions import TOGETHER
 from truearm.errors import InputError
@@ -177,6 +178,8 @@ class Prediction(Record):
     def fill(self, path: str | Path, *, date: str | None = None, artefact_degC: float | None = None) -> int:
         """Enter the points into a file of points to measure, in the order of the readings (see `operator_sheet`).
 
+        The serial number of the arm is entered too, if the model or the session states it.
+
         Parameters
         ----------
         path : path
@@ -194,11 +197,12 @@ class Prediction(Record):
         Raises
         ------
         InputError
-            If there are more or fewer readings than rows without coordinates, a tip diameter is missing, or the date
-            or the temperature is implausible.
+            If there are more or fewer readings than rows without coordinates, a tip diameter is missing, the rows state
+            the serial number of another arm, or the date or the temperature is implausible.
         """
         moment = now() if date is None else parse_moment(date)
-        return fill_points_form(path, self.points, day=moment.date(), artefact_degC=artefact_degC)
+        number = with_serial_number(self.model.arm_, self.session).serial_number
+        return fill_points_form(path, self.points, day=moment.date(), artefact_degC=artefact_degC, serial_number=number)
 
     def _columns(self) -> dict[str, FloatArray | IntArray | NameArray]:
         """The columns of `to_frame`."""

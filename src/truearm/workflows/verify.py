@@ -71,6 +71,11 @@ class VerificationResult(PageRecord):
         return self.verification.rows
 
     @property
+    def serial_number(self) -> str:
+        """Serial number of the arm that the points state; empty if they state none."""
+        return self.verification.measured.serial_number
+
+    @property
     def remarks(self) -> tuple[str, ...]:
         """Suspected mistakes of the operator, what was not tested, and numbers of the plan to check."""
         return self.verification.remarks
@@ -91,6 +96,7 @@ class VerificationResult(PageRecord):
         plan = self.verification.plan
         return [
             ("plan", f"{plan.name}: {plan.standard}"),
+            ("serial number of the arm, in the points", self.serial_number or "not stated"),
             *((file.name, f"SHA-256 {digest}") for file, digest in self.digests.items()),
             version_row(),
         ]
@@ -99,7 +105,8 @@ class VerificationResult(PageRecord):
         """See `Record`."""
         unrated = self.verdict is Verdict.UNDECIDED and not all(row.in_rated_conditions for row in self.rows)
         yield f"{self.verdict.value}: {describe_unmet(self.verification) if unrated else _ANSWERS[self.verdict]}"
-        yield f"{self.verification.plan.heading}: {self.verification.specification.name}"
+        unit = f", serial number {self.serial_number}" if self.serial_number else ""
+        yield f"{self.verification.plan.heading}: {self.verification.specification.name}{unit}"
         yield TextTable(
             ["test", "value [mm]", "U [mm]", "limit [mm]", "verdict", "where"], map(_cells, self.rows), (0, 4, 5)
         )
@@ -117,6 +124,7 @@ class VerificationResult(PageRecord):
             "plan": self.verification.plan.name,
             "standard": self.verification.plan.standard,
             "specification": self.verification.specification.name,
+            "serial_number": self.serial_number or None,
             "rule": self.verification.rule,
             "verdict": self.verdict.value,
             "rated_conditions": [

@@ -183,6 +183,26 @@ class AdministrativeData(Document):
                 hint="add [set_up] with stylus, mounting and software; truearm certificate --template shows it",
             )
 
+    def check_serial_number(self, measured: str) -> None:
+        """Check that the certificate is of the arm that was measured.
+
+        Parameters
+        ----------
+        measured : str
+            Serial number that the points state; empty if they state none.
+
+        Raises
+        ------
+        InputError
+            If it is another one.
+        """
+        if measured and xml_text(measured) != self.item.serial_number:
+            raise InputError(
+                "item.serial_number: the certificate is of the arm with serial number "
+                f"{self.item.serial_number!r:.80}, the points are of {measured!r:.80}",
+                hint="give the points of this arm, or correct the number that is wrong",
+            )
+
     def check_days(self, begin: datetime.date, end: datetime.date) -> None:
         """Check that the arm was received before the measurement, and the certificate issued after it.
 

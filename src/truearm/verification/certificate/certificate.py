@@ -157,8 +157,8 @@ def make_certificate(
     Raises
     ------
     InputError
-        If the software of the arm, the stylus or the mounting is not stated, dates or temperatures of `about`
-        contradict those of the points, or as `check_plan`, `check_artefacts` and `check_uncertainties`.
+        If the software of the arm, the stylus or the mounting is not stated, serial number, dates or temperatures of
+        `about` contradict those of the points, or as `check_plan`, `check_artefacts` and `check_uncertainties`.
     """
     verification = verification.in_room(about.room)
     gap = confirmation_gap(verification)
@@ -167,6 +167,7 @@ def make_certificate(
     check_artefacts(verification)
     check_uncertainties(verification)
     about.check_complete()
+    about.check_serial_number(verification.measured.serial_number)
     days = [group.date for group in verification.groups]
     about.check_days(min(days), max(days))
     if verification.plan.confirmation is not None:

@@ -49,6 +49,8 @@ CONDITION_COLUMNS = ("air_degC", "air_K_per_h", "air_K_per_m", "warm_up_min", "h
 MOST_NAMED = 12
 REQUIRED_COLUMNS = ("test", "artefact", "date", *POINT)
 OPTIONAL_COLUMNS = ("position", "length", "repeat", "end", "group", TEMPERATURE, TIP)
+# Of the arm that measured, in any row.
+SERIAL_NUMBER = "serial_number"
 
 
 def join_names(names: Sequence[str], separator: str = ", ") -> str:
@@ -109,6 +111,8 @@ class MeasuredPoints:
     tests : dict of str to tuple of PointGroup
     file : Path or None
         None for points from a program.
+    serial_number : str
+        Of the arm that measured them; empty if it is not stated.
 
     Examples
     --------
@@ -120,10 +124,11 @@ class MeasuredPoints:
 
     tests: dict[str, tuple[PointGroup, ...]]
     file: Path | None = None
+    serial_number: str = ""
 
     @classmethod
-    def of(cls, groups: Iterable[tuple[str, PointGroup]]) -> MeasuredPoints:
-        """Make measured points from groups, each with the name of its test.
+    def of(cls, groups: Iterable[tuple[str, PointGroup]], *, serial_number: str = "") -> MeasuredPoints:
+        """Make measured points from groups, each with the name of its test, and the serial number of the arm.
 
         Raises
         ------
@@ -141,7 +146,7 @@ class MeasuredPoints:
             if points.ndim != 2 or points.shape[1] != 3 or len(points) == 0 or not np.isfinite(points).all():
                 raise InputError(f"test {test!r}, {group.where}: expected finite points (n, 3), got {points.shape}")
             tests.setdefault(test, []).append(group)
-        return cls({test: tuple(members) for test, members in tests.items()})
+        return cls({test: tuple(members) for test, members in tests.items()}, serial_number=serial_number)
 
     def error(self, problem: str, group: PointGroup | None = None, *, hint: str | None = None) -> InputError:
         """Return an error with the file, and the line of a group."""
@@ -167,7 +172,7 @@ def read_points(path: str | Path) -> MeasuredPoints:
     """
     path = Path(path)
     sheet = read_form(path)
-    check_names(sheet, REQUIRED_COLUMNS, (*OPTIONAL_COLUMNS, *CONDITION_COLUMNS), meant=_in_mm)
+    check_names(sheet, REQUIRED_COLUMNS, (*OPTIONAL_COLUMNS, *CONDITION_COLUMNS, SERIAL_NUMBER), meant=_in_mm)
     columns = _columns(sheet)
     tests = {}
     for test in dict.fromkeys(columns.words["test"].tolist()):
@@ -180,7 +185,7 @@ def read_points(path: str | Path) -> MeasuredPoints:
                 hint=f"use {close[0] if close else ', '.join(KEY_COLUMNS)}",
             )
         tests[test] = tuple(_groups(columns, test))
-    return MeasuredPoints(tests, path)
+    return MeasuredPoints(tests, path, _serial_number(columns))
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,7 +208,8 @@ def _in_mm(column: str) -> str | None:
 
 def _columns(sheet: Sheet) -> _Columns:
     numbers = [*POINT, *(name for name in (TEMPERATURE, TIP, *CONDITION_COLUMNS) if name in sheet.names)]
-    words = [name for name in (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS) if name in sheet.names and name not in numbers]
+    texts_of = (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS, SERIAL_NUMBER)
+    words = [name for name in texts_of if name in sheet.names and name not in numbers]
     index = sheet.names.index
     optional = [index(name) for name in numbers if name not in POINT]
     found, texts = read_columns(sheet, [index(n) for n in numbers], [index(n) for n in words], optional)
@@ -214,9 +220,31 @@ def _columns(sheet: Sheet) -> _Columns:
             name: found[:, numbers.index(name)] if name in numbers else np.full(len(found), np.nan)
             for name in (*POINT, TEMPERATURE, TIP, *CONDITION_COLUMNS)
         },
-        {name: by_name.get(name, empty) for name in (*REQUIRED_COLUMNS[:3], *OPTIONAL_COLUMNS[:5])},
+        {name: by_name.get(name, empty) for name in (*REQUIRED_COLUMNS[:3], *OPTIONAL_COLUMNS[:5], SERIAL_NUMBER)},
         sheet,
     )
+
+
+def _serial_number(columns: _Columns) -> str:
+    """The serial number of the arm; empty if no row states one."""
+    cells = columns.words[SERIAL_NUMBER]
+    stated = np.flatnonzero(cells != "")
+    if not len(stated):
+        return ""
+    number = str(cells[stated[0]])
+    try:
+        reject_control_characters(number)
+    except InputError as error:
+        raise columns.error(error.problem, int(stated[0]), SERIAL_NUMBER, hint=error.hint) from None
+    if (others := cells[stated] != number).any():
+        row = int(stated[np.argmax(others)])
+        raise columns.error(
+            f"expected points of one arm, got serial numbers {quoted_cell(number)} and {quoted_cell(str(cells[row]))}",
+            row,
+            SERIAL_NUMBER,
+            hint="one file of points for each arm",
+        )
+    return number
 
 
 def _groups(columns: _Columns, test: str) -> Iterator[PointGroup]:

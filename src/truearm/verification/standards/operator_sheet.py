@@ -190,8 +190,9 @@ def _records(sheet: OperatorSheet) -> Section:
         "Record the temperature of the artefact in each step; if something moves, repeat the whole step. Store the "
         "points in a file, one row a point, with the columns test, artefact, date, position, length, repeat, end, "
         "group, x_mm, y_mm, z_mm and artefact_degC, and tip_diameter_mm if points on balls or faces are not "
-        "compensated but are the centre of the stylus tip; docs/verification.md describes this file, which truearm "
-        "verify reads. Enter the texts in quotation marks on this sheet as they are."
+        "compensated but are the centre of the stylus tip, and serial_number, that of the arm, in one row or all; "
+        "docs/verification.md describes this file, which truearm verify reads. Enter the texts in quotation marks on "
+        "this sheet as they are."
     )
     if _tests(sheet) & {"single_point", "uni", "volumetric"}:
         text += (

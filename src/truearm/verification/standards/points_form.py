@@ -25,6 +25,7 @@ from truearm.verification.standards.measured_points import (
     OPTIONAL_COLUMNS,
     POINT,
     REQUIRED_COLUMNS,
+    SERIAL_NUMBER,
     SIZE_TESTS,
     TEMPERATURE,
     TIP,
@@ -45,8 +46,8 @@ NEAR_MM = 20.0
 def write_points_form(layout: Sequence[Placement], path: str | Path, *, tip_diameter_mm: float | None = None) -> None:
     """Write the points of a layout to fill in, in the order of measuring.
 
-    Coordinates, dates and temperatures are empty. The planned point and the direction of the stylus are in columns of
-    notes, which `read_points` ignores.
+    Coordinates, dates, temperatures and the serial number of the arm are empty. The planned point and the direction of
+    the stylus are in columns of notes, which `read_points` ignores.
 
     Parameters
     ----------
@@ -66,7 +67,7 @@ def write_points_form(layout: Sequence[Placement], path: str | Path, *, tip_diam
         raise InputError(
             f"expected the diameter of a stylus tip of 0 to {LARGEST_TIP_MM:g} mm, got {tip_diameter_mm:g}"
         )
-    heads = ("test", "artefact", "date", *KEYS, *POINT, TEMPERATURE, TIP, "note", *PLANNED, *FROM)
+    heads = ("test", "artefact", "date", *KEYS, *POINT, TEMPERATURE, TIP, SERIAL_NUMBER, "note", *PLANNED, *FROM)
     with atomic_file(path) as beside, beside.open("w", encoding="utf-8", newline="") as out:
         writer = csv.writer(out, lineterminator="\n")
         writer.writerow(heads)
@@ -78,7 +79,7 @@ def write_points_form(layout: Sequence[Placement], path: str | Path, *, tip_diam
             for at, approach in zip(one.points, one.approach, strict=True):
                 number += 1
                 aims = [f"{value:.3f}" for value in (*at, *approach)]
-                writer.writerow([*named, "", *keys, "", "", "", "", tip, f"point {number}", *aims])
+                writer.writerow([*named, "", *keys, "", "", "", "", tip, "", f"point {number}", *aims])
 
 
 def check_form_path(path: str | Path) -> None:
@@ -103,6 +104,7 @@ def fill_points_form(
     *,
     day: datetime.date,
     artefact_degC: float | None = None,
+    serial_number: str = "",
 ) -> int:
     """Enter measured points into the rows of a form that have no coordinates yet, in their order.
 
@@ -116,6 +118,8 @@ def fill_points_form(
         Day of the measurement, entered where none is stated.
     artefact_degC : float, optional
         Temperature of the artefacts [degC], entered where a test needs one and none is stated.
+    serial_number : str
+        Of the arm, entered where the form has a column for it; empty if it is not known.
 
     Returns
     -------
@@ -127,8 +131,8 @@ def fill_points_form(
     InputError
         If there are more or fewer points than empty rows (the message says which point is likely missing or one too
         many), distances between points are not the planned ones (a point missed and another taken twice, or another
-        order; the message names the first), a point on a surface has no tip diameter, or day or temperature are
-        implausible.
+        order; the message names the first), a point on a surface has no tip diameter, the form states another serial
+        number, or day or temperature are implausible.
     """
     check_past(day)
     if artefact_degC is not None and not COLDEST_DEGC <= artefact_degC <= WARMEST_DEGC:
@@ -138,6 +142,8 @@ def fill_points_form(
         )
     points = np.asarray(points, dtype=float)
     form = _read_form(path)
+    if serial_number:
+        form.check_serial_number(serial_number)
     rows = form.empty_rows()
     if not len(rows):
         raise form.sheet.error("all points have coordinates already", hint="write a new form: truearm verify --sheet")
@@ -160,6 +166,8 @@ def fill_points_form(
             form.enter(row, "date", day.isoformat())
         if artefact_degC is not None and form.cell(row, "test") in SIZE_TESTS and not form.cell(row, TEMPERATURE):
             form.enter_number(row, TEMPERATURE, f"{artefact_degC:g}")
+        if serial_number and SERIAL_NUMBER in form.sheet.names:  # forms of earlier versions have no such column
+            form.enter(row, SERIAL_NUMBER, escape_formula(serial_number))
     form.write()
     return len(rows)
 
@@ -235,7 +243,7 @@ def _planned(sheet: Sheet, numbers: FloatArray, identity: tuple[str, ...], rows:
 
 
 def _check_form(sheet: Sheet) -> None:
-    check_names(sheet, REQUIRED_COLUMNS, (*OPTIONAL_COLUMNS, *CONDITION_COLUMNS))
+    check_names(sheet, REQUIRED_COLUMNS, (*OPTIONAL_COLUMNS, *CONDITION_COLUMNS, SERIAL_NUMBER))
     for name in OPTIONAL_COLUMNS:
         if name not in sheet.names:
             raise sheet.error(f"the column {name} is missing", hint="give the file of truearm verify --sheet")
@@ -266,6 +274,23 @@ class _Form:
 
     def enter(self, row: int, column: str, text: str) -> None:
         self.cells[row][self.sheet.names.index(column)] = text
+
+    def check_serial_number(self, number: str) -> None:
+        """Check that no row states the serial number of another arm.
+
+        Raises
+        ------
+        InputError
+            If one does.
+        """
+        for row in range(len(self.cells)) if SERIAL_NUMBER in self.sheet.names else ():
+            if (stated := self.cell(row, SERIAL_NUMBER)) not in ("", number, escape_formula(number)):
+                raise self.sheet.error(
+                    f"the points are of the arm with serial number {stated!r:.80}, the model is of {number!r:.80}",
+                    row,
+                    column=SERIAL_NUMBER,
+                    hint="give the model and the readings of the arm that is verified, or correct the number",
+                )
 
     def empty_rows(self) -> IntArray:
         """Rows without coordinates.
