@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+
+MOST_FAULTS = 20  # in one message
 
 
 class TruearmError(Exception):
-    """An error the user can mend. The command line prints it in one line and exits with 2."""
+    """An error the user can mend. The command line prints it, a line for each fault, and exits with 2."""
 
 
 class InputError(TruearmError, ValueError):
@@ -66,6 +70,11 @@ class InputError(TruearmError, ValueError):
         message = f"{', '.join(where)}: {self.problem}" if where else self.problem
         return f"{message}. Try: {self.hint}" if self.hint else message
 
+    @property
+    def faults(self) -> tuple[InputError, ...]:
+        """All faults that were found, each an error of its own: this one alone, unless it is `SeveralFaults`."""
+        return (self,)
+
     def in_file(self, file: str | Path) -> InputError:
         """The same error, found in `file`."""
         return InputError(self.problem, file=file, line=self.line, column=self.column, hint=self.hint, row=self.row)
@@ -73,6 +82,93 @@ class InputError(TruearmError, ValueError):
     def with_hint(self, hint: str) -> InputError:
         """The same error with another hint."""
         return InputError(self.problem, file=self.file, line=self.line, column=self.column, hint=hint, row=self.row)
+
+
+class SeveralFaults(InputError):
+    """Several faults of the input, all that were found, so that a person mends them in one go.
+
+    Parameters
+    ----------
+    faults : sequence of InputError
+        Two or more.
+    """
+
+    def __init__(self, faults: Sequence[InputError]) -> None:
+        self._faults = tuple(faults)
+        files = {fault.file for fault in self._faults}
+        file = files.pop() if len(files) == 1 else None
+        self._entries = [str(fault if file is None else _without_file(fault)) for fault in self._faults[:MOST_FAULTS]]
+        if len(self._faults) > MOST_FAULTS:
+            self._entries.append(f"and {len(self._faults) - MOST_FAULTS} more")
+        numbered = "; ".join(f"({number}) {entry}" for number, entry in enumerate(self._entries, start=1))
+        super().__init__(f"{len(self._faults)} faults: {numbered}", file=file)
+
+    def __str__(self) -> str:
+        where = "" if self.file is None else f"{self.file}: "
+        numbered = (f"  {number}. {entry}" for number, entry in enumerate(self._entries, start=1))
+        return "\n".join([f"{where}{len(self._faults)} faults", *numbered])
+
+    @property
+    def faults(self) -> tuple[InputError, ...]:
+        """All faults."""
+        return self._faults
+
+    def in_file(self, file: str | Path) -> SeveralFaults:
+        """The same faults, found in `file`."""
+        return SeveralFaults([fault.in_file(file) for fault in self._faults])
+
+
+class FaultCollector:
+    """Faults of checks that are made one after the other, raised together.
+
+    Examples
+    --------
+    >>> from truearm.errors import FaultCollector, InputError
+    >>> found = FaultCollector()
+    >>> for name in ("a", "b"):
+    ...     with found.collect():
+    ...         raise InputError(f"{name} is missing")
+    >>> print(found.error())
+    2 faults
+      1. a is missing
+      2. b is missing
+    """
+
+    def __init__(self) -> None:
+        self._found: list[InputError] = []
+
+    @contextmanager
+    def collect(self, file: str | Path | None = None) -> Iterator[None]:
+        """Keep the faults that the block raises, those of a `file` with its name, and go on after the block."""
+        try:
+            yield
+        except InputError as error:
+            self._found += error.faults if file is None else error.in_file(file).faults
+
+    def error(self) -> InputError | None:
+        """The error of all faults; None if there are none."""
+        return joined(self._found)
+
+    def raise_any(self) -> None:
+        """Raise the error of all faults, if there are some.
+
+        Raises
+        ------
+        InputError
+        """
+        if (error := self.error()) is not None:
+            raise error from None
+
+
+def joined(faults: Sequence[InputError]) -> InputError | None:
+    """The error of some faults: None of none, itself of one, `SeveralFaults` of more."""
+    if len(faults) > 1:
+        return SeveralFaults(faults)
+    return faults[0] if faults else None
+
+
+def _without_file(fault: InputError) -> InputError:
+    return InputError(fault.problem, line=fault.line, column=fault.column, hint=fault.hint, row=fault.row)
 
 
 class MissingTool(InputError):

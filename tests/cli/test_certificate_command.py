@@ -341,6 +341,24 @@ def test_wrong_files_are_refused_and_nothing_is_written(truearm, bench, snapshot
     assert snapshot(bench) == there
 
 
+def test_faults_of_several_files_are_said_in_one_run(truearm, bench, snapshot):
+    Path("my-plan.toml").write_text(plan_text("iso10360-12"))
+    Path("about.toml").write_text(ABOUT.replace("issued = 2026-11-05", "issued = 2026-11-02"))
+    Path("artefacts.toml").write_text(ARTEFACTS.replace('issued_by = "Example Calibration"\n', ""))
+    there = snapshot(bench)
+    ran = truearm(*ALL)
+    assert (ran.code, ran.out) == (2, "")
+    lines = ran.err.splitlines()
+    for line, told in zip(lines, ("truearm: 3 faults", "issued on 2026", "10 numbers", "'ball', 'bar'"), strict=True):
+        assert told in line
+    assert [line.split(":")[0] for line in lines[1:]] == [
+        "  1. about.toml",
+        "  2. no certificate",
+        "  3. artefacts.toml",
+    ]
+    assert snapshot(bench) == there
+
+
 @pytest.mark.parametrize(
     ("changes", "told"),
     [

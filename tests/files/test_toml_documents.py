@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import pytest
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
-from truearm.errors import InputError
+from truearm.errors import MOST_FAULTS, InputError
 from truearm.files.toml_documents import AS_TOML, MOST_KEYS, parse_toml
 
 
@@ -118,6 +118,28 @@ def test_one_message_names_all_keys_with_the_same_fault():
     )
     many = "names = {" + ", ".join(f"n{i} = 1" for i in range(MOST_KEYS + 5)) + "}"
     assert " and 5 more: expected text in quotes, got 1. Try: " in str(refusal(many))
+
+
+def test_faults_of_different_kinds_are_numbered_in_one_error():
+    error = refusal("size = 1\n[best]\nsize_mm = 0\npoints = 2.5\ncolour = 'green'\n[[balls]]\n")
+    assert str(error).splitlines() == [
+        "5 faults",
+        f"  1. unknown key size. Try: use one of {', '.join(Box.model_fields)}",
+        "  2. the key balls[1].size_mm is missing. Try: add the key",
+        "  3. best.size_mm: expected more than 0, got 0",
+        "  4. best.points: expected a whole number, got 2.5",
+        "  5. best.colour: expected 'red' or 'blue', got 'green'",
+    ]
+    assert [fault.hint for fault in error.faults[:2]] == [f"use one of {', '.join(Box.model_fields)}", "add the key"]
+    assert "(4) best.points: expected a whole number" in error.problem  # for those who quote it in one line
+    assert str(error.in_file("box.toml")).startswith("box.toml: 5 faults\n  1. unknown key size.")
+    many = refusal("\n".join(f"k{i} = 1" for i in range(100)))
+    assert str(many).splitlines()[-1] == f"  {MOST_FAULTS + 1}. and {100 - MOST_FAULTS} more"
+
+
+def test_a_misspelt_key_is_not_missing_as_well():
+    assert str(refusal("[best]\nsize_m = 1\n")).startswith("unknown key best.size_m. Try")
+    assert len(refusal("[best]\nsize_m = 1\npoint = 2\n").faults) == 2
 
 
 def test_hostile_content_raises_an_input_error():

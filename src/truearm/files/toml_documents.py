@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import datetime
+import difflib
 import re
 import tomllib
 import unicodedata
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args, get_origin
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails
 
-from truearm.errors import InputError
+from truearm.errors import InputError, joined
 from truearm.files.file_reading import read_limited
 
 MAX_BYTES = 1_000_000
@@ -84,7 +86,7 @@ M = TypeVar("M", bound=BaseModel)
 
 
 def read_document(path: str | Path, model: type[M]) -> M:
-    """Read a TOML file and check it against a model.
+    """Read a TOML file and check it against a model; all faults are raised at once.
 
     Parameters
     ----------
@@ -132,21 +134,55 @@ def parse_toml(content: bytes, model: type[M]) -> M:
 
 
 def _input_error(error: ValidationError, model: type[BaseModel]) -> InputError:
-    """Describe the first broken rule in one sentence, with all keys that break it in the same way."""
-    errors = error.errors()
-    # A misspelt key is both unknown and missing; the unknown one is the better clue.
-    first = next((one for one in errors if one["type"] == "extra_forbidden"), errors[0])
-    if first["type"] == "extra_forbidden":
-        known = _model_at(model, first["loc"][:-1])
+    """Describe all broken rules, each in one sentence with all keys that break it in the same way."""
+    errors = [one for one in error.errors() if not _follows_from_entries(one)]
+    unknown = [one for one in errors if one["type"] == "extra_forbidden"]
+    missing = _not_misspelt([one for one in errors if one["type"] == "missing"], unknown)
+    faults = []
+    for one in unknown:
+        known = _model_at(model, one["loc"][:-1])
         remedy = f"use one of {', '.join(known.model_fields)}" if known else "remove the key"
-        return InputError(f"unknown key {_path(first):.80}", hint=remedy)
-    if first["type"] == "missing":
-        return InputError(f"the key {_path(first)} is missing", hint="add the key")
-    problem, hint = _describe(first, model)
-    alike = [_path(one) for one in errors if one["type"] == first["type"] and _describe(one, model) == (problem, hint)]
-    more = f" and {len(alike) - MOST_KEYS} more" if len(alike) > MOST_KEYS else ""
-    keys = ", ".join(alike[:MOST_KEYS]) + more
-    return InputError(f"{keys}: {problem}" if keys else problem, hint=hint)
+        faults.append(InputError(f"unknown key {_path(one):.80}", hint=remedy))
+    if len(missing) == 1:
+        faults.append(InputError(f"the key {_path(missing[0])} is missing", hint="add the key"))
+    elif missing:
+        faults.append(InputError(f"the keys {_listed(map(_path, missing))} are missing", hint="add the keys"))
+    alike: dict[tuple[str, str | None], list[str]] = {}
+    for one in errors:
+        if one["type"] not in ("extra_forbidden", "missing"):
+            alike.setdefault(_describe(one, model), []).append(_path(one))
+    for (problem, hint), paths in alike.items():
+        keys = _listed(paths)
+        faults.append(InputError(f"{keys}: {problem}" if keys else problem, hint=hint))
+    found = joined(faults)
+    assert found is not None
+    return found
+
+
+def _follows_from_entries(error: ErrorDetails) -> bool:
+    """Whether a list only counts as too short because entries of it, which have faults of their own, do not count."""
+    return error["type"] == "too_short" and len(error["input"]) >= error.get("ctx", {})["min_length"]
+
+
+def _not_misspelt(missing: list[ErrorDetails], unknown: list[ErrorDetails]) -> list[ErrorDetails]:
+    """The missing keys without those that an unknown key of the same table stands for.
+
+    A misspelt key is both unknown and missing; the unknown one is the better clue.
+    """
+    left = list(missing)
+    for one in unknown:
+        beside = {str(other["loc"][-1]): other for other in left if other["loc"][:-1] == one["loc"][:-1]}
+        close = difflib.get_close_matches(str(one["loc"][-1]), beside, n=1)
+        if close or len(beside) == 1:
+            left.remove(beside[close[0] if close else next(iter(beside))])
+    return left
+
+
+def _listed(paths: Iterable[str]) -> str:
+    """Keys separated by commas; of many, the first ones and the number of the others."""
+    paths = list(paths)
+    more = f" and {len(paths) - MOST_KEYS} more" if len(paths) > MOST_KEYS else ""
+    return ", ".join(paths[:MOST_KEYS]) + more
 
 
 def _describe(error: ErrorDetails, model: type[BaseModel]) -> tuple[str, str | None]:

@@ -9,12 +9,13 @@ from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from truearm.errors import InputError
+from truearm.errors import FaultCollector, InputError
 from truearm.files.atomic_write import atomic_file, check_writable
 from truearm.solve.threads import one_blas_thread
 from truearm.verification.certificate.administrative_data import AdministrativeData, read_administrative_data
 from truearm.verification.certificate.certificate import (
     Certificate,
+    check_about,
     check_artefacts,
     check_plan,
     check_uncertainties,
@@ -196,7 +197,7 @@ def certificate(
     Raises
     ------
     InputError
-        If numbers of the test plan are not confirmed, a value that has a limit has no uncertainty, the laboratory that
+        With all faults that were found: numbers of the test plan are not confirmed, a value that has a limit has no uncertainty, the laboratory that
         calibrated an artefact is not named, dates or temperatures do not fit those of the points, or an input file has
         changed since it was read; or the points are of an arm with another serial number.
 
@@ -228,20 +229,23 @@ def certificate(
     """
     files = [Path(about)] if isinstance(about, str | Path) else []
     digests = {**verification.digests, **digests_of(files)}
-    stated = about if isinstance(about, AdministrativeData) else read_administrative_data(about)
-    with_file = files[0] if files else None
+    found = FaultCollector()
+    stated: AdministrativeData | None = None
+    with found.collect():
+        stated = about if isinstance(about, AdministrativeData) else read_administrative_data(about)
+    if stated is not None:
+        with found.collect(files[0] if files else None):
+            check_about(stated, verification.verification)
     if not unconfirmed:
-        check_plan(verification.verification)
-    try:
-        check_artefacts(verification.verification)
-        check_uncertainties(verification.verification)
-    except InputError as error:
-        raise _in(error, verification.artefacts_file) from None
+        with found.collect():
+            check_plan(verification.verification)
+    for check in (check_artefacts, check_uncertainties):
+        with found.collect(verification.artefacts_file):
+            check(verification.verification)
+    found.raise_any()
+    assert stated is not None  # or there was a fault
     verification = replace(verification, verification=verification.verification.in_room(stated.room))
-    try:
-        made = make_certificate(stated, verification.verification, unconfirmed=unconfirmed)
-    except InputError as error:
-        raise _in(error, with_file) from None
+    made = make_certificate(stated, verification.verification, unconfirmed=unconfirmed)
     for file, digest in digests_of(list(digests)).items():
         if digest != digests[file]:
             raise InputError("the file changed while it was read", file=file, hint="repeat the command")
@@ -281,7 +285,3 @@ def check_pdf_path(path: str | Path, *inputs: str | Path) -> None:
     check_output_is_not_input(path, *inputs)
     check_writable(path)
     check_pdf_writer()
-
-
-def _in(error: InputError, file: Path | None) -> InputError:
-    return error if file is None else error.in_file(file)

@@ -33,8 +33,11 @@ def test_the_template_has_every_key_and_is_refused_until_it_is_filled_in(tmp_pat
         read_administrative_data(tmp_path / "about.toml")
     assert refused.value.file == tmp_path / "about.toml"
     empty = re.findall(r'^(\w+) = ""', text, flags=re.M)
-    assert refused.value.problem.endswith(": the text is empty")
-    assert len(refused.value.problem.partition(":")[0].split(", ")) == len(empty) == 17
+    missing, texts, country = refused.value.faults[0], refused.value.faults[1], refused.value.faults[2:]
+    assert missing.problem == "the key conditions.temperature_degC is missing"
+    assert texts.problem.endswith(": the text is empty")
+    assert len(texts.problem.partition(":")[0].split(", ")) == len(empty) == 17
+    assert country == ()
     filled = re.sub(r'^country = ""', 'country = "DE"', text.replace("# temp", "temp"), flags=re.M)
     filled = re.sub(r'^(\w+) = ""', r'\1 = "x"', filled, flags=re.M)
     assert parse_toml(filled.encode(), AdministrativeData).place == "laboratory"
@@ -61,6 +64,45 @@ def test_the_template_has_every_key_and_is_refused_until_it_is_filled_in(tmp_pat
 def test_what_is_wrong_is_said(changes, told):
     with pytest.raises(ValueError, match=told):
         about(**changes)
+
+
+def test_all_faults_of_the_file_are_said_at_once(tmp_path):
+    text = re.sub(r"(?s)\[set_up\].*?(?=\[laboratory\])", "", template())
+    for before, after in (
+        ("issued = 1900-01-01", "issued = 2026-01-01"),
+        ("# received = 1900-01-01", "received = 2026-01-02"),
+        ('place = "laboratory"', 'place = "moon"'),
+        ("# temperature_degC = [0.0, 0.0]", "temperature_degC = [21.0, 20.0]"),
+        ("model =", "modell ="),
+        ('[[persons]]  # responsible persons; main_signer for the one who signs\nname = ""', '[[persons]]\nname = "x"'),
+        ('role = ""\nmain_signer = true', ""),
+    ):
+        assert before in text
+        text = text.replace(before, after)
+    (tmp_path / "about.toml").write_text(text)
+    with pytest.raises(InputError) as refused:
+        read_administrative_data(tmp_path / "about.toml")
+    lines = str(refused.value).splitlines()
+    assert lines[0] == f"{tmp_path / 'about.toml'}: 7 faults"
+    for told in (
+        "unknown key item.modell",
+        "the key set_up is missing",
+        "received: issued on 2026-01-01, before the arm was received on 2026-01-02",
+        "number, item.maker, item.serial_number, laboratory.name",
+        "place: expected 'laboratory'",
+        "persons: no person signs",
+        "conditions.temperature_degC: expected the lowest and the highest",
+    ):
+        assert sum(told in line for line in lines) == 1, told
+
+
+def test_all_contradictions_to_the_points_are_said_at_once():
+    told = about(issued=DAY.replace(day=2), received=DAY.replace(day=1), set_up=None)
+    told = told.model_copy(update={"conditions": told.conditions.model_copy(update={"temperature_degC": (30.0, 32.0)})})
+    with pytest.raises(InputError) as refused:
+        certificate(told)
+    said = [fault.problem.split(" ")[0] for fault in refused.value.faults]
+    assert said == ["a", "issued", "issued", "the"]  # set-up, end of the measurement, confirmation, room
 
 
 def test_days_must_fit_those_of_the_points():

@@ -9,9 +9,9 @@ import datetime
 import re
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
-from pydantic import AfterValidator, Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, ValidationInfo, field_validator
 
 from truearm.errors import InputError
 from truearm.files.toml_documents import Document, Real, read_document
@@ -101,19 +101,16 @@ class Conditions(Document):
     temperature_degC: Between
     relative_humidity_percent: Between | None = None
 
-    @model_validator(mode="after")
-    def _in_order(self) -> Self:
-        for key, pair, least, most in (
-            ("temperature_degC", self.temperature_degC, -50, 100),
-            ("relative_humidity_percent", self.relative_humidity_percent, 0, 100),
-        ):
-            if pair is not None and not least <= pair[0] <= pair[1] <= most:
-                got = f"{pair[0]:g} and {pair[1]:g}"
-                raise InputError(
-                    f"{key}: expected the lowest and the highest, from {least} to {most}, got {got}",
-                    hint="write [lowest, highest]",
-                )
-        return self
+    @field_validator("temperature_degC", "relative_humidity_percent")
+    @classmethod
+    def _in_order(cls, pair: Between | None, info: ValidationInfo) -> Between | None:
+        least, most = (-50, 100) if info.field_name == "temperature_degC" else (0, 100)
+        if pair is not None and not least <= pair[0] <= pair[1] <= most:
+            raise InputError(
+                f"expected the lowest and the highest, from {least} to {most}, got {pair[0]:g} and {pair[1]:g}",
+                hint="write [lowest, highest]",
+            )
+        return pair
 
 
 class AdministrativeData(Document):
@@ -158,16 +155,24 @@ class AdministrativeData(Document):
         check_past(day)
         return day
 
-    @model_validator(mode="after")
-    def _signed_after_it_came(self) -> Self:
-        if not any(person.main_signer for person in self.persons):
-            raise InputError("no person signs the certificate", hint="write main_signer = true for one of the persons")
-        if self.received is not None and self.issued < self.received:
+    # Validators of fields rather than of the whole: pydantic calls the latter only if all fields are valid, and a
+    # person would hear of their faults in a second run.
+    @field_validator("received")
+    @classmethod
+    def _received_before_it_is_signed(cls, day: datetime.date | None, info: ValidationInfo) -> datetime.date | None:
+        issued = info.data.get("issued")
+        if day is not None and issued is not None and issued < day:
             raise InputError(
-                f"issued on {self.issued}, before the arm was received on {self.received}",
-                hint="correct one of the dates",
+                f"issued on {issued}, before the arm was received on {day}", hint="correct one of the dates"
             )
-        return self
+        return day
+
+    @field_validator("persons")
+    @classmethod
+    def _somebody_signs(cls, persons: tuple[Person, ...]) -> tuple[Person, ...]:
+        if not any(person.main_signer for person in persons):
+            raise InputError("no person signs the certificate", hint="write main_signer = true for one of the persons")
+        return persons
 
     def check_complete(self) -> None:
         """Check that what results depend on is stated; certificates of earlier versions, which are read, lack it.
@@ -203,8 +208,8 @@ class AdministrativeData(Document):
                 hint="give the points of this arm, or correct the number that is wrong",
             )
 
-    def check_days(self, begin: datetime.date, end: datetime.date) -> None:
-        """Check that the arm was received before the measurement, and the certificate issued after it.
+    def check_issued(self, end: datetime.date) -> None:
+        """Check that the certificate is issued after the measurement.
 
         Raises
         ------
@@ -216,6 +221,15 @@ class AdministrativeData(Document):
                 f"issued on {self.issued}, before the last points were measured on {end}",
                 hint="correct the date issued",
             )
+
+    def check_received(self, begin: datetime.date) -> None:
+        """Check that the arm was received before the measurement.
+
+        Raises
+        ------
+        InputError
+            If not.
+        """
         if self.received is not None and self.received > begin:
             raise InputError(
                 f"the arm was received on {self.received}, after points were measured on {begin}",
@@ -262,14 +276,21 @@ class AdministrativeData(Document):
 
 
 def read_administrative_data(path: str | Path) -> AdministrativeData:
-    """Read the administrative data of a certificate.
+    """Read the administrative data of a new certificate.
 
     Raises
     ------
     InputError
-        If the file is missing or breaks a rule of its format; the message names empty keys.
+        If the file is missing or breaks a rule of its format; the message names all faults.
     """
-    return read_document(path, AdministrativeData)
+    read = read_document(path, _NewFile)
+    return AdministrativeData.model_validate({key: getattr(read, key) for key in AdministrativeData.model_fields})
+
+
+class _NewFile(AdministrativeData):
+    """The file of a new certificate, in which nothing may be missing."""
+
+    set_up: SetUp
 
 
 def template() -> str:

@@ -8,7 +8,7 @@ from decimal import Decimal
 from math import isfinite
 
 from truearm import __version__
-from truearm.errors import InputError
+from truearm.errors import FaultCollector, InputError
 from truearm.verification.certificate.administrative_data import AdministrativeData, xml_text
 from truearm.verification.certificate.statements import Statement, make_statements
 from truearm.verification.standards.artefacts import Artefact, CalibratedBar, CalibratedSphere
@@ -166,15 +166,9 @@ def make_certificate(
         check_plan(verification)
     check_artefacts(verification)
     check_uncertainties(verification)
-    about.check_complete()
-    about.check_serial_number(verification.measured.serial_number)
+    check_about(about, verification)
     days = [group.date for group in verification.groups]
-    about.check_days(min(days), max(days))
-    if verification.plan.confirmation is not None:
-        about.check_confirmation(verification.plan.confirmation.date)
     degC = verification.temperatures
-    if degC is not None:
-        about.check_room(*degC)
     stated = gap is None
     methods = [
         Method(
@@ -213,6 +207,33 @@ def make_certificate(
 def confirmation_gap(verification: Verification) -> str | None:
     """Return what is missing before the results count as results after the standard; None if nothing."""
     return verification.plan.confirmation_gap(verification.measured.tests)
+
+
+def check_about(about: AdministrativeData, verification: Verification) -> None:
+    """Check that the administrative data are complete and fit the verification; all faults are raised at once.
+
+    Raises
+    ------
+    InputError
+        If the set-up is missing, or serial number, dates or temperatures contradict those of the points.
+    """
+    found = FaultCollector()
+    with found.collect():
+        about.check_complete()
+    with found.collect():
+        about.check_serial_number(verification.measured.serial_number)
+    days = [group.date for group in verification.groups]
+    with found.collect():
+        about.check_issued(max(days))
+    with found.collect():
+        about.check_received(min(days))
+    if verification.plan.confirmation is not None:
+        with found.collect():
+            about.check_confirmation(verification.plan.confirmation.date)
+    if (degC := verification.temperatures) is not None:
+        with found.collect():
+            about.check_room(*degC)
+    found.raise_any()
 
 
 def check_plan(verification: Verification) -> None:
