@@ -197,9 +197,9 @@ def certificate(
     Raises
     ------
     InputError
-        With all faults that were found: numbers of the test plan are not confirmed, a value that has a limit has no uncertainty, the laboratory that
-        calibrated an artefact is not named, dates or temperatures do not fit those of the points, or an input file has
-        changed since it was read; or the points are of an arm with another serial number.
+        With all faults that were found: numbers of the test plan are not confirmed, a value that has a limit has no
+        uncertainty, the laboratory that calibrated an artefact is not named, dates or temperatures do not fit those of
+        the points, the points are of an arm with another serial number, or an input file has changed since it was read.
 
     Examples
     --------
