@@ -32,8 +32,15 @@ from truearm.verification.monitor.assessment import (
     describe_withdrawals,
 )
 from truearm.verification.monitor.control_chart import CHECKS_NEEDED
+from truearm.verification.monitor.expected_values import PointErrors
 from truearm.verification.monitor.history import History, OtherModel
-from truearm.verification.monitor.interim_check import CheckValue, InterimCheck, counted, interim_values
+from truearm.verification.monitor.interim_check import (
+    CHECK_QUANTITIES,
+    CheckValue,
+    InterimCheck,
+    counted,
+    interim_values,
+)
 from truearm.verification.monitor.recorded_check import RecordedCheck, record_check
 from truearm.verification.standards.dates import format_date, now, parse_moment
 from truearm.workflows.inputs import (
@@ -141,7 +148,16 @@ class CheckResult(PageRecord):
                 "history already, and is not added again; the results are those of the last check"
             )
         current = [trend for trend in self.assessment.trends if trend.current]
-        heads = ["value", "result [mm]", "mean before [mm]", "limits of the chart [mm]", "drift", "MPE [mm]", "state"]
+        heads = [
+            "value",
+            "result [mm]",
+            "model explains [mm]",
+            "mean before [mm]",
+            "limits of the chart [mm]",
+            "drift",
+            "MPE [mm]",
+            "state",
+        ]
         rows = [_cells(trend) for trend in current]
         shown = [i for i in range(len(heads)) if i < 2 or any(row[i] for row in rows)]
         words = (0, *(at for at, i in enumerate(shown) if heads[i] == "state"))
@@ -294,11 +310,15 @@ def _values(
 ) -> tuple[CheckValue, ...]:
     """The test values of the points that the model predicts."""
     # Unexplained by the model: the other part of its uncertainty is the same in every check.
-    _, unexplained = model.covariance_parts(session)
+    of_parameters, unexplained = model.covariance_parts(session)
+    shared = model.shared_displacements(session)
+    own = of_parameters - np.einsum("kni,knj->nij", shared, shared) + unexplained
     try:
         return interim_values(
             model.predict_readings(session),
             std_mm=np.sqrt(np.trace(unexplained, axis1=1, axis2=2) / 3),
+            # A difference of nothing may be below zero by rounding.
+            errors=PointErrors(np.sqrt(np.maximum(np.trace(own, axis1=1, axis2=2) / 3, 0.0)), shared),
             seat=session.seat,
             sphere=session.sphere,
             lengths=lengths,
@@ -322,10 +342,11 @@ def model_file_fingerprint(model: ModelLike) -> str:
 def _cells(trend: Trend) -> list[str]:
     chart, latest = trend.chart, trend.latest
     limit = "" if trend.limit_mm is None else f"{trend.limit_mm:.4f}"
-    sign = latest.quantity == "length error"
+    sign, quantity = latest.quantity == "length error", CHECK_QUANTITIES[latest.quantity]
     value = format_fixed(latest.value_mm, sign=sign)
+    explained = "" if trend.explained_mm is None else f"{'up to ' if quantity.scale else '±'}{trend.explained_mm:.4f}"
     if chart is None or np.isnan(chart.centre[-1]):
-        return [latest.label, value, "", "", "", limit, "over MPE" if trend.over_limit else ""]
+        return [latest.label, value, explained, "", "", "", limit, "over MPE" if trend.over_limit else ""]
     low, high = chart.lower[-1], format_fixed(chart.upper[-1], sign=sign)
     limits = f"up to {high}" if np.isnan(low) else f"{format_fixed(low, sign=sign)} to {high}"
     verdicts = {
@@ -336,6 +357,7 @@ def _cells(trend: Trend) -> list[str]:
     return [
         latest.label,
         value,
+        explained,
         format_fixed(chart.centre[-1], sign=sign),
         limits if chart.shows_limits[-1] else "\u2013",
         f"{chart.cusum[:, -1].max():.2f}",
@@ -353,6 +375,8 @@ def _trend_to_dict(trend: Trend) -> dict[str, Any]:
         "value_mm": latest.value_mm,
         "u_mm": latest.u_mm,
         "u_artefact_mm": latest.u_artefact_mm,
+        "largest_expected_mm": latest.largest_expected_mm,
+        "unexpected": trend.unexpected,
         "at_20_degC": latest.length_mm is not None if latest.quantity == "length error" else None,
         "n": latest.n,
         "mpe_mm": trend.limit_mm,

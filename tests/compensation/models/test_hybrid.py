@@ -98,6 +98,16 @@ def test_uncertainty_grows_outside_and_the_rows_are_flagged(model, test):
     assert model.outside_training(away)[away.angles[:, 0] > 1.01].all()
 
 
+def test_what_readings_share_is_part_of_their_uncertainty(model, test):
+    """The rest, the scatter of the networks, is a covariance too; outside the trained temperature growth is shared."""
+    warm = replace(test, temperature_degC=test.temperature_degC + 40.0)
+    for readings in (test, warm):
+        shared, (of_parameters, _) = model.shared_displacements(readings), model.covariance_parts(readings)
+        rest = of_parameters - np.einsum("kni,knj->nij", shared, shared)
+        assert (np.linalg.eigvalsh(rest) > -1e-9 * np.trace(of_parameters, axis1=1, axis2=2).max()).all()
+    assert np.linalg.norm(shared) > np.linalg.norm(model.shared_displacements(test))
+
+
 def test_far_outside_the_correction_stays_of_the_size_of_the_residuals(model, kinematic, rng):
     """Hidden units saturate: no reading in a full turn of all joints is moved by more than 10 mm for waves of 0.6."""
     angles = rng.uniform(-np.pi, np.pi, (500, 3))

@@ -29,6 +29,7 @@ from truearm.compensation.models.reading_references import (
 )
 from truearm.compensation.models.session_frames import (
     covariances_to_session_frames,
+    displacements_to_session_frames,
     points_to_session_frames,
     rough_session_frames,
     session_frame_terms,
@@ -262,6 +263,23 @@ class Compensator(Regressor, ABC):
             unexplained, readings, frames
         )
 
+    @one_blas_thread()
+    def shared_displacements(self, readings: Session) -> FloatArray:
+        """Errors of predicted points that readings have in common, as far as the model knows them.
+
+        The uncertainty of a distance between points, or of their scatter, needs the covariances between readings. The
+        part `of_parameters` of `covariance_parts` is the sum of the products of these displacements, and of a rest that
+        is taken as independent from reading to reading.
+
+        Returns
+        -------
+        (k, n, 3) array
+            Displacements of the points by k independent causes of variance one [mm]; k may be 0.
+        """
+        self._check_session(readings)
+        displacements = [self._shared_displacements(readings), self._expansion_displacements(readings)]
+        return displacements_to_session_frames(np.concatenate(displacements), readings, self.session_frames_)
+
     def ellipsoid_factor(self, level: float) -> float:
         """Half axis, in standard uncertainties, of the ellipsoid that contains a point with probability `level`.
 
@@ -284,15 +302,21 @@ class Compensator(Regressor, ABC):
             [mm^2]; zeros inside the trained temperatures, where the session states none, and of a model with terms for
             growth.
         """
-        out = np.zeros((len(readings), 3, 3))
+        displacements = self._expansion_displacements(readings)
+        return np.asarray(np.einsum("lnx,lny->nxy", displacements, displacements))
+
+    def _expansion_displacements(self, readings: Session) -> FloatArray:
+        """(l, n, 3) the same as displacements of the tips by l independent expansions of variance one [mm]."""
         kelvin = self.training_.kelvin_outside(readings)
         rows = np.flatnonzero(kelvin)
-        if len(rows) and not self._has_thermal_terms():
-            jacobian = self.nominal_.chain.tip_derivatives(readings.angles[rows]).motion_jacobian
-            links = np.einsum("li,nlix->nlx", link_vectors(self.arm_.chain), jacobian[:, :-1, 3:])
-            shared = UNKNOWN_MATERIAL.common_per_K * links.sum(axis=1, keepdims=True)
-            links = np.concatenate([UNKNOWN_MATERIAL.own_per_K * links, shared], axis=1)
-            out[rows] = np.einsum("n,nlx,nly->nxy", kelvin[rows] ** 2, links, links)
+        if not len(rows) or self._has_thermal_terms():
+            return np.zeros((0, len(readings), 3))
+        jacobian = self.nominal_.chain.tip_derivatives(readings.angles[rows]).motion_jacobian
+        links = np.einsum("li,nlix->lnx", link_vectors(self.arm_.chain), jacobian[:, :-1, 3:])
+        shared = UNKNOWN_MATERIAL.common_per_K * links.sum(axis=0, keepdims=True)
+        links = np.concatenate([UNKNOWN_MATERIAL.own_per_K * links, shared])
+        out = np.zeros((len(links), len(readings), 3))
+        out[:, rows] = kelvin[rows, None] * links
         return out
 
     def predict_nominal(self, angles: npt.ArrayLike) -> FloatArray:
@@ -391,6 +415,10 @@ class Compensator(Regressor, ABC):
     @abstractmethod
     def _covariance_parts(self, readings: Session) -> tuple[FloatArray, FloatArray]:
         """See `covariance_parts`, without the expansion outside the trained temperatures."""
+
+    def _shared_displacements(self, readings: Session) -> FloatArray:
+        """See `shared_displacements`, in the frame of the first session and without the expansion."""
+        return np.zeros((0, len(readings), 3))
 
     def _has_thermal_terms(self) -> bool:
         """Whether the model has learned how the arm grows with temperature."""

@@ -295,6 +295,10 @@ class HybridModel(Compensator):
             unexplained = unexplained + half[:, :, None] * half[:, None, :]
         return of_parameters, unexplained
 
+    def _shared_displacements(self, readings: Session) -> FloatArray:
+        # The networks' scatter counts as independent: it has no direction, and in the poses of a seat little in common.
+        return self.fit_.tip_displacements(state_of(self.arm_, self._with_known_sessions(readings)))
+
     def _fit_weighted(self, readings: Session, weight: FloatArray) -> Self:
         if (weight == weight[0]).all():
             return self.fit_readings(readings)

@@ -300,6 +300,9 @@ class IdentifiedModel(Compensator):
             self.unstated_input_covariances(readings).values(), unexplained[:, None, None] * np.eye(3)
         )
 
+    def _shared_displacements(self, readings: Session) -> FloatArray:
+        return self.fit_.tip_displacements(self.state(readings))
+
     @one_blas_thread()
     def unstated_input_covariances(self, readings: Session) -> dict[str, FloatArray]:
         """Tip covariance from inputs of the terms that the readings do not state.

@@ -136,6 +136,15 @@ def covariances_to_session_frames(covariance: FloatArray, readings: Session, fra
     return out
 
 
+def displacements_to_session_frames(displacements: FloatArray, readings: Session, frames: Frames) -> FloatArray:
+    """Displacements (k, n, 3) [mm], rotated likewise."""
+    out = displacements
+    for rows, T in _by_session(readings, frames):
+        out = out.copy() if out is displacements else out
+        out[:, rows] = displacements[:, rows] @ T[:3, :3]
+    return out
+
+
 def _by_session(readings: Session, frames: Frames) -> Iterator[tuple[BoolArray, FloatArray]]:
     """Readings (n,) of every session but the first, and the rigid motion (4, 4) of its points."""
     for name in list(frames)[1:]:

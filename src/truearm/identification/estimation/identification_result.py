@@ -151,6 +151,18 @@ class IdentificationResult:
             out[rows] = np.einsum("pin,pjn->nij", spread, spread)
         return out + self.unspanned_covariance(state)
 
+    def tip_displacements(self, state: ArmState) -> FloatArray:
+        """(k, n, 3) the errors of tips [mm] by k independent causes of variance one.
+
+        The sum of their products is `tip_covariance`, and those between two readings are the covariance of their tips.
+        """
+        uncertain, root = self._root
+        out = np.zeros((len(uncertain), len(state), 3))
+        for rows, _, columns in self.perturbed_chain.derivatives(state, self.coefficients):
+            p, m, _ = out[:, rows].shape
+            out[:, rows] = root.times(columns[uncertain].transpose(0, 2, 1).reshape(p, 3 * m)).reshape(p, m, 3)
+        return np.concatenate([out, self.unspanned_displacements(state)])
+
     def unspanned_covariance(self, state: ArmState) -> FloatArray:
         """(n, 3, 3) covariance of tips [mm^2] by what processes do between and beyond their inducing points."""
         displacements = self.unspanned_displacements(state)

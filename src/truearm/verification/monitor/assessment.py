@@ -14,7 +14,6 @@ from truearm.typing import IntArray
 from truearm.verification.monitor.control_chart import (
     CHECKS_NEEDED,
     DETECTED_WITHIN,
-    FALSE_ALARMS,
     MIN_BASELINE_CHECKS,
     MIN_CORRELATION_VALUES,
     MIN_LIMIT_VALUES,
@@ -32,6 +31,10 @@ UNDECIDED_TEXT = (
     "Undecided: repeat the check before you recalibrate. Clean the artefacts first, and check that they are fixed."
 )
 
+_AFTER_UNEXPECTED = (
+    "if a repeated check shows less, withdraw this one (--withdraw), or it counts among the first; if not, the arm has "
+    "changed since its readings, or the model states too little: fit it again"
+)
 
 _START = datetime.datetime(2000, 1, 1)
 
@@ -65,6 +68,9 @@ class Trend:
         Whether the latest value exceeds that limit by more than its uncertainty.
     over_before : bool
         Whether the value before did too, with the same sign.
+    unexpected : bool
+        Whether the latest value deviates by more than the uncertainty of the model explains, where its chart has too
+        few checks to say whether it has changed.
     """
 
     latest: CheckValue
@@ -74,12 +80,18 @@ class Trend:
     limit_mm: float | None
     over_limit: bool
     over_before: bool
+    unexpected: bool
 
     @property
     def since(self) -> int | None:
         """The first check of the present change; None where nothing has changed."""
         changed = None if self.chart is None else self.chart.since
         return None if changed is None else int(self.checks[changed])
+
+    @property
+    def explained_mm(self) -> float | None:
+        """What deviation the uncertainty of the model explains, where that is compared: with few checks [mm]."""
+        return None if self.chart is None or self.chart.enough else self.latest.largest_expected_mm
 
     @property
     def single_value_out_of_limits(self) -> bool:
@@ -140,7 +152,7 @@ def assess(
     the same limit; or the latest two values have the same sign and exceed their limit in the
     specification by more than the uncertainty of the artefact (ISO 14253-1). Quantities that the last check does not
     contain count with their latest values. Undecided: that is true of the latest value only, for which dirt in a
-    seat may be the cause; or, with few checks, the scatter in a seat is far above that which the model expects.
+    seat may be the cause; or, with few checks, a value deviates by more than the uncertainty of the model explains.
     No: neither, and every chart of the last check has enough earlier checks.
 
     Parameters
@@ -180,20 +192,20 @@ def assess(
         if not any(by_key[series[key][-1]][key].uses(name) for name in retired)
     )
     current = [trend for trend in trends if trend.current and trend.chart is not None]
-    gross = [_gross(trend, times) for trend in current if (times := _times_expected(trend)) is not None]
+    unexpected = [_unexpected(trend) for trend in current if trend.unexpected]
     first_checks = [trend.since for trend in trends if trend.since is not None and not trend.single_value_out_of_limits]
     if any(trend.confirmed for trend in trends):
         advice = RecalibrationAdvice.YES
-    elif gross or any(trend.alarm for trend in trends):
+    elif unexpected or any(trend.alarm for trend in trends):
         advice = RecalibrationAdvice.UNDECIDED
     elif current and all(trend.enough for trend in current):
         advice = RecalibrationAdvice.NO
     else:
         advice = RecalibrationAdvice.NOT_ENOUGH
     reasons = [_reason(trend, trend.since) for trend in trends if trend.since is not None]
-    reasons += [_over(trend) for trend in trends if trend.over_limit] + gross
+    reasons += [_over(trend) for trend in trends if trend.over_limit] + unexpected
     n_before = min((int(trend.chart.n_before[-1]) for trend in current if trend.chart is not None), default=0)
-    remarks = (*_remarks(trends), *_not_compared(trends, specification))
+    remarks = (*_remarks(trends), *([_AFTER_UNEXPECTED] if unexpected else []), *_not_compared(trends, specification))
     return Assessment(advice, min(first_checks, default=None), tuple(reasons), remarks, n_before, trends)
 
 
@@ -223,9 +235,12 @@ def describe_power(assessment: Assessment) -> tuple[str, ...]:
     if n >= MIN_BASELINE_CHECKS or assessment.recalibrate is RecalibrationAdvice.YES:
         return ()
     now = ["whether a value lies far from those before"] if n >= 2 else []
+    if any(trend.latest.largest_expected_mm is not None for trend in assessment.trends):
+        now.insert(0, "whether a value deviates by more than the uncertainty of the model explains")
     if any(trend.limit_mm is not None for trend in assessment.trends):
         now.append("whether a value exceeds its limit in the specification")
-    shown = f"The checks show {' and '.join(now)}" if now else "There is nothing yet to compare the values with"
+    phrase = " and ".join(part for part in (", ".join(now[:-1]), *now[-1:]) if part)
+    shown = f"The checks show {phrase}" if now else "There is nothing yet to compare the values with"
     return (
         f"{shown}; that the arm is unchanged does not show before there are {CHECKS_NEEDED} checks.",
         (
@@ -316,7 +331,10 @@ def _trend(
     over_before = (
         len(values) > 1 and _compare(values[-2], specification)[1] and values[-2].value_mm * latest.value_mm > 0
     )
-    return Trend(latest, at[-1] == last, np.array(at), chart, limit, over, over_before)
+    unexpected = (
+        chart is not None and not chart.enough and latest.exceeds_expected([one.value_mm for one in values[:-1]])
+    )
+    return Trend(latest, at[-1] == last, np.array(at), chart, limit, over, over_before, unexpected)
 
 
 def _compare(value: CheckValue, specification: Specification | None) -> tuple[float | None, bool]:
@@ -359,18 +377,14 @@ def _over(trend: Trend) -> str:
     )
 
 
-def _times_expected(trend: Trend) -> float | None:
-    """How many times the scatter is that which the model expects, where few checks are there to compare it with."""
-    if trend.chart is None or trend.enough:
-        return None
-    return trend.latest.times_expected(FALSE_ALARMS)
-
-
-def _gross(trend: Trend, times: float) -> str:
-    return (
-        f"{trend.latest.label}: {trend.latest.value_mm:.4f} mm is {times:.0f} times what the model expects; if a "
-        "repeated check shows less, withdraw this one (--withdraw), or it counts among the first"
-    )
+def _unexpected(trend: Trend) -> str:
+    latest = trend.latest
+    if latest.quantity == "diameter":
+        what = f"{latest.value_mm:.4f} mm differs from the earlier checks by more than"
+    else:
+        sign = "" if CHECK_QUANTITIES[latest.quantity].scale else "+"
+        what = f"{latest.value_mm:{sign}.4f} mm is beyond the {latest.largest_expected_mm:.4f} mm that"
+    return f"{latest.label}: {what} the uncertainty of the model explains"
 
 
 def _when_last(trend: Trend) -> str:

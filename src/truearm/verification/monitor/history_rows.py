@@ -75,6 +75,9 @@ def encode_check(record: CheckRow) -> str:
     """Return the JSON text of a row with a check."""
     check = {**asdict(record.check), "date": record.check.date.isoformat(sep=" ")}
     del check["withdrawn"]
+    for value in check["values"]:  # nor has a value that nothing is expected of
+        if value["largest_expected_mm"] is None:
+            del value["largest_expected_mm"]
     # Without a number the row is as it was before there were any.
     number = {"serial_number": record.serial_number} if record.serial_number else {}
     return json.dumps({"name": record.name, "arm": record.arm, **number, **check}, allow_nan=False)

@@ -8,17 +8,23 @@ from __future__ import annotations
 
 import datetime
 import math
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import chdtri
 
 from truearm.errors import InputError
 from truearm.readings.lengths import Lengths
 from truearm.readings.thermal_expansion import thermal_expansion_at
 from truearm.typing import FloatArray, NameArray
+from truearm.verification.monitor.control_chart import FALSE_ALARMS
+from truearm.verification.monitor.expected_values import (
+    PointErrors,
+    largest_form_and_diameter,
+    largest_length_error,
+    largest_scatter,
+)
 from truearm.verification.shapes.sphere import fit_sphere
 
 # Points of a seat farther from their mean than this belong to two seats [mm]; no arm has such errors.
@@ -28,8 +34,8 @@ SAME_SHARE = 0.05
 # The least number of points that determines form and diameter of a sphere.
 LEAST_ON_SPHERE = 5
 MOST_NAME = 1000
-# A model states the scatter of its training readings; elsewhere, and by other hands, it is up to so many times that.
-LARGEST_UNSTATED = 3.0
+# An interim check takes some ten points; the expectation for more than this costs too much, and is not calculated.
+MOST_EXPECTED = 300
 
 
 @dataclass(frozen=True)
@@ -93,6 +99,11 @@ class CheckValue:
     length_mm : float or None
         The known length, where the value is a length error at 20 degC; else None: no limit applies to a length error
         at another temperature.
+    largest_expected_mm : float or None
+        The deviation that the uncertainty of the model explains: a scatter, a length error of either sign, or the
+        difference of a diameter from its true value [mm]. Of checks of an arm that is as its model states, 1 in 370 has
+        a value that deviates by more (`FALSE_ALARMS`), all values of the check together. None where it is not known, or
+        the quantity has no chart.
 
     Raises
     ------
@@ -107,6 +118,7 @@ class CheckValue:
     u_artefact_mm: float
     n: int
     length_mm: float | None = None
+    largest_expected_mm: float | None = None
 
     def __post_init__(self) -> None:
         quantity = CHECK_QUANTITIES.get(self.quantity) if isinstance(self.quantity, str) else None
@@ -116,10 +128,11 @@ class CheckValue:
             )
         if not isinstance(self.artefact, str) or len(self.artefact) > MOST_NAME:
             raise InputError(f"expected a name of at most {MOST_NAME} characters, got {self.artefact!r:.80}")
-        numbers = (self.value_mm, self.u_mm, self.u_artefact_mm, 0.0 if self.length_mm is None else self.length_mm)
+        optional = [0.0 if one is None else one for one in (self.length_mm, self.largest_expected_mm)]
+        numbers = (self.value_mm, self.u_mm, self.u_artefact_mm, *optional)
         if not all(map(_is_number, numbers)) or type(self.n) is not int or self.n < 1:
             raise InputError(f"expected finite numbers and one reading or more, got {self!r:.200}")
-        if min(self.u_mm, self.u_artefact_mm, self.value_mm if quantity.scale else 0.0) < 0:
+        if min(self.u_mm, self.u_artefact_mm, optional[1], self.value_mm if quantity.scale else 0.0) < 0:
             raise InputError(f"expected scatters and uncertainties of 0 or more, got {self!r:.200}")
 
     @property
@@ -134,18 +147,21 @@ class CheckValue:
         as_measured = " as measured" if kind == "length" and self.length_mm is None else ""
         return f"{kind} {self.artefact}, {self.quantity}{as_measured}"
 
-    def times_expected(self, rate: float) -> float | None:
-        """The scatter in a seat in units of that which the model expects, where it is grossly larger; else None.
+    def exceeds_expected(self, earlier_mm: Sequence[float]) -> bool:
+        """Whether the value deviates by more than the uncertainty of the model explains.
 
-        For unchanged readings, ``(n - 1) s^2 / sigma^2`` is chi-squared with 3 (n - 1) degrees of freedom. It is gross
-        beyond `LARGEST_UNSTATED` times the bound that such readings exceed with the probability `rate`.
+        Parameters
+        ----------
+        earlier_mm : sequence of float
+            Values of earlier checks. A diameter, which nobody states, is compared with their mean: n of them and the
+            new one differ by ``sqrt(1 + 1/n)`` times the uncertainty of one at most, as some of it is common to all.
         """
-        if self.quantity != "SPAT.2s" or self.n < 2 or self.u_mm == 0:
-            return None
-        freedom = 3 * (self.n - 1)
-        sigma = self.u_mm * np.sqrt(2 * (self.n - 1)) / 2
-        bound = 2 * sigma * float(np.sqrt(chdtri(freedom, rate) / (self.n - 1)))
-        return self.value_mm / (2 * sigma * np.sqrt(3)) if self.value_mm > LARGEST_UNSTATED * bound else None
+        if self.largest_expected_mm is None:
+            return False
+        if self.quantity != "diameter":
+            return abs(self.value_mm) > self.largest_expected_mm
+        n = len(earlier_mm)
+        return n > 0 and abs(self.value_mm - sum(earlier_mm) / n) > self.largest_expected_mm * math.sqrt(1 + 1 / n)
 
     def uses(self, artefact: str) -> bool:
         """Whether it was measured on an artefact; a length is measured on both of its seats."""
@@ -231,10 +247,12 @@ def interim_values(
     points: npt.ArrayLike,
     *,
     std_mm: npt.ArrayLike,
+    errors: PointErrors | None = None,
     seat: NameArray | None = None,
     sphere: NameArray | None = None,
     lengths: Lengths | None = None,
     temperature_degC: float | None = None,
+    false_alarms: float = FALSE_ALARMS,
 ) -> tuple[CheckValue, ...]:
     """Calculate the test values of an interim check.
 
@@ -244,6 +262,8 @@ def interim_values(
         The tip's centre at each reading [mm].
     std_mm : (n,) array
         Standard deviation of a coordinate of each point, from reading to reading [mm].
+    errors : PointErrors, optional
+        What the points are uncertain by in all; without them values have no largest expected ones.
     seat, sphere : (n,) array of str, optional
         Name of the seat or sphere of each point; empty where there is none.
     lengths : Lengths, optional
@@ -251,6 +271,9 @@ def interim_values(
     temperature_degC : float, optional
         Temperature of arm and artefacts. A length with a known thermal expansion is corrected from it to 20 degC, with
         the uncertainty `truearm.readings.thermal_expansion.ARTEFACT_U_K`; other lengths are not corrected.
+    false_alarms : float
+        Share of checks with a value that deviates by more than `errors` explain, if these are right: each of the values
+        with a chart has an equal part of it, so that all have at most that (Bonferroni).
 
     Returns
     -------
@@ -275,15 +298,65 @@ def interim_values(
         raise InputError("expected finite points and standard deviations of 0 or more")
     seats, spheres = _groups(seat, len(points)), _groups(sphere, len(points))
     values = [value for name, rows in seats.items() for value in _of_seat(name, points[rows], std[rows])]
-    if lengths is not None:
-        values += _of_lengths(lengths.between(seats), seats, points, std, temperature_degC)
+    known = None if lengths is None else lengths.between(seats)
+    if known is not None:
+        values += _of_lengths(known, seats, points, std, temperature_degC)
     values += [value for name, rows in spheres.items() for value in _of_sphere(name, points[rows], std[rows])]
     if not values:
         raise InputError(
             "expected readings in a seat, two or more of them, or on a sphere, got none",
             hint="name the seat or the sphere of each reading in the columns seat and sphere of the session",
         )
-    return tuple(values)
+    if errors is None:
+        return tuple(values)
+    probability = false_alarms / sum(CHECK_QUANTITIES[value.quantity].charted for value in values)
+    largest = {
+        **{("SPAT.2s", name): _expected_scatter(errors.of(rows), probability) for name, rows in seats.items()},
+        **_expected_spheres(spheres, points, errors, probability),
+    }
+    for value in values:
+        if value.quantity == "length error" and value.length_mm is not None:
+            largest[value.quantity, value.artefact] = _expected_length(value, seats, points, errors, probability)
+    # Zero: neither model nor artefact states an uncertainty.
+    return tuple(
+        replace(value, largest_expected_mm=largest.get((value.quantity, value.artefact)) or None) for value in values
+    )
+
+
+def _expected_scatter(errors: PointErrors, probability: float) -> float | None:
+    return largest_scatter(errors, probability) if 2 <= len(errors.std_mm) <= MOST_EXPECTED else None
+
+
+def _expected_length(
+    value: CheckValue,
+    seats: Mapping[str, npt.NDArray[np.intp]],
+    points: FloatArray,
+    errors: PointErrors,
+    probability: float,
+) -> float:
+    ends = next((a, b) for a in seats for b in seats if value.artefact == f"{a} to {b}")
+    a, b = (seats[end] for end in ends)
+    away = points[a].mean(axis=0) - points[b].mean(axis=0)
+    return largest_length_error(
+        errors.of(a),
+        errors.of(b),
+        away / np.linalg.norm(away),
+        u_artefact_mm=value.u_artefact_mm,
+        probability=probability,
+    )
+
+
+def _expected_spheres(
+    spheres: Mapping[str, npt.NDArray[np.intp]], points: FloatArray, errors: PointErrors, probability: float
+) -> dict[tuple[str, str], float | None]:
+    found: dict[tuple[str, str], float | None] = {}
+    for name, rows in spheres.items():
+        if len(rows) <= MOST_EXPECTED:
+            away = points[rows] - fit_sphere(points[rows]).centre
+            directions = away / np.linalg.norm(away, axis=1, keepdims=True)
+            form, diameter = largest_form_and_diameter(errors.of(rows), directions, probability)
+            found |= {("form", name): form, ("diameter", name): diameter}
+    return found
 
 
 def _groups(names: NameArray | None, n: int) -> dict[str, npt.NDArray[np.intp]]:

@@ -25,6 +25,7 @@ from truearm.verification.monitor.assessment import (
     describe_withdrawals,
 )
 from truearm.verification.monitor.control_chart import MIN_BASELINE_CHECKS, MIN_LIMIT_VALUES, ControlChart
+from truearm.verification.monitor.expected_values import U_OF_STATED
 from truearm.verification.monitor.interim_check import InterimCheck, counted
 from truearm.verification.standards.dates import format_date
 
@@ -119,7 +120,11 @@ _METHOD = (
     "limit of the specification, may be caused by dirt in a seat: repeat the check. Recalibrate after two in a row on "
     f"the same side, or when a cumulative sum exceeds the decision interval.\n\n"
     f"With fewer than {MIN_BASELINE_CHECKS} "
-    "earlier checks, the scatter is at least that which the model expects, and the answer is never “no”. Interim "
+    "earlier checks, the scatter is at least that which the model expects, and the answer is never “no”. Then values "
+    "are also compared with what the uncertainty of the model explains: a scatter and a form up to that value, a "
+    "length error of either sign up to it, a diameter in its difference from the earlier ones. One check in 370 of an "
+    "arm that is as its model states is beyond; the stated uncertainty itself is taken as known to "
+    f"{100 * U_OF_STATED:.0f} %. Interim "
     "checks take fewer points than the tests of the standards and do not replace them."
 )
 
@@ -181,11 +186,13 @@ def _answer(checks: Sequence[InterimCheck], assessment: Assessment, remarks: Seq
 
 
 def _last_table(trends: Sequence[Trend]) -> Table:
+    with_model = any(trend.explained_mm is not None for trend in trends)
     with_limit = any(trend.limit_mm is not None for trend in trends)
     columns = [
         Column("value"),
         Column("measured", "mm"),
         Column("readings"),
+        *([Column("the model explains", "mm")] if with_model else []),
         Column("mean of earlier checks", "mm"),
         Column("lower limit", "mm"),
         Column("upper limit", "mm"),
@@ -198,6 +205,8 @@ def _last_table(trends: Sequence[Trend]) -> Table:
         chart = trend.chart
         u = trend.latest.u_mm
         cells: list[Cell] = [trend.latest.label, RoundedNumber(trend.latest.value_mm, u), trend.latest.n]
+        if with_model:
+            cells.append(None if trend.explained_mm is None else RoundedNumber(trend.explained_mm, u))
         if chart is None or np.isnan(chart.scores[-1]):
             cells += [None] * 4
         else:
@@ -213,7 +222,7 @@ def _last_table(trends: Sequence[Trend]) -> Table:
 
 
 def _state(trend: Trend) -> State:
-    if trend.alarm:
+    if trend.alarm or trend.unexpected:
         return "bad" if trend.confirmed else "doubtful"
     return "good" if trend.enough else "none"
 
@@ -224,6 +233,7 @@ def _verdict(trend: Trend) -> str:
     if chart is not None:
         states += ["drift"] if chart.signal_index is not None else []
         states += ["beyond its limits"] if chart.out_of_limits[-1] else []
+        states += ["beyond what the model explains"] if trend.unexpected else []
         if not states:
             states = ["unchanged"] if chart.enough else ["too few checks"]
     return ", ".join(states) or "without a chart"
