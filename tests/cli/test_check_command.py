@@ -342,7 +342,17 @@ def test_the_page_has_the_charts_and_the_answer(folder):
     assert f"{ARM}: interim checks" in html
     for phrase in ("seat cone, SPAT.2s", "drift since about check", "cumulative", "Temperature of the checks"):
         assert phrase in html
-    assert html.count('<div class="panel"') == 7  # six charts and the temperature
+    # Six charts, the temperature, and four views of the points of this check.
+    assert html.count('<div class="panel"') == 11
+    view = json.loads(re.search(r'<script type="application/json">(.*?)</script>', html, flags=re.DOTALL)[1])
+    cloud = view["points"]
+    assert cloud["total"] == 27
+    assert {"seat cone", "sphere ball"} <= {name.partition(", ")[2] for name in cloud["names"]["last"]}
+    assert [column["name"] for column in cloud["values"] + cloud["notes"]] == ["deviation", "u of a coordinate"]
+    # The ring is at the largest deviation, and the arm goes to the point that is pointed at.
+    assert [i for i, _ in cloud["marked"]] == [int(np.argmax(cloud["values"][0]["data"]))]
+    assert view["mechanism"]["follows"] == [*range(len(cloud["axes"]))]
+    assert len(view["lines"]) == 1  # the bar
 
 
 def test_an_interrupted_check_is_not_added(truearm, folder, snapshot, monkeypatch):

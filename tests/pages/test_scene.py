@@ -120,6 +120,23 @@ def test_the_same_scene_has_the_same_bytes():
     assert render(scene_page(cloud=made_up_cloud())) == render(scene_page(cloud=made_up_cloud()))
 
 
+def test_spans_and_marks_belong_to_the_points_that_are_kept():
+    n = MOST_POINTS + 100
+    random = np.random.default_rng(1)
+    ends = random.uniform(-1, 1, (n, 2, 3)).round(4)
+    error = PointColumn("e", "mm", random.uniform(1, 2, n), top=1.5)
+    cloud = PointCloud(
+        ends.mean(axis=1), [str(i) for i in range(n)], [error], spans=dict(enumerate(ends)), marked={7: "A", n - 1: "B"}
+    )
+    data = cloud.to_json()
+    names = data["names"]["last"]
+    assert len(data["spans"]) == len(names) <= MOST_POINTS + 2
+    assert all(span == ends[names[i]].ravel().tolist() for i, *span in data["spans"])
+    assert {names[i]: text for i, text in data["marked"]} == {7: "A", n - 1: "B"}
+    # The end of the colours is the given one, and that points lie beyond it is said.
+    assert (data["values"][0]["top"], data["values"][0]["beyond"]) == (1.5, True)
+
+
 def test_of_too_many_points_the_largest_and_an_even_selection_are_kept():
     random = np.random.default_rng(1)
     values = [random.exponential(1.0, 50_000), random.exponential(1.0, 50_000)]
@@ -153,6 +170,16 @@ def test_a_page_of_12000_points_stays_small():
         ),
         (lambda: PointCloud(np.zeros((1, 3)), ["a"], [PointColumn("e", "mm", [np.nan])]).to_json(), "finite numbers"),
         (lambda: PointCloud(np.zeros((1, 2)), ["a"], [PointColumn("e", "mm", [1])]).to_json(), r"\(n, 3\)"),
+        (
+            lambda: PointCloud(np.zeros((1, 3)), ["a"], [PointColumn("e", "mm", [1])], marked={1: "b"}).to_json(),
+            "points 0 to 0, got one of point 1",
+        ),
+        (
+            lambda: PointCloud(
+                np.zeros((1, 3)), ["a"], [PointColumn("e", "mm", [1])], spans={0: [[np.nan] * 3] * 2}
+            ).to_json(),
+            "finite numbers in the ends of a span",
+        ),
         (lambda: two_pivots(names=["A1"]).to_json("mm"), "a mechanism with 1 pivots"),
         (lambda: two_pivots(start=np.zeros(3)).to_json("mm"), "a mechanism with 2 pivots"),
     ],

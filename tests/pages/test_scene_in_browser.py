@@ -9,6 +9,7 @@ from test_scene import made_up_cloud, scene_page, two_pivots
 
 from browser import Tab, browser, printed
 from truearm.pages.html import write_page
+from truearm.pages.scene import PointCloud, PointColumn
 
 
 @pytest.fixture(scope="module")
@@ -97,6 +98,31 @@ def test_a_point_says_what_is_known_of_it(cloud):
         if cloud.page.locator(".readout").is_visible():
             found.add(cloud.page.locator(".readout").inner_text().splitlines()[0])
     assert len(found) > 3
+
+
+def test_a_point_with_two_ends_is_found_along_its_line_and_a_mark_is_written(chromium, tmp_path):
+    def cloud(**more):
+        column = PointColumn("error", "mm", [0.01, 0.02])
+        return scene_page(cloud=PointCloud([[0, 0, 0], [0, 400, 0]], ["bar", "ball"], [column], **more))
+
+    pictures = []
+    for name, more in {
+        "plain": {},
+        "span": {"spans": {0: [[-300, 0, 0], [300, 0, 0]]}, "marked": {1: "worst"}},
+    }.items():
+        write_page(cloud(**more), tmp_path / f"{name}.html")
+        with Tab(chromium, tmp_path / f"{name}.html") as tab:
+            tab.page.get_by_role("button", name="top").click()
+            pictures.append(tab.picture())
+            place, found = tab.page.locator(".space").bounding_box(), []
+            for x in range(0, int(place["width"]), 20):
+                for y in range(0, int(place["height"]), 20):
+                    tab.page.mouse.move(place["x"] + x, place["y"] + y)
+                    if tab.page.locator(".readout").is_visible():
+                        found.append(tab.page.locator(".readout").inner_text().splitlines()[0])
+            assert found.count("bar") > 10 if more else found.count("bar") <= 3
+            assert tab.complaints == []
+    assert pictures[0] != pictures[1]
 
 
 def test_a_range_in_a_plot_selects_points_in_space(cloud):

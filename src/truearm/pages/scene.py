@@ -11,8 +11,8 @@ import base64
 import hashlib
 import json
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cache
 from importlib.resources import files
 from typing import Any
@@ -46,11 +46,14 @@ class PointColumn:
     name, unit : str
     values : (n,) array
         In this unit.
+    top : float, optional
+        Upper end of the colours, such as a limit; by default that of the usual values.
     """
 
     name: str
     unit: str
     values: npt.ArrayLike
+    top: float | None = None
 
     def checked(self, n: int) -> FloatArray:
         """The values as (n,) array.
@@ -86,6 +89,10 @@ class PointCloud:
         What a point is, for "3 points selected".
     shown : int
         Which of the values colours the points at first.
+    spans : mapping of int to (2, 3) array
+        Points, by number, that stand for something between two ends: a line in the colour of the point joins them.
+    marked : mapping of int to str
+        Points, by number, that have a ring and this label.
     """
 
     points: npt.ArrayLike
@@ -95,6 +102,8 @@ class PointCloud:
     notes: Sequence[PointColumn] = ()
     noun: str = "point"
     shown: int = 0
+    spans: Mapping[int, npt.ArrayLike] = field(default_factory=dict)
+    marked: Mapping[int, str] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, Any]:
         """The cloud for the script: whole numbers of steps, of at most `MOST_POINTS` points.
@@ -102,7 +111,8 @@ class PointCloud:
         Raises
         ------
         InputError
-            If the columns do not fit the points, a number is not finite, or a value is negative.
+            If the columns do not fit the points, a number is not finite, a value is negative, or there is no point of
+            the number of a span or a mark.
         """
         points = finite_array(self.points, "points", width=3)
         n = len(points)
@@ -112,7 +122,10 @@ class PointCloud:
         for column, numbers in zip(self.values, values, strict=True):
             if numbers.min() < 0:
                 raise InputError(f"expected values of {column.name!r} of zero or more, got {numbers.min():g}")
-        kept = thinned(values)
+        if strange := sorted({*self.spans, *self.marked} - {*range(n)}):
+            raise InputError(f"expected spans and marks of the points 0 to {n - 1}, got one of point {strange[0]}")
+        kept = np.union1d(thinned(values), np.array(sorted(self.marked), dtype=int))
+        place = {number: i for i, number in enumerate(kept.tolist())}
         return {
             "noun": self.noun,
             "total": n,
@@ -120,16 +133,28 @@ class PointCloud:
             "names": _numbered([str(self.names[i]) for i in kept.tolist()]),
             "at": [_steps(points[kept, axis]) for axis in range(3)],
             "values": [
-                {"name": column.name, "unit": column.unit, **_steps(numbers[kept], fine=True), **_top(numbers)}
+                {
+                    "name": column.name,
+                    "unit": column.unit,
+                    **_steps(numbers[kept], fine=True),
+                    **_top(numbers, column.top),
+                }
                 for column, numbers in zip(self.values, values, strict=True)
             ],
             "axes": [self._column(column, kept, n) | _ends(column.checked(n)) for column in self.axes],
-            "notes": [self._column(column, kept, n) for column in self.notes],
+            # A note is read as a number, not seen on a scale.
+            "notes": [self._column(column, kept, n, fine=True) for column in self.notes],
+            "spans": [
+                [place[i], *finite_array(ends, "the ends of a span", width=3).round(4).ravel().tolist()]
+                for i, ends in self.spans.items()
+                if i in place
+            ],
+            "marked": [[place[i], text] for i, text in self.marked.items()],
         }
 
     @staticmethod
-    def _column(column: PointColumn, kept: IntArray, n: int) -> dict[str, Any]:
-        return {"name": column.name, "unit": column.unit, **_steps(column.checked(n)[kept])}
+    def _column(column: PointColumn, kept: IntArray, n: int, *, fine: bool = False) -> dict[str, Any]:
+        return {"name": column.name, "unit": column.unit, **_steps(column.checked(n)[kept], fine=fine)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -311,8 +336,10 @@ def _steps(values: FloatArray, *, fine: bool = False) -> dict[str, Any]:
     return {"step": float(step), "data": np.round(values / step).astype(np.int64).tolist()}
 
 
-def _top(values: FloatArray) -> dict[str, Any]:
+def _top(values: FloatArray, top: float | None = None) -> dict[str, Any]:
     """The upper end of the colours, and whether single values lie beyond it."""
+    if top is not None:
+        return {"top": top, "beyond": bool(values.max() > top)}
     usual, largest = float(np.percentile(values, _USUAL_PERCENT)), float(values.max())
     beyond = len(values) > 20 and largest > _FAR * usual > 0
     return {"top": usual if beyond else max(largest, 1e-12), "beyond": beyond}

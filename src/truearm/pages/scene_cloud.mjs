@@ -32,6 +32,9 @@ export class Cloud {
     this.values = data.values.map((column) => ({ ...column, data: columnValues(column) }));
     this.notes = data.notes.map((column) => ({ ...column, data: columnValues(column) }));
     this.axes = data.axes.map((column) => ({ ...column, data: columnValues(column) }));
+    // Between two ends, each by the number of its point; and the labels of marked points.
+    this.spans = new Map(data.spans.map(([i, ...ends]) => [i, [ends.slice(0, 3), ends.slice(3)]]));
+    this.marked = new Map(data.marked);
     this.selected = new Uint8Array(this.count).fill(1);
     this.ranges = new Map();
     this.show(data.shown);

@@ -33,8 +33,7 @@ export function parseNumbers(text, count) {
   parts = parts.map((part) => part.trim());
   const wrong = parts.find((part) => !NUMBER.test(part));
   if (wrong !== undefined) throw new Error(`expected ${count} numbers, separated by spaces; "${wrong}" is none`);
-  if (parts.length !== count)
-    throw new Error(`expected ${count} numbers, separated by spaces, got ${parts.length}`);
+  if (parts.length !== count) throw new Error(`expected ${count} numbers, separated by spaces, got ${parts.length}`);
   return parts.map((part) => Number(part.replace(",", ".").replace("\u2212", "-")));
 }
 

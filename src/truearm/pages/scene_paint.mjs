@@ -14,6 +14,14 @@ export function coloursOf(element) {
   return { ...colours, shades: shadesBetween(pick("scale")) };
 }
 
+/** @param {number} x @param {number} y @param {number[]} a @param {number[]} b @returns {number} squared, in pixels */
+function squareToLine(x, y, [ax, ay], [bx, by]) {
+  const [dx, dy] = [bx - ax, by - ay];
+  const along = ((x - ax) * dx + (y - ay) * dy) / (dx * dx + dy * dy || 1);
+  const share = Math.max(0, Math.min(1, along));
+  return (ax + share * dx - x) ** 2 + (ay + share * dy - y) ** 2;
+}
+
 /** Draws a scene on a canvas as its camera sees it. */
 export class Painter {
   /** @param {HTMLCanvasElement} canvas @param {object} scene with camera, cloud, mechanism, values, lines, bounds */
@@ -63,16 +71,22 @@ export class Painter {
     pen.setLineDash([]);
   }
 
-  /** @param {string} text @param {number[]} point @param {string} colour a label near a point, where none is yet */
-  label(text, point, colour) {
+  /**
+   * A label near a point, where none is yet.
+   * @param {string} text
+   * @param {number[]} point
+   * @param {string} colour
+   * @param {number} [away] pixels, from a point that must stay visible
+   */
+  label(text, point, colour, away = 0) {
     const { pen, scene } = this;
     const [x, y] = scene.camera.project(...point);
     pen.font = "600 13px system-ui, sans-serif";
     const half = pen.measureText(text).width / 2 + 3;
     const free = [
-      [0, 0],
-      [0, -17],
-      [0, 17],
+      [0, -away],
+      [0, -17 - away],
+      [0, 17 + away],
       [half + 14, 0],
       [-half - 14, 0],
     ].find(([dx, dy]) =>
@@ -158,6 +172,7 @@ export class Painter {
       this.flat[2 * i + 1] = y;
     }
     const size = Math.max(2.5, Math.min(9, (180 / Math.sqrt(n)) * Math.min(1.6, camera.zoom ** 0.4)));
+    this.paintSpans(size);
     pen.fillStyle = colours.faded;
     if (cloud.ranges.size) for (const i of cloud.order) if (!cloud.selected[i]) this.dot(i, 0.7 * size);
     let shade = -1;
@@ -169,7 +184,32 @@ export class Painter {
       }
       this.dot(i, size);
     }
-    if (scene.current >= 0) this.ring(scene.current, size);
+    cloud.marked.forEach((text, i) => {
+      this.ring(i, size, colours.ink);
+      const [x, y, z] = cloud.at.map((column) => column[i]);
+      this.label(text, [x, y, z], colours.ink, size / 2 + 14);
+    });
+    if (scene.current >= 0) this.ring(scene.current, size, colours.mark);
+  }
+
+  /** @param {number} size of a point: the lines of points that stand for something between two ends */
+  paintSpans(size) {
+    const { cloud, camera } = this.scene;
+    const { shades, faded } = this.colours;
+    this.flatSpans = new Map();
+    const order = [...cloud.order].filter((i) => cloud.spans.has(i));
+    [0, 1].forEach((selected) =>
+      order
+        .filter((i) => cloud.selected[i] === selected)
+        .forEach((i) => {
+          const ends = cloud.spans.get(i);
+          this.flatSpans.set(
+            i,
+            ends.map((end) => camera.project(...end)),
+          );
+          this.stroke(ends, selected ? shades[cloud.shade[i]] : faded, 0.45 * size);
+        }),
+    );
   }
 
   /** @param {number} i @param {number} size */
@@ -184,12 +224,12 @@ export class Painter {
     this.pen.fill();
   }
 
-  /** @param {number} i @param {number} size */
-  ring(i, size) {
+  /** @param {number} i @param {number} size @param {string} ink */
+  ring(i, size, ink) {
     const { pen, colours } = this;
     [
       [colours.ground, 5],
-      [colours.mark, 2.5],
+      [ink, 2.5],
     ].forEach(([colour, width]) => {
       pen.beginPath();
       pen.arc(this.flat[2 * i], this.flat[2 * i + 1], size / 2 + 4, 0, 2 * Math.PI);
@@ -199,7 +239,12 @@ export class Painter {
     });
   }
 
-  /** @param {number} x @param {number} y @param {number} within @returns {number} the selected point there, or -1 */
+  /**
+   * @param {number} x
+   * @param {number} y
+   * @param {number} within so many pixels
+   * @returns {number} the selected point there, else that of the nearest line, or -1
+   */
   pointAt(x, y, within) {
     const { cloud } = this.scene;
     if (!cloud || !this.flat) return -1;
@@ -208,6 +253,11 @@ export class Painter {
       const distance = (this.flat[2 * i] - x) ** 2 + (this.flat[2 * i + 1] - y) ** 2;
       if (distance <= least && cloud.selected[i]) [best, least] = [i, distance];
     }
+    if (best >= 0) return best;
+    this.flatSpans.forEach((ends, i) => {
+      const distance = squareToLine(x, y, ...ends);
+      if (distance <= least && cloud.selected[i]) [best, least] = [i, distance];
+    });
     return best;
   }
 

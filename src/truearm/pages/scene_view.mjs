@@ -39,6 +39,7 @@ export class SceneView {
     if (this.cloud) {
       const [x, y, z] = this.cloud.at;
       for (let i = 0; i < this.cloud.count; i += 1) points.push([x[i], y[i], z[i]]);
+      this.cloud.spans.forEach((ends) => points.push(...ends));
     }
     if (this.mechanism) {
       const frames = framesOf(this.mechanism, this.mechanism.start);

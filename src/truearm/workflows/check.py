@@ -80,6 +80,10 @@ class CheckResult(PageRecord):
         What was ignored of session and lengths, and readings outside the trained range.
     files : tuple of Path
         The files that were read.
+    readings : Session
+        Those of this check.
+    lengths : Lengths or None
+        Known lengths between its seats.
     """
 
     record: RecordedCheck
@@ -89,6 +93,8 @@ class CheckResult(PageRecord):
     head: tuple[int, str]
     input_remarks: tuple[str, ...]
     files: tuple[Path, ...]
+    readings: Session
+    lengths: Lengths | None
 
     @property
     def input_files(self) -> tuple[Path, ...]:
@@ -112,8 +118,9 @@ class CheckResult(PageRecord):
         return (*self.input_remarks, *self.assessment.remarks, *withdrawn, *self.record.remarks)
 
     def page(self) -> Page:
-        """The control charts with the advice."""
+        """The advice, the points of this check in space, and the control charts."""
         from truearm.verification.monitor.interim_check_page import drift_page
+        from truearm.workflows.check_scene import check_section
 
         arm, check = self.model.arm, self.record.check
         facts = [
@@ -122,7 +129,15 @@ class CheckResult(PageRecord):
             ("history", f"{self.history.name}: {self.head[0]} rows, last checksum {self.head[1]}"),
             version_row(),
         ]
-        return drift_page(self.record.checks, self.assessment, arm=arm.name, remarks=self.record.remarks, facts=facts)
+        section = check_section(self.model, self.readings, self.lengths)
+        return drift_page(
+            self.record.checks,
+            self.assessment,
+            arm=arm.name,
+            remarks=self.record.remarks,
+            more=() if section is None else (section,),
+            facts=facts,
+        )
 
     def figure(self) -> Figure | None:
         """The control charts."""
@@ -288,7 +303,7 @@ def check(
     record = record_check(
         kept, new, specification=limits, retired=retired, name=name, arm=fitted.arm.name, serial_number=unit
     )
-    return CheckResult(record, fitted, name, file, kept.head, tuple(remarks), files)
+    return CheckResult(record, fitted, name, file, kept.head, tuple(remarks), files, readings, known)
 
 
 def single_reading_remarks(session: Session, lengths: Lengths | None) -> list[str]:

@@ -28,7 +28,13 @@ from truearm.verification.monitor.control_chart import (
     MIN_LIMIT_VALUES,
 )
 from truearm.verification.monitor.expected_values import FREEDOM, PointErrors
-from truearm.verification.monitor.interim_check import MOST_EXPECTED, CheckValue, InterimCheck, interim_values
+from truearm.verification.monitor.interim_check import (
+    MOST_EXPECTED,
+    CheckValue,
+    InterimCheck,
+    interim_deviations,
+    interim_values,
+)
 from truearm.verification.standards.dates import format_date
 from truearm.verification.standards.specification import Specification
 
@@ -54,6 +60,22 @@ def test_scatter_in_a_seat_is_that_of_the_single_point_test():
     assert found["SPAT.Max", "cone"].value_mm == pytest.approx(0.02, rel=1e-9)
     assert found["SPAT.2s", "cone"].value_mm == pytest.approx(2 * 0.02 * np.sqrt(6 / 5), rel=1e-9)
     assert found["SPAT.2s", "cone"].n == 6
+
+
+def test_the_largest_deviation_in_a_seat_is_its_spat_max_and_those_on_a_sphere_span_its_form():
+    random = np.random.default_rng(4)
+    points = np.concatenate(
+        [random.normal(0, 0.02, (6, 3)), 12.5 * POLES + random.normal(0, 0.02, (6, 3)), [[9, 9, 9]]]
+    )
+    seat, sphere = np.array(["cone"] * 6 + [""] * 6 + ["alone"]), np.array([""] * 6 + ["ball"] * 6 + [""])
+    away = interim_deviations(points, seat=seat, sphere=sphere)
+    found = values_of(points, seat=seat, sphere=sphere)
+    assert away[:6].max() == pytest.approx(found["SPAT.Max", "cone"].value_mm, rel=1e-12)
+    # The form is the width of the shell: at most the largest distances to both of its sides.
+    form = found["form", "ball"].value_mm
+    assert form / 2 <= away[6:12].max() <= form
+    assert np.isnan(away[12])  # a single point in a seat has no deviation
+    assert np.isnan(interim_deviations(points)).all()
 
 
 def test_a_length_error_is_the_distance_of_the_means_less_the_known_length():

@@ -23,8 +23,10 @@ from truearm.verification.standards.decision import (
     Contribution,
     assess_conformity,
     overall_verdict,
+    worst_result,
 )
 from truearm.verification.standards.limits_figure import limits_figure
+from truearm.verification.standards.measured_places import measured_places, share_of_limit
 from truearm.verification.standards.measured_points import MeasuredPoints, PointGroup
 from truearm.verification.standards.specification import Specification
 from truearm.verification.standards.verification import Verification
@@ -32,6 +34,7 @@ from truearm.verification.standards.verification_page import verification_page
 from truearm.verification.standards.verification_plan import CHECK_STANDARD, load_verification_plan
 from truearm.verification.standards.verification_text import describe_decision, describe_rule
 from truearm.verification.standards.where_figure import where_figure
+from truearm.verification.standards.where_scene import where_scene
 
 DAY = datetime.date(2026, 11, 3)
 PLAN = load_verification_plan("iso10360-12")
@@ -217,18 +220,48 @@ def test_the_verdict_comes_first_and_values_that_do_not_conform_lead():
 # Figure --------------------------------------------------------------------------------------------------------------
 
 
-def test_the_places_of_values_that_do_not_conform_are_marked():
-    def ends(position, y):
-        return [
-            PointGroup("bar", {"length": "900", "position": position, "repeat": "1", "end": end},
-                       np.full((1, 3), [x, y, 300.0]), 20.0, 0.0, DAY)
-            for end, x in (("A", 0.0), ("B", 900.0))
-        ]  # fmt: skip
+def ends(position, y, *, length="900", repeat="1"):
+    keys = {"length": length, "position": position, "repeat": repeat}
+    return [
+        PointGroup("bar", {**keys, "end": end}, np.full((1, 3), [x, y, 300.0]), 20.0, 0.0, DAY)
+        for end, x in (("A", 0.0), ("B", float(length)))
+    ]
 
+
+def test_each_place_has_the_colour_of_its_value_nearest_to_the_limit():
+    tests = {"uni": [*ends("1", -400.0), *ends("1", -402.0, repeat="2"), *ends("2", 400.0)]}
+    single = [
+        row(value, where=f"position {position}, repeat {repeat}")
+        for value, position, repeat in ((0.01, 1, 1), (-0.03, 1, 2), (0.02, 2, 1))
+    ]
+    cloud = where_scene(tests, [worst_result(single)]).cloud
+    assert cloud.points.tolist() == [[450.0, -401.0, 300.0], [450.0, 400.0, 300.0]]  # repeats are at one place
+    # Magnitude and expanded uncertainty in the limit of 0.05 mm.
+    U = BUDGET.expanded
+    np.testing.assert_allclose(cloud.values[0].values, [100 * (0.03 + U) / 0.05, 100 * (0.02 + U) / 0.05], rtol=1e-12)
+    assert cloud.values[0].top == 100.0
+    notes = {note.name: list(note.values) for note in cloud.notes}
+    assert notes == {"value": [-0.03, 0.02], "U": [U, U], "limit": [0.05, 0.05]}
+    assert {i: np.ptp(span, axis=0).tolist() for i, span in cloud.spans.items()} == {0: [900, 0, 0], 1: [900, 0, 0]}
+    assert cloud.marked == {0: "E_Uni, 900"}  # the worst of all
+
+
+def test_the_same_position_of_two_lengths_is_two_places():
+    tests = {"volumetric": [*ends("1", 0.0), *ends("1", 0.0, length="300")]}
+    rows = [row(0.07, label="Volumetric.Max", where="900, position 1"), row(0.01, label="E_Uni, 900")]
+    places = measured_places(tests, rows)
+    assert [place.decisive is rows[0] for place in places] == [True, False]
+    assert [share_of_limit(one) for one in places[0].values] == [pytest.approx((0.07 + BUDGET.expanded) / 0.05)]
+    assert where_scene(tests, [rows[1]]).cloud is None  # nothing was tested there, but the lengths are drawn
+    assert len(where_scene(tests, [rows[1]]).lines) == 3 + 2
+
+
+def test_the_places_of_values_that_do_not_conform_are_marked():
     ball = PointGroup("ball", {"position": "1"}, np.full((5, 3), [500.0, 0.0, 100.0]), 20.0, 0.0, DAY)
     tests = {"uni": [*ends("1", -400.0), *ends("2", 400.0)], "probing": [ball]}
-    assert where_figure(tests, [row(0.01, where="position 1, repeat 1")]) is None  # no place deserves attention
-    figure = where_figure(tests, [row(0.01), row(0.07, where="position 2, repeat 1")])
+    calm = where_figure(measured_places(tests, [row(0.01, where="position 1, repeat 1")]))
+    assert not [line for panel in calm.panels for line in panel.axes[0].lines if line.get_color() == BAD]
+    figure = where_figure(measured_places(tests, [row(0.01), row(0.07, where="position 2, repeat 1")]))
     above, front = (panel.axes[0] for panel in figure.panels)
     for axes, at in ((above, (450.0, 400.0)), (front, (450.0, 300.0))):
         red = [line for line in axes.lines if line.get_color() == BAD]
@@ -242,8 +275,8 @@ def test_the_places_of_values_that_do_not_conform_are_marked():
         assert (high - low) / (box.width * width_in) == pytest.approx((top - bottom) / (box.height * height_in))
     assert "E_Uni, 900, position 2, repeat 1" in figure.caption
     # The same position of another test, or another length, is another place.
-    assert where_figure(tests, [row(0.07, label="E_Bi, 900")]) is None
-    assert where_figure(tests, [row(0.07, label="E_Uni, 300")]) is None
+    for label in ("E_Bi, 900", "E_Uni, 300"):
+        assert all(place.decisive is None for place in measured_places(tests, [row(0.07, label=label)]))
 
 
 def test_guard_bands_are_those_of_the_rule():
@@ -283,6 +316,6 @@ def test_the_page_is_whole_html_and_names_are_text():
     html = render(verification_page(outcome(rows), facts=[("versions", "1")]))
     outline = Outline(html.removeprefix("<!DOCTYPE html>"))
     assert outline.tags.count("figure") == 2
-    assert "script" not in outline.tags
+    assert outline.tags.count("script") == 2  # the view's numbers and its script; a name becomes none
     assert "arm &lt;7&gt;: not conform" in html
     assert html == render(verification_page(outcome(rows), facts=[("versions", "1")]))

@@ -43,6 +43,8 @@ def readings_scene(
     shown: str,
     std_mm: FloatArray | None = None,
     mechanism: Mechanism | None = None,
+    lines: Sequence[FloatArray] = (),
+    marked: Mapping[int, str] | None = None,
 ) -> Scene:
     """The readings as an interactive scene.
 
@@ -51,7 +53,7 @@ def readings_scene(
     points : (n, 3) array
         Where they are drawn [mm].
     errors : mapping of str to (n,) array
-        Of each model [mm], not negative.
+        Of each model [mm], not negative; a single model needs no name (empty).
     angles : (n, n_joints) array
         [rad], or [mm] for sliding joints.
     what : str
@@ -68,6 +70,10 @@ def readings_scene(
         Standard uncertainty of a coordinate of the model that is shown.
     mechanism : Mechanism, optional
         From `arm_at_readings`.
+    lines : sequence of (m, 3) arrays
+        Lines between the readings, such as bars [mm].
+    marked : mapping of int to str, optional
+        Labels of readings that have a ring.
     """
     shift = np.where(sliding, 1.0, np.degrees(1.0))
     axes = [
@@ -77,11 +83,17 @@ def readings_scene(
     cloud = PointCloud(
         points,
         names,
-        [PointColumn(f"{what}, {name}", "mm", values) for name, values in errors.items()],
+        [PointColumn(_of(what, name), "mm", values) for name, values in errors.items()],
         axes,
-        [] if std_mm is None else [PointColumn(f"u of a coordinate, {shown}", "mm", std_mm)],
+        [] if std_mm is None else [PointColumn(_of("u of a coordinate", shown), "mm", std_mm)],
         noun="reading",
         shown=list(errors).index(shown),
+        marked={} if marked is None else marked,
     )
     label = f"{len(points)} readings in space, coloured by {what}; the arm goes to the reading that is pointed at"
-    return Scene(label if mechanism else label.partition(";")[0], "mm", still, cloud=cloud, mechanism=mechanism)
+    label = label if mechanism else label.partition(";")[0]
+    return Scene(label, "mm", still, cloud=cloud, mechanism=mechanism, lines=lines)
+
+
+def _of(what: str, model: str) -> str:
+    return f"{what}, {model}" if model else what

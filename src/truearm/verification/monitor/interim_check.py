@@ -359,6 +359,33 @@ def _expected_spheres(
     return found
 
 
+def interim_deviations(
+    points: FloatArray, *, seat: NameArray | None = None, sphere: NameArray | None = None
+) -> FloatArray:
+    """How far each point lies from the mean of its seat, or from the least-squares sphere through those of its sphere.
+
+    Parameters
+    ----------
+    points : (n, 3) array
+        The tip's centre at each reading [mm].
+    seat, sphere : (n,) array of str, optional
+        As in `interim_values`, which has accepted them.
+
+    Returns
+    -------
+    (n,) array
+        [mm]; NaN where nothing can be said: no artefact, or a single point in a seat.
+    """
+    deviation = np.full(len(points), np.nan)
+    for rows in _groups(seat, len(points)).values():
+        if len(rows) > 1:
+            deviation[rows] = np.linalg.norm(points[rows] - points[rows].mean(axis=0), axis=1)
+    for rows in _groups(sphere, len(points)).values():
+        fit = fit_sphere(points[rows], std_mm=1.0)
+        deviation[rows] = np.abs(np.linalg.norm(points[rows] - fit.centre, axis=1) - fit.radius_mm)
+    return deviation
+
+
 def _groups(names: NameArray | None, n: int) -> dict[str, npt.NDArray[np.intp]]:
     """Rows of each name, in the order of first appearance."""
     if names is None:

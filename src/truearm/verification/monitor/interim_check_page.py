@@ -39,6 +39,7 @@ def drift_page(
     *,
     arm: str,
     remarks: Sequence[str] = (),
+    more: Sequence[Section] = (),
     facts: Sequence[tuple[str, str]] = (),
 ) -> Page:
     """Lay out the page of an arm's interim checks.
@@ -53,6 +54,8 @@ def drift_page(
         Its name.
     remarks : sequence of str
         On checks of other models.
+    more : sequence of Section
+        After the answer, such as the points of this check.
     facts : sequence of (str, str)
         Model, arm, history and versions.
     """
@@ -67,7 +70,7 @@ def drift_page(
         if len(checks) > 1
         else f"One check, {first}.",
         summary=tuple(rows),
-        sections=drift_sections(checks, assessment, remarks),
+        sections=drift_sections(checks, assessment, remarks, more=more),
         facts=tuple(facts),
         verdict=PageVerdict(
             describe_assessment(assessment, checks),
@@ -87,15 +90,20 @@ _STATES: dict[RecalibrationAdvice, State] = {
 
 
 def drift_sections(
-    checks: Sequence[InterimCheck], assessment: Assessment, remarks: Sequence[str] = ()
+    checks: Sequence[InterimCheck],
+    assessment: Assessment,
+    remarks: Sequence[str] = (),
+    *,
+    more: Sequence[Section] = (),
 ) -> tuple[Section, ...]:
-    """Sections: the answer with the last check's values, the charts, all checks, and the method."""
+    """Sections: the answer with the last check's values, `more`, the charts, all checks, and the method."""
     return (
         Section(
             "Is it time to recalibrate?",
             _answer(checks, assessment, remarks),
             tables=(_last_table([trend for trend in assessment.trends if trend.current]),),
         ),
+        *more,
         *([Section("Trends", figures=figures)] if (figures := _figures(checks, assessment)) else []),
         Section("The checks", tables=(_checks_table(checks, assessment.trends),), folded=True),
         Section("Method", _METHOD, folded=True),

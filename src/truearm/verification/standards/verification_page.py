@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import inf, isinf
+from math import isinf
 
 from truearm.pages.number_format import (
     RoundedNumber,
@@ -18,6 +18,7 @@ from truearm.pages.page import Cell, Column, LabelledValue, Page, PageVerdict, S
 from truearm.verification.standards.artefacts import CalibratedBar, CalibratedSphere
 from truearm.verification.standards.decision import Budget, ConformityResult, Verdict
 from truearm.verification.standards.limits_figure import limits_figure
+from truearm.verification.standards.measured_places import share_of_limit
 from truearm.verification.standards.verification import Verification
 from truearm.verification.standards.verification_plan import CHECK_STANDARD
 from truearm.verification.standards.verification_text import (
@@ -29,7 +30,7 @@ from truearm.verification.standards.verification_text import (
     verdict_sentence,
     worst_values,
 )
-from truearm.verification.standards.where_figure import where_figure
+from truearm.verification.standards.where_scene import where_scene
 
 
 def verification_page(verification: Verification, *, facts: Sequence[tuple[str, str]] = ()) -> Page:
@@ -41,13 +42,13 @@ def verification_page(verification: Verification, *, facts: Sequence[tuple[str, 
     facts : sequence of (str, str)
         Plan, files with their SHA-256, versions.
     """
-    nearest = max(verification.rows_with_limit, key=_share_of_limit)
+    nearest = max(verification.rows_with_limit, key=share_of_limit)
     nearest_label = f"of its limit, value and uncertainty together: {nearest.name}"
     return Page(
         title=f"{verification.specification.name}: {verification.verdict.value}",
         subtitle=f"{verification.plan.heading}. Limits: {verification.specification.source}.",
         summary=(
-            LabelledValue(nearest_label, format_percent(_share_of_limit(nearest)), state=_STATES[nearest.verdict]),
+            LabelledValue(nearest_label, format_percent(share_of_limit(nearest)), state=_STATES[nearest.verdict]),
             LabelledValue("values with a limit", len(verification.rows_with_limit)),
             LabelledValue("measured points", sum(len(group.points) for group in verification.groups)),
         ),
@@ -84,8 +85,7 @@ def _decision(verification: Verification) -> Section:
     remarks = [remark for remark in verification.remarks if CHECK_STANDARD not in remark]
     paragraphs = [describe_decision(verification), *(f"{capitalize(remark)}." for remark in remarks)]
     text = "\n\n".join([*paragraphs, f"{sources}.", describe_rule(verification.rule)])
-    where = where_figure(verification.measured.tests, verification.rows_with_limit)
-    return Section("Decision", text, figures=() if where is None else (where,))
+    return Section("Decision", text, scenes=(where_scene(verification.measured.tests, verification.rows_with_limit),))
 
 
 def _values(verification: Verification) -> Section:
@@ -221,10 +221,6 @@ _STATES: dict[Verdict | None, State] = {
 def _urgency(row: ConformityResult) -> int:
     """Values that do not conform come first, then those that are undecided."""
     return 0 if row.verdict is Verdict.NOT_CONFORM else 1 if row.verdict is Verdict.UNDECIDED else 2
-
-
-def _share_of_limit(row: ConformityResult) -> float:
-    return (abs(row.value) + row.uncertainty) / (row.limit or inf)
 
 
 def _verdict(row: ConformityResult) -> str | None:

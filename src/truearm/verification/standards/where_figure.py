@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -14,97 +13,41 @@ from truearm.pages.number_format import format_count
 from truearm.pages.palette import BAD, DOUBTFUL, INK, LIMIT, PAPER
 from truearm.pages.plotting import Figure, figure_style, join_phrases, shorten
 from truearm.typing import FloatArray
-from truearm.verification.standards.decision import ConformityResult, Verdict
-from truearm.verification.standards.measured_points import PointGroup
+from truearm.verification.standards.decision import Verdict
+from truearm.verification.standards.measured_places import MeasuredPlace
 
-# The test of each symbol of a test value.
-_TESTS = {
-    "P_Size.Sph.1x25": "probing",
-    "P_Form.Sph.1x25": "probing",
-    "L_Dia.5x5": "articulation",
-    "E_Uni": "uni",
-    "E_Bi": "bi",
-    "EffectiveDiameter": "effective_diameter",
-    "SPAT.Max": "single_point",
-    "SPAT.2s": "single_point",
-    "Volumetric.Max": "volumetric",
-}
 _VIEWS = (("from above", 0, 1), ("from the front", 0, 2))
 _WIDTH_IN, _HEIGHT_IN = 4.6, 3.2
 _ACROSS_IN, _UP_IN = 3.74, 2.44  # of the axes
 _PENS = {Verdict.NOT_CONFORM: (BAD, "X"), Verdict.UNDECIDED: (DOUBTFUL, "D")}
 
 
-@dataclass(frozen=True, eq=False)
-class _Place:
-    """An artefact where it was measured: a point, or the two ends of a length [mm]."""
-
-    ends: FloatArray
-    verdict: Verdict | None
-    name: str
-
-
-def where_figure(tests: Mapping[str, Sequence[PointGroup]], rows: Sequence[ConformityResult]) -> Figure | None:
+def where_figure(places: Sequence[MeasuredPlace]) -> Figure:
     """Draw where artefacts were measured, and at which places a value is beyond its limit or undecided.
 
     Parameters
     ----------
-    tests : mapping of str to sequence of PointGroup
-        The measured groups of every test.
-    rows : sequence of ConformityResult
-        With limits; the place of a row is the one that decides it.
-
-    Returns
-    -------
-    Figure or None
-        None where every value conforms: no place deserves attention.
+    places : sequence of MeasuredPlace
+        At least one.
     """
-    decisive = [row for row in rows if row.verdict in _PENS]
-    places = [place for test, groups in tests.items() for place in _places(test, groups, decisive)]
-    marked = [place for place in places if place.verdict is not None]
-    if not marked:
-        return None
+    marked = [place for place in places if place.decisive is not None]
     with figure_style():
         panels = tuple(_panel(places, view) for view in _VIEWS)
-    names = join_phrases(dict.fromkeys(place.name for place in marked))
+    names = join_phrases(dict.fromkeys(place.decisive.name for place in marked if place.decisive is not None))
+    verdicts = f"On paper red with a cross: not conform; amber with a diamond: undecided; grey: the others. {names}."
     return Figure(
         panels,
         caption="Where the arm was tested, in the frame of the points: dots are balls and seats, lines are lengths. "
-        f"Red with a cross: not conform; amber with a diamond: undecided; grey: the others. {names}.",
-        alt=f"{format_count(len(places), 'measured place')} from above and from the front; marked: {names}.",
+        "On a screen the colour shows how much of its limit a value takes with its uncertainty, of several values the "
+        f"nearest to its limit; a ring marks the nearest of all and what is named here. "
+        f"{verdicts if marked else 'Every value of a single place conforms.'}",
+        alt=f"{format_count(len(places), 'measured place')} from above and from the front"
+        f"{f'; marked: {names}' if marked else ''}.",
         columns=2,
     )
 
 
-def _places(test: str, groups: Sequence[PointGroup], rows: Sequence[ConformityResult]) -> list[_Place]:
-    """Each artefact at each of its places, with the verdict of the values that it decides."""
-    ends: dict[tuple[str, str, str], dict[str, FloatArray]] = {}
-    deciding: dict[tuple[str, str, str], ConformityResult] = {}
-    for group in groups:
-        # Repeats are at one place; the lengths of a bar at one position are several.
-        key = (group.artefact, group.keys.get("length", ""), group.keys.get("position", ""))
-        ends.setdefault(key, {})[group.keys.get("end", "A")] = group.points.mean(axis=0)
-        for one in rows:
-            if _decides(one, test, group) and (key not in deciding or one.verdict is Verdict.NOT_CONFORM):
-                deciding[key] = one
-    places = []
-    for key, points in ends.items():
-        row = deciding.get(key)
-        verdict, name = (None, "") if row is None else (row.verdict, row.name)
-        places.append(_Place(np.stack(list(points.values())), verdict, name))
-    return places
-
-
-def _decides(row: ConformityResult, test: str, group: PointGroup) -> bool:
-    """Whether the value of a row comes from the place of a group."""
-    symbol, _, length = row.label.partition(", ")
-    if _TESTS.get(symbol) != test or ("length" in group.keys and length and length != group.keys["length"]):
-        return False
-    position = group.keys.get("position")
-    return position is None or f"position {position}" in row.where.split(", ")
-
-
-def _panel(places: Sequence[_Place], view: tuple[str, int, int]) -> Drawing:
+def _panel(places: Sequence[MeasuredPlace], view: tuple[str, int, int]) -> Drawing:
     title, across, up = view
     drawing = Drawing(figsize=(_WIDTH_IN, _HEIGHT_IN))
     FigureCanvasAgg(drawing)
@@ -123,7 +66,7 @@ def _panel(places: Sequence[_Place], view: tuple[str, int, int]) -> Drawing:
     return drawing
 
 
-def _draw(axes: Axes, ends: FloatArray, place: _Place, *, left_half: float) -> None:
+def _draw(axes: Axes, ends: FloatArray, place: MeasuredPlace, *, left_half: float) -> None:
     """Draw a place; its name is on the side that has more room."""
     marked = place.verdict is not None
     colour, marker = (LIMIT, "o") if place.verdict is None else _PENS[place.verdict]
@@ -132,9 +75,9 @@ def _draw(axes: Axes, ends: FloatArray, place: _Place, *, left_half: float) -> N
     at = ends.mean(axis=0)
     if marked or len(ends) == 1:
         axes.plot(*at, marker, color=colour, markersize=9 if marked else 6, markeredgecolor=PAPER, zorder=5)
-    if marked:
+    if place.decisive is not None:
         side = 1 if at[0] < left_half else -1
         axes.annotate(
-            shorten(place.name.partition(", position")[0], longest=20), at, xytext=(7 * side, 6), color=INK,
+            shorten(place.decisive.name.partition(", position")[0], longest=20), at, xytext=(7 * side, 6), color=INK,
             textcoords="offset points", ha="left" if side > 0 else "right", weight="bold", zorder=6,
         )  # fmt: skip
