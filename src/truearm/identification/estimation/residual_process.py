@@ -9,12 +9,14 @@ Whether the readings show such a process, and with which length scale, is tested
 residuals r of an identification without it, their weights W, the derivatives J of the tips by the coefficients with
 posterior covariance Sigma, and the functions Phi of the process,
 
-    A = Phi^T W Phi - (J^T W Phi)^T Sigma (J^T W Phi),      b = - Phi^T W r,
+    A = Phi^T W Phi - (J^T W Phi)^T Sigma (J^T W Phi),      b = (J^T W Phi)^T Sigma g - Phi^T W r,
 
 the logarithm of the evidence changes by ``(s^2 b^T (I + s^2 A)^-1 b - log|I + s^2 A|) / 2`` if a process of standard
 deviation s is added (C. E. Rasmussen, C. K. I. Williams, "Gaussian Processes for Machine Learning", 2006, eqs. 2.43
-and 5.8; A.9 and A.10 for the inverse): Sigma contains what the other terms would take over. b is a sum over all
-readings. Of many, A is that of a sample, times their number over that of the sample, with a Sigma by the same readings.
+and 5.8; A.9 and A.10 for the inverse): Sigma contains what the other terms would take over. g is the gradient that the
+identification left: rounding where it converged, but a process that resembles its terms would explain every step that
+is missing. b is a sum over all readings. Of many, A is that of a sample, times their number over that of the sample,
+with a Sigma by the same readings.
 """
 
 from __future__ import annotations
@@ -80,13 +82,22 @@ def propose_process(fit: IdentificationResult, state: ArmState) -> ProposedProce
         return None
     used = np.flatnonzero(points.robust_weight > 0)
     n_sample = max(LEAST_SAMPLE, SAMPLE_PER_COEFFICIENT * len(fit.coefficients))
-    chosen = used[np.linspace(0, len(used) - 1, min(len(used), n_sample)).astype(np.intp)]
+    # More than half of the readings cost more than all of them, whose covariance is known.
+    n_sample = n_sample if 2 * n_sample <= len(used) else len(used)
+    chosen = used[np.linspace(0, len(used) - 1, n_sample).astype(np.intp)]
     sample = state.rows(points.rows[chosen])
     tried = [_terms(_process(sample, length), 1.0) for length in LENGTH_SCALES]
     bases = [terms[0].basis for terms in tried]
     with one_blas_thread():
-        information = _information(fit, sample, bases, points.weights[:, chosen], len(used) / len(chosen))
-        right = _right(fit, state.rows(points.rows[used]), bases, (points.weights**2 * points.residuals)[:, used])
+        weighted = (points.weights**2 * points.residuals)[:, used]
+        information, taken_over = _information(fit, sample, bases, points.weights[:, chosen], len(used) / len(chosen))
+        left = _gradient(fit, state.rows(points.rows[used]), weighted)
+        right = [
+            one + by_gradient.T @ left
+            for one, by_gradient in zip(
+                _right(fit, state.rows(points.rows[used]), bases, weighted), taken_over, strict=True
+            )
+        ]
         sizes = points.noise_std * np.geomspace(LEAST_SIZE, MOST_SIZE, N_SIZES)
         found = [evidence_gain(*equations, sizes) for equations in zip(information, right, strict=True)]
     best = int(np.argmax([gain for _, gain in found]))
@@ -128,8 +139,8 @@ def explained_squares(information: FloatArray, right: FloatArray, size: float) -
 
 def _information(
     fit: IdentificationResult, sample: ArmState, bases: Sequence[Basis], weights: FloatArray, times: float
-) -> list[FloatArray]:
-    """A of every process, by a sample of points with weights (3, m); the readings are `times` as many."""
+) -> tuple[list[FloatArray], list[FloatArray]]:
+    """A and ``Sigma J^T W Phi`` of every process, by a sample of points with weights (3, m), each of `times`."""
     chain, values = fit.perturbed_chain, [basis.values(sample) for basis in bases]
     counts = [3 * len(value) for value in values]
     information = [np.zeros((n, n)) for n in counts]
@@ -138,7 +149,8 @@ def _information(
     axes = chain.chain.fixed[0, :3, :3].T
     for rows, _, columns in chain.derivatives(sample, fit.coefficients):
         weighted = (columns * weights[:, rows]).reshape(len(columns), -1)
-        precision += times * weighted @ weighted.T
+        if times > 1:
+            precision += times * weighted @ weighted.T
         for k, value in enumerate(values):
             own = (axes[:, None, :, None] * value[:, None, rows] * weights[:, rows]).reshape(counts[k], -1)
             across[k] += weighted @ own.T
@@ -146,7 +158,22 @@ def _information(
     # With the covariance by all readings A would not be that of a least squares fit, and could be negative. References
     # of other kinds are left out: the other terms take over rather more.
     covariance = fit.covariance if times == 1 else np.linalg.inv(precision)
-    return [times * (a - times * b.T @ (covariance @ b)) for a, b in zip(information, across, strict=True)]
+    taken_over = [times * covariance @ part for part in across]
+    reduced = [times * (a - b.T @ part) for a, b, part in zip(information, across, taken_over, strict=True)]
+    return reduced, taken_over
+
+
+def _gradient(fit: IdentificationResult, state: ArmState, weighted: FloatArray) -> FloatArray:
+    """Of the cost by the coefficients, with residuals (3, m) times the squares of their weights.
+
+    Zero if there are references of other kinds, which would have to be added.
+    """
+    if len(fit.references) > 1:
+        return np.zeros(len(fit.coefficients))
+    gradient = fit.coefficients / fit.prior_std**2
+    for rows, _, columns in fit.perturbed_chain.derivatives(state, fit.coefficients):
+        gradient += columns.reshape(len(columns), -1) @ weighted[:, rows].ravel()
+    return gradient
 
 
 def _right(
