@@ -13,6 +13,7 @@ from scipy.stats import binom
 
 from truearm.arm import load_arm
 from truearm.errors import InputError
+from truearm.identification.estimation import identification
 from truearm.identification.estimation.alignment import align
 from truearm.identification.estimation.group_scales import MOST_SCALE
 from truearm.identification.estimation.identification import identify
@@ -384,6 +385,32 @@ def test_groups_that_many_readings_can_see_are_not_pruned(n, is_kept, arm, rng):
         std = np.sqrt(fit.covariance.diagonal()[-2:])
         assert (np.abs(fit.coefficients[-2:] - x[-2:]) < 4 * std).all()
         assert (std < small).all()
+
+
+@pytest.mark.parametrize("what", ["all", "some excluded", "of several uncertainties"])
+def test_many_readings_that_start_from_a_sample_give_the_same_arm(what, arm, rng, monkeypatch):
+    terms = [*constants(arm.chain, free=()), *own_axis(arm.chain, 2, highest=2)]
+    angles = poses(arm, 6000, rng)
+    state, options = ArmState(arm.chain, angles), {}
+    noise = np.full((6000, 3), NOISE)
+    if what == "of several uncertainties":
+        noise[::2] *= 3
+    points = seen(arm, terms, drawn(terms, rng), angles, rng, noise=noise)
+    if what == "some excluded":
+        points[::7] += 50.0  # mm
+        options["reading_weights"] = (np.arange(6000) % 7 > 0).astype(float)
+    reference = Points(np.arange(6000), points, np.sqrt(noise**2 - (0.5 * NOISE) ** 2))
+    rounds, fits = [], []
+    for share in (identification.MOST_SHARE, 0.0):
+        monkeypatch.setattr(identification, "MOST_SHARE", share)
+        fits.append(identify(arm.chain, state, terms, [reference], **options))
+        rounds.append(fits[-1].rounds)
+    assert rounds[0] < rounds[1]
+    by_sample, directly = fits
+    std = [np.sqrt(np.trace(fit.tip_covariance(state), axis1=1, axis2=2)) for fit in fits]
+    # Each ends within a twentieth of its uncertainty of the minimum.
+    assert np.linalg.norm(by_sample.tips(state) - directly.tips(state), axis=1).max() < 0.1 * std[1].max()
+    np.testing.assert_allclose(std[0], std[1], rtol=0.01)
 
 
 def test_no_direction_of_a_tip_is_known_better_than_perfectly(arm, rng):

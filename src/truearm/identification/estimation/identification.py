@@ -29,7 +29,7 @@ from truearm.identification.estimation.linearisation import (
 )
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.estimation.problem import SmallMotionProblem
-from truearm.identification.estimation.references import Reference
+from truearm.identification.estimation.references import Points, Reference
 from truearm.identification.estimation.rounds import Rounds
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
@@ -38,6 +38,10 @@ from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 
 MOST_ROUNDS = 40
+# Many readings start from the result of a sample: so many at least, and so many a coefficient.
+LEAST_SAMPLE, SAMPLE_PER_COEFFICIENT = 1000, 8
+# A sample with a larger share of the readings costs more than the rounds that it saves.
+MOST_SHARE = 0.25
 
 
 def grouped_prior(terms: Sequence[Term], n_unknowns: int) -> tuple[GroupedPrior, tuple[str, ...]]:
@@ -116,6 +120,8 @@ def identify(
     problem, unknowns = initial_problem(perturbed_chain, state, references)
     x = np.concatenate([np.zeros(perturbed_chain.n_coefficients), unknowns])
     prior, groups = grouped_prior(terms, len(unknowns))
+    if start is None:
+        start = _start_by_sample(chain, state, terms, references, reading_weights, robust=robust)
     if start is not None:
         x, prior = started_at(start, perturbed_chain, prior, groups)
     offered = dict(zip(groups, np.bincount(prior.group).tolist(), strict=False))  # the last group are the unknowns
@@ -131,6 +137,35 @@ def identify(
     return _result(rounds, offered, state, n_rounds)
 
 
+def _start_by_sample(
+    chain: Chain,
+    state: ArmState,
+    terms: Sequence[Term],
+    references: Sequence[Reference],
+    reading_weights: FloatArray | None,
+    *,
+    robust: bool,
+) -> IdentificationResult | None:
+    """The result of a sample of many points, from which all of them need fewer rounds; None of few."""
+    points = references[0]
+    if len(references) > 1 or not isinstance(points, Points):
+        return None
+    used = np.arange(len(points.rows)) if reading_weights is None else np.flatnonzero(reading_weights[points.rows] > 0)
+    n_sample = max(LEAST_SAMPLE, SAMPLE_PER_COEFFICIENT * sum(term.n_coefficients for term in terms))
+    if n_sample > MOST_SHARE * len(used):
+        return None
+    chosen = used[np.linspace(0, len(used) - 1, n_sample).astype(np.intp)]
+    rows = points.rows[chosen]
+    return identify(
+        chain,
+        state.rows(rows),
+        terms,
+        [replace(points.select(chosen), rows=np.arange(n_sample))],
+        robust=robust,
+        reading_weights=None if reading_weights is None else reading_weights[rows],
+    )
+
+
 def initial_problem(
     perturbed_chain: PerturbedChain, state: ArmState, references: Sequence[Reference]
 ) -> tuple[SmallMotionProblem, FloatArray]:
@@ -144,7 +179,10 @@ def initial_problem(
 def started_at(
     start: IdentificationResult, perturbed_chain: PerturbedChain, prior: GroupedPrior, groups: tuple[str, ...]
 ) -> tuple[FloatArray, GroupedPrior]:
-    """Parameters and scales of a result for some of the terms; further terms are zero, at the start of their scale."""
+    """Parameters and scales of a result for some of the terms; further terms are zero, at the start of their scale.
+
+    So are groups that the evidence pruned: other readings, or more of them, may show them.
+    """
     known_terms = start.perturbed_chain.terms
     ends = np.cumsum([term.n_coefficients for term in known_terms], dtype=np.intp)
     known = dict(zip(known_terms, np.split(start.coefficients, ends)[:-1], strict=True))  # after the last: none
@@ -155,7 +193,7 @@ def started_at(
         ]
     )
     scale = {group.name: group.scale for group in start.groups}
-    learned = np.array([*(scale.get(name, 1.0) for name in groups), 1.0])
+    learned = np.array([*(scale.get(name) or 1.0 for name in groups), 1.0])
     return x, replace(prior, scale=np.where(prior.learned, learned, prior.scale))
 
 

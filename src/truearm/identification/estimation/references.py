@@ -7,7 +7,7 @@ Arrays have the readings as their last axis, as those of the chain.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, NamedTuple, Protocol, Self
 
 import numpy as np
@@ -175,6 +175,16 @@ class Points:
     def std(self) -> FloatArray:
         """(3, m) standard uncertainties [mm]."""
         return np.zeros((3, len(self.rows))) if self.point_std is None else self.point_std.T
+
+    def select(self, which: IntArray) -> Self:
+        """Some of them, in that order."""
+        return replace(
+            self,
+            rows=self.rows[which],
+            points=self.points[which],
+            point_std=None if self.point_std is None else self.point_std[which],
+            repeat_variance=None if self.repeat_variance is None else self.repeat_variance[which],
+        )
 
     def initialise(self, tips: FloatArray) -> tuple[Self, FloatArray]:
         """See `Reference`."""
