@@ -137,3 +137,74 @@ def test_predict_writes_a_table_or_fills_in_points(truearm, made, options, says)
     ran = truearm("predict", made / "kinematic.truearm", made / "session.csv", *options)
     assert ran.code == 2
     assert says in ran.err
+
+
+@pytest.fixture
+def form(truearm, tmp_path):
+    """Points to measure, and the export of a metrology program that took them 0.1 mm beside their planned places."""
+    points, export = tmp_path / "points.csv", tmp_path / "export.txt"
+    sheet = ("--sheet", "asme-b89.4.22", "--out", tmp_path / "sheet.html")
+    assert truearm("verify", *sheet, "--points", points, "--tip-diameter", 0).code == 0
+    with points.open(encoding="utf-8", newline="") as file:
+        planned = np.array([[float(row[f"note_{axis}_mm"]) for axis in "xyz"] for row in csv.DictReader(file)])
+    taken = planned + 0.1 * np.random.default_rng(0).standard_normal(planned.shape)
+    lines = [f"  P{i}  " + "   ".join(f"{v:.6f}".replace(".", ",") for v in row) for i, row in enumerate(taken / 25.4)]
+    export.write_text("\n".join(["Messprotokoll", "Gr\u00f6\u00dfe in Zoll", *lines]), encoding="cp1252")
+    return points, export, taken
+
+
+FORMAT = ("--points", "2,3,4", "--point-unit", "in", "--separator", "SPACE", "--decimal", ",", "--no-header")
+EXPORT = (*FORMAT, "--skip-lines", 2, "--encoding", "cp1252")
+
+
+def test_the_points_of_a_metrology_program_are_filled_in(truearm, form):
+    points, export, taken = form
+    into = ("--into", points, "--date", "2026-10-20", "--artefact-temperature", 20.5, "--serial-number", "A-17")
+    ran = truearm("import", export, *EXPORT, *into)
+    assert (ran.code, ran.err) == (0, "")
+    assert ran.out.splitlines()[0] == f"{points}: 97 points from export.txt"
+    with points.open(encoding="utf-8", newline="") as file:
+        filled = list(csv.DictReader(file))
+    # Six decimals of an inch.
+    np.testing.assert_allclose([[float(row[f"{axis}_mm"]) for axis in "xyz"] for row in filled], taken, atol=2e-5)
+    assert {(row["date"], row["serial_number"]) for row in filled} == {("2026-10-20", "A-17")}
+    ran = truearm("import", export, *EXPORT, *into)
+    assert (ran.code, "have coordinates already" in ran.err) == (2, True)
+
+
+@pytest.mark.parametrize(
+    ("change", "options", "says"),
+    [
+        (lambda lines: lines[:-1], (), "points.csv"),  # one is missing
+        (lambda lines: [*lines[:2], *lines[:1:-1]], (), "points.csv"),  # in another order
+        (lambda lines: [*lines[:5], "  P9  left  1,0  1,0", *lines[6:]], (), "line 6"),
+        (lambda lines: lines, ("--out", "s.csv"), "--out does not apply to --into"),
+        (lambda lines: lines, ("--angles", "1"), "--angles does not apply to --into"),
+        (lambda lines: lines, ("--points", "2,3"), "expected three columns of points, got 2"),
+        (lambda lines: lines, ("--point-unit", "ft"), "unknown unit of points 'ft'"),
+    ],
+)
+def test_an_export_that_does_not_fit_fills_in_nothing(truearm, form, change, options, says):
+    points, export, _ = form
+    lines = export.read_text(encoding="cp1252").splitlines()
+    export.write_text("\n".join(change(lines)), encoding="cp1252")
+    before = points.read_bytes()
+    ran = truearm("import", export, *EXPORT, "--into", points, "--artefact-temperature", 20, *options)
+    assert ran.code == 2, ran
+    assert says in ran.err
+    assert points.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ([], "expected --out or --into"),
+        (["--out", "s.csv"], "a session file needs --angles"),
+        (["--out", "s.csv", "--angles", "1"], "a session file needs --angle-unit"),
+        (["--out", "s.csv", "--date", "2026-10-20"], "apply to --into only"),
+    ],
+)
+def test_import_writes_a_session_file_or_fills_in_points(truearm, form, options, says):
+    ran = truearm("import", form[1], *options)
+    assert ran.code == 2
+    assert says in ran.err

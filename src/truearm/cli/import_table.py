@@ -1,4 +1,4 @@
-"""``truearm import``: a table of another program becomes a session file."""
+"""``truearm import``: a table of another program becomes a session file, or fills in points to measure."""
 
 from __future__ import annotations
 
@@ -17,9 +17,15 @@ _ONE_EACH = "one, or one a joint, separated by commas"
 
 def import_table(
     table: Annotated[Path, typer.Argument(metavar="TABLE", help="Delimited text: CSV, TSV, ..")],
-    out: Annotated[Path, typer.Option("--out", help="Session file to write, .csv or .parquet.")],
-    angles: Annotated[str, typer.Option("--angles", help="Columns of the joints, base to tip: names or numbers.")],
-    angle_unit: Annotated[str, typer.Option("--angle-unit", help=f"deg, rad, counts, or mm (sliding): {_ONE_EACH}.")],
+    out: Annotated[Path | None, typer.Option("--out", help="Session file to write, .csv or .parquet.")] = None,
+    into: Annotated[
+        Path | None,
+        typer.Option("--into", help="Points to measure (truearm verify --sheet), .csv: fill in their coordinates."),
+    ] = None,
+    angles: Annotated[str, typer.Option("--angles", help="Columns of the joints, base to tip: names or numbers.")] = "",
+    angle_unit: Annotated[
+        str, typer.Option("--angle-unit", help=f"deg, rad, counts, or mm (sliding): {_ONE_EACH}.")
+    ] = "",
     counts_per_turn: Annotated[
         str, typer.Option("--counts-per-turn", help=f"Counts of an encoder in a full turn: {_ONE_EACH}.")
     ] = "",
@@ -28,7 +34,9 @@ def import_table(
         str,
         typer.Option("--zero", help="Each joint's value where its angle is zero, in the table's unit; 0 by default."),
     ] = "",
-    points: Annotated[str, typer.Option("--points", help="Columns x,y,z of the reference point.")] = "",
+    points: Annotated[
+        str, typer.Option("--points", help="Columns x,y,z of the reference point; with --into of the point.")
+    ] = "",
     point_std: Annotated[str, typer.Option("--point-std", help="Columns of its three standard uncertainties.")] = "",
     point_unit: Annotated[
         str, typer.Option("--point-unit", help="Of the point and its uncertainties: mm, m, um or in.")
@@ -47,17 +55,56 @@ def import_table(
     position: Annotated[str, typer.Option("--position", help="Columns that name the position aimed at.")] = "",
     session: Annotated[str, typer.Option("--session", help="Column that names the session.")] = "",
     session_name: Annotated[str, typer.Option("--session-name", help="Name of the session of all readings.")] = "",
-    separator: Annotated[str, typer.Option("--separator", help="One character, or TAB.")] = ",",
+    separator: Annotated[str, typer.Option("--separator", help="One character, TAB, or SPACE: one or more.")] = ",",
     decimal: Annotated[str, typer.Option("--decimal", help="Decimal sign, . or ,")] = ".",
     no_header: Annotated[bool, typer.Option("--no-header", help="The first line is a reading.")] = False,
     skip_lines: Annotated[int, typer.Option("--skip-lines", min=0, help="Lines above the header to skip.")] = 0,
     encoding: Annotated[str, typer.Option("--encoding", help="utf-8, cp1252, utf-16, ..")] = "utf-8",
+    date: Annotated[
+        str | None, typer.Option("--date", help="With --into: day of the measurement, 2026-11-03; today by default.")
+    ] = None,
+    artefact_temperature: Annotated[
+        float | None, typer.Option("--artefact-temperature", help="With --into: temperature of the artefacts.")
+    ] = None,
+    serial_number: Annotated[str, typer.Option("--serial-number", help="With --into: serial number of the arm.")] = "",
 ) -> None:
-    """Turn a table of another program into a session file.
+    """Turn a table of another program into a session file, or fill in a file of points to measure.
 
     State its columns, units, signs, zeros and separators here, once. A column is given by its name, or by its number
     from 1. The ranges of the result are printed: they show a wrong unit or sign.
+
+    --into fills in a file of points to measure from the export of a metrology program (--points X,Y,Z), a point for
+    each row without coordinates, in their order.
     """
+    from truearm.errors import InputError
+
+    layout: dict[str, Any] = {
+        "separator": {"TAB": "\t", "\\t": "\t", "SPACE": " "}.get(separator, separator),
+        "decimal": decimal,
+        "header": not no_header,
+        "skip_lines": skip_lines,
+        "encoding": encoding,
+    }
+    if into is not None:
+        given = {
+            "--out": out, "--angles": angles, "--angle-unit": angle_unit, "--point-std": point_std, "--seat": seat,
+            "--orientation": orientation, "--temperature": temperature, "--position": position, "--session": session,
+            "--session-name": session_name, "--counts-per-turn": counts_per_turn, "--sign": sign, "--zero": zero,
+        }  # fmt: skip
+        if unused := [name for name, value in given.items() if value]:
+            raise InputError(f"{unused[0]} does not apply to --into", hint="omit it")
+        _fill(table, into, _listed(points), point_unit, layout, date, artefact_temperature, serial_number)
+        return
+    if date is not None or artefact_temperature is not None or serial_number:
+        raise InputError(
+            "--date, --artefact-temperature and --serial-number apply to --into only", hint="omit them, or use --into"
+        )
+    if out is None:
+        raise InputError("expected --out or --into", hint="--out session.csv")
+    for name, value in (("--angles", angles), ("--angle-unit", angle_unit)):
+        if not value:
+            raise InputError(f"a session file needs {name}", hint=f"{name} {'deg' if 'unit' in name else 'J1,J2,..'}")
+
     from truearm.readings import JointScale, TableColumns, check_session_path, write_session
     from truearm.readings import import_table as read_table
 
@@ -81,11 +128,7 @@ def import_table(
             scale,
             point_unit=cast(Any, point_unit),
             orientation_unit=cast(Any, orientation_unit or None),
-            separator="\t" if separator in ("TAB", "\\t") else separator,
-            decimal=decimal,
-            header=not no_header,
-            skip_lines=skip_lines,
-            encoding=encoding,
+            **layout,
             session_name=session_name or None,
         )
         units = scale.units(readings.n_joints)
@@ -93,6 +136,34 @@ def import_table(
         write_session(readings, out, prismatic=[u == "mm" for u in units], angle_unit=cast(Any, unit))
     print_line(f"{out}: {len(readings)} readings of {readings.n_joints} joints from {table.name}")
     _print_ranges(readings, scale)
+
+
+def _fill(
+    table: Path,
+    into: Path,
+    columns: tuple[str, ...],
+    point_unit: str,
+    layout: dict[str, Any],
+    date: str | None,
+    artefact_degC: float | None,
+    serial_number: str,
+) -> None:
+    """Fill in points to measure, and print the ranges of the coordinates."""
+    from truearm.readings import import_points
+    from truearm.verification.standards.dates import now, parse_moment
+    from truearm.verification.standards.points_form import fill_points_form
+    from truearm.workflows.record import TextTable
+
+    check_output_is_not_input(into, table)
+    moment = now() if date is None else parse_moment(date)
+    with progress(f"importing {table.name}"):
+        found = import_points(table, columns, point_unit=cast(Any, point_unit), **layout)
+        n = fill_points_form(into, found, day=moment.date(), artefact_degC=artefact_degC, serial_number=serial_number)
+    print_line(f"{into}: {n} points from {table.name}")
+    rows = [
+        [axis, f"{values.min():.3f}", f"{values.max():.3f}", "mm"] for axis, values in zip("xyz", found.T, strict=True)
+    ]
+    print_line(str(TextTable(["", "min", "max", "unit"], rows, left_aligned=(0,))))
 
 
 def _print_ranges(readings: Session, scale: JointScale) -> None:

@@ -96,7 +96,7 @@ class Sheet:
         lines = physical_lines(self.data)
         for _ in range(self.first_line - 1):
             next(lines)
-        reader, width, empty = csv.reader(lines, delimiter=self.separator), len(self.names), None
+        reader, width, empty = _cells_of(lines, self.separator), len(self.names), None
         row = -1
         try:
             for row, cells in enumerate(reader):
@@ -145,7 +145,7 @@ def read_sheet(
     path : path
         At most `MAX_BYTES`.
     separator, decimal : str
-        One character each, different from each other.
+        One character each, different from each other; a blank stands for one blank or more.
     encoding : str
         Any text encoding that Python knows. A byte order mark is skipped.
     header : bool
@@ -189,7 +189,14 @@ def first_line(data: bytes, path: Path, skip_lines: int, expected: str) -> str:
 
 def split_line(line: str, separator: str) -> list[str]:
     """Split a line into its cells, without blanks around them."""
-    return [cell.strip() for cell in next(csv.reader([line], delimiter=separator), [])]
+    return [cell.strip() for cell in next(iter(_cells_of(iter([line]), separator)), [])]
+
+
+def _cells_of(lines: Iterator[str], separator: str) -> Any:  # the reader's type has no public name
+    """The reader of the cells of lines; cells may be separated by more than one blank."""
+    if separator != " ":
+        return csv.reader(lines, delimiter=separator)
+    return csv.reader((line.strip(" \r\n") for line in lines), delimiter=separator, skipinitialspace=True)
 
 
 def check_names(

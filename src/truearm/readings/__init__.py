@@ -17,7 +17,7 @@ from truearm.readings.point_errors import ErrorComparison, PointErrors, compare_
 from truearm.readings.seats import SeatErrors, length_errors, seat_errors
 from truearm.readings.session import Session
 from truearm.readings.split import hold_out, stratified_rows
-from truearm.readings.tables import JointScale, TableColumns, import_table
+from truearm.readings.tables import JointScale, TableColumns, import_points, import_table
 
 __all__ = [
     "ErrorComparison",
@@ -37,6 +37,7 @@ __all__ = [
     "compare_errors",
     "has_reference",
     "hold_out",
+    "import_points",
     "import_table",
     "length_errors",
     "limit_excesses",

@@ -149,7 +149,7 @@ def import_table(
     orientation_unit : {"deg", "rad"}, optional
         Unit of a rotation vector; it has no default.
     separator, decimal : str
-        One character each.
+        One character each; a blank as separator stands for one blank or more.
     header : bool
         Whether the first line names the columns; without, columns go by number.
     skip_lines : int
@@ -180,8 +180,7 @@ def import_table(
     >>> session.points.tolist()
     [[500.0, 0.0, 250.0]]
     """
-    if point_unit not in _TO_MM:
-        raise InputError(f"unknown unit of points {quoted_cell(point_unit)}", hint=f"one of {', '.join(_TO_MM)}")
+    _check_point_unit(point_unit)
     if columns.session and session_name is not None:
         raise InputError("the session is given twice, by a column and by a name")
     check_orientation_columns(len(columns.orientation), orientation_unit)
@@ -230,6 +229,65 @@ def import_table(
         numbers=np.arange(len(numbers)) + sheet.first_line,
         by_line=True,
     )
+
+
+def import_points(
+    path: str | Path,
+    columns: Sequence[str],
+    *,
+    point_unit: PointUnit = "mm",
+    separator: str = ",",
+    decimal: str = ".",
+    header: bool = True,
+    skip_lines: int = 0,
+    encoding: str = "utf-8",
+) -> FloatArray:
+    r"""Read points from a table, such as the export of a metrology program.
+
+    Parameters
+    ----------
+    path : path
+        Delimited text.
+    columns : sequence of three str
+        x, y and z: each by its name in the header, or by its number counted from 1.
+    point_unit : {"mm", "m", "um", "in"}
+        Unit of the points.
+    separator, decimal, header, skip_lines, encoding
+        See `import_table`.
+
+    Returns
+    -------
+    (n, 3) array
+        In the order of the table [mm].
+
+    Raises
+    ------
+    InputError
+        If the table does not fit `columns`; with file, line, column and what to do.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from truearm.readings import import_points
+    >>> _ = Path("export.txt").write_text("point 1  0.5  0.25  1.0\npoint 2  0.5  0.75  1.0\n")
+    >>> import_points("export.txt", ["3", "4", "5"], point_unit="in", separator=" ", header=False).tolist()
+    [[12.7, 6.35, 25.4], [12.7, 19.05, 25.4]]
+    """
+    _check_point_unit(point_unit)
+    if len(columns) != 3:
+        raise InputError(f"expected three columns of points, got {len(columns)}", hint="--points 'X,Y,Z'")
+    sheet = read_sheet(
+        path, separator=separator, decimal=decimal, encoding=encoding, header=header, skip_lines=skip_lines
+    )
+    where = [_index(sheet, column) for column in columns]
+    _check_once(sheet, where)
+    numbers, _ = read_columns(sheet, where)
+    return numbers * _TO_MM[point_unit]
+
+
+def _check_point_unit(unit: str) -> None:
+    if unit not in _TO_MM:
+        raise InputError(f"unknown unit of points {quoted_cell(unit)}", hint=f"one of {', '.join(_TO_MM)}")
 
 
 def _optional(column: str | None) -> tuple[str, ...]:
