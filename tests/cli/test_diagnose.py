@@ -43,6 +43,13 @@ def test_a_right_arm_is_said_to_be_right(readings):
     assert diagnosis.to_dict()["findings"] == []
 
 
+def test_it_says_which_readings_it_compares(readings):
+    """A shift by one row needs a neighbour on either side; of many readings sixty show what all do."""
+    assert "Compared: 38 of 40 readings, those with a reference point" in str(ta.diagnose("gao2017", readings))
+    many = readings.rows(np.arange(100) % 40)
+    assert "Compared: 60 of 100 readings, evenly spaced" in str(ta.diagnose("gao2017", many))
+
+
 def test_equal_poses_show_nothing(readings):
     same = readings.rows(np.zeros(12, dtype=int))
     diagnosis = ta.diagnose("gao2017", same)

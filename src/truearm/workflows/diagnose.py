@@ -9,7 +9,7 @@ from typing import Any
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
 from truearm.identification.estimation.description_check import DescriptionCheck, Explanation, check_description
-from truearm.identification.estimation.reference_table import LEAST_READINGS, reference_table
+from truearm.identification.estimation.reference_table import LEAST_READINGS, MOST_READINGS, reference_table
 from truearm.readings import Lengths, read_lengths
 from truearm.readings.checks import check_angles
 from truearm.solve.threads import one_blas_thread
@@ -78,7 +78,7 @@ def diagnose(
             file=given.file,
             hint="add columns x_mm, y_mm, z_mm, or a column seat with the names of seats",
         )
-    return Diagnosis(nominal, check_description(nominal, table), has_points=table.has_points)
+    return Diagnosis(nominal, check_description(nominal, table), has_points=table.has_points, n_given=len(given))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -93,11 +93,14 @@ class Diagnosis(Record):
         The arm as stated, the mistakes that explain the readings, and the next likely ones.
     has_points : bool
         Whether the readings have reference points; else seats.
+    n_given : int
+        Number of readings of the session.
     """
 
     arm: Arm
     check: DescriptionCheck
     has_points: bool
+    n_given: int
 
     def summary(self) -> str:
         """The answer in one sentence."""
@@ -138,10 +141,20 @@ class Diagnosis(Record):
             f"error: three of four of {check.n_readings} readings miss by less, with base and tip fitted; usual: what "
             f"errors of the constants cause. {check.n_tried} interpretations were tried."
         )
+        if check.n_readings < self.n_given:
+            yield f"Compared: {check.n_readings} of {self.n_given} readings, {self._which_readings()}."
         if check.stated.is_usual:
             yield "Nothing was changed."
         else:
             yield "Nothing was changed: correct the arm file or the readings, and run this again."
+
+    def _which_readings(self) -> str:
+        if self.check.n_readings == MOST_READINGS:
+            return "evenly spaced: what is wrong in an arm file shows in each of them"
+        return (
+            f"those with {'a reference point' if self.has_points else 'a seat'}, of one session and tip, and with such "
+            "readings before and after them: a shift of the references by one row is tried too"
+        )
 
     def _verdict(self, one: Explanation) -> str:
         if one in self.check.findings:

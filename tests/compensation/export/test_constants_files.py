@@ -14,6 +14,7 @@ from truearm.compensation.export import constants
 from truearm.compensation.export.constants_section import constants_section
 from truearm.compensation.export.constants_table import (
     IDENTIFIABLE,
+    NOMINAL,
     NOT_IDENTIFIABLE,
     SUM_ALONG_AXES,
     SUM_WITH_BASE,
@@ -27,6 +28,7 @@ from truearm.compensation.targets.manifest import read_manifest
 from truearm.errors import InputError
 from truearm.identification.estimation.alignment import align
 from truearm.pages.html import render
+from truearm.pages.number_format import RoundedNumber
 from truearm.pages.page import Page
 
 NOISE_MM = 0.02
@@ -241,3 +243,20 @@ def test_the_page_has_every_constant(planted):
     assert len(changed.rows) == min(len(significant), 8)
     page = render(Page("A page", sections=(section,)))
     assert "only as a sum with the base" in page
+
+
+def test_a_constant_that_nothing_moves_is_nominal():
+    """An arm from seats has the frame of its first joint: its base is held, with no uncertainty of the rounding."""
+    session = ta.simulate("gao2017", strategy="seat", seats=4, poses=60, preset="shop", seed=1).session
+    model = ta.KinematicModel(ta.load_arm("gao2017")).fit_readings(ta.Session(session.angles, seat=session.seat))
+    rigid = best_rigid_arm(model)
+    table = constants_table(model, rigid)
+    status = {(one.place, one.name): one.status for one in table.constants}
+    assert {status["base", name] for name in ("x", "y", "z", "rx", "ry", "rz")} == {NOMINAL}
+    assert status["J2", "theta"] == "identifiable"
+    shown = constants_section(table, rigid.loss, reach_mm=1000.0).tables[1]
+    held = next(row for row in shown.rows if row[0] == "base x")
+    assert held[1] == held[2]
+    assert held[3:5] == (None, None)
+    for row in shown.rows:  # two digits of an uncertainty of 1e-8 would be eight zeros
+        assert all(one.uncertainty > 1e-7 for one in row if isinstance(one, RoundedNumber) and one.uncertainty)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from truearm.compensation.export.constants_table import ConstantsTable
+from truearm.compensation.export.constants_table import NOMINAL, ConstantsTable
 from truearm.compensation.targets.manifest import ExportLoss
 from truearm.pages.number_format import RoundedNumber, format_number
-from truearm.pages.page import Column, Section, Table
+from truearm.pages.page import Cell, Column, Section, Table
 
 # Rotations of an arm are stated in degrees; their changes are thousandths of one.
 DEG = 57.29577951308232
@@ -33,9 +33,13 @@ def constants_section(
     rows = []
     for one in table.constants:
         factor, unit = (DEG, "deg") if one.unit == "rad" else (1.0, "mm")
-        u = factor * one.std
-        identified, change = (RoundedNumber(factor * value, u) for value in (one.identified, one.change))
-        rows.append((f"{one.place} {one.name}", factor * one.nominal, identified, change, u or None, unit, one.status))
+        u, drawn = factor * one.std, factor * one.nominal
+        # What is held differs from the drawing by rounding at most.
+        values: tuple[Cell, ...] = (drawn, None, None)
+        if one.status != NOMINAL:
+            identified, change = (RoundedNumber(factor * value, u) for value in (one.identified, one.change))
+            values = (identified, change, u or None)
+        rows.append((f"{one.place} {one.name}", drawn, *values, unit, one.status))
     columns = (
         Column("constant"),
         Column("nominal", digits=7),
@@ -59,13 +63,18 @@ def constants_section(
         "Denavit-Hartenberg, in the branch of the nominal table",
         folded=True,
     )
-    exported, nominal = (format_number(error, digits=2) for error in (loss.exported_mm, loss.nominal_mm))
+    # Below a nanometre is the rounding of the arithmetic.
+    exported, nominal = (
+        "less than 0.000001" if error < 1e-6 else format_number(error, digits=2)
+        for error in (loss.exported_mm, loss.nominal_mm)
+    )
     text = (
         "Of all arms with constants alone, without harmonics and gravity, this one comes nearest to the model: over "
         f"the {loss.region}, held out, it differs from the model by {exported} mm on average, the nominal arm by "
         f"{nominal} mm. "
         "Angles are in the nominal branch; nearly parallel axes have beta, a rotation about y, and keep d. A constant "
-        "that is identifiable only as a sum stays nominal, and the other part of the sum takes the change."
+        "that is identifiable only as a sum stays nominal, and the other part of the sum takes the change. One with "
+        "the status nominal is held: nothing that the model has learned moves it."
     )
     title = "Constants: drawn and identified"
     return Section(f"{title}: {name}" if name else title, text, tables=(short, shown), folded=folded)

@@ -38,6 +38,9 @@ SUM_ALONG_AXES, SUM_ABOUT_LINE = "only as a sum along parallel axes", "only as a
 STEP_RAD, STEP_MM = 1e-5, 1e-2
 # Where no prior moves a constant by more, in rad or mm, the evidence has pruned what it depends on.
 _PRUNED = 1e-12
+# A constant that neither changed nor is uncertain by as much is held: nothing in the model moves it, and what is left
+# is the rounding of the refit [mm, rad]. No readings tell 10 nm, or that at a distance of 1 m.
+_HELD = {"mm": 1e-5, "rad": 1e-8}
 
 
 @dataclass(frozen=True)
@@ -56,7 +59,7 @@ class ArmConstant:
     std : float
         Standard uncertainty; of the base's rotation vector those of small turns about the base's axes.
     status : str
-        Whether the readings determine it.
+        Whether the readings determine it; ``nominal`` where it is held, as nothing that the model has learned moves it.
     """
 
     place: str
@@ -144,7 +147,7 @@ def constants_table(model: Compensator, rigid: RigidArm, *, convention: Conventi
             old,
             new,
             u,
-            entry.status or (NOT_IDENTIFIABLE if share > UNIDENTIFIABLE_SHARE else IDENTIFIABLE),
+            entry.status or _status(entry.unit, change=new - old, u=u, remains=share),
         )
         for entry, old, new, u, share in zip(
             entries, was.tolist(), now.tolist(), std.tolist(), remains.tolist(), strict=True
@@ -259,6 +262,12 @@ def _by_processes(of_model: IdentificationResult, state: ArmState, by_point: Flo
         along = np.tensordot(by_motion, np.array(term.direction), axes=(1, 0))
         out += std**2 * term.basis.remainder_of_sums(state, np.einsum("kcn,nc->kn", by_point, along))
     return out
+
+
+def _status(unit: Unit, *, change: float, u: float, remains: float) -> str:
+    if max(abs(change), u) < _HELD[unit]:
+        return NOMINAL
+    return NOT_IDENTIFIABLE if remains > UNIDENTIFIABLE_SHARE else IDENTIFIABLE
 
 
 def _share(variance: FloatArray, prior_variance: FloatArray) -> FloatArray:

@@ -197,7 +197,8 @@ def refuse_implausible(check: NominalCheck, arm: Arm, readings: Session, tips: F
         "wrongly",
         hint=(f"the points may be in {unit}: convert them to mm; or " if unit else "")
         + "check the arm, the units, signs, order and zeros of the angles, the unit of the points, and --free; if the "
-        f"arm is as inaccurate as that, state nominal_error_mm = {check.error_mm:.2g} in its arm file",
+        f"arm is as inaccurate as that, add the line nominal_error_mm = {check.error_mm:.2g} to its arm file, above "
+        "the first table; of an arm in the catalogue, truearm arms NAME --out my-arm.toml writes a file to change",
     )
 
 
