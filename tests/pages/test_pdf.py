@@ -126,11 +126,16 @@ def test_every_sheet_has_the_number_the_count_and_the_mark(document):
 @pytest.mark.skipif(shutil.which("pdftotext") is None, reason="pdftotext of poppler-utils reads the sheets")
 def test_head_and_foot_can_be_read_on_a_sheet_that_ends_with_another_font(tmp_path):
     drawing = Drawing(figsize=(4, 5.6))
-    tall = Section("A heading alone", figures=(Figure((drawing,), "Tall.", "tall"),))
-    page = Page("A title", "", (), (tall,), (), PageVerdict("A verdict.", "bad", ""))
+    filled = Section("Filled", "\n\n".join(["A line of text."] * 26))
+    tall = Section("Drawn", figures=(Figure((drawing,), "Tall.", "tall"),))
+    sections = (filled, Section("A heading alone"), tall)
+    page = Page("A title", "", (), sections, (), PageVerdict("A verdict.", "bad", ""))
     write_pdf(page, made_up_paper(signatures=()), tmp_path / "page.pdf")
     text = subprocess.run(["pdftotext", "-layout", tmp_path / "page.pdf", "-"], capture_output=True, text=True).stdout
-    for number, sheet in enumerate(text.split("\f")[:2], start=1):
+    sheets = text.split("\f")[:2]
+    assert ["A heading alone" in sheet for sheet in sheets] == [True, False]
+    assert ["Drawn" in sheet for sheet in sheets] == [False, True]
+    for number, sheet in enumerate(sheets, start=1):
         assert f"page {number} of 2" in sheet
         assert sheet.count("Document 7") >= 2
 
@@ -144,6 +149,59 @@ def test_a_character_without_a_glyph_is_refused_and_nothing_is_written(tmp_path)
     with pytest.raises(InputError, match="the font of the PDF has no glyph for \u682a \u5f0f in '\u682a\u5f0f'"):
         write_pdf(Page("title", sections=(Section("\u682a\u5f0f"),)), made_up_paper(), tmp_path / "page.pdf")
     assert list(tmp_path.iterdir()) == []
+
+
+def sheets_of(content, folder):
+    """The text of each sheet, as it is laid out."""
+    if shutil.which("pdftotext") is None:
+        pytest.skip("pdftotext (poppler-utils) reads the text of sheets")
+    (folder / "read.pdf").write_bytes(content)
+    ran = subprocess.run(["pdftotext", "-layout", folder / "read.pdf", "-"], capture_output=True, text=True, check=True)
+    return ran.stdout.split("\f")[:-1]
+
+
+def test_names_of_files_with_other_characters_are_escaped(tmp_path):
+    facts = (("\u6d4b.csv", "SHA-256 1"), ("a\nb\u00ad.csv", "SHA-256 2"), ("bad\udcff.csv", "SHA-256 3"))
+    text = "".join(sheets_of(pdf_bytes(Page("Title", facts=facts), made_up_paper()), tmp_path))
+    for name in ("\\u6d4b.csv", "a\\nb\\xad.csv", "bad\\udcff.csv"):
+        assert name in text
+
+
+def test_long_texts_neither_overlap_nor_are_refused(tmp_path):
+    number = "Document " + "0123456789" * 20
+    people = tuple(f"{letter}, " + "head of everything " * 40 for letter in "ABC")
+    rows = (("x" * 150, RoundedNumber(1.0, 0.1), "very long words " * 400, "short"), ("last", None, "", "end"))
+    columns = (Column("name"), Column("value", "mm"), Column("text"), Column("text"))
+    page = Page(number, sections=(Section("Values", tables=(Table(columns, rows, ""),)),))
+    paper = made_up_paper(heading=number, signatures=people, issuer=("Somebody " * 60, "Somewhere"), mark="")
+    sheets = sheets_of(pdf_bytes(page, paper), tmp_path)
+    assert sum(len(re.findall(r"\bvery\b", sheet)) for sheet in sheets) == 400  # a row higher than a sheet continues
+    for at, sheet in enumerate(sheets, start=1):
+        first, last = sheet.strip().splitlines()[0], sheet.strip().splitlines()[-1]
+        assert first.startswith("Document 0123")
+        assert first.endswith("\u2026")
+        assert re.fullmatch(rf"Document [0-9]+\u2026 +page {at} of {len(sheets)}", last.strip())
+    end = next(sheet for sheet in sheets if "Signatures" in sheet)
+    assert end.count("everything") == 120
+    # The lower line of signatures is below the names of the upper one.
+    assert end.index("C, head") > [found.end() for found in re.finditer("everything", end)][79]
+
+
+def test_a_figure_without_room_waits_and_the_sheet_is_filled(tmp_path):
+    drawing = Drawing(figsize=(6, 5))
+    drawing.add_subplot().plot([0, 1], [0, 1])
+    lines = Table((Column("n"), Column("square")), tuple((str(i), str(i * i)) for i in range(30)), "")
+    page = Page(
+        "Title",
+        sections=(
+            Section("First", tables=(lines,), figures=(Figure((drawing,), "A figure.", "a line"),)),
+            *(Section(f"Section {i}", "Text of a few words.") for i in range(8)),
+        ),
+    )
+    one, two, *_ = sheets_of(pdf_bytes(page, made_up_paper(mark="")), tmp_path)
+    assert "Section 1" in one
+    assert "A figure." not in one
+    assert two.index("A figure.") < two.index("Section")
 
 
 def test_without_the_package_the_message_says_how_to_get_it(tmp_path, monkeypatch):

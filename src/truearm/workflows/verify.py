@@ -96,7 +96,7 @@ class VerificationResult(PageRecord):
         plan = self.verification.plan
         return [
             ("plan", f"{plan.name}: {plan.standard}"),
-            ("serial number of the arm, in the points", self.serial_number or "not stated"),
+            ("serial number in the points", self.serial_number or "not stated"),
             *((file.name, f"SHA-256 {digest}") for file, digest in self.digests.items()),
             version_row(),
         ]

@@ -273,13 +273,13 @@ def _individual(certificate: Certificate) -> Section:
 
 
 def _side_by_side(listed: StatedList) -> Table:
-    """A list of results in up to three columns, each read downwards; U in the caption if all have the same."""
+    """A list of results in up to three columns, two with U, each read downwards; U in the caption if all have it."""
     quantities, u = listed.quantities, listed.quantities[0].expanded
     same = u is not None and all(one.expanded == u for one in quantities)
     width = 2 if same else 3
     columns = (Column("where"), Column("value", "mm"), Column("U", "mm"))[:width]
     cells: list[tuple[Cell, ...]] = [(one.name, _number(one), _uncertainty(one))[:width] for one in quantities]
-    beside = 3 if len(cells) > MOST_IN_ONE_COLUMN else 1
+    beside = (3 if same else 2) if len(cells) > MOST_IN_ONE_COLUMN else 1
     height = -(-len(cells) // beside)
     cells += [("",) * width] * (beside * height - len(cells))
     rows = tuple(tuple(cell for part in range(beside) for cell in cells[part * height + at]) for at in range(height))
