@@ -279,6 +279,18 @@ def test_the_places_of_values_that_do_not_conform_are_marked():
         assert all(place.decisive is None for place in measured_places(tests, [row(0.07, label=label)]))
 
 
+def test_names_of_places_do_not_overlap():
+    """Five lengths about one middle, as a bar has them; measured by the extents of the drawn names."""
+    tests = {"uni": [group for name in "12345" for group in ends(name, 3.0 * float(name))]}
+    decisive = [row(0.07, label="E_Uni, 900", where=f"position {name}, repeat 1") for name in "12345"]
+    for panel in where_figure(measured_places(tests, decisive)).panels:
+        (axes,) = panel.axes
+        assert len(axes.texts) == 5
+        panel.canvas.draw()
+        boxes = [text.get_window_extent() for text in axes.texts]
+        assert not any(a.overlaps(b) for i, a in enumerate(boxes) for b in boxes[:i])
+
+
 def test_guard_bands_are_those_of_the_rule():
     rows = [row(0.01), row(0.045), row(-0.09)]
     (drawing,) = limits_figure(rows, rule="iso14253-1:2013").panels

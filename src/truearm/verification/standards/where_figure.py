@@ -19,6 +19,9 @@ from truearm.verification.standards.measured_places import MeasuredPlace
 _VIEWS = (("from above", 0, 1), ("from the front", 0, 2))
 _WIDTH_IN, _HEIGHT_IN = 4.6, 3.2
 _ACROSS_IN, _UP_IN = 3.74, 2.44  # of the axes
+# Names of marked places [points]: width of a bold letter, height of a line, and distances above the place to try.
+_LETTER_PT, _LINE_PT = 6.2, 11.0
+_LABEL_UPS = [6 + sign * step * 11 for step in range(8) for sign in ((1,) if step == 0 else (1, -1))]
 _PENS = {Verdict.NOT_CONFORM: (BAD, "X"), Verdict.UNDECIDED: (DOUBTFUL, "D")}
 
 
@@ -62,12 +65,13 @@ def _panel(places: Sequence[MeasuredPlace], view: tuple[str, int, int]) -> Drawi
     axes.set_ylim(middle[1] - half[1], middle[1] + half[1])
     axes.locator_params(nbins=6)
     for place in sorted(places, key=lambda one: one.verdict is not None):
-        _draw(axes, place.ends[:, [across, up]], place, left_half=middle[0])
+        _draw(axes, place.ends[:, [across, up]], place)
+    _label(axes, [place for place in places if place.decisive is not None], [across, up], mm_per_pt=scale / 72)
     return drawing
 
 
-def _draw(axes: Axes, ends: FloatArray, place: MeasuredPlace, *, left_half: float) -> None:
-    """Draw a place; its name is on the side that has more room."""
+def _draw(axes: Axes, ends: FloatArray, place: MeasuredPlace) -> None:
+    """Draw a place."""
     marked = place.verdict is not None
     colour, marker = (LIMIT, "o") if place.verdict is None else _PENS[place.verdict]
     if len(ends) > 1:
@@ -75,9 +79,25 @@ def _draw(axes: Axes, ends: FloatArray, place: MeasuredPlace, *, left_half: floa
     at = ends.mean(axis=0)
     if marked or len(ends) == 1:
         axes.plot(*at, marker, color=colour, markersize=9 if marked else 6, markeredgecolor=PAPER, zorder=5)
-    if place.decisive is not None:
+
+
+def _label(axes: Axes, places: Sequence[MeasuredPlace], view: list[int], *, mm_per_pt: float) -> None:
+    """Name places, each on the side that has more room, above or below the names that are there already."""
+    left_half, taken = sum(axes.get_xlim()) / 2, list[FloatArray]()
+    for place in places:
+        assert place.decisive is not None
+        at = place.ends[:, view].mean(axis=0)
+        name = shorten(place.decisive.name.partition(", position")[0], longest=20)
         side = 1 if at[0] < left_half else -1
+        for up in _LABEL_UPS:
+            start = at / mm_per_pt + [7 * side, up]
+            box = np.array([min(start[0], start[0] + side * _LETTER_PT * len(name)), start[1]])
+            box = np.concatenate([box, box + [_LETTER_PT * len(name), _LINE_PT]])
+            if not any((box[:2] < other[2:]).all() and (other[:2] < box[2:]).all() for other in taken):
+                break
+        taken.append(box)
         axes.annotate(
-            shorten(place.decisive.name.partition(", position")[0], longest=20), at, xytext=(7 * side, 6), color=INK,
-            textcoords="offset points", ha="left" if side > 0 else "right", weight="bold", zorder=6,
+            name, at, xytext=(7 * side, up), color=INK, textcoords="offset points",
+            ha="left" if side > 0 else "right", weight="bold", zorder=6,
+            arrowprops=None if up == _LABEL_UPS[0] else {"arrowstyle": "-", "color": LIMIT, "linewidth": 0.7},
         )  # fmt: skip
