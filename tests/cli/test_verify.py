@@ -730,6 +730,19 @@ def test_the_page_tells_what_to_do_with_one_ball_bar(truearm, bench):
     assert "lengths = 1, positions = 20, longest_share = 0.36" in ran.out
 
 
+@pytest.mark.parametrize(("kind", "key"), [("artefacts", "[[bars]]"), ("mpe", "measuring_range_mm = ")])
+def test_an_empty_file_is_printed_to_fill_in(truearm, bench, kind, key):
+    ran = truearm("verify", "--template", kind)
+    assert (ran.code, ran.err) == (0, "")
+    assert key in ran.out
+    Path(f"{kind}.toml").write_text(ran.out)
+    ran = truearm(*options())
+    assert (ran.code, ran.out) == (2, "")
+    assert ran.err.startswith(f"truearm: {kind}.toml: 2 faults\n  1. ")
+    ran = truearm("verify", "--template", kind, "--plan", "iso10360-12")
+    assert (ran.code, "--plan does not apply to --template" in ran.err) == (2, True)
+
+
 def test_the_points_state_the_arm_that_measured_them(truearm, bench):
     Path("points.csv").write_text(Made().iso().text("10017"))
     ran = truearm(*options(), "--report", "page.html")

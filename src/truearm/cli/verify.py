@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -13,12 +13,19 @@ if TYPE_CHECKING:
     from truearm.verification.standards.decision import DecisionRule
 
 # What each way to use the command needs, and what else applies to it.
-NEEDS = {"--points": ("--plan", "--artefacts", "--mpe"), "--simulate": (), "--sheet": ("--out",), "--print-plan": ()}
+NEEDS = {
+    "--points": ("--plan", "--artefacts", "--mpe"),
+    "--simulate": (),
+    "--sheet": ("--out",),
+    "--print-plan": (),
+    "--template": (),
+}
 TAKES = {
     "--points": ("--rule", "--report", "--json"),
     "--simulate": ("--plan", "--artefacts", "--mpe", "--rule", "--arm", "--arms", "--seed", "--json"),
     "--sheet": ("--artefacts", "--mpe", "--points", "--tip-diameter"),
     "--print-plan": (),
+    "--template": (),
 }
 
 
@@ -30,7 +37,9 @@ def verify(
         Path | None, typer.Option("--points", help="Measured points, .csv; with --sheet: points to measure, to write.")
     ] = None,
     artefacts: Annotated[Path | None, typer.Option("--artefacts", help="Certificates of the artefacts, .toml.")] = None,
-    mpe: Annotated[Path | None, typer.Option("--mpe", help="The arm's specification: its limits, .toml.")] = None,
+    mpe: Annotated[
+        Path | None, typer.Option("--mpe", help="The arm's specification: its limits and measuring range, .toml.")
+    ] = None,
     rule: RuleOption = None,
     report: Annotated[
         Path | None, typer.Option("--report", help="Page to write, .html: values, budgets, artefacts, decision.")
@@ -66,6 +75,10 @@ def verify(
     print_plan: Annotated[
         str | None, typer.Option("--print-plan", metavar="NAME", help="Print a test plan, to edit: > my-plan.toml.")
     ] = None,
+    template: Annotated[
+        Literal["artefacts", "mpe"] | None,
+        typer.Option("--template", help="Print an empty file for --artefacts or --mpe, to fill in: > mpe.toml."),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Verify an arm by the tests of a standard.
@@ -80,7 +93,13 @@ def verify(
     --points then writes the points to measure, a row for each with all names filled in; truearm predict --into enters
     the coordinates.
     """
-    modes = {"--points": points, "--simulate": simulate, "--sheet": sheet, "--print-plan": print_plan}
+    modes = {
+        "--points": points,
+        "--simulate": simulate,
+        "--sheet": sheet,
+        "--print-plan": print_plan,
+        "--template": template,
+    }
     if sheet is not None:
         del modes["--points"]
     others: dict[str, object] = {
@@ -102,6 +121,10 @@ def verify(
         from truearm.verification.standards.verification_plan import plan_text
 
         typer.echo(plan_text(print_plan), nl=False)
+    elif template is not None:
+        from truearm.verification.standards.file_templates import template as template_text
+
+        typer.echo(template_text(template), nl=False)
     elif sheet is not None and out is not None:
         _write_sheet(sheet, out, points, artefacts=artefacts, mpe=mpe, tip_diameter=tip_diameter)
     elif simulate is not None:

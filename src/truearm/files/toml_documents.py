@@ -7,7 +7,7 @@ import difflib
 import re
 import tomllib
 import unicodedata
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args, get_origin
 
@@ -143,10 +143,10 @@ def _input_error(error: ValidationError, model: type[BaseModel]) -> InputError:
         known = _model_at(model, one["loc"][:-1])
         remedy = f"use one of {', '.join(known.model_fields)}" if known else "remove the key"
         faults.append(InputError(f"unknown key {_path(one):.80}", hint=remedy))
-    if len(missing) == 1:
-        faults.append(InputError(f"the key {_path(missing[0])} is missing", hint="add the key"))
-    elif missing:
-        faults.append(InputError(f"the keys {_listed(map(_path, missing))} are missing", hint="add the keys"))
+    if missing:
+        keys = f"key {_path(missing[0])} is" if len(missing) == 1 else f"keys {_listed(map(_path, missing))} are"
+        add = "add the key" if len(missing) == 1 else "add the keys"
+        faults.append(InputError(f"the {keys} missing", hint="; ".join([add, *_described(missing, model)])))
     alike: dict[tuple[str, str | None], list[str]] = {}
     for one in errors:
         if one["type"] not in ("extra_forbidden", "missing"):
@@ -162,6 +162,15 @@ def _input_error(error: ValidationError, model: type[BaseModel]) -> InputError:
 def _follows_from_entries(error: ErrorDetails) -> bool:
     """Whether a list only counts as too short because entries of it, which have faults of their own, do not count."""
     return error["type"] == "too_short" and len(error["input"]) >= error.get("ctx", {})["min_length"]
+
+
+def _described(missing: list[ErrorDetails], model: type[BaseModel]) -> Iterator[str]:
+    """What missing keys mean, where their fields say it."""
+    for one in missing:
+        table = _model_at(model, one["loc"][:-1])
+        field = None if table is None else table.model_fields.get(str(one["loc"][-1]))
+        if field is not None and field.description is not None:
+            yield f"{one['loc'][-1]} is {field.description}"
 
 
 def _not_misspelt(missing: list[ErrorDetails], unknown: list[ErrorDetails]) -> list[ErrorDetails]:

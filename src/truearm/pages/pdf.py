@@ -551,7 +551,7 @@ class _TableLayout:
 def _height(pixels: npt.NDArray[np.uint8]) -> float:
     """Height of a picture over the whole width, at most that of a sheet [mm]."""
     height, width = pixels.shape[:2]
-    return min(WIDTH_MM * height / width, HEIGHT_MM - 20.0)
+    return float(min(WIDTH_MM * height / width, HEIGHT_MM - 20.0))
 
 
 def _metadata(title: str, author: str, subject: str, issued: datetime.datetime) -> str:

@@ -241,7 +241,7 @@ def test_wrong_specifications_are_refused(tmp_path, limits, phrase):
 def test_a_measuring_range_in_metres_is_refused(tmp_path):
     path = tmp_path / "mpe.toml"
     path.write_text(MPE.replace("2500", "2.5") + "E_Uni = { B_um = 30 }\n")
-    with pytest.raises(InputError, match=r"measuring_range_mm: expected the diameter of the reach in mm, got 2\.5"):
+    with pytest.raises(InputError, match=r"measuring_range_mm: expected the measuring range in mm, got 2\.5"):
         read_specification(path)
 
 

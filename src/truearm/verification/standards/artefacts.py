@@ -133,7 +133,7 @@ A = TypeVar("A", bound=Artefact)
 class _Expanding(Artefact):
     """An artefact with a calibrated size and a thermal expansion."""
 
-    expansion_per_K: Annotated[float, Field(strict=True, ge=-1e-4, le=1e-3)]
+    expansion_per_K: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-1e-4, le=1e-3)]
     u_expansion_per_K: NotNegative
     u_temperature_K: NotNegative
     calibration_dof: Positive = inf
@@ -195,7 +195,7 @@ class CalibratedBar(_Expanding):
     lengths : tuple of CalibratedLength
     """
 
-    u_alignment_mm: Annotated[float, Field(strict=True, ge=0, le=20)] | None = None
+    u_alignment_mm: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=20)] | None = None
     lengths: Annotated[tuple[CalibratedLength, ...], Field(min_length=1, max_length=1000)]
 
     @model_validator(mode="after")

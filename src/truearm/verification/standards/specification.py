@@ -36,6 +36,9 @@ LEAST_UM = 0.5
 LEAST_K = 1.0
 LEAST_RANGE_MM = 100.0
 
+# What it is, where the key is missing or too small.
+MEASURING_RANGE = "the diameter of the sphere in which the arm measures, twice its reach: 2500 for 2.5 m"
+
 
 class Limit(Document):
     """A maximum permissible error or limit.
@@ -104,7 +107,7 @@ class Specification(Document):
     name, source : str
         The arm, and the source of the limits.
     measuring_range_mm : float
-        Diameter of its spherical reach [mm].
+        Diameter of the sphere in which it measures, twice its reach from the shoulder [mm].
     corrected_to_20_degC : bool
         Whether the limits apply to lengths corrected to 20 degC by the artefact's temperature, as usual.
     rated_conditions : dict of str to RatedRange
@@ -122,7 +125,7 @@ class Specification(Document):
 
     name: Name
     source: Name
-    measuring_range_mm: Positive
+    measuring_range_mm: Positive = Field(description=MEASURING_RANGE)
     corrected_to_20_degC: bool = True
     rated_conditions: dict[str, RatedRange] = Field(default_factory=dict)
     limits: dict[str, Limit]
@@ -139,7 +142,7 @@ class Specification(Document):
     @classmethod
     def _in_mm(cls, given: float) -> float:
         if given < LEAST_RANGE_MM:
-            raise InputError(f"expected the diameter of the reach in mm, got {given:g}", hint="write 2500 for 2.5 m")
+            raise InputError(f"expected the measuring range in mm, got {given:g}", hint=f"write {MEASURING_RANGE}")
         return given
 
     @field_validator("limits", mode="before")
