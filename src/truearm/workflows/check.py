@@ -28,6 +28,7 @@ from truearm.verification.monitor.assessment import (
     describe_assessment,
     describe_correlations,
     describe_missing_limits,
+    describe_next_step,
     describe_power,
     describe_withdrawals,
 )
@@ -187,6 +188,7 @@ class CheckResult(PageRecord):
                 yield missing
             yield describe_correlations(self.assessment)
         yield from self.remarks
+        yield describe_next_step(self.assessment)
 
     def to_dict(self) -> dict[str, Any]:
         """See `Record`."""

@@ -117,6 +117,7 @@ class VerificationResult(PageRecord):
         if self.verification.rule != DECISION_RULES[0]:
             yield describe_rule(self.verification.rule)
         yield from self.remarks
+        yield "Next: truearm certificate writes this as a calibration certificate, from the same files."
 
     def to_dict(self) -> dict[str, Any]:
         """See `Record`."""

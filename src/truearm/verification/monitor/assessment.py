@@ -48,6 +48,14 @@ class RecalibrationAdvice(StrEnum):
     NOT_ENOUGH = "not enough checks yet"
 
 
+_NEXT_STEPS = {
+    RecalibrationAdvice.YES: "Next: measure the arm again and fit a new model (truearm fit), which starts new charts.",
+    RecalibrationAdvice.NO: "Next: measure the same poses again at your next check.",
+    RecalibrationAdvice.UNDECIDED: "Next: repeat the check with clean artefacts, as a check of its own.",
+    RecalibrationAdvice.NOT_ENOUGH: "Next: measure the same poses again on another day, and check again.",
+}
+
+
 @dataclass(frozen=True, eq=False)
 class Trend:
     """A series of a history with its chart.
@@ -227,6 +235,11 @@ def describe_assessment(assessment: Assessment, checks: Sequence[InterimCheck]) 
         f"Recalibrate: a value has changed since check {assessment.since + 1} of "
         f"{format_date(checks[assessment.since].date)}."
     )
+
+
+def describe_next_step(assessment: Assessment) -> str:
+    """What people do after this check, in one sentence."""
+    return _NEXT_STEPS[assessment.recalibrate]
 
 
 def describe_power(assessment: Assessment) -> tuple[str, ...]:
