@@ -14,6 +14,7 @@ _HOMES = {
     "truearm.compensation.models": ("HybridModel", "KinematicModel", "NetworkModel", "NominalModel", "PhysicalModel"),
     "truearm.compensation.models.model_file": ("load_model",),
     "truearm.errors": ("InputError",),
+    "truearm.files.xml_signatures": ("Signer", "read_signer"),
     "truearm.identification.virtual": ("VirtualArm",),
     "truearm.readings": ("Lengths", "Session", "import_table", "read_lengths", "read_session"),
     "truearm.verification.certificate.administrative_data": ("AdministrativeData",),
@@ -34,6 +35,7 @@ _HOMES = {
     "truearm.workflows.plan": ("PlanResult", "plan"),
     "truearm.workflows.plan_check": ("CheckPlan", "plan_check"),
     "truearm.workflows.predict": ("Prediction", "predict"),
+    "truearm.workflows.read_certificate": ("ReadCertificate", "read_certificate"),
     "truearm.workflows.refit": ("RefitResult", "refit"),
     "truearm.workflows.rehearse": ("rehearse",),
     "truearm.workflows.rehearse_points": ("rehearse_points",),
@@ -43,6 +45,7 @@ _HOMES = {
     "truearm.workflows.simulate_verification": ("SimulatedVerification", "simulate_verification"),
     "truearm.workflows.task": ("TaskResult", "task"),
     "truearm.workflows.verify": ("VerificationResult", "verify"),
+    "truearm.workflows.withdraw_check": ("WithdrawalResult", "withdraw_check"),
 }
 _HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
 

@@ -11,6 +11,8 @@ from truearm.compensation.models import NominalModel as NominalModel
 from truearm.compensation.models import PhysicalModel as PhysicalModel
 from truearm.compensation.models.model_file import load_model as load_model
 from truearm.errors import InputError as InputError
+from truearm.files.xml_signatures import Signer as Signer
+from truearm.files.xml_signatures import read_signer as read_signer
 from truearm.identification.virtual import VirtualArm as VirtualArm
 from truearm.readings import Lengths as Lengths
 from truearm.readings import Session as Session
@@ -52,6 +54,8 @@ from truearm.workflows.plan_check import CheckPlan as CheckPlan
 from truearm.workflows.plan_check import plan_check as plan_check
 from truearm.workflows.predict import Prediction as Prediction
 from truearm.workflows.predict import predict as predict
+from truearm.workflows.read_certificate import ReadCertificate as ReadCertificate
+from truearm.workflows.read_certificate import read_certificate as read_certificate
 from truearm.workflows.refit import RefitResult as RefitResult
 from truearm.workflows.refit import refit as refit
 from truearm.workflows.rehearse import rehearse as rehearse
@@ -68,5 +72,7 @@ from truearm.workflows.task import TaskResult as TaskResult
 from truearm.workflows.task import task as task
 from truearm.workflows.verify import VerificationResult as VerificationResult
 from truearm.workflows.verify import verify as verify
+from truearm.workflows.withdraw_check import WithdrawalResult as WithdrawalResult
+from truearm.workflows.withdraw_check import withdraw_check as withdraw_check
 
 __version__: str

@@ -14,6 +14,7 @@ import pytest
 from made_up_certificate import ABOUT, CONFIRMED_PLAN, confirm
 from made_up_verification import ARTEFACTS, MPE, Made
 
+import truearm as ta
 from truearm.verification.certificate.dcc_reader import read_dcc
 from truearm.verification.standards.verification_plan import plan_text
 
@@ -204,6 +205,20 @@ def test_a_signed_certificate_is_verified_when_it_is_read(truearm, bench, key):
     read = truearm("certificate", "--read", "changed.xml")
     assert (read.code, read.out) == (2, "")
     assert read.err.startswith("truearm: changed.xml: the signature is broken: do not use this file")
+
+
+def test_a_certificate_is_signed_and_read_in_python_alike(truearm, bench, key):
+    result = ta.certificate(
+        ta.verify("points.csv", plan="my-plan.toml", artefacts="artefacts.toml", specification="mpe.toml"), "about.toml"
+    )
+    result.save("certificate.xml", signer=ta.read_signer("key.pem", "signer.pem"))
+    (example,) = fenced("python")
+    names: dict = {}
+    exec(example, names)
+    assert names["read"].signature.signer == "CN=Example Laboratory"
+    assert names["read"].certificate.conformity == "pass"
+    assert ta.read_certificate("certificate.xml", trusted="signer.pem").signature.trusted
+    assert str(names["read"]) == truearm("certificate", "--read", "certificate.xml").out.rstrip("\n")
 
 
 def test_an_unsigned_certificate_says_so_and_is_not_a_trusted_one(truearm, bench, key):

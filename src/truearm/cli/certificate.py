@@ -29,7 +29,14 @@ def certificate(
     logo: Annotated[
         Path | None, typer.Option("--logo", help="With --pdf: the laboratory's logo, .png or .svg.")
     ] = None,
-    sign: Annotated[Path | None, typer.Option("--sign", help="Private key to sign the XML file with, .pem.")] = None,
+    sign: Annotated[
+        Path | None,
+        typer.Option(
+            "--sign",
+            help="Private key to sign the XML file with, .pem: RSA of 2048 bits or more, or an elliptic curve of 256 "
+            "bits or more.",
+        ),
+    ] = None,
     signer: Annotated[Path | None, typer.Option("--signer", help="With --sign: the key's certificate, .pem.")] = None,
     rule: RuleOption = None,
     unconfirmed: Annotated[

@@ -21,6 +21,9 @@ from truearm.files.file_reading import read_limited
 MAX_PEM_BYTES = 100_000
 LEAST_RSA_BITS = 2048
 LEAST_CURVE_BITS = 256
+_GOOD_KEYS = (
+    f"a key for RSA of {LEAST_RSA_BITS} bits or more, or for an elliptic curve of {LEAST_CURVE_BITS} bits or more"
+)
 _DSIG = "{http://www.w3.org/2000/09/xmldsig#}"
 _ENVELOPED = "http://www.w3.org/2000/09/xmldsig#enveloped-signature"
 _METHODS = ("RSA_SHA256", "RSA_SHA384", "RSA_SHA512", "ECDSA_SHA256", "ECDSA_SHA384", "ECDSA_SHA512")
@@ -54,7 +57,14 @@ class Signature:
 
 @dataclass(frozen=True)
 class Signer:
-    """A private key with its certificate, in memory only."""
+    """A private key with its certificate, in memory only; `read_signer` reads both.
+
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> ta.Signer(certificate="a certificate", key="a secret")  # the key is not shown
+    Signer(certificate='a certificate')
+    """
 
     certificate: Any
     key: Any = field(repr=False)
@@ -66,12 +76,13 @@ class Signer:
 
 
 def read_signer(key: str | Path, certificate: str | Path, *, password: str | None = None) -> Signer:
-    """Read a private key and its certificate.
+    """Read a private key and its certificate, to sign certificates with: ``certificate(..).save(.., signer=)``.
 
     Parameters
     ----------
     key, certificate : path
-        PEM files: a key for RSA (2048 bits or more) or elliptic curves, and the X.509 certificate of that key.
+        PEM files: a key for RSA (2048 bits or more) or an elliptic curve (256 bits or more), and the X.509 certificate
+        of that key.
     password : str, optional
         Of an encrypted key.
 
@@ -81,6 +92,13 @@ def read_signer(key: str | Path, certificate: str | Path, *, password: str | Non
         If signxml is not installed.
     InputError
         If a file is missing or not such a file, the password is missing or wrong, or the two do not belong together.
+
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> ta.read_signer("key.pem", "signer.pem")
+    Traceback (most recent call last):
+    truearm.errors.InputError: key.pem: the file does not exist
     """
     _package("signxml")
     serialization = _package("cryptography.hazmat.primitives.serialization")
@@ -203,9 +221,9 @@ def _check_key(key: Any, file: str | Path | None) -> None:
     elif isinstance(key, rsa.RSAPrivateKey | rsa.RSAPublicKey):
         least = LEAST_RSA_BITS
     else:
-        raise InputError("expected a key for RSA or an elliptic curve", file=file)
+        raise InputError("expected a key for RSA or an elliptic curve", file=file, hint=f"make {_GOOD_KEYS}")
     if (bits := key.key_size) < least:
-        raise InputError(f"the key has {bits} bits, fewer than {least}", file=file, hint="make a longer one")
+        raise InputError(f"the key has {bits} bits, fewer than {least}", file=file, hint=f"make {_GOOD_KEYS}")
 
 
 def _is_elliptic(key: Any) -> bool:

@@ -17,7 +17,15 @@ from truearm.workflows.record import Record, to_plain
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ReadCertificate(Record):
-    """A certificate that was read; `signature` is None if it is not signed."""
+    """A certificate that was read.
+
+    Attributes
+    ----------
+    certificate : Certificate
+        All that it states: `results`, `conformity`, `about` and so on.
+    signature : Signature or None
+        Who signed it, and whether with the certificate that the reader trusts; None if it is not signed.
+    """
 
     certificate: Certificate
     signature: Signature | None
@@ -63,6 +71,13 @@ def read_certificate(path: str | Path, *, trusted: str | Path | None = None) -> 
         If the file is no such certificate, or its signature is broken.
     MissingTool
         If the file is signed and signxml is not installed.
+
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> ta.read_certificate("certificate.xml", trusted="signer.pem")
+    Traceback (most recent call last):
+    truearm.errors.InputError: certificate.xml: the file does not exist
     """
     read = read_dcc_file(path, trusted=trusted)
     return ReadCertificate(read.certificate, read.signature)

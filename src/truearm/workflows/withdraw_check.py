@@ -122,6 +122,19 @@ def withdraw_check(
     ------
     InputError
         If there is no history, no such check or more than one, it is withdrawn already, or the reason is empty.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import truearm as ta
+    >>> readings = ta.simulate("gao2017", poses=30, preset="perfect").session
+    >>> model = ta.NominalModel(ta.load_arm("gao2017")).fit_readings(readings)
+    >>> in_seats = ta.simulate("gao2017", poses=8, strategy="seat", seats=2, preset="perfect", seed=1).session
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     _ = ta.check(model, in_seats, f"{folder}/history.sqlite")
+    ...     withdrawn = ta.withdraw_check(model, f"{folder}/history.sqlite", 1, reason="the seat was loose")
+    >>> withdrawn.check.withdrawn.reason
+    'the seat was loose'
     """
     kept = history if isinstance(history, History) else _existing(Path(history))
     whose = model_file_fingerprint(model)
