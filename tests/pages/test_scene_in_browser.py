@@ -100,6 +100,33 @@ def test_a_point_says_what_is_known_of_it(cloud):
     assert len(found) > 3
 
 
+def test_a_button_goes_near_the_points_and_the_wheel_zooms_at_the_pointer(chromium, paths):
+    with Tab(chromium, paths["both"]) as tab:
+        first = tab.picture()
+        tab.page.get_by_role("button", name="points").click()
+        assert tab.picture() != first
+        tab.page.get_by_role("button", name="reset").click()
+        assert tab.picture() == first
+        # The point under the pointer stays there while the wheel turns.
+        tab.page.locator(".space").press("n")
+        name = tab.page.locator(".readout span").first.inner_text()
+        box = tab.page.locator(".space").bounding_box()
+        places = [
+            (x, y)
+            for x in range(10, int(box["width"]), 12)
+            for y in range(10, int(box["height"]), 12)
+            if (tab.page.mouse.move(box["x"] + x, box["y"] + y), tab.page.locator(".readout").is_visible())[1]
+            and tab.page.locator(".readout span").first.inner_text() == name
+        ]
+        x, y = places[len(places) // 2]
+        tab.page.mouse.move(box["x"] + x, box["y"] + y)
+        tab.page.mouse.wheel(0, -500)
+        tab.picture()
+        tab.page.mouse.move(box["x"] + x + 1, box["y"] + y)
+        assert tab.page.locator(".readout span").first.inner_text() == name
+        assert tab.complaints == []
+
+
 def test_a_point_with_two_ends_is_found_along_its_line_and_a_mark_is_written(chromium, tmp_path):
     def cloud(**more):
         column = PointColumn("error", "mm", [0.01, 0.02])

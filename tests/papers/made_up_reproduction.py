@@ -132,12 +132,13 @@ def made_up_figures(random, poses):
     networks = {
         name: points[:10] + random.normal(0, std, (10, 3)) for name, std in (("trainlm", 0.1), ("varpro", 0.06))
     }
-    final = Predictions(points, {"varpro": points + random.normal(0, 0.015, (poses, 3))})
+    angles = arm_pose().angles_deg + random.uniform(-20, 20, (poses, 6))
+    final = Predictions(angles, points, {"varpro": points + random.normal(0, 0.015, (poses, 3))})
     return FigureData(
         arm=arm_pose(),
         network=(6, 30, 30, 3),
-        figure_4=Predictions(points[:10], networks),
-        figure_6=Predictions(points, {"nominal": points + wave}),
+        figure_4=Predictions(angles[:10], points[:10], networks),
+        figure_6=Predictions(angles, points, {"nominal": points + wave}),
         figure_7=final,
         figure_8=final,
     )

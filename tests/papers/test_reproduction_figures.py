@@ -63,7 +63,9 @@ def every_figure():
         "box": box_figure(BoxStudy((20.0, 40.0), {1: (1.0, 4.0)}, {1: 2.0}), chosen=38.0, styles=STYLES),
         "outside": outside_figure(outside, styles=STYLES),
         "share": share_figure({"nominal": 0.45, "varpro": 0.01}, before="nominal", styles=STYLES),
-        "poses": predictions_figure(Predictions(truth, {"trainlm": truth + 0.1, "varpro": truth}), styles=STYLES),
+        "poses": predictions_figure(
+            Predictions(np.zeros((len(truth), 6)), truth, {"trainlm": truth + 0.1, "varpro": truth}), styles=STYLES
+        ),
     }
 
 
@@ -212,7 +214,9 @@ def test_the_upper_scale_of_the_share_is_the_share():
 
 def test_true_and_predicted_coordinates_and_their_differences_are_drawn():
     truth = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]])
-    figure = predictions_figure(Predictions(truth, {"varpro": truth + [0.1, -0.2, 0.3]}), styles=STYLES)
+    figure = predictions_figure(
+        Predictions(np.zeros((len(truth), 6)), truth, {"varpro": truth + [0.1, -0.2, 0.3]}), styles=STYLES
+    )
     for k, (panel, error) in enumerate(zip(figure.panels, (0.1, -0.2, 0.3), strict=True)):
         above, below = panel.axes
         assert holds([line.get_xydata() for line in above.lines], (1.0, truth[0, k]))

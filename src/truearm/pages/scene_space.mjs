@@ -102,9 +102,22 @@ export class Camera {
     this.look(this.azimuth + across, this.elevation + up);
   }
 
-  /** @param {number} factor above 1: nearer */
-  magnify(factor) {
-    this.zoom = Math.max(0.2, Math.min(60, this.zoom * factor));
+  /**
+   * @param {number} factor above 1: nearer
+   * @param {number} [x] what is there in the picture stays there; its middle by default
+   * @param {number} [y]
+   */
+  magnify(factor, x = this.width / 2, y = this.height / 2) {
+    const before = this.zoom;
+    this.zoom = Math.max(0.2, Math.min(60, before * factor));
+    const away = 1 - this.zoom / before;
+    if (this.width) this.pan(away * (x - this.width / 2), away * (this.height / 2 - y));
+  }
+
+  /** So near that a part of the scene fills the picture. @param {{middle: Vector, radius: number}} part */
+  approach({ middle, radius }) {
+    this.target = [...middle];
+    this.zoom = Math.max(1, Math.min(60, (0.8 * this.radius) / radius));
   }
 
   /** @param {number} across @param {number} up shift the picture by so many pixels */

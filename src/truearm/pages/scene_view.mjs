@@ -24,6 +24,7 @@ export class SceneView {
     this.current = -1;
     this.showLengths = Boolean(this.mechanism && this.mechanism.controls);
     this.bounds = boundsOf(this.extent());
+    this.near = this.cloud && boundsOf(this.cloudExtent());
     this.camera = new Camera(this.bounds);
     this.changed = true;
     this.pointers = new Map();
@@ -36,11 +37,7 @@ export class SceneView {
   /** @returns {number[][]} points that the first view shows */
   extent() {
     const points = this.lines.flatMap((line) => line.at);
-    if (this.cloud) {
-      const [x, y, z] = this.cloud.at;
-      for (let i = 0; i < this.cloud.count; i += 1) points.push([x[i], y[i], z[i]]);
-      this.cloud.spans.forEach((ends) => points.push(...ends));
-    }
+    if (this.cloud) points.push(...this.cloudExtent());
     if (this.mechanism) {
       const frames = framesOf(this.mechanism, this.mechanism.start);
       points.push(...this.mechanism.links[0], frames.end);
@@ -49,6 +46,14 @@ export class SceneView {
         [-0.6, 1].forEach((s) => points.push([3, 7, 11].map((k) => f[k] + s * axis * f[k - 1]))),
       );
     }
+    return points;
+  }
+
+  /** @returns {number[][]} the points, and the ends of what they stand for */
+  cloudExtent() {
+    const [x, y, z] = this.cloud.at;
+    const points = Array.from(x, (value, i) => [value, y[i], z[i]]);
+    this.cloud.spans.forEach((ends) => points.push(...ends));
     return points;
   }
 
@@ -85,6 +90,7 @@ export class SceneView {
       ...Object.keys(VIEWS).map(look),
       ["+", () => this.look(() => this.camera.magnify(1.3))],
       ["\u2212", () => this.look(() => this.camera.magnify(1 / 1.3))],
+      ...(this.cloud && this.mechanism ? [["points", () => this.look(() => this.camera.approach(this.near))]] : []),
       ["reset", () => this.look(() => this.camera.reset())],
     ];
     const bar = buttonBar(actions, "view");
@@ -210,7 +216,7 @@ export class SceneView {
   wheel(event) {
     if (!event.ctrlKey && document.activeElement !== this.canvas) return;
     event.preventDefault();
-    this.look(() => this.camera.magnify(Math.exp(-0.0015 * event.deltaY)));
+    this.look(() => this.camera.magnify(Math.exp(-0.0015 * event.deltaY), event.offsetX, event.offsetY));
   }
 
   /** @param {KeyboardEvent} event */

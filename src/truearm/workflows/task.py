@@ -100,7 +100,7 @@ class TaskResult(PageRecord):
             ("sets of postures", str(len(result.angles))),
             version_row(),
         ]
-        return task_page(self.assessment, source=self.source, facts=facts)
+        return task_page(self.assessment, arm=self.arm, source=self.source, facts=facts)
 
     def figure(self) -> Figure:
         """Histograms of the errors with their 95 % intervals."""

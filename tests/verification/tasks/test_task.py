@@ -15,6 +15,7 @@ from truearm.verification.tasks.feature_postures import middle_of
 from truearm.verification.tasks.features import FeatureQuantity
 from truearm.verification.tasks.fitness import FitnessDecision, describe_fitness, fitness
 from truearm.verification.tasks.task import advice, simulate_measurements
+from truearm.verification.tasks.task_scene import task_scene
 
 ARM = load_arm("gao2017")
 MIDDLE, ACROSS = middle_of(ARM)
@@ -66,6 +67,22 @@ def test_systematic_errors_are_proportional_to_the_length_and_random_ones_averag
     assert abs(found.bias_mm) < 5 * found.standard_errors.bias_mm + 1e-4
     low, high = found.interval_mm
     assert (high - low) / 2 == pytest.approx(1.96 * found.u_mm, rel=0.15)
+
+
+def test_the_uncertainty_of_a_point_is_that_of_its_coordinates_and_the_scene_shows_it():
+    feature = features.length_at(MIDDLE, ACROSS, 500.0)
+    found = simulate_measurements(KNOWN, feature, n_arms=800)
+    # By hand: the scale's times the coordinate, and the scatter of the point. 800 draws: 2.5 %; five of them.
+    expected = np.hypot(2e-5 * feature.points, 0.01)
+    np.testing.assert_allclose(found.point_u_mm, expected, rtol=0.13)
+    scene = task_scene(found, ARM)
+    np.testing.assert_allclose(scene.cloud.values[0].values, np.linalg.norm(found.point_u_mm, axis=1), rtol=1e-12)
+    assert [(note.name, *note.values) for note in scene.cloud.notes] == [
+        (f"u of {axis}", *column) for axis, column in zip("xyz", found.point_u_mm.T, strict=True)
+    ]
+    # The arm of the scene has its tip at the point that is pointed at.
+    for point, column in zip(feature.points, np.transpose([axis.values for axis in scene.cloud.axes]), strict=True):
+        np.testing.assert_allclose(ARM.chain.tip_in_base(np.radians(column)[None])[0], point, atol=1e-6)
 
 
 def test_the_same_seed_gives_the_same_numbers():

@@ -124,7 +124,7 @@ def final_test_predictions(effort: Effort, results: Results) -> dict[str, Predic
     network = networks_by_seed(effort, results, "varpro").get(0)
     if network is not None:
         predicted["varpro"] = network.predict(angles)
-    return {name: Predictions(points, {name: values}) for name, values in predicted.items()}
+    return {name: Predictions(np.degrees(angles), points, {name: values}) for name, values in predicted.items()}
 
 
 def poses_outside(n: int, *, half_width_deg: float, distance_deg: float, seed: int) -> FloatArray:

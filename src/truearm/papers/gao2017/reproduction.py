@@ -290,4 +290,4 @@ def _ten_poses(effort: Effort, results: Results) -> Predictions | None:
     networks = {method: results.get(training_of(2, TABLES[2][0], method, effort, seed=0)) for method in METHODS}
     angles, points = SIMULATION.data(N_TEST[2], seed=0, stream=TEST_STREAM)
     predicted: dict[str, FloatArray] = {m: one.predict(angles) for m, one in networks.items() if one is not None}
-    return Predictions(points, predicted) if predicted else None
+    return Predictions(np.degrees(angles), points, predicted) if predicted else None

@@ -25,6 +25,7 @@ from truearm.papers.gao2017.learning_curves import learning_curves_section
 from truearm.papers.gao2017.network_drawing import network_layers
 from truearm.papers.gao2017.phrases import COMMAND, MissingPart, as_count, format_degrees, mark_cut, with_figure_number
 from truearm.papers.gao2017.results import METHODS, MODELS, ArmPose, Reproduction
+from truearm.papers.gao2017.space import IN_SPACE, arm_scene, tested_poses_section
 from truearm.papers.gao2017.table_figure import PAPER_STYLE
 from truearm.papers.gao2017.table_sections import count_cut, count_verdicts, describe_accuracy, speedups, table_section
 from truearm.papers.gao2017.tables import TABLE_1
@@ -51,6 +52,7 @@ def reproduction_page(results: Reproduction) -> Page:
     """Make the page of a reproduction."""
     parts: list[Section | MissingPart | None] = [
         _answer(results),
+        tested_poses_section(results),
         *(table_section(number, rows, results.rule, styles=_STYLES) for number, rows in results.tables.items()),
         learning_curves_section(results, styles=_STYLES),
         final_test_section(results, styles=_STYLES),
@@ -83,7 +85,10 @@ def reproduction_page(results: Reproduction) -> Page:
 
 def paper_figure(page: Page, number: int) -> Figure | None:
     """The reproduction of a figure of the paper on the page; None if it was not made."""
-    figures = (figure for section in page.sections for figure in section.figures)
+    sections = [section for section in page.sections if section.title != IN_SPACE]
+    figures = (
+        figure for section in sections for figure in (*(scene.still for scene in section.scenes), *section.figures)
+    )
     return next((figure for figure in figures if figure.caption.startswith(f"Figure {number} of the paper")), None)
 
 
@@ -93,6 +98,8 @@ def _summary(results: Reproduction) -> tuple[LabelledValue, ...]:
         verdicts = count_verdicts(results.rows(), method)
         if verdicts:
             good = verdicts["reproduced"] + verdicts["better"]
+            if not good + verdicts["not reached"]:  # a quick run has rows that nothing can be said of
+                continue
             value = f"{good} of {good + verdicts['not reached']}"
             label = f"table rows reproduced or better, {method}"
             judged = [
@@ -178,11 +185,9 @@ def _arm(results: Reproduction) -> Section | MissingPart:
         "angles: "
         f"{angles}. The paper gives no such pose; it was chosen here.",
         tables=(_parameter_table(arm),),
-        figures=(
-            with_figure_number(1, arm_figure(arm.frames, arm.tip_mm)),
-            with_figure_number(2, frame_figure(arm.frames, arm.tip_mm)),
-        ),
-        folded=True,
+        scenes=(arm_scene(with_figure_number(1, arm_figure(arm.frames, arm.tip_mm))),),
+        figures=(with_figure_number(2, frame_figure(arm.frames, arm.tip_mm)),),
+        folded=bool(results.rows()),
     )
 
 
@@ -202,7 +207,9 @@ def _network(results: Reproduction) -> Section | MissingPart:
     sizes = results.figures.network
     if sizes is None:
         return MissingPart("The drawing of the network", "--figure 3")
-    return Section("The network (Figure 3)", figures=(with_figure_number(3, network_layers(sizes)),), folded=True)
+    return Section(
+        "The network (Figure 3)", figures=(with_figure_number(3, network_layers(sizes)),), folded=bool(results.rows())
+    )
 
 
 def _ten_poses(results: Reproduction) -> Section | MissingPart:
@@ -210,7 +217,7 @@ def _ten_poses(results: Reproduction) -> Section | MissingPart:
     if poses is None:
         return MissingPart("Figure 4", "--figure 4")
     figure = with_figure_number(4, predictions_figure(poses, styles=_STYLES))
-    return Section("Some poses in detail (Figure 4)", figures=(figure,), folded=True)
+    return Section("Some poses in detail (Figure 4)", figures=(figure,), folded=bool(results.rows()))
 
 
 def _facts(results: Reproduction) -> tuple[tuple[str, str], ...]:

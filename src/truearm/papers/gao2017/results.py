@@ -274,8 +274,9 @@ class ArmPose:
 
 @dataclass(frozen=True, eq=False)
 class Predictions:
-    """True coordinates (n, 3) and those that each network predicts."""
+    """Joint angles (n, 6), true coordinates (n, 3) and those that each network predicts."""
 
+    angles_deg: FloatArray
     points_mm: FloatArray
     predicted_mm: dict[str, FloatArray]
 

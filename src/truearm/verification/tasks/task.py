@@ -46,6 +46,8 @@ class TaskEstimates:
         One per quantity of the feature; the tolerance refers to the first.
     angles : (m, k, n_joints) array
         The sets of postures [rad].
+    point_u_mm : (k, 3) array
+        Standard deviation of the error of each coordinate of each point, over the arms.
     at_limit : Estimate or None
         Of the first quantity, for arms whose worst test result equals its limit; only for a specification.
     repeatability_known : bool
@@ -55,6 +57,7 @@ class TaskEstimates:
     feature: Feature
     estimates: tuple[Estimate, ...]
     angles: FloatArray
+    point_u_mm: FloatArray
     at_limit: Estimate | None = None
     repeatability_known: bool = True
 
@@ -96,6 +99,7 @@ class TaskAssessment:
             "feature": result.feature.name,
             "arm": self.arm,
             "points_mm": result.feature.points.tolist(),
+            "points_u_mm": result.point_u_mm.tolist(),
             "n_arms": result.n_arms,
             "level": COVERAGE_PROBABILITY,
             "quantities": [one.to_dict() for one in result.estimates],
@@ -189,6 +193,7 @@ def simulate_measurements(
     postures = feature_postures(errors.arm, feature, N_POSTURES, seed=seed)
     seeds = np.random.SeedSequence(seed).generate_state(n_arms, np.uint64)
     values = np.empty((3, n_arms, len(feature.quantities)))
+    sums = np.zeros((2, *feature.points.shape))  # of the errors of each point, and of their squares
     shares = np.ones(n_arms)
     for i, arm_seed in enumerate(seeds.tolist()):
         drawn, angles = errors.draw(arm_seed), postures[i % len(postures)]
@@ -196,6 +201,7 @@ def simulate_measurements(
         random = drawn.random(angles, np.random.default_rng([6, arm_seed]))
         for row, off in zip(values, (systematic + random, systematic, random), strict=True):
             row[i] = feature.errors(feature.points + off)
+        sums += systematic + random, (systematic + random) ** 2
         if share_of_limit is not None:
             shares[i] = share_of_limit(drawn)
         if progress is not None:
@@ -209,7 +215,8 @@ def simulate_measurements(
         scaled = values[:, :, 0] / shares
         at_limit = Estimate(feature.quantities[0], scaled[0], scaled[1], scaled[2], len(postures))
     repeatability_known = not (isinstance(errors, PosteriorDistribution) and errors.repeatability_mm is None)
-    return TaskEstimates(feature, estimates, postures, at_limit, repeatability_known)
+    point_u = np.sqrt(np.maximum(sums[1] - sums[0] ** 2 / n_arms, 0.0) / (n_arms - 1))  # not below 0 by rounding
+    return TaskEstimates(feature, estimates, postures, point_u, at_limit, repeatability_known)
 
 
 def assumptions(errors: ArmDistribution) -> list[str]:

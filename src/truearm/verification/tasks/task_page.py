@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from matplotlib.figure import Figure as Drawing
 
+from truearm.arm.arm import Arm
 from truearm.pages.number_format import RoundedNumber, capitalize, format_count, format_mm
 from truearm.pages.page import Column, LabelledValue, Page, PageVerdict, Section, State, Table
 from truearm.pages.palette import LIMIT, NAVY, ORANGE
@@ -13,16 +14,19 @@ from truearm.pages.plotting import Figure, figure_style, make_panel
 from truearm.verification.tasks.estimate import Estimate
 from truearm.verification.tasks.fitness import Fitness, FitnessDecision, describe_fitness
 from truearm.verification.tasks.task import TaskAssessment, TaskEstimates
+from truearm.verification.tasks.task_scene import task_scene
 
 _BINS = 40
 
 
-def task_page(task: TaskAssessment, *, source: str, facts: Sequence[tuple[str, str]] = ()) -> Page:
+def task_page(task: TaskAssessment, *, arm: Arm, source: str, facts: Sequence[tuple[str, str]] = ()) -> Page:
     """Lay out the uncertainty of a measured feature.
 
     Parameters
     ----------
     task : TaskAssessment
+    arm : Arm
+        The nominal arm.
     source : str
         Source of the arm's errors, in a few words.
     facts : sequence of (str, str)
@@ -48,6 +52,7 @@ def task_page(task: TaskAssessment, *, source: str, facts: Sequence[tuple[str, s
             figures=(errors_figure(result.estimates, fit),),
             tables=(_table(result),),
         ),
+        Section("The points in the volume", scenes=(task_scene(result, arm),)),
         Section(
             "Would more points help?",
             f"{task.advice}\n\nSystematic errors are the same in the same pose and similar in similar poses. Random "
