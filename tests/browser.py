@@ -114,3 +114,32 @@ def picture_of(page, folder, *, width, dark=False, most=12_000):
 def shown_height(page, folder, *, width):
     """Height of a page in a browser, to its last mark [pixels]."""
     return len(picture_of(page, folder, width=width))
+
+
+# A mail with the page must pass, and a telephone must open it.
+MOST_BYTES = 3_000_000
+
+
+def check_page(chromium, path, *, width, scheme):
+    """Hold a page to what all pages promise; folded parts too.
+
+    It asks no network and complains of nothing, fits its width, has no serious fault for keyboard and screen reader,
+    and says what is known of a point. Without scripts the still figure of its view is there.
+    """
+    assert path.stat().st_size <= MOST_BYTES
+    with Tab(chromium, path, width=width, scheme=scheme) as tab:
+        tab.page.evaluate("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
+        assert tab.page.evaluate("document.documentElement.scrollWidth") <= width
+        assert tab.faults() == []
+        if views := tab.page.locator(".space").count():
+            tab.picture()
+            tab.page.locator(".space").first.press("n")
+            if tab.page.locator(".selected").count():
+                name, value, *_ = tab.page.locator(".readout").first.inner_text().splitlines()
+                assert name
+                assert any(sign.isdigit() for sign in value)
+        assert tab.complaints == []
+    with Tab(chromium, path, width=width, scheme=scheme, scripts=False) as tab:
+        assert tab.page.locator("canvas").count() == 0
+        assert tab.page.locator(".still").count() == views
+        assert tab.complaints == []

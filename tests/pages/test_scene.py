@@ -6,12 +6,14 @@ import json
 import re
 import shutil
 import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import truearm.pages
 from truearm.compensation.models.workspace_figures import workspace
 from truearm.errors import InputError
 from truearm.pages.html import render
@@ -194,6 +196,31 @@ def test_the_script_of_the_page_can_be_parsed(tmp_path):
     (tmp_path / "scene.js").write_text(scene_script(), encoding="utf-8")
     done = subprocess.run(["node", "--check", "scene.js"], cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.skipif(shutil.which("node") is None, reason="no node here (on Debian: apt-get install nodejs)")
+def test_zooming_at_a_place_keeps_it_there_and_approaching_a_part_fills_the_picture(tmp_path):
+    modules = Path(truearm.pages.__file__).parent
+    (tmp_path / "zoom.mjs").write_text(
+        f"""import {{ Camera }} from "{(modules / "scene_space.mjs").as_uri()}";
+const camera = new Camera({{ middle: [10, 20, 30], radius: 500 }});
+camera.fit(800, 600);
+camera.turn(17, 8);
+const at = camera.target.map((value, k) => value + 120 * camera.right[k] - 70 * camera.up[k]);
+const [x, y] = camera.project(...at);
+camera.magnify(2.5, x, y);
+const kept = camera.project(...at).map((value, k) => value - [x, y, 0][k]);
+camera.approach({{ middle: at, radius: 25 }});
+console.log(JSON.stringify([...kept, ...camera.project(...at), camera.zoom, camera.pixels()]));
+""",
+        encoding="utf-8",
+    )
+    done = subprocess.run(["node", "zoom.mjs"], cwd=tmp_path, capture_output=True, text=True, check=True)
+    numbers = json.loads(done.stdout)
+    np.testing.assert_allclose(numbers[:2], 0.0, atol=1e-9)  # pixels
+    np.testing.assert_allclose(numbers[3:5], [400, 300], atol=1e-9)
+    # The part of 25 mm takes 0.8 of what the scene of 500 mm took: 0.46 of the smaller side, 600 pixels times 1.25.
+    assert numbers[6:] == pytest.approx([0.8 * 500 / 25, 0.8 * 0.46 * 750 / 25])
 
 
 def test_the_scripts_are_short_and_reach_for_nothing_outside():

@@ -1,6 +1,7 @@
 """Interactive scenes in a real browser: turned, pointed at, selected, typed into, printed, read by a screen reader."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -100,30 +101,19 @@ def test_a_point_says_what_is_known_of_it(cloud):
     assert len(found) > 3
 
 
-def test_a_button_goes_near_the_points_and_the_wheel_zooms_at_the_pointer(chromium, paths):
+def test_a_button_goes_near_points_that_are_close_together_and_another_back(chromium, paths, tmp_path):
+    cloud = made_up_cloud(40)
+    write_page(
+        scene_page(cloud=replace(cloud, points=0.02 * cloud.points), mechanism=two_pivots()), tmp_path / "p.html"
+    )
     with Tab(chromium, paths["both"]) as tab:
+        assert tab.page.get_by_role("button", name="points").count() == 0  # they fill the view
+    with Tab(chromium, tmp_path / "p.html") as tab:
         first = tab.picture()
         tab.page.get_by_role("button", name="points").click()
         assert tab.picture() != first
         tab.page.get_by_role("button", name="reset").click()
         assert tab.picture() == first
-        # The point under the pointer stays there while the wheel turns.
-        tab.page.locator(".space").press("n")
-        name = tab.page.locator(".readout span").first.inner_text()
-        box = tab.page.locator(".space").bounding_box()
-        places = [
-            (x, y)
-            for x in range(10, int(box["width"]), 12)
-            for y in range(10, int(box["height"]), 12)
-            if (tab.page.mouse.move(box["x"] + x, box["y"] + y), tab.page.locator(".readout").is_visible())[1]
-            and tab.page.locator(".readout span").first.inner_text() == name
-        ]
-        x, y = places[len(places) // 2]
-        tab.page.mouse.move(box["x"] + x, box["y"] + y)
-        tab.page.mouse.wheel(0, -500)
-        tab.picture()
-        tab.page.mouse.move(box["x"] + x + 1, box["y"] + y)
-        assert tab.page.locator(".readout span").first.inner_text() == name
         assert tab.complaints == []
 
 
@@ -142,12 +132,12 @@ def test_a_point_with_two_ends_is_found_along_its_line_and_a_mark_is_written(chr
             tab.page.get_by_role("button", name="top").click()
             pictures.append(tab.picture())
             place, found = tab.page.locator(".space").bounding_box(), []
-            for x in range(0, int(place["width"]), 20):
-                for y in range(0, int(place["height"]), 20):
+            for x in range(0, int(place["width"]), 40):
+                for y in range(0, int(place["height"]), 40):
                     tab.page.mouse.move(place["x"] + x, place["y"] + y)
                     if tab.page.locator(".readout").is_visible():
                         found.append(tab.page.locator(".readout").inner_text().splitlines()[0])
-            assert found.count("bar") > 10 if more else found.count("bar") <= 3
+            assert found.count("bar") > 4 if more else found.count("bar") <= 1
             assert tab.complaints == []
     assert pictures[0] != pictures[1]
 

@@ -10,6 +10,7 @@ const HELP =
   "Drag to turn, shift and drag to move, pinch or + and \u2212 to zoom. " +
   "Keys: arrows turn, shift and arrows move, 0 resets";
 const HELP_OF_POINTS = "; n and p go through the points from the largest value; drag in a plot to select a range";
+const SMALL_PART = 0.6; // of the scene; points that fill more of it need no view of their own
 const VIEWS = { front: [-90, 0], side: [0, 0], top: [-90, 90] };
 
 /** One interactive scene in its figure. */
@@ -90,7 +91,9 @@ export class SceneView {
       ...Object.keys(VIEWS).map(look),
       ["+", () => this.look(() => this.camera.magnify(1.3))],
       ["\u2212", () => this.look(() => this.camera.magnify(1 / 1.3))],
-      ...(this.cloud && this.mechanism ? [["points", () => this.look(() => this.camera.approach(this.near))]] : []),
+      ...(this.cloud && this.near.radius < SMALL_PART * this.bounds.radius
+        ? [["points", () => this.look(() => this.camera.approach(this.near))]]
+        : []),
       ["reset", () => this.look(() => this.camera.reset())],
     ];
     const bar = buttonBar(actions, "view");
