@@ -88,8 +88,8 @@ def plan(
     """
     from truearm.arm.catalogue import arm_path
     from truearm.errors import InputError
+    from truearm.files.atomic_write import check_new_form
     from truearm.identification.planning.proposal import STRATEGIES
-    from truearm.identification.planning.template import check_template_path
     from truearm.workflows.plan import plan as planned
     from truearm.workflows.plan import template_files
 
@@ -104,7 +104,7 @@ def plan(
     if sphere is not None:
         raise InputError("--sphere applies to --artefact check only", hint="omit it")
     for file in template_files(out, artefact):
-        check_template_path(file)
+        check_new_form(file, holds="readings")
     if page is not None:
         check_page_path(page, arm_path(arm), *([] if session is None else [session]))
     with progress("planning", total=len(STRATEGIES)) as tell:
@@ -142,10 +142,10 @@ def _check_is_of_a_check(context: typer.Context) -> None:
 
 
 def _plan_check(arm: str, out: Path, *, as_json: bool, **options: Any) -> None:
-    from truearm.identification.planning.template import check_template_path
+    from truearm.files.atomic_write import check_new_form
     from truearm.workflows.plan_check import plan_check
 
-    check_template_path(out)
+    check_new_form(out, holds="readings")
     result = plan_check(arm, **options)
     files = dict(zip(("session", "lengths"), result.save(out), strict=False))
     print_record(result, as_json=as_json, files=files)

@@ -157,12 +157,12 @@ def _write_sheet(
     mpe: Path | None,
     tip_diameter: float | None,
 ) -> None:
-    from truearm.verification.standards.points_form import check_form_path
+    from truearm.files.atomic_write import check_new_form
     from truearm.workflows.operator_sheet import operator_sheet
 
     check_page_path(out, *(file for file in (Path(plan), artefacts, mpe) if file is not None))
     if points is not None:
-        check_form_path(points)
+        check_new_form(points, holds="points")
     laid_out = operator_sheet(plan, artefacts=artefacts, specification=mpe)
     if points is not None:
         laid_out.save_points(points, tip_diameter_mm=tip_diameter)

@@ -14,6 +14,7 @@ from truearm.compensation.models import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.compensation.models.model_file import load_model
 from truearm.errors import InputError
+from truearm.files.atomic_write import check_new_form
 from truearm.identification.planning.candidates import Candidates
 from truearm.identification.planning.plan import SessionPlan, plan_session, usual_places
 from truearm.identification.planning.prior import Terms
@@ -22,7 +23,6 @@ from truearm.identification.planning.sampling import Sector
 from truearm.identification.planning.sampling.surroundings import Box, Surroundings
 from truearm.identification.planning.sampling.workspace import stance
 from truearm.identification.planning.template import (
-    check_template_path,
     lengths_path,
     write_bar_lengths,
     write_template,
@@ -100,7 +100,7 @@ class PlanResult(PageRecord):
         """
         files = template_files(path, self.plan.artefact.kind)
         for file in files:
-            check_template_path(file)
+            check_new_form(file, holds="readings")
         for file in files[1:]:
             write_bar_lengths(self.poses, file)
         write_template(self.plan.arm, self.poses, path)

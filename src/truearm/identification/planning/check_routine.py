@@ -10,6 +10,7 @@ import numpy as np
 
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
+from truearm.files.atomic_write import check_new_form
 from truearm.identification.planning.candidates import ON_A_TABLE, bar_places, seat_poses
 from truearm.identification.planning.proposal import LENGTH_U_MM
 from truearm.identification.planning.sampling.measuring import postures, reach
@@ -17,7 +18,7 @@ from truearm.identification.planning.sampling.poses import checked_seed
 from truearm.identification.planning.sampling.seat import SEAT_SECTOR
 from truearm.identification.planning.sampling.surroundings import Surroundings
 from truearm.identification.planning.sampling.workspace import draw_points, stance
-from truearm.identification.planning.template import check_template_path, lengths_path, write_aims, write_length_rows
+from truearm.identification.planning.template import lengths_path, write_aims, write_length_rows
 from truearm.identification.planning.tour import order_of_few_moves
 from truearm.typing import FloatArray, NameArray
 
@@ -65,7 +66,7 @@ class CheckRoutine:
         """
         files = [Path(path), *([] if self.length_mm is None else [lengths_path(path)])]
         for file in files:
-            check_template_path(file)
+            check_new_form(file, holds="readings")
         if self.length_mm is not None:
             write_length_rows([BAR_ENDS], self.length_mm, LENGTH_U_MM, files[1])
         names = {"seat": self.seat, "sphere": self.sphere}

@@ -11,29 +11,12 @@ from pathlib import Path
 import numpy as np
 
 from truearm.arm.arm import Arm
-from truearm.errors import InputError
-from truearm.files.atomic_write import atomic_file, check_writable
+from truearm.files.atomic_write import atomic_file, check_new_form
 from truearm.identification.planning.candidates import Candidates
 from truearm.identification.planning.planned_readings import AIM
 from truearm.identification.planning.proposal import LENGTH_U_MM
 from truearm.readings.lengths import ARTEFACT, ENDS, EXPANSION, NUMBERS
 from truearm.typing import FloatArray, NameArray
-
-
-def check_template_path(path: str | Path) -> None:
-    """Check, before long work, that a template can be written and overwrites no file: it may contain readings.
-
-    Raises
-    ------
-    InputError
-        If the name does not end in ``.csv``, the file exists, or its folder is not writable.
-    """
-    path = Path(path)
-    if path.suffix != ".csv":
-        raise InputError(f"expected a file name that ends in .csv, got {path.name!r}", file=path)
-    if path.exists():
-        raise InputError("the file exists, and readings may be in it", file=path, hint="choose another name")
-    check_writable(path)
 
 
 def lengths_path(plan: str | Path) -> Path:
@@ -59,7 +42,7 @@ def write_template(arm: Arm, poses: Candidates, path: str | Path) -> None:
     Raises
     ------
     InputError
-        As `check_template_path`.
+        As `check_new_form`.
     """
     names = {} if poses.seat is None else {"seat": poses.seat}
     if poses.length_mm is not None:
@@ -95,9 +78,9 @@ def write_aims(
     Raises
     ------
     InputError
-        As `check_template_path`.
+        As `check_new_form`.
     """
-    check_template_path(path)
+    check_new_form(path, holds="readings")
     units = ["mm" if slides else "deg" for slides in arm.chain.is_prismatic]
     joints = [f"q{number}_{unit}" for number, unit in enumerate(units, start=1)]
     measured = [*joints, *(("x_mm", "y_mm", "z_mm") if points else ())]
@@ -116,7 +99,7 @@ def write_bar_lengths(poses: Candidates, path: str | Path) -> None:
     Raises
     ------
     InputError
-        As `check_template_path`.
+        As `check_new_form`.
     """
     assert poses.length_mm is not None  # a bar has a length
     write_length_rows(bars(poses), poses.length_mm, LENGTH_U_MM, path)
@@ -128,9 +111,9 @@ def write_length_rows(ends: Sequence[tuple[str, str]], length_mm: float, u_mm: f
     Raises
     ------
     InputError
-        As `check_template_path`.
+        As `check_new_form`.
     """
-    check_template_path(path)
+    check_new_form(path, holds="readings")
     note = (
         "as planned; enter length and standard uncertainty from the certificate of the bar, and its expansion if known"
     )

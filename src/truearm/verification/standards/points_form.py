@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.errors import InputError
-from truearm.files.atomic_write import atomic_file, check_writable
+from truearm.files.atomic_write import atomic_file, check_new_form
 from truearm.files.delimited import Sheet, check_names, escape_formula, read_columns
 from truearm.files.spreadsheet_forms import read_form
 from truearm.readings.thermal_expansion import COLDEST_DEGC, WARMEST_DEGC
@@ -62,7 +62,7 @@ def write_points_form(layout: Sequence[Placement], path: str | Path, *, tip_diam
     InputError
         If the file exists or cannot be written, or the diameter is that of no stylus tip.
     """
-    check_form_path(path)
+    check_new_form(path, holds="points")
     if tip_diameter_mm is not None and not 0 <= tip_diameter_mm <= LARGEST_TIP_MM:
         raise InputError(
             f"expected the diameter of a stylus tip of 0 to {LARGEST_TIP_MM:g} mm, got {tip_diameter_mm:g}"
@@ -80,22 +80,6 @@ def write_points_form(layout: Sequence[Placement], path: str | Path, *, tip_diam
                 number += 1
                 aims = [f"{value:.3f}" for value in (*at, *approach)]
                 writer.writerow([*named, "", *keys, "", "", "", "", tip, "", f"point {number}", *aims])
-
-
-def check_form_path(path: str | Path) -> None:
-    """Check, before long work, that a form can be written and overwrites no file: there may be points in it.
-
-    Raises
-    ------
-    InputError
-        If the name does not end in ``.csv``, the file exists, or its folder is not writable.
-    """
-    path = Path(path)
-    if path.suffix != ".csv":
-        raise InputError(f"expected a file name that ends in .csv, got {path.name!r}", file=path)
-    if path.exists():
-        raise InputError("the file exists, and points may be in it", file=path, hint="choose another name")
-    check_writable(path)
 
 
 def fill_points_form(
