@@ -9,6 +9,8 @@ from truearm.arm.catalogue import load_arm
 from truearm.arm.chain import Chain
 from truearm.compensation.models import KinematicModel, NetworkModel
 from truearm.errors import InputError
+from truearm.identification.estimation.references import Points
+from truearm.identification.estimation.residual_variance import few_readings_factor
 from truearm.identification.planning.sampling.measuring import measuring_poses
 from truearm.identification.virtual import VirtualArm, load_preset
 from truearm.identification.virtual.presets import ARCSEC, PERFECT, SHOP, Preset
@@ -120,7 +122,9 @@ def test_draws_from_a_model_have_its_covariance(model):
 def test_the_posterior_is_widened_to_what_readings_held_out_show(model):
     points = model.fit_.references[0]
     stated = points.std**2
-    shown = stated + model.residual_std_**2
+    # Few readings widen the covariance and what is unexplained alike: that is not shown by held-out readings.
+    freedom = model.fit_.residual_freedom([Points(points.rows, np.zeros((len(points.rows), 3)))])
+    shown = stated + model.residual_std_**2 / few_readings_factor(freedom)
     expected = np.sqrt((shown / (stated + points.noise_std**2)).mean())
     # FLOOR_MM2, a nanometre squared, is added to both.
     assert PosteriorDistribution(model).birge_ratio == pytest.approx(max(1.0, expected), rel=1e-6)
