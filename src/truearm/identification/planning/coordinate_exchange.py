@@ -43,10 +43,11 @@ ENOUGH_RAD = radians(60.0)
 
 _ROUNDS = 60
 _OFFERS = 16
-# Share of log v for a radian of the path at the start, and the factor from round to round.
+# Change of log v for a radian of the path at the start, and the largest factor from round to round.
 _PRICE, _RISE = 0.008, 1.3
+# How fast the price follows the share of the allowed uncertainty that is used, and the share that it aims at.
 _GAIN, _AIM = 5.0, 0.95
-# Standard deviation of an offered joint angle about its mean, at most and at least.
+# Standard deviation of an offered joint angle about its mean, at most and at least: large ones find, small improve.
 _SCATTER_RAD, _LEAST_SCATTER_RAD = 1.0, 0.03
 # Probability that an offer is next to a neighbour on the path.
 _AT_NEIGHBOUR = 0.15
@@ -173,19 +174,18 @@ def _turn(arm: Arm, start: FloatArray, end: FloatArray) -> FloatArray:
 def _one_round(arm: Arm, path: _Path, problem: DesignProblem, offers: _Offers, price: float) -> _Path:
     """Exchange each pose for the best that it is offered, if that is better."""
     angles, factors, M = path.poses.angles.copy(), path.factors.copy(), problem.target
-    covariance, variance = _inverse(problem.prior_precision, factors), 0.0
+    covariance = _inverse(problem.prior_precision, factors)
     for i in range(len(angles)):
         allowed = np.flatnonzero(offers.allowed[i])
         if not len(allowed):
             continue
         without = _without(covariance, problem.prior_precision, factors, i)
-        variance = float(np.vdot(M, without))
         choices = np.concatenate([factors[i : i + 1], offers.factors[i, allowed]])
         C_by_choice = choices @ without
         S = C_by_choice @ choices.transpose(0, 2, 1)
         T = C_by_choice @ M @ C_by_choice.transpose(0, 2, 1)
         inner = np.linalg.inv(np.eye(S.shape[1]) + S)
-        left = variance - np.einsum("iab,iba->i", inner, T)
+        left = np.vdot(M, without) - np.einsum("iab,iba->i", inner, T)
         moved = np.concatenate([angles[i : i + 1], offers.angles[i, allowed]])
         way = np.zeros(len(moved))
         for neighbour in (i - 1, i + 1):
