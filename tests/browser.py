@@ -120,6 +120,13 @@ def shown_height(page, folder, *, width):
 MOST_BYTES = 3_000_000
 
 
+# Text that ends beyond the right edge of the screen, outside tables that a reader moves sideways.
+_BEYOND_THE_EDGE = """() => [...document.querySelectorAll("h1, h2, p, strong, summary, dd, li, button, label")]
+  .filter((one) => !one.closest(".scroll, .still") && one.getBoundingClientRect().width > 0)
+  .filter((one) => one.getBoundingClientRect().right > document.documentElement.clientWidth + 1)
+  .map((one) => one.textContent.slice(0, 60))"""
+
+
 def check_page(chromium, path, *, width, scheme):
     """Hold a page to what all pages promise; folded parts too.
 
@@ -130,6 +137,7 @@ def check_page(chromium, path, *, width, scheme):
     with Tab(chromium, path, width=width, scheme=scheme) as tab:
         tab.page.evaluate("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
         assert tab.page.evaluate("document.documentElement.scrollWidth") <= width
+        assert tab.page.evaluate(_BEYOND_THE_EDGE) == []
         assert tab.faults() == []
         if views := tab.page.locator(".space").count():
             tab.picture()

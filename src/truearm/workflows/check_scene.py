@@ -46,7 +46,7 @@ def check_section(model: Compensator, readings: Session, lengths: Lengths | None
     still = error_in_workspace(points[rows], deviation[rows])
     caption = (
         "Each point has the colour of its distance from the mean of its seat, or from the sphere through the points of "
-        f"its sphere. The ring marks the largest, {format_mm(float(deviation[rows[worst]]))}: {where}."
+        f"its sphere. On a screen a ring marks the largest, {format_mm(float(deviation[rows[worst]]))}: {where}."
     )
     mechanism = arm_at_readings({"": model}, readings)
     scene = readings_scene(

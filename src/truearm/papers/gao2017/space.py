@@ -71,7 +71,7 @@ def _errors_scene(poses: Predictions, distances: dict[str, FloatArray]) -> Scene
     return Scene(
         label,
         "mm",
-        replace(still, caption=f"{caption} The ring marks the largest."),
+        replace(still, caption=f"{caption} On a screen a ring marks the largest."),
         cloud=cloud,
         mechanism=arm_mechanism(arm, start=np.radians(poses.angles_deg[worst]), follows=[*range(arm.n_joints)]),
     )

@@ -225,8 +225,14 @@ def _last_table(trends: Sequence[Trend]) -> Table:
         if with_limit:
             cells.append(None if trend.limit_mm is None else RoundedNumber(trend.limit_mm, u))
         rows.append((*cells, _verdict(trend)))
-    states = tuple(_state(trend) for trend in trends)
-    return Table(tuple(columns), tuple(rows), "The last check and the earlier ones.", states=states)
+    # Of few checks there are no limits yet: an empty column says nothing, and on a telephone takes the room of others.
+    shown = [i for i in range(len(columns)) if any(row[i] is not None for row in rows)]
+    return Table(
+        tuple(columns[i] for i in shown),
+        tuple(tuple(row[i] for i in shown) for row in rows),
+        "The last check and the earlier ones.",
+        states=tuple(_state(trend) for trend in trends),
+    )
 
 
 def _state(trend: Trend) -> State:

@@ -57,7 +57,7 @@ def _cloud(places: Sequence[MeasuredPlace]) -> PointCloud:
             PointColumn("value without its sign", "mm", [abs(one.value) for one in nearest]),
         ],
         axes=[
-            PointColumn("distance from the origin", "mm", [float(np.linalg.norm(place.middle)) for place in places]),
+            PointColumn("from the origin", "mm", [float(np.linalg.norm(place.middle)) for place in places]),
             PointColumn("height", "mm", [float(place.middle[2]) for place in places]),
         ],
         notes=[

@@ -40,9 +40,9 @@ def task_scene(task: TaskEstimates, arm: Arm) -> Scene:
     what = f"{format_count(n, 'point')} of the {task.feature.name} in space, coloured by standard uncertainty"
     caption = (
         "Standard uncertainty of the place of each point: the root of the sum of the squares of its three coordinates, "
-        "over all drawn arms. The ring marks the largest. Errors that points share cancel in a length or a form, so "
-        "the uncertainty of the feature does not follow from these alone. The arm is shown in one of the sets of "
-        "postures."
+        "over all drawn arms. On a screen a ring marks the largest. Errors that points share cancel in a length "
+        "or a form, so the uncertainty of the feature does not follow from these alone. The arm is shown in one of the "
+        "sets of postures."
     )
     still = error_in_workspace(points, u)
     return Scene(
