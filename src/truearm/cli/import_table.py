@@ -68,7 +68,7 @@ def import_table(
     ] = None,
     serial_number: Annotated[str, typer.Option("--serial-number", help="With --into: serial number of the arm.")] = "",
 ) -> None:
-    """Turn a table of another program into a session file, or fill in a file of points to measure.
+    """Turn a table of another program into a session file.
 
     State its columns, units, signs, zeros and separators here, once. A column is given by its name, or by its number
     from 1. The ranges of the result are printed: they show a wrong unit or sign.

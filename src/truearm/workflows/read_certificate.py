@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from truearm.files.xml_signatures import Signature
+from truearm.solve.threads import one_blas_thread
 from truearm.verification.certificate.certificate import Certificate
 from truearm.verification.certificate.certificate_page import CONFORMITY_WORDS, NOT_DECIDED
 from truearm.verification.certificate.dcc_reader import read_dcc_file
@@ -56,6 +57,7 @@ class ReadCertificate(Record):
         }
 
 
+@one_blas_thread()
 def read_certificate(path: str | Path, *, trusted: str | Path | None = None) -> ReadCertificate:
     """Read a digital calibration certificate of this program and verify its signature.
 

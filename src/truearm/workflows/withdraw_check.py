@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from truearm.errors import InputError
 from truearm.files.file_reading import check_readable
+from truearm.solve.threads import one_blas_thread
 from truearm.verification.monitor.assessment import Assessment, assess, describe_assessment
 from truearm.verification.monitor.history import MAX_BYTES, History
 from truearm.verification.monitor.interim_check import InterimCheck, Withdrawal, counted
@@ -99,6 +100,7 @@ class WithdrawalResult(PageRecord):
         }
 
 
+@one_blas_thread()
 def withdraw_check(
     model: ModelLike, history: History | str | Path, which: str | int, *, reason: str
 ) -> WithdrawalResult:
