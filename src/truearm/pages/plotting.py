@@ -12,6 +12,7 @@ import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from html import escape
 from itertools import cycle
 from pathlib import Path
@@ -26,11 +27,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Drawing
 from matplotlib.image import imsave
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
-from matplotlib.transforms import blended_transform_factory
 
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.pages.palette import FAINT, GREY, INK, LIMIT, NAVY, OLIVE, ORANGE, PURPLE, TEAL, with_variables
+from truearm.pages.panel_axes import PanelAxes
 
 LEFT_IN = 0.68  # room for a label and for numbers such as -0.0005
 RASTER_FROM = 1000  # number of dots from which a layer is a bitmap instead of one element a dot
@@ -135,12 +136,22 @@ def styles_of(names: Iterable[str], styles: Mapping[str, Style] | None = None) -
     return dict(zip(names, cycle(_PENS), strict=False))
 
 
+@cache
+def _settings() -> dict[str, Any]:
+    """All settings of matplotlib in the style of the pages."""
+    settings: Any = mpl.rcParams
+    with mpl.rc_context():
+        mpl.rcdefaults()
+        settings.update(_STYLE)
+        return dict(settings)
+
+
 @contextmanager
 def figure_style() -> Iterator[None]:
     """Draw in the style of the pages, whatever the user's own matplotlib settings are."""
+    settings: Any = mpl.rcParams
     with mpl.rc_context(), warnings.catch_warnings():
-        mpl.rcdefaults()
-        mpl.rcParams.update(_STYLE)
+        dict.update(settings, _settings())  # without the checks of each, which a page would repeat a hundred times
         # A name may have letters that the font lacks; in an SVG the reader's own font shows them.
         warnings.filterwarnings("ignore", message=r"Glyph \d+ .* missing from font")
         yield
@@ -150,7 +161,7 @@ def make_panel(width_in: float, height_in: float, *, rows: int = 1, top_in: floa
     """Panel with `rows` axes one above the other; the margins are the same in every panel."""
     drawing = Drawing(figsize=(width_in, height_in))
     FigureCanvasAgg(drawing)
-    axes = drawing.subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
+    axes = drawing.subplots(rows, 1, sharex=True, squeeze=False, subplot_kw={"axes_class": PanelAxes})[:, 0]
     drawing.subplots_adjust(
         left=LEFT_IN / width_in,
         right=1 - 0.12 / width_in,
@@ -160,10 +171,7 @@ def make_panel(width_in: float, height_in: float, *, rows: int = 1, top_in: floa
     )
     for each in axes:
         each.set_title("")  # takes the height of the style
-        # At a fixed place, so that the labels of neighbouring panels are aligned however long the numbers are.
-        each.yaxis.set_label_coords(
-            0.11, 0.5, transform=blended_transform_factory(drawing.dpi_scale_trans, each.transAxes)
-        )
+        each.place_labels(left_in=0.11, bottom_in=0.169)
     return drawing, list(axes)
 
 
@@ -192,7 +200,7 @@ def join_phrases(phrases: Iterable[str], *, most: int = 4) -> str:
 
 def svg_element(drawing: Drawing, prefix: str) -> str:
     """A drawing as an SVG element of a page; every id in it starts with `prefix`."""
-    buffer = io.BytesIO()
+    buffer = io.StringIO()
     no_date: Any = {"Date": None}
     with figure_style():
         drawing.savefig(buffer, format="svg", dpi=_RASTER_DPI, metadata=no_date)

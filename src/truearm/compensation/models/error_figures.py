@@ -10,6 +10,7 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Drawing
 from matplotlib.lines import Line2D
+from matplotlib.ticker import FixedLocator
 
 from truearm.errors import InputError
 from truearm.pages.figures import finite_array, finite_arrays, nonnegative_arrays
@@ -199,7 +200,7 @@ def _cumulative(errors: Mapping[str, FloatArray], pens: Mapping[str, Style], log
         axes.plot(p95, [95] * len(p95), marker=pen.marker, color=pen.colour, markersize=5, markeredgecolor=PAPER)
     axes.axhline(95, color=LIMIT, linewidth=0.8, linestyle=(0, (4, 3)), zorder=1)
     axes.set(ylim=(0, 101.5), ylabel="share of readings [%]")
-    axes.set_yticks([0, 25, 50, 75, 95])
+    axes.yaxis.set_major_locator(FixedLocator([0, 25, 50, 75, 95]))
     _error_axis(axes, errors, logarithmic)
     return drawing
 

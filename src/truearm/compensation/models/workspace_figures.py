@@ -16,6 +16,7 @@ from truearm.errors import InputError
 from truearm.pages.figures import finite_array, nonnegative_arrays
 from truearm.pages.number_format import format_count, format_number
 from truearm.pages.palette import FAINT, INK, LIMIT, NAVY
+from truearm.pages.panel_axes import PanelAxes
 from truearm.pages.plotting import RASTER_FROM, Figure, figure_style
 from truearm.typing import FloatArray
 
@@ -127,7 +128,10 @@ def _plane_view(
 ) -> Drawing:
     title, across, up = view
     drawing = Drawing(figsize=(_WIDTH_IN, _HEIGHT_IN))
-    axes = drawing.add_axes((0.82 / _WIDTH_IN, 0.46 / _HEIGHT_IN, 3.6 / _WIDTH_IN, 2.96 / _HEIGHT_IN))
+    place = (0.82 / _WIDTH_IN, 0.46 / _HEIGHT_IN, 3.6 / _WIDTH_IN, 2.96 / _HEIGHT_IN)
+    axes = PanelAxes(drawing, place)
+    drawing.add_axes(axes)
+    axes.place_labels(left_in=0.26, bottom_in=0.189)
     if "c" in pen and len(points) > RASTER_FROM:
         _cells(axes, points[:, across], points[:, up], pen)
     else:
