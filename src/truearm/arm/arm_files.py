@@ -78,7 +78,7 @@ _ANGLES = ("_deg", "_rad")
 class _Strict(BaseModel):
     """A table of the file: no unknown keys, and each quantity in one unit."""
 
-    model_config = ConfigDict(extra="forbid")
+    model_config = ConfigDict(extra="forbid", defer_build=True)
 
     @model_validator(mode="after")
     def _one_unit_each(self) -> Self:

@@ -43,7 +43,7 @@ Name = Annotated[str, Field(min_length=1, max_length=200, strict=True), AfterVal
 class Document(BaseModel):
     """A table of a TOML file: unknown keys are refused, values cannot change after reading."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
 
 # pydantic's error types, in the terms of a TOML file.

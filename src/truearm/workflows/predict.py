@@ -22,7 +22,6 @@ from truearm.readings.session import NAMED, PAYLOAD
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import BoolArray, FloatArray, IntArray, NameArray
 from truearm.verification.standards.dates import now, parse_moment
-from truearm.verification.standards.points_form import fill_points_form
 from truearm.workflows.inputs import (
     ModelLike,
     SessionLike,
@@ -200,6 +199,8 @@ class Prediction(Record):
             If there are more or fewer readings than rows without coordinates, a tip diameter is missing, the rows state
             the serial number of another arm, or the date or the temperature is implausible.
         """
+        from truearm.verification.standards.points_form import fill_points_form  # takes longer than ten predictions
+
         moment = now() if date is None else parse_moment(date)
         number = with_serial_number(self.model.arm_, self.session).serial_number
         return fill_points_form(path, self.points, day=moment.date(), artefact_degC=artefact_degC, serial_number=number)

@@ -379,7 +379,7 @@ def _read_array(archive: zipfile.ZipFile, name: str, entry: _ArrayEntry) -> Arra
     if version != (1, 0):
         raise InputError(f"expected the array {name} in format 1.0, got {version}")
     shape, fortran, dtype = np.lib.format.read_array_header_1_0(stream)
-    rest = data[stream.tell() :]
+    rest = memoryview(data)[stream.tell() :]
     if dtype != np.dtype("<f8") or fortran or list(shape) != entry.shape or len(rest) != 8 * math.prod(shape):
         raise InputError(f"expected the array {name} as doubles of shape {entry.shape}, got {dtype}, {shape}")
     array = np.frombuffer(rest, dtype="<f8").reshape(shape).astype(float)

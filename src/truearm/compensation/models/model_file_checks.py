@@ -20,6 +20,7 @@ from truearm.identification.estimation.residual_process import GROUP
 from truearm.identification.estimation.tails import LEAST_FREEDOM
 from truearm.identification.terms.kernel import InducedProcess
 from truearm.solve.arrays import add_to_diagonal, cholesky_solver
+from truearm.solve.square_roots import BLOCK_ROWS, unit_diagonal
 from truearm.typing import FloatArray
 
 # Of a covariance scaled to a unit diagonal, beyond rounding.
@@ -172,10 +173,10 @@ def _check_covariance(name: str, array: FloatArray, n: int) -> None:
     """Refuse what is not a covariance: not symmetric, or with a negative variance beyond rounding."""
     _check_shape(name, array, (n, n))
     if n:
-        scale = np.sqrt(np.abs(array.diagonal()))
-        scale[scale == 0] = 1
-        whitened = array / np.outer(scale, scale)
-        is_symmetric = np.abs(whitened - whitened.T).max() <= MAX_ASYMMETRY
+        whitened, _ = unit_diagonal(array, np.abs(array.diagonal()))
+        starts = range(0, n, BLOCK_ROWS)  # in blocks, which the cache holds
+        differences = (whitened[i : i + BLOCK_ROWS, i:] - whitened[i:, i : i + BLOCK_ROWS].T for i in starts)
+        is_symmetric = all(np.abs(difference).max() <= MAX_ASYMMETRY for difference in differences)
         add_to_diagonal(whitened, -LEAST_EIGENVALUE)  # the factor exists if no eigenvalue is below it
         if not is_symmetric or cholesky_solver(whitened) is None:
             raise InputError(f"the array {name} is not a covariance")
