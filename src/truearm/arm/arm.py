@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -138,12 +139,14 @@ class Arm:
         """Number of joints."""
         return self.chain.n_joints
 
-    @property
+    @cached_property
     def limits(self) -> FloatArray:
         """(n_joints, 2) lower and upper limits [rad, or mm for sliding joints]."""
         assert self.lower is not None  # set in __post_init__
         assert self.upper is not None
-        return np.stack([self.lower, self.upper], axis=1)
+        limits = np.stack([self.lower, self.upper], axis=1)
+        limits.flags.writeable = False
+        return limits
 
     @property
     def working(self) -> FloatArray:

@@ -20,9 +20,9 @@ flange's axes, as a tool is turned on its flange, and does not move the tip.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -240,7 +240,7 @@ class Chain:
         else:
             turned_by, jacobians = finite
             np.einsum("pdcm,pdbm->pcbm", jacobians, axes, out=by_motion[:, :3, 3:])
-            R = np.einsum("abm,bcm->acm", R, turned_by[-1])
+            R = _product(R, turned_by[-1])
         by_joint = np.zeros((self.n_joints, 6, q.shape[1]))
         for place, v in self._outward(q, cos_sin(q), motions):
             if place < 1:
@@ -368,7 +368,7 @@ class Chain:
             v += motions[-1, 3:]
         turn = turn_matrices(cos, sin) if q.shape[1] == 1 else None
         for i in range(self.n_joints, 0, -1):
-            v = np.matmul(self.fixed[i, :3, :3], v)
+            v = self.fixed[i, :3, :3].dot(v)  # of a single pose a quarter of the time of `matmul`
             v += self.fixed[i, :3, 3, None]
             if motions is not None:
                 v = _moved(v, motions[i], None if turned_by is None else turned_by[i])
@@ -376,11 +376,11 @@ class Chain:
             if turn is None or self.is_prismatic[i - 1]:
                 v = self._joint(i, q, cos, sin, v)
             else:
-                v = np.matmul(turn[i - 1], v)
+                v = turn[i - 1].dot(v)
         if motions is not None:
             v = _moved(v, motions[0], None if turned_by is None else turned_by[0])
         yield 0, v
-        v = np.matmul(self.fixed[0, :3, :3], v)
+        v = self.fixed[0, :3, :3].dot(v)
         v += self.fixed[0, :3, 3, None]
         yield -1, v
 
@@ -412,7 +412,7 @@ class Chain:
         yield 0, R
         for i in range(1, self.n_joints + 1):
             if turned_by is not None:
-                R = np.einsum("abm,bcm->acm", R, turned_by[i - 1])
+                R = _product(R, turned_by[i - 1])
             if i > 1:
                 R = np.matmul(self.fixed[i - 1, :3, :3].T, R)
             if not self.is_prismatic[i - 1]:
@@ -431,8 +431,8 @@ class Chain:
         R = _last(self._inward(turns, turned_by))
         if turned_by is None:
             return np.asarray(np.matmul(self.fixed[-1, :3, :3].T, R))
-        R = np.matmul(self.fixed[-1, :3, :3].T, np.einsum("abm,bcm->acm", R, turned_by[-2]))
-        return np.asarray(np.einsum("abm,bcm->acm", R, turned_by[-1]))
+        R = np.matmul(self.fixed[-1, :3, :3].T, _product(R, turned_by[-2]))
+        return _product(R, turned_by[-1])
 
     def _small_motions_into(
         self,
@@ -447,21 +447,27 @@ class Chain:
         if motions is not None:
             turned_by, jacobians = finite or _turned_by(motions)
         tip_in_place = dict(self._outward(q, turns, motions, turned_by))
-        for place, R in self._inward(turns, turned_by):
-            x, y, z = tip_in_place[place] if motions is None else tip_in_place[place] - motions[place, 3:]
-            axes = R.transpose(1, 0, 2)  # (3 axes, 3 components, m)
+        pieces: Iterable[_Piece] = ((place, R, tip_in_place[place]) for place, R in self._inward(turns, turned_by))
+        if q.shape[1] <= FEW:
+            pieces = _in_one_pass(pieces)
+        for place, R, tip in pieces:
+            moved = out[place]
+            tip = tip if motions is None else tip - motions[place][..., 3:, :]
+            x, y, z = (tip[..., k, None, :] for k in range(3))
+            axes = np.swapaxes(R, -3, -2)  # (3 axes, 3 components, m)
             # z x (p - o) with p - o = R (x, y, z): a combination of the two other axes.
-            np.multiply(y, axes[2], out=out[place, 0])
-            out[place, 0] -= z * axes[1]
-            np.multiply(z, axes[0], out=out[place, 1])
-            out[place, 1] -= x * axes[2]
-            np.multiply(x, axes[1], out=out[place, 2])
-            out[place, 2] -= y * axes[0]
-            out[place, 3:] = axes
+            np.multiply(y, axes[..., 2, :, :], out=moved[..., 0, :, :])
+            moved[..., 0, :, :] -= z * axes[..., 1, :, :]
+            np.multiply(z, axes[..., 0, :, :], out=moved[..., 1, :, :])
+            moved[..., 1, :, :] -= x * axes[..., 2, :, :]
+            np.multiply(x, axes[..., 1, :, :], out=moved[..., 2, :, :])
+            moved[..., 2, :, :] -= y * axes[..., 0, :, :]
+            moved[..., 3:, :, :] = axes
             if jacobians is not None:
-                out[place, :3] = np.einsum("dcm,dbm->cbm", jacobians[place], out[place, :3])
+                moved[..., :3, :, :] = np.einsum("...dcm,...dbm->...cbm", jacobians[place], moved[..., :3, :, :])
+        R = R.reshape(-1, *R.shape[-3:])[-1]
         if turned_by is not None:
-            R = np.einsum("abm,bcm->acm", R, turned_by[-2])
+            R = _product(R, turned_by[-2])
         out[-1, :3] = 0.0
         out[-1, 3:] = np.matmul(self.fixed[-1, :3, :3].T, R).transpose(1, 0, 2)
         return tip_in_place[-1], out
@@ -491,12 +497,29 @@ def _turned_by(motions: FloatArray) -> tuple[FloatArray, FloatArray]:
     return turned_by, jacobians
 
 
+# Of one place or of several: the places, the axes of their frames, and the tip in each.
+_Piece: TypeAlias = tuple[int | slice, FloatArray, FloatArray]
+
+
+def _in_one_pass(pieces: Iterable[_Piece]) -> Iterator[_Piece]:
+    """The places from the base on as one piece."""
+    places, frames, tips = zip(*pieces, strict=True)
+    yield slice(len(places)), np.stack(frames), np.stack(tips)
+
+
+def _product(R: FloatArray, turned: FloatArray) -> FloatArray:
+    """Products of matrices (3, 3, m)."""
+    if R.shape[2] == turned.shape[2] == 1:
+        return np.asarray(R[:, :, 0].dot(turned[:, :, 0]))[:, :, None]  # a fifth of the time of `einsum`
+    return np.asarray(np.einsum("abm,bcm->acm", R, turned))
+
+
 def _moved(v: FloatArray, motion: FloatArray, R: FloatArray | None) -> FloatArray:
     """Vectors (3, m) after finite motions (6, m), whose rotations (3, 3, m) may be known."""
     if R is None:
         return apply_motions(v, motion)
     if R.shape[2] == v.shape[1] == 1:
-        return np.asarray(np.matmul(R[:, :, 0], v) + motion[3:])
+        return np.asarray(R[:, :, 0].dot(v) + motion[3:])
     moved: FloatArray = R[:, 0] * v[0]
     moved += R[:, 1] * v[1]
     moved += R[:, 2] * v[2]

@@ -91,7 +91,8 @@ def cores() -> int:
 
 def _loaded() -> tuple[bool, ...]:
     """Which of the packages with a BLAS of their own are loaded."""
-    return tuple(name in sys.modules for name in ("numpy.linalg", "scipy.linalg", "torch"))
+    modules = sys.modules
+    return "numpy.linalg" in modules, "scipy.linalg" in modules, "torch" in modules
 
 
 @cache

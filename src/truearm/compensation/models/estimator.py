@@ -120,7 +120,7 @@ class Regressor:
 
     def _check_fitted(self) -> None:
         """Raise scikit-learn's `NotFittedError` before the first `fit`."""
-        if not any(name.endswith("_") for name in vars(self)):
+        if "n_features_in_" not in vars(self) and not any(name.endswith("_") for name in vars(self)):
             from sklearn.utils.validation import check_is_fitted
 
             check_is_fitted(self)

@@ -294,10 +294,11 @@ class IdentifiedModel(Compensator):
         return self.fit_.tips(self.state(readings))
 
     def _covariance_parts(self, readings: Session) -> tuple[FloatArray, FloatArray]:
-        of_parameters = self.fit_.tip_covariance(self.state(readings))
+        state = self.state(readings)
+        of_parameters = self.fit_.tip_covariance(state)
         unexplained = self.residual_std_**2 * self.variance_function_.share(readings.angles)
         return of_parameters, sum(
-            self.unstated_input_covariances(readings).values(), unexplained[:, None, None] * np.eye(3)
+            self._unstated_input_covariances(readings, state).values(), unexplained[:, None, None] * np.eye(3)
         )
 
     def _shared_displacements(self, readings: Session) -> FloatArray:
@@ -315,12 +316,15 @@ class IdentifiedModel(Compensator):
         dict of str to (n, 3, 3) array
             By input the covariance of tips [mm^2], to first order.
         """
-        state, fit, training = self.state(readings), self.fit_, self.training_
+        return self._unstated_input_covariances(readings, self.state(readings))
+
+    def _unstated_input_covariances(self, readings: Session, state: ArmState) -> dict[str, FloatArray]:
+        fit, training = self.fit_, self.training_
         effects = {"directions of movement": direction_effects(fit, state)}
         if readings.temperature_degC is None and training.temperature_degC is not None:
             assert state.temperature_degC is not None  # the mean in training
             std = training.temperature_degC.std
-            low, high = (replace(state, temperature_degC=state.temperature_degC + sign * std) for sign in (-1, 1))
+            low, high = (state.at_temperature(state.temperature_degC + sign * std) for sign in (-1, 1))
             effects["temperature"] = half_tip_difference(fit, low, high)[None]
         for name in training.columns.keys() - readings.columns.keys():
             values, std = state.columns[name], training.columns[name].std

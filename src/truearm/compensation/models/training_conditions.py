@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
@@ -230,7 +231,7 @@ class TrainingConditions:
         ------
         InputError
         """
-        excess = np.abs(readings.angles) - np.abs(self.angle_ranges).max(axis=1)
+        excess = np.abs(readings.angles) - self._largest_angles
         far = (excess > MAX_FURTHER_ANGLE) & ~prismatic
         if far.any() and far.any(axis=1).mean() > MAX_SKIPPED_SHARE:
             row, joint = (int(i) for i in np.argwhere(far)[0])
@@ -240,6 +241,11 @@ class TrainingConditions:
                 column=None if readings.angle_columns is None else readings.angle_columns[joint],
                 hint="check the unit of the angles: radians, not degrees",
             )
+
+    @cached_property
+    def _largest_angles(self) -> FloatArray:
+        """(n_joints,) largest magnitudes of the training angles."""
+        return np.asarray(np.abs(self.angle_ranges).max(axis=1))
 
     def _inside_by_joint(self, angles: FloatArray, prismatic: BoolArray) -> BoolArray:
         """(n, n_joints) whether an angle, or one some full turns from it, is in the range and in none of its gaps."""

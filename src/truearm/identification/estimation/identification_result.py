@@ -148,7 +148,10 @@ class IdentificationResult:
                 columns = columns[uncertain]
             p, _, m = columns.shape
             spread = root.times(columns.reshape(p, 3 * m)).reshape(p, 3, m)
-            out[rows] = np.einsum("pin,pjn->nij", spread, spread)
+            if m == 1:
+                out[rows] = spread[:, :, 0].T.dot(spread[:, :, 0])  # a tenth of the time of `einsum`
+            else:
+                out[rows] = np.einsum("pin,pjn->nij", spread, spread)
         return out + self.unspanned_covariance(state)
 
     def tip_displacements(self, state: ArmState) -> FloatArray:

@@ -110,7 +110,7 @@ def gravity_loads(
     force = np.empty((len(q), 3, q.shape[1]))
     outward, inward = _steps(chain, *cos_sin(turn))
     # From the base to the last joint: gravity along the axes of each place.
-    along = np.broadcast_to(gravity[:, None], force[0].shape)
+    along = np.repeat(gravity[:, None], q.shape[1], axis=1)
     for i in range(chain.n_joints):
         force[i] = along = outward(i, along)
     # And back: the sum of m (c - o_i) over the links outward, along the same axes [kg mm].
@@ -123,10 +123,10 @@ def gravity_loads(
         first_moments[i] = first_moment
         first_moment[2] += mass_outward[i] * shift[i]  # a prismatic joint has moved its place off the end of the link
         first_moment = inward(i, first_moment)
-    torque = np.moveaxis(cross(np.moveaxis(first_moments, 1, 0), np.moveaxis(force, 1, 0)), 0, 1)
+    torque = cross(first_moments.transpose(1, 0, 2), force.transpose(1, 0, 2))
     torque *= 1e-3  # mm to m
     force *= mass_outward[:, None, None]
-    return GravityLoads(torque.transpose(2, 0, 1), force.transpose(2, 0, 1))
+    return GravityLoads(torque.transpose(2, 1, 0), force.transpose(2, 0, 1))
 
 
 _Step = Callable[[int, FloatArray], FloatArray]
@@ -140,10 +140,10 @@ def _steps(chain: Chain, cos: FloatArray, sin: FloatArray) -> tuple[_Step, _Step
     fixed = chain.fixed[:-1, :3, :3]
     if cos.shape[1] == 1:
         single = fixed @ turn_matrices(cos, sin)
-        return (lambda i, v: single[i].T @ v), (lambda i, v: single[i] @ v)
+        return (lambda i, v: single[i].T.dot(v)), (lambda i, v: single[i].dot(v))
     return (
-        lambda i, v: _about_z(fixed[i].T @ v, cos[i], -sin[i]),
-        lambda i, v: fixed[i] @ _about_z(v, cos[i], sin[i]),
+        lambda i, v: _about_z(fixed[i].T.dot(v), cos[i], -sin[i]),
+        lambda i, v: fixed[i].dot(_about_z(v, cos[i], sin[i])),
     )
 
 

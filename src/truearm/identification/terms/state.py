@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import Any, Self
 
@@ -122,6 +122,13 @@ class ArmState:
             None if self.session is None else self.session[which],
             None if self.tip is None else self.tip[which],
         )
+
+    def at_temperature(self, degC: FloatArray) -> ArmState:
+        """The state at another temperature [degC], (n,) or (n, n_joints + 1); it keeps the loads of the weight."""
+        other = replace(self, temperature_degC=degC)
+        if "gravity_loads" in vars(self):
+            vars(other)["gravity_loads"] = self.gravity_loads
+        return other
 
     @property
     def gravity_torques(self) -> FloatArray:
