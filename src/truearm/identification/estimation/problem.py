@@ -84,12 +84,12 @@ class SmallMotionProblem:
             out = np.empty((reference.n_residuals, len(reference.rows)))
             for piece in chunks(len(reference.rows)):
                 state = self.state.rows(reference.rows[piece])
-                motions = self._motions(i, piece, state, x)
+                values = self._values(i, piece, state)
                 if reference.uses_orientation:
+                    motions = self.perturbed_chain.motions(x, values)
                     out[:, piece] = self._linearised(i, piece, state, motions, x)[0].residuals
                 else:
-                    wide = np.broadcast_to(motions, (*motions.shape[:2], len(state)))
-                    tips = self.perturbed_chain.chain.tip_in_base(state.angles, wide.transpose(2, 0, 1)).T
+                    tips = self.perturbed_chain.tips_from_values(state.angles, values, x).T
                     out[:, piece] = reference.linearised(tips, x[self.unknowns_of(i)], piece).residuals
             found.append(out)
         return found
@@ -130,7 +130,8 @@ class SmallMotionProblem:
             parts = []
             for piece in chunks(len(reference.rows)):
                 state = self.state.rows(reference.rows[piece])
-                parts.append(self._linearised(i, piece, state, self._motions(i, piece, state, x), x)[0])
+                motions = self.perturbed_chain.motions(x, self._values(i, piece, state))
+                parts.append(self._linearised(i, piece, state, motions, x)[0])
             turns = [part.by_turn for part in parts if part.by_turn is not None]
             found.append(
                 LinearisedResiduals(
@@ -296,9 +297,6 @@ class SmallMotionProblem:
             axes = np.einsum("abm,bcm->acm", axes, np.broadcast_to(turned, axes.shape))
         return reference.linearised(tips, x[self.unknowns_of(which)], piece, axes), motion_jacobian
 
-    def _motions(self, which: int, piece: slice, state: ArmState, x: FloatArray) -> FloatArray:
-        return self.perturbed_chain.motions(x, self._values(which, piece, state))
-
     def _values(self, which: int, piece: slice, state: ArmState) -> FloatArray:
         key = (which, piece.start)
         if key not in self._kept:
@@ -311,7 +309,12 @@ class SmallMotionProblem:
 
 def _by_place(linear: LinearisedResiduals, motions: FloatArray, motion_jacobian: FloatArray) -> FloatArray:
     """(n_places, 6, k, m) derivatives of residuals by the motions, from those of the tips (n_places, 6, 3, m)."""
-    by_place = np.einsum("kcm,pdcm->pdkm", linear.by_tip, motion_jacobian)
+    # Coordinate by coordinate: contiguous in the readings, several times as fast as an einsum.
+    by_tip = linear.by_tip
+    by_place = motion_jacobian[:, :, 0, None] * by_tip[:, 0]
+    product = np.empty_like(by_place)
+    for c in (1, 2):
+        by_place += np.multiply(motion_jacobian[:, :, c, None], by_tip[:, c], out=product)
     if linear.by_turn is not None:
         for place, motion in enumerate(motions):
             _, jacobian = rotations_and_jacobians(motion[:3])
