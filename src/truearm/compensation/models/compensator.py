@@ -502,6 +502,7 @@ class Compensator(Regressor, ABC):
         references: Sequence[Reference],
         progress: Callable[[int, str], None] | None = None,
         reading_weights: FloatArray | None = None,
+        start: IdentificationResult | None = None,
     ) -> IdentificationResult:
         """Terms, and beside them those of the tool and of the sessions' frames, identified from references."""
         return identify(
@@ -516,6 +517,7 @@ class Compensator(Regressor, ABC):
             references,
             robust=self.robust,
             reading_weights=reading_weights,
+            start=start,
             progress=progress,
         )
 

@@ -169,7 +169,7 @@ class IdentifiedModel(Compensator):
         self, data: TrainingData, terms: list[Term], progress: Callable[[int, str], None]
     ) -> tuple[IdentificationResult, HeldOutReadings]:
         """Identify the terms offered; a model may try fewer."""
-        return self._identify_without_gross_errors(data, terms, self._start_weights(data), progress)
+        return self._identify_without_gross_errors(data, terms, *self._start(data), progress)
 
     def _widen_for_few_readings(self, references: Sequence[Reference]) -> float:
         """Allow for a noise that few residuals determine only roughly; the factor of the covariance."""
@@ -195,29 +195,30 @@ class IdentifiedModel(Compensator):
             return nominal
         return self._identify_without_gross_errors(data, terms, weights)[0]
 
-    def _start_weights(self, data: TrainingData) -> FloatArray:
-        """(n,) weights to start from: 0 for the gross errors of the simpler models. Honest readings come back."""
+    def _start(self, data: TrainingData) -> tuple[FloatArray, IdentificationResult | None]:
+        """(n,) weights to start from: 0 for the gross errors of simpler models, which may come back. And an arm."""
         weights = np.ones(len(data.session))
         weights[excluded_readings(self.nominal_)] = 0.0
         if isinstance(data.simpler, IdentifiedModel):
             weights[excluded_readings(data.simpler.fit_)] = 0.0
-        return weights
+        return weights, None
 
     def _identify_without_gross_errors(
         self,
         data: TrainingData,
         terms: list[Term],
         weights: FloatArray,
+        start: IdentificationResult | None = None,
         progress: Callable[[int, str], None] | None = None,
     ) -> tuple[IdentificationResult, HeldOutReadings]:
         if not data.session.has_point.any():
             terms = [term for term in terms if not places_the_frame(term)]
         if not self.robust:
-            fit = self._identify_terms(data, terms, data.references, progress)
+            fit = self._identify_terms(data, terms, data.references, progress, start=start)
             return fit, self._cross_validate(data, fit)
 
         def identify(weights: FloatArray) -> IdentificationResult:
-            return self._identify_terms(data, terms, data.references, progress, weights)
+            return self._identify_terms(data, terms, data.references, progress, weights, start)
 
         return identify_without_gross_errors(identify, partial(self._cross_validate, data), weights)
 
@@ -484,14 +485,14 @@ class PhysicalModel(IdentifiedModel):
         self.excluded_terms_ += (SkippedTerm(what, "readings of one place do not show whether they hold elsewhere"),)
         return elastic if is_better else rigid
 
-    def _start_weights(self, data: TrainingData) -> FloatArray:
-        """Those of the arm's constants alone: with all terms, some gross errors could explain each other."""
-        weights = super()._start_weights(data)
+    def _start(self, data: TrainingData) -> tuple[FloatArray, IdentificationResult | None]:
+        """From the arm's constants alone: with all terms, some gross errors could explain each other."""
+        weights, _ = super()._start(data)
         if not self.robust or isinstance(data.simpler, KinematicModel):
-            return weights
+            return weights, None
         rigid, _ = self._identify_without_gross_errors(data, constants(data.state.chain, free=self.free_), weights)
         weights[excluded_readings(rigid)] = 0.0
-        return weights
+        return weights, rigid
 
     def _with_unlearned(self, fit: IdentificationResult, state: ArmState, widened: float) -> IdentificationResult:
         if state.temperature_degC is not None:

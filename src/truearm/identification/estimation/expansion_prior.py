@@ -155,21 +155,17 @@ def _relative(
     `u` is the standard uncertainty of the value, the same error for all.
     """
     terms = [one for one in terms if abs(one[2]) > LEAST_VALUE or u > 0]
-    n = len(fit.coefficients)
-    by = np.vstack([np.eye(n), np.zeros((len(terms), n))])
-    for row, (_, k, value) in enumerate(terms, n):
-        by[row, k] = -value
-    covariance = by @ fit.covariance @ by.T
     own = [k for _, k, _ in terms]
-    covariance[n:, n:] += u**2 * (
-        fit.covariance[np.ix_(own, own)] + np.outer(fit.coefficients[own], fit.coefficients[own])
-    )
+    values = np.array([value for _, _, value in terms])
+    across = -fit.covariance[:, own] * values
+    of_own, x = fit.covariance[np.ix_(own, own)], fit.coefficients[own]
+    below = np.outer(values, values) * of_own + u**2 * (of_own + np.outer(x, x))
     constants = [replace(term, name=f"{term.name}, from the training on", basis=Constant()) for term, _, _ in terms]
     return replace(
         fit,
         perturbed_chain=PerturbedChain(fit.perturbed_chain.chain, (*fit.perturbed_chain.terms, *constants)),
-        coefficients=by @ fit.coefficients,
-        covariance=covariance,
+        coefficients=np.concatenate([fit.coefficients, -values * x]),
+        covariance=np.block([[fit.covariance, across], [across.T, below]]),
         prior_std=np.concatenate([fit.prior_std, [np.hypot(value, u) * fit.prior_std[k] for _, k, value in terms]]),
     )
 

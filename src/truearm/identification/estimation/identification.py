@@ -33,6 +33,7 @@ from truearm.identification.estimation.references import Points, Reference
 from truearm.identification.estimation.rounds import Rounds
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
+from truearm.solve.arrowhead import SchurComplement
 from truearm.solve.group_evidence import GroupedPrior
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
@@ -40,6 +41,12 @@ from truearm.typing import FloatArray
 MOST_ROUNDS = 40
 # Many readings start from the result of a sample: so many at least, and so many a coefficient.
 LEAST_SAMPLE, SAMPLE_PER_COEFFICIENT = 1000, 8
+# The last linearisation is used at the final parameters if no place turned or moved by more since, and if tips have the
+# same uncertainty to this share, at so many readings.
+NEAR_RAD, NEAR_MM = 1e-5, 1e-2
+SAME_UNCERTAINTY, SAMPLE_OF_TIPS = 1e-3, 30
+# A start that knows a smaller share of the coefficients saves fewer rounds than such a sample.
+LEAST_KNOWN = 0.5
 # A sample with a larger share of the readings costs more than the rounds that it saves.
 MOST_SHARE = 0.25
 
@@ -120,8 +127,9 @@ def identify(
     problem, unknowns = initial_problem(perturbed_chain, state, references)
     x = np.concatenate([np.zeros(perturbed_chain.n_coefficients), unknowns])
     prior, groups = grouped_prior(terms, len(unknowns))
-    if start is None:
-        start = _start_by_sample(chain, state, terms, references, reading_weights, robust=robust)
+    if start is None or len(start.coefficients) < LEAST_KNOWN * perturbed_chain.n_coefficients:
+        sampled = _start_by_sample(chain, state, terms, references, reading_weights, robust=robust)
+        start = start if sampled is None else sampled
     if start is not None:
         x, prior = started_at(start, perturbed_chain, prior, groups)
     offered = dict(zip(groups, np.bincount(prior.group).tolist(), strict=False))  # the last group are the unknowns
@@ -217,27 +225,21 @@ def _checked_weights(weights: FloatArray | None, references: Sequence[Reference]
 
 
 def _result(rounds: Rounds, offered: dict[str, int], state: ArmState, n_rounds: int) -> IdentificationResult:
-    """The result of all rounds, with the covariance at the final parameters.
-
-    If the readings leave a motion of decimetres open, the last step may still change the linearisation by more than the
-    noise.
-    """
+    """The result of all rounds, with the covariance at the final parameters."""
     problem, n_residuals = rounds.problem, rounds.n_residuals
     noise = np.sqrt(rounds.noise)
     prior = with_uncertain_scales(rounds.prior, rounds.effective)
     prior = without_negligible(prior, problem.perturbed_chain, state, float(noise.min()), n_residuals)
     effective = np.where(prior.scale > 0, rounds.effective, 0.0)
     x = np.where(prior.active, rounds.x, 0.0)
-    reduced = eliminate_unknowns(*linearised(problem, x, rounds.weights), x)
-    with one_blas_thread():
-        solution = grouped_equations(reduced, x, n_residuals).posterior(prior.subset(reduced.kept))
+    covariance = _covariance(rounds, x, prior)
     perturbed_chain, groups = problem.perturbed_chain, list(offered)
     kept = tuple(term for term in perturbed_chain.terms if prior.scale[groups.index(term.group)] > 0)
     active = np.flatnonzero(prior.active[: perturbed_chain.n_coefficients])
     return IdentificationResult(
         PerturbedChain(perturbed_chain.chain, kept),
         x[active],
-        solution.covariance[np.ix_(active, active)],
+        covariance[np.ix_(active, active)],
         (prior.ratio * prior.scale[prior.group])[active],
         tuple(
             TermGroupResult(name, n, float(effective[i]), float(prior.scale[i]))
@@ -247,6 +249,49 @@ def _result(rounds: Rounds, offered: dict[str, int], state: ArmState, n_rounds: 
         rounds.converged,
         n_rounds,
     )
+
+
+@one_blas_thread()
+def _covariance(rounds: Rounds, x: FloatArray, prior: GroupedPrior) -> FloatArray:
+    """Posterior covariance of the parameters at `x`, by the last linearisation where it still holds there."""
+
+    def posterior(reduced: SchurComplement) -> FloatArray:
+        equations = grouped_equations(reduced, x, rounds.n_residuals)
+        return equations.posterior(prior.subset(reduced.kept)).covariance
+
+    if _is_near(rounds, x):
+        covariance = posterior(rounds.reduced)
+        if _has_same_uncertainty(rounds, x, covariance):
+            return covariance
+    return posterior(eliminate_unknowns(*linearised(rounds.problem, x, rounds.weights), x))
+
+
+def _is_near(rounds: Rounds, x: FloatArray) -> bool:
+    """Whether the last linearisation may hold at `x`, whose places turned and moved by next to nothing since.
+
+    If the readings leave a motion of decimetres open, even the last step changes the derivatives along it. Only points
+    are considered: derivatives by the unknowns of other references change as well.
+    """
+    problem, step = rounds.problem, x - rounds.linearised_at if len(x) == len(rounds.linearised_at) else None
+    if step is None or any(reference.kind != "point" for reference in problem.references):
+        return False
+    chain, state = problem.perturbed_chain, _sample_of_tips(problem)
+    motions = np.abs(chain.motions(step, chain.values(state)))
+    return bool(motions[:, :3].max() < NEAR_RAD and motions[:, 3:].max() < NEAR_MM)
+
+
+def _has_same_uncertainty(rounds: Rounds, x: FloatArray, covariance: FloatArray) -> bool:
+    """Whether tips have the same uncertainty by the derivatives at `x` and by those of the last linearisation."""
+    chain, state, variances = rounds.problem.perturbed_chain, _sample_of_tips(rounds.problem), []
+    for point in (rounds.linearised_at, x):
+        _, _, columns = next(chain.derivatives(state, point))
+        flat = columns.reshape(len(columns), 3 * len(state))
+        variances.append((flat * (covariance @ flat)).sum(axis=0))
+    return bool((np.abs(variances[1] - variances[0]) <= 2 * SAME_UNCERTAINTY * variances[0]).all())
+
+
+def _sample_of_tips(problem: SmallMotionProblem) -> ArmState:
+    return problem.state.rows(np.linspace(0, len(problem.state) - 1, SAMPLE_OF_TIPS).astype(np.intp))
 
 
 def reference_fits(

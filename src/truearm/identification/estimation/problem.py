@@ -373,7 +373,9 @@ class _Sums:
             contracted = np.einsum("km,pkm->pm", by_site[i], columns)
             self.gram[: self.n_narrow, span] += contracted @ values[i].T
             self.gradient[span] += values[i] @ (by_site[i] * residuals).sum(axis=0)
-            for j, other in zip(self.wide[n:], self.spans[n:], strict=True):
+            half = np.sqrt((by_site[i] ** 2).sum(axis=0)) * values[i]
+            self.gram[span, span] += half @ half.T
+            for j, other in zip(self.wide[n + 1 :], self.spans[n + 1 :], strict=True):
                 product = (by_site[i] * by_site[j]).sum(axis=0)
                 self.gram[span, other] += (product * values[i]) @ values[j].T
         if len(self.by_unknown):

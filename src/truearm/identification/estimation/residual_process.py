@@ -142,25 +142,36 @@ def _information(
 ) -> tuple[list[FloatArray], list[FloatArray]]:
     """A and ``Sigma J^T W Phi`` of every process, by a sample of points with weights (3, m), each of `times`."""
     chain, values = fit.perturbed_chain, [basis.values(sample) for basis in bases]
-    counts = [3 * len(value) for value in values]
-    information = [np.zeros((n, n)) for n in counts]
-    across = [np.zeros((len(fit.coefficients), n)) for n in counts]
-    precision = np.diag(fit.prior_std**-2.0)
+    together, counts, p = np.concatenate(values), [len(value) for value in values], len(fit.coefficients)
+    information, across = [np.zeros((3, n, 3, n)) for n in counts], np.zeros((3, p, sum(counts)))
     axes = chain.chain.fixed[0, :3, :3].T
-    for rows, _, columns in chain.derivatives(sample, fit.coefficients):
-        weighted = (columns * weights[:, rows]).reshape(len(columns), -1)
-        if times > 1:
-            precision += times * weighted @ weighted.T
-        for k, value in enumerate(values):
-            own = (axes[:, None, :, None] * value[:, None, rows] * weights[:, rows]).reshape(counts[k], -1)
-            across[k] += weighted @ own.T
-            information[k] += own @ own.T
+    along = axes[:, :, None] * weights**2
+    for rows, derivatives in chain.derivatives_along(sample, fit.coefficients, along):
+        across += derivatives @ together[:, rows].T
+        for axis, other in np.ndindex(3, 3):
+            product = axes[other] @ along[axis][:, rows]
+            for own, value in zip(information, values, strict=True):
+                own[axis, :, other] += (product * value[:, rows]) @ value[:, rows].T
+    across = across.transpose(1, 0, 2)
     # With the covariance by all readings A would not be that of a least squares fit, and could be negative. References
     # of other kinds are left out: the other terms take over rather more.
-    covariance = fit.covariance if times == 1 else np.linalg.inv(precision)
-    taken_over = [times * covariance @ part for part in across]
-    reduced = [times * (a - b.T @ part) for a, b, part in zip(information, across, taken_over, strict=True)]
+    covariance = fit.covariance if times == 1 else np.linalg.inv(_precision(fit, sample, weights, times))
+    couplings = [part.reshape(p, -1) for part in np.split(across, np.cumsum(counts)[:-1], axis=2)]
+    taken_over = [times * covariance @ coupling for coupling in couplings]
+    reduced = [
+        times * (own.reshape(taken.shape[1], -1) - coupling.T @ taken)
+        for own, coupling, taken in zip(information, couplings, taken_over, strict=True)
+    ]
     return reduced, taken_over
+
+
+def _precision(fit: IdentificationResult, sample: ArmState, weights: FloatArray, times: float) -> FloatArray:
+    """Of the coefficients, by the points of the sample."""
+    precision = np.diag(fit.prior_std**-2.0)
+    for rows, _, columns in fit.perturbed_chain.derivatives(sample, fit.coefficients):
+        weighted = (columns * weights[:, rows]).reshape(len(columns), -1)
+        precision += times * weighted @ weighted.T
+    return precision
 
 
 def _gradient(fit: IdentificationResult, state: ArmState, weighted: FloatArray) -> FloatArray:
@@ -171,8 +182,8 @@ def _gradient(fit: IdentificationResult, state: ArmState, weighted: FloatArray) 
     if len(fit.references) > 1:
         return np.zeros(len(fit.coefficients))
     gradient = fit.coefficients / fit.prior_std**2
-    for rows, _, columns in fit.perturbed_chain.derivatives(state, fit.coefficients):
-        gradient += columns.reshape(len(columns), -1) @ weighted[:, rows].ravel()
+    for _, derivatives in fit.perturbed_chain.derivatives_along(state, fit.coefficients, weighted[None]):
+        gradient += derivatives[0].sum(axis=1)
     return gradient
 
 

@@ -71,6 +71,10 @@ class Rounds:
     calm : int
         Rounds since the noise no longer changes.
     converged : bool
+    linearised_at : (n_parameters,) array
+        Parameters before the last step.
+    reduced : SchurComplement
+        The normal equations there, without the artefacts' unknowns.
     """
 
     def __init__(
@@ -112,6 +116,7 @@ class Rounds:
         problem, x = self.problem, self.x
         parts, whole = linearised(problem, x, self.weights)
         reduced = eliminate_unknowns(parts, whole, x)
+        self.linearised_at, self.reduced = x, reduced
         with one_blas_thread():
             equations = grouped_equations(reduced, x, self.n_residuals)
             found = self._weigh_evidence(equations, reduced, whole)
