@@ -80,9 +80,9 @@ def test_gross_errors_of_any_size_are_named_and_no_others(seed, n, share):
 @settings(max_examples=20)
 def test_derivatives_of_the_deviance_are_its_differences(seed, k, freedom, share):
     rng = np.random.default_rng(seed)
-    known, squares = rng.uniform(0, 2e-3, (40, k)), 0.002 * rng.standard_t(4, (40, k)) ** 2
-    squares[0] = 0.0
-    own = rng.uniform(0.5, 1, (40, 1))
+    known, squares = rng.uniform(0, 2e-3, (k, 40)), 0.002 * rng.standard_t(4, (k, 40)) ** 2
+    squares[:, 0] = 0.0
+    own = rng.uniform(0.5, 1, 40)
     x = np.array([np.log(1.5e-3), 1 / freedom, np.log(share)])
 
     def deviance(x):

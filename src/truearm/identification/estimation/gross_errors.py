@@ -77,8 +77,8 @@ class ErrorDistribution:
         be honest.
         """
         known, squares, freedom = _along_axes(held_out)
-        t2 = (squares / (known + self.variance * freedom)).sum(axis=1)
-        weights = np.minimum((self.freedom + squares.shape[1]) / (self.freedom + t2), 1.0)
+        t2 = (squares / (known + self.variance * freedom)).sum(axis=0)
+        weights = np.minimum((self.freedom + len(squares)) / (self.freedom + t2), 1.0)
         return np.asarray(weights * (1 - self.gross_probability(held_out)))
 
 
@@ -125,14 +125,15 @@ def _deviance(
 
     These are the logarithm of the variance, one over the degrees of freedom and the logarithm of the share.
     """
-    nu, share, k = of.freedom, of.gross_share, squares.shape[1]
+    nu, share, k = of.freedom, of.gross_share, len(squares)
     honest, gross = _log_densities(known, squares, freedom, of)
     of_gross = expit(gross - honest)
     of_honest = 1 - of_gross
     variance = known + of.variance * freedom
     relative = of.variance * freedom / variance  # of the logarithm of each axis' variance by that of the scale
-    t2, t2_slope = (squares / variance).sum(axis=1), -(squares * relative / variance).sum(axis=1)
-    half_slope = 0.5 * relative.sum(axis=1)
+    parts = squares / variance
+    t2, t2_slope = parts.sum(axis=0), -(parts * relative).sum(axis=0)
+    half_slope = 0.5 * relative.sum(axis=0)
     # By the logarithm of t^2, whose power of one coordinate has no slope at zero.
     log_slope = np.divide(t2_slope, t2, out=np.zeros_like(t2), where=t2 > 0)
     of_length = of_honest * (nu + k) * t2 / (nu + t2) + of_gross * k * t2 ** (k / 2) / (
@@ -155,10 +156,10 @@ def _typical_variance(held_out: HeldOutReadings) -> float:
 
 
 def _along_axes(held_out: HeldOutReadings) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Variances (m, k) along the principal axes of the covariances, squared deviations there, and freedom (m, 1)."""
+    """Variances (k, m) along the principal axes of the covariances, squared deviations there, and freedom (m,)."""
     known, axes = np.linalg.eigh(held_out.covariance)
-    squares = np.einsum("nij,ni->nj", axes, held_out.deviations) ** 2
-    return np.maximum(known, 0.0), squares, held_out.freedom[:, None]
+    squares = np.einsum("nij,ni->jn", axes, held_out.deviations) ** 2
+    return np.ascontiguousarray(np.maximum(known, 0.0).T), squares, held_out.freedom
 
 
 def _log_densities(
@@ -166,9 +167,9 @@ def _log_densities(
 ) -> tuple[FloatArray, FloatArray]:
     """Logarithms of share times density, honest and gross, both without the common Jacobian of the whitening."""
     variance, nu = known + of.variance * freedom, of.freedom
-    t2 = (squares / variance).sum(axis=1)
-    half_log_det = 0.5 * np.log(variance).sum(axis=1)
-    k = squares.shape[1]
+    t2 = (squares / variance).sum(axis=0)
+    half_log_det = 0.5 * np.log(variance).sum(axis=0)
+    k = len(squares)
     norm = gammaln((nu + k) / 2) - gammaln(nu / 2) - k / 2 * np.log(nu * np.pi) + np.log1p(-of.gross_share)
     honest = norm - 0.5 * (nu + k) * np.log1p(t2 / nu)
     # A density 1/t of the length, between the first gross errors and the largest; smooth below these.
