@@ -101,14 +101,14 @@ def paule_mandel_variance(
     from scipy.optimize import brentq
 
     n, k = residuals.shape
-    squares = residuals**2
+    squares, known = (np.ascontiguousarray(part.T) for part in (residuals**2, reference_variance))
     per_reading = expected_clipped_square(k) if robust else float(k)
     # With as many parameters as data no freedom remains to estimate the noise: use a thousandth instead.
     freedom: float = max(per_reading * n - n_effective, 1e-3 * n)
     most = huber_threshold_squared(k) if robust else np.inf
 
     def excess(log_v: float) -> float:
-        lengths_squared = (squares / (reference_variance + np.exp(log_v))).sum(axis=1)
+        lengths_squared = (squares / (known + np.exp(log_v))).sum(axis=0)
         return float(np.minimum(lengths_squared, most).sum()) - freedom
 
     lowest, highest = np.log(FLOOR_MM2), np.log(1.01 * squares.sum() / freedom + 2 * FLOOR_MM2)
@@ -358,8 +358,8 @@ def _features(angles: FloatArray, centre: FloatArray, spread: FloatArray) -> Flo
 class _Deviance:
     """Negative logarithm of the posterior, by the variance's logarithm and the coefficients, with its gradient.
 
-    Deviations are along the principal axes of their covariances: `known` (m, k) are the variances there, `squares`
-    (m, k) the squared deviations. Readings of a group have common errors and count together as one.
+    Deviations are along the principal axes of their covariances: `known` (k, m) are the variances there, `squares`
+    (k, m) the squared deviations. Readings of a group have common errors and count together as one.
     """
 
     squares: FloatArray
@@ -373,21 +373,23 @@ class _Deviance:
     def of(cls, held_out: HeldOutReadings, features: FloatArray) -> Self:
         """The deviance of held-out readings."""
         known, axes = np.linalg.eigh(held_out.covariance)
-        squares = np.einsum("nij,ni->nj", axes, held_out.deviations) ** 2
-        typical = max(float(np.median(squares.sum(axis=1) / held_out.freedom)) / held_out.n_coordinates, FLOOR_MM2)
+        squares = np.einsum("nij,ni->jn", axes, held_out.deviations) ** 2
+        typical = max(float(np.median(squares.sum(axis=0) / held_out.freedom)) / held_out.n_coordinates, FLOOR_MM2)
         weight = len(np.unique(held_out.group)) / len(held_out.rows)
-        return cls(squares, np.maximum(known, 0.0), held_out.freedom[:, None], features, typical, weight)
+        known = np.ascontiguousarray(np.maximum(known, 0.0).T)
+        return cls(squares, known, held_out.freedom, features, typical, weight)
 
     def __call__(self, parameters: FloatArray, precision: float) -> tuple[float, FloatArray]:
         """Value and gradient, under a precision of the coefficients' prior."""
         coefficients = parameters[1:]
         own = self._own(parameters)
         variance = self.known + own
-        n, k = STUDENT_FREEDOM, self.squares.shape[1]
-        length = (self.squares / variance).sum(axis=1)
+        n, k = STUDENT_FREEDOM, len(self.squares)
+        parts = self.squares / variance
+        length = parts.sum(axis=0)
         value = 0.5 * np.log(variance).sum() + 0.5 * (n + k) * np.log1p(length / n).sum()
-        pull = ((n + k) / (n + length))[:, None]
-        by_log = (0.5 * own / variance * (1 - pull * self.squares / variance)).sum(axis=1)
+        pull = (n + k) / (n + length)
+        by_log = 0.5 * own * ((1 - pull * parts) / variance).sum(axis=0)
         prior = precision * coefficients
         gradient = np.concatenate([[by_log.sum()], self.features.T @ by_log]) * self.weight
         gradient[1:] += prior
@@ -400,9 +402,9 @@ class _Deviance:
         J. M. G. Taylor, J. Am. Stat. Assoc. 84 (1989) 881, section 4); f^2 times
         as much where the scale is a share f of the variance.
         """
-        own, k = self._own(parameters), self.squares.shape[1]
+        own, k = self._own(parameters), len(self.squares)
         share = own / (self.known + own)
-        each = self.weight * (share**2).sum(axis=1) / 2 * STUDENT_FREEDOM / (STUDENT_FREEDOM + k + 2)
+        each = self.weight * (share**2).sum(axis=0) / 2 * STUDENT_FREEDOM / (STUDENT_FREEDOM + k + 2)
         design = np.hstack([np.ones((len(own), 1)), self.features])
         information = design.T @ (each[:, None] * design)
         information[1:, 1:].flat[:: len(information)] += precision
@@ -412,4 +414,4 @@ class _Deviance:
 
     def _own(self, parameters: FloatArray) -> FloatArray:
         log_share = np.clip(parameters[0] + self.features @ parameters[1:], -50.0, 50.0)
-        return np.asarray(self.typical * np.exp(log_share)[:, None] * self.freedom)
+        return np.asarray(self.typical * np.exp(log_share) * self.freedom)
