@@ -19,8 +19,9 @@ from truearm.identification.terms.term import Term
 from truearm.solve.group_evidence import GroupedEquations, GroupedPrior, prune_groups, update_scales
 from truearm.typing import BoolArray, FloatArray, IntArray
 
-# Rounds of the evidence on one linearisation.
-SCALE_ROUNDS = 2
+# Rounds of the evidence on one linearisation: so many at least and at most, and between as many as cost less than it.
+# With p coefficients one costs about as much as the products of so many times p residuals.
+LEAST_SCALE_ROUNDS, MOST_SCALE_ROUNDS, RESIDUALS_OF_A_ROUND = 2, 20, 20
 # Scales have converged when none changes by a larger share; a scale is known to some tens of per cent at best.
 SETTLED_SCALES = 1e-2
 # Groups of fewer effective parameters are not considered for that.
@@ -123,19 +124,24 @@ class WeighedEvidence(NamedTuple):
     effective: FloatArray
 
 
+def scale_rounds(n_coefficients: int, n_residuals: int, *, is_calm: bool) -> int:
+    """Rounds of the evidence on a linearisation: one while the noise still changes, as the scales follow it."""
+    affordable = n_residuals // (RESIDUALS_OF_A_ROUND * max(n_coefficients, 1))
+    return min(max(affordable, LEAST_SCALE_ROUNDS), MOST_SCALE_ROUNDS) if is_calm else 1
+
+
 def weigh_evidence(
-    equations: GroupedEquations, kept: IntArray, prior: GroupedPrior, prunable: BoolArray, *, is_calm: bool
+    equations: GroupedEquations, kept: IntArray, prior: GroupedPrior, prunable: BoolArray, *, rounds: int
 ) -> WeighedEvidence:
     """Some rounds towards the scales of maximum evidence on a linearisation.
 
-    One while the noise still changes, as the scales follow it. Groups that are `prunable` (n_groups,) get scale 0, and
-    keep it, where the evidence is larger without them.
+    Groups that are `prunable` (n_groups,) get scale 0, and keep it, where the evidence is larger without them.
     """
     of_kept = prior.subset(kept)
     bounds = {"log_spread": LOG_SPREAD, "least": LEAST_SCALE, "most": MOST_SCALE}
     known = equations.marginal_posterior(of_kept)
     scale, effective = update_scales(of_kept, known, **bounds)
-    for _ in range(SCALE_ROUNDS if is_calm else 1):
+    for _ in range(rounds):
         counted = effective > LEAST_EFFECTIVE
         change = np.abs(scale - of_kept.scale)[counted] / of_kept.scale[counted]
         of_kept = replace(of_kept, scale=scale)

@@ -11,7 +11,12 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from truearm.identification.estimation.group_scales import WeighedEvidence, weigh_evidence, without_invisible
+from truearm.identification.estimation.group_scales import (
+    WeighedEvidence,
+    scale_rounds,
+    weigh_evidence,
+    without_invisible,
+)
 from truearm.identification.estimation.linearisation import (
     SIZE_STD,
     eliminate_unknowns,
@@ -33,6 +38,8 @@ from truearm.typing import BoolArray, FloatArray
 SETTLED_STEP = 0.05
 CALM_NOISE, SAME_NOISE = 0.05, 1e-4
 LEAST_NOISE = 1e-30
+# Steps that lead back are shortened unless each is this much smaller than the one before.
+SHRINKING = 0.8
 # Maximum halvings of a step until the cost does not rise by more than this share, its rounding.
 MAX_HALVINGS = 7
 COST_ROUNDING = 1e-9
@@ -92,7 +99,7 @@ class Rounds:
         self._groups, self._fast, self._robust = groups, fast, robust
         self.noise = np.full(len(problem.references), np.inf)
         self._per_reference = np.zeros(len(problem.references))
-        self._step, self._share = np.zeros(len(x)), 1.0
+        self._step, self._moved_by, self._share = np.zeros(len(x)), 0.0, 1.0
         self.calm, self.converged = 0, False
         self.problem, self._given = problem, given
         self.n_residuals = sum(
@@ -140,21 +147,23 @@ class Rounds:
         if self.calm and not self._was_calm:
             self.prior = without_invisible(self.prior, whole.diagonal, self.n_residuals)
         prunable = self._fast if self.calm >= 2 else np.zeros_like(self._fast)
-        return weigh_evidence(equations, reduced.kept, self.prior, prunable, is_calm=self.calm >= 1)
+        rounds = scale_rounds(len(reduced.kept), self.n_residuals, is_calm=self.calm >= 1)
+        return weigh_evidence(equations, reduced.kept, self.prior, prunable, rounds=rounds)
 
     def _take(self, step: FloatArray, along: FloatArray, x: FloatArray, n_determined: float) -> float:
-        """Take a step, shorter where steps turn back; its size as a share of the parameters' uncertainty.
+        """Take a step, shorter where steps turn back and do not shrink.
 
-        `along` is the Gauss-Newton matrix times the step.
+        Returns its full size as a share of the parameters' uncertainty. `along` is the Gauss-Newton matrix times the
+        step.
         """
         # Rounding may make a tiny product negative.
-        square = max(float(step @ along), 0.0) / max(float(self.effective.sum()) + n_determined, 1.0)
-        back = float(along @ self._step) < 0
+        moved_by = float(np.sqrt(max(float(step @ along), 0.0) / max(float(self.effective.sum()) + n_determined, 1.0)))
+        back = float(along @ self._step) < 0 and moved_by > SHRINKING * self._moved_by
         self._share = max(self._share / 2, 0.1) if self.calm >= 2 and back else min(1.5 * self._share, 1.0)
-        self._step = step
+        self._step, self._moved_by = step, moved_by
         cost, halving = _cost(self.problem, self.weights, self.prior), StepHalving(self._share, MAX_HALVINGS)
         self.x, self._residuals = take_step(self.problem, x, self._residuals, step, cost, halving)
-        return float(np.sqrt(square))
+        return moved_by
 
     def _drop_pruned(self) -> None:
         """Set up the problem without pruned terms, where these are many."""
