@@ -436,6 +436,14 @@ def test_a_damaged_file_of_a_training_is_refused(tmp_path, damage):
     assert error.value.file == file
 
 
+def test_a_training_whose_result_cannot_be_written_does_not_begin(tmp_path):
+    training = training_of(2, TABLES[2][0], "varpro", EFFORT, seed=0)
+    begun = []
+    with pytest.raises(InputError, match="the folder .*missing does not exist"):
+        run_training(training, tmp_path / "missing", lambda share, note: begun.append(share))
+    assert not begun
+
+
 def test_a_learning_curve_is_kept_and_may_be_missing_in_files_of_earlier_versions(tmp_path):
     training = training_of(2, TABLES[2][0], "varpro", EFFORT, seed=0)
     done = run_training(training, tmp_path, lambda share, note: None)

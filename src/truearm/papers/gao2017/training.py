@@ -30,7 +30,7 @@ from truearm.compensation.nets.traingdx import traingdx
 from truearm.compensation.nets.training import Epoch, TrainingRecord, dividerand
 from truearm.compensation.nets.trainlm import trainlm
 from truearm.errors import InputError
-from truearm.files.atomic_write import atomic_file
+from truearm.files.atomic_write import atomic_file, check_writable
 from truearm.identification.planning.sampling import box
 from truearm.identification.virtual import Measurement, VirtualArm, load_preset
 from truearm.papers.gao2017.results import TIME_OVER
@@ -249,13 +249,14 @@ def run_training(training: Training, folder: Path, progress: ProgressCallback) -
     Raises
     ------
     InputError
-        If the file is damaged, or of another training.
+        If the file is damaged, or of another training; before the training if it cannot be written.
     """
     file = folder / f"{training.name}.json"
     if file.exists():
         found = _TrainingFile.read(file, training)
         if not found.was_cut or (found.limit_s or math.inf) >= (training.time_limit_s or math.inf):
             return found
+    check_writable(file)
     result = _train(training, progress)
     with atomic_file(file) as beside:
         beside.write_text(_TrainingFile.of(result).model_dump_json() + "\n", encoding="utf-8", newline="\n")
