@@ -2,8 +2,9 @@
 
     python benchmarks/speed.py [--rows NAME ...] [--json] [--list]
 
-Rows that take many minutes run only if they are named. Every row runs in a process of its own, so that no row finds what another one loaded or left in a cache. Fitted models
-that several rows need are fitted once and shared as files. Seconds of imports count only where a row says so.
+Rows that take many minutes run only if they are named. Every row runs in a process of its own, so that no row finds
+what another one loaded or left in a cache. Fitted models that several rows need are fitted once and shared as files.
+Seconds of imports count only where a row says so.
 """
 
 from __future__ import annotations
