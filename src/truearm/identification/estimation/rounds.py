@@ -1,8 +1,7 @@
 """The rounds of an identification: weights and noise, a linearisation, scales by evidence, and a damped step.
 
 Weights and noise follow from the residuals, scales and parameters from a linearisation, and both change each other, so
-rounds are no epochs of one minimisation: each takes one damped step of the least-squares loop. (A start from a part of
-many readings saves no round on all of them: the last rounds are those in which the scales settle.)
+rounds are no epochs of one minimisation: each takes one damped step of the least-squares loop.
 """
 
 from __future__ import annotations
