@@ -19,6 +19,11 @@ PROGRAM = [sys.executable, "-m", "truearm"]
 PATIENCE_S = 120
 
 
+def _listens_to_ctrl_c() -> None:
+    """What a shell starts in the background ignores Ctrl-C, and so would the programs that these tests start there."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 class Watched:
     """A program whose standard error is a terminal of 80 columns, its standard output a pipe."""
 
@@ -28,7 +33,12 @@ class Watched:
         self.terminal, end = pty.openpty()
         environment = os.environ | {"TERM": "xterm", "COLUMNS": "80"}
         self.program = subprocess.Popen(
-            [*PROGRAM, *map(str, arguments)], cwd=folder, stdout=subprocess.PIPE, stderr=end, env=environment
+            [*PROGRAM, *map(str, arguments)],
+            cwd=folder,
+            stdout=subprocess.PIPE,
+            stderr=end,
+            env=environment,
+            preexec_fn=_listens_to_ctrl_c,
         )
         os.close(end)
         self.err = b""
@@ -53,7 +63,12 @@ class Watched:
             time.sleep(0.01)
 
     def end(self) -> tuple[int, str, str]:
-        out = self.program.communicate(timeout=PATIENCE_S)[0]
+        try:
+            out = self.program.communicate(timeout=PATIENCE_S)[0]
+        except subprocess.TimeoutExpired:
+            self.program.kill()
+            self.program.communicate()
+            raise
         self.reader.join(PATIENCE_S)
         os.close(self.terminal)
         return self.program.returncode, out.decode(), self.err.decode()

@@ -55,6 +55,16 @@ def test_a_joint_counted_on_by_full_turns_is_where_it_was(turns, seed):
         assert outside(turned + [100.0 * turns, 0.0], angles, np.array([True, False])).all()
 
 
+@settings(max_examples=20, deadline=None)
+@given(st.integers(-2, 2), st.integers(0, 10**6))
+def test_a_training_angle_with_its_rounding_is_inside(turns, seed):
+    """A pose at an end of the range, corrected there and back, comes back to a rounding of 1e-15 beyond it."""
+    rng = np.random.default_rng(seed)
+    angles = rng.normal(size=(50, 2))
+    rounding = rng.choice([-1e-12, 1e-12], size=angles.shape)
+    assert not outside(angles + 2 * np.pi * turns + rounding, angles, np.zeros(2, bool)).any()
+
+
 def test_joints_that_are_inside_one_by_one_may_be_outside_together():
     """Training along a diagonal: its other corners are in both ranges, and far from every reading."""
     along = np.linspace(-1, 1, 100)

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from truearm.errors import InputError
-from truearm.readings.checks import MAX_SKIPPED_SHARE
+from truearm.readings.checks import LIMIT_TOLERANCE, MAX_SKIPPED_SHARE
 from truearm.readings.lengths import Lengths
 from truearm.readings.session import DIRECTION, LOAD, PAYLOAD, Session
 from truearm.readings.thermal_expansion import REFERENCE_DEGC, UNSTATED_U_K
@@ -248,18 +248,21 @@ class TrainingConditions:
         return np.asarray(np.abs(self.angle_ranges).max(axis=1))
 
     def _inside_by_joint(self, angles: FloatArray, prismatic: BoolArray) -> BoolArray:
-        """(n, n_joints) whether an angle, or one some full turns from it, is in the range and in none of its gaps."""
+        """(n, n_joints) whether an angle, or one some full turns from it, is in the range and in none of its gaps.
+
+        An end of the range is inside with its rounding: a training angle that is calculated again may be beyond it.
+        """
         inside = np.zeros(angles.shape, dtype=bool)
         for joint, (lower, upper) in enumerate(self.angle_ranges):
             gaps = self.angle_gaps[self.angle_gaps[:, 0] == joint, 1:]
             at = angles[:, joint]
             turns = [at]
             if not prismatic[joint]:
-                first = lower + np.mod(at - lower, 2 * np.pi)
+                first = lower - LIMIT_TOLERANCE + np.mod(at - lower + LIMIT_TOLERANCE, 2 * np.pi)
                 turns += [first + 2 * np.pi * k for k in range(min(int((upper - lower) / (2 * np.pi)), MOST_TURNS) + 1)]
             for turned in turns:
                 in_gap = ((turned[:, None] > gaps[:, 0]) & (turned[:, None] < gaps[:, 1])).any(axis=1)
-                inside[:, joint] |= (turned >= lower) & (turned <= upper) & ~in_gap
+                inside[:, joint] |= (turned >= lower - LIMIT_TOLERANCE) & (turned <= upper + LIMIT_TOLERANCE) & ~in_gap
         return inside
 
     def _distance(self, angles: FloatArray, prismatic: BoolArray) -> FloatArray:
