@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.sparse import csr_array
 
 from truearm.solve.arrowhead import Arrowhead
-from truearm.solve.group_evidence import GroupedPrior, marginal_posterior, posterior
+from truearm.solve.group_evidence import GroupedPrior, posterior
 
 P = 5  # in the head
 
@@ -90,7 +90,7 @@ def test_all_numbers_are_those_of_the_whole_matrix(seed, sizes, n_shared, precis
     )
     size = np.linalg.norm(dense.x / std)
     np.testing.assert_allclose((x + left.step(found.x - x[kept]) - dense.x) / std, 0, atol=1e-9 * size)
-    alone = marginal_posterior(left.gram, right, prior.subset(kept), size=left.size)
+    alone = posterior(left.gram, right, prior.subset(kept), size=left.size)
     np.testing.assert_allclose(alone.variance, dense.covariance.diagonal()[kept], rtol=1e-9)
     # What every part determines, in all parameters: its matrix stands at its own unknowns.
     start, expected = P, []

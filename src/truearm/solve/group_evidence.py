@@ -18,14 +18,14 @@ Source: D. J. C. MacKay, "Bayesian interpolation", Neural Computation 4 (1992) 4
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import LinAlgError, cholesky, qr
 from scipy.linalg.lapack import dtrtri
 from scipy.special import wrightomega
 
-from truearm.solve.low_rank import MAX_RANK, LowRankEquations
+from truearm.solve.low_rank import MAX_RANK, LowRankEquations, LowRankPosterior
 from truearm.solve.square_roots import MIN_PIVOT, ROUNDING, unit_diagonal
 from truearm.typing import BoolArray, FloatArray, IntArray
 
@@ -74,57 +74,54 @@ class GroupedPrior:
         return np.asarray(np.bincount(self.group, values, minlength=len(self.scale)), dtype=float)
 
 
-class MarginalPosterior(NamedTuple):
-    """Marginal posterior of every parameter.
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """Gaussian posterior of the parameters; pruned ones are zero and have no variance.
 
     Attributes
     ----------
     x : (p,) array
-        Means; zero for pruned parameters.
-    variance : (p,) array
-        Zero for pruned parameters.
+        Means.
+    active : (k,) int array
+        Parameters that are not pruned.
+    root : (n, k) array
+        F with ``F^T F`` their covariance.
     """
 
     x: FloatArray
-    variance: FloatArray
+    active: IntArray
+    root: FloatArray
 
+    @cached_property
+    def variance(self) -> FloatArray:
+        """(p,) variances: a fraction of the work of the covariance."""
+        variance = np.zeros(len(self.x))
+        variance[self.active] = np.einsum("ij,ij->j", self.root, self.root)
+        return variance
 
-class Posterior(NamedTuple):
-    """Gaussian posterior of the parameters.
+    @cached_property
+    def covariance(self) -> FloatArray:
+        """(p, p) covariance."""
+        if len(self.active) == len(self.x):
+            return np.asarray(self.root.T @ self.root)
+        covariance = np.zeros((len(self.x),) * 2)
+        covariance[np.ix_(self.active, self.active)] = self.root.T @ self.root
+        return covariance
 
-    Attributes
-    ----------
-    x : (p,) array
-        Means; zero for pruned parameters.
-    covariance : (p, p) array
-        Zero for pruned parameters.
-    """
-
-    x: FloatArray
-    covariance: FloatArray
-
-
-def marginal_posterior(
-    gram: FloatArray, right: FloatArray, prior: GroupedPrior, *, size: FloatArray | None = None
-) -> MarginalPosterior:
-    """Posterior of data with normal equations ``gram x = right``: means and variances.
-
-    `size` (p,) is the diagonal before other parameters were eliminated, which determines the rounding.
-    """
-    active = np.flatnonzero(prior.active)
-    x, variance = np.zeros(len(gram)), np.zeros(len(gram))
-    x[active], root = _solved(gram, right, prior, active, size)
-    variance[active] = np.einsum("ij,ij->j", root, root)
-    return MarginalPosterior(x, variance)
+    def block(self, rows: IntArray) -> FloatArray:
+        """(m, m) covariance of some of the active parameters, in increasing order."""
+        own = self.root[:, np.searchsorted(self.active, rows)]
+        return np.asarray(own.T @ own)
 
 
 def posterior(gram: FloatArray, right: FloatArray, prior: GroupedPrior, *, size: FloatArray | None = None) -> Posterior:
-    """The same with the whole covariance."""
-    active = np.flatnonzero(prior.active)
-    x, covariance = np.zeros(len(gram)), np.zeros(gram.shape)
+    """Posterior of data with normal equations ``gram x = right``.
+
+    `size` (p,) is the diagonal before other parameters were eliminated, which determines the rounding.
+    """
+    active, x = np.flatnonzero(prior.active), np.zeros(len(gram))
     x[active], root = _solved(gram, right, prior, active, size)
-    covariance[np.ix_(active, active)] = root.T @ root
-    return Posterior(x, covariance)
+    return Posterior(x, active, root)
 
 
 class GroupedEquations:
@@ -144,17 +141,11 @@ class GroupedEquations:
         self._gram, self._right, self._size = gram, right, size
         self._few = LowRankEquations.of(gram, right, size) if n_data <= MAX_RANK * len(gram) else None
 
-    def marginal_posterior(self, prior: GroupedPrior) -> MarginalPosterior:
-        """See the function `marginal_posterior`."""
-        if self._few is None or (found := self._few.solve(prior.ratio * prior.scale[prior.group])) is None:
-            return marginal_posterior(self._gram, self._right, prior, size=self._size)
-        return MarginalPosterior(found.x, found.variance)
-
-    def posterior(self, prior: GroupedPrior) -> Posterior:
+    def posterior(self, prior: GroupedPrior) -> Posterior | LowRankPosterior:
         """See the function `posterior`."""
         if self._few is None or (found := self._few.solve(prior.ratio * prior.scale[prior.group])) is None:
             return posterior(self._gram, self._right, prior, size=self._size)
-        return Posterior(found.x, found.covariance)
+        return found
 
 
 def _solved(
@@ -164,18 +155,23 @@ def _solved(
 
     Columns are first scaled to unit diagonal, before elimination, so that radians and millimetres compare.
     """
-    gram, right, precision = gram[np.ix_(active, active)], right[active], prior.precision[active]
-    size = np.maximum(gram.diagonal() if size is None else size[active], 0)
+    if len(active) < len(gram):
+        gram, right = gram[np.ix_(active, active)], right[active]
+        size = None if size is None else size[active]
+    precision = prior.precision[active]
+    size = np.maximum(gram.diagonal() if size is None else size, 0)
     matrix, scale = unit_diagonal(gram, size + precision)
     matrix.flat[:: len(matrix) + 1] += precision / scale**2
     try:
-        lower = cholesky(matrix, lower=True, check_finite=False)
+        # The transpose of a symmetric matrix is itself, in the order of columns that LAPACK works on without a copy.
+        lower = cholesky(matrix.T, lower=True, overwrite_a=True, check_finite=False)
     except LinAlgError:
         return _solved_by_orthogonal_factors(gram, right, precision, size)
     if (lower.diagonal() ** 2).min(initial=1.0) < MIN_PIVOT:
         return _solved_by_orthogonal_factors(gram, right, precision, size)
     # With A = L L^T it is L^-1, which costs a third of A^-1.
-    root = _inverse_triangle(lower, lower=True) / scale
+    root = _inverse_triangle(lower, lower=True)
+    root /= scale
     return root.T @ (root @ right), root
 
 
@@ -210,20 +206,21 @@ def _solved_by_orthogonal_factors(
 
 
 def _inverse_triangle(matrix: FloatArray, *, lower: bool) -> FloatArray:
+    """The inverse of a triangle, in its place."""
     if not len(matrix):  # LAPACK refuses matrices without rows
         return matrix
-    return np.asarray(dtrtri(matrix, lower=int(lower))[0])
+    return np.asarray(dtrtri(matrix, lower=int(lower), overwrite_c=1)[0])
 
 
 def update_scales(
-    prior: GroupedPrior, found: MarginalPosterior, *, log_spread: float, least: float, most: float
+    prior: GroupedPrior, found: Posterior | LowRankPosterior, *, log_spread: float, least: float, most: float
 ) -> tuple[FloatArray, FloatArray]:
     """One round of the fixed point.
 
     Parameters
     ----------
     prior : GroupedPrior
-    found : MarginalPosterior
+    found : Posterior
         Under `prior`.
     log_spread : float
         Prior standard deviation of the logarithm of a scale, about 0.
@@ -249,7 +246,9 @@ def update_scales(
     return scale, effective
 
 
-def prune_groups(prior: GroupedPrior, found: Posterior, which: BoolArray, *, log_spread: float) -> GroupedPrior:
+def prune_groups(
+    prior: GroupedPrior, found: Posterior | LowRankPosterior, which: BoolArray, *, log_spread: float
+) -> GroupedPrior:
     """Prune those of some groups without which the evidence is larger.
 
     With x and S the posterior of a group's m parameters and P their prior covariance, pruning it changes the log
@@ -273,23 +272,31 @@ def prune_groups(prior: GroupedPrior, found: Posterior, which: BoolArray, *, log
         With scale 0 for pruned groups.
     """
     std = prior.ratio * prior.scale[prior.group]
-    active = np.flatnonzero(prior.active)
     scale = prior.scale.copy()
-    x = np.divide(found.x, std, out=np.zeros(len(std)), where=std > 0)
-    covariance = np.zeros_like(found.covariance)
-    covariance[np.ix_(active, active)] = found.covariance[np.ix_(active, active)] / np.outer(std[active], std[active])
+    per_std = np.divide(1.0, std, out=np.zeros(len(std)), where=std > 0)
+    # In units of the prior; the covariance of all parameters is needed only once a group is pruned.
+    x = found.x * per_std
+    covariance: FloatArray | None = None
     members = {int(g): np.flatnonzero(prior.group == g) for g in np.flatnonzero(which & prior.learned & (scale > 0))}
+
+    def whitening(rows: IntArray) -> tuple[FloatArray, float]:
+        if covariance is None:
+            return _whitening(found.block(rows) * per_std[rows] * per_std[rows, None])
+        return _whitening(covariance[np.ix_(rows, rows)])
+
     while members:
         gains = {}
         for g, rows in members.items():
-            half, log_det = _whitening(covariance[np.ix_(rows, rows)])
+            half, log_det = whitening(rows)
             squares = (half @ x[rows]) ** 2
             gains[g] = 0.5 * (np.log(scale[g]) ** 2 / log_spread**2 - log_det - squares.sum())
         g = max(gains, key=gains.__getitem__)
         if gains[g] < MIN_GAIN:
             break
         rows = members.pop(g)
-        half, _ = _whitening(covariance[np.ix_(rows, rows)])
+        half, _ = whitening(rows)
+        if covariance is None:
+            covariance = found.covariance * per_std * per_std[:, None]
         across = covariance[:, rows] @ half.T
         x -= across @ (half @ x[rows])
         covariance -= across @ across.T
@@ -308,7 +315,8 @@ def _whitening(white: FloatArray) -> tuple[FloatArray, float]:
         pass
     else:
         if (lower.diagonal() ** 2).min(initial=1.0) > MIN_PIVOT:
-            return _inverse_triangle(lower, lower=True), 2 * float(np.log(lower.diagonal()).sum())
+            log_det = 2 * float(np.log(lower.diagonal()).sum())
+            return _inverse_triangle(lower, lower=True), log_det
     values, vectors = np.linalg.eigh(white)
     values = np.clip(values, ROUNDING, 1.0)
     return np.asarray((vectors / np.sqrt(values)).T), float(np.log(values).sum())

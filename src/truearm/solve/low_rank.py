@@ -12,13 +12,14 @@ Source: C. E. Rasmussen, C. K. I. Williams, "Gaussian Processes for Machine Lear
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import LinAlgError, cholesky, solve_triangular
 from scipy.linalg.lapack import dpstrf
 
 from truearm.solve.square_roots import MIN_PIVOT, ROUNDING, unit_diagonal
-from truearm.typing import BoolArray, FloatArray
+from truearm.typing import BoolArray, FloatArray, IntArray
 
 # Largest rank, as a share of the parameters, at which this costs less than the equations of the parameters.
 MAX_RANK = 0.4
@@ -104,7 +105,7 @@ class LowRankPosterior:
     data: FloatArray
     lower: FloatArray
 
-    @property
+    @cached_property
     def x(self) -> FloatArray:
         """(p,) means."""
         narrow, wide = self.columns[:, ~self.is_wide], self.columns[:, self.is_wide]
@@ -114,7 +115,7 @@ class LowRankPosterior:
         x[~self.is_wide] = narrow.T @ (self.data - wide @ x[self.is_wide])
         return x * self.std
 
-    @property
+    @cached_property
     def variance(self) -> FloatArray:
         """(p,) variances."""
         narrow, across, inverse = self._blocks()
@@ -123,7 +124,7 @@ class LowRankPosterior:
         variance[~self.is_wide] = 1 - (narrow**2).sum(axis=0) + (across**2).sum(axis=0)
         return np.asarray(np.maximum(variance, 0.0) * self.std**2)
 
-    @property
+    @cached_property
     def covariance(self) -> FloatArray:
         """(p, p) covariance."""
         narrow, across, inverse = self._blocks()
@@ -137,6 +138,10 @@ class LowRankPosterior:
         found[np.ix_(of_narrow, of_wide)] = coupled
         found[np.ix_(of_wide, of_narrow)] = coupled.T
         return np.asarray(found * self.std * self.std[:, None])
+
+    def block(self, rows: IntArray) -> FloatArray:
+        """(m, m) covariance of some parameters."""
+        return np.asarray(self.covariance[np.ix_(rows, rows)])
 
     def _blocks(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Narrow columns, their products with the wide ones, and the root of the latter's covariance."""

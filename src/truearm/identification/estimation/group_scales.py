@@ -16,7 +16,8 @@ from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.terms.basis import Harmonics
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
-from truearm.solve.group_evidence import GroupedEquations, GroupedPrior, prune_groups, update_scales
+from truearm.solve.group_evidence import GroupedEquations, GroupedPrior, Posterior, prune_groups, update_scales
+from truearm.solve.low_rank import LowRankPosterior
 from truearm.typing import BoolArray, FloatArray, IntArray
 
 # Rounds of the evidence on one linearisation: so many at least and at most, and between as many as cost less than it.
@@ -112,15 +113,15 @@ class WeighedEvidence(NamedTuple):
         The prior of the posterior.
     next : GroupedPrior
         One update further, to begin the next round with.
-    x : (k,) array
-        Means of the kept parameters.
+    posterior : Posterior or LowRankPosterior
+        Of the kept parameters under `prior`.
     effective : (n_groups,) array
         Number of parameters of every group that the data determine.
     """
 
     prior: GroupedPrior
     next: GroupedPrior
-    x: FloatArray
+    posterior: Posterior | LowRankPosterior
     effective: FloatArray
 
 
@@ -139,20 +140,20 @@ def weigh_evidence(
     """
     of_kept = prior.subset(kept)
     bounds = {"log_spread": LOG_SPREAD, "least": LEAST_SCALE, "most": MOST_SCALE}
-    known = equations.marginal_posterior(of_kept)
+    known = equations.posterior(of_kept)
     scale, effective = update_scales(of_kept, known, **bounds)
     for _ in range(rounds):
         counted = effective > LEAST_EFFECTIVE
         change = np.abs(scale - of_kept.scale)[counted] / of_kept.scale[counted]
         of_kept = replace(of_kept, scale=scale)
-        known = equations.marginal_posterior(of_kept)
+        known = equations.posterior(of_kept)
         scale, effective = update_scales(of_kept, known, **bounds)
         if change.max(initial=0.0) < SETTLED_SCALES:
             break
     if (prunable & prior.learned & (of_kept.scale > 0)).any():
-        pruned = prune_groups(of_kept, equations.posterior(of_kept), prunable, log_spread=LOG_SPREAD)
+        pruned = prune_groups(of_kept, known, prunable, log_spread=LOG_SPREAD)
         if (pruned.scale < of_kept.scale).any():
             of_kept = pruned
-            known = equations.marginal_posterior(of_kept)
+            known = equations.posterior(of_kept)
             scale, effective = update_scales(of_kept, known, **bounds)
-    return WeighedEvidence(replace(prior, scale=of_kept.scale), replace(prior, scale=scale), known.x, effective)
+    return WeighedEvidence(replace(prior, scale=of_kept.scale), replace(prior, scale=scale), known, effective)

@@ -23,7 +23,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from truearm.arm.rigid_motions import rotations_and_jacobians
-from truearm.identification.estimation.perturbed_chain import CHUNK, PerturbedChain, Site, chunks, moved_chain
+from truearm.identification.estimation.perturbed_chain import PerturbedChain, Site, chunks, moved_chain
 from truearm.identification.estimation.references import LinearisedResiduals, Reference
 from truearm.identification.terms.state import ArmState
 from truearm.solve.arrowhead import Arrowhead
@@ -39,8 +39,8 @@ ABSOLUTE = ("point", "distance")
 GROUPS = 2
 # Sites with more functions than this are evaluated in pairs.
 MOST_NARROW = 24
-# Maximum size of the cache of basis function values.
-KEPT_BYTES = 96 * 2**20
+# Maximum size of the cache of basis function values: those of 12,000 readings of 1,400 functions.
+KEPT_BYTES = 144 * 2**20
 
 
 @dataclass(frozen=True, eq=False)
@@ -301,7 +301,8 @@ class SmallMotionProblem:
         key = (which, piece.start)
         if key not in self._kept:
             values = self.perturbed_chain.values(state)
-            if 8 * self.perturbed_chain.n_coefficients * CHUNK * (len(self._kept) + 1) > KEPT_BYTES:
+            # Chunks are equally large but for the last.
+            if values.nbytes * (len(self._kept) + 1) > KEPT_BYTES:
                 return values
             self._kept[key] = values
         return self._kept[key]

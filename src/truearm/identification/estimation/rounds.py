@@ -130,10 +130,10 @@ class Rounds:
         if x[~self.prior.active].any():
             x = np.where(self.prior.active, x, 0.0)
             self._residuals = problem.residuals(x)
-        step = reduced.step(found.x - x[reduced.kept])
+        step = reduced.step(found.posterior.x - x[reduced.kept])
         moved_by = self._take(step, whole.times(step), x, reduced.n_determined)
         with one_blas_thread():
-            self._per_reference = _effective_numbers(reduced, parts, equations, found)
+            self._per_reference = _effective_numbers(reduced, parts, found)
         self.converged = bool(self.calm >= 2 and moved_by < SETTLED_STEP)
         if not self.converged:
             self.prior = found.next
@@ -176,13 +176,11 @@ class Rounds:
         self.prior, self.x, self._step = self.prior.subset(active), self.x[active], self._step[active]
 
 
-def _effective_numbers(
-    reduced: SchurComplement, parts: Sequence[Arrowhead], equations: GroupedEquations, found: WeighedEvidence
-) -> FloatArray:
+def _effective_numbers(reduced: SchurComplement, parts: Sequence[Arrowhead], found: WeighedEvidence) -> FloatArray:
     """Number of parameters that each reference determines; that of one without unknowns follows from the variances."""
     if len(parts) == 1 and not parts[0].blocks.shape[0]:
         return np.array([found.effective.sum()])
-    return reduced.traces(parts, equations.posterior(found.prior.subset(reduced.kept)).covariance)
+    return reduced.traces(parts, found.posterior.covariance)
 
 
 def _weights(
