@@ -310,10 +310,14 @@ class _Space:
 
     def upper_products(self, what: str, D: Array) -> Array:
         """``sum_o D[o, k] D[o, r]``, k <= r, row by row, for D (o, k, m): (k (k + 1) / 2, m)."""
-        _, k, m = D.shape
-        out, start = self._array(what, (k * (k + 1) // 2, m), D), 0
+        n_outputs, k, m = D.shape
+        xp, out, start = array_namespace(D), self._array(what, (k * (k + 1) // 2, m), D), 0
         for i in range(k):
-            _sum_of_products(D[:, i, :], D[:, i:, :], out[start : start + k - i, :])
+            rows = out[start : start + k - i, :]
+            if n_outputs == 1:
+                xp.multiply(D[0, i, :], D[0, i:, :], out=rows)
+            else:
+                _sum_of_products(D[:, i, :], D[:, i:, :], rows)
             start += k - i
         return out
 
@@ -454,9 +458,7 @@ def _put(block: Array, values: Array, factors: Array | None) -> None:
 
 def _sum_of_products(left: Array, right: Array, out: Array) -> None:
     """``sum_o left[o] right[o, r]`` for every sample, (r, m) from (o, m) and (o, r, m), in one pass of the memory."""
-    if len(left) == 1:
-        array_namespace(left).multiply(left[0, :], right[0, ...], out=out)
-    elif is_numpy_array(left):
+    if is_numpy_array(left):
         np.einsum("om,orm->rm", left, right, out=out)
     else:
         out[...] = (left[:, None, :] * right).sum(axis=0)
