@@ -273,9 +273,7 @@ def test_no_size_at_all_is_the_least_scale():
     """All coefficients exactly zero, eight told by the data: log s = -gamma tau^2, and no warning of a logarithm."""
     gram = 1e6 * np.eye(8)
     prior = prior_of(np.ones(8))
-    scale, effective = update_scales(
-        prior, posterior(gram, np.zeros(8), prior), log_spread=1.0, least=1e-9, most=1e9
-    )
+    scale, effective = update_scales(prior, posterior(gram, np.zeros(8), prior), log_spread=1.0, least=1e-9, most=1e9)
     assert scale[0] == pytest.approx(np.exp(-effective[0]))
 
 

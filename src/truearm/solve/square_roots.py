@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, Self
-
 import numpy as np
 from scipy.linalg import LinAlgError, cholesky
 
@@ -53,41 +51,3 @@ def covariance_factor(covariance: FloatArray) -> FloatArray:
         factor = (vectors * np.sqrt(np.maximum(values, 0))).T
     factor *= scale
     return np.asarray(factor)
-
-
-class FactorBlock(NamedTuple):
-    """Some rows of a factor from the first column on that is not zero in them."""
-
-    start: int
-    rows: FloatArray
-
-
-# Rows of a block: a triangle in blocks of so many has few zeros, and each is long enough for a fast product.
-BLOCK_ROWS = 128
-
-
-class CovarianceFactor(NamedTuple):
-    """F with ``F^T F`` a covariance, without the zeros of a triangle: half of the memory that a product passes through.
-
-    Attributes
-    ----------
-    blocks : tuple of FactorBlock
-        Its rows from first to last.
-    """
-
-    blocks: tuple[FactorBlock, ...]
-
-    @classmethod
-    def of(cls, covariance: FloatArray) -> Self:
-        """The factor of `covariance_factor`."""
-        factor, blocks = covariance_factor(covariance), []
-        for first in range(0, len(factor), BLOCK_ROWS):
-            rows = factor[first : first + BLOCK_ROWS]
-            start = 0 if rows[:, :first].any() else first  # from eigenvectors it is no triangle
-            blocks.append(FactorBlock(start, np.ascontiguousarray(rows[:, start:])))
-        return cls(tuple(blocks))
-
-    def times(self, matrix: FloatArray) -> FloatArray:
-        """``F @ matrix`` of a matrix (p, m)."""
-        products = [rows @ matrix[start:] for start, rows in self.blocks]
-        return np.concatenate([np.zeros((0, matrix.shape[1])), *products])

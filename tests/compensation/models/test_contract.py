@@ -25,6 +25,7 @@ from truearm.arm.chain import Chain
 from truearm.compensation.models import MODELS, HybridModel, KinematicModel, NetworkModel, NominalModel, PhysicalModel
 from truearm.compensation.models.compensator import Compensator
 from truearm.errors import InputError
+from truearm.readings.checks import LIMIT_TOLERANCE
 
 
 def zigzag(n_joints: int) -> Arm:
@@ -236,7 +237,7 @@ def test_rows_beyond_the_training_angles_are_flagged(readings):
     arm, angles, points = readings
     model = NominalModel(arm).fit(angles, points)
     beyond = angles[:3].copy()
-    beyond[1, 2] = angles[:, 2].max() + 1e-6
+    beyond[1, 2] = angles[:, 2].max() + 2 * LIMIT_TOLERANCE
     assert model.outside_training(beyond).tolist() == [False, True, False]
 
 

@@ -14,7 +14,6 @@ from truearm.identification.estimation.identification_result import Identificati
 from truearm.identification.estimation.perturbed_chain import FEW, PerturbedChain
 from truearm.identification.terms import ArmState, Constant, GravityTorque, Harmonics, Term, candidate_terms
 from truearm.identification.terms.gravity import gravity_loads, uniform_links
-from truearm.solve.square_roots import BLOCK_ROWS, CovarianceFactor, covariance_factor
 
 MANY = 3 * FEW
 # Of tips a metre away, double precision.
@@ -132,18 +131,6 @@ def test_gravity_loads_are_sums_over_the_links_outward(chain):
         np.testing.assert_allclose(loads.torque_in_joint[:, i], np.einsum("nab,na->nb", R, torque), atol=1e-11)
         force = links.mass_kg[i:].sum() * np.einsum("nab,a->nb", R, g)
         np.testing.assert_allclose(loads.force_in_joint[:, i], force, atol=1e-12)
-
-
-@pytest.mark.parametrize("n", [0, 1, BLOCK_ROWS, 2 * BLOCK_ROWS + 5])
-@pytest.mark.parametrize("singular", [False, True])
-def test_a_factor_in_blocks_is_the_factor(n, singular):
-    rng = np.random.default_rng(8)
-    rows = rng.standard_normal((n // 2 if singular else n + 3, n))
-    covariance, matrix = rows.T @ rows, rng.standard_normal((n, 4))
-    factor = CovarianceFactor.of(covariance)
-    np.testing.assert_allclose(factor.times(matrix), covariance_factor(covariance) @ matrix, rtol=1e-12, atol=1e-12)
-    if n and not singular:
-        assert sum(rows.size for _, rows in factor.blocks) <= n * (n + BLOCK_ROWS) / 2
 
 
 def test_no_uncertain_coefficient_gives_no_covariance(result):

@@ -20,12 +20,14 @@ from truearm.identification.estimation.residual_process import GROUP
 from truearm.identification.estimation.tails import LEAST_FREEDOM
 from truearm.identification.terms.kernel import InducedProcess
 from truearm.solve.arrays import add_to_diagonal, cholesky_solver
-from truearm.solve.square_roots import BLOCK_ROWS, unit_diagonal
+from truearm.solve.square_roots import unit_diagonal
 from truearm.typing import FloatArray
 
 # Of a covariance scaled to a unit diagonal, beyond rounding.
 MAX_ASYMMETRY = 1e-6
 LEAST_EIGENVALUE = -1e-6
+# Rows that are compared with their columns at once: the cache holds them.
+BLOCK_ROWS = 128
 
 
 def check_model(model: Compensator) -> None:
@@ -174,7 +176,7 @@ def _check_covariance(name: str, array: FloatArray, n: int) -> None:
     _check_shape(name, array, (n, n))
     if n:
         whitened, _ = unit_diagonal(array, np.abs(array.diagonal()))
-        starts = range(0, n, BLOCK_ROWS)  # in blocks, which the cache holds
+        starts = range(0, n, BLOCK_ROWS)
         differences = (whitened[i : i + BLOCK_ROWS, i:] - whitened[i:, i : i + BLOCK_ROWS].T for i in starts)
         is_symmetric = all(np.abs(difference).max() <= MAX_ASYMMETRY for difference in differences)
         add_to_diagonal(whitened, -LEAST_EIGENVALUE)  # the factor exists if no eigenvalue is below it

@@ -35,6 +35,7 @@ from scipy.linalg import eigh
 from scipy.sparse import csr_array, hstack, vstack
 
 from truearm.identification.estimation import perturbed_chain
+from truearm.identification.estimation.covariance_root import CovarianceRoot
 from truearm.identification.estimation.group_batches import GroupBatch, Members, group_batches
 from truearm.identification.estimation.identification import initial_problem
 from truearm.identification.estimation.identification_result import IdentificationResult, ReferenceFit
@@ -44,7 +45,6 @@ from truearm.identification.estimation.references import LinearisedResiduals, Re
 from truearm.identification.estimation.residual_variance import FLOOR_MM2, HeldOutReadings
 from truearm.identification.terms.state import ArmState
 from truearm.readings.anchors import LEAST_READINGS
-from truearm.solve.square_roots import CovarianceFactor
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray, IntArray
 
@@ -184,12 +184,14 @@ class _Minimum:
     """The linearisation at the minimum.
 
     With the root F of the coefficients' covariance, ``F^T F``; unknowns move by minus `slope` (u, p) times them.
+    `of_slope` (r, u) is ``F @ slope^T``.
     """
 
     problem: SmallMotionProblem
     x: FloatArray
-    root: CovarianceFactor
+    root: CovarianceRoot
     slope: FloatArray
+    of_slope: FloatArray
     parts: list[_Whitened]
 
     @property
@@ -238,7 +240,8 @@ class _Minimum:
                     _is_judged(part, fit.references, kinds),
                 )
             )
-        return cls(problem, x, CovarianceFactor.of(fit.covariance), slope, found)
+        root = CovarianceRoot.of(fit.covariance, fit.perturbed_chain)
+        return cls(problem, x, root, slope, root.times_matrix(slope.T), found)
 
     def without(self, batch: GroupBatch, group: IntArray) -> Iterator[HeldOutReadings]:
         """The deviations of every group of a batch."""
@@ -267,14 +270,14 @@ class _Minimum:
                 yield _Piece(i, some, self._spread(i, some))
 
     def _spread(self, which: int, rows: IntArray) -> FloatArray:
-        """(m k, p) the coefficients' part of the root of S, of some readings of a reference."""
+        """(m k, r) the coefficients' part of the root of S, of some readings of a reference."""
         part = self.parts[which]
-        columns = self.problem.coefficient_columns(which, rows, part.linear, self.x)
-        p, k, m = columns.shape
-        by = columns.transpose(2, 1, 0).reshape(m * k, p)
+        by_root = self.root.times(*self.problem.site_derivatives(which, rows, part.linear, self.x))
+        k, r, m = by_root.shape
+        spread = by_root.transpose(2, 0, 1).reshape(m * k, r)
         if part.linear.unknown.size:
-            by = by - part.by_unknown[_residuals_of(rows, part)] @ self.slope
-        return self.root.times(by.T).T
+            spread = spread - part.by_unknown[_residuals_of(rows, part)] @ self.of_slope.T
+        return spread
 
     def _without_stacked(self, batch: GroupBatch, group: IntArray) -> Iterator[HeldOutReadings]:
         """The deviations of small groups of readings without unknowns, all groups at once.
@@ -313,13 +316,14 @@ class _Minimum:
         most, k = batch.largest(which), self.parts[which].weights.shape[1]
         rows, groups, place = batch.of(which)
         n, m = batch.n_groups, len(rows)
-        columns = self.problem.coefficient_columns(which, rows, self.parts[which].linear, self.x)
-        p = len(columns)
+        r = self.root.n_rows
         at = np.full((n, most), m)  # readings that a group lacks are zero
         at[groups, place] = np.arange(m)
-        by_root = np.zeros((p, k, m + 1))
-        by_root[:, :, :m] = self.root.times(columns.reshape(p, k * m)).reshape(p, k, m)
-        spread = np.ascontiguousarray(by_root[:, :, at].transpose(2, 0, 1, 3)).reshape(n, p, k * most)
+        by_root = np.zeros((k, r, m + 1))
+        by_root[:, :, :m] = self.root.times(
+            *self.problem.site_derivatives(which, rows, self.parts[which].linear, self.x)
+        )
+        spread = np.ascontiguousarray(by_root[:, :, at].transpose(2, 1, 0, 3)).reshape(n, r, k * most)
         residuals = np.zeros((n, k, most))
         residuals[groups, :, place] = self.parts[which].residuals[rows]
         return _Stack(rows, groups, place, spread, residuals.reshape(n, k * most), (k, most))
@@ -374,7 +378,7 @@ class _Minimum:
     ) -> Iterator[HeldOutReadings]:
         """The deviations of a group."""
         r, own = of.residuals, of.own
-        n, dimension = len(r), self.slope.shape[1] + of.spread.shape[1]
+        n, dimension = len(r), self.root.n_rows + of.spread.shape[1]
         # With S = A A^T: (I - S)^-1 = I + A (I - A^T A)^-1 A^T, of which one matrix is small.
         dual = n <= dimension
         if dual:

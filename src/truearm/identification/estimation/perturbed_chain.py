@@ -24,6 +24,7 @@ from truearm.typing import FloatArray, IntArray
 OF_ANGLES = (Constant, GravityTorque, Harmonics, InducedProcess, InSession, OfTip, Travel, TravelHarmonics)
 CHUNK = 1024  # readings of a chunk: their narrow Jacobian stays in the cache of a core
 FEW = 64  # readings up to which the number of array operations counts, not their length
+MOST_NARROW = 24  # functions of a site up to which they are cheaper as columns of a Jacobian than by themselves
 POSE_CHUNK = 4096  # poses have no wide Jacobian: fewer calls are worth more
 
 
@@ -182,20 +183,43 @@ class PerturbedChain:
 
     def derivatives(self, state: ArmState, x: FloatArray) -> Iterator[tuple[slice, FloatArray, FloatArray]]:
         """Yield tips (3, m) [mm] and their derivatives (n_coefficients, 3, m) by chunks of readings."""
+        for rows, tips, along_sites, values in self.site_derivatives(state, x):
+            if values.shape[1] <= FEW:
+                site_of, row_of = self._of_coefficient
+                yield rows, tips, along_sites[site_of] * values[row_of][:, None, :]
+                continue
+            yield rows, tips, self.by_coefficient(along_sites, values)
+
+    def site_derivatives(
+        self, state: ArmState, x: FloatArray
+    ) -> Iterator[tuple[slice, FloatArray, FloatArray, FloatArray]]:
+        """Yield the factors of the derivatives by chunks of readings.
+
+        They are tips (3, m) [mm], their derivatives (n_sites, 3, m) along the sites, and the values (n_functions, m) of
+        the basis functions.
+        """
         for rows in chunks(len(state)):
             piece = state if len(state) <= CHUNK else state.rows(rows)
             values = self.values(piece)
             tips, motion_jacobian = moved_chain(self.chain, piece, self.motions(x, values))
-            if len(piece) <= FEW:
-                directions, places, site_of, row_of = self._of_coefficient
-                of_sites = np.einsum("sd,sdcm->scm", directions, motion_jacobian[places])
-                yield rows, tips, of_sites[site_of] * values[row_of][:, None, :]
-                continue
-            columns = np.empty((self.n_coefficients, 3, len(piece)))
-            for site, value in zip(self.sites, self.by_site(values), strict=True):
-                by_site = np.tensordot(site.direction, motion_jacobian[site.place], axes=1)
-                columns[site.columns] = by_site * value[:, None, :]
-            yield rows, tips, columns
+            yield rows, tips, self.along_sites(motion_jacobian), values
+
+    def along_sites(self, by_motion: FloatArray) -> FloatArray:
+        """Derivatives (n_sites, k, m) along the sites, from those (n_places, 6, k, m) by the motions of the places."""
+        if by_motion.shape[3] <= FEW:
+            directions, places = self._of_site
+            return np.asarray(np.einsum("sd,sdcm->scm", directions, by_motion[places]))
+        out = np.empty((len(self.sites), *by_motion.shape[2:]))
+        for own, site in zip(out, self.sites, strict=True):
+            own[:] = np.tensordot(site.direction, by_motion[site.place], axes=1)
+        return out
+
+    def by_coefficient(self, along_sites: FloatArray, values: FloatArray) -> FloatArray:
+        """Derivatives (n_coefficients, k, m) from those along the sites and the values of the basis functions."""
+        out = np.empty((self.n_coefficients, *along_sites.shape[1:]))
+        for along, site, value in zip(along_sites, self.sites, self.by_site(values), strict=True):
+            out[site.columns] = along * value[:, None, :]
+        return out
 
     def derivatives_along(
         self, state: ArmState, x: FloatArray, along: FloatArray
@@ -258,13 +282,18 @@ class PerturbedChain:
         )
 
     @cached_property
-    def _of_coefficient(self) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
-        """Directions (n_sites, 6), places (n_sites,) of the sites; site and row of the values of each coefficient."""
+    def _of_site(self) -> tuple[FloatArray, IntArray]:
+        """Directions (n_sites, 6) and places (n_sites,) of the sites."""
+        directions = np.array([site.direction for site in self.sites]).reshape(-1, 6)
+        return directions, np.array([site.place for site in self.sites], dtype=np.intp)
+
+    @cached_property
+    def _of_coefficient(self) -> tuple[IntArray, IntArray]:
+        """Site of each coefficient, and its row among the values."""
         site_of, row_of = np.empty((2, self.n_coefficients), dtype=np.intp)
         for number, site in enumerate(self.sites):
             site_of[site.columns], row_of[site.columns] = number, np.arange(self._of_place[-1].stop)[site.rows]
-        directions = np.array([site.direction for site in self.sites]).reshape(-1, 6)
-        return directions, np.array([site.place for site in self.sites], dtype=np.intp), site_of, row_of
+        return site_of, row_of
 
     def input_bases(self, state: ArmState) -> tuple[Basis, ...]:
         """The distinct bases that depend on more than what every reading states: joint angles, and its session.

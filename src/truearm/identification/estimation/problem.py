@@ -23,7 +23,14 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from truearm.arm.rigid_motions import rotations_and_jacobians
-from truearm.identification.estimation.perturbed_chain import PerturbedChain, Site, chunks, moved_chain
+from truearm.identification.estimation.perturbed_chain import (
+    CHUNK,
+    MOST_NARROW,
+    PerturbedChain,
+    Site,
+    chunks,
+    moved_chain,
+)
 from truearm.identification.estimation.references import LinearisedResiduals, Reference
 from truearm.identification.terms.state import ArmState
 from truearm.solve.arrowhead import Arrowhead
@@ -37,8 +44,6 @@ RELATIVE = ("seat", "sphere", "plane", "line")
 ABSOLUTE = ("point", "distance")
 # Chunks are distributed to a fixed number of groups, so that the order of summation does not depend on the threads.
 GROUPS = 2
-# Sites with more functions than this are evaluated in pairs.
-MOST_NARROW = 24
 # Maximum size of the cache of basis function values: those of 12,000 readings of 1,400 functions.
 KEPT_BYTES = 144 * 2**20
 
@@ -82,7 +87,7 @@ class SmallMotionProblem:
         found = []
         for i, reference in enumerate(self.references):
             out = np.empty((reference.n_residuals, len(reference.rows)))
-            for piece in chunks(len(reference.rows)):
+            for piece in chunks(len(reference.rows), CHUNK):
                 state = self.state.rows(reference.rows[piece])
                 values = self._values(i, piece, state)
                 if reference.uses_orientation:
@@ -116,7 +121,7 @@ class SmallMotionProblem:
         found = []
         for i, linear in enumerate(self.linearised(x)):
             out = np.zeros((self.n_parameters, *linear.residuals.shape))
-            for piece in chunks(out.shape[2]):
+            for piece in chunks(out.shape[2], CHUNK):
                 rows = np.arange(piece.start, piece.stop)
                 out[:n, :, piece] = self.coefficient_columns(i, rows, linear, x)
                 self._add_by_unknown(out[n:, :, piece], i, of_readings(linear, rows))
@@ -128,7 +133,7 @@ class SmallMotionProblem:
         found = []
         for i, reference in enumerate(self.references):
             parts = []
-            for piece in chunks(len(reference.rows)):
+            for piece in chunks(len(reference.rows), CHUNK):
                 state = self.state.rows(reference.rows[piece])
                 motions = self.perturbed_chain.motions(x, self._values(i, piece, state))
                 parts.append(self._linearised(i, piece, state, motions, x)[0])
@@ -149,16 +154,17 @@ class SmallMotionProblem:
 
         `linear` is the whole reference, as `linearised` gives it; of residuals times weights, if it was weighed.
         """
+        return self.perturbed_chain.by_coefficient(*self.site_derivatives(which, rows, linear, x))
+
+    def site_derivatives(
+        self, which: int, rows: IntArray, linear: LinearisedResiduals, x: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Their factors: derivatives (n_sites, k, m) along the sites, and values (n_functions, m) of the functions."""
         state = self.state.rows(self.references[which].rows[rows])
         values = self.perturbed_chain.values(state)
         motions = self.perturbed_chain.motions(x, values)
-        linear = of_readings(linear, rows)
-        by_place = _by_place(linear, motions, moved_chain(self.perturbed_chain.chain, state, motions)[1])
-        out = np.empty((self.perturbed_chain.n_coefficients, *linear.residuals.shape))
-        for site, value in zip(self.perturbed_chain.sites, self.perturbed_chain.by_site(values), strict=True):
-            by_site = np.tensordot(site.direction, by_place[site.place], axes=1)
-            out[site.columns] = by_site * value[:, None, :]
-        return out
+        motion_jacobian = moved_chain(self.perturbed_chain.chain, state, motions)[1]
+        return self.perturbed_chain.along_sites(_by_place(of_readings(linear, rows), motions, motion_jacobian)), values
 
     def log_size_ratio(self, x: FloatArray) -> float:
         """Logarithm of the size of the arm at readings with relative references, over its nominal size."""
@@ -250,7 +256,7 @@ class SmallMotionProblem:
         return sum(0.5 * float(((r.residuals / r.std) ** 2).sum()) for r in found if r is not None)
 
     def _equations(self, which: int, x: FloatArray, weights: FloatArray) -> Arrowhead:
-        pieces = chunks(len(self.references[which].rows))
+        pieces = chunks(len(self.references[which].rows), CHUNK)
         groups = [pieces[start::GROUPS] for start in range(min(GROUPS, len(pieces)))]
 
         def sums_of(group: list[slice]) -> _Sums:

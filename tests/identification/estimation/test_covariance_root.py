@@ -1,0 +1,81 @@
+"""Laws of the root of a covariance: ``F^T F`` is the covariance, and site by site ``F J^T`` is the product."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from truearm.arm import load_arm
+from truearm.identification.estimation.covariance_root import CovarianceRoot
+from truearm.identification.estimation.perturbed_chain import FEW, MOST_NARROW, PerturbedChain
+from truearm.identification.terms import ArmState, Constant, Harmonics, Term, candidate_terms
+from truearm.typing import FloatArray
+
+N = FEW + 5
+CHAIN = load_arm("ur10").chain
+STATE = ArmState(
+    CHAIN,
+    np.random.default_rng(1).uniform(-3, 3, (N, CHAIN.n_joints)),
+    directions=np.random.default_rng(2).choice([-1.0, 1.0], (N, CHAIN.n_joints)),
+)
+
+
+def perturbed_chain_of(which: str) -> PerturbedChain:
+    """An arm of sites with few functions, with many, and with both."""
+    if which == "none":
+        return PerturbedChain(CHAIN, ())
+    if which == "every kind":
+        return PerturbedChain(CHAIN, tuple(candidate_terms(STATE, highest=9)[0]))
+    terms = []
+    for place in range(1, 4):
+        if which != "narrow":
+            orders = range(1, MOST_NARROW + place)
+            terms += [Term("w", place, (0, 0, 0, 0, 0, 1), Harmonics(place, tuple(orders)), "harmonics", 1e-4)]
+        if which != "wide":
+            terms += [Term("n", place, (1, 0, 0, 0, 0, 0), Constant(), "constants", 1e-2)]
+    return PerturbedChain(CHAIN, tuple(terms))
+
+
+def covariance_of(n: int, kind: str) -> FloatArray:
+    rng = np.random.default_rng(3)
+    rows = rng.standard_normal((n // 2 if kind == "singular" else n + 3, n)) * rng.uniform(1e-4, 1, n)
+    if kind == "partly known":
+        rows[:, ::3] = 0
+    if kind == "known":
+        rows[:] = 0
+    return rows.T @ rows
+
+
+@pytest.mark.parametrize("kind", ["regular", "singular", "partly known", "known"])
+@pytest.mark.parametrize("which", ["none", "narrow", "wide", "both", "every kind"])
+def test_site_by_site_is_the_product_with_the_derivatives(which, kind):
+    perturbed_chain = perturbed_chain_of(which)
+    p = perturbed_chain.n_coefficients
+    covariance = covariance_of(p, kind)
+    root = CovarianceRoot.of(covariance, perturbed_chain)
+    assert root.n_rows == np.count_nonzero(covariance.diagonal())
+    x = np.zeros(p)
+
+    F = root.times_matrix(np.eye(p))
+    # Eigenvalues below rounding count as zero, and enter as their square root.
+    scale = np.sqrt(np.maximum(np.outer(covariance.diagonal(), covariance.diagonal()), 1e-300))
+    np.testing.assert_allclose(F.T @ F / scale, covariance / scale, rtol=0, atol=1e-11)
+
+    for state in (STATE, STATE.rows(slice(0, 1))):
+        ((_, _, columns),) = perturbed_chain.derivatives(state, x)
+        ((_, _, along_sites, values),) = perturbed_chain.site_derivatives(state, x)
+        expected = np.einsum("rp,pkm->krm", F, columns)
+        size = max(1.0, float(np.abs(expected).max(initial=0)))
+        np.testing.assert_allclose(root.times(along_sites, values), expected, rtol=0, atol=1e-11 * size)
+
+
+def test_the_root_of_a_regular_covariance_is_a_triangle():
+    """Sites with many functions pass through a triangle, of which every part has the rows that are not zero."""
+    perturbed_chain = perturbed_chain_of("wide")
+    p = perturbed_chain.n_coefficients
+    root = CovarianceRoot.of(covariance_of(p, "regular"), perturbed_chain)
+    assert [len(part.columns) for part in root.wide] == np.cumsum(
+        [part.columns.shape[1] for part in root.wide]
+    ).tolist()
+    singular = CovarianceRoot.of(covariance_of(p, "singular"), perturbed_chain)
+    assert {len(part.columns) for part in singular.wide} == {p}
