@@ -6,10 +6,17 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from truearm.arm import Chain
-from truearm.arm.rigid_motions import apply_motions, exponential_derivative, rotations_and_jacobians
+from truearm.arm.rigid_motions import (
+    apply_motions,
+    cross_matrix,
+    exponential_derivative,
+    rotations,
+    rotations_and_jacobians,
+)
 
 # Rounding of a dozen products of numbers up to some thousand mm: 1e-12 mm; three orders above it.
 ROUNDING_MM = 1e-9
@@ -174,13 +181,13 @@ def test_a_motion_of_a_vector_is_its_rotation_and_shift(size):
     np.testing.assert_allclose(apply_motions(v, motion[:, :1])[:, 0], expected[:, 0], atol=ROUNDING_MM, rtol=0)
 
 
-def test_the_series_meets_the_formula_where_they_change_over():
-    """At 1e-4 rad; on both sides against sums of the series to the fourth power, exact there to 1e-30."""
-    axis = np.array([0.6, 0.0, 0.8])
-    K = np.array([[0, -0.8, 0], [0.8, 0, -0.6], [0, 0.6, 0]])
-    for angle in (0.99999e-4, 1.00001e-4):
-        R, J = rotations_and_jacobians((angle * axis)[:, None])
-        a = angle * K
-        np.testing.assert_allclose(R[..., 0], np.eye(3) + a + a @ a / 2 + a @ a @ a / 6, atol=1e-16, rtol=0)
-        # (1 - cos a) / a^2 is known to 1e-16 / 1e-8 of itself there, times a: 1e-12
-        np.testing.assert_allclose(J[..., 0], np.eye(3) + a / 2 + a @ a / 6, atol=2e-12, rtol=0)
+@pytest.mark.parametrize("angle", [0.0, 1e-12, 0.99e-6, 1.01e-6, 1e-5, 1e-3, 0.1, 1.0, 3.1])
+def test_rotations_and_jacobians_are_exponentials_at_every_angle(angle):
+    """Angles below 1e-6 rad have the functions of 1e-6 rad. J is the integral of exp(s K) over s from 0 to 1."""
+    r = angle * np.array([0.6, 0.0, 0.8])
+    K = cross_matrix(r)
+    R, J = rotations_and_jacobians(r[:, None])
+    np.testing.assert_allclose(R[..., 0], expm(K), atol=2e-15, rtol=0)
+    integral = expm(np.block([[K, np.eye(3)], [np.zeros((3, 6))]]))[:3, 3:]
+    np.testing.assert_allclose(J[..., 0], integral, atol=2e-15, rtol=0)
+    np.testing.assert_array_equal(rotations(r[:, None]), R)

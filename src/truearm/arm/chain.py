@@ -28,7 +28,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from truearm.arm.rigid_motions import apply_motions, cos_sin, rotations_and_jacobians, turn_matrices
+from truearm.arm.rigid_motions import apply_motions, cos_sin, rotations, rotations_and_jacobians, turn_matrices
 from truearm.arm.rigid_motions import exponential_derivative as exponential_derivative
 from truearm.errors import InputError
 from truearm.typing import FloatArray
@@ -214,7 +214,7 @@ class Chain:
             q = _by_component(angles[rows])
             turns = cos_sin(q)
             chunk = None if moved is None else np.ascontiguousarray(moved[rows].transpose(1, 2, 0))
-            R[:, :, rows] = self._flange(turns, None if chunk is None else _turned_by(chunk)[0])
+            R[:, :, rows] = self._flange(turns, None if chunk is None else _turned_by(chunk))
             tip[:, rows] = _last(self._outward(q, turns, chunk))
         return Pose(R.transpose(2, 0, 1), tip.T)
 
@@ -231,7 +231,7 @@ class Chain:
         """
         q = _by_component(self._checked(angles))
         by_motion = np.zeros((self.n_places, 6, 6, q.shape[1]))
-        finite = None if motions is None else _turned_by(motions)
+        finite = None if motions is None else _turned_by_with_jacobians(motions)
         tip, _ = self._small_motions_into(q, by_motion[:, :, :3], motions, finite)
         axes = by_motion[:, 3:, :3]  # (place, axis, component, m): translations along the axes of every place
         R = axes[-1].transpose(1, 0, 2)
@@ -361,7 +361,7 @@ class Chain:
         """
         cos, sin = turns
         if motions is not None and turned_by is None and q.shape[1] <= FEW:
-            turned_by = _turned_by(motions)[0]  # of all places in one pass
+            turned_by = _turned_by(motions)  # of all places in one pass
         v = np.empty((3, q.shape[1]))
         v[:] = self.tip_in_flange[:, None]
         if motions is not None:
@@ -445,7 +445,7 @@ class Chain:
         turns = cos_sin(q)
         turned_by, jacobians = None, None
         if motions is not None:
-            turned_by, jacobians = finite or _turned_by(motions)
+            turned_by, jacobians = finite or _turned_by_with_jacobians(motions)
         tip_in_place = dict(self._outward(q, turns, motions, turned_by))
         pieces: Iterable[_Piece] = ((place, R, tip_in_place[place]) for place, R in self._inward(turns, turned_by))
         if q.shape[1] <= FEW:
@@ -485,16 +485,32 @@ class Chain:
         return motions
 
 
-def _turned_by(motions: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _turned_by(motions: FloatArray) -> FloatArray:
+    """Rotations (n_places, 3, 3, m) of motions (n_places, 6, m)."""
+    if motions.shape[2] <= FEW:
+        return _by_place(rotations(_in_one_row(motions)), motions)
+    return np.stack([rotations(motion[:3]) for motion in motions])
+
+
+def _turned_by_with_jacobians(motions: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Rotations of motions (n_places, 6, m) and their left Jacobians, (n_places, 3, 3, m) each."""
-    n_places, _, m = motions.shape
-    if m <= FEW:  # all places in one pass
-        vectors = motions[:, :3].transpose(1, 0, 2).reshape(3, -1)
-        R, J = (part.reshape(3, 3, n_places, m).transpose(2, 0, 1, 3) for part in rotations_and_jacobians(vectors))
-        return R, J
+    if motions.shape[2] <= FEW:
+        R, J = rotations_and_jacobians(_in_one_row(motions))
+        return _by_place(R, motions), _by_place(J, motions)
     both = [rotations_and_jacobians(motion[:3]) for motion in motions]
     turned_by, jacobians = (np.stack(arrays) for arrays in zip(*both, strict=True))
     return turned_by, jacobians
+
+
+def _in_one_row(motions: FloatArray) -> FloatArray:
+    """Rotation vectors (3, n_places m) of motions, for all places in one pass."""
+    return motions[:, :3].transpose(1, 0, 2).reshape(3, -1)
+
+
+def _by_place(matrices: FloatArray, motions: FloatArray) -> FloatArray:
+    """Matrices (n_places, 3, 3, m) from those (3, 3, n_places m) of one pass."""
+    n_places, _, m = motions.shape
+    return matrices.reshape(3, 3, n_places, m).transpose(2, 0, 1, 3)
 
 
 # Of one place or of several: the places, the axes of their frames, and the tip in each.

@@ -67,6 +67,12 @@ def cross(a: FloatArray, b: FloatArray) -> FloatArray:
     return out
 
 
+def rotations(r: FloatArray) -> FloatArray:
+    """Rotation matrices (3, 3, m) of rotation vectors (3, m) [rad]."""
+    square, _, sinc, b = _angle_functions(r)
+    return _combined(r, 1 - b * square, sinc, b)
+
+
 def rotations_and_jacobians(r: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Rotation matrices of rotation vectors and their left Jacobians.
 
@@ -80,20 +86,34 @@ def rotations_and_jacobians(r: FloatArray) -> tuple[FloatArray, FloatArray]:
     R, J : (3, 3, m) array
         ``Rot(r + dr) = Rot(J dr) Rot(r)`` to first order in dr; see `exponential_derivative`.
     """
+    square, angle, sinc, b = _angle_functions(r)
+    c = (angle - np.sin(angle)) / angle**3  # what it loses to cancellation is rounding once it is times r r^T
+    return _combined(r, 1 - b * square, sinc, b), _combined(r, 1 - c * square, b, c)
+
+
+def _angle_functions(r: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Square of the angle a, a, sin a / a and (1 - cos a) / a^2, each (m,).
+
+    An angle below 1e-6 counts as that: what follows from it is exact to rounding.
+    """
     square = (r * r).sum(axis=0)
-    angle = np.sqrt(square)
-    small = angle < 1e-4  # the next terms are angle^4 / 120: below rounding
-    safe = np.where(small, 1.0, angle)
-    sinc = np.where(small, 1 - square / 6, np.sin(safe) / safe)
-    b = np.where(small, 0.5 - square / 24, (1 - np.cos(safe)) / safe**2)
-    c = np.where(small, 1 / 6 - square / 120, (safe - np.sin(safe)) / safe**3)
-    outer = r[:, None] * r[None, :]  # K^2 = r r^T - |r|^2
-    eye = np.eye(3)[:, :, None]
-    K = np.zeros((3, 3, r.shape[1]))
-    K[0, 1], K[0, 2], K[1, 2] = -r[2], r[1], -r[0]
-    K -= K.transpose(1, 0, 2)
-    K2 = outer - square * eye
-    return eye + sinc * K + b * K2, eye + b * K + c * K2
+    angle = np.sqrt(np.maximum(square, 1e-12))
+    half = np.sin(0.5 * angle) / angle
+    return square, angle, np.sin(angle) / angle, 2 * half * half  # without the cancellation of 1 - cos a
+
+
+def _combined(r: FloatArray, of_identity: FloatArray, of_cross: FloatArray, of_outer: FloatArray) -> FloatArray:
+    """Sums (3, 3, m) of multiples (m,) of the identity, of the matrix of r x and of r r^T."""
+    out: FloatArray = (of_outer * r)[:, None] * r
+    x, y, z = of_cross * r
+    out[2, 1] += x
+    out[1, 2] -= x
+    out[0, 2] += y
+    out[2, 0] -= y
+    out[1, 0] += z
+    out[0, 1] -= z
+    out.reshape(9, -1)[::4] += of_identity
+    return out
 
 
 def cos_sin(q: FloatArray) -> tuple[FloatArray, FloatArray]:

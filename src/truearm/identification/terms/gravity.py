@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -105,8 +106,8 @@ def gravity_loads(
     if len(links.mass_kg) != chain.n_joints:
         raise InputError(f"expected {chain.n_joints} link masses, one a joint, got {len(links.mass_kg)}")
     q = np.ascontiguousarray(np.asarray(angles, dtype=float).T)
-    slides = chain.is_prismatic[:, None]
-    turn, shift = np.where(slides, 0.0, q), np.where(slides, q, 0.0)
+    slides = chain.is_prismatic.tolist()
+    turn = np.where(chain.is_prismatic[:, None], 0.0, q) if any(slides) else q
     force = np.empty((len(q), 3, q.shape[1]))
     outward, inward = _steps(chain, *cos_sin(turn))
     # From the base to the last joint: gravity along the axes of each place.
@@ -114,19 +115,29 @@ def gravity_loads(
     for i in range(chain.n_joints):
         force[i] = along = outward(i, along)
     # And back: the sum of m (c - o_i) over the links outward, along the same axes [kg mm].
-    vectors, mass_outward = link_vectors(chain), np.cumsum(links.mass_kg[::-1])[::-1]
-    # The load at the far end of each link and the link itself: one vector fixed in place i + 1.
-    local = (mass_outward - links.mass_kg)[:, None] * vectors[1:] + links.mass_kg[:, None] * links.centre_in_joint_mm
+    mass_outward, local = _fixed_moments(chain, links)
     first_moments, first_moment = np.empty_like(force), np.zeros((3, q.shape[1]))
     for i in reversed(range(chain.n_joints)):
         first_moment += local[i, :, None]
         first_moments[i] = first_moment
-        first_moment[2] += mass_outward[i] * shift[i]  # a prismatic joint has moved its place off the end of the link
+        if slides[i]:  # a prismatic joint has moved its place off the end of the link
+            first_moment[2] += mass_outward[i] * q[i]
         first_moment = inward(i, first_moment)
     torque = cross(first_moments.transpose(1, 0, 2), force.transpose(1, 0, 2))
     torque *= 1e-3  # mm to m
     force *= mass_outward[:, None, None]
     return GravityLoads(torque.transpose(2, 1, 0), force.transpose(2, 0, 1))
+
+
+@lru_cache(maxsize=64)
+def _fixed_moments(chain: Chain, links: LinkMasses) -> tuple[FloatArray, FloatArray]:
+    """Mass (n_joints,) of the links from joint i on [kg], and first moment (n_joints, 3) fixed in its place [kg mm].
+
+    The moment is that of the link itself and of the load at its far end.
+    """
+    vectors, mass_outward = link_vectors(chain), np.cumsum(links.mass_kg[::-1])[::-1]
+    own = links.mass_kg[:, None] * links.centre_in_joint_mm
+    return mass_outward, (mass_outward - links.mass_kg)[:, None] * vectors[1:] + own
 
 
 _Step = Callable[[int, FloatArray], FloatArray]
