@@ -33,7 +33,7 @@ class PanelAxes(Axes):
 
         The labels of neighbouring panels are then aligned however long the numbers are.
         """
-        drawing = self.get_figure(root=True)
+        drawing = self.get_figure()
         assert drawing is not None
         inches = drawing.dpi_scale_trans
         self.xaxis.set_label_coords(0.5, bottom_in, transform=blended_transform_factory(self.transAxes, inches))
