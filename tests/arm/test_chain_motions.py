@@ -191,3 +191,12 @@ def test_rotations_and_jacobians_are_exponentials_at_every_angle(angle):
     integral = expm(np.block([[K, np.eye(3)], [np.zeros((3, 6))]]))[:3, 3:]
     np.testing.assert_allclose(J[..., 0], integral, atol=2e-15, rtol=0)
     np.testing.assert_array_equal(rotations(r[:, None]), R)
+
+
+@pytest.mark.parametrize(
+    "lay_out", [np.ascontiguousarray, np.asfortranarray, lambda r: np.repeat(r, 2, axis=1)[:, ::2]]
+)
+def test_rotations_of_vectors_in_any_order_of_memory(lay_out):
+    r = lay_out(np.random.default_rng(5).standard_normal((3, 7)))
+    expected = Rotation.from_rotvec(r.T).as_matrix().transpose(1, 2, 0)
+    np.testing.assert_allclose(rotations(r), expected, atol=2e-15, rtol=0)

@@ -104,7 +104,8 @@ def _angle_functions(r: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray,
 
 def _combined(r: FloatArray, of_identity: FloatArray, of_cross: FloatArray, of_outer: FloatArray) -> FloatArray:
     """Sums (3, 3, m) of multiples (m,) of the identity, of the matrix of r x and of r r^T."""
-    out: FloatArray = (of_outer * r)[:, None] * r
+    out = np.empty((3, 3, r.shape[1]))  # in this order, whatever that of `r`: the last line needs a view
+    np.multiply((of_outer * r)[:, None], r, out=out)
     x, y, z = of_cross * r
     out[2, 1] += x
     out[1, 2] -= x

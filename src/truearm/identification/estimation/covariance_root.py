@@ -15,31 +15,21 @@ Source of the factor: G. H. Golub, C. F. Van Loan, "Matrix Computations", 4th ed
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Self
 
 import numpy as np
 
-from truearm.identification.estimation.perturbed_chain import MOST_NARROW, PerturbedChain
+from truearm.identification.estimation.perturbed_chain import MOST_NARROW, PerturbedChain, as_slice
 from truearm.solve.square_roots import covariance_factor
 from truearm.typing import FloatArray, IntArray
 
 
-class _Narrow(NamedTuple):
-    """Coefficients of sites with few functions: the site and the function of each, and their columns of F."""
+class _Part(NamedTuple):
+    """Some coefficients with the sites and functions whose products are their derivatives, and their columns of F."""
 
     coefficients: IntArray
     sites: IntArray
-    functions: IntArray
-    columns: FloatArray
-
-
-class _Wide(NamedTuple):
-    """A site with many functions: its coefficients, its functions, and their columns of F."""
-
-    coefficients: IntArray
-    site: int
     functions: IntArray | slice
     columns: FloatArray
 
@@ -54,49 +44,34 @@ class CovarianceRoot:
     ----------
     n_rows : int
         One for each coefficient that is uncertain.
-    narrow : _Narrow
-    wide : tuple of _Wide
+    narrow : _Part
+        All sites with few functions.
+    wide : tuple of _Part
+        A site with many functions each.
     """
 
     n_rows: int
-    narrow: _Narrow
-    wide: tuple[_Wide, ...]
+    narrow: _Part
+    wide: tuple[_Part, ...]
 
     @classmethod
     def of(cls, covariance: FloatArray, perturbed_chain: PerturbedChain) -> Self:
         """The root of a covariance (n_coefficients, n_coefficients), which may be singular."""
-        is_uncertain = covariance.diagonal() > 0
-        narrow: list[tuple[int, IntArray, IntArray | slice]] = []
-        wide: list[tuple[int, IntArray, IntArray | slice]] = []
-        for number, site in enumerate(perturbed_chain.sites):
-            kept = is_uncertain[site.columns]
-            functions = site.rows if isinstance(site.rows, slice) and kept.all() else _numbers(site.rows)[kept]
-            part = number, site.columns[kept], functions
-            (wide if kept.sum() > MOST_NARROW else narrow).append(part)
-        of_narrow = [np.concatenate([part[1] for part in narrow])] if narrow else [np.zeros(0, dtype=np.intp)]
-        order = [*of_narrow, *(part[1] for part in wide)]
+        site_of, row_of = perturbed_chain.of_coefficient
+        uncertain = np.flatnonzero(covariance.diagonal() > 0)
+        counts = np.bincount(site_of[uncertain], minlength=len(perturbed_chain.sites))
+        is_wide = counts > MOST_NARROW
+        wide = [uncertain[site_of[uncertain] == site] for site in np.flatnonzero(is_wide)]
+        order = [uncertain[~is_wide[site_of[uncertain]]], *wide]
         which = np.concatenate(order)
         factor = covariance_factor(covariance[np.ix_(which, which)])
-        stops = np.cumsum([len(part) for part in order])
-        # From eigenvectors, of a singular covariance, it is no triangle.
-        heights = stops if not np.tril(factor, -1).any() else np.full(len(stops), len(factor))
-        columns = [
-            np.ascontiguousarray(factor[:height, stop - len(part) : stop])
-            for part, height, stop in zip(order, heights, stops, strict=True)
-        ]
-        return cls(
-            len(factor),
-            _Narrow(
-                order[0],
-                np.repeat(np.array([part[0] for part in narrow], dtype=np.intp), [len(part[1]) for part in narrow]),
-                np.concatenate([np.zeros(0, dtype=np.intp), *(_numbers(part[2]) for part in narrow)]),
-                columns[0],
-            ),
-            tuple(
-                _Wide(coefficients, site, functions, own)
-                for (site, coefficients, functions), own in zip(wide, columns[1:], strict=True)
-            ),
-        )
+        is_triangle = not np.tril(factor, -1).any()  # from eigenvectors, of a singular covariance, it is none
+        parts, stop = [], 0
+        for coefficients in order:
+            start, stop = stop, stop + len(coefficients)
+            columns = np.ascontiguousarray(factor[: stop if is_triangle else None, start:stop])
+            parts.append(_Part(coefficients, site_of[coefficients], as_slice(row_of[coefficients]), columns))
+        return cls(len(factor), parts[0], tuple(parts[1:]))
 
     def times(self, along_sites: FloatArray, values: FloatArray) -> FloatArray:
         """``F J^T``: displacements by each cause.
@@ -120,19 +95,13 @@ class CovarianceRoot:
         out[:, :height] = product.reshape(height, k, m).transpose(1, 0, 2)
         for part in self.wide:
             by_function = part.columns @ values[part.functions]
-            for own, along in zip(out, along_sites[part.site], strict=True):
+            for own, along in zip(out, along_sites[part.sites[0]], strict=True):
                 own[: len(by_function)] += along * by_function
         return out
 
     def times_matrix(self, matrix: FloatArray) -> FloatArray:
         """``F @ matrix`` of a matrix (n_coefficients, q): (n_rows, q)."""
         out = np.zeros((self.n_rows, matrix.shape[1]))
-        parts: Sequence[_Narrow | _Wide] = (self.narrow, *self.wide)
-        for part in parts:
+        for part in (self.narrow, *self.wide):
             out[: len(part.columns)] += part.columns @ matrix[part.coefficients]
         return out
-
-
-def _numbers(rows: IntArray | slice) -> IntArray:
-    """Row numbers, also of a slice."""
-    return np.arange(rows.start, rows.stop) if isinstance(rows, slice) else rows

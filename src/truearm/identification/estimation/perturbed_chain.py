@@ -86,7 +86,7 @@ class PerturbedChain:
         sites = []
         for (place, direction), members in grouped.items():
             columns, rows = (np.concatenate(parts) for parts in zip(*members, strict=True))
-            sites.append(Site(place, np.array(direction), columns, _as_slice(rows)))
+            sites.append(Site(place, np.array(direction), columns, as_slice(rows)))
         return sites
 
     def values(self, state: ArmState) -> FloatArray:
@@ -184,10 +184,6 @@ class PerturbedChain:
     def derivatives(self, state: ArmState, x: FloatArray) -> Iterator[tuple[slice, FloatArray, FloatArray]]:
         """Yield tips (3, m) [mm] and their derivatives (n_coefficients, 3, m) by chunks of readings."""
         for rows, tips, along_sites, values in self.site_derivatives(state, x):
-            if values.shape[1] <= FEW:
-                site_of, row_of = self._of_coefficient
-                yield rows, tips, along_sites[site_of] * values[row_of][:, None, :]
-                continue
             yield rows, tips, self.by_coefficient(along_sites, values)
 
     def site_derivatives(
@@ -216,6 +212,9 @@ class PerturbedChain:
 
     def by_coefficient(self, along_sites: FloatArray, values: FloatArray) -> FloatArray:
         """Derivatives (n_coefficients, k, m) from those along the sites and the values of the basis functions."""
+        if values.shape[1] <= FEW:
+            site_of, row_of = self.of_coefficient
+            return np.asarray(along_sites[site_of] * values[row_of][:, None, :])
         out = np.empty((self.n_coefficients, *along_sites.shape[1:]))
         for along, site, value in zip(along_sites, self.sites, self.by_site(values), strict=True):
             out[site.columns] = along * value[:, None, :]
@@ -288,8 +287,8 @@ class PerturbedChain:
         return directions, np.array([site.place for site in self.sites], dtype=np.intp)
 
     @cached_property
-    def _of_coefficient(self) -> tuple[IntArray, IntArray]:
-        """Site of each coefficient, and its row among the values."""
+    def of_coefficient(self) -> tuple[IntArray, IntArray]:
+        """(n_coefficients,) site of each coefficient, counted as `sites`, and its row among the values."""
         site_of, row_of = np.empty((2, self.n_coefficients), dtype=np.intp)
         for number, site in enumerate(self.sites):
             site_of[site.columns], row_of[site.columns] = number, np.arange(self._of_place[-1].stop)[site.rows]
@@ -343,7 +342,7 @@ def chunks(n: int, size: int = CHUNK) -> list[slice]:
     return [slice(start, min(start + size, n)) for start in range(0, n, size)]
 
 
-def _as_slice(rows: IntArray) -> IntArray | slice:
+def as_slice(rows: IntArray) -> IntArray | slice:
     """Adjacent rows as a slice, whose values are not copied."""
-    adjacent = (np.diff(rows) == 1).all()
+    adjacent = len(rows) > 0 and (np.diff(rows) == 1).all()
     return slice(int(rows[0]), int(rows[-1]) + 1) if adjacent else rows
