@@ -7,7 +7,6 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.stats import chi2
 
 from identification_row import Row, over_splits, three_figures, told
@@ -16,7 +15,7 @@ from truearm import datasets
 from truearm.arm import load_arm
 from truearm.compensation.models import KinematicModel, NominalModel, PhysicalModel
 from truearm.readings import Session, hold_out
-from truearm.typing import BoolArray, FloatArray
+from truearm.typing import BoolArray, FloatArray, IntArray
 
 SPLITS = {"ur10-a": "position", "ur10-b": "position", "ur5": "row", "wam": "row"}
 MODELS = {"nominal": NominalModel, "kinematic": KinematicModel, "physical": PhysicalModel}
@@ -67,8 +66,8 @@ class Split:
 
     test: Session
     seen: dict[str, Seen]
-    ring: npt.NDArray[np.intp]
-    quadrant: npt.NDArray[np.intp]
+    ring: IntArray
+    quadrant: IntArray
 
 
 @cache
@@ -95,7 +94,7 @@ def squared_lengths(points: FloatArray, covariance: FloatArray, test: Session) -
     return np.einsum("ni,ni->n", deviations, np.linalg.solve(covariance, deviations[:, :, None])[:, :, 0])
 
 
-def quarters(train: FloatArray, test: FloatArray) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+def quarters(train: FloatArray, test: FloatArray) -> tuple[IntArray, IntArray]:
     """Give the quarters of the joint space that test poses are in: by distance from the middle, by joints 2 and 3."""
     away = np.linalg.norm((test - train.mean(axis=0)) / train.std(axis=0), axis=1)
     ring = np.searchsorted(np.quantile(away, [0.25, 0.5, 0.75]), away)
@@ -207,10 +206,10 @@ def coverage(seeds: int) -> Row:
     return Row(title, ["set", "points", "all", "rings", "quadrants"], cells, targets, found, [quarters_are, pooled])
 
 
-def shares_of(inside: BoolArray, ring: npt.NDArray[np.intp], quadrant: npt.NDArray[np.intp]) -> dict[str, Any]:
+def shares_of(inside: BoolArray, ring: IntArray, quadrant: IntArray) -> dict[str, Any]:
     """Shares of points inside [%]: of all, and by quarter."""
 
-    def by(quarter: npt.NDArray[np.intp]) -> list[float | None]:
+    def by(quarter: IntArray) -> list[float | None]:
         return [100 * float(inside[quarter == k].mean()) if (quarter == k).any() else None for k in range(QUARTERS)]
 
     return {"all": 100 * float(inside.mean()), "rings": by(ring), "quadrants": by(quadrant)}
@@ -238,7 +237,7 @@ def _points(readings: Session) -> FloatArray:
     return readings.points
 
 
-def _numbers(readings: Session) -> npt.NDArray[np.intp]:
+def _numbers(readings: Session) -> IntArray:
     """Numbers of the readings in their set, from 0."""
     assert readings.session is not None
     return readings.session.astype(np.intp)

@@ -7,7 +7,6 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from identification_row import Row
 from machine import Target
@@ -19,7 +18,7 @@ from truearm.compensation.models.reading_references import state_of
 from truearm.readings import Session
 from truearm.readings.lengths import Lengths
 from truearm.readings.seats import length_errors, seat_errors
-from truearm.typing import FloatArray
+from truearm.typing import FloatArray, NameArray
 
 MODELS = {"nominal": NominalModel, "kinematic": KinematicModel, "physical": PhysicalModel}
 
@@ -48,7 +47,7 @@ class Position:
     squares: FloatArray
 
 
-def figures_of(points: FloatArray, seat: npt.NDArray[np.str_], lengths: Lengths) -> dict[str, float]:
+def figures_of(points: FloatArray, seat: NameArray, lengths: Lengths) -> dict[str, float]:
     """Distances of points to the mean of their seat, and between the means [mm]."""
     errors = seat_errors(points, seat)
     here = lengths.between(np.unique(seat).tolist())

@@ -31,7 +31,7 @@ from scipy.spatial.transform import Rotation
 from truearm.arm.rigid_motions import apply_motions, cos_sin, rotations, rotations_and_jacobians, turn_matrices
 from truearm.arm.rigid_motions import exponential_derivative as exponential_derivative
 from truearm.errors import InputError
-from truearm.typing import FloatArray
+from truearm.typing import BoolArray, FloatArray
 
 # Poses that are evaluated together: 4096 doubles a component keep the working set of one pass
 # (about 60 components) inside a 2 MiB cache.
@@ -118,7 +118,7 @@ class Chain:
 
     fixed: FloatArray
     tip_in_flange: FloatArray
-    prismatic: npt.NDArray[np.bool_] | None = None
+    prismatic: BoolArray | None = None
 
     def __post_init__(self) -> None:
         fixed = np.array(self.fixed, dtype=float)
@@ -157,7 +157,7 @@ class Chain:
         return len(self.fixed) - 1
 
     @property
-    def is_prismatic(self) -> npt.NDArray[np.bool_]:
+    def is_prismatic(self) -> BoolArray:
         """(n_joints,) True for the joints that slide along their z axis instead of turning about it."""
         assert self.prismatic is not None  # set in __post_init__
         return self.prismatic

@@ -23,7 +23,7 @@ from scipy.spatial.transform import Rotation
 from truearm.arm.chain import Chain
 from truearm.arm.rigid_motions import screw_x, screw_z
 from truearm.errors import InputError
-from truearm.typing import FloatArray
+from truearm.typing import BoolArray, FloatArray
 
 Convention = Literal["dh", "mdh"]
 Kind = Literal["revolute", "prismatic", "fixed"]
@@ -66,7 +66,7 @@ class DHTable:
     d: FloatArray
     alpha: FloatArray
     theta: FloatArray
-    prismatic: npt.NDArray[np.bool_]
+    prismatic: BoolArray
     base: FloatArray
     flange: FloatArray
     tip_in_flange: FloatArray

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
 from truearm.solve import MarquardtDamping, levenberg_marquardt_by_row
-from truearm.typing import BoolArray, FloatArray
+from truearm.typing import BoolArray, FloatArray, IntArray
 
 # Rows that are solved together: the derivatives by all six motions at all places take 144 bytes a place each.
 _ROWS = 4096
@@ -45,7 +45,7 @@ class InverseKinematicsResult:
     """
 
     angles: FloatArray
-    reached: npt.NDArray[np.bool_]
+    reached: BoolArray
     distance_mm: FloatArray
     axis_error_rad: FloatArray
 
@@ -126,7 +126,7 @@ class _Problem:
         """(n, n_joints) `scale` for joints that turn, 1 for joints that slide."""
         return np.where(self.chain.is_prismatic, 1.0, self.scale[:, None])
 
-    def rows(self, which: slice | npt.NDArray[np.intp]) -> _Problem:
+    def rows(self, which: slice | IntArray) -> _Problem:
         return replace(
             self,
             targets=self.targets[which],

@@ -10,7 +10,6 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
@@ -21,7 +20,7 @@ from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.file_reading import read_limited
 from truearm.files.xml_reader import Element, attribute, child, children, float_attribute, parse_xml
-from truearm.typing import FloatArray
+from truearm.typing import BoolArray, FloatArray
 
 MAX_BYTES = 5_000_000
 BASE_LINK, TIP_LINK = "base", "tip"
@@ -105,7 +104,7 @@ def _working_pose(
     extra: ET.Element | None,
     known: set[str],
     names: list[str],
-    prismatic: npt.NDArray[np.bool_],
+    prismatic: BoolArray,
     default: FloatArray,
 ) -> FloatArray:
     pose = default.copy()

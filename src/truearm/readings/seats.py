@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from truearm.errors import InputError
 from truearm.readings.lengths import Lengths
-from truearm.typing import FloatArray, NameArray
+from truearm.typing import FloatArray, IntArray, NameArray
 
 
 class OneSeat(TypedDict):
@@ -114,7 +114,7 @@ def _checked(points: npt.ArrayLike, seat: npt.ArrayLike) -> tuple[FloatArray, Na
     return points, seat
 
 
-def _seat_means(points: FloatArray, seat: NameArray) -> tuple[NameArray, npt.NDArray[np.intp], FloatArray]:
+def _seat_means(points: FloatArray, seat: NameArray) -> tuple[NameArray, IntArray, FloatArray]:
     """Names of the seats in order, the number of each seated reading's seat, and the seats' mean points."""
     rows = seat != ""
     names, group = np.unique(seat[rows], return_inverse=True)

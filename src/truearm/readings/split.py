@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Literal, get_args
 
 import numpy as np
-import numpy.typing as npt
 
 from truearm.errors import InputError
 from truearm.readings.distances import rows_with_distance
 from truearm.readings.session import Session
+from truearm.typing import IntArray
 
 SplitBy = Literal["position", "seat", "session", "row"]
 
@@ -55,7 +55,7 @@ def hold_out(readings: Session, *, by: SplitBy = "position", fraction: float, se
     return readings.rows(~held), readings.rows(held)
 
 
-def readings_of_one_pose(readings: Session) -> npt.NDArray[np.intp]:
+def readings_of_one_pose(readings: Session) -> IntArray:
     """(n,) numbers of groups: distances to several anchors and several tips measured in one pose are together.
 
     Every other reading is alone; the number of a group is its first row.
@@ -67,7 +67,7 @@ def readings_of_one_pose(readings: Session) -> npt.NDArray[np.intp]:
     return group
 
 
-def stratified_rows(readings: Session, n: int, *, seed: int) -> npt.NDArray[np.intp]:
+def stratified_rows(readings: Session, n: int, *, seed: int) -> IntArray:
     """Choose a few readings, spread over the positions that they aimed at.
 
     With reference points: one reading of each position in turn, the positions in random order; readings at random if
@@ -122,7 +122,7 @@ def stratified_rows(readings: Session, n: int, *, seed: int) -> npt.NDArray[np.i
     return np.sort(rows[np.isin(pose, by_turn[:n_poses])])
 
 
-def _groups(readings: Session, by: SplitBy) -> npt.NDArray[np.intp]:
+def _groups(readings: Session, by: SplitBy) -> IntArray:
     """Give each reading the number of its group."""
     if by not in get_args(SplitBy):
         raise InputError(f"expected a split by {', '.join(get_args(SplitBy))}, got {by!r}")

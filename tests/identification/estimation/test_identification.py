@@ -429,8 +429,10 @@ def test_no_direction_of_a_tip_is_known_better_than_perfectly(arm, rng):
             perturbed_chain, np.zeros(p), spread, np.ones(p), (), (), converged=True, rounds=1
         ).tip_covariance(state)
         expected = np.einsum("pin,pq,qjn->nij", J, spread, J)
-        # mm^2: rounding of what adds up to thousands of it.
-        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-9)
-        np.testing.assert_allclose(found, found.transpose(0, 2, 1), rtol=0, atol=1e-11)
+        # mm^2: p roundings of what cancels out, if every coefficient moved the tip the same way.
+        reach = np.einsum("pin,p->ni", np.abs(J), np.sqrt(spread.diagonal()))
+        rounding = p * np.finfo(float).eps * reach[:, :, None] * reach[:, None, :]
+        assert (np.abs(found - expected) <= rounding).all()
+        assert (np.abs(found - found.transpose(0, 2, 1)) <= rounding).all()
         assert np.einsum("nii->ni", found).min() >= 0
-        assert np.linalg.eigvalsh(found).min() >= -1e-15 * np.abs(found).max()
+        assert np.linalg.eigvalsh(found).min() >= -10 * np.finfo(float).eps * np.abs(found).max()

@@ -26,7 +26,7 @@ from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.file_reading import read_limited
 from truearm.files.yaml_reader import YamlNode, parse_yaml, yaml_number, yaml_text
-from truearm.typing import FloatArray
+from truearm.typing import BoolArray, FloatArray
 
 FORMAT = "joint-offsets"
 DIRECTION: Final = "feedback"
@@ -137,14 +137,14 @@ def _parts(nominal: DHTable, identified: DHTable) -> tuple[FloatArray, list[Floa
     return offsets, origins
 
 
-def _chain(offsets: FloatArray, origins: Sequence[FloatArray], slides: npt.NDArray[np.bool_]) -> Chain:
+def _chain(offsets: FloatArray, origins: Sequence[FloatArray], slides: BoolArray) -> Chain:
     fixed = np.array(origins)
     for i, (offset, sliding) in enumerate(zip(offsets, slides, strict=True)):
         fixed[i + 1] = (screw_z(0.0, offset) if sliding else screw_z(offset, 0.0)) @ fixed[i + 1]
     return Chain(fixed, np.zeros(3), slides)
 
 
-def _offsets_of(node: YamlNode, names: Sequence[str]) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+def _offsets_of(node: YamlNode, names: Sequence[str]) -> tuple[FloatArray, BoolArray]:
     """Offsets [rad, or mm] of the joints and which of them slide."""
     entries = node.mapping("joint_offsets", required=("direction", "joints"))
     if entries["direction"].text != DIRECTION:

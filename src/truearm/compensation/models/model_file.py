@@ -48,6 +48,7 @@ from truearm.identification.estimation.identification_result import ReferenceFit
 from truearm.identification.estimation.outliers import MIN_ROBUST_WEIGHT
 from truearm.identification.terms import SkippedTerm, Term
 from truearm.solve.threads import one_blas_thread
+from truearm.typing import BoolArray, FloatArray, IntArray
 
 MODELS: dict[str, type[Compensator]] = {
     "nominal": NominalModel,
@@ -67,6 +68,8 @@ NOT_FINITE = (".lower", ".upper", *(f".{field.name}" for field in fields(Trainin
 WRITE_HINT = "write it again: truearm fit ... --out MODEL, or model.save(MODEL)"
 
 Array = npt.NDArray[Any]
+# A field is an array if its type is one of our names; how NumPy spells them differs between its versions.
+DTYPES: dict[Any, type[np.generic]] = {FloatArray: np.float64, IntArray: np.intp, BoolArray: np.bool_}
 
 
 class _ArrayEntry(BaseModel):
@@ -273,8 +276,8 @@ def _decode(hint: Any, data: Any, name: str, arrays: dict[str, Array]) -> Any:
         return Term.from_data(data)
     if hint is SkippedTerm:
         return SkippedTerm(*_decode(tuple[str, ...], data, name, arrays))
-    if origin is np.ndarray:
-        return _taken_array(get_args(arguments[1])[0], data, name, arrays)
+    if hint in DTYPES:
+        return _taken_array(DTYPES[hint], data, name, arrays)
     if is_dataclass(hint):
         hints = get_type_hints(hint)
         names = [field.name for field in _kept_fields(hint)]

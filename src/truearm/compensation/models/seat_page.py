@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from truearm.compensation.models.comparison_page import improvement_sentence
 from truearm.compensation.models.error_figures import (
@@ -20,7 +19,7 @@ from truearm.pages.number_format import format_count, format_mm
 from truearm.pages.page import Cell, Column, LabelledValue, Page, PageVerdict, Section, Table
 from truearm.pages.plotting import Style, styles_of
 from truearm.pages.scene import Mechanism
-from truearm.typing import FloatArray
+from truearm.typing import FloatArray, NameArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +49,7 @@ class SeatComparison:
     """
 
     angles: FloatArray
-    seat: npt.NDArray[np.str_]
+    seat: NameArray
     predicted: Mapping[str, FloatArray]
     lengths: Sequence[tuple[str, str, float, float]]
     length_errors: Mapping[str, FloatArray]
@@ -151,7 +150,7 @@ def _in_space(seated: SeatComparison, distances: Mapping[str, FloatArray], best:
     return Section("Where the points disagree", scenes=(scene,))
 
 
-def _from_mean(points: FloatArray, seat: npt.NDArray[np.str_]) -> FloatArray:
+def _from_mean(points: FloatArray, seat: NameArray) -> FloatArray:
     """(n,) distances of points from the mean of their seat [mm]."""
     index = np.unique(seat, return_inverse=True)[1]
     means = np.stack([np.bincount(index, column) for column in points.T], axis=1) / np.bincount(index)[:, None]

@@ -18,7 +18,7 @@ from truearm.compensation.nets.normal_equations import FitProblem
 from truearm.compensation.nets.perceptron import Perceptron
 from truearm.compensation.nets.trainbr import BayesianRecord, trainbr
 from truearm.errors import InputError
-from truearm.typing import FloatArray, IntArray
+from truearm.typing import BoolArray, FloatArray, IntArray
 
 # Samples of a member's training, as a multiple of its weights. With three outputs the weights then take up a 36th of
 # the freedom at most; more samples cost time and change the predictions by less than the scatter of the members.
@@ -107,7 +107,7 @@ def train_member(
     network: Perceptron,
     inputs: FloatArray,
     targets: FloatArray,
-    used: np.typing.NDArray[np.bool_],
+    used: BoolArray,
     *,
     epochs: int,
     seed: list[int],

@@ -30,7 +30,6 @@ from itertools import compress
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import eigh
 from scipy.sparse import csr_array, hstack, vstack
 
@@ -46,7 +45,7 @@ from truearm.identification.estimation.residual_variance import FLOOR_MM2, HeldO
 from truearm.identification.terms.state import ArmState
 from truearm.readings.anchors import LEAST_READINGS
 from truearm.solve.threads import one_blas_thread
-from truearm.typing import FloatArray, IntArray
+from truearm.typing import BoolArray, FloatArray, IntArray
 
 # Eigenvalues of I - S: 1 where the other groups determine a direction, 0 where only this group does. Below this bound
 # residuals are mostly what the iterations left of them, and are scaled by no more than a thousand; where only a wide
@@ -139,8 +138,8 @@ class _Whitened:
     spread: csr_array
     columns: IntArray
     count: IntArray
-    is_linked: npt.NDArray[np.bool_]
-    is_judged: npt.NDArray[np.bool_]
+    is_linked: BoolArray
+    is_judged: BoolArray
 
 
 class _Piece(NamedTuple):
@@ -436,7 +435,7 @@ def _held_out(
     return HeldOutReadings(readings, group[readings], white[shows] / weights, covariance, freedom[shows])
 
 
-def _is_judged(part: ReferenceFit, references: Sequence[ReferenceFit], kinds: Sequence[str]) -> npt.NDArray[np.bool_]:
+def _is_judged(part: ReferenceFit, references: Sequence[ReferenceFit], kinds: Sequence[str]) -> BoolArray:
     if part.kind not in kinds:
         return np.zeros(len(part.rows), dtype=bool)
     if part.kind == "seat":

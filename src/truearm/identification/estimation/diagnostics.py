@@ -30,7 +30,7 @@ from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.terms.basis import Constant, Harmonics
 from truearm.identification.terms.state import ArmState
 from truearm.solve.square_roots import unit_diagonal
-from truearm.typing import FloatArray, IntArray
+from truearm.typing import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -101,9 +101,7 @@ def effects(fit: IdentificationResult, state: ArmState) -> tuple[Effect, ...]:
     )
 
 
-def _tip_squares(
-    fit: IdentificationResult, state: ArmState, group: IntArray, is_free: npt.NDArray[np.bool_]
-) -> FloatArray:
+def _tip_squares(fit: IdentificationResult, state: ArmState, group: IntArray, is_free: BoolArray) -> FloatArray:
     """(n_groups,) sums of squared displacements of the tip, less the parts that free groups compensate."""
     parts = [np.flatnonzero(group == i) for i in range(len(is_free))]
     free = np.flatnonzero(is_free[group])

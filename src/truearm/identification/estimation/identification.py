@@ -11,7 +11,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
@@ -36,7 +35,7 @@ from truearm.identification.terms.term import Term
 from truearm.solve.arrowhead import SchurComplement
 from truearm.solve.group_evidence import GroupedPrior
 from truearm.solve.threads import one_blas_thread
-from truearm.typing import FloatArray
+from truearm.typing import FloatArray, IntArray
 
 MOST_ROUNDS = 40
 # Many readings start from the result of a sample: so many at least, and so many a coefficient.
@@ -317,7 +316,7 @@ def reference_fits(
     return tuple(found)
 
 
-def _artefact(problem: SmallMotionProblem, which: int, x: FloatArray) -> npt.NDArray[np.intp]:
+def _artefact(problem: SmallMotionProblem, which: int, x: FloatArray) -> IntArray:
     """(m,) index of the artefact of each reading: readings that share unknowns share it."""
     reference = problem.references[which]
     if not reference.unknowns:

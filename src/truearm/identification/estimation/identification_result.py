@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
 from truearm.arm.chain import Chain
 from truearm.identification.estimation.covariance_root import CovarianceRoot
@@ -15,7 +14,7 @@ from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.estimation.references import Reference
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
-from truearm.typing import FloatArray
+from truearm.typing import FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -66,12 +65,12 @@ class ReferenceFit:
     """
 
     kind: str
-    rows: npt.NDArray[np.intp]
+    rows: IntArray
     residuals: FloatArray
     std: FloatArray
     noise_std: float
     robust_weight: FloatArray
-    artefact: npt.NDArray[np.intp]
+    artefact: IntArray
     unknowns: dict[str, float]
     repeat_variance: FloatArray | None = None
 

@@ -11,11 +11,10 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, NamedTuple, Protocol, Self
 
 import numpy as np
-import numpy.typing as npt
 
 from truearm.arm.chain import MAX_LENGTH_MM
 from truearm.errors import InputError
-from truearm.typing import FloatArray, IntArray
+from truearm.typing import FloatArray, IntArray, NameArray
 
 
 class LinearisedResiduals(NamedTuple):
@@ -399,7 +398,7 @@ StatedLength = tuple[str, str, float, float] | tuple[str, str, float, float, str
 """``(seat_a, seat_b, length_mm, u_mm)``, optionally with the other fields of a `Length`."""
 
 
-def seats_of(rows: IntArray, names: npt.NDArray[np.str_], lengths: Sequence[StatedLength] = ()) -> Seats:
+def seats_of(rows: IntArray, names: NameArray, lengths: Sequence[StatedLength] = ()) -> Seats:
     """Create seats from the seat name of each reading (m,), with lengths between them.
 
     Raises
@@ -419,7 +418,7 @@ def seats_of(rows: IntArray, names: npt.NDArray[np.str_], lengths: Sequence[Stat
     return Seats(rows, seat, unique, tuple(Length(known[a], known[b], *rest) for a, b, *rest in lengths))
 
 
-def number_names(names: npt.NDArray[np.str_]) -> tuple[tuple[str, ...], IntArray]:
+def number_names(names: NameArray) -> tuple[tuple[str, ...], IntArray]:
     """The distinct names, and for each reading (m,) the index of its name."""
     unique, index = np.unique(names, return_inverse=True)
     return tuple(str(name) for name in unique), index.astype(np.intp)

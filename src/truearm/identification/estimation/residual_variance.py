@@ -144,8 +144,8 @@ class HeldOutReadings:
         Share of a reading's own variance in its deviation: 1, or 1 - 1/n for n readings about their own mean.
     """
 
-    rows: npt.NDArray[np.intp]
-    group: npt.NDArray[np.intp]
+    rows: IntArray
+    group: IntArray
     deviations: FloatArray
     covariance: FloatArray
     freedom: FloatArray

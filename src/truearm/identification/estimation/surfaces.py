@@ -16,12 +16,11 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
-import numpy.typing as npt
 
 from truearm.arm.rigid_motions import rotations_and_jacobians
 from truearm.errors import InputError
 from truearm.identification.estimation.references import Constraints, LinearisedResiduals, number_names
-from truearm.typing import FloatArray, IntArray
+from truearm.typing import FloatArray, IntArray, NameArray
 
 # Spheres with the same radius and uncertainty are one ball at several places; their radii differ by no more than this
 # share of the uncertainty. Differences between touches are in the noise.
@@ -297,7 +296,7 @@ class Lines(_Straight):
     least = 2
 
 
-def spheres_of(rows: IntArray, names: npt.NDArray[np.str_], radii: Sequence[tuple[str, float, float]] = ()) -> Spheres:
+def spheres_of(rows: IntArray, names: NameArray, radii: Sequence[tuple[str, float, float]] = ()) -> Spheres:
     """Create spheres from the sphere name of each reading (m,), with effective radii ``(sphere, radius_mm, u_mm)``.
 
     Raises
@@ -316,13 +315,13 @@ def spheres_of(rows: IntArray, names: npt.NDArray[np.str_], radii: Sequence[tupl
     return Spheres(rows, touched, unique, known)
 
 
-def planes_of(rows: IntArray, names: npt.NDArray[np.str_]) -> Planes:
+def planes_of(rows: IntArray, names: NameArray) -> Planes:
     """Create planes from the plane name of each reading (m,)."""
     unique, touched = number_names(names)
     return Planes(rows, touched, unique)
 
 
-def lines_of(rows: IntArray, names: npt.NDArray[np.str_]) -> Lines:
+def lines_of(rows: IntArray, names: NameArray) -> Lines:
     """Create lines from the line name of each reading (m,)."""
     unique, touched = number_names(names)
     return Lines(rows, touched, unique)

@@ -12,7 +12,7 @@ from truearm.identification.planning.exchange import DesignProblem
 from truearm.identification.planning.factors import moment_matrix, project_out, stack_factors
 from truearm.identification.terms.state import ArmState
 from truearm.readings.lengths import PLACE_U_MM
-from truearm.typing import FloatArray
+from truearm.typing import FloatArray, IntArray
 
 SEAT_STD_MM = 1e4
 """Prior standard deviation of an unknown position of a seat. A wider one would cost digits."""
@@ -145,7 +145,7 @@ def design_problem(
     return DesignProblem(stack_factors(factors), prior, target)
 
 
-def _seats(candidates: Candidates) -> tuple[int, npt.NDArray[np.intp]]:
+def _seats(candidates: Candidates) -> tuple[int, IntArray]:
     """Number of seats, and the seat of each reading, -1 if it is in none."""
     if candidates.seat is None:
         return 0, np.full(len(candidates.angles), -1)
@@ -153,7 +153,7 @@ def _seats(candidates: Candidates) -> tuple[int, npt.NDArray[np.intp]]:
     return len(names), seat.astype(np.intp)
 
 
-def _bars(candidates: Candidates, seat: npt.NDArray[np.intp], tips: FloatArray) -> list[tuple[int, int, FloatArray]]:
+def _bars(candidates: Candidates, seat: IntArray, tips: FloatArray) -> list[tuple[int, int, FloatArray]]:
     """Both seats of every place of a bar, and the direction from one to the other over the place's uncertainty."""
     if candidates.length_mm is None:
         return []

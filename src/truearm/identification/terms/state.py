@@ -23,7 +23,7 @@ from truearm.identification.terms.gravity import (
     uniform_links,
 )
 from truearm.readings.session import PAYLOAD
-from truearm.typing import FloatArray
+from truearm.typing import BoolArray, FloatArray, IntArray, NameArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,8 +65,8 @@ class ArmState:
     columns: Mapping[str, FloatArray] = field(default_factory=dict)
     links: LinkMasses | None = None
     gravity_in_base: FloatArray = field(default_factory=lambda: np.array(STANDARD_GRAVITY_IN_BASE))
-    session: npt.NDArray[np.str_] | None = None
-    tip: npt.NDArray[np.str_] | None = None
+    session: NameArray | None = None
+    tip: NameArray | None = None
 
     def __post_init__(self) -> None:
         angles = np.asarray(self.angles, dtype=float)
@@ -109,7 +109,7 @@ class ArmState:
     def __len__(self) -> int:
         return len(self.angles)
 
-    def rows(self, which: slice | npt.NDArray[np.bool_] | npt.NDArray[np.intp]) -> ArmState:
+    def rows(self, which: slice | BoolArray | IntArray) -> ArmState:
         """Select readings."""
         return ArmState(
             self.chain,

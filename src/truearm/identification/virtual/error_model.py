@@ -25,7 +25,7 @@ from truearm.identification.virtual.error_class import DrawnTerm, ErrorClass
 from truearm.identification.virtual.presets import ARCSEC, Preset
 from truearm.identification.virtual.state import force_column, link_masses, random_stream
 from truearm.identification.virtual.wear import wear_classes
-from truearm.typing import FloatArray
+from truearm.typing import FloatArray, NameArray
 
 _OWN_AXIS = (0.0, 0.0, 1.0, 0.0, 0.0, 0.0)  # rotation about z
 
@@ -69,7 +69,7 @@ class ErrorModel:
         return np.concatenate([np.zeros(0), *(one.draw(seed) for one in self.classes)])
 
     @cached_property
-    def groups(self) -> npt.NDArray[np.str_]:
+    def groups(self) -> NameArray:
         """Group of each coefficient."""
         return np.array([term.group for term in self.terms for _ in range(term.n_coefficients)], dtype=np.str_)
 

@@ -27,7 +27,7 @@ import numpy.typing as npt
 from scipy.special import ndtri
 
 from truearm.errors import InputError
-from truearm.typing import FloatArray
+from truearm.typing import BoolArray, FloatArray, IntArray
 from truearm.verification.monitor.serial_correlation import (
     CORRELATIONS,
     LEAST_MM,
@@ -164,13 +164,13 @@ class ControlChart:
     """
 
     values: FloatArray
-    n_before: npt.NDArray[np.intp]
+    n_before: IntArray
     scores: FloatArray
     centre: FloatArray
     lower: FloatArray
     upper: FloatArray
     cusum: FloatArray
-    out_of_limits: npt.NDArray[np.bool_]
+    out_of_limits: BoolArray
     signal_index: int | None
     change_index: int | None
     gradual: bool
@@ -193,7 +193,7 @@ class ControlChart:
         return first if first < len(self.values) else None
 
     @property
-    def shows_limits(self) -> npt.NDArray[np.bool_]:
+    def shows_limits(self) -> BoolArray:
         """Whether the limits of each value are worth showing (`MIN_LIMIT_VALUES`), (n,): always of one beyond them."""
         return (self.n_before >= MIN_LIMIT_VALUES) | self.out_of_limits
 
@@ -340,7 +340,7 @@ def _lines(
 
 
 def _before(
-    changed: int, charted: FloatArray, gaps: FloatArray, beyond: npt.NDArray[np.bool_], correlations: FloatArray
+    changed: int, charted: FloatArray, gaps: FloatArray, beyond: BoolArray, correlations: FloatArray
 ) -> AutoregressiveBaseline:
     """The baseline of the values before a change."""
     baseline = AutoregressiveBaseline(correlations)
@@ -351,7 +351,7 @@ def _before(
     return baseline
 
 
-def _alone(i: int, scores: FloatArray, beyond: npt.NDArray[np.bool_]) -> bool:
+def _alone(i: int, scores: FloatArray, beyond: BoolArray) -> bool:
     """Whether value i, which has a next one, is beyond its limits without a neighbour beyond the same limit."""
     sides = [beyond[j] and np.sign(scores[j]) == np.sign(scores[i]) for j in (i - 1, i + 1)]
     return bool(beyond[i] and not any(sides))
@@ -374,7 +374,7 @@ def _least(mean: float, u: float, n: int, scale: bool) -> float:
     return least * 2 / 3 * mean**-0.5 if scale and mean > 0 else least
 
 
-def _change(rows: npt.NDArray[np.intp], values: FloatArray) -> tuple[int, bool]:
+def _change(rows: IntArray, values: FloatArray) -> tuple[int, bool]:
     """Date a change: the first row of it, and whether it is gradual.
 
     By least squares, which is maximum likelihood for normal values: a constant, and from some row on either another one

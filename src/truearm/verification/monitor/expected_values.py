@@ -21,12 +21,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import brentq
 from scipy.special import ndtr, roots_genlaguerre, stdtrit
 
 from truearm.solve.quadratic_forms import quadratic_form_quantile_beyond
-from truearm.typing import FloatArray
+from truearm.typing import FloatArray, IntArray
 
 U_OF_STATED = 0.25
 """Relative standard uncertainty of the uncertainty that a model states.
@@ -56,7 +55,7 @@ class PointErrors:
     std_mm: FloatArray
     shared_mm: FloatArray
 
-    def of(self, rows: npt.NDArray[np.intp]) -> PointErrors:
+    def of(self, rows: IntArray) -> PointErrors:
         """Those of some of the points."""
         return PointErrors(self.std_mm[rows], self.shared_mm[:, rows])
 

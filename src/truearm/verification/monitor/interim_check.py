@@ -17,7 +17,7 @@ import numpy.typing as npt
 from truearm.errors import InputError
 from truearm.readings.lengths import Lengths
 from truearm.readings.thermal_expansion import thermal_expansion_at
-from truearm.typing import FloatArray, NameArray
+from truearm.typing import FloatArray, IntArray, NameArray
 from truearm.verification.monitor.control_chart import FALSE_ALARMS
 from truearm.verification.monitor.expected_values import (
     PointErrors,
@@ -329,7 +329,7 @@ def _expected_scatter(errors: PointErrors, probability: float) -> float | None:
 
 def _expected_length(
     value: CheckValue,
-    seats: Mapping[str, npt.NDArray[np.intp]],
+    seats: Mapping[str, IntArray],
     points: FloatArray,
     errors: PointErrors,
     probability: float,
@@ -347,7 +347,7 @@ def _expected_length(
 
 
 def _expected_spheres(
-    spheres: Mapping[str, npt.NDArray[np.intp]], points: FloatArray, errors: PointErrors, probability: float
+    spheres: Mapping[str, IntArray], points: FloatArray, errors: PointErrors, probability: float
 ) -> dict[tuple[str, str], float | None]:
     found: dict[tuple[str, str], float | None] = {}
     for name, rows in spheres.items():
@@ -386,7 +386,7 @@ def interim_deviations(
     return deviation
 
 
-def _groups(names: NameArray | None, n: int) -> dict[str, npt.NDArray[np.intp]]:
+def _groups(names: NameArray | None, n: int) -> dict[str, IntArray]:
     """Rows of each name, in the order of first appearance."""
     if names is None:
         return {}
@@ -422,7 +422,7 @@ def _of_seat(name: str, points: FloatArray, std: FloatArray) -> list[CheckValue]
 
 def _of_lengths(
     lengths: Lengths,
-    seats: Mapping[str, npt.NDArray[np.intp]],
+    seats: Mapping[str, IntArray],
     points: FloatArray,
     std: FloatArray,
     degC: float | None,

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Drawing
 
@@ -14,6 +13,7 @@ from truearm.pages.page import Cell, Column, LabelledValue, Page, PageVerdict, S
 from truearm.pages.palette import FAINT, INK, LIMIT, NAVY, ORANGE
 from truearm.pages.plotting import Figure, figure_style, join_phrases, make_panel, shorten
 from truearm.readings.thermal_expansion import ARTEFACT_U_K
+from truearm.typing import IntArray
 from truearm.verification.monitor.assessment import (
     Assessment,
     RecalibrationAdvice,
@@ -310,7 +310,7 @@ def _panel(trend: Trend, chart: ControlChart, checks: Sequence[InterimCheck]) ->
     return drawing
 
 
-def _values(axes: Axes, number: npt.NDArray[np.intp], chart: ControlChart) -> None:
+def _values(axes: Axes, number: IntArray, chart: ControlChart) -> None:
     drawn = chart.shows_limits
     shown = [chart.values, chart.upper[drawn], chart.lower[drawn][~np.isnan(chart.lower[drawn])]]
     low, high = (float(f(np.concatenate(shown))) for f in (np.min, np.max))

@@ -12,9 +12,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
-from truearm.typing import FloatArray
+from truearm.typing import FloatArray, IntArray
 from truearm.verification.shapes.circumscribed_sphere import circumscribed_sphere
 from truearm.verification.standards.layout import Placement
 from truearm.verification.standards.specification import Specification
@@ -185,7 +184,7 @@ class _Bars:
     lengths_mm : (m,) array
     """
 
-    ends: npt.NDArray[np.intp]
+    ends: IntArray
     along: FloatArray
     lengths_mm: FloatArray
 

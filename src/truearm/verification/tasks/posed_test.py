@@ -7,14 +7,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
 from truearm.identification.planning.sampling.measuring import check_five_rotary_joints, inner_limits, postures, reach
 from truearm.identification.planning.sampling.seat import farthest_points
 from truearm.identification.planning.sampling.workspace import azimuth_of, stance, within_cone
-from truearm.typing import FloatArray
+from truearm.typing import BoolArray, FloatArray, IntArray
 from truearm.verification.standards.layout import Placement
 
 # Spread of the postures from group to group, and within a group: swing of the elbow, roll of the handle.
@@ -44,7 +43,7 @@ class PosedTest:
     arm: Arm
     placements: tuple[Placement, ...]
     angles: FloatArray
-    placement: npt.NDArray[np.intp]
+    placement: IntArray
 
     @property
     def points(self) -> FloatArray:
@@ -145,8 +144,8 @@ def _reach_groups(
     layout: tuple[Placement, ...],
     arm: Arm,
     angles: FloatArray,
-    placement: npt.NDArray[np.intp],
-    free: npt.NDArray[np.bool_],
+    placement: IntArray,
+    free: BoolArray,
     rng: np.random.Generator,
 ) -> Counter[tuple[int, str]]:
     """Fill in angles row by row; return the numbers of unreached points by placement and reason."""

@@ -11,7 +11,6 @@ from collections import Counter
 from collections.abc import Mapping
 
 import numpy as np
-import numpy.typing as npt
 
 from truearm.arm.arm import Arm
 from truearm.arm.inverse_kinematics import solve_inverse_kinematics
@@ -26,7 +25,7 @@ from truearm.identification.planning.sampling.workspace import (
     stance,
     within_cone,
 )
-from truearm.typing import FloatArray
+from truearm.typing import BoolArray, FloatArray, NameArray
 
 END_STOP_MARGIN_RAD = float(np.radians(2.0))
 """Operators stay away from the end stops, where the tubes bend and no encoder measures it."""
@@ -157,7 +156,7 @@ def inner_limits(arm: Arm) -> tuple[FloatArray, FloatArray]:
     return np.minimum(lower + margin, arm.working), np.maximum(upper - margin, arm.working)
 
 
-def reach(arm: Arm, tips: FloatArray, axes: FloatArray, posture: FloatArray) -> tuple[FloatArray, npt.NDArray[np.str_]]:
+def reach(arm: Arm, tips: FloatArray, axes: FloatArray, posture: FloatArray) -> tuple[FloatArray, NameArray]:
     """Angles that reach targets, and for each the reason of a failure, or an empty string."""
     lower, upper = inner_limits(arm)
     found = solve_inverse_kinematics(
@@ -175,7 +174,7 @@ def describe_rejections(rejected: Mapping[str, int]) -> str:
     return ", ".join(f"{count} x {reason}" for reason, count in sorted(rejected.items())) or "none rejected"
 
 
-def _rows_until(good: npt.NDArray[np.bool_], wanted: int) -> int:
+def _rows_until(good: BoolArray, wanted: int) -> int:
     """Count the rows up to and including the wanted-th good one; all if there are fewer."""
     places = np.flatnonzero(good)
     return int(places[wanted - 1]) + 1 if len(places) >= wanted else len(good)

@@ -19,7 +19,7 @@ from truearm.identification.planning.sampling.workspace import (
     stance,
     within_cone,
 )
-from truearm.typing import FloatArray
+from truearm.typing import FloatArray, IntArray
 
 SEAT_SECTOR = Sector(near=0.35, far=0.75, low=-0.25, high=0.25, half_angle_deg=60.0)
 """Seats are on the table or on posts, where the arm has room to turn about them."""
@@ -81,7 +81,7 @@ def seat(arm: Arm, n: int, *, seed: int, seats: int | npt.ArrayLike = 3) -> Pose
     raise InputError(f"arm {arm.name!r} reaches only {len(held)} of {n_seats} seats in enough postures")
 
 
-def farthest_points(angles: FloatArray, n: int) -> npt.NDArray[np.intp]:
+def farthest_points(angles: FloatArray, n: int) -> IntArray:
     """Choose n rows, each the farthest from those before it; the first is the farthest from the mean."""
     chosen = [int(np.linalg.norm(angles - angles.mean(axis=0), axis=1).argmax())]
     nearest = np.full(len(angles), np.inf)
