@@ -8,19 +8,23 @@ import json
 import shutil
 import zipfile
 from copy import copy
-from dataclasses import fields, replace
+from dataclasses import fields, is_dataclass, replace
+from inspect import get_annotations
 from pathlib import Path
+from types import UnionType
+from typing import Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 import pytest
 
-from truearm.arm.arm import Arm
+from truearm.arm.arm import NOT_KEPT, Arm
 from truearm.arm.chain import Chain
 from truearm.compensation.models import MODELS, KinematicModel, NetworkModel, PhysicalModel
-from truearm.compensation.models.model_file import load_model, save_model
+from truearm.compensation.models.model_file import DTYPES, load_model, save_model
 from truearm.compensation.models.network import TRAINERS
 from truearm.errors import InputError, TruearmError
 from truearm.identification.estimation.outliers import outliers
+from truearm.identification.terms import SkippedTerm, Term
 from truearm.readings import Session
 
 # Files of format 1, and the predictions of their models at the working pose: tip, standard uncertainties and nominal
@@ -182,6 +186,49 @@ def test_a_file_of_format_1_predicts_what_it_did(name):
     np.testing.assert_allclose(np.sqrt(np.diag(covariance[0])), std, rtol=1e-5)
     np.testing.assert_allclose(model.predict_nominal(model.arm.working[None]), [nominal], rtol=1e-12)
     assert model.ellipsoid_factor(0.99) == pytest.approx(np.sqrt(11.345), abs=1e-4)  # its tails were not kept
+
+
+@pytest.mark.parametrize("path", sorted(Path(__file__).parent.glob("*.truearm")), ids=lambda path: path.stem)
+def test_a_file_from_another_python_comes_back_to_the_last_bit(path, tmp_path):
+    """Written by Python 3.11 with NumPy 2.4 (format-1) and by Python 3.13 with NumPy 2.5."""
+    load_model(path).save(tmp_path / "again.truearm")
+    with zipfile.ZipFile(path) as kept, zipfile.ZipFile(tmp_path / "again.truearm") as again:
+        for name in set(kept.namelist()) - {"model.json"}:
+            assert kept.read(name) == again.read(name), name
+        header, header_again = (json.loads(archive.read("model.json")) for archive in (kept, again))
+    assert header["options"].items() <= header_again["options"].items()
+    assert is_within(header["learned"], header_again["learned"])
+
+
+def is_within(part, whole):
+    """Whether `whole` says all that `part` says; what a class gained since comes in addition."""
+    if isinstance(part, dict):
+        return all(key in whole and is_within(one, whole[key]) for key, one in part.items())
+    if isinstance(part, list):
+        return len(part) == len(whole) and all(map(is_within, part, whole))
+    return part == whole
+
+
+def types_within(hint):
+    """A type and the types of all that its values hold; a term has a form of its own."""
+    yield hint
+    if is_dataclass(hint) and hint is not Term:
+        hints = get_type_hints(hint)
+        parts = [hints[field.name] for field in fields(hint) if NOT_KEPT not in field.metadata]
+    else:
+        parts = () if hint in DTYPES else get_args(hint)
+    for one in parts:
+        yield from types_within(one)
+
+
+@pytest.mark.parametrize("kind", MODELS.values(), ids=MODELS)
+def test_every_type_that_a_model_learns_has_a_form_in_its_file(kind):
+    """Also where no sample has a value of it: what is spelled otherwise would be saved and not read."""
+    learned = {get_type_hints(cls)[n] for cls in kind.__mro__ for n in get_annotations(cls) if n.endswith("_")}
+    known = {type(None), bool, int, float, str, Term, SkippedTerm, *DTYPES}
+    for hint in (one for learnt in learned for one in types_within(learnt) if one not in known and one is not ...):
+        is_container = get_origin(hint) in (tuple, dict, Union, UnionType)
+        assert is_container or is_dataclass(hint), f"no form in a model file: {hint}"
 
 
 @pytest.fixture
