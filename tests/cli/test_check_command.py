@@ -22,6 +22,7 @@ from truearm.verification.monitor import history as truearm_history
 from truearm.verification.monitor.assessment import RecalibrationAdvice, assess
 from truearm.verification.monitor.history import History
 from truearm.verification.monitor.interim_check import InterimCheck, interim_values
+from truearm.workflows.check import readings_to_compare
 
 PAGE = Path(__file__).parents[2] / "docs" / "interim-check.md"
 TYPED = (1, 10, 11, 18, 26)
@@ -72,8 +73,9 @@ def course(bench, truearm):
                 continue
             readings = read_session(f"day{day:02}.csv")
             unexplained = model.covariance_parts(readings)[1]
+            points = model.predict_readings(readings)
             values = interim_values(
-                model.predict_readings(readings),
+                points,
                 std_mm=np.sqrt(np.trace(unexplained, axis1=1, axis2=2) / 3),
                 seat=readings.seat,
                 sphere=readings.sphere,
@@ -81,8 +83,9 @@ def course(bench, truearm):
                 temperature_degC=float(readings.temperature_degC.mean()),
             )
             when = datetime.datetime(2026, 1, day)
+            compared = readings_to_compare(model, points, readings)
             assert history.append(
-                InterimCheck(when, whose, fingerprint(readings), readings.temperature_degC.mean(), values)
+                InterimCheck(when, whose, fingerprint(readings), readings.temperature_degC.mean(), values, compared)
             )
     return runs
 
@@ -342,8 +345,8 @@ def test_the_page_has_the_charts_and_the_answer(folder):
     assert f"{ARM}: interim checks" in html
     for phrase in ("seat cone, SPAT.2s", "drift since about check", "cumulative", "Temperature of the checks"):
         assert phrase in html
-    # Six charts, the temperature, and four views of the points of this check.
-    assert html.count('<div class="panel"') == 11
+    # Seven charts, the temperature, and four views of the points of this check.
+    assert html.count('<div class="panel"') == 12
     view = json.loads(re.search(r'<script type="application/json">(.*?)</script>', html, flags=re.DOTALL)[1])
     cloud = view["points"]
     assert cloud["total"] == 27

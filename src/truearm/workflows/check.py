@@ -21,6 +21,7 @@ from truearm.compensation.models.training_conditions import fingerprint
 from truearm.errors import InputError
 from truearm.readings import Lengths, Session, check_sessions
 from truearm.solve.threads import one_blas_thread
+from truearm.typing import FloatArray
 from truearm.verification.monitor.assessment import (
     Assessment,
     RecalibrationAdvice,
@@ -37,9 +38,12 @@ from truearm.verification.monitor.expected_values import PointErrors
 from truearm.verification.monitor.history import History, OtherModel
 from truearm.verification.monitor.interim_check import (
     CHECK_QUANTITIES,
+    CheckReading,
     CheckValue,
     InterimCheck,
+    artefacts_of,
     counted,
+    interim_deviations,
     interim_values,
 )
 from truearm.verification.monitor.recorded_check import RecordedCheck, record_check
@@ -204,6 +208,7 @@ class CheckResult(PageRecord):
             "n_checks": len(counted(record.checks)),
             "n_needed": CHECKS_NEEDED,
             "recalibrate": assessment.recalibrate.value,
+            "seen_mm": assessment.seen_mm,
             "since": None if since is None else {"check": since + 1, "date": format_date(record.checks[since].date)},
             "reasons": list(assessment.reasons),
             "remarks": list(self.remarks),
@@ -298,8 +303,10 @@ def check(
     if outside := int(fitted.outside_training(readings.angles).sum()):
         remarks.append(f"{outside} of {len(readings)} readings have a joint outside the trained range.")
     temperature = None if readings.temperature_degC is None else float(readings.temperature_degC.mean())
-    values = _values(fitted, readings, known, temperature)
-    new = InterimCheck(moment, model_file_fingerprint(model), fingerprint(readings), temperature, values)
+    points = fitted.predict_readings(readings)
+    values = _values(fitted, points, readings, known, temperature)
+    compared = readings_to_compare(fitted, points, readings)
+    new = InterimCheck(moment, model_file_fingerprint(model), fingerprint(readings), temperature, values, compared)
     name = Path(model).name if isinstance(model, str | Path) else type(fitted).__name__
     unit = with_serial_number(fitted.arm_, readings).serial_number
     record = record_check(
@@ -322,8 +329,20 @@ def single_reading_remarks(session: Session, lengths: Lengths | None) -> list[st
     return remarks
 
 
+def readings_to_compare(model: Compensator, points: FloatArray, session: Session) -> tuple[CheckReading, ...]:
+    """What a later check compares its readings with; a nanometre and a second of arc are enough."""
+    poses = np.where(model.arm.chain.is_prismatic, session.angles / 1000, session.angles).round(5)
+    deviation = interim_deviations(points, seat=session.seat, sphere=session.sphere).round(6)
+    artefacts = artefacts_of(session.seat, session.sphere, len(session))
+    return tuple(
+        CheckReading(artefact, tuple(pose), tuple(away))
+        for artefact, pose, away in zip(artefacts, poses.tolist(), deviation.tolist(), strict=True)
+        if not np.isnan(away).any()
+    )
+
+
 def _values(
-    model: Compensator, session: Session, lengths: Lengths | None, temperature_degC: float | None
+    model: Compensator, points: FloatArray, session: Session, lengths: Lengths | None, temperature_degC: float | None
 ) -> tuple[CheckValue, ...]:
     """The test values of the points that the model predicts."""
     # Unexplained by the model: the other part of its uncertainty is the same in every check.
@@ -332,7 +351,7 @@ def _values(
     own = of_parameters - np.einsum("kni,knj->nij", shared, shared) + unexplained
     try:
         return interim_values(
-            model.predict_readings(session),
+            points,
             std_mm=np.sqrt(np.trace(unexplained, axis1=1, axis2=2) / 3),
             # A difference of nothing may be below zero by rounding.
             errors=PointErrors(np.sqrt(np.maximum(np.trace(own, axis1=1, axis2=2) / 3, 0.0)), shared),

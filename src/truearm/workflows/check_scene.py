@@ -13,8 +13,8 @@ from truearm.compensation.models.workspace_figures import error_in_workspace
 from truearm.pages.number_format import format_count, format_mm
 from truearm.pages.page import Section
 from truearm.readings import Lengths, Session
-from truearm.typing import FloatArray, NameArray
-from truearm.verification.monitor.interim_check import interim_deviations
+from truearm.typing import FloatArray
+from truearm.verification.monitor.interim_check import artefacts_of, interim_deviations
 
 
 def check_section(model: Compensator, readings: Session, lengths: Lengths | None) -> Section | None:
@@ -36,11 +36,11 @@ def check_section(model: Compensator, readings: Session, lengths: Lengths | None
     # Unexplained by the model: the other part of its uncertainty moves the points of a seat alike.
     _, unexplained = model.covariance_parts(readings)
     std_mm = np.sqrt(np.trace(unexplained, axis1=1, axis2=2) / 3)
-    deviation = interim_deviations(points, seat=readings.seat, sphere=readings.sphere)
+    deviation = np.linalg.norm(interim_deviations(points, seat=readings.seat, sphere=readings.sphere), axis=1)
     rows = np.flatnonzero(np.isfinite(deviation))
     if not len(rows):
         return None
-    artefacts = _artefacts(readings)
+    artefacts = artefacts_of(readings.seat, readings.sphere, len(readings))
     worst = int(np.argmax(deviation[rows]))
     where = f"{readings.called(int(rows[worst]))}, {artefacts[rows[worst]]}"
     still = error_in_workspace(points[rows], deviation[rows])
@@ -65,13 +65,6 @@ def check_section(model: Compensator, readings: Session, lengths: Lengths | None
         marked={worst: str(artefacts[rows[worst]])},
     )
     return Section("The points of this check", scenes=(scene,))
-
-
-def _artefacts(readings: Session) -> list[str]:
-    """What each reading was taken on, as a person calls it."""
-    none: NameArray = np.full(len(readings), "")
-    seats, spheres = (none if names is None else names for names in (readings.seat, readings.sphere))
-    return [f"seat {seat}" if seat else f"sphere {sphere}" for seat, sphere in zip(seats, spheres, strict=True)]
 
 
 def _bars(points: FloatArray, readings: Session, lengths: Lengths | None) -> Sequence[FloatArray]:

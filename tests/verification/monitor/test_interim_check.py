@@ -68,7 +68,7 @@ def test_the_largest_deviation_in_a_seat_is_its_spat_max_and_those_on_a_sphere_s
         [random.normal(0, 0.02, (6, 3)), 12.5 * POLES + random.normal(0, 0.02, (6, 3)), [[9, 9, 9]]]
     )
     seat, sphere = np.array(["cone"] * 6 + [""] * 6 + ["alone"]), np.array([""] * 6 + ["ball"] * 6 + [""])
-    away = interim_deviations(points, seat=seat, sphere=sphere)
+    away = np.linalg.norm(interim_deviations(points, seat=seat, sphere=sphere), axis=1)
     found = values_of(points, seat=seat, sphere=sphere)
     assert away[:6].max() == pytest.approx(found["SPAT.Max", "cone"].value_mm, rel=1e-12)
     # The form is the width of the shell: at most the largest distances to both of its sides.

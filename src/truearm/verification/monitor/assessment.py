@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import datetime
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -23,12 +23,18 @@ from truearm.verification.monitor.control_chart import (
     control_rules,
 )
 from truearm.verification.monitor.interim_check import CHECK_QUANTITIES, CheckValue, InterimCheck
+from truearm.verification.monitor.whole_check import LEAST_READINGS, SEEN, WholeCheck, whole_check
 from truearm.verification.standards.dates import format_date
 from truearm.verification.standards.decision import Verdict, decide
 from truearm.verification.standards.specification import Specification
 
 UNDECIDED_TEXT = (
     "Undecided: repeat the check before you recalibrate. Clean the artefacts first, and check that they are fixed."
+)
+
+WHOLE_CHECK_TEXT = (
+    "Undecided: this check as a whole differs from the earlier ones. Make sure that it is of this arm, with this tip, "
+    "and repeat it before you recalibrate."
 )
 
 _AFTER_UNEXPECTED = (
@@ -91,6 +97,11 @@ class Trend:
     unexpected: bool
 
     @property
+    def is_whole_check(self) -> bool:
+        """Whether it compares all readings of a check with those before."""
+        return CHECK_QUANTITIES[self.latest.quantity].artefact == "whole check"
+
+    @property
     def since(self) -> int | None:
         """The first check of the present change; None where nothing has changed."""
         changed = None if self.chart is None else self.chart.since
@@ -140,7 +151,10 @@ class Assessment:
     n_before : int
         Number of earlier checks of that chart of the last check which has fewest.
     trends : tuple of Trend
-        Those of the values of the last check in their order, then those of earlier checks.
+        Those of the values of the last check in their order, of the whole check, then those of earlier checks.
+    seen_mm : float or None
+        The change of the readings against each other that this check would have shown with the probability
+        `truearm.verification.monitor.whole_check.SEEN`; None where there are too few checks in the same poses [mm].
     """
 
     recalibrate: RecalibrationAdvice
@@ -149,6 +163,7 @@ class Assessment:
     remarks: tuple[str, ...]
     n_before: int
     trends: tuple[Trend, ...]
+    seen_mm: float | None = None
 
 
 def assess(
@@ -186,12 +201,13 @@ def assess(
         raise InputError("expected one check or more, got none")
     last = checks[counted[-1]]
     series: dict[tuple[str, str, bool], list[int]] = {}
-    rules = []
+    rules, has_readings = [], False
     for i, check in enumerate(checks):
         for value in check.values if check.withdrawn is None else ():
             series.setdefault(value.key, []).append(i)
         charted = [CHECK_QUANTITIES[name] for name, *_ in series if CHECK_QUANTITIES[name].charted]
-        rules.append(control_rules(max(1, sum(quantity.n_sides for quantity in charted))))
+        has_readings |= bool(check.readings)
+        rules.append(control_rules(max(1, sum(quantity.n_sides for quantity in charted) + has_readings)))
     _check_retired(retired, last, [checks[i] for i in counted])
     by_key = [{value.key: value for value in check.values} for check in checks]
     trends = tuple(
@@ -200,6 +216,10 @@ def assess(
         if not any(by_key[series[key][-1]][key].uses(name) for name in retired)
     )
     current = [trend for trend in trends if trend.current and trend.chart is not None]
+    whole = whole_check([_without(check, retired) for check in checks], rules, _days(checks))
+    if whole is not None:
+        of_last = sum(trend.current for trend in trends)
+        trends = (*trends[:of_last], _whole_trend(whole, counted[-1]), *trends[of_last:])
     unexpected = [_unexpected(trend) for trend in current if trend.unexpected]
     first_checks = [trend.since for trend in trends if trend.since is not None and not trend.single_value_out_of_limits]
     if any(trend.confirmed for trend in trends):
@@ -213,8 +233,14 @@ def assess(
     reasons = [_reason(trend, trend.since) for trend in trends if trend.since is not None]
     reasons += [_over(trend) for trend in trends if trend.over_limit] + unexpected
     n_before = min((int(trend.chart.n_before[-1]) for trend in current if trend.chart is not None), default=0)
-    remarks = (*_remarks(trends), *([_AFTER_UNEXPECTED] if unexpected else []), *_not_compared(trends, specification))
-    return Assessment(advice, min(first_checks, default=None), tuple(reasons), remarks, n_before, trends)
+    remarks = (
+        *_remarks(trends),
+        *_poses_remark(checks, counted, whole),
+        *([_AFTER_UNEXPECTED] if unexpected else []),
+        *_not_compared(trends, specification),
+    )
+    seen = whole.seen_mm if whole is not None and whole.checks[-1] == counted[-1] else None
+    return Assessment(advice, min(first_checks, default=None), tuple(reasons), remarks, n_before, trends, seen)
 
 
 def describe_assessment(assessment: Assessment, checks: Sequence[InterimCheck]) -> str:
@@ -228,7 +254,8 @@ def describe_assessment(assessment: Assessment, checks: Sequence[InterimCheck]) 
             "the arm has not changed."
         )
     if advice is RecalibrationAdvice.UNDECIDED:
-        return UNDECIDED_TEXT
+        of_whole = any(trend.is_whole_check and trend.alarm for trend in assessment.trends)
+        return WHOLE_CHECK_TEXT if of_whole else UNDECIDED_TEXT
     if assessment.since is None:
         return "Recalibrate: a value exceeds its limit in the specification, as it did in the check before."
     return (
@@ -243,8 +270,11 @@ def describe_next_step(assessment: Assessment) -> str:
 
 
 def describe_power(assessment: Assessment) -> tuple[str, ...]:
-    """What the checks show now, and what they cannot show yet; empty when there are enough."""
+    """What size of change this check would have shown; with few checks, what they cannot show yet."""
     n = assessment.n_before
+    if assessment.recalibrate is RecalibrationAdvice.NO and assessment.seen_mm is not None:
+        change = f"A change that moves these readings against each other by {assessment.seen_mm:.3f} mm"
+        return (f"{change} (root mean square) would have been seen in {10 * SEEN:.0f} of 10 cases.",)
     if n >= MIN_BASELINE_CHECKS or assessment.recalibrate is RecalibrationAdvice.YES:
         return ()
     now = ["whether a value lies far from those before"] if n >= 2 else []
@@ -328,7 +358,7 @@ def _trend(
 ) -> Trend:
     """The series `values` of the checks `at`; `rules` has those of every check."""
     last = max(i for i, check in enumerate(checks) if check.withdrawn is None)
-    latest = values[-1]
+    latest, days = values[-1], _days(checks)
     quantity = CHECK_QUANTITIES[latest.quantity]
     chart = None
     if quantity.charted:
@@ -336,7 +366,7 @@ def _trend(
             [one.value_mm for one in values],
             u=[one.u_mm for one in values],
             rules=[rules[i] for i in at],
-            days=[(checks[i].date - _START) / datetime.timedelta(days=1) for i in at],
+            days=[days[i] for i in at],
             scale=quantity.scale,
             upper_only=quantity.scale,
         )
@@ -348,6 +378,39 @@ def _trend(
         chart is not None and not chart.enough and latest.exceeds_expected([one.value_mm for one in values[:-1]])
     )
     return Trend(latest, at[-1] == last, np.array(at), chart, limit, over, over_before, unexpected)
+
+
+def _days(checks: Sequence[InterimCheck]) -> list[float]:
+    return [(check.date - _START) / datetime.timedelta(days=1) for check in checks]
+
+
+def _without(check: InterimCheck, retired: Collection[str]) -> InterimCheck:
+    """A check without the readings on retired artefacts."""
+    return replace(check, readings=tuple(one for one in check.readings if one.name not in retired))
+
+
+def _whole_trend(whole: WholeCheck, last: int) -> Trend:
+    """The series of whole checks; no specification limits it, and no model states what to expect of it."""
+    return Trend(
+        whole.values[-1],
+        whole.checks[-1] == last,
+        np.array(whole.checks),
+        whole.chart,
+        limit_mm=None,
+        over_limit=False,
+        over_before=False,
+        unexpected=False,
+    )
+
+
+def _poses_remark(checks: Sequence[InterimCheck], counted: Sequence[int], whole: WholeCheck | None) -> tuple[str, ...]:
+    """Why a check with readings is not compared as a whole."""
+    if (whole is not None and whole.checks[-1] == counted[-1]) or not checks[counted[-1]].readings:
+        return ()
+    if not any(checks[i].readings for i in counted[:-1]):
+        return ()
+    few = f"this check is not compared as a whole: fewer than {LEAST_READINGS} readings are in poses of earlier ones"
+    return (f"{few}; measure the poses of the first check again",)
 
 
 def _compare(value: CheckValue, specification: Specification | None) -> tuple[float | None, bool]:
@@ -409,7 +472,7 @@ def _remarks(trends: Sequence[Trend]) -> tuple[str, ...]:
     remarks = []
     some_enough = any(trend.enough for trend in trends)
     for trend in trends:
-        if trend.chart is None or trend.alarm:
+        if trend.chart is None or trend.alarm or trend.is_whole_check:
             continue
         n = f"{1 + trend.chart.n_before[-1]} of {CHECKS_NEEDED} checks"
         if not trend.current:

@@ -45,7 +45,7 @@ from truearm.verification.standards.specification import Specification
 # "tArm", as the four bytes of SQLite's header have it.
 APPLICATION_ID = int.from_bytes(b"tArm", "big")
 VERSION = 2
-# A check takes some two kilobytes: room for ten years with a check an hour.
+# A check takes some six kilobytes: room for ten years with a check every two hours.
 MAX_BYTES = 256 * 2**20
 
 _TABLE = "CREATE TABLE checks (id INTEGER PRIMARY KEY, record TEXT NOT NULL, sha256 TEXT NOT NULL)"

@@ -8,7 +8,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 
-from truearm.verification.monitor.interim_check import CheckValue, InterimCheck, Withdrawal
+from truearm.verification.monitor.interim_check import CheckReading, CheckValue, InterimCheck, Withdrawal
 
 _FINGERPRINT = re.compile("[0-9a-f]{64}")
 MOST_NAME = 1000
@@ -75,6 +75,8 @@ def encode_check(record: CheckRow) -> str:
     """Return the JSON text of a row with a check."""
     check = {**asdict(record.check), "date": record.check.date.isoformat(sep=" ")}
     del check["withdrawn"]
+    if not record.check.readings:
+        del check["readings"]
     for value in check["values"]:  # nor has a value that nothing is expected of
         if value["largest_expected_mm"] is None:
             del value["largest_expected_mm"]
@@ -100,9 +102,15 @@ def decode_row(text: str, rows: Sequence[CheckRow | WithdrawalRow]) -> CheckRow 
     stated = (fields.pop("name"), fields.pop("arm"), fields.pop("serial_number", ""))
     date = datetime.datetime.fromisoformat(fields.pop("date"))
     values = tuple(CheckValue(**value) for value in fields.pop("values"))
+    readings = tuple(
+        CheckReading(artefact, tuple(pose), tuple(deviation))
+        for artefact, pose, deviation in (
+            (one["artefact"], one["pose"], one["deviation_mm"]) for one in fields.pop("readings", ())
+        )
+    )
     if "withdrawn" in fields:
         raise ValueError("expected a check that counts")
-    check = InterimCheck(date=date, values=values, **fields)
+    check = InterimCheck(date=date, values=values, readings=readings, **fields)
     if date.tzinfo is not None or not all(map(_FINGERPRINT.fullmatch, (check.model, check.session))):
         raise ValueError("expected a local date and SHA-256 fingerprints")
     if not all(map(is_name, stated)):

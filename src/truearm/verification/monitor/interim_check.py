@@ -46,7 +46,7 @@ class CheckQuantity:
     ----------
     name : str
     artefact : str
-        The kind of artefact: seat, length or sphere.
+        The kind of artefact: seat, length or sphere; or the whole check.
     charted : bool
         Whether it has a control chart; a quantity that follows another one has none.
     scale : bool
@@ -75,6 +75,7 @@ CHECK_QUANTITIES: Mapping[str, CheckQuantity] = {
         CheckQuantity("length error", "length", charted=True, scale=False, symbols=("E_Uni", "Volumetric.Max")),
         CheckQuantity("form", "sphere", charted=True, scale=True, symbols=("P_Form.Sph.1x25",)),
         CheckQuantity("diameter", "sphere", charted=True, scale=False),
+        CheckQuantity("difference", "whole check", charted=True, scale=True),
     )
 }
 
@@ -88,7 +89,7 @@ class CheckValue:
     quantity : str
         One of `CHECK_QUANTITIES`.
     artefact : str
-        Name of the seat or sphere, or of both seats of a length.
+        Name of the seat or sphere, or of both seats of a length; empty for a whole check.
     value_mm : float
     u_mm : float
         Expected standard deviation from check to check, from the scatter of the points [mm].
@@ -145,7 +146,7 @@ class CheckValue:
         """The artefact and the quantity: ``seat cone, SPAT.2s``."""
         kind = CHECK_QUANTITIES[self.quantity].artefact
         as_measured = " as measured" if kind == "length" and self.length_mm is None else ""
-        return f"{kind} {self.artefact}, {self.quantity}{as_measured}"
+        return f"{' '.join(filter(None, (kind, self.artefact)))}, {self.quantity}{as_measured}"
 
     def exceeds_expected(self, earlier_mm: Sequence[float]) -> bool:
         """Whether the value deviates by more than the uncertainty of the model explains.
@@ -169,6 +170,41 @@ class CheckValue:
             CHECK_QUANTITIES[self.quantity].artefact == "length"
             and (self.artefact.startswith(f"{artefact} to ") or self.artefact.endswith(f" to {artefact}"))
         )
+
+
+@dataclass(frozen=True)
+class CheckReading:
+    """A reading of an interim check, to compare with those in the same pose of other checks.
+
+    Attributes
+    ----------
+    artefact : str
+        Kind and name: ``seat cone``.
+    pose : tuple of float
+        Joint angles [rad]; of joints that slide, metres.
+    deviation_mm : tuple of float
+        From the mean of its seat, or from the sphere through those of its sphere, (3,) [mm].
+
+    Raises
+    ------
+    InputError
+        If a part is not of this kind.
+    """
+
+    artefact: str
+    pose: tuple[float, ...]
+    deviation_mm: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.artefact, str) or len(self.artefact) > MOST_NAME or len(self.deviation_mm) != 3:
+            raise InputError(f"expected a reading of an artefact with a deviation of 3 coordinates, got {self!r:.200}")
+        if not all(map(_is_number, (*self.pose, *self.deviation_mm))):
+            raise InputError(f"expected finite numbers of a reading, got {self!r:.200}")
+
+    @property
+    def name(self) -> str:
+        """The name of the artefact."""
+        return self.artefact.partition(" ")[2]
 
 
 @dataclass(frozen=True)
@@ -207,6 +243,8 @@ class InterimCheck:
         Mean temperature of the readings.
     values : tuple of CheckValue
         One or more, each quantity of an artefact once.
+    readings : tuple of CheckReading
+        None in a check that was stored before they were.
     withdrawn : Withdrawal or None
         None for a check that counts.
 
@@ -221,6 +259,7 @@ class InterimCheck:
     session: str
     temperature_degC: float | None
     values: tuple[CheckValue, ...]
+    readings: tuple[CheckReading, ...] = ()
     withdrawn: Withdrawal | None = None
 
     def __post_init__(self) -> None:
@@ -362,7 +401,7 @@ def _expected_spheres(
 def interim_deviations(
     points: FloatArray, *, seat: NameArray | None = None, sphere: NameArray | None = None
 ) -> FloatArray:
-    """How far each point lies from the mean of its seat, or from the least-squares sphere through those of its sphere.
+    """The deviation of each point from the mean of its seat, or from the least-squares sphere of its sphere's points.
 
     Parameters
     ----------
@@ -373,17 +412,28 @@ def interim_deviations(
 
     Returns
     -------
-    (n,) array
+    (n, 3) array
         [mm]; NaN where nothing can be said: no artefact, or a single point in a seat.
     """
-    deviation = np.full(len(points), np.nan)
+    deviation = np.full(points.shape, np.nan)
     for rows in _groups(seat, len(points)).values():
         if len(rows) > 1:
-            deviation[rows] = np.linalg.norm(points[rows] - points[rows].mean(axis=0), axis=1)
+            deviation[rows] = points[rows] - points[rows].mean(axis=0)
     for rows in _groups(sphere, len(points)).values():
         fit = fit_sphere(points[rows], std_mm=1.0)
-        deviation[rows] = np.abs(np.linalg.norm(points[rows] - fit.centre, axis=1) - fit.radius_mm)
+        away = points[rows] - fit.centre
+        deviation[rows] = away * (1 - fit.radius_mm / np.linalg.norm(away, axis=1, keepdims=True))
     return deviation
+
+
+def artefacts_of(seat: NameArray | None, sphere: NameArray | None, n: int) -> list[str]:
+    """What each of n readings was taken on, kind and name, as a person calls it; empty for none."""
+    none: NameArray = np.full(n, "")
+    seats, spheres = (none if names is None else names for names in (seat, sphere))
+    return [
+        f"seat {one}" if one else f"sphere {other}" if other else ""
+        for one, other in zip(seats.tolist(), spheres.tolist(), strict=True)
+    ]
 
 
 def _groups(names: NameArray | None, n: int) -> dict[str, IntArray]:
