@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import numpy as np
 import pandas as pd
@@ -87,7 +88,8 @@ TAMPERINGS = {
 def test_the_check_finds_targets_that_were_changed(folder, tmp_path, language, suffix):
     model = ta.load_model(folder / "m.truearm")
     out = tmp_path / f"p.{suffix}"
-    ta.correct(model, folder / "beyond.csv", uncertainty=False).save(out, language=language)
+    j3 = "independent" if language == "fanuc" else None
+    ta.correct(model, folder / "beyond.csv", uncertainty=False).save(out, language=language, fanuc_j3=j3)
     assert ta.check_export(model, out).agrees
     lines = out.read_text(encoding="utf-8").splitlines()
     out.write_bytes("\r\n".join([*lines, ""]).encode())  # as another system or an editor ends lines
@@ -187,7 +189,8 @@ def test_json_has_the_summary_and_the_refusals(truearm, folder, tmp_path):
 @pytest.mark.parametrize(("language", "suffix"), PROGRAMS[1:])
 def test_a_program_has_check_poses_and_its_direction(truearm, folder, tmp_path, language, suffix):
     out = tmp_path / f"p.{suffix}"
-    ran = run_correct(truearm, folder, "beyond.csv", out, "--as", language)
+    j3 = ["--fanuc-j3", "coupled"] if language == "fanuc" else []
+    ran = run_correct(truearm, folder, "beyond.csv", out, "--as", language, *j3)
     assert ran.code == 1, ran.err
     text = out.read_text(encoding="utf-8")
     assert read_manifest(out).format == language
@@ -278,3 +281,24 @@ def test_the_record_for_notebooks_and_machines(folder):
     assert repr(record).startswith("<CorrectedTargets: 4 of 5 targets corrected")
     json.dumps(record.to_dict(), allow_nan=False)
     assert list(record.refused) == [False, True, False, False, False]
+
+
+def test_a_fanuc_program_says_how_it_counts_j3_and_is_not_written_without(truearm, folder, tmp_path):
+    """Coupled: the forearm of the UR10, whose axes of J2 and J3 point the same way, turns by J2 + J3."""
+    ran = run_correct(truearm, folder, "program.csv", tmp_path / "c.ls", "--as", "fanuc")
+    assert (ran.code, "state which one to write, coupled or independent" in ran.err) == (2, True)
+    assert not (tmp_path / "c.ls").exists()
+    ran = run_correct(truearm, folder, "program.csv", tmp_path / "c.csv", "--fanuc-j3", "coupled")
+    assert (ran.code, "applies to targets for it only" in ran.err) == (2, True)
+    found = {}
+    for j3 in ("coupled", "independent"):
+        out = tmp_path / f"{j3}.ls"
+        ran = run_correct(truearm, folder, "program.csv", out, "--as", "fanuc", "--fanuc-j3", j3)
+        assert ran.code == 0
+        said = ran.out.splitlines()[-1]
+        assert said.startswith("J3 is counted from the ")
+        assert said in out.read_text()
+        found[j3] = np.array(re.findall(r"J\d= (\S+) deg", out.read_text()), dtype=float).reshape(-1, 6)
+    expected = found["independent"].copy()
+    expected[:, 2] += expected[:, 1]
+    np.testing.assert_allclose(found["coupled"], expected, atol=2e-6)  # deg, printed to 1e-6

@@ -8,7 +8,15 @@ from typing import Annotated, Literal
 
 import typer
 
-from truearm.cli.console import Json, ModelFile, check_output_is_not_input, numbers_of, print_record, progress
+from truearm.cli.console import (
+    Json,
+    ModelFile,
+    check_output_is_not_input,
+    numbers_of,
+    print_line,
+    print_record,
+    progress,
+)
 
 
 def correct(
@@ -27,6 +35,13 @@ def correct(
     language: Annotated[
         Literal["urscript", "rapid", "krl", "fanuc"] | None,
         typer.Option("--as", help="Write the targets in a robot language instead of a table."),
+    ] = None,
+    fanuc_j3: Annotated[
+        Literal["coupled", "independent"] | None,
+        typer.Option(
+            "--fanuc-j3",
+            help="With --as fanuc: J3 as the teach pendant shows it (coupled with J2), or as in the model.",
+        ),
     ] = None,
     frame: Annotated[
         Literal["reference", "base"],
@@ -65,11 +80,11 @@ def correct(
     Exit code 0: all targets corrected; 1: some refused; 3: none corrected, nothing written.
     """
     from truearm.files.atomic_write import check_writable
-    from truearm.workflows.correct import check_output
+    from truearm.workflows.correct import FANUC_J3_TEXT, check_output
     from truearm.workflows.correct import correct as correct_targets
     from truearm.workflows.inputs import to_model_of_tip
 
-    check_output(out, language)
+    check_output(out, language, fanuc_j3)
     check_output_is_not_input(out, model, targets)
     check_writable(out)
     with progress(f"correcting {targets.name}"):
@@ -87,8 +102,10 @@ def correct(
         n_refused = int(corrected.refused.sum())
         any_good = n_refused < len(corrected.refused)
         if any_good:
-            corrected.save(out, language=language)
+            corrected.save(out, language=language, fanuc_j3=fanuc_j3)
     print_record(corrected, as_json=as_json, files={"targets": out if any_good else None})
+    if fanuc_j3 is not None and any_good and not as_json:
+        print_line(FANUC_J3_TEXT[fanuc_j3])
     raise typer.Exit(0 if not n_refused else 1 if any_good else 3)
 
 

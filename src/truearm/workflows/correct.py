@@ -20,7 +20,14 @@ from truearm.compensation.targets.correction import (
 )
 from truearm.compensation.targets.manifest import Frame, Manifest, TargetsManifest, check_joints
 from truearm.compensation.targets.pose_models import nominal_poses, reference_from_base, with_tool
-from truearm.compensation.targets.program_literals import LANGUAGES, check_language, program_text
+from truearm.compensation.targets.program_literals import (
+    LANGUAGES,
+    FanucJ3,
+    check_fanuc_j3,
+    check_language,
+    fanuc_joints,
+    program_text,
+)
 from truearm.compensation.targets.target_files import read_targets, targets_from_frame
 from truearm.compensation.targets.targets import Targets
 from truearm.errors import InputError
@@ -42,6 +49,11 @@ TargetsLike: TypeAlias = "npt.ArrayLike | pd.DataFrame | Targets | str | Path"
 MEANING = {
     "command": "command: send these joints, and the arm goes to the targets. Do not correct them again.",
     "feedback": "feedback: at these joints the nominal arm is where the arm is. Do not send them to the controller.",
+}
+
+FANUC_J3_TEXT: dict[FanucJ3, str] = {
+    "coupled": "J3 is counted from the horizontal and coupled with J2, as a Fanuc teach pendant shows it.",
+    "independent": "J3 is counted from the link before, not coupled with J2: a Fanuc controller must convert it.",
 }
 
 
@@ -221,7 +233,7 @@ class CorrectedTargets(Record):
         columns["u_mm"] = self.u_mm
         return pd.DataFrame(columns)
 
-    def save(self, path: str | Path, *, language: str | None = None) -> None:
+    def save(self, path: str | Path, *, language: str | None = None, fanuc_j3: FanucJ3 | None = None) -> None:
         """Write the targets: a table, or a program's literals; both say the direction and carry check poses.
 
         Parameters
@@ -230,32 +242,36 @@ class CorrectedTargets(Record):
             Ends in ``.csv``, or as files of the language do.
         language : {"urscript", "rapid", "krl", "fanuc"}, optional
             The table of `to_frame` by default.
+        fanuc_j3 : {"coupled", "independent"}, optional
+            For ``"fanuc"``, which needs it: whether J3 is written as the teach pendant shows it, counted from the
+            horizontal and coupled with J2, or as in the model, from the link before.
 
         Raises
         ------
         InputError
-            If the name has another ending, cannot be written, the language cannot state the arm's joints, or all
-            targets were refused.
+            If the name has another ending, cannot be written, the language cannot state the arm's joints, how J3 is
+            counted is missing, or all targets were refused.
         """
-        self.check_output(path, language)
+        self.check_output(path, language, fanuc_j3)
         if self.refused.all():
             raise InputError(self.summary()[:-1], file=path, hint=f"first of the reasons: {self.reasons[0]}")
-        comment, content = self._content(language)
+        comment, content = self._content(language, fanuc_j3)
         manifest = self.manifest(language or "joint targets (csv)")
         line = TargetsManifest.for_content(manifest, comment, content).line()
         with atomic_file(path) as beside:
             beside.write_text(f"{comment} {line}\n{content}", encoding="utf-8", newline="\n")
 
-    def _content(self, language: str | None) -> tuple[str, str]:
+    def _content(self, language: str | None, fanuc_j3: FanucJ3 | None) -> tuple[str, str]:
         """What begins a comment in a file, and the file's text after the line of the manifest."""
         if language is not None:
+            coupled = fanuc_j3 == "coupled"
             text = program_text(
                 language,
-                self.joints,
+                fanuc_joints(self.joints, self.model.arm_.chain.fixed) if coupled else self.joints,
                 labels=[self.targets.label(row) for row in range(len(self.targets))],
                 reasons=self.reasons,
                 prismatic=self.model.arm_.chain.is_prismatic,
-                header=self._header(),
+                header=[*self._header(), *([FANUC_J3_TEXT[fanuc_j3]] if fanuc_j3 is not None else [])],
             )
             return LANGUAGES[language].comment, text
         frame = self.to_frame()
@@ -265,9 +281,9 @@ class CorrectedTargets(Record):
         table = frame.to_csv(index=False, float_format="%.12g", lineterminator="\n")
         return "#", "".join(f"# {line}\n" for line in self._header()) + table
 
-    def check_output(self, path: str | Path, language: str | None = None) -> None:
+    def check_output(self, path: str | Path, language: str | None = None, fanuc_j3: FanucJ3 | None = None) -> None:
         """Check that the targets can be written under a name; see `save`."""
-        check_output(path, language)
+        check_output(path, language, fanuc_j3)
         if language is not None:
             check_language(language, self.model.arm_.chain.is_prismatic)
 
@@ -399,14 +415,15 @@ class CorrectedTargets(Record):
         return lines
 
 
-def check_output(path: str | Path, language: str | None = None) -> None:
-    """Check that corrected targets can have a file name.
+def check_output(path: str | Path, language: str | None = None, fanuc_j3: str | None = None) -> None:
+    """Check that corrected targets can have a file name, and that it is stated how a Fanuc controller counts J3.
 
     Raises
     ------
     InputError
-        If the name does not end as files of the language do, or in .csv without one.
+        If the name does not end as files of the language do, or in .csv without one; if that statement is missing.
     """
+    check_fanuc_j3(language, fanuc_j3)
     if language is None:
         if Path(path).suffix in {one.suffix for one in LANGUAGES.values()}:
             name = next(key for key, one in LANGUAGES.items() if one.suffix == Path(path).suffix)

@@ -7,7 +7,9 @@ import re
 import numpy as np
 import pytest
 
-from truearm.compensation.targets.program_literals import LANGUAGES, program_text
+from truearm.arm import load_arm
+from truearm.arm.chain import Chain
+from truearm.compensation.targets.program_literals import LANGUAGES, fanuc_joints, program_text
 from truearm.errors import InputError
 
 NUMBER = r"-?\d+\.\d+"
@@ -86,3 +88,23 @@ def test_arms_that_a_language_cannot_state_are_refused():
         text_of("rapid", prismatic=np.zeros(7, bool))
     with pytest.raises(InputError, match="expected a language among"):
         text_of("karel")
+
+
+@pytest.mark.parametrize("sense", [1, -1])
+def test_fanucs_j3_is_the_direction_of_the_forearm_whatever_j2_does(sense):
+    """Of an arm whose J2 and J3 turn the same way, and of one like Fanuc's (J2 forward, J3 up)."""
+    fixed = load_arm("ur10").chain.fixed.copy()
+    if sense < 0:  # the axis of J3 the other way about; the links after it are the same bodies in another frame
+        fixed[2] = fixed[2] @ np.diag([1.0, -1, -1, 1])
+    held = np.linspace(-2, 2, 9)
+    joints = np.tile(np.array([0.3, 0, 0.5, 0.1, 0.2, 0]), (9, 1))
+    joints[:, 1], joints[:, 2] = held, 0.5 - sense * held  # the pendant's J3 stays, J2 turns
+    R_base_forearm = Chain(fixed[:4], np.zeros(3)).pose(joints[:, :3]).R_base_tip
+    np.testing.assert_allclose(R_base_forearm - R_base_forearm[:1], 0, atol=1e-12)
+    np.testing.assert_allclose(fanuc_joints(joints, fixed)[:, 2], 0.5, atol=1e-12)
+    np.testing.assert_array_equal(np.delete(fanuc_joints(joints, fixed), 2, axis=1), np.delete(joints, 2, axis=1))
+
+
+def test_an_arm_whose_j2_and_j3_are_not_parallel_has_no_fanuc_j3():
+    with pytest.raises(InputError, match="are not parallel"):
+        fanuc_joints(np.zeros((1, 6)), load_arm("gao2017").chain.fixed)

@@ -9,14 +9,16 @@ krl       ``DECL AXIS XC1={A1 .., .. A6 ..}``, deg                            KR
 fanuc     ``P[1]{ GP1: UF : 0, UT : 1, J1= .. deg, .. };``, deg               ASCII .LS, /POS
 ========= =================================================================== ==========================
 
-All four are for six turning joints. The angles are those of the arm's model: a controller with another zero, sign or
-coupling (Fanuc counts J3 from the horizontal, so that it changes with J2) needs them converted first.
+All four are for six turning joints, with the zeros and signs of the arm's model. A Fanuc controller counts J3 from the
+horizontal: its forearm keeps its direction where J2 alone turns (ros-industrial/fanuc#186, fanuc_experimental#17). The
+model's J3 is the angle between the links; which of both is written must be stated (`FanucJ3`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -24,6 +26,11 @@ from truearm.errors import InputError
 from truearm.typing import BoolArray, FloatArray
 
 N_JOINTS = 6
+FanucJ3 = Literal["coupled", "independent"]
+"""How a Fanuc controller counts J3: from the horizontal, so that it is coupled with J2, or from the link before."""
+
+# Cosine of the angle between the axes of J2 and J3: real arms are a milliradian off parallel.
+_PARALLEL = 0.999
 _FREE = ",".join(["9E9"] * 6)  # external axes that are not there
 
 
@@ -116,7 +123,7 @@ LANGUAGES: dict[str, Language] = {
         ("/POS",),
         ("/END",),
         _fanuc,
-        "copy the positions into the /POS part of a program; J3 here does not change with J2: convert it first",
+        "copy the positions into the /POS part of a program",
     ),
 }
 
@@ -163,6 +170,49 @@ def program_text(
         else:
             lines += [f"{chosen.comment} {number} {name}", chosen.literal(number, q)]
     return "\n".join([*lines, *chosen.after]) + "\n"
+
+
+def check_fanuc_j3(language: str | None, fanuc_j3: str | None) -> None:
+    """Refuse targets for a Fanuc controller without a statement of how it counts J3, and the statement without them.
+
+    Raises
+    ------
+    InputError
+    """
+    if language != "fanuc" and fanuc_j3 is not None:
+        raise InputError("how a Fanuc controller counts J3 applies to targets for it only", hint="omit --fanuc-j3")
+    if language == "fanuc" and fanuc_j3 not in get_args(FanucJ3):
+        raise InputError(
+            "a Fanuc controller counts J3 from the horizontal (coupled with J2), the model from the link before: state "
+            f"which one to write, {' or '.join(get_args(FanucJ3))}",
+            hint="--fanuc-j3 coupled for what the teach pendant shows; independent where your program converts it",
+        )
+
+
+def fanuc_joints(joints: FloatArray, fixed: FloatArray) -> FloatArray:
+    """Joints as a Fanuc controller counts them: J3 as the direction of the forearm, which J2 alone does not turn.
+
+    Parameters
+    ----------
+    joints : (n, 6) array
+        Those of the model [rad].
+    fixed : (7, 4, 4) array
+        The constant motions of the nominal chain: its axes of J2 and J3 say in which sense both add up.
+
+    Raises
+    ------
+    InputError
+        If the axes of J2 and J3 are not parallel.
+    """
+    cosine = float(fixed[2][2, 2])  # of the axis of J3, in the frame of J2
+    if abs(cosine) < _PARALLEL:
+        raise InputError(
+            "J3 cannot be counted from the horizontal: the axes of J2 and J3 of this arm are not parallel",
+            hint="--fanuc-j3 independent writes the model's own J3",
+        )
+    counted = joints.copy()
+    counted[:, 2] += np.sign(cosine) * joints[:, 1]
+    return counted
 
 
 def check_language(language: str, prismatic: BoolArray) -> Language:
