@@ -10,6 +10,7 @@ from hashlib import sha256
 from pathlib import Path
 
 import pytest
+from made_up_certificate import CONFIRMED_PLAN, confirm
 from made_up_verification import ARTEFACTS, MPE, Made
 
 from truearm.verification.standards.measured_points import KEY_COLUMNS, OPTIONAL_COLUMNS, REQUIRED_COLUMNS, SIZE_TESTS
@@ -25,10 +26,12 @@ def bench(tmp_path, monkeypatch):
     Path("points.csv").write_text(Made().iso().text())
     Path("artefacts.toml").write_text(ARTEFACTS)
     Path("mpe.toml").write_text(MPE)
+    Path("plan.toml").write_text(CONFIRMED_PLAN)
+    Path("asme.toml").write_text(confirm(plan_text("asme-b89.4.22")))
     return tmp_path
 
 
-def options(plan="iso10360-12"):
+def options(plan="plan.toml"):
     return ["verify", "--plan", plan, "--points", "points.csv", "--artefacts", "artefacts.toml", "--mpe", "mpe.toml"]
 
 
@@ -45,8 +48,29 @@ def test_a_good_arm_conforms(truearm, bench):
     for length, limit in (("150", "0.0169"), ("900", "0.0263"), ("1700", "0.0363")):
         assert limit in rows[f"E_Uni, {length}"]
     assert "the test bi of the plan was not carried out: the points have none of it" in ran.out
-    assert "plan, probing: not confirmed, check against your copy of the standard: smallest_sphere_mm = 10" in ran.out
     assert ran.out.splitlines()[0].startswith("conform:")
+    assert ran.out.splitlines()[-1].startswith("Next: truearm certificate")
+
+
+@pytest.mark.parametrize("too_large", [0.0, 60e-6])
+def test_without_confirmed_numbers_there_is_one_word_everywhere(truearm, bench, too_large):
+    """Terminal, JSON, page and exit code: nothing green, no conform, and what a certificate would say."""
+    Path("points.csv").write_text(Made(too_large=too_large).iso().text())
+    ran = truearm(*options("iso10360-12"), "--report", "page.html")
+    assert (ran.code, ran.err) == (3, "")
+    first = "Not for conformity decisions: 10 numbers are not confirmed against ISO 10360-12:2016 in the test plan"
+    assert ran.out.startswith(first)
+    assert "plan, probing: not confirmed, check against your copy of the standard: smallest_sphere_mm = 10" in ran.out
+    assert ran.out.splitlines()[-2].startswith("Next: compare the numbers of the plan")
+    found = json.loads(truearm(*options("iso10360-12"), "--json").out)
+    assert found["verdict"] == "not for conformity decisions"
+    sides = {"within limit", "outside limit"} if too_large else {"within limit"}
+    assert {row["verdict"] for row in found["rows"]} - {None} == sides
+    page = Path("page.html").read_text()
+    assert first in html.unescape(page)
+    assert not re.search(r'class="[^"]*\bgood\b', page)
+    for text in (ran.out, page):
+        assert not re.search(r">conform<| conform  |Conform:|: conform|All tested values conform", text)
 
 
 def test_an_arm_that_measures_too_large_does_not_conform(truearm, bench):
@@ -84,7 +108,7 @@ def test_the_plan_names_the_decision_rule_and_an_option_another_one(truearm, ben
     Path("mpe.toml").write_text(
         MPE.replace('"P_Form.Sph.1x25" = { B_um = 30', f'"P_Form.Sph.1x25" = {{ B_um = {limit}')
     )
-    Path("new.toml").write_text(plan_text("iso10360-12").replace("14253-1:2013", "14253-1:2017", 1))
+    Path("new.toml").write_text(CONFIRMED_PLAN.replace("14253-1:2013", "14253-1:2017", 1))
     ran = truearm(*options("new.toml"))
     assert ran.code == 0
     assert "default rule of ISO 14253-1:2017, as recalled" in ran.out
@@ -151,7 +175,7 @@ def test_simple_acceptance_hides_no_value_far_beyond_its_limit(truearm, bench):
 
 def test_a_specification_is_not_kept_by_what_was_not_tested(truearm, bench):
     """Probing alone, as a plan of one's own may ask: the verdict speaks of what was tested, the rest is named."""
-    whole = plan_text("iso10360-12")
+    whole = CONFIRMED_PLAN
     Path("own.toml").write_text(whole[: whole.index("[articulation]")])
     points = Path("points.csv").read_text()
     Path("points.csv").write_text("".join(without("uni,")(without("articulation,")(points))))
@@ -166,7 +190,7 @@ def test_a_specification_is_not_kept_by_what_was_not_tested(truearm, bench):
 
 def test_both_standards_and_opposite_faces(truearm, bench):
     Path("points.csv").write_text(Made(degC=23.5).asme().text())
-    ran = truearm(*options("asme-b89.4.22"))
+    ran = truearm(*options("asme.toml"))
     assert ran.code == 0, ran
     for label in ("EffectiveDiameter", "SPAT.Max", "SPAT.2s", "Volumetric.Max", "Volumetric.2RMS"):
         assert label in ran.out
@@ -497,7 +521,7 @@ def test_single_points_in_a_seat_and_lengths_of_the_other_standard(truearm, benc
     line = next(i for i, row in enumerate(made.splitlines(), 1) if row.startswith("single_point")) + 4
     Path("points.csv").write_text(made.replace(*off(made, line, 2.0)))
     Path("artefacts.toml").write_text(ARTEFACTS.replace("length_mm = 900.003", "length_mm = 909.003"))
-    found = json.loads(truearm(*options("asme-b89.4.22"), "--json").out)
+    found = json.loads(truearm(*options("asme.toml"), "--json").out)
     seat, length = found["remarks"][:2]
     assert seat == (
         f"test 'single_point', position near: only the point of line {line} deviates, by 1.8 mm from the mean of "
@@ -517,7 +541,7 @@ def test_an_arm_out_of_adjustment_is_no_blunder(truearm, bench):
 
 def test_equal_points_have_no_outlier(truearm, bench):
     """Seats of an arm with noise of 0.1 um: the one whose point is 2 mm off is told, the others scatter by nothing."""
-    plan = plan_text("asme-b89.4.22")
+    plan = confirm(plan_text("asme-b89.4.22"))
     head, _, rest = plan.partition("[effective_diameter]")
     Path("own.toml").write_text(head + "[single_point]" + rest.partition("[single_point]")[2].partition("[volum")[0])
     rows = Made(noise_mm=0.0001).asme().text().splitlines(keepends=True)
@@ -535,7 +559,7 @@ def test_most_points_of_a_seat_the_same_are_refused(truearm, bench, n):
     at = next(i for i, line in enumerate(lines) if line.startswith("single_point"))
     lines[at : at + n] = [lines[at]] * n
     Path("points.csv").write_text("".join(lines))
-    ran = truearm(*options("asme-b89.4.22"))
+    ran = truearm(*options("asme.toml"))
     if n == 5:
         assert ran.code != 2, ran
         return
@@ -552,7 +576,7 @@ def test_bars_too_short_for_the_arm_are_refused_in_the_volumetric_test(truearm, 
     Path("points.csv").write_text(Made().asme().text())
     for range_mm, code in ((2800, 0), (2850, 2)):
         Path("mpe.toml").write_text(MPE.replace("measuring_range_mm = 2500", f"measuring_range_mm = {range_mm}"))
-        ran = truearm(*options("asme-b89.4.22"))
+        ran = truearm(*options("asme.toml"))
         assert ran.code == code, ran
     assert "test 'volumetric': the longest length is 1700 mm, the plan asks for 1710 mm or more, 60%" in ran.err
     assert "Try: use a longer bar, or correct longest_share in the plan by your copy of the standard" in ran.err
@@ -670,8 +694,8 @@ def blocks(kind):
 def test_the_page_shows_what_the_program_prints(truearm, bench):
     shown = blocks("console")[0]
     command, _, printed = shown.partition("\n")
-    assert command == "$ truearm " + " ".join(options())
-    assert truearm(*options()).out == printed
+    assert command == "$ truearm " + " ".join(options("iso10360-12"))
+    assert truearm(*options("iso10360-12")).out == printed
 
 
 def test_the_files_of_the_page_are_those_of_the_run():
@@ -710,13 +734,19 @@ def test_the_page_tells_what_to_do_with_one_ball_bar(truearm, bench):
         in truearm(*options()).err
     )
     ran = truearm(*(option.replace("artefacts.toml", "mine.toml") for option in options("my-plan.toml")))
-    assert ran.code == 0, ran
+    assert ran.code == 3, ran
     assert "E_Uni, 900" in ran.out
     assert "lengths = 1, positions = 7, repeats = 3, longest_share = 0.36" in ran.out
+    Path("my-plan.toml").write_text(confirm(Path("my-plan.toml").read_text()))
+    ran = truearm(*(option.replace("artefacts.toml", "mine.toml") for option in options("my-plan.toml")))
+    assert ran.code == 0, ran
+    assert (
+        "different from truearm's plan after ISO 10360-12:2016: lengths = 1 (5), longest_share = 0.36 (0.66)" in ran.out
+    )
     ran = truearm("verify", "--sheet", "asme-b89.4.22", "--out", "sheet.html", "--artefacts", "mine.toml")
     assert "'volumetric' needs 2 calibrated lengths, the file of artefacts has 1" in ran.err
     assert "a plan with volumetric.lengths = 1" in ran.err
-    plan = plan_text("asme-b89.4.22")
+    plan = confirm(plan_text("asme-b89.4.22"))
     head, _, volumetric = plan.partition("[volumetric]")
     for line in blocks("toml one bar")[0].splitlines():
         volumetric = re.sub(rf"(?m)^{line.split(' = ')[0]} = .*$", line, volumetric, count=1)
@@ -726,8 +756,9 @@ def test_the_page_tells_what_to_do_with_one_ball_bar(truearm, bench):
     more = [[*cells[:3], f"{int(cells[3]) + 10}", *cells[4:]] for cells in more]
     Path("points.csv").write_text("".join([*rows, *map(",".join, more)]))
     ran = truearm(*(option.replace("artefacts.toml", "mine.toml") for option in options("my-plan.toml")))
-    assert ran.code == 0, ran
-    assert "lengths = 1, positions = 20, longest_share = 0.36" in ran.out
+    assert ran.code == 3, ran  # the two are agreed, and not confirmed
+    assert "[volumetric]" not in ran.out
+    assert "lengths = 1, longest_share = 0.36" in ran.out
 
 
 @pytest.mark.parametrize(("kind", "key"), [("artefacts", "[[bars]]"), ("mpe", "measuring_range_mm = ")])
@@ -779,11 +810,12 @@ def test_the_page_stands_beside_the_verdict_or_not_at_all(truearm, bench, snapsh
     assert (ran.code, ran.err) == (1, "")
     html = Path("page.html").read_text()
     assert "measuring arm 2.5 m: not conform" in html
-    for label in ("P_Size.Sph.1x25", "E_Uni, 1700", "fixture", "K-102", "check against your copy of the standard"):
+    for label in ("P_Size.Sph.1x25", "E_Uni, 1700", "fixture", "K-102"):
         assert label in html
     assert "SHA-256" in html
     Path("my-plan.toml").write_text(plan_text("iso10360-12"))
-    assert truearm(*options("my-plan.toml"), "--report", "page.html").code == 1
+    assert truearm(*options("my-plan.toml"), "--report", "page.html").code == 3
+    assert "check against your copy of the standard" in Path("page.html").read_text()
     for file in ("my-plan.toml", "points.csv", "artefacts.toml", "mpe.toml"):
         assert f"SHA-256 {sha256(Path(file).read_bytes()).hexdigest()}" in Path("page.html").read_text()
     before = snapshot(bench)

@@ -106,7 +106,7 @@ def test_a_plan_saves_a_session_to_fill_in_and_never_over_a_file(records, tmp_pa
 
 
 def test_the_points_of_a_simulated_arm_verify_as_the_simulation_did(simulated, verification):
-    assert verification.verdict is simulated.verifications[0].verdict
+    assert verification.verification.verdict is simulated.verifications[0].verdict
     assert [row.value for row in verification.rows] == [row.value for row in simulated.verifications[0].rows]
 
 

@@ -84,7 +84,8 @@ def verify(
     """Verify an arm by the tests of a standard.
 
     The points may come from any program. Each test value is printed with its expanded uncertainty U, its limit and
-    the verdict by ISO 14253-1 (--rule). Exit code 0: conform; 1: not conform; 3: undecided.
+    the verdict by ISO 14253-1 (--rule). Exit code 0: conform; 1: not conform; 3: undecided, or not for
+    conformity decisions, as nobody has confirmed the numbers of the plan.
 
     With --simulate instead of --points: what virtual arms would obtain, before anything is measured. Plan, artefacts
     and limits are iso10360-12 and examples where they are not given. Exit code 0.

@@ -23,7 +23,7 @@ from truearm.verification.standards.specification import Specification, read_spe
 from truearm.verification.standards.verification import Verification
 from truearm.verification.standards.verification import verify as verify_points
 from truearm.verification.standards.verification_plan import PLANS, VerificationPlan, load_verification_plan
-from truearm.verification.standards.verification_text import describe_rule, describe_unmet
+from truearm.verification.standards.verification_text import describe_rule, describe_unmet, verdict_sentence
 from truearm.workflows.outputs import PageRecord, version_row
 from truearm.workflows.record import TextTable, format_fixed
 
@@ -62,8 +62,8 @@ class VerificationResult(PageRecord):
 
     @property
     def verdict(self) -> Verdict:
-        """Conform only where every value that has a limit is."""
-        return self.verification.verdict
+        """Conform only where every value that has a limit is, by a plan whose numbers are confirmed."""
+        return self.verification.conclusion
 
     @property
     def rows(self) -> tuple[ConformityResult, ...]:
@@ -104,11 +104,14 @@ class VerificationResult(PageRecord):
     def blocks(self) -> Iterator[str | TextTable]:
         """See `Record`."""
         unrated = self.verdict is Verdict.UNDECIDED and not all(row.in_rated_conditions for row in self.rows)
-        yield f"{self.verdict.value}: {describe_unmet(self.verification) if unrated else _ANSWERS[self.verdict]}"
+        if self.verdict is Verdict.NOT_FOR_DECISIONS:
+            yield verdict_sentence(self.verification)
+        else:
+            yield f"{self.verdict.value}: {describe_unmet(self.verification) if unrated else _ANSWERS[self.verdict]}"
         unit = f", serial number {self.serial_number}" if self.serial_number else ""
         yield f"{self.verification.plan.heading}: {self.verification.specification.name}{unit}"
         yield TextTable(
-            ["test", "value [mm]", "U [mm]", "limit [mm]", "verdict", "where"], map(_cells, self.rows), (0, 4, 5)
+            ["test", "value [mm]", "U [mm]", "limit [mm]", "verdict", "where"], map(self._cells, self.rows), (0, 4, 5)
         )
         yield (
             f"U: expanded uncertainty of artefact and set-up, {COVERAGE_PROBABILITY:.2%} (k = 2, or more with few "
@@ -117,7 +120,21 @@ class VerificationResult(PageRecord):
         if self.verification.rule != DECISION_RULES[0]:
             yield describe_rule(self.verification.rule)
         yield from self.remarks
-        yield "Next: truearm certificate writes this as a calibration certificate, from the same files."
+        if self.verification.gap is not None:
+            yield (
+                "Next: compare the numbers of the plan with your copy of the standard, and confirm them in a plan of "
+                "your own (--print-plan; docs/certificate.md)."
+            )
+        else:
+            yield "Next: truearm certificate writes this as a calibration certificate, from the same files."
+
+    def _cells(self, row: ConformityResult) -> list[str]:
+        verdict = self.verification.describe_row(row) or ""
+        limit = "" if row.limit is None else f"{row.limit:.4f}"
+        if row.unit != "mm":  # a count
+            return [row.label, f"{row.value:g}", "", limit, verdict, row.where]
+        value = format_fixed(row.value, sign=True)
+        return [row.label, value, f"{row.uncertainty:.4f}", limit, verdict, row.where]
 
     def to_dict(self) -> dict[str, Any]:
         """See `Record`."""
@@ -138,7 +155,7 @@ class VerificationResult(PageRecord):
                 }
                 for one in self.verification.conditions
             ],
-            "rows": [_row_to_dict(row) for row in self.rows],
+            "rows": [_row_to_dict(row, self.verification.describe_row(row)) for row in self.rows],
             "remarks": list(self.remarks),
         }
 
@@ -184,8 +201,8 @@ def verify(
     >>> import truearm as ta
     >>> simulated = ta.simulate_verification("perfect", n_arms=1)
     >>> result = ta.verify(simulated.points(0), artefacts=simulated.artefacts, specification=simulated.specification)
-    >>> result.verdict.value
-    'conform'
+    >>> result.verdict.value  # nobody has compared the numbers of the plan with the standard
+    'not for conformity decisions'
     """
     files = [Path(one) for one in (points, artefacts, specification) if isinstance(one, str | Path)]
     own_plan = Path(plan) if isinstance(plan, str | Path) and str(plan) not in PLANS else None
@@ -229,16 +246,7 @@ def digests_of(files: Sequence[Path]) -> dict[Path, str]:
     return digests
 
 
-def _cells(row: ConformityResult) -> list[str]:
-    verdict = "" if row.verdict is None else row.verdict.value
-    limit = "" if row.limit is None else f"{row.limit:.4f}"
-    if row.unit != "mm":  # a count
-        return [row.label, f"{row.value:g}", "", limit, verdict, row.where]
-    value = format_fixed(row.value, sign=True)
-    return [row.label, value, f"{row.uncertainty:.4f}", limit, verdict, row.where]
-
-
-def _row_to_dict(row: ConformityResult) -> dict[str, Any]:
+def _row_to_dict(row: ConformityResult, verdict: str | None) -> dict[str, Any]:
     dof = row.budget.dof
     return {
         "label": row.label,
@@ -249,7 +257,7 @@ def _row_to_dict(row: ConformityResult) -> dict[str, Any]:
         "degrees_of_freedom": None if isinf(dof) else dof,
         "limit": row.limit,
         "conformance_probability": row.conformance_probability,
-        "verdict": None if row.verdict is None else row.verdict.value,
+        "verdict": verdict,
         "where": row.where,
         "budget": [
             {"label": one.label, "u": one.u, "degrees_of_freedom": None if isinf(one.dof) else one.dof}

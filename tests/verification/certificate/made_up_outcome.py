@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from confirmed_plan import confirmed
 from truearm.verification.certificate.administrative_data import AdministrativeData
 from truearm.verification.certificate.certificate import make_certificate
 from truearm.verification.standards.artefacts import Artefacts
@@ -20,7 +21,7 @@ from truearm.verification.standards.decision import (
 from truearm.verification.standards.measured_points import MeasuredPoints, PointGroup
 from truearm.verification.standards.specification import Specification
 from truearm.verification.standards.verification import Verification
-from truearm.verification.standards.verification_plan import VerificationPlan, load_verification_plan
+from truearm.verification.standards.verification_plan import load_verification_plan
 
 DAY = datetime.date(2026, 11, 3)
 DATED = {
@@ -58,21 +59,7 @@ TOLD = {
     "set_up": {"stylus": "ball of ruby, diameter 6 mm", "mounting": "granite table", "software": "Example Measure 4.2"},
 }
 RECALLED = load_verification_plan("iso10360-12")
-
-
-def confirmed(plan=RECALLED):
-    """A plan whose numbers a laboratory has confirmed."""
-
-    def set_(value):
-        if isinstance(value, dict):
-            return {key: True if key == "confirmed" else set_(one) for key, one in value.items()}
-        return value
-
-    by = {"confirmed_by": "First Example", "date": DAY}
-    return VerificationPlan.model_validate(set_(plan.model_dump()) | {"confirmation": by})
-
-
-CONFIRMED = confirmed()
+CONFIRMED = confirmed(RECALLED, DAY)
 
 
 def about(**changes):

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from matplotlib.text import Text
 
+from confirmed_plan import confirmed
 from html_outline import Outline
 from truearm.errors import InputError
 from truearm.pages.html import format_cell, grid_of_table, render
@@ -38,7 +39,8 @@ from truearm.verification.standards.where_figure import where_figure
 from truearm.verification.standards.where_scene import where_scene
 
 DAY = datetime.date(2026, 11, 3)
-PLAN = load_verification_plan("iso10360-12")
+RECALLED = load_verification_plan("iso10360-12")
+PLAN = confirmed(RECALLED)
 SPECIFICATION = Specification(
     name="arm <7>", source="its data sheet", measuring_range_mm=2500.0, limits={"E_Uni": {"B_um": 50.0}}
 )
@@ -52,7 +54,7 @@ ARTEFACTS = Artefacts(
 BUDGET = Budget((Contribution("calibration", 0.003, 4.0), Contribution("fixture", 0.004)))  # u = 0.005
 
 
-def outcome(rows, *, rule="iso14253-1:2013", remarks=()):
+def outcome(rows, *, rule="iso14253-1:2013", remarks=(), plan=PLAN):
     def group(artefact, degC, **keys):
         return PointGroup(artefact, keys, np.zeros((5, 3)), degC, 0.0, DAY, (2,))
 
@@ -64,7 +66,7 @@ def outcome(rows, *, rule="iso14253-1:2013", remarks=()):
         Path("points.csv"),
     )
     return Verification(
-        tuple(rows), overall_verdict(rows), tuple(remarks), measured, PLAN, ARTEFACTS, SPECIFICATION, rule
+        tuple(rows), overall_verdict(rows), tuple(remarks), measured, plan, ARTEFACTS, SPECIFICATION, rule
     )
 
 
@@ -145,7 +147,7 @@ def test_only_the_artefacts_that_were_touched_are_listed():
 
 def test_recalled_numbers_of_what_was_tested_are_to_be_checked():
     page = verification_page(
-        outcome([row(0.01)], remarks=["not tested: bi", f"plan, uni: recalled, {CHECK_STANDARD}: 5"])
+        outcome([row(0.01)], remarks=["not tested: bi", f"plan, uni: recalled, {CHECK_STANDARD}: 5"], plan=RECALLED)
     )
     section = page.sections[-1]
     assert CHECK_STANDARD in section.text
@@ -216,6 +218,20 @@ def test_the_verdict_comes_first_and_values_that_do_not_conform_lead():
     # In words and with a sign, not by colour alone, and before the title.
     assert html.index("Not conform: 1 of 3") < html.index("<h1>")
     assert html.index('aria-label="bad"') < html.index("<h1>")
+
+
+def test_by_a_plan_that_nobody_confirmed_nothing_conforms_and_nothing_is_green():
+    rows = [row(0.01), row(0.07, label="E_Uni, 150")]
+    page = verification_page(outcome(rows, plan=RECALLED))
+    assert page.title == "arm <7>: not for conformity decisions"
+    assert page.verdict.state == "doubtful"
+    assert page.verdict.sentence.startswith("Not for conformity decisions: 7 numbers are not confirmed against ISO")
+    assert page.verdict.sentence.endswith(" 1 of 2 tested values is within the limits.")
+    assert [line[4] for line in table(page, "Values against limits")] == ["outside limit", "within limit"]
+    assert page.sections[1].tables[0].states == ("bad", "none")
+    assert "outside: E_Uni, 150, position 1" in page.sections[0].text
+    figure = limits_figure(rows, rule="iso14253-1:2013", decides=False)
+    assert figure.alt.endswith("20\u202f%, within limit; E_Uni, 150, position 1 140\u202f%, outside limit.")
 
 
 # Figure --------------------------------------------------------------------------------------------------------------

@@ -54,7 +54,7 @@ def test_a_perfect_arm_finds_the_artefacts_through_the_tip_of_its_stylus(plan, a
     tips = ta.load_arm("measuring7").chain.tip_in_base(simulated.session.angles)
     fill_points_form(form, tips, day=artefacts.bars[0].date, artefact_degC=20.0)
     result = ta.verify(form, plan=plan, artefacts=artefacts, specification=example_specification(RANGE_MM))
-    assert result.verdict.value == "conform"
+    assert result.verification.verdict.value == "conform"
     for row in result.rows:
         # What is left are the deviations of the artefacts from their certificates, six standard uncertainties at most.
         assert abs(row.value) < 3 * row.uncertainty

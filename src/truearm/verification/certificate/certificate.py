@@ -161,7 +161,7 @@ def make_certificate(
         `about` contradict those of the points, or as `check_plan`, `check_artefacts` and `check_uncertainties`.
     """
     verification = verification.in_room(about.room)
-    gap = confirmation_gap(verification)
+    gap = verification.gap
     if not unconfirmed:
         check_plan(verification)
     check_artefacts(verification)
@@ -204,11 +204,6 @@ def make_certificate(
     )
 
 
-def confirmation_gap(verification: Verification) -> str | None:
-    """Return what is missing before the results count as results after the standard; None if nothing."""
-    return verification.plan.confirmation_gap(verification.measured.tests)
-
-
 def check_about(about: AdministrativeData, verification: Verification) -> None:
     """Check that the administrative data are complete and fit the verification; all faults are raised at once.
 
@@ -244,7 +239,7 @@ def check_plan(verification: Verification) -> None:
     InputError
         If not.
     """
-    gap = confirmation_gap(verification)
+    gap = verification.gap
     if gap is None:
         return
     name = verification.plan.name
@@ -298,7 +293,7 @@ def _describe_plan(verification: Verification) -> str:
     else:
         known = "" if verification.plan_sha256 is None else f", SHA-256 {verification.plan_sha256}"
         source = f"Test plan of the user, named {plan.name}{known}."
-    if plan.confirmation is not None and confirmation_gap(verification) is None:
+    if plan.confirmation is not None and verification.gap is None:
         by, day = plan.confirmation.confirmed_by, plan.confirmation.date
         source += f" Its numbers were confirmed against {plan.standard} by {by} on {day}."
     numbers = []

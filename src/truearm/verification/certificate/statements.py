@@ -6,10 +6,11 @@ from dataclasses import dataclass
 
 from truearm.pages.number_format import capitalize
 from truearm.verification.certificate.administrative_data import AdministrativeData, xml_text
+from truearm.verification.standards.decision import Verdict
 from truearm.verification.standards.verification import Verification
 from truearm.verification.standards.verification_text import LEVEL_TEXT, describe_decision, describe_rule
 
-NOT_FOR_CONFORMITY = "not for conformity decisions"
+NOT_FOR_CONFORMITY = Verdict.NOT_FOR_DECISIONS.value
 KINDS = (
     "reservation",
     "decision",

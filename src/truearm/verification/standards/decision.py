@@ -30,11 +30,22 @@ SIMPLE_RATIO = 4.0
 
 
 class Verdict(Enum):
-    """The conformity of a test value with a specification."""
+    """The conformity of a test value, or of an arm, with a specification.
+
+    Of an arm alone: not for conformity decisions, where nobody has confirmed the numbers of the test plan.
+    """
 
     CONFORM = "conform"
     NOT_CONFORM = "not conform"
     UNDECIDED = "undecided"
+    NOT_FOR_DECISIONS = "not for conformity decisions"
+
+    def describe(self, *, decides: bool) -> str:
+        """The verdict of a value in a word; where it decides nothing, on which side of its limit the value is."""
+        return self.value if decides else _SIDES.get(self, self.value)
+
+
+_SIDES = {Verdict.CONFORM: "within limit", Verdict.NOT_CONFORM: "outside limit"}
 
 
 # From good to bad.

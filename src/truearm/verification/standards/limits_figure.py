@@ -12,7 +12,7 @@ from matplotlib.figure import Figure as Drawing
 from matplotlib.patches import Rectangle
 
 from truearm.pages.number_format import format_number, format_percent
-from truearm.pages.palette import BAD, DOUBTFUL, GOOD, INK, LIMIT, PALE, PAPER
+from truearm.pages.palette import BAD, DOUBTFUL, GOOD, INK, LIMIT, NAVY, PALE, PAPER
 from truearm.pages.plotting import Figure, Style, figure_style, join_phrases, shorten
 from truearm.verification.standards.decision import ConformityResult, DecisionRule, Verdict
 
@@ -26,7 +26,7 @@ _WIDTH_IN, _LABELS_IN, _ROW_IN, _HEAD_IN, _FOOT_IN = 6.0, 2.15, 0.31, 0.12, 0.95
 _MOST_ROWS = 60
 
 
-def limits_figure(rows: Sequence[ConformityResult], *, rule: DecisionRule) -> Figure:
+def limits_figure(rows: Sequence[ConformityResult], *, rule: DecisionRule, decides: bool = True) -> Figure:
     """Draw values as shares of their limits, with their uncertainties and guard bands.
 
     Parameters
@@ -35,6 +35,8 @@ def limits_figure(rows: Sequence[ConformityResult], *, rule: DecisionRule) -> Fi
         With limits.
     rule : {"iso14253-1:2013", "iso14253-1:2017", "simple"}
         It determines the guard bands; with simple acceptance, values have some only where it does not apply.
+    decides : bool
+        Whether the numbers of the plan are confirmed; otherwise nothing conforms, and nothing is green.
     """
     shown = list(rows[:_MOST_ROWS])
     height_in = _HEAD_IN + _ROW_IN * len(shown) + _FOOT_IN
@@ -50,7 +52,7 @@ def limits_figure(rows: Sequence[ConformityResult], *, rule: DecisionRule) -> Fi
             )
         )
         for at, row in enumerate(shown):
-            _draw(axes, at, row, rule)
+            _draw(axes, at, row, rule, decides)
         reach = max([1.35, *((abs(row.value) + 1.5 * row.uncertainty) / (row.limit or inf) for row in shown)])
         axes.set(xlim=(-1.05 * reach, 1.05 * reach), ylim=(len(shown) - 0.5, -0.5), xlabel="value / limit [%]")
         axes.set_yticks(range(len(shown)), [shorten(row.name, longest=34) for row in shown])
@@ -58,11 +60,11 @@ def limits_figure(rows: Sequence[ConformityResult], *, rule: DecisionRule) -> Fi
         axes.grid(axis="y", visible=False)
         ticks = [tick for tick in axes.get_xticks() if abs(tick) <= reach]
         axes.set_xticks(ticks, [format_number(round(100 * tick)) for tick in ticks])
-        _legend(axes, shown, rule)
+        _legend(axes, shown, rule, decides)
     guard = " Hatched: the guard bands about a limit, in which a value is undecided."
     more = f" The figure shows the first {_MOST_ROWS}." if len(rows) > _MOST_ROWS else ""
     phrases = join_phrases(
-        f"{row.name} {format_percent(row.value / (row.limit or inf))}, {row.verdict.value}"
+        f"{row.name} {format_percent(row.value / (row.limit or inf))}, {row.verdict.describe(decides=decides)}"
         for row in shown
         if row.verdict is not None
     )
@@ -80,7 +82,7 @@ def _guarded(row: ConformityResult, rule: DecisionRule) -> bool:
     return zone is not None and zone[1] > zone[0]
 
 
-def _draw(axes: Axes, at: int, row: ConformityResult, rule: DecisionRule) -> None:
+def _draw(axes: Axes, at: int, row: ConformityResult, rule: DecisionRule, decides: bool) -> None:
     assert row.limit is not None
     assert row.verdict is not None
     value, u, half = row.value / row.limit, row.uncertainty / row.limit, 0.36
@@ -101,7 +103,7 @@ def _draw(axes: Axes, at: int, row: ConformityResult, rule: DecisionRule) -> Non
                 )
             )
         axes.plot([side, side], [at - half, at + half], color=INK, linewidth=1.1, zorder=3)
-    pen = _PENS[row.verdict]
+    pen = _pen(row.verdict, decides)
     axes.plot([value - u, value + u], [at, at], color=pen.colour, linewidth=1.6, zorder=4, solid_capstyle="butt")
     axes.plot(
         [value], [at], marker=pen.marker, markersize=6.5, color=pen.colour, markeredgecolor=PAPER,
@@ -109,11 +111,16 @@ def _draw(axes: Axes, at: int, row: ConformityResult, rule: DecisionRule) -> Non
     )  # fmt: skip
 
 
-def _legend(axes: Axes, rows: Sequence[ConformityResult], rule: DecisionRule) -> None:
+def _pen(verdict: Verdict, decides: bool) -> Style:
+    return _PENS[verdict] if decides or verdict is not Verdict.CONFORM else Style(NAVY, "o", "-")
+
+
+def _legend(axes: Axes, rows: Sequence[ConformityResult], rule: DecisionRule, decides: bool) -> None:
     handles: list[Artist] = []
-    for verdict, pen in _PENS.items():
+    for verdict in _PENS:
         if any(row.verdict is verdict for row in rows):
-            handles += axes.plot([], [], color=pen.colour, marker=pen.marker, markersize=5.5, label=verdict.value)
+            pen, label = _pen(verdict, decides), verdict.describe(decides=decides)
+            handles += axes.plot([], [], color=pen.colour, marker=pen.marker, markersize=5.5, label=label)
     handles.append(axes.add_patch(Rectangle((0, 0), 0, 0, facecolor=PALE, label="between the limits")))
     if any(_guarded(row, rule) for row in rows):
         guard = Rectangle((0, 0), 0, 0, facecolor=PAPER, edgecolor=LIMIT, hatch="//////", linewidth=0)

@@ -32,7 +32,8 @@ class Verification:
     ----------
     rows : tuple of ConformityResult
     verdict : Verdict
-        Conform only if every row with a limit conforms, within the rated conditions of the specification.
+        Of the values: conform only if every row with a limit conforms, within the rated conditions of the
+        specification. `conclusion` is what may be said of the arm.
     remarks : tuple of str
         Suspected blunders, tests and limits that were not tested, and numbers of the plan to check.
     measured : MeasuredPoints
@@ -79,6 +80,20 @@ class Verification:
         verdict = overall_verdict(rows)
         assert verdict is not None  # some row has a limit
         return replace(self, rows=rows, verdict=verdict, remarks=tuple(remarks), room=room)
+
+    @property
+    def gap(self) -> str | None:
+        """What is missing before the results count as results after the standard; None if nothing."""
+        return self.plan.confirmation_gap(self.measured.tests)
+
+    @property
+    def conclusion(self) -> Verdict:
+        """The verdict, if the numbers of the plan are confirmed; else the results are not for conformity decisions."""
+        return self.verdict if self.gap is None else Verdict.NOT_FOR_DECISIONS
+
+    def describe_row(self, row: ConformityResult) -> str | None:
+        """The verdict of a value in a word, which decides nothing by a plan that is not confirmed; None: no limit."""
+        return None if row.verdict is None else row.verdict.describe(decides=self.gap is None)
 
     @property
     def groups(self) -> tuple[PointGroup, ...]:

@@ -45,16 +45,18 @@ def verification_page(verification: Verification, *, facts: Sequence[tuple[str, 
     nearest = max(verification.rows_with_limit, key=share_of_limit)
     nearest_label = f"of its limit, value and uncertainty together: {nearest.name}"
     return Page(
-        title=f"{verification.specification.name}: {verification.verdict.value}",
+        title=f"{verification.specification.name}: {verification.conclusion.value}",
         subtitle=f"{verification.plan.heading}. Limits: {verification.specification.source}.",
         summary=(
-            LabelledValue(nearest_label, format_percent(share_of_limit(nearest)), state=_STATES[nearest.verdict]),
+            LabelledValue(nearest_label, format_percent(share_of_limit(nearest)), state=_state(nearest, verification)),
             LabelledValue("values with a limit", len(verification.rows_with_limit)),
             LabelledValue("measured points", sum(len(group.points) for group in verification.groups)),
         ),
         sections=verification_sections(verification),
         facts=tuple(facts),
-        verdict=PageVerdict(verdict_sentence(verification), _STATES[verification.verdict], worst_values(verification)),
+        verdict=PageVerdict(
+            verdict_sentence(verification), _STATES[verification.conclusion], worst_values(verification)
+        ),
     )
 
 
@@ -93,11 +95,20 @@ def _values(verification: Verification) -> Section:
     rows = sorted(verification.rows, key=_urgency)
     for row in rows:
         if row.unit != "mm":  # a count
-            cells.append((row.label, format_number(row.value), None, None, _verdict(row), row.where))
+            cells.append((row.label, format_number(row.value), None, None, verification.describe_row(row), row.where))
             continue
         u = row.uncertainty
         limit = None if row.limit is None else RoundedNumber(row.limit, limit_uncertainty(row.limit))
-        cells.append((row.label, RoundedNumber(row.value, u), RoundedNumber(u, u), limit, _verdict(row), row.where))
+        cells.append(
+            (
+                row.label,
+                RoundedNumber(row.value, u),
+                RoundedNumber(u, u),
+                limit,
+                verification.describe_row(row),
+                row.where,
+            )
+        )
     columns = (
         Column("test"),
         Column("value", "mm"),
@@ -111,13 +122,19 @@ def _values(verification: Verification) -> Section:
         f"U is the expanded uncertainty of the test value from artefact and set-up, for a level of {LEVEL_TEXT}; it "
         "does not contain the errors of the arm, which are tested. Limits apply to magnitudes. Values are printed to "
         f"the last digit of U, limits to the nanometre. {UNROUNDED_TEXT}",
-        figures=(limits_figure(sorted(verification.rows_with_limit, key=_urgency), rule=verification.rule),),
+        figures=(
+            limits_figure(
+                sorted(verification.rows_with_limit, key=_urgency),
+                rule=verification.rule,
+                decides=verification.gap is None,
+            ),
+        ),
         tables=(
             Table(
                 columns,
                 tuple(cells),
                 "Test values, their uncertainties and limits; those that do not conform come first.",
-                states=tuple(_STATES[row.verdict] for row in rows),
+                states=tuple(_state(row, verification) for row in rows),
             ),
         ),
     )
@@ -213,6 +230,7 @@ def _to_check(verification: Verification) -> Section | None:
 _STATES: dict[Verdict | None, State] = {
     Verdict.CONFORM: "good",
     Verdict.UNDECIDED: "doubtful",
+    Verdict.NOT_FOR_DECISIONS: "doubtful",
     Verdict.NOT_CONFORM: "bad",
     None: "none",
 }
@@ -223,8 +241,9 @@ def _urgency(row: ConformityResult) -> int:
     return 0 if row.verdict is Verdict.NOT_CONFORM else 1 if row.verdict is Verdict.UNDECIDED else 2
 
 
-def _verdict(row: ConformityResult) -> str | None:
-    return None if row.verdict is None else row.verdict.value
+def _state(row: ConformityResult, verification: Verification) -> State:
+    """Its colour; nothing is good by numbers that nobody confirmed."""
+    return "none" if row.verdict is Verdict.CONFORM and verification.gap is not None else _STATES[row.verdict]
 
 
 def _dof(dof: float) -> Cell:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from decimal import Decimal
 
-from truearm.pages.number_format import format_count, format_in_text, format_number
+from truearm.pages.number_format import capitalize, format_count, format_in_text, format_number
 from truearm.verification.standards.decision import (
     CONFORMANCE_PROBABILITY,
     COVERAGE_PROBABILITY,
@@ -29,7 +29,10 @@ def describe_decision(verification: Verification) -> str:
     """Describe the decision: whether the arm conforms, and which values decide."""
     rows, specification = verification.rows_with_limit, verification.specification
     by = {one: [row for row in rows if row.verdict is one] for one in Verdict}
-    parts = [f"{specification.name}: {verification.verdict.value}. Limits: {specification.source}."]
+    parts = [f"{specification.name}: {verification.conclusion.value}. Limits: {specification.source}."]
+    if verification.gap is not None:
+        beyond = f"; outside: {_list_rows(by[Verdict.NOT_CONFORM])}" if by[Verdict.NOT_CONFORM] else ""
+        return " ".join([*parts, f"{capitalize(verification.gap)}.", f"{_count_within(verification)}{beyond}."])
     if verification.verdict is Verdict.CONFORM:
         parts.append(f"All tested values conform: {format_count(len(rows), 'value')} with a limit.")
     if outside := by[Verdict.NOT_CONFORM]:
@@ -63,6 +66,9 @@ def verdict_sentence(verification: Verification) -> str:
     """The verdict in one sentence: how many of the tested values do not conform, and how many are undecided."""
     rows = verification.rows_with_limit
     count = sum(row.verdict is verification.verdict for row in rows)
+    if verification.gap is not None:
+        reason = verification.gap.partition(": ")[0]
+        return f"Not for conformity decisions: {reason}. {_count_within(verification)}."
     if verification.verdict is Verdict.CONFORM:
         return f"Conform: {'all ' if count > 1 else ''}{format_count(count, 'tested value')} within the limits."
     of = f"{count} of {format_count(len(rows), 'tested value')}"
@@ -73,6 +79,12 @@ def verdict_sentence(verification: Verification) -> str:
         more = f", {undecided} {'is' if undecided == 1 else 'are'} undecided" if undecided else ""
         return f"Not conform: {of} {'does' if count == 1 else 'do'} not conform{more}."
     return f"Undecided: {of} too near to the limit for the uncertainty of the test."
+
+
+def _count_within(verification: Verification) -> str:
+    rows = verification.rows_with_limit
+    within = sum(row.verdict is Verdict.CONFORM for row in rows)
+    return f"{within} of {format_count(len(rows), 'tested value')} {'is' if within == 1 else 'are'} within the limits"
 
 
 def worst_values(verification: Verification) -> str:

@@ -37,13 +37,15 @@ def where_figure(places: Sequence[MeasuredPlace]) -> Figure:
     with figure_style():
         panels = tuple(_panel(places, view) for view in _VIEWS)
     names = join_phrases(dict.fromkeys(place.decisive.name for place in marked if place.decisive is not None))
-    verdicts = f"On paper red with a cross: not conform; amber with a diamond: undecided; grey: the others. {names}."
+    verdicts = (
+        f"On paper red with a cross: beyond the limit; amber with a diamond: undecided; grey: the others. {names}."
+    )
     return Figure(
         panels,
         caption="Where the arm was tested, in the frame of the points: dots are balls and seats, lines are lengths. "
         "On a screen the colour shows how much of its limit a value takes with its uncertainty, of several values the "
         f"nearest to its limit; a ring marks the nearest of all and what is named here. "
-        f"{verdicts if marked else 'Every value of a single place conforms.'}",
+        f"{verdicts if marked else 'Every value of a single place is within its limit.'}",
         alt=f"{format_count(len(places), 'measured place')} from above and from the front"
         f"{f'; marked: {names}' if marked else ''}.",
         columns=2,
