@@ -28,7 +28,12 @@ from truearm.compensation.models import (
     NominalModel,
     PhysicalModel,
 )
-from truearm.compensation.models.comparison_page import comparison_page, comparison_verdict, error_table
+from truearm.compensation.models.comparison_page import (
+    comparison_page,
+    comparison_verdict,
+    error_table,
+    improvement_sentence,
+)
 from truearm.compensation.models.error_figures import before_after
 from truearm.compensation.models.uncertainty import uncertainty_budget
 from truearm.errors import InputError
@@ -41,7 +46,6 @@ from truearm.pages.plotting import save_png
 from truearm.readings import ErrorComparison, compare_errors
 from truearm.workflows.comparison import compare_models, page_facts
 from truearm.workflows.record import Record, TextTable, format_fixed
-from truearm.workflows.sentences import compare_with_nominal, format_mm
 
 if TYPE_CHECKING:
     from truearm.pages.plotting import Figure
@@ -258,11 +262,11 @@ class DemoResult(Record):
         return self._numbers
 
     def summary(self) -> str:
-        """The answer in one sentence: the error of the network, and how it compares with the nominal arm."""
-        network, nominal = (self._numbers["models"][name]["mean_abs_coordinate_mm"] for name in ("network", "nominal"))
-        about = f"(virtual arm {self._numbers['arm']}, seed {self._numbers['seed']})"
-        compared = compare_with_nominal(network, nominal)
-        return f"Mean absolute coordinate error {format_mm(network)} with the network{compared} {about}."
+        """The answer in the sentence of the page, and whose it is."""
+        mean = {name: errors["mean_mm"] for name, errors in self._numbers["models"].items()}
+        best = min(mean, key=mean.__getitem__)
+        answer = improvement_sentence("Mean error", mean["nominal"], mean[best]).rstrip(".")
+        return f"{answer}: {best} model of virtual arm {self._numbers['arm']}, seed {self._numbers['seed']}."
 
     def blocks(self) -> Iterator[str | TextTable]:
         """See `Record.blocks`."""
@@ -270,10 +274,14 @@ class DemoResult(Record):
         n_train, n = models["network"]["n_train"], models["network"]["n"]
         yield self.summary()
         yield f"{n_train} training poses; {n} test poses in the same box of joint angles, {n} of everyday work outside."
-        yield "Absolute error of a coordinate [mm]:"
+        yield "Distance from the reference point [mm]:"
         yield self._table()
         mean, largest = PAPER_NETWORK_MM
-        yield f"The paper's network, on its own arm: mean {mean}, max {largest}, 97 % removed."
+        own = (format_fixed(models["network"][f"{which}_abs_coordinate_mm"]) for which in ("mean", "max"))
+        yield (
+            f"The paper states errors of single coordinates: its network, on its own arm, mean {mean}, max {largest}, "
+            f"97 % removed; this network mean {', max '.join(own)}."
+        )
         yield (
             f"The network is valid only inside its box, {HALF_WIDTH_DEG:g} deg to each side, which the paper does not "
             "state; its error depends on that box."
@@ -283,14 +291,14 @@ class DemoResult(Record):
     def _table(self) -> TextTable:
         rows = []
         for name, m in self._numbers["models"].items():
-            parts = [m["mean_abs_coordinate_mm"], m["max_abs_coordinate_mm"]]
-            outside = [m["outside"]["mean_abs_coordinate_mm"], m["outside"]["max_abs_coordinate_mm"]]
+            parts = [m["mean_mm"], m["max_mm"]]
+            outside = [m["outside"]["mean_mm"], m["outside"]["max_mm"]]
             removed = f"{m['removed_percent']:.1f}" if name != "nominal" else ""
             rows.append(
                 [name, *map(format_fixed, parts), removed, *map(format_fixed, outside), f"{m['fit_cpu_seconds']:.1f}"]
             )
         floor = self._numbers["noise_floor"]
-        mean, largest = format_fixed(floor["mean_abs_coordinate_mm"]), format_fixed(floor["max_abs_coordinate_mm"])
+        mean, largest = format_fixed(floor["mean_mm"]), format_fixed(floor["max_mm"])
         rows.append(["noise floor", mean, largest, "", "", "", ""])
         return TextTable(["model", "mean", "max", "removed %", "outside mean", "outside max", "fit CPU s"], rows)
 
@@ -323,7 +331,7 @@ class DemoResult(Record):
             ("experiment", f"virtual arm, preset {preset}, seed {seed}{', quick' if self.quick else ''}"),
             (
                 "noise floor",
-                f"{floor['mean_abs_coordinate_mm']:.4f} mm mean absolute coordinate error: no model can be better",
+                f"mean error {floor['mean_mm']:.4f} mm: no model can be better",
             ),
             *page_facts(done.models, session),
         ]

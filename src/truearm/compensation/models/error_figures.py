@@ -263,7 +263,7 @@ def _floor(errors: Mapping[str, FloatArray]) -> float:
 
 
 def _mean(values: FloatArray) -> str:
-    return format_number(float(values.mean()), digits=2)
+    return format_number(float(values.mean()))
 
 
 def _median(values: FloatArray) -> str:
