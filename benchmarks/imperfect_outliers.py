@@ -107,12 +107,12 @@ def chosen(arm: str, preset: str, n: int, seeds: int) -> Finding:
     for seed in range(seeds):
         virtual = virtual_arm(arm, preset, seed)
         session, test = measured(virtual, n, seed), measured(virtual, N_TEST, TEST + seed)
-        clean, _ = select_model(virtual.nominal, session)
+        clean, _, _ = select_model(virtual.nominal, session)
         rng = np.random.default_rng(WRONG + seed)
         for k in (1, round(0.05 * n)):
             rows = rng.permutation(n)[:k]
             spoilt = with_errors(session, rows, mixed_sizes(rng, k), seed)
-            model, _ = select_model(virtual.nominal, spoilt)
+            model, _, _ = select_model(virtual.nominal, spoilt)
             same += type(model) is type(clean)
             worse += mean_error(model, test) > 1.2 * mean_error(clean, test)
     return Finding(

@@ -46,7 +46,7 @@ def ratios(arm: Arm, learned: Session, lengths: Lengths, tests: Sequence[Session
     """Errors elsewhere of the physical model and of what `auto` keeps, over those of the kinematic model."""
     error = partial(at_other_places, tests=tests)
     kinematic = error(KinematicModel(arm).fit_readings(learned, lengths=lengths))
-    kept, _ = select_model(arm, learned, lengths=lengths)
+    kept, _, _ = select_model(arm, learned, lengths=lengths)
     physical = kept if isinstance(kept, PhysicalModel) else PhysicalModel(arm).fit_readings(learned, lengths=lengths)
     return {"physical": error(physical) / kinematic, "auto": error(kept) / kinematic, "kinematic_mm": kinematic}
 

@@ -236,7 +236,7 @@ def test_the_command_lists_the_sets_and_writes_one(published, nowhere, monkeypat
     assert all(name in listed for name in datasets.DATASETS)
     monkeypatch.chdir(nowhere)
     result = CliRunner().invoke(app, ["ur5"])
-    assert "1 readings of 6 joints, nominal arm ur5" in result.output
+    assert "1 reading of 6 joints, nominal arm ur5" in result.output
     assert "Cite: Jacobi" in result.output
     assert len(read_session(nowhere / "ur5.csv", n_joints=6)) == 1
     wrong = CliRunner().invoke(app, ["ur6", "--out", str(nowhere / "x.csv")])

@@ -167,7 +167,7 @@ def test_a_few_readings_beyond_a_joint_limit_are_named_and_skipped_or_used(truea
     monkeypatch.chdir(bench)
     assert truearm("simulate", "ur5", "--poses", 40, "--out", "u.csv").code == 0
     spoil(bench / "u.csv", changed(6, "q3_deg", "400"))
-    told = "1 of 40 readings are beyond a joint limit and were skipped: line 7."
+    told = "1 of 40 readings is beyond a joint limit and was skipped: line 7."
     fitted = ["fit", "u.csv", "--arm", "ur5", "--model", "nominal", "--out", "m.truearm"]
     ran = truearm(*fitted)
     assert (ran.code, told in ran.out, "39 readings" in ran.out) == (0, True, True)
@@ -175,7 +175,7 @@ def test_a_few_readings_beyond_a_joint_limit_are_named_and_skipped_or_used(truea
     ran = truearm(*fitted, "--limits", "ignore")
     assert (ran.code, "beyond" in ran.out, "40 readings" in ran.out) == (0, False, True)
     ran = truearm("predict", "m.truearm", "u.csv", "--out", "p.csv")
-    assert "1 of 40 readings are beyond a joint limit: line 7." in ran.out
+    assert "1 of 40 readings is beyond a joint limit: line 7." in ran.out
     assert len((bench / "p.csv").read_text().splitlines()) == 41
 
 

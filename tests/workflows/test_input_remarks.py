@@ -9,7 +9,6 @@ import pytest
 
 import truearm as ta
 from truearm.arm.chain import Chain
-from truearm.compensation.models.selection import ModelScore, hybrid_remarks
 from truearm.errors import InputError
 from truearm.readings import Session
 
@@ -76,10 +75,43 @@ def test_a_model_learned_without_points_names_its_frame_until_refit_places_it():
             assert said is is_said
 
 
-def test_auto_names_a_hybrid_model_that_it_did_not_compare():
-    score = ModelScore("kinematic", 0.1, 0.01, 0.2, 0.3, 0.0, 0.0, 0, 20.0, True)
-    assert hybrid_remarks((score,))[0].startswith("The hybrid model was not compared")
-    assert hybrid_remarks((score, replace(score, name="hybrid"))) == hybrid_remarks(()) == ()
+def test_auto_names_the_one_reason_for_which_it_did_not_compare_a_hybrid_model():
+    session = ta.simulate("ur10", poses=60, seed=1).session
+    for readings, reason in (
+        (session, "60 readings are too few for its 243 weights"),
+        (replace(session, tip=np.repeat(["A", "B"], 30)), "its networks learn one tip"),
+    ):
+        said = [remark for remark in ta.fit("ur10", readings).remarks if "hybrid" in remark]
+        assert said == [f"The hybrid model was not compared: {reason}."]
+    assert not [remark for remark in ta.fit("ur10", session, model="kinematic").remarks if "hybrid" in remark]
+
+
+def test_a_plan_that_is_half_filled_in_is_fitted_without_its_empty_rows(tmp_path):
+    """Two bars, the second not measured yet: its rows and its length are ignored, and it is said."""
+    taken = ta.simulate("gao2017", poses=40, strategy="seat", seats=4, seed=1).session
+    frame = taken.to_frame()[[*(f"q{i}_deg" for i in range(1, 7)), "seat"]]
+    late = frame["seat"] == frame["seat"].iloc[-1]
+    frame.loc[late, [f"q{i}_deg" for i in range(1, 7)]] = np.nan
+    frame.to_csv(tmp_path / "plan.csv", index=False)
+    read = ta.read_session(tmp_path / "plan.csv")
+    assert read.unfilled == tuple(frame["seat"][late])
+    assert read.numbers.tolist() == (np.flatnonzero(~late) + 2).tolist()
+    first, second, last = frame["seat"].iloc[0], frame["seat"][~late].iloc[-1], frame["seat"].iloc[-1]
+    apart = {name: taken.seat == name for name in (first, second, last)}
+    means = {name: taken.points[rows].mean(axis=0) for name, rows in apart.items()}
+    stated = [float(np.linalg.norm(means[first] - means[other])) for other in (second, last)]
+    lengths = ta.Lengths([first, first], [second, last], stated, [0.01, 0.01])
+    found = ta.fit("gao2017", tmp_path / "plan.csv", model="nominal", lengths=lengths)
+    assert f"{late.sum()} of 40 rows are not filled in yet (no number); ignored." in found.remarks
+    assert any(remark.startswith("1 of 2 lengths refer to a seat without a reading") for remark in found.remarks)
+    frame.iloc[0, 2] = np.nan  # in part: contradicted
+    frame.to_csv(tmp_path / "hole.csv", index=False)
+    with pytest.raises(ta.InputError, match="column 'q3_deg': expected a number, got an empty cell"):
+        ta.read_session(tmp_path / "hole.csv")
+    frame.iloc[:, :6] = np.nan
+    frame.to_csv(tmp_path / "none.csv", index=False)
+    with pytest.raises(ta.InputError, match="none of 40 rows has a number.*fill in what was measured"):
+        ta.read_session(tmp_path / "none.csv")
 
 
 def test_an_export_of_constants_names_the_payload_and_the_travel_that_it_lacks(sliding, readings, tmp_path):

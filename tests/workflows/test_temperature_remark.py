@@ -16,7 +16,7 @@ from truearm.workflows.inputs import describe_outside
     [
         (InputRange(20.0, 0.1, 19.5, 20.5), [20.0, 22.5, 24.5], "2 of 3 readings are 2.0 to 4.0 K warmer than the tr"),
         (InputRange(20.0, 0.1, 19.5, 20.5), [17.5, 23.5], "2 of 2 readings are 3.0 K warmer or 2.0 K colder than the"),
-        (None, [23.0], "1 of 1 readings are 3.0 K warmer than 20 degC; the training states no temperature; all else"),
+        (None, [23.0], "1 of 1 reading is 3.0 K warmer than 20 degC; the training states no temperature; all else"),
     ],
 )
 def test_only_the_temperature_is_outside(known, degC, said):

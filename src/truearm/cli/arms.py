@@ -31,7 +31,7 @@ def arms(
         bool, typer.Option("--page", help="Write a page: a drawing to turn, a slider a joint, the tip's coordinates.")
     ] = False,
     convention: Annotated[
-        Literal["dh", "mdh"], typer.Option("--convention", help="Of the table that is printed or written.")
+        Literal["dh", "mdh"], typer.Option("--convention", help="Convention of the table that is printed or written.")
     ] = "dh",
     readings: Annotated[
         Path | None,

@@ -33,7 +33,9 @@ def export(
     ] = None,
     convention: Annotated[
         Literal["dh", "mdh"] | None,
-        typer.Option("--convention", help="Of constants and deltas: D-H or modified D-H; that of the arm's file."),
+        typer.Option(
+            "--convention", help="Convention of constants and deltas: D-H or modified D-H; that of the arm's file."
+        ),
     ] = None,
     tip: Annotated[str | None, typer.Option("--tip", help="Name of the tip, of a model with several.")] = None,
     check: Annotated[

@@ -39,7 +39,7 @@ def import_table(
     ] = "",
     point_std: Annotated[str, typer.Option("--point-std", help="Columns of its three standard uncertainties.")] = "",
     point_unit: Annotated[
-        str, typer.Option("--point-unit", help="Of the point and its uncertainties: mm, m, um or in.")
+        str, typer.Option("--point-unit", help="Unit of the point and its uncertainties: mm, m, um or in.")
     ] = "mm",
     orientation: Annotated[
         str,
@@ -49,7 +49,9 @@ def import_table(
             "quaternion (w first), 9, 12 or 16 of a matrix row by row; 12 and 16 have the point too.",
         ),
     ] = "",
-    orientation_unit: Annotated[str, typer.Option("--orientation-unit", help="Of a rotation vector: deg or rad.")] = "",
+    orientation_unit: Annotated[
+        str, typer.Option("--orientation-unit", help="Unit of a rotation vector: deg or rad.")
+    ] = "",
     temperature: Annotated[str, typer.Option("--temperature", help="Column of the temperature [degC].")] = "",
     seat: Annotated[str, typer.Option("--seat", help="Column that names the seat.")] = "",
     position: Annotated[str, typer.Option("--position", help="Columns that name the position aimed at.")] = "",
@@ -107,6 +109,7 @@ def import_table(
 
     from truearm.readings import JointScale, TableColumns, check_session_path, write_session
     from truearm.readings import import_table as read_table
+    from truearm.workflows.sentences import number_of
 
     check_output_is_not_input(out, table)
     check_session_path(out)
@@ -134,7 +137,7 @@ def import_table(
         units = scale.units(readings.n_joints)
         unit = "rad" if "rad" in units else "deg"
         write_session(readings, out, prismatic=[u == "mm" for u in units], angle_unit=cast(Any, unit))
-    print_line(f"{out}: {len(readings)} readings of {readings.n_joints} joints from {table.name}")
+    print_line(f"{out}: {number_of(len(readings))} of {readings.n_joints} joints from {table.name}")
     _print_ranges(readings, scale)
 
 

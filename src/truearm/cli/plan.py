@@ -27,7 +27,7 @@ def plan(
         int | None,
         typer.Option("--seats", min=1, max=200, help="Number of seats, or of places of the bar (one for 10 poses)."),
     ] = None,
-    length: Annotated[float | None, typer.Option("--length", help="Of the bar, between its seats [mm].")] = None,
+    length: Annotated[float | None, typer.Option("--length", help="Length of the bar, between its seats [mm].")] = None,
     sphere: Annotated[
         float | None, typer.Option("--sphere", help="With --artefact check: diameter of a sphere [mm].")
     ] = None,

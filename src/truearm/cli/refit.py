@@ -31,7 +31,7 @@ def refit(
     ] = None,
     lengths: LengthsFile = None,
     limits: LimitsOption = "skip",
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the choice of readings.")] = 0,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the choice of readings.")] = 0,
     as_json: Json = False,
 ) -> None:
     """Transfer a model to a new set-up of its arm.

@@ -37,9 +37,9 @@ def simulate(
     preset: Annotated[
         str, typer.Option("--preset", help="Errors of the arm: research, shop, worn or perfect.")
     ] = "research",
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the poses and the noise.")] = 0,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the poses and the noise.")] = 0,
     arm_seed: Annotated[
-        int, typer.Option("--arm-seed", min=0, help="Of the arm's own errors: same seed, same arm.")
+        int, typer.Option("--arm-seed", min=0, help="Seed of the arm's own errors: same seed, same arm.")
     ] = 0,
     seats: Annotated[int | None, typer.Option("--seats", help="Number of seats (3); strategy seat only.")] = None,
     bars: Annotated[
@@ -64,7 +64,8 @@ def simulate(
     half_width_deg: Annotated[
         float | None,
         typer.Option(
-            "--half-width-deg", help="Of the box about the working pose (20); strategies box and sobol-box only."
+            "--half-width-deg",
+            help="Half width of the box about the working pose (20); strategies box and sobol-box only.",
         ),
     ] = None,
     reference: Annotated[

@@ -37,9 +37,12 @@ def task(
     feature: Annotated[
         Literal["length", "sphere", "plane", "circle"], typer.Option("--feature", help="What is measured.")
     ] = "length",
-    length: Annotated[float | None, typer.Option("--length", parser=millimetres, help="Of a length [mm].")] = None,
+    length: Annotated[
+        float | None, typer.Option("--length", parser=millimetres, help="Nominal size of a length [mm].")
+    ] = None,
     diameter: Annotated[
-        float | None, typer.Option("--diameter", parser=millimetres, help="Of a sphere or circle (bore) [mm].")
+        float | None,
+        typer.Option("--diameter", parser=millimetres, help="Nominal diameter of a sphere or circle (bore) [mm]."),
     ] = None,
     size: Annotated[
         float | None, typer.Option("--size", parser=millimetres, help="Side of a square plane [mm].")
@@ -77,7 +80,7 @@ def task(
         typer.Option(
             "--repeatability",
             parser=millimetres,
-            help="Of a model: measured standard deviation of a coordinate when a point is measured again in the same "
+            help="With a model: measured standard deviation of a coordinate when a point is measured again in the same "
             "pose [mm]. Without it no error counts as random, and the uncertainty of means is overestimated.",
         ),
     ] = None,

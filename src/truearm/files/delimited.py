@@ -230,11 +230,17 @@ def check_header(names: Sequence[str], *, file: Path | None, line: int | None) -
 
 
 def read_columns(
-    sheet: Sheet, numbers: Sequence[int], words: Sequence[int] = (), optional: Sequence[int] = ()
+    sheet: Sheet,
+    numbers: Sequence[int],
+    words: Sequence[int] = (),
+    optional: Sequence[int] = (),
+    *,
+    unfilled: list[int] | None = None,
 ) -> tuple[FloatArray, list[NameArray]]:
     """Read the columns `numbers` as (n, len(numbers)) floats, exactly as written, and the columns `words` as text.
 
-    An empty cell in those of `numbers` that are `optional` is read as NaN.
+    An empty cell in those of `numbers` that are `optional` is read as NaN. Rows without any number are those of a form
+    that is not filled in yet: they are refused, or their numbers from 0 are appended to `unfilled`.
 
     Raises
     ------
@@ -250,6 +256,10 @@ def read_columns(
         values, bad = np.empty((len(chunk), len(numbers))), np.zeros((len(chunk), len(numbers)), bool)
         for k, i in enumerate(numbers):
             values[:, k], bad[:, k] = _floats(columns[i], sheet.decimal, may_be_empty=i in optional)
+        if unfilled is not None and bad.any():
+            is_filled = np.array([any(row[i].strip() for i in numbers) for row in chunk])
+            unfilled += (start + np.flatnonzero(~is_filled)).tolist()
+            bad &= is_filled[:, None]
         if bad.any():
             row = int(np.argmax(bad.any(axis=1)))
             column = min(numbers[k] for k in np.flatnonzero(bad[row]).tolist())
@@ -259,6 +269,8 @@ def read_columns(
         for text, i in zip(texts, words, strict=True):
             text.append(_names(columns[i], sheet, start, i))
         start += len(chunk)
+    if parts and unfilled is not None and len(unfilled) == start:
+        raise InputError(f"none of {start} rows has a number", file=sheet.file, hint="fill in what was measured")
     if not parts:
         line = sheet.first_line - 1 or 1
         raise InputError("expected at least one row of numbers, got none", file=sheet.file, line=line)

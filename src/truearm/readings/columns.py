@@ -17,7 +17,7 @@ from truearm.files.delimited import MAX_NAME, check_header, quoted_cell
 from truearm.readings.distances import ANCHOR_DISTANCE, SPHERE_DISTANCE
 from truearm.readings.reference_uncertainty import SHARED_UNCERTAINTIES
 from truearm.readings.session import DIRECTION, LOAD, NAMED, PAYLOAD, Session
-from truearm.typing import FloatArray, NameArray
+from truearm.typing import FloatArray, IntArray, NameArray
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -119,9 +119,14 @@ def recognise_columns(
 
 
 def session_of_columns(
-    columns: Columns, numbers: FloatArray, words: Sequence[NameArray], *, file: Path | None, first_line: int | None
+    columns: Columns,
+    numbers: FloatArray,
+    words: Sequence[NameArray],
+    *,
+    file: Path | None,
+    lines: IntArray | None,
 ) -> Session:
-    """Build the session in rad and mm from the values of `columns.numbers` and `columns.words`."""
+    """Build the session in rad and mm from the values of `columns.numbers` and `columns.words`, and their lines."""
     references = (columns.points, columns.point_std, columns.quaternion, columns.sphere_distance)
     groups = (
         columns.angles,
@@ -133,7 +138,7 @@ def session_of_columns(
     )
     parts = np.split(numbers, np.cumsum([len(group) for group in groups]), axis=1)
     for names, part in zip(groups[1:5], parts[1:5], strict=True):
-        _check_whole(names, part, file=file, first_line=first_line)
+        _check_whole(names, part, file=file, lines=lines)
     with np.errstate(over="ignore"):  # the session refuses what is infinite
         angles, points, std = (
             part * [FACTOR[unit_of(name)] for name in names] for part, names in zip(parts, groups[:3], strict=False)
@@ -152,8 +157,8 @@ def session_of_columns(
         **cast(Any, dict(zip(columns.anchor_distance, anchor_distance.T, strict=True))),
         file=file,
         angle_columns=columns.angles,
-        numbers=None if first_line is None else np.arange(first_line, first_line + len(numbers)),
-        by_line=first_line is not None,
+        numbers=lines,
+        by_line=lines is not None,
         **cast(Any, dict(zip(columns.words, words, strict=True))),
     )
 
@@ -168,7 +173,7 @@ def session_from_frame(frame: pd.DataFrame, *, file: Path | None = None, n_joint
         raise InputError("expected at least one reading, got none", file=file)
     numbers = [frame_numbers(frame[c], c, file=file, optional=c in columns.optional) for c in columns.numbers]
     words = [frame_words(frame[c], c, file=file) for c in columns.words]
-    return session_of_columns(columns, np.stack(numbers, axis=1), words, file=file, first_line=None)
+    return session_of_columns(columns, np.stack(numbers, axis=1), words, file=file, lines=None)
 
 
 def session_columns(
@@ -252,7 +257,7 @@ def frame_words(column: pd.Series[Any], name: str, *, file: Path | None = None) 
     return np.array(cells, dtype=np.str_)
 
 
-def _check_whole(names: Sequence[str], values: FloatArray, *, file: Path | None, first_line: int | None) -> None:
+def _check_whole(names: Sequence[str], values: FloatArray, *, file: Path | None, lines: IntArray | None) -> None:
     """Refuse a row (n, len(names)) of which only some cells are empty."""
     missing = np.isnan(values)
     partly = missing.any(axis=1) & ~missing.all(axis=1)
@@ -261,8 +266,8 @@ def _check_whole(names: Sequence[str], values: FloatArray, *, file: Path | None,
         raise InputError(
             "expected a number as in the columns that go with it, got an empty cell",
             file=file,
-            line=None if first_line is None else first_line + row,
-            row=f"reading {row + 1}" if first_line is None else None,
+            line=None if lines is None else int(lines[row]),
+            row=f"reading {row + 1}" if lines is None else None,
             column=names[int(np.argmax(missing[row]))],
             hint=f"fill it in, or leave {', '.join(names)} empty together",
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -45,7 +46,8 @@ def read_session(path: str | Path, *, n_joints: int | None = None) -> Session:
     Returns
     -------
     Session
-        Angles in rad (sliding joints in mm), points in mm.
+        Angles in rad (sliding joints in mm), points in mm. Rows without any number are those of a plan that is half
+        filled in: they are no readings; `Session.unfilled` has the seats they name.
 
     Raises
     ------
@@ -67,8 +69,16 @@ def read_session(path: str | Path, *, n_joints: int | None = None) -> Session:
     sheet = read_form(path)
     columns = recognise_columns(sheet.names, file=path, line=1, n_joints=n_joints)
     groups = ([sheet.names.index(c) for c in g] for g in (columns.numbers, columns.words, columns.optional))
-    numbers, words = read_columns(sheet, *groups)
-    return session_of_columns(columns, numbers, words, file=path, first_line=sheet.first_line)
+    unfilled: list[int] = []
+    numbers, words = read_columns(sheet, *groups, unfilled=unfilled)
+    is_filled = np.ones(len(numbers), bool)
+    is_filled[unfilled] = False
+    lines = (np.arange(len(numbers)) + sheet.first_line)[is_filled]
+    session = session_of_columns(columns, numbers[is_filled], [one[is_filled] for one in words], file=path, lines=lines)
+    if not unfilled:
+        return session
+    seats = words[columns.words.index("seat")][unfilled].tolist() if "seat" in columns.words else [""] * len(unfilled)
+    return replace(session, unfilled=tuple(seats))
 
 
 def write_session(

@@ -113,6 +113,9 @@ class Session:
         Number of each reading where it came from, counted from 1: its line in `file` if `by_line`. 1 .. n by default.
     by_line : bool
         Whether `numbers` are lines of `file`.
+    unfilled : tuple of str
+        Seat, or nothing, of each row of `file` without a number: of a plan that is still to be measured. They are no
+        readings.
 
     Raises
     ------
@@ -158,6 +161,7 @@ class Session:
     angle_columns: tuple[str, ...] | None = None
     numbers: IntArray | None = None
     by_line: bool = False
+    unfilled: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         angles = np.asarray(self.angles, dtype=float)

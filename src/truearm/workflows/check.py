@@ -59,6 +59,7 @@ from truearm.workflows.inputs import (
 )
 from truearm.workflows.outputs import PageRecord, check_output_is_not_input, input_files, version_row
 from truearm.workflows.record import TextTable, format_fixed, to_plain
+from truearm.workflows.sentences import agree, number_of
 from truearm.workflows.verify import SpecificationLike, to_specification
 
 if TYPE_CHECKING:
@@ -301,7 +302,8 @@ def check(
     remarks += [*ignored, *single_reading_remarks(readings, known)]
     check_sessions(readings, known, own_frame="base" not in fitted.free)
     if outside := int(fitted.outside_training(readings.angles).sum()):
-        remarks.append(f"{outside} of {len(readings)} readings have a joint outside the trained range.")
+        have = agree(outside, "have")
+        remarks.append(f"{outside} of {number_of(len(readings))} {have} a joint outside the trained range.")
     temperature = None if readings.temperature_degC is None else float(readings.temperature_degC.mean())
     points = fitted.predict_readings(readings)
     values = _values(fitted, points, readings, known, temperature)

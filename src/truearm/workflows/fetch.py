@@ -11,6 +11,7 @@ from truearm import datasets
 from truearm.files.atomic_write import atomic_file
 from truearm.readings import Lengths, Session, write_lengths, write_session
 from truearm.workflows.record import Record
+from truearm.workflows.sentences import number_of
 
 
 def fetch(name: str) -> PublishedReadings:
@@ -86,7 +87,7 @@ class PublishedReadings(Record):
 
     def summary(self) -> str:
         """The answer in one sentence: how many readings of which arm."""
-        return f"{len(self.session)} readings of {self.session.n_joints} joints, nominal arm {self.arm}."
+        return f"{number_of(len(self.session))} of {self.session.n_joints} joints, nominal arm {self.arm}."
 
     def blocks(self) -> Iterator[str]:
         """See `Record.blocks`."""

@@ -27,7 +27,7 @@ from truearm.compensation.models.reading_references import (
     references_of,
     surfaces_with_too_few_readings,
 )
-from truearm.compensation.models.selection import ModelScore, hybrid_remarks, select_model
+from truearm.compensation.models.selection import ModelScore, select_model
 from truearm.compensation.models.session_frames import to_first_session_frame
 from truearm.compensation.models.stated_uncertainty import describe_stated_uncertainty
 from truearm.compensation.models.tips import describe_tips
@@ -138,9 +138,10 @@ def fit(
         check_spread(used, nominal_arm)
     nominal = NominalModel(nominal_arm, free=parts).fit_readings(used, lengths=known)
     comparison: tuple[ModelScore, ...] = ()
+    why_no_hybrid: str | None = None
     fitted: Compensator
     if chosen is None:
-        fitted, comparison = select_model(
+        fitted, comparison, why_no_hybrid = select_model(
             nominal_arm, used, free=parts, lengths=known, progress=progress, nominal=nominal, **options
         )
     elif model == "nominal":
@@ -148,7 +149,8 @@ def fit(
     else:
         fitted = chosen.fit_readings(used, lengths=known, progress=progress, nominal=nominal)
     changes = frame_changes(fitted, used)
-    said = *_remarks(fitted, used, known), *hybrid_remarks(comparison), *(str(change) for change in changes)
+    no_hybrid = () if why_no_hybrid is None else (f"The hybrid model was not compared: {why_no_hybrid}.",)
+    said = *_remarks(fitted, used, known), *no_hybrid, *(str(change) for change in changes)
     return FitResult(
         model=fitted,
         comparison=comparison,

@@ -47,6 +47,7 @@ from truearm.readings.thermal_expansion import (
     thermal_expansion_of,
 )
 from truearm.typing import BoolArray, FloatArray, IntArray
+from truearm.workflows.sentences import agree, number_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -199,18 +200,27 @@ def within_limits(session: Session, arm: Arm, limits: Limits = "skip") -> Checke
     if limits not in ("skip", "ignore"):
         raise InputError(f"expected limits 'skip' or 'ignore', got {limits!r}")
     check_angles(session, n_joints=arm.n_joints, prismatic=arm.chain.is_prismatic)
-    rows = np.arange(len(session))
+    rows, unfilled = np.arange(len(session)), unfilled_remarks(session)
     if limits == "ignore":
-        return CheckedSession(session, rows, ())
+        return CheckedSession(session, rows, unfilled)
     kept, skipped = skip_beyond_limits(session, arm.limits, prismatic=arm.chain.prismatic)
     if not skipped:
-        return CheckedSession(session, rows, ())
+        return CheckedSession(session, rows, unfilled)
     beyond = [excess.row for excess in skipped]
     remark = (
-        f"{len(beyond)} of {len(session)} readings are beyond a joint limit and were skipped: "
+        f"{len(beyond)} of {number_of(len(session))} {agree(len(beyond), 'are')} beyond a joint limit and "
+        f"{agree(len(beyond), 'were')} skipped: "
         f"{join_labels(session, beyond)}."
     )
-    return CheckedSession(kept, np.setdiff1d(rows, beyond), (remark,))
+    return CheckedSession(kept, np.setdiff1d(rows, beyond), (*unfilled, remark))
+
+
+def unfilled_remarks(session: Session) -> tuple[str, ...]:
+    """How many rows of the file are not filled in yet, in one sentence; nothing if none."""
+    n = len(session.unfilled)
+    if not n:
+        return ()
+    return (f"{n} of {n + len(session)} rows {agree(n, 'are')} not filled in yet (no number); ignored.",)
 
 
 def check_angles_fit(session: Session, arm: Arm) -> tuple[str, ...]:
@@ -223,9 +233,10 @@ def check_angles_fit(session: Session, arm: Arm) -> tuple[str, ...]:
     """
     rows = within_limits(session, arm).rows
     if len(rows) == len(session):
-        return ()
+        return unfilled_remarks(session)
     beyond = np.setdiff1d(np.arange(len(session)), rows).tolist()
-    return (f"{len(beyond)} of {len(session)} readings are beyond a joint limit: {join_labels(session, beyond)}.",)
+    readings_are = f"{len(beyond)} of {number_of(len(session))} {agree(len(beyond), 'are')}"
+    return (*unfilled_remarks(session), f"{readings_are} beyond a joint limit: {join_labels(session, beyond)}.")
 
 
 def join_labels(session: Session, rows: list[int]) -> str:
@@ -345,7 +356,9 @@ def session_lengths(
             hint="standard uncertainties in mm: 5 micrometres are 0.005",
         )
     remarks = []
-    known: Lengths | None = stated.between(session.seat.tolist())
+    known: Lengths | None = stated.between([*session.seat.tolist(), *session.unfilled])
+    if session.unfilled and used is None:
+        used = session
     if known is not None and (n := len(stated) - len(known)):
         remarks.append(f"{n} of {len(stated)} lengths refer to seats that are not in this session; ignored.")
     if used is not None and used.seat is not None and known is not None:
@@ -400,17 +413,20 @@ def without_refit_readings(session: Session, *models: Compensator) -> tuple[Sess
     rows = np.flatnonzero(~used)
     if used.all() or not used.any():
         return session, np.arange(len(session)), ()
-    remark = f"{int(used.sum())} readings were used to refit the model and are skipped."
+    n = int(used.sum())
+    remark = f"{number_of(n)} {agree(n, 'were')} used to refit the model and {agree(n, 'are')} skipped."
     return session.rows(rows), rows, (remark,)
 
 
 def describe_outside(inputs: Mapping[str, BoolArray], training: TrainingConditions, session: Session) -> str:
     """How many readings are outside the trained range, and in which inputs; a sentence without its full stop."""
     rows = np.logical_or.reduce(list(inputs.values()))
+    n = int(rows.sum())
+    readings_are = f"{n} of {number_of(len(rows))} {agree(n, 'are')}"
     if list(inputs) == ["temperature"] and session.temperature_degC is not None:
-        return f"{int(rows.sum())} of {len(rows)} readings are {_kelvin(training, session.temperature_degC[rows])}"
+        return f"{readings_are} {_kelvin(training, session.temperature_degC[rows])}"
     what = ", ".join(f"{name} {int(outside.sum())}" for name, outside in inputs.items())
-    return f"{int(rows.sum())} of {len(rows)} readings are outside the trained range ({what})"
+    return f"{readings_are} outside the trained range ({what})"
 
 
 def _kelvin(training: TrainingConditions, degC: FloatArray) -> str:

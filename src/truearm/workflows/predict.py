@@ -32,6 +32,7 @@ from truearm.workflows.inputs import (
     to_model_and_session,
 )
 from truearm.workflows.record import Record, format_fixed, to_plain
+from truearm.workflows.sentences import agree, number_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -226,9 +227,10 @@ class Prediction(Record):
         if self.unstated_u_mm:
             sizes = ", ".join(f"{name} ({format_fixed(size)} mm)" for name, size in self.unstated_u_mm.items())
             yield (f"Missing in some readings: {sizes}; truearm uses the training mean and includes its uncertainty.")
-        if n := self._in_unknown_session.sum():
+        if n := int(self._in_unknown_session.sum()):
             first = next(iter(self.model.session_frames_))
-            yield f"{n} readings are in no session that the model knows: their points are in the frame of {first}."
+            where = f"in no session that the model knows: their points are in the frame of {first}."
+            yield f"{number_of(n)} {agree(n, 'are')} {where}"
         if self.inputs_outside:
             yield f"{describe_outside(self.inputs_outside, self.model.training_, self.session)}{self._advice()}."
         if self.outside_u_mm:

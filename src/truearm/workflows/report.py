@@ -42,6 +42,7 @@ from truearm.workflows.inputs import (
 )
 from truearm.workflows.outputs import PageRecord, check_page_path, input_files
 from truearm.workflows.record import TextTable, to_plain
+from truearm.workflows.sentences import number_of
 
 _HEADS = {"mean_mm": "mean [mm]", "rms_mm": "rms [mm]", "p95_mm": "95 % [mm]", "max_mm": "max [mm]"}
 
@@ -104,7 +105,7 @@ class ReportResult(PageRecord):
         models, session = dict(self.models), self.session
         layout: dict[str, Any] = {
             "title": self.title or f"{one_arm(models).arm.name}: error before and after compensation",
-            "subtitle": f"{len(session)} readings of {session.file.name if session.file else 'a session'}",
+            "subtitle": f"{number_of(len(session))} of {session.file.name if session.file else 'a session'}",
             "facts": page_facts(models, session),
             "remarks": self.page_remarks,
         }

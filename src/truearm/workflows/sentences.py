@@ -17,6 +17,16 @@ def listed(label: str, items: Sequence[object], what: str) -> list[str]:
     return lines
 
 
+def number_of(n: int, noun: str = "reading") -> str:
+    """A number of things: 1 reading, 2 readings."""
+    return f"{n} {noun}{'s' * (n != 1)}"
+
+
+def agree(n: int, of_many: str) -> str:
+    """A verb for a number of things: is, was, has; "are", "were", "have" of many."""
+    return {"are": "is", "were": "was", "have": "has"}[of_many] if n == 1 else of_many
+
+
 def format_mm(value: float) -> str:
     """A length in mm with two significant digits, and no digit below 10 nm."""
     decimals = 2 if value <= 0 else min(max(1 - floor(log10(value)), 0), 5)

@@ -24,6 +24,7 @@ from truearm.readings import Lengths, PointErrors, Session, write_lengths, write
 from truearm.solve.threads import one_blas_thread
 from truearm.workflows.inputs import ArmLike, to_arm
 from truearm.workflows.record import Record, to_plain
+from truearm.workflows.sentences import number_of
 
 # Standard uncertainty that the certificate of a bar states for its length [mm].
 BAR_U_MM = 0.005
@@ -180,7 +181,7 @@ class SimulationResult(Record):
     def summary(self) -> str:
         """The answer in one sentence: the number of readings, and of which arm they are."""
         return (
-            f"{len(self.measurement)} readings of virtual arm {self.virtual.nominal.name}, preset "
+            f"{number_of(len(self.measurement))} of virtual arm {self.virtual.nominal.name}, preset "
             f"{self.virtual.preset.name}, arm seed {self.virtual.seed}."
         )
 

@@ -259,5 +259,5 @@ def test_a_few_readings_have_a_largest_error_and_no_95th_percentile():
 
 def test_captions_stay_short_with_many_models_and_speak_of_one_reading():
     lengths = {f"m{i}": np.full(30, 0.1 * (i + 1)) for i in range(9)}
-    assert "m3 0.40 mm; and 5 more" in figures.before_after(lengths).caption
+    assert "m3 0.400 mm; and 5 more" in figures.before_after(lengths).caption
     assert "1 reading in" in workspace([[1.0, 2.0, 3.0]]).caption

@@ -35,7 +35,7 @@ def test_the_simplest_model_that_explains_the_readings_is_kept(planted, real, rn
     )
     readings = session(real, planted, rng)
     told = []
-    model, table = select_model(real.arm, readings, progress=lambda done, note: told.append((done, note)))
+    model, table, _ = select_model(real.arm, readings, progress=lambda done, note: told.append((done, note)))
     assert type(model) is KINDS[planted]
     assert [row.name for row in table if row.name != "hybrid"] == list(CANDIDATES)
     assert [row.name for row in table if row.kept] == [planted]
@@ -61,8 +61,8 @@ def test_gross_errors_do_not_change_the_choice(size, real, rng, monkeypatch):
     points = clean.points.copy()
     bad = [4, 31, 50, 77, 99]
     points[bad] += size * np.array([[2, -1, 2], [1, 2, 2], [-2, -1, 2], [2, 1, 2], [-2, 2, 1]]) / 3
-    _, table = select_model(real.arm, clean)
-    model, spoilt = select_model(real.arm, replace(clean, points=points))
+    _, table, _ = select_model(real.arm, clean)
+    model, spoilt, _ = select_model(real.arm, replace(clean, points=points))
     assert isinstance(model, KinematicModel)
     assert spoilt[0].n_excluded == spoilt[1].n_excluded == len(bad)
     assert table[0].n_excluded == 0
@@ -84,7 +84,7 @@ def test_a_trimmed_mean_and_its_standard_error():
 
 
 def test_free_parts_and_lengths_are_passed_on(real, rng):
-    model, _ = select_model(real.arm, real.held(rng), free=("base",), lengths=real.lengths())
+    model, _, _ = select_model(real.arm, real.held(rng), free=("base",), lengths=real.lengths())
     assert model.free == ("base",)
     assert model.free_ == ()
     centres = [model.predict(real.in_seats[real.names == name]).mean(axis=0) for name in ("S1", "S2", "S3")]
@@ -93,7 +93,7 @@ def test_free_parts_and_lengths_are_passed_on(real, rng):
 
 
 def test_models_are_compared_on_parts_of_a_single_seat(real, rng):
-    _, table = select_model(real.arm, real.held(rng).rows(np.arange(20)))
+    _, table, _ = select_model(real.arm, real.held(rng).rows(np.arange(20)))
     assert all(np.isfinite(row.standard_error_mm) for row in table)
 
 
@@ -115,7 +115,7 @@ def test_the_nominal_arm_is_fitted_once_for_all(real, rng, monkeypatch):
 
     monkeypatch.setattr(Compensator, "_fit_nominal", again)
     monkeypatch.delitem(CANDIDATES, "physical")  # quicker
-    model, _ = select_model(real.arm, readings, nominal=nominal)
+    model, _, _ = select_model(real.arm, readings, nominal=nominal)
     assert model.nominal_ is nominal.nominal_
     kinematic = KinematicModel(real.arm).fit_readings(readings, nominal=nominal)
     np.testing.assert_array_equal(kinematic.predict(readings.angles), plain.predict(readings.angles))

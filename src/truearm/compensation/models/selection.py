@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import reduce
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -74,6 +74,24 @@ class ModelScore:
     kept: bool
 
 
+class Selection(NamedTuple):
+    """The selected model and those that it was compared with.
+
+    Attributes
+    ----------
+    model : IdentifiedModel or HybridModel
+        Fitted to all readings.
+    table : tuple of ModelScore
+        All candidates, the simplest first.
+    why_no_hybrid : str or None
+        Why the hybrid model is not among them; None where it is.
+    """
+
+    model: SelectedModel
+    table: tuple[ModelScore, ...]
+    why_no_hybrid: str | None
+
+
 def select_model(
     arm: Arm,
     readings: Session,
@@ -83,7 +101,7 @@ def select_model(
     progress: Callable[[int, str], None] | None = None,
     nominal: NominalModel | None = None,
     residual: bool = True,
-) -> tuple[SelectedModel, tuple[ModelScore, ...]]:
+) -> Selection:
     """Fit the nominal, the kinematic and the physical model, and the hybrid model if it may win, and keep one.
 
     One standard error rule (L. Breiman and others, "Classification and Regression Trees", 1984, section 3.4.3) on
@@ -112,10 +130,7 @@ def select_model(
 
     Returns
     -------
-    model : IdentifiedModel or HybridModel
-        Fitted to all readings.
-    table : tuple of ModelScore
-        All candidates, the simplest first.
+    Selection
 
     Raises
     ------
@@ -137,7 +152,9 @@ def select_model(
         if not len(models[name].held_out_.rows):
             raise _nothing_held_out(readings)
     hybrid, arm_model = HybridModel(arm, free=free), models.get("kinematic")
-    if isinstance(arm_model, KinematicModel) and _may_win(hybrid, arm_model, readings, lengths, models):
+    assert isinstance(arm_model, KinematicModel)
+    why_no_hybrid = _why_no_hybrid(hybrid, arm_model, readings, lengths, models)
+    if why_no_hybrid is None:
         models["hybrid"] = hybrid.fit_readings(
             readings,
             nominal=arm_model,
@@ -164,7 +181,7 @@ def select_model(
         )
         for name, part in common.items()
     )
-    return models[kept], table
+    return Selection(models[kept], table, why_no_hybrid)
 
 
 def _nothing_held_out(readings: Session) -> InputError:
@@ -176,44 +193,38 @@ def _nothing_held_out(readings: Session) -> InputError:
     )
 
 
-def hybrid_remarks(table: tuple[ModelScore, ...]) -> tuple[str, ...]:
-    """That the hybrid model is not among the models compared; nothing where no models were compared."""
-    if not table or any(score.name == "hybrid" for score in table):
-        return ()
-    remark = (
-        "The hybrid model was not compared: its first network was no better, or it does not apply to these readings "
-        "(too few, or not all with a point, in one frame and without lengths)."
-    )
-    return (remark,)
-
-
-def _may_win(
+def _why_no_hybrid(
     hybrid: HybridModel,
     arm_model: KinematicModel,
     readings: Session,
     lengths: Lengths | None,
     models: dict[str, SelectedModel],
-) -> bool:
-    """Whether the hybrid model applies to the readings, and its first network is well ahead of the best model."""
+) -> str | None:
+    """Why the hybrid model is not fitted; None if it applies and its first network is well ahead of the best model."""
     n_weights = (2 * readings.n_joints + 1) * hybrid.hidden[0] + 3 * (hybrid.hidden[0] + 1)
-    applies = lengths is None and readings.has_point.all() and not arm_model.session_frames_
-    applies = applies and len(arm_model.tips_) < 2
     held_out_rows = [model.held_out_.rows for model in models.values()]
-    if not applies or 3 * len(arm_model.held_out_.rows) < n_weights or not len(reduce(np.intersect1d, held_out_rows)):
-        return False
-    # What a fit of the networks would refuse.
     used = arm_model.held_out_
-    if len(np.unique(used.group)) < 2 or not moves(readings.angles[used.rows], arm_model.arm_.chain.is_prismatic):
-        return False
+    for excludes, reason in (
+        (lengths is not None, "its networks do not learn from lengths"),
+        (not readings.has_point.all(), "its networks need a reference point at every reading"),
+        (bool(arm_model.session_frames_), "its networks learn in one frame, and the sessions have one each"),
+        (len(arm_model.tips_) > 1, "its networks learn one tip"),
+        (3 * len(used.rows) < n_weights, f"{len(used.rows)} readings are too few for its {n_weights} weights"),
+        (not len(reduce(np.intersect1d, held_out_rows)), "no reading is held out of all models"),
+        (len(np.unique(used.group)) < 2, "readings of one position cannot be held out"),
+        (not moves(readings.angles[used.rows], arm_model.arm_.chain.is_prismatic), "no joint moves"),
+    ):
+        if excludes:
+            return reason
     first = hybrid.held_out_by_first_member(readings, arm_model)
     common = reduce(np.intersect1d, [first.rows, *held_out_rows])
     if not len(common):
-        return False
+        return "no reading is held out of all models"
     held_out = {name: _on_rows(model.held_out_, common) for name, model in models.items()}
     best = min(held_out.values(), key=lambda one: trimmed_mean(group_means(one))[0])
     excess, error = trimmed_mean(group_means(_on_rows(first, common)) - group_means(best))
     # On all folds the standard error of the same lead would be smaller by the root of their number.
-    return bool(excess + error / np.sqrt(hybrid.n_members) < 0)
+    return None if excess + error / np.sqrt(hybrid.n_members) < 0 else "its first network was no better"
 
 
 def _n_effective(model: SelectedModel) -> float:
