@@ -193,8 +193,8 @@ def assess(
 
     Notes
     -----
-    The rate of false alarms is shared among the charts that existed at each check, so that later checks do not change
-    the result of an earlier one.
+    The check as a whole has a chart of its own (`whole_check`). The rate of false alarms is shared among the charts
+    that existed at each check, so that later checks do not change the result of an earlier one.
     """
     counted = [i for i, check in enumerate(checks) if check.withdrawn is None]
     if not counted:
