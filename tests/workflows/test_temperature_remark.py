@@ -25,4 +25,4 @@ def test_only_the_temperature_is_outside(known, degC, said):
     training, session = SimpleNamespace(temperature_degC=known), SimpleNamespace(temperature_degC=degC)
     assert describe_outside(outside, training, session).startswith(said)
     outside["J2"] = ~outside["temperature"]
-    assert "are outside the trained range (temperature" in describe_outside(outside, training, session)
+    assert " outside the trained range (temperature" in describe_outside(outside, training, session)
