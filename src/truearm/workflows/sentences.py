@@ -18,7 +18,7 @@ def listed(label: str, items: Sequence[object], what: str) -> list[str]:
 
 
 def number_of(n: int, noun: str = "reading") -> str:
-    """A number of things: 1 reading, 2 readings."""
+    """A number of things: 1 reading, 2 readings; plain digits, where pages group them (`format_count`)."""
     return f"{n} {noun}{'s' * (n != 1)}"
 
 

@@ -149,6 +149,11 @@ def test_readings_come_back_from_the_history_and_hostile_ones_do_not(rng):
             decode_row(broken, [])
     with pytest.raises(InputError, match="deviation of 3 coordinates"):
         CheckReading("seat cone", (1.0,), (0.0, 0.0))
+    fewer_joints = replace(check.readings[0], pose=(1.0,))
+    with pytest.raises(InputError, match="poses of different numbers of joints"):
+        replace(check, readings=(fewer_joints, *check.readings[1:]))
+    other_joints = replace(check, readings=tuple(replace(one, pose=(1.0,)) for one in check.readings))
+    assert compared([check, other_joints]) is None
 
 
 def test_retired_artefacts_do_not_count(rng):

@@ -206,17 +206,18 @@ def assess(
         for value in check.values if check.withdrawn is None else ():
             series.setdefault(value.key, []).append(i)
         charted = [CHECK_QUANTITIES[name] for name, *_ in series if CHECK_QUANTITIES[name].charted]
-        has_readings |= bool(check.readings)
+        has_readings |= check.withdrawn is None and bool(check.readings)
         rules.append(control_rules(max(1, sum(quantity.n_sides for quantity in charted) + has_readings)))
     _check_retired(retired, last, [checks[i] for i in counted])
+    days = [(check.date - _START) / datetime.timedelta(days=1) for check in checks]
     by_key = [{value.key: value for value in check.values} for check in checks]
     trends = tuple(
-        _trend([by_key[i][key] for i in series[key]], series[key], checks, rules, specification)
+        _trend([by_key[i][key] for i in series[key]], series[key], counted[-1], days, rules, specification)
         for key in dict.fromkeys((*by_key[counted[-1]], *series))
         if not any(by_key[series[key][-1]][key].uses(name) for name in retired)
     )
     current = [trend for trend in trends if trend.current and trend.chart is not None]
-    whole = whole_check([_without(check, retired) for check in checks], rules, _days(checks))
+    whole = whole_check([_without(check, retired) for check in checks], rules, days)
     if whole is not None:
         of_last = sum(trend.current for trend in trends)
         trends = (*trends[:of_last], _whole_trend(whole, counted[-1]), *trends[of_last:])
@@ -352,13 +353,13 @@ def _check_retired(retired: Collection[str], last: InterimCheck, checks: Sequenc
 def _trend(
     values: Sequence[CheckValue],
     at: Sequence[int],
-    checks: Sequence[InterimCheck],
+    last: int,
+    days: Sequence[float],
     rules: Sequence[ControlRules],
     specification: Specification | None,
 ) -> Trend:
-    """The series `values` of the checks `at`; `rules` has those of every check."""
-    last = max(i for i, check in enumerate(checks) if check.withdrawn is None)
-    latest, days = values[-1], _days(checks)
+    """The series `values` of the checks `at`; `days` and `rules` have those of every check, `last` is the last one."""
+    latest = values[-1]
     quantity = CHECK_QUANTITIES[latest.quantity]
     chart = None
     if quantity.charted:
@@ -378,10 +379,6 @@ def _trend(
         chart is not None and not chart.enough and latest.exceeds_expected([one.value_mm for one in values[:-1]])
     )
     return Trend(latest, at[-1] == last, np.array(at), chart, limit, over, over_before, unexpected)
-
-
-def _days(checks: Sequence[InterimCheck]) -> list[float]:
-    return [(check.date - _START) / datetime.timedelta(days=1) for check in checks]
 
 
 def _without(check: InterimCheck, retired: Collection[str]) -> InterimCheck:

@@ -251,7 +251,8 @@ class InterimCheck:
     Raises
     ------
     InputError
-        If there are no values, one appears twice, or the temperature is not a finite number.
+        If there are no values, one appears twice, poses have different numbers of joints, or the temperature is not a
+        finite number.
     """
 
     date: datetime.datetime
@@ -267,6 +268,8 @@ class InterimCheck:
             raise InputError(f"expected a temperature in degC, got {self.temperature_degC!r:.80}")
         if not self.values:
             raise InputError(f"the check of {self.date:%Y-%m-%d %H:%M} has no values")
+        if len({len(one.pose) for one in self.readings}) > 1:
+            raise InputError(f"the check of {self.date:%Y-%m-%d %H:%M} has poses of different numbers of joints")
         names = [(one.quantity, one.artefact) for one in self.values]
         for i, name in enumerate(names):
             if name in names[:i]:

@@ -13,15 +13,17 @@ statistic needs the covariance of sixty coordinates, which ten checks do not sho
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
+from scipy.special import ndtri
 
-from truearm.typing import FloatArray
+from truearm.typing import FloatArray, IntArray
 from truearm.verification.monitor.control_chart import ControlChart, ControlRules, control_chart
-from truearm.verification.monitor.interim_check import CheckReading, CheckValue, InterimCheck
+from truearm.verification.monitor.interim_check import CheckValue, InterimCheck
 
 SAME_POSE = 0.35
 """The largest difference of a joint between two readings that are compared: 20 deg, or 0.35 m of a joint that slides.
@@ -34,8 +36,6 @@ LEAST_READINGS = 6
 
 SEEN = 0.9
 """The probability with which a change of the stated size is seen."""
-
-_NORMAL_OF_SEEN = 1.2816
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +70,7 @@ class WholeCheck:
         unchanged = ~chart.out_of_limits[:-1]
         squares = chart.values[:-1][unchanged][: int(chart.n_before[-1])] ** 2
         mean, n = float(squares.mean()), len(squares)
-        spread = _NORMAL_OF_SEEN**2 * float(squares.var(ddof=1)) / mean  # z^2 2 s^2 / nu
+        spread = float(ndtri(SEEN)) ** 2 * float(squares.var(ddof=1)) / mean  # z^2 2 s^2 / nu
         beyond = float(chart.upper[-1]) ** 2 - mean
         # (delta^2 - beyond)^2 = spread (s^2 + 2 delta^2), the larger root
         half = beyond + spread
@@ -99,9 +99,10 @@ def whole_check(
     WholeCheck or None
         None where no check has readings in the poses of an earlier one.
     """
+    readings = {i: _by_artefact(check) for i, check in enumerate(checks) if check.withdrawn is None}
     changed: set[int] = set()
     while True:
-        values = _differences(checks, changed)
+        values = _differences(readings, changed)
         if not values:
             return None
         at = list(values)
@@ -121,61 +122,58 @@ def whole_check(
         changed |= after or {min(beyond)}
 
 
-@dataclass(eq=False)
-class _Pose:
-    """A pose of earlier checks, and the mean of the deviations there."""
+class _Readings(NamedTuple):
+    """Readings on an artefact: poses (n, k) [rad, m] and deviations (n, 3) [mm], and of how many each is the mean."""
 
-    reading: CheckReading
-    mean: FloatArray = field(default_factory=lambda: np.zeros(3))
-    n: int = 0
+    poses: FloatArray
+    deviations: FloatArray
+    counts: FloatArray
 
 
-def _differences(checks: Sequence[InterimCheck], changed: Collection[int]) -> dict[int, CheckValue]:
-    """The value of each check that can be compared, by its number."""
-    poses: dict[str, list[_Pose]] = {}
+def _by_artefact(check: InterimCheck) -> dict[str, _Readings]:
     found = {}
-    for i, check in enumerate(checks):
-        if check.withdrawn is not None:
-            continue
-        residuals, entered = [], []
-        for artefact in dict.fromkeys(one.artefact for one in check.readings):
-            known = poses.setdefault(artefact, [])
-            readings = [one for one in check.readings if one.artefact == artefact]
-            pairs = _same_poses(readings, known)
-            if pairs:
-                away = np.array(
-                    [(reading.deviation_mm - pose.mean) / np.sqrt(1 + 1 / pose.n) for reading, pose in pairs]
-                )
-                # The mean over all readings of a seat or a sphere is zero; over some of them it is no difference.
-                residuals.append(away - away.mean(axis=0))
-            paired = {id(reading) for reading, _ in pairs}
-            entered += pairs
-            if i not in changed:
-                new = [_Pose(reading) for reading in readings if id(reading) not in paired]
-                known += new
-                entered += [(pose.reading, pose) for pose in new]
-        if i not in changed:
-            for reading, pose in entered:
-                pose.n += 1
-                pose.mean = pose.mean + (reading.deviation_mm - pose.mean) / pose.n
-        if (n := sum(map(len, residuals))) >= LEAST_READINGS:
-            rms = float(np.sqrt(sum((one**2).sum() for one in residuals) / n))
-            found[i] = CheckValue("difference", "", rms, 0.0, 0.0, n)
+    for artefact in dict.fromkeys(one.artefact for one in check.readings):
+        readings = [one for one in check.readings if one.artefact == artefact]
+        poses, deviations = (np.array([getattr(one, part) for one in readings]) for part in ("pose", "deviation_mm"))
+        found[artefact] = _Readings(poses, deviations, np.ones(len(readings)))
     return found
 
 
-def _same_poses(readings: Sequence[CheckReading], known: Sequence[_Pose]) -> list[tuple[CheckReading, _Pose]]:
-    """Pairs of readings and earlier poses, nearest in all, that are the same pose."""
-    if not readings or not known:
-        return []
-    here, there = (np.array(one) for one in ([r.pose for r in readings], [p.reading.pose for p in known]))
-    if here.shape[1] != there.shape[1]:
-        return []
+def _differences(checks: Mapping[int, Mapping[str, _Readings]], changed: Collection[int]) -> dict[int, CheckValue]:
+    """The value of each check that can be compared, by its number."""
+    before: dict[str, _Readings] = {}
+    found = {}
+    for i, check in checks.items():
+        residuals = []
+        for artefact, readings in check.items():
+            known = before.get(artefact)
+            if known is None or known.poses.shape[1] != readings.poses.shape[1]:
+                if known is None and i not in changed:
+                    before[artefact] = readings
+                continue
+            here, there = _same_poses(readings.poses, known.poses)
+            away = readings.deviations[here] - known.deviations[there]
+            counts = known.counts[there, None]
+            if len(here):
+                # The mean over all readings of a seat or a sphere is zero; over some of them it is no difference.
+                scaled = away / np.sqrt(1 + 1 / counts)
+                residuals.append(scaled - scaled.mean(axis=0))
+            if i not in changed:
+                deviations, n = known.deviations.copy(), known.counts.copy()
+                deviations[there] += away / (counts + 1)
+                n[there] += 1
+                new = _Readings(*(np.delete(part, here, axis=0) for part in readings))
+                before[artefact] = _Readings(*map(np.concatenate, zip((known.poses, deviations, n), new, strict=True)))
+        if (m := sum(map(len, residuals))) >= LEAST_READINGS:
+            rms = float(np.sqrt(sum(float((one**2).sum()) for one in residuals) / m))
+            found[i] = CheckValue("difference", "", rms, 0.0, 0.0, m)
+    return found
+
+
+def _same_poses(here: FloatArray, there: FloatArray) -> tuple[IntArray, IntArray]:
+    """Rows of two sets of poses that are the same pose, in pairs that are nearest in all."""
     turned = here[:, None] - there
     apart = np.abs(turned - 2 * np.pi * np.round(turned / (2 * np.pi))).max(axis=2)
     rows, columns = linear_sum_assignment(np.minimum(apart, 2 * SAME_POSE))
-    return [
-        (readings[i], known[j])
-        for i, j in zip(rows.tolist(), columns.tolist(), strict=True)
-        if apart[i, j] <= SAME_POSE
-    ]
+    same = apart[rows, columns] <= SAME_POSE
+    return rows[same], columns[same]

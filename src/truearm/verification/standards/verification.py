@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from math import isnan
 
 from truearm.errors import InputError
@@ -81,7 +82,7 @@ class Verification:
         assert verdict is not None  # some row has a limit
         return replace(self, rows=rows, verdict=verdict, remarks=tuple(remarks), room=room)
 
-    @property
+    @cached_property
     def gap(self) -> str | None:
         """What is missing before the results count as results after the standard; None if nothing."""
         return self.plan.confirmation_gap(self.measured.tests)
