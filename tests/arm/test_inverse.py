@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from truearm.arm import Chain, chain_from_dh, list_arms, load_arm, solve_inverse_kinematics
+from truearm.arm import Arm, Chain, chain_from_dh, list_arms, load_arm, solve_inverse_kinematics
 from truearm.errors import InputError
 
 SPREAD = np.deg2rad(30)
@@ -53,7 +53,7 @@ def test_errors_are_those_of_the_forward_kinematics():
     )
     there = arm.chain.pose(found.angles)
     np.testing.assert_allclose(found.distance_mm, np.linalg.norm(there.tip_in_base - targets, axis=1), atol=1e-9)
-    np.testing.assert_allclose(np.cos(found.axis_error_rad), -there.R_base_tip[:, 2, 2], atol=1e-9)
+    np.testing.assert_allclose(np.cos(found.angle_rad), -there.R_base_tip[:, 2, 2], atol=1e-9)
 
 
 def test_targets_out_of_reach_are_told_and_the_arm_stretches_toward_them():
@@ -168,6 +168,10 @@ def test_no_targets_no_rows():
         ({"lower": np.ones(6), "upper": np.zeros(6)}, "must not be above"),
         ({"probe_axis_in_base": [0, 0, 0]}, "must not be zero"),
         ({"probe_axis_in_base": [0, 1]}, "expected probe_axis_in_base of shape"),
+        ({"R_base_tip": np.eye(4)}, r"expected R_base_tip of shape \(3, 3\) or \(1, 3, 3\), got \(4, 4\)"),
+        ({"R_base_tip": [np.diag([1.0, 1.0, -1.0])]}, "expected rotation matrices as R_base_tip, number 0 is none"),
+        ({"R_base_tip": np.full((3, 3), np.nan)}, "R_base_tip must be numbers"),
+        ({"R_base_tip": np.eye(3), "probe_axis_in_base": [0, 0, 1]}, "got both"),
     ],
 )
 def test_what_does_not_fit_is_refused(change, message):
@@ -185,3 +189,64 @@ def test_the_chain_is_left_as_it_was():
     np.testing.assert_array_equal(chain.fixed, before)
     np.testing.assert_array_equal(start, 0)
     assert isinstance(chain, Chain)
+
+
+@pytest.mark.parametrize("name", list_arms())
+def test_whole_poses_are_reached_within_the_limits(name):
+    arm, q = reachable(name, 200)
+    pose = arm.forward(q)
+    found = arm.inverse(pose.tip_in_base, pose.R_base_tip)
+    assert found.reached.all()
+    assert (found.angles >= arm.limits[:, 0]).all()
+    assert (found.angles <= arm.limits[:, 1]).all()
+    there = arm.forward(found.angles)
+    # The tolerances of the solver, and rounding of some turns of a metre.
+    np.testing.assert_allclose(there.tip_in_base, pose.tip_in_base, rtol=0, atol=1e-6 + 1e-11)
+    np.testing.assert_allclose(there.R_base_tip, pose.R_base_tip, rtol=0, atol=1e-8 + 1e-13)
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda"])
+def test_poses_all_over_the_joint_ranges_are_reached_from_other_starts(name):
+    arm = load_arm(name)
+    q = np.random.default_rng(3).uniform(*arm.limits.T, (50, arm.n_joints))
+    pose = arm.forward(q)
+    from_working_pose = arm.inverse(pose.tip_in_base, pose.R_base_tip, start=arm.working)
+    found = arm.inverse(pose.tip_in_base, pose.R_base_tip)
+    assert not from_working_pose.reached.all()
+    assert found.reached.all()
+    kept = from_working_pose.reached
+    np.testing.assert_array_equal(found.angles[kept], from_working_pose.angles[kept])
+
+
+def test_targets_beyond_the_reach_are_told_from_every_start():
+    arm = load_arm("ur5")
+    found = arm.inverse([[400.0, 0.0, 300.0], [5000.0, 0.0, 0.0]])
+    assert found.reached.tolist() == [True, False]
+    assert found.distance_mm[1] > 4000
+
+
+def test_jacobian_of_an_arm_with_a_rail_is_that_of_difference_quotients():
+    fixed = np.tile(np.eye(4), (4, 1, 1))
+    fixed[1:, :3, 3] = [[100.0, 20.0, 5.0], [300.0, 0.0, 50.0], [0.0, 40.0, 10.0]]
+    fixed[1, :3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
+    arm = Arm("rail", Chain(fixed, [10.0, 5.0, 60.0], [True, False, False]))
+    q = np.random.default_rng(5).uniform(-1, 1, (7, 3)) * [200.0, 2.0, 2.0]
+    J = arm.jacobian(q)
+    assert J.shape == (7, 6, 3)
+    R = arm.forward(q).R_base_tip
+    for joint, step in enumerate([1e-3, 1e-6, 1e-6]):
+        away = np.zeros(3)
+        away[joint] = step
+        ahead, behind = arm.forward(q + away), arm.forward(q - away)
+        shift = (ahead.tip_in_base - behind.tip_in_base) / (2 * step)
+        skew = (ahead.R_base_tip - behind.R_base_tip) @ R.transpose(0, 2, 1) / (2 * step)
+        turn = np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
+        # Rounding of 500 mm and of 1, divided by the step.
+        np.testing.assert_allclose(J[:, :3, joint], shift, rtol=0, atol=1e-6)
+        np.testing.assert_allclose(J[:, 3:, joint], turn, rtol=0, atol=1e-8)
+
+
+def test_an_arm_without_limits_finds_starts_too():
+    arm = Arm("crank", chain_from_dh(a=[100, 80], d=[0, 0], alpha=[0, 0]))
+    found = arm.inverse([[-60.0, -90.0, 0.0], [30.0, 0.0, 0.0]])
+    assert found.reached.all()

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
+import numpy.typing as npt
 
-from truearm.arm.chain import Chain
+from truearm.arm.chain import Chain, Pose
 from truearm.arm.denavit_hartenberg import DHTable
+from truearm.arm.inverse_kinematics import InverseKinematicsResult, solve_inverse_kinematics
 from truearm.arm.masses import LinkMasses
 from truearm.errors import InputError
 from truearm.typing import FloatArray
@@ -64,6 +66,9 @@ class Arm:
     >>> arm = ta.load_arm("ur10")
     >>> arm.n_joints, arm.joint_names[0]
     (6, 'J1')
+    >>> there = arm.forward([arm.working])
+    >>> bool(arm.inverse(there.tip_in_base, there.R_base_tip).reached[0])
+    True
     """
 
     name: str
@@ -159,3 +164,89 @@ class Arm:
         """(3,) unit vector of gravity in the base frame."""
         assert self.gravity_in_base is not None  # set in __post_init__
         return self.gravity_in_base
+
+    def forward(self, angles: npt.ArrayLike) -> Pose:
+        """Poses of the nominal arm: forward kinematics.
+
+        Parameters
+        ----------
+        angles : (n, n_joints) array
+            Joint angles [rad, or mm for sliding joints]; also beyond the limits.
+
+        Returns
+        -------
+        Pose
+            ``tip_in_base`` (n, 3) [mm]; ``R_base_tip`` (n, 3, 3), the axes of the flange in the base frame as columns.
+
+        Raises
+        ------
+        InputError
+            If the shape does not fit.
+        """
+        return self.chain.pose(angles)
+
+    def jacobian(self, angles: npt.ArrayLike) -> FloatArray:
+        """Derivatives of the nominal arm's poses by its joints: the geometric Jacobian.
+
+        Parameters
+        ----------
+        angles : (n, n_joints) array
+            Joint angles [rad, or mm for sliding joints].
+
+        Returns
+        -------
+        (n, 6, n_joints) array
+            Translation of the tip [mm], then rotation of the flange [rad], along the axes of the base frame, per rad or
+            mm of the joint.
+
+        Raises
+        ------
+        InputError
+            If the shape does not fit.
+        """
+        return self.chain.pose_jacobians(angles)[1]
+
+    def inverse(
+        self, tip_in_base: npt.ArrayLike, R_base_tip: npt.ArrayLike | None = None, *, start: npt.ArrayLike | None = None
+    ) -> InverseKinematicsResult:
+        """Joint angles within the limits that bring the tip of the nominal arm to targets: inverse kinematics.
+
+        A local method, `truearm.arm.solve_inverse_kinematics`: the solution belongs to the configuration of the start
+        where that reaches the target. Nothing is reached by chance: see ``reached``.
+
+        Parameters
+        ----------
+        tip_in_base : (n, 3) array
+            Targets [mm].
+        R_base_tip : (3, 3) or (n, 3, 3) array, optional
+            Orientation of the flange there; any by default. Arms of fewer than six joints reach few of them.
+        start : (n_joints,) or (n, n_joints) array, optional
+            Joint angles to start from [rad, or mm]. By default the working pose and, for targets that are not reached
+            from there, others all over the joint ranges.
+
+        Returns
+        -------
+        InverseKinematicsResult
+            ``angles`` (n, n_joints), ``reached`` (n,), and the errors that remain, ``distance_mm`` and ``angle_rad``.
+
+        Raises
+        ------
+        InputError
+            If shapes do not fit, a number is not finite, or an orientation is no rotation.
+        """
+        lower, upper = self.limits.T
+        solve = partial(solve_inverse_kinematics, self.chain, lower=lower, upper=upper)
+        found = solve(tip_in_base, R_base_tip=R_base_tip, start=self.working if start is None else start)
+        tips, R = np.asarray(tip_in_base, dtype=float), None if R_base_tip is None else np.asarray(R_base_tip)
+        for other in self._further_starts() if start is None else ():
+            if not len(rows := np.flatnonzero(~found.reached)):
+                break
+            again = solve(tips[rows], R_base_tip=R if R is None or R.ndim == 2 else R[rows], start=other)
+            found = found.replaced(rows[again.reached], again.rows(again.reached))
+        return found
+
+    def _further_starts(self) -> FloatArray:
+        """(20, n_joints) joint angles all over the ranges; those of joints without limits are a turn, or the reach."""
+        width = np.where(self.chain.is_prismatic, self.chain.reach, np.pi)
+        lower, upper = np.where(np.isfinite(self.limits.T), self.limits.T, self.working + [-width, width])
+        return np.random.default_rng(0).uniform(lower, upper, (20, self.n_joints))

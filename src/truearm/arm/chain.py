@@ -253,6 +253,30 @@ class Chain:
                 by_joint[place - 1, 3:] = z_axis
         return PoseDerivatives(R, tip, by_joint, by_motion)
 
+    def pose_jacobians(self, angles: npt.ArrayLike) -> tuple[Pose, FloatArray]:
+        """Tip poses and their derivatives by the joints.
+
+        Parameters
+        ----------
+        angles : (n, n_joints) array
+            Joint angles [rad], or displacements of sliding joints [mm].
+
+        Returns
+        -------
+        Pose
+        (n, 6, n_joints) array
+            Translation of the tip [mm], then rotation of the flange [rad], along the axes of the base frame, per rad or
+            mm of the joint.
+        """
+        angles = self._checked(angles)
+        R, tip = np.empty((len(angles), 3, 3)), np.empty((len(angles), 3))
+        jacobian = np.empty((len(angles), 6, self.n_joints))
+        for rows in _chunks(len(angles)):
+            here = self.pose_derivatives(angles[rows])
+            R[rows], tip[rows] = here.R_base_tip.transpose(2, 0, 1), here.tip_in_base.T
+            jacobian[rows] = here.by_joint.transpose(2, 1, 0)
+        return Pose(R, tip), jacobian
+
     def tip_derivatives(self, angles: npt.ArrayLike) -> TipDerivatives:
         """Tip positions and their derivatives by the six small motions at every place.
 

@@ -9,10 +9,11 @@ and rises when it does not (Levenberg, Marquardt), so that the last steps are Ne
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial.transform import Rotation
 
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
@@ -40,14 +41,25 @@ class InverseKinematicsResult:
         Whether both errors are within the tolerances.
     distance_mm : (n,) array
         From the tip to the target [mm].
-    axis_error_rad : (n,) array
-        Between the probe axis and its target [rad]; zero if no axis was requested.
+    angle_rad : (n,) array
+        Between the probe axis, or the flange, and its target [rad]; zero if only the tip was requested.
     """
 
     angles: FloatArray
     reached: BoolArray
     distance_mm: FloatArray
-    axis_error_rad: FloatArray
+    angle_rad: FloatArray
+
+    def rows(self, which: IntArray | BoolArray) -> InverseKinematicsResult:
+        """Some of the targets."""
+        return InverseKinematicsResult(*(getattr(self, field.name)[which] for field in fields(self)))
+
+    def replaced(self, rows: IntArray, others: InverseKinematicsResult) -> InverseKinematicsResult:
+        """The same with other solutions in some rows."""
+        parts = [getattr(self, field.name).copy() for field in fields(self)]
+        for field, part in zip(fields(self), parts, strict=True):
+            part[rows] = getattr(others, field.name)
+        return InverseKinematicsResult(*parts)
 
 
 def solve_inverse_kinematics(
@@ -56,6 +68,7 @@ def solve_inverse_kinematics(
     *,
     start: npt.ArrayLike,
     probe_axis_in_base: npt.ArrayLike | None = None,
+    R_base_tip: npt.ArrayLike | None = None,
     posture: npt.ArrayLike | None = None,
     lower: npt.ArrayLike | None = None,
     upper: npt.ArrayLike | None = None,
@@ -77,6 +90,8 @@ def solve_inverse_kinematics(
         Initial joint angles [rad, or mm].
     probe_axis_in_base : (3,) or (n, 3) array, optional
         Required direction of the probe axis, the flange's z axis. Any by default.
+    R_base_tip : (3, 3) or (n, 3, 3) array, optional
+        Required orientation of the flange, in place of that of its z axis alone. Any by default.
     posture : (n_joints,) or (n, n_joints) array, optional
         Joint angles to stay near, as far as the targets leave freedom. The pull decreases to zero before the last
         steps.
@@ -90,20 +105,22 @@ def solve_inverse_kinematics(
     Raises
     ------
     InputError
-        If shapes do not fit, a number is not finite, an axis is zero, or limits are crossed.
+        If shapes do not fit, a number is not finite, an axis is zero, an orientation is no rotation (1e-6), axis and
+        orientation are both given, or limits are crossed.
     """
-    problem = _problem(chain, tips_in_base, start, probe_axis_in_base, posture, lower, upper)
-    problem = replace(problem, tolerance_mm=tolerance_mm, tolerance_rad=tolerance_rad)
+    problem = _problem(chain, tips_in_base, start, posture, lower, upper)
+    axes, rotations = _orientations(probe_axis_in_base, R_base_tip, len(problem.targets))
+    problem = replace(problem, axes=axes, rotations=rotations, tolerance_mm=tolerance_mm, tolerance_rad=tolerance_rad)
     angles = np.empty_like(problem.start)
-    distance, axis_error = np.empty(len(angles)), np.empty(len(angles))
+    distance, angle = np.empty(len(angles)), np.empty(len(angles))
     for first in range(0, len(angles), _ROWS):
         rows = slice(first, first + _ROWS)
         part = problem.rows(rows)
         q = part.start if part.posture is None else _pulled(part)
         angles[rows], missing, *_ = levenberg_marquardt_by_row(part, q, damping=_DAMPING, max_epochs=max_steps)
-        distance[rows], axis_error[rows] = part.errors(missing)
-    reached = (distance <= tolerance_mm) & (axis_error <= tolerance_rad)
-    return InverseKinematicsResult(angles, reached, distance, axis_error)
+        distance[rows], angle[rows] = part.errors(missing)
+    reached = (distance <= tolerance_mm) & (angle <= tolerance_rad)
+    return InverseKinematicsResult(angles, reached, distance, angle)
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,12 +129,13 @@ class _Problem:
 
     chain: Chain
     targets: FloatArray
-    axes: FloatArray | None
     start: FloatArray
     posture: FloatArray | None
     lower: FloatArray
     upper: FloatArray
     scale: FloatArray
+    axes: FloatArray | None = None
+    rotations: FloatArray | None = None
     tolerance_mm: float = 0.0
     tolerance_rad: float = 0.0
 
@@ -131,35 +149,38 @@ class _Problem:
             self,
             targets=self.targets[which],
             axes=None if self.axes is None else self.axes[which],
+            rotations=None if self.rotations is None else self.rotations[which],
             start=self.start[which],
             posture=None if self.posture is None else self.posture[which],
             scale=self.scale[which],
         )
 
     def linearise(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the residuals (n, 3 or 5) [mm] and their Jacobian by the joints (n, 3 or 5, n_joints) [mm/mm]."""
+        """Return the residuals (n, 3, 5 or 6) [mm] and their Jacobian by the joints (.., n_joints) [mm/mm]."""
         tips, motion_jacobian = self.chain.tip_derivatives(q)
         joints = motion_jacobian[:, 1:-1]
         own = np.where(self.chain.is_prismatic[:, None], joints[:, :, 5], joints[:, :, 2])
         missing, J = self.targets - tips, own.transpose(0, 2, 1)
+        about = motion_jacobian[:, -1, 3:]  # x, y, z axes of the flange
         if self.axes is not None:
-            x, y, z = motion_jacobian[:, -1, 3:].transpose(1, 0, 2)
+            turn, about = _turn_between(about[:, 2], self.axes), about[:, :2]  # a turn about z does not move z
+        elif self.rotations is not None:
+            turn = Rotation.from_matrix(self.rotations @ about).as_rotvec()
+        if self.axes is not None or self.rotations is not None:
             joint_axes = np.where(self.chain.is_prismatic[:, None], 0.0, joints[:, :, 5])
-            turn = _turn_between(z, self.axes)
-            about = np.stack([x, y], axis=1)  # a turn about z itself does not move the probe axis
-            about *= self.scale[:, None, None]
+            about = about * self.scale[:, None, None]
             missing = np.concatenate([missing, np.einsum("nkc,nc->nk", about, turn)], axis=1)
             J = np.concatenate([J, np.einsum("nkc,njc->nkj", about, joint_axes)], axis=1)
         return missing, J / self.mm_per_unit[:, None]
 
     def errors(self, missing: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Distance [mm] and angle between axes [rad]."""
+        """Distance [mm] and angle between axes or orientations [rad]."""
         return np.linalg.norm(missing[:, :3], axis=1), np.linalg.norm(missing[:, 3:], axis=1) / self.scale
 
     def has_converged(self, missing: FloatArray) -> BoolArray:
         """(n,) whether both errors are within the tolerances."""
-        distance, axis_error = self.errors(missing)
-        return np.asarray((distance <= self.tolerance_mm) & (axis_error <= self.tolerance_rad))
+        distance, angle = self.errors(missing)
+        return np.asarray((distance <= self.tolerance_mm) & (angle <= self.tolerance_rad))
 
     def move(
         self, q: FloatArray, missing: FloatArray, J: FloatArray, damping: FloatArray, pull: FloatArray | float = 0.0
@@ -216,7 +237,6 @@ def _problem(
     chain: Chain,
     targets: npt.ArrayLike,
     start: npt.ArrayLike,
-    axes: npt.ArrayLike | None,
     posture: npt.ArrayLike | None,
     lower: npt.ArrayLike | None,
     upper: npt.ArrayLike | None,
@@ -235,13 +255,27 @@ def _problem(
     return _Problem(
         chain=chain,
         targets=targets,
-        axes=None if axes is None else _unit(_rows_of("probe_axis_in_base", axes, (n, 3))),
         start=np.clip(_rows_of("start", start, (n, joints)), low, high),
         posture=None if posture is None else _rows_of("posture", posture, (n, joints)),
         lower=low,
         upper=high,
         scale=np.maximum(np.maximum(chain.reach, far) / 3, 1.0),  # a third of the reach: the usual lever of a joint
     )
+
+
+def _orientations(
+    axes: npt.ArrayLike | None, rotations: npt.ArrayLike | None, n: int
+) -> tuple[FloatArray | None, FloatArray | None]:
+    """Unit vectors of the probe axis (n, 3) or orientations of the flange (n, 3, 3), as far as they are given."""
+    if axes is not None and rotations is not None:
+        raise InputError("expected probe_axis_in_base or R_base_tip, got both: an orientation states the axis")
+    if rotations is None:
+        return None if axes is None else _unit(_rows_of("probe_axis_in_base", axes, (n, 3))), None
+    R = _rows_of("R_base_tip", rotations, (n, 3, 3))
+    skew = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2), initial=0.0)
+    if (bad := (skew > 1e-6) | (np.linalg.det(R) < 0)).any():
+        raise InputError(f"expected rotation matrices as R_base_tip, number {int(bad.argmax())} is none")
+    return None, R
 
 
 def _unit(axes: FloatArray) -> FloatArray:
@@ -253,10 +287,11 @@ def _unit(axes: FloatArray) -> FloatArray:
 
 
 def _rows_of(name: str, value: npt.ArrayLike, shape: tuple[int, ...], *, bounded: bool = True) -> FloatArray:
-    """Return one row for each from one row for all, or one for each."""
+    """Return one for each from one for all, or one for each."""
     array = np.asarray(value, dtype=float)
-    if array.shape not in (shape, shape[-1:]):
-        raise InputError(f"expected {name} of shape {shape[-1:]} or {shape}, got {array.shape}")
+    one = shape[1:] or shape
+    if array.shape not in (one, shape):
+        raise InputError(f"expected {name} of shape {one} or {shape}, got {array.shape}")
     if not (np.isfinite(array).all() if bounded else not np.isnan(array).any()):
         raise InputError(f"{name} must be numbers, got {array[~np.isfinite(array)][0]}")
     return np.broadcast_to(array, shape).copy()

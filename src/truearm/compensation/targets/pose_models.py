@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from truearm.arm.chain import CHUNK, Chain, Pose
+from truearm.arm.chain import Chain, Pose
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.errors import InputError
@@ -50,14 +50,7 @@ class ChainPoses:
     def linearise(self, joints: FloatArray, rows: IntArray) -> tuple[Pose, FloatArray]:
         """See `PoseModel`."""
         del rows
-        R, tip = np.empty((len(joints), 3, 3)), np.empty((len(joints), 3))
-        jacobian = np.empty((len(joints), 6, self.chain.n_joints))
-        for start in range(0, len(joints), CHUNK):
-            part = slice(start, start + CHUNK)
-            here = self.chain.pose_derivatives(joints[part])
-            R[part], tip[part] = here.R_base_tip.transpose(2, 0, 1), here.tip_in_base.T
-            jacobian[part] = here.by_joint.transpose(2, 1, 0)
-        return Pose(R, tip), jacobian
+        return self.chain.pose_jacobians(joints)
 
 
 @dataclass(frozen=True, eq=False)
