@@ -31,6 +31,7 @@ _HOMES = {
     "truearm.workflows.export": ("ExportResult", "export"),
     "truearm.workflows.fetch": ("PublishedReadings", "fetch"),
     "truearm.workflows.fit": ("FitResult", "fit"),
+    "truearm.workflows.measure": ("MeasuredFeatures", "measure"),
     "truearm.workflows.operator_sheet": ("OperatorSheetResult", "operator_sheet"),
     "truearm.workflows.plan": ("PlanResult", "plan"),
     "truearm.workflows.plan_check": ("CheckPlan", "plan_check"),

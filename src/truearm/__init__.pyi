@@ -46,6 +46,8 @@ from truearm.workflows.fetch import PublishedReadings as PublishedReadings
 from truearm.workflows.fetch import fetch as fetch
 from truearm.workflows.fit import FitResult as FitResult
 from truearm.workflows.fit import fit as fit
+from truearm.workflows.measure import MeasuredFeatures as MeasuredFeatures
+from truearm.workflows.measure import measure as measure
 from truearm.workflows.operator_sheet import OperatorSheetResult as OperatorSheetResult
 from truearm.workflows.operator_sheet import operator_sheet as operator_sheet
 from truearm.workflows.plan import PlanResult as PlanResult

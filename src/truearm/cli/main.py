@@ -30,6 +30,7 @@ VERBS: tuple[tuple[str, str], ...] = (
     ("fit", "fit"),
     ("refit", "refit"),
     ("predict", "predict"),
+    ("measure", "measure"),
     ("correct", "correct"),
     ("export", "export"),
     ("evaluate", "evaluate"),

@@ -1,0 +1,59 @@
+"""``truearm measure``: a length, a sphere, a plane or a circle from joint angles, with its uncertainty."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import typer
+
+from truearm.cli.console import Json, ModelFile, SessionFile, print_record, progress
+from truearm.cli.task import millimetres
+
+
+def measure(
+    model: ModelFile,
+    session: SessionFile,
+    feature: Annotated[
+        Literal["length", "sphere", "plane", "circle"], typer.Option("--feature", help="What the points lie on.")
+    ] = "sphere",
+    tip: Annotated[
+        float,
+        typer.Option(
+            "--tip-diameter",
+            parser=millimetres,
+            help="Diameter of the stylus tip [mm], which enlarges a sphere and narrows a circle (bore).",
+        ),
+    ] = 0.0,
+    repeatability: Annotated[
+        float | None,
+        typer.Option(
+            "--repeatability",
+            parser=millimetres,
+            help="Measured standard deviation of a coordinate when a point is measured again in the same pose [mm]. "
+            "Without it the uncertainty of means is overestimated.",
+        ),
+    ] = None,
+    arms: Annotated[int, typer.Option("--arms", help="Number of arms to draw.")] = 1000,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of all random numbers.")] = 0,
+    as_json: Json = False,
+) -> None:
+    """Measure a feature of a part: fit it to the compensated points of readings.
+
+    Each name in the column seat is a feature of its own, of lengths an end; without names all readings are of one
+    feature. Of several spheres or circles the distances of their centres are measured too. The uncertainty is that of
+    the arm, by the simulation of `truearm task` at the measured poses, together with the scatter of the points.
+    """
+    from truearm.workflows.measure import measure as measured
+
+    with progress(f"measuring a {feature}", total=arms) as tell:
+        result = measured(
+            model,
+            session,
+            feature,
+            tip_diameter_mm=tip,
+            repeatability_mm=repeatability,
+            n_arms=arms,
+            seed=seed,
+            progress=tell,
+        )
+    print_record(result, as_json=as_json)

@@ -1,0 +1,200 @@
+"""`measure`: a length, a sphere, a plane or a circle from measured joint angles, with its uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from math import isfinite
+from typing import Any, get_args
+
+import numpy as np
+
+from truearm.compensation.models import Compensator
+from truearm.errors import InputError
+from truearm.readings import Session
+from truearm.solve.threads import one_blas_thread
+from truearm.typing import IntArray
+from truearm.verification.tasks.measured_features import MeasuredFeature, measure_features
+from truearm.verification.tasks.sampled_arms import PosteriorDistribution
+from truearm.verification.tasks.task import MAX_ARMS, MIN_ARMS
+from truearm.workflows.inputs import (
+    ModelLike,
+    SessionLike,
+    check_angles_fit,
+    describe_outside,
+    frame_remarks,
+    payload_remarks,
+    to_model_and_session,
+    to_model_of_tip,
+)
+from truearm.workflows.record import Record, TextTable, format_fixed, to_plain
+from truearm.workflows.sentences import number_of
+from truearm.workflows.task import FeatureKind
+
+# Components of a normal are no lengths: one of 0.0001 is 0.1 mm over a metre.
+_NORMAL_DECIMALS = 6
+
+
+@one_blas_thread()
+def measure(
+    model: ModelLike,
+    session: SessionLike,
+    feature: FeatureKind = "sphere",
+    *,
+    tip_diameter_mm: float = 0.0,
+    repeatability_mm: float | None = None,
+    n_arms: int = 1000,
+    seed: int = 0,
+    progress: Callable[[int, str], None] | None = None,
+) -> MeasuredFeatures:
+    """Measure a feature of a part: fit it to the compensated points of readings.
+
+    The uncertainty is that of the arm, by the Monte Carlo simulation of `task` at the measured poses, together with the
+    scatter of the points about the fitted shape.
+
+    Parameters
+    ----------
+    model : Compensator, str or Path
+        A fitted nominal, kinematic or physical model or its file.
+    session : Session, DataFrame, str or Path
+        Joint angles with the tip on the part. The column ``seat`` names what was touched: each name is a feature of its
+        own, of lengths each is an end, the mean of its points. Without it all readings are of one feature.
+    feature : {"length", "sphere", "plane", "circle"}
+        What the points lie on. Of several spheres or circles the distances of their centres are measured too.
+    tip_diameter_mm : float
+        Diameter of the stylus tip, which enlarges a sphere and narrows a circle (bore) [mm]; 0 for coordinates of
+        what is touched.
+    repeatability_mm : float, optional
+        Standard deviation of a coordinate when a point is measured again in the same pose [mm]; see `task`.
+    n_arms : int
+        Number of arms to draw.
+    seed : int
+        Seed of all random numbers.
+    progress : callable, optional
+        Called with the number of arms done and a remark.
+
+    Returns
+    -------
+    MeasuredFeatures
+
+    Raises
+    ------
+    InputError
+        If the session is of another arm, a feature has too few points or they do not determine it, the model is a
+        network, or a number is out of bounds.
+
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> session = ta.simulate("ur10", poses=60, seed=1).session
+    >>> model = ta.fit("ur10", session, model="kinematic").model
+    >>> ends = ta.Session(session.angles[:2], seat=["A", "B"])
+    >>> length = ta.measure(model, ends, "length", n_arms=100).features[0]
+    >>> length.name, length.quantities[0].name
+    ('A to B', 'length_mm')
+    """
+    if feature not in get_args(FeatureKind):
+        raise InputError(f"expected a feature out of {', '.join(get_args(FeatureKind))}, got {feature!r}")
+    if not (isfinite(tip_diameter_mm) and tip_diameter_mm >= 0):
+        raise InputError(f"expected the diameter of the stylus tip, 0 mm or more, got {tip_diameter_mm}")
+    if not MIN_ARMS <= n_arms <= MAX_ARMS:
+        raise InputError(f"expected {MIN_ARMS} to {MAX_ARMS} arms to draw, got {n_arms}")
+    if seed < 0:
+        raise InputError(f"a seed must be a whole number >= 0, got {seed}")
+    fitted, readings = to_model_and_session(model, session)
+    to_model_of_tip(fitted)
+    remarks = [*check_angles_fit(readings, fitted.arm), *payload_remarks(fitted, readings), *frame_remarks(fitted)]
+    groups, unnamed = _by_seat(readings)
+    if inputs := fitted.inputs_outside_training(readings):
+        remarks.append(f"{describe_outside(inputs, fitted.training_, readings)}; errors may be larger there.")
+    points = fitted.predict_readings(readings)
+    try:
+        found = measure_features(
+            PosteriorDistribution(fitted, repeatability_mm, directions_given=readings.directions is not None),
+            feature,
+            points,
+            readings.angles,
+            groups,
+            tip_diameter_mm=tip_diameter_mm,
+            n_arms=n_arms,
+            seed=seed,
+            progress=progress,
+        )
+    except InputError as error:
+        raise (error if readings.file is None else error.in_file(readings.file)) from None
+    return MeasuredFeatures(fitted, readings, tuple(found), n_arms, seed, (*unnamed, *remarks))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MeasuredFeatures(Record):
+    """Features of a part with their uncertainties.
+
+    Attributes
+    ----------
+    model : Compensator
+    session : Session
+    features : tuple of MeasuredFeature
+        In the frame of the model's reference; in the order of the readings, then distances of centres.
+    n_arms, seed : int
+        Arms that were drawn, and the seed.
+    remarks : tuple of str
+    """
+
+    model: Compensator
+    session: Session
+    features: tuple[MeasuredFeature, ...]
+    n_arms: int
+    seed: int
+    remarks: tuple[str, ...]
+
+    def blocks(self) -> Iterator[str | TextTable]:
+        """See `Record.blocks`."""
+        first = self.features[0]
+        judged = next((q for q in first.quantities if not q.name.startswith("point")), first.quantities[0])
+        name = f" {first.name}" if first.name else ""
+        form = "" if first.form_mm is None else f", form {format_fixed(first.form_mm)} mm"
+        yield (
+            f"{first.kind.capitalize()}{name}: {judged.name} {_number(judged.name, judged.value)}, "
+            f"U = {_number(judged.name, judged.expanded)} (95 %){form}; {number_of(first.n_points)}."
+        )
+        rows = [
+            (
+                f"{one.kind} {one.name}".strip(),
+                quantity.name,
+                *(_number(quantity.name, number) for number in (quantity.value, quantity.u, quantity.expanded)),
+            )
+            for one in self.features
+            for quantity in one.quantities
+        ]
+        forms = [
+            (f"{one.kind} {one.name}".strip(), "form_mm", f"{one.form_mm:.4f}", "", "")
+            for one in self.features
+            if one.form_mm is not None
+        ]
+        yield TextTable(("feature", "quantity", "value", "u", "U (95 %)"), [*rows, *forms], left_aligned=(0, 1))
+        yield f"errors of {self.n_arms} drawn arms at these poses, and the scatter of the points about the shape"
+        if forms:
+            yield "Errors of the arm add to the form: that of the part is smaller."
+        yield "Coordinates are those of the tip's centre. The temperature of the part is not taken into account."
+        yield from self.remarks
+
+    def to_dict(self) -> dict[str, Any]:
+        """See `Record.to_dict`."""
+        plain: dict[str, Any] = to_plain(
+            {"features": self.features, "n_arms": self.n_arms, "seed": self.seed, "remarks": self.remarks}
+        )
+        return plain
+
+
+def _number(quantity: str, number: float) -> str:
+    return format_fixed(number, 4 if quantity.endswith("_mm") else _NORMAL_DECIMALS)
+
+
+def _by_seat(readings: Session) -> tuple[dict[str, IntArray], tuple[str, ...]]:
+    """Rows of each feature by its name; readings without a name, where others have one, belong to none."""
+    if readings.seat is None or not (readings.seat != "").any():
+        return {"": np.arange(len(readings))}, ()
+    names = dict.fromkeys(readings.seat.tolist())
+    groups = {name: np.flatnonzero(readings.seat == name) for name in names if name}
+    n = int((readings.seat == "").sum())
+    return groups, (f"{number_of(n)} without a name in the column seat are not used.",) if n else ()

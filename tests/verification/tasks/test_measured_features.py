@@ -1,0 +1,199 @@
+"""Features measured with a virtual arm: planted sizes are found within U; what does not fit is refused."""
+
+import json
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import truearm as ta
+from truearm.cli.main import run
+from truearm.errors import InputError
+from truearm.identification.planning.sampling.measuring import measuring_poses
+from truearm.identification.virtual import VirtualArm, load_preset
+from truearm.verification.shapes.plane import fit_plane
+from truearm.verification.shapes.sphere import fit_sphere
+from truearm.verification.tasks.feature_postures import feature_postures, middle_of
+from truearm.verification.tasks.features import UP, circle, length_at, plane, sphere
+from truearm.verification.tasks.measured_features import measure_features
+
+
+@pytest.fixture(scope="module")
+def virtual():
+    return VirtualArm.draw(ta.load_arm("gao2017"), load_preset("shop"), seed=1)
+
+
+@pytest.fixture(scope="module")
+def model(virtual):
+    readings = virtual.measure(measuring_poses(virtual.nominal, 60, seed=1).angles, seed=1).readings
+    return ta.KinematicModel(virtual.nominal).fit_readings(readings)
+
+
+@pytest.fixture(scope="module")
+def touch(virtual, model):
+    """Readings with the tip of the virtual arm on the points of a feature."""
+
+    def touched(feature, seat=None, seed=1):
+        degC = model.training_.temperature_degC.mean
+        angles = feature_postures(virtual.nominal, feature, 1, seed=seed)[0]
+        taken = virtual.measure(
+            angles, seed=50 + seed, seat_points=feature.points, temperature_degC=degC, reference=False
+        )
+        return replace(taken.readings, directions=None, seat=None if seat is None else np.array(seat))
+
+    return touched
+
+
+@pytest.fixture(scope="module")
+def ball(touch, virtual):
+    return touch(sphere(middle_of(virtual.nominal)[0], 25.0))
+
+
+@pytest.mark.parametrize("kind", ["length", "sphere", "plane", "circle"])
+def test_planted_features_are_found_within_their_uncertainty(model, touch, virtual, kind):
+    middle, across = middle_of(virtual.nominal)
+    if kind == "length":
+        feature = length_at(middle, across, 300.0, points=8)
+        session = touch(feature, ["A"] * 4 + ["B"] * 4)
+        true = [300.0]
+    else:
+        feature = (
+            sphere(middle, 40.0) if kind == "sphere" else {"circle": circle, "plane": plane}[kind](middle, UP, 40.0)
+        )
+        session = touch(feature)
+        of_normal = {"sphere": [], "circle": [0, 0, 1], "plane": [0, 0, 1]}[kind]
+        true = [*([] if kind == "plane" else [40.0]), *middle, *of_normal]
+    found = ta.measure(model, session, kind, n_arms=200).features[0]
+    assert (found.kind, found.n_points) == (kind, len(feature.points))
+    for quantity, value in zip(found.quantities, true, strict=True):
+        assert 0 < quantity.u <= quantity.expanded
+        # The middle of a plate is the mean of its points, which the seats place with a scatter of their own.
+        assert abs(quantity.value - value) <= 1.5 * quantity.expanded, quantity.name
+
+
+def test_values_are_those_of_the_compensated_points_and_the_tip_is_compensated(model, ball, touch, virtual):
+    found, enlarged = (ta.measure(model, ball, n_arms=100, tip_diameter_mm=d).features[0] for d in (0.0, 5.0))
+    shape = fit_sphere(model.predict_readings(ball))
+    # The same calls on the same numbers.
+    assert found.quantities[0].value == 2 * shape.radius_mm
+    assert found.form_mm == shape.form_mm
+    assert enlarged.quantities[0].value == found.quantities[0].value - 5.0
+    bore = touch(circle(middle_of(virtual.nominal)[0], UP, 50.0))
+    plain, narrowed = (ta.measure(model, bore, "circle", n_arms=100, tip_diameter_mm=d).features[0] for d in (0.0, 5.0))
+    assert narrowed.quantities[0].value == plain.quantities[0].value + 5.0
+
+
+class Errors:
+    """Errors of arms that are known in advance: a motion of all points, of standard deviation one."""
+
+    R_base_reference = np.eye(3)
+
+    def __init__(self, motion):
+        self.motion = motion
+
+    def draw(self, seed):
+        return SimpleNamespace(
+            systematic=lambda angles: np.random.default_rng(seed).standard_normal() * self.motion,
+            random=lambda angles, rng: np.zeros((len(angles), 3)),
+        )
+
+
+@pytest.mark.parametrize("kind", ["sphere", "circle", "length"])
+def test_what_all_points_share_moves_the_place_and_a_scale_the_size(kind):
+    feature = {"sphere": sphere([500.0, 0, 0], 50.0), "circle": circle([500.0, 0, 0], UP, 50.0)}.get(kind)
+    points = np.array([[500.0, 0, 0], [550.0, 0, 0]]) if feature is None else feature.points
+    half = len(points) // 2
+    groups = (
+        {"A": np.arange(half), "B": np.arange(half, len(points))} if feature is None else {"": np.arange(len(points))}
+    )
+    angles = np.zeros((len(points), 6))
+    shifted, scaled = (
+        measure_features(Errors(motion), kind, points, angles, groups, n_arms=2000)[0].quantities
+        for motion in (np.tile([0.1, 0, 0], (len(points), 1)), 1e-4 * points)
+    )
+    # Rounding of 500 mm through a fit; 5 % is three standard deviations of a standard deviation of 2000 draws.
+    assert shifted[0].u < 1e-9
+    assert scaled[0].u == pytest.approx(1e-4 * 50.0, rel=0.05)
+    assert scaled[0].expanded == pytest.approx(1.96 * 1e-4 * 50.0, rel=0.1)
+    for centre in shifted[1:2]:
+        assert centre.u == pytest.approx(0.1, rel=0.05)
+
+
+def test_two_balls_give_the_distance_of_their_centres(model, touch, virtual):
+    middle, across = middle_of(virtual.nominal)
+    parts = [
+        touch(sphere(middle + away * across, 25.0, points=9), [name] * 9) for away, name in ((-150, "A"), (150, "B"))
+    ]
+    both = ta.Session(
+        np.concatenate([part.angles for part in parts]), seat=np.concatenate([part.seat for part in parts])
+    )
+    *balls, length = ta.measure(model, both, n_arms=200).features
+    assert [one.name for one in balls] == ["A", "B"]
+    assert (length.kind, length.name, length.n_points) == ("length", "A to B", 18)
+    assert abs(length.quantities[0].value - 300.0) <= length.quantities[0].expanded
+
+
+def test_a_normal_between_two_axes_keeps_its_side(model, touch, virtual):
+    """Its largest component decides the sign, and errors change which component that is."""
+    session = touch(plane(middle_of(virtual.nominal)[0], [1.0, -1.0, 0.0], 100.0, points=9))
+    normal = fit_plane(model.predict_readings(session)).normal
+    assert abs(abs(normal[0]) - abs(normal[1])) < 0.01
+    for quantity in ta.measure(model, session, "plane", n_arms=200).features[0].quantities[3:]:
+        assert quantity.u < 0.01
+
+
+def test_more_readings_without_a_name_are_said(model, touch, virtual):
+    middle, across = middle_of(virtual.nominal)
+    session = touch(length_at(middle, across, 300.0, points=4), ["A", "", "B", "B"])
+    result = ta.measure(model, session, "length", n_arms=100)
+    assert result.features[0].n_points == 3
+    assert any("1 reading without a name" in remark for remark in result.remarks)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"feature": "cone"}, "expected a feature out of length, sphere, plane, circle, got 'cone'"),
+        ({"feature": "length"}, "expected the readings of two ends of a length, got those of one"),
+        ({"tip_diameter_mm": -1.0}, "expected the diameter of the stylus tip, 0 mm or more"),
+        ({"n_arms": 10}, "expected 100 to 100000 arms"),
+        ({"seed": -1}, "seed must be"),
+        ({"repeatability_mm": 9.0}, "contradicts the model"),
+    ],
+)
+def test_what_does_not_fit_is_refused(model, ball, options, message):
+    with pytest.raises(InputError, match=message):
+        ta.measure(model, ball, **({"n_arms": 100} | options))
+
+
+def test_too_few_readings_of_a_feature_are_refused_by_name(model, ball):
+    four = replace(ball.rows(np.arange(4)), seat=np.array(["ball"] * 4))
+    with pytest.raises(InputError, match="expected 5 readings or more of the sphere 'ball', got 4"):
+        ta.measure(model, four)
+
+
+def test_a_network_does_not_know_how_errors_of_points_correlate(ball):
+    train = ta.simulate("gao2017", poses=40, seed=1).session
+    network = ta.NetworkModel(ta.load_arm("gao2017"), hidden=(3,), epochs=3, free=()).fit_readings(train)
+    with pytest.raises(InputError, match="has no terms with a posterior"):
+        ta.measure(network, ball)
+
+
+def test_both_doors_say_the_same(model, ball, tmp_path, capsys):
+    model.save(tmp_path / "arm.truearm")
+    ball.save(tmp_path / "ball.csv")
+    record = ta.measure(tmp_path / "arm.truearm", tmp_path / "ball.csv", n_arms=100, seed=3)
+    arguments = ["measure", tmp_path / "arm.truearm", tmp_path / "ball.csv", "--arms", 100, "--seed", 3]
+    for json_option, expected in ((["--json"], record.to_dict()), ([], None)):
+        with pytest.raises(SystemExit) as ended:
+            run([str(one) for one in [*arguments, *json_option]])
+        assert ended.value.code == 0
+        told = capsys.readouterr().out
+        if expected is not None:
+            assert json.loads(told) == expected
+        else:
+            assert told.strip() == str(record)
+    assert "Sphere: diameter_mm 25.0" in str(record).splitlines()[0]
+    with pytest.raises(InputError, match=r"ball\.csv: expected the readings of two ends"):
+        ta.measure(model, tmp_path / "ball.csv", "length")
