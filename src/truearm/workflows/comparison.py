@@ -13,20 +13,20 @@ from truearm.compensation.models.seat_page import SeatComparison
 from truearm.compensation.models.training_conditions import fingerprint
 from truearm.errors import InputError
 from truearm.readings import Lengths, Session, check_sessions, compare_errors, length_errors
+from truearm.typing import FloatArray
 from truearm.workflows.outputs import version_row
+from truearm.workflows.regressors import Regressors, predict_points, regressor_remark
 
 
-def compare_models(models: dict[str, Compensator], readings: Session) -> ModelComparison:
-    """Predictions and errors of the models on the readings, and of the nominal arm of the first."""
+def compare_models(models: dict[str, Compensator], readings: Session, regressors: Regressors) -> ModelComparison:
+    """Predictions and errors of models and regressors on the readings, and of the nominal arm of the first model."""
     points = readings.points
     assert points is not None  # checked by the caller
     first = one_arm(models)
-    nominal = first.predict_nominal_readings(readings)
-    predicted, errors = {"nominal": nominal}, {"nominal": compare_errors(nominal, nominal, points)}
-    for name, model in models.items():
-        if not isinstance(model, NominalModel):  # it is the first row already
-            predicted[name] = model.predict_readings(readings)
-            errors[name] = compare_errors(predicted[name], model.predict_nominal_readings(readings), points)
+    predicted = _predicted(models, readings, regressors)
+    # A regressor has no nominal arm of its own: its reduction is that of the first model's.
+    nominal = {name: models.get(name, first).predict_nominal_readings(readings) for name in predicted}
+    errors = {name: compare_errors(one, nominal[name], points) for name, one in predicted.items()}
     return ModelComparison(
         angles=readings.angles,
         points=points,
@@ -38,8 +38,20 @@ def compare_models(models: dict[str, Compensator], readings: Session) -> ModelCo
     )
 
 
-def compare_in_seats(models: dict[str, Compensator], readings: Session, lengths: Lengths | None) -> SeatComparison:
-    """Predictions of the models in seats with two readings or more, and errors of known lengths between seats.
+def _predicted(models: dict[str, Compensator], readings: Session, regressors: Regressors) -> dict[str, FloatArray]:
+    """Points [mm] of the nominal arm of the first model, of the other models and of the regressors, by name."""
+    predicted = {"nominal": one_arm(models).predict_nominal_readings(readings)}
+    others = {name: model for name, model in models.items() if not isinstance(model, NominalModel)}
+    if "nominal" in {*others, *regressors}:
+        raise InputError("'nominal' is the name of the nominal arm on the page", hint="another name for the model")
+    predicted |= {name: model.predict_readings(readings) for name, model in others.items()}
+    return predicted | {name: predict_points(one, readings, name=name) for name, one in regressors.items()}
+
+
+def compare_in_seats(
+    models: dict[str, Compensator], readings: Session, regressors: Regressors, lengths: Lengths | None
+) -> SeatComparison:
+    """Predictions of models and regressors in seats with two readings or more, and errors of lengths between seats.
 
     Raises
     ------
@@ -49,10 +61,7 @@ def compare_in_seats(models: dict[str, Compensator], readings: Session, lengths:
     assert readings.seat is not None  # checked by the caller
     check_sessions(readings, lengths)
     first = one_arm(models)
-    predicted = {"nominal": first.predict_nominal_readings(readings)}
-    predicted |= {
-        name: model.predict_readings(readings) for name, model in models.items() if not isinstance(model, NominalModel)
-    }
+    predicted = _predicted(models, readings, regressors)
     _, index, counts = np.unique(readings.seat, return_inverse=True, return_counts=True)
     several = (counts > 1)[index] & (readings.seat != "")
     if not several.any():
@@ -106,12 +115,13 @@ def one_arm(models: dict[str, Compensator]) -> Compensator:
     return first
 
 
-def page_facts(models: dict[str, Compensator], readings: Session) -> list[tuple[str, str]]:
+def page_facts(models: dict[str, Compensator], readings: Session, regressors: Regressors) -> list[tuple[str, str]]:
     """Facts at the end of a page: training data of the models, the readings of the page, arm and versions."""
     rows = [
         (f"model {name}", f"{model.n_train_} training readings, fingerprint {model.data_fingerprint_}")
         for name, model in models.items()
     ]
+    rows += [(f"regressor {name}", regressor_remark(one)) for name, one in regressors.items()]
     rows.append(("readings of this page", f"fingerprint {fingerprint(readings)}"))
     rows += [
         (f"lengths of model {name}", f"fingerprint {model.lengths_fingerprint_}")

@@ -333,11 +333,11 @@ class DemoResult(Record):
                 "noise floor",
                 f"mean error {floor['mean_mm']:.4f} mm: no model can be better",
             ),
-            *page_facts(done.models, session),
+            *page_facts(done.models, session, {}),
         ]
         budgets = {"physical": uncertainty_budget(done.models["physical"], session)[0]}
         compared = replace(
-            compare_models(done.models, session),
+            compare_models(done.models, session, {}),
             std_mm={name: budget.std_mm for name, budget in budgets.items()},
         )
         return comparison_page(

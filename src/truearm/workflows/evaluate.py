@@ -17,6 +17,7 @@ from truearm.readings import (
     check_sessions,
     compare_errors,
     length_errors,
+    point_errors,
     seat_errors,
 )
 from truearm.readings.anchors import LEAST_COMPARED, distance_errors, has_located_anchor
@@ -25,7 +26,6 @@ from truearm.typing import FloatArray
 from truearm.workflows.inputs import (
     LengthsLike,
     Limits,
-    ModelLike,
     SessionLike,
     check_has_reference,
     evaluation_remarks,
@@ -33,10 +33,13 @@ from truearm.workflows.inputs import (
     has_repeated_seat,
     session_lengths,
     to_model_and_session,
+    to_session,
+    unfilled_remarks,
     within_limits,
     without_refit_readings,
 )
 from truearm.workflows.record import Record, TextTable, format_fixed, to_plain
+from truearm.workflows.regressors import AnyModelLike, RegressorLike, is_regressor, predict_points, regressor_remark
 from truearm.workflows.sentences import compare_with_nominal, format_mm, listed
 
 if TYPE_CHECKING:
@@ -45,7 +48,7 @@ if TYPE_CHECKING:
 
 @one_blas_thread()
 def evaluate(
-    model: ModelLike, session: SessionLike, *, lengths: LengthsLike | None = None, limits: Limits = "skip"
+    model: AnyModelLike, session: SessionLike, *, lengths: LengthsLike | None = None, limits: Limits = "skip"
 ) -> Evaluation:
     """Test a model on readings it was not fitted to, beside the nominal arm.
 
@@ -55,10 +58,14 @@ def evaluate(
     predicted points from the place that fits them best. Readings from which `refit` identified base and tip are
     skipped.
 
+    A regressor of the user's own, of scikit-learn or any object with `predict`, fitted by ``regressor.fit(train.angles,
+    train.points)``, is compared with the same references. It has no nominal arm, joint limits or stated uncertainty;
+    `report` compares it with truearm's models.
+
     Parameters
     ----------
-    model : Compensator, str or Path
-        A fitted model or its file.
+    model : Compensator, str, Path or regressor
+        A fitted model or its file, or a fitted object whose ``predict(angles)`` returns (n, 3) points [mm].
     session : Session, DataFrame, str or Path
         Readings with reference points, seats or distances to anchors.
     lengths : Lengths, str or Path, optional
@@ -73,7 +80,8 @@ def evaluate(
     Raises
     ------
     InputError
-        If the session is of another arm, in another unit, or has neither reference points nor seats nor distances.
+        If the session is of another arm, in another unit, or has neither reference points nor seats nor distances; if
+        a regressor is not fitted or does not return a finite point for every reading.
 
     Examples
     --------
@@ -84,6 +92,8 @@ def evaluate(
     >>> evaluation.errors["model"]["mean_mm"] < evaluation.errors["nominal"]["mean_mm"]
     True
     """
+    if is_regressor(model):
+        return _evaluate_regressor(model, to_session(session), lengths)
     fitted, given = to_model_and_session(model, session)
     allowed = within_limits(given, fitted.arm, limits)
     check_has_reference(allowed.session, fitted.arm, purpose="evaluate against", least=LEAST_COMPARED)
@@ -94,14 +104,7 @@ def evaluate(
     predicted = {"nominal": fitted.predict_nominal_readings(used), "model": fitted.predict_readings(used)}
     if isinstance(fitted, NominalModel):
         del predicted["nominal"]
-    errors: dict[str, dict[str, Any]] = {name: {} for name in predicted}
-    for name, points in predicted.items():
-        if used.points is not None:
-            errors[name] |= compare_errors(points, predicted.get("nominal", points), used.points)
-        errors[name] |= _seat_and_length_errors(points, used, known)
-        is_of_distances = used.points is None and used.seat is None
-        if is_of_distances or has_located_anchor(used, LEAST_COMPARED):
-            errors[name] |= distance_errors(points, used)
+    errors = {name: _errors(one, predicted.get("nominal", one), used, known) for name, one in predicted.items()}
     coverage: float | None = None
     coverage_99: float | None = None
     outliers: tuple[Outlier, ...] = ()
@@ -129,20 +132,20 @@ class Evaluation(Record):
 
     Attributes
     ----------
-    model : Compensator
+    model : Compensator or regressor
     session : Session
         The readings that were used.
     predicted : dict of str to (n, 3) array
-        Points of ``"nominal"`` and ``"model"`` [mm].
+        Points of ``"nominal"`` and ``"model"`` [mm]; of a regressor those of ``"model"`` alone.
     errors : dict of str to dict
-        For both: ``mean_mm``, ``rms_mm``, ``p95_mm``, ``max_mm``, ``mean_abs_coordinate_mm`` and
+        For each: ``mean_mm``, ``rms_mm``, ``p95_mm``, ``max_mm``, ``mean_abs_coordinate_mm`` and
         ``max_abs_coordinate_mm`` against reference points; ``seat_mean_mm`` and others in seats; ``lengths``;
         ``distance_mean_mm`` and others of distances, with ``anchors`` and ``distances`` one by one.
     lengths : Lengths or None
         Known lengths at the temperature of the readings.
     coverage, coverage_99 : float or None
         Share of the reference points inside the 95 % ellipsoid that the model states, and inside that of 99 %; None
-        without points.
+        without points, and of a regressor, which states none.
     outliers : tuple of Outlier
         Readings farther from their reference point than eight stated standard uncertainties.
     n_refit : int
@@ -158,16 +161,16 @@ class Evaluation(Record):
     40
     """
 
-    model: Compensator
+    model: Compensator | RegressorLike
     session: Session
     predicted: Mapping[str, FloatArray]
     errors: Mapping[str, Mapping[str, Any]]
     lengths: Lengths | None
-    coverage: float | None
-    coverage_99: float | None
-    outliers: tuple[Outlier, ...]
-    n_refit: int
-    remarks: tuple[str, ...]
+    coverage: float | None = None
+    coverage_99: float | None = None
+    outliers: tuple[Outlier, ...] = ()
+    n_refit: int = 0
+    remarks: tuple[str, ...] = ()
 
     def summary(self) -> str:
         """The answer in one sentence: the mean error, and how it compares with the nominal arm."""
@@ -252,6 +255,31 @@ class Evaluation(Record):
             for i, one in enumerate(own)
         ]
         return TextTable((f"length_error_mm of {len(own)} lengths", "length_mm", "u_mm", *self.errors), rows)
+
+
+def _evaluate_regressor(regressor: RegressorLike, session: Session, lengths: LengthsLike | None) -> Evaluation:
+    """Errors of a regressor of the user's own: without an arm there are no limits, nominal points or uncertainty."""
+    check_has_reference(session, None, purpose="evaluate against", least=LEAST_COMPARED)
+    stated, length_remarks = session_lengths(lengths, session, session)
+    check_sessions(session, stated)
+    known = expanded_lengths(stated, session)
+    points = predict_points(regressor, session)
+    remarks = (*unfilled_remarks(session), *length_remarks, regressor_remark(regressor))
+    return Evaluation(
+        regressor, session, {"model": points}, {"model": _errors(points, None, session, known)}, known, remarks=remarks
+    )
+
+
+def _errors(points: FloatArray, nominal: FloatArray | None, used: Session, known: Lengths | None) -> dict[str, Any]:
+    """Errors of predicted points against every reference there is."""
+    found: dict[str, Any] = {}
+    if used.points is not None:
+        found |= point_errors(points, used.points) if nominal is None else compare_errors(points, nominal, used.points)
+    found |= _seat_and_length_errors(points, used, known)
+    is_of_distances = used.points is None and used.seat is None
+    if is_of_distances or has_located_anchor(used, LEAST_COMPARED):
+        found |= distance_errors(points, used)
+    return found
 
 
 def _seat_and_length_errors(points: FloatArray, session: Session, lengths: Lengths | None) -> dict[str, Any]:

@@ -124,7 +124,7 @@ def to_session(session: SessionLike, *, n_joints: int | None = None) -> Session:
     return Session.from_frame(session)
 
 
-def to_model_and_session(model: ModelLike, session: SessionLike) -> tuple[Compensator, Session]:
+def to_model_and_session(model: object, session: SessionLike) -> tuple[Compensator, Session]:
     """A model and a session of as many joints.
 
     Raises
@@ -143,7 +143,7 @@ def is_model_file(path: str | Path) -> bool:
     return Path(path).is_file() and is_zipfile(path)
 
 
-def to_model(model: ModelLike) -> Compensator:
+def to_model(model: object) -> Compensator:
     """A fitted model as it is, or from a model file.
 
     Raises
@@ -154,7 +154,9 @@ def to_model(model: ModelLike) -> Compensator:
     if isinstance(model, str | Path):
         return load_model(model)
     if not isinstance(model, Compensator):
-        raise InputError(f"expected a model, got {type(model).__name__}", hint="a fitted model or a model file")
+        got = f"the class {model.__name__}" if isinstance(model, type) else type(model).__name__
+        hint = "a fitted model or a model file; evaluate and report also take any fitted object with predict(angles)"
+        raise InputError(f"expected a model, got {got}", hint=hint)
     if not hasattr(model, "arm_"):
         raise InputError(f"the {type(model).__name__} is not fitted", hint="fit it first: model.fit_readings(session)")
     return model
@@ -274,7 +276,7 @@ def check_session_fits(session: Session, arm: Arm, model: str) -> None:
     check_scale(session, arm.chain.tip_in_base(session.angles))
 
 
-def check_has_reference(session: Session, arm: Arm, *, purpose: str, least: int = LEAST_READINGS) -> None:
+def check_has_reference(session: Session, arm: Arm | None, *, purpose: str, least: int = LEAST_READINGS) -> None:
     """Check that there is something to compare the points of a model with: reference points, seats or distances.
 
     Raises
@@ -289,7 +291,8 @@ def check_has_reference(session: Session, arm: Arm, *, purpose: str, least: int 
             "has none of these",
             hint="predict needs none",
         )
-    check_reach(session, reach=arm.chain.reach, sliding=arm.chain.is_prismatic)
+    if arm is not None:
+        check_reach(session, reach=arm.chain.reach, sliding=arm.chain.is_prismatic)
 
 
 def with_reference(session: Session, arm: Arm, *, purpose: str) -> CheckedSession:

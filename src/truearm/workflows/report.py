@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -28,7 +28,6 @@ from truearm.solve.threads import one_blas_thread
 from truearm.workflows.comparison import compare_in_seats, compare_models, one_arm, page_facts
 from truearm.workflows.inputs import (
     LengthsLike,
-    ModelLike,
     SessionLike,
     check_angles_fit,
     evaluation_remarks,
@@ -42,6 +41,7 @@ from truearm.workflows.inputs import (
 )
 from truearm.workflows.outputs import PageRecord, check_page_path, input_files
 from truearm.workflows.record import TextTable, to_plain
+from truearm.workflows.regressors import AnyModelLike, Regressors, is_regressor, regressor_remark
 from truearm.workflows.sentences import number_of
 
 _HEADS = {"mean_mm": "mean [mm]", "rms_mm": "rms [mm]", "p95_mm": "95 % [mm]", "max_mm": "max [mm]"}
@@ -54,14 +54,17 @@ class ReportResult(PageRecord):
     Attributes
     ----------
     models : mapping of str to Compensator
-        By their names on the page.
+        Models of truearm by their names on the page.
+    regressors : mapping of str to regressor
+        The user's own, by their names on the page.
     session : Session
         The readings of the comparison.
     lengths : Lengths or None
         Known lengths between seats of a session without reference points.
     errors : mapping of str to mapping
-        Errors [mm] of the nominal arm and of each model: mean, 95 % quantile and maximum of the distances from the
-        reference points or, without them, mean, root mean square and maximum of those from the mean of the seat.
+        Errors [mm] of the nominal arm, each model and each regressor: mean, 95 % quantile and maximum of the distances
+        from the reference points or, without them, mean, root mean square and maximum of those from the mean of the
+        seat.
     title : str
         Title of the page.
     input_remarks : tuple of str
@@ -73,6 +76,7 @@ class ReportResult(PageRecord):
     """
 
     models: Mapping[str, Compensator]
+    regressors: Regressors
     session: Session
     lengths: Lengths | None
     errors: Mapping[str, Mapping[str, float]]
@@ -89,11 +93,9 @@ class ReportResult(PageRecord):
     @property
     def page_remarks(self) -> list[str]:
         """What a reader must know of each model before the errors are believed."""
-        return [
-            f"{name}: {remark}"
-            for name, model in self.models.items()
-            for remark in evaluation_remarks(model, self.session)
-        ]
+        remarks = {name: evaluation_remarks(model, self.session) for name, model in self.models.items()}
+        remarks |= {name: [regressor_remark(one)] for name, one in self.regressors.items()}
+        return [f"{name}: {remark}" for name, of_model in remarks.items() for remark in of_model]
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -106,7 +108,7 @@ class ReportResult(PageRecord):
         layout: dict[str, Any] = {
             "title": self.title or f"{one_arm(models).arm.name}: error before and after compensation",
             "subtitle": f"{number_of(len(session))} of {session.file.name if session.file else 'a session'}",
-            "facts": page_facts(models, session),
+            "facts": page_facts(models, session, self.regressors),
             "remarks": self.page_remarks,
         }
         both = identified_budgets(models, session)
@@ -115,14 +117,17 @@ class ReportResult(PageRecord):
             return seats_page(self.comparison, **layout)
         budgets = {name: budget for name, (budget, _) in both.items()}
         compared = replace(self.comparison, std_mm={name: budget.std_mm for name, budget in budgets.items()})
-        trained = [name for name, model in models.items() if model.is_trained_on(session)]
-        return comparison_page(compared, verdict=comparison_verdict(compared, budgets, trained=trained), **layout)
+        trained = "These are the training readings of the model; errors of other readings are larger (split)."
+        doubts = {name: trained for name, model in models.items() if model.is_trained_on(session)}
+        doubts |= {name: f"{name}: {regressor_remark(one)}" for name, one in self.regressors.items()}
+        verdict = comparison_verdict(compared, budgets, doubts=doubts)
+        return comparison_page(compared, verdict=verdict, **layout)
 
     def blocks(self) -> Iterator[str | TextTable]:
         """See `Record`."""
         what = "Mean error" if self.session.points is not None else "Mean distance from the mean of the seat"
         mean = {name: errors["mean_mm"] for name, errors in self.errors.items()}
-        n = len(self.models)
+        n = len(self.models) + len(self.regressors)
         sentence = improvement_sentence(what, mean["nominal"], min(mean.values()))
         yield sentence.replace("\N{NARROW NO-BREAK SPACE}", " ")  # of pages; in a terminal nobody could search for it
         heads = [_HEADS[key] for key in self.errors["nominal"]]
@@ -163,7 +168,7 @@ def _constants_sections(models: Mapping[str, Compensator]) -> list[Section]:
 
 @one_blas_thread()
 def report(
-    models: ModelLike | Sequence[ModelLike] | Mapping[str, ModelLike],
+    models: AnyModelLike | Sequence[AnyModelLike] | Mapping[str, AnyModelLike],
     session: SessionLike,
     path: str | Path | None = None,
     *,
@@ -174,8 +179,10 @@ def report(
 
     Parameters
     ----------
-    models : model or path, or a sequence or mapping of them
-        Of one arm, with the same free parts; the keys of a mapping are the names on the page.
+    models : model, path or regressor, or a sequence or mapping of them
+        Models of one arm, with the same free parts, or their files. Beside them regressors of the user's own, as in
+        `evaluate`; one of the models must be truearm's, which knows the arm. The keys of a mapping are the names on the
+        page.
     session : Session, DataFrame or path
         Readings with reference points, or in seats.
     path : path, optional
@@ -192,7 +199,8 @@ def report(
     Raises
     ------
     InputError
-        If there is nothing to compare with, the models are not of one arm, or the page cannot be written.
+        If there is nothing to compare with, no model is truearm's, the models are not of one arm, a regressor cannot
+        predict the readings, or the page cannot be written.
 
     Examples
     --------
@@ -209,7 +217,14 @@ def report(
     files = input_files(*given.values(), session, lengths)
     if path is not None:
         check_page_path(path, *files)
-    (first_name, first_model), *others = given.items()
+    regressors = {name: one for name, one in given.items() if is_regressor(one)}
+    own = [(name, one) for name, one in given.items() if name not in regressors]
+    if not own:
+        raise InputError(
+            "expected at least one model of truearm, which knows the arm and its nominal points, got regressors only",
+            hint='the nominal arm beside them: ta.fit(arm, train, model="nominal").model',
+        )
+    (first_name, first_model), *others = own
     first, readings = to_model_and_session(first_model, session)
     remarks = [*check_angles_fit(readings, first.arm)]
     readings, _, skipped = with_reference(readings, first.arm, purpose="compare with")
@@ -229,11 +244,12 @@ def report(
     known = expanded_lengths(known, readings)
     comparison: ModelComparison | SeatComparison
     if readings.points is not None:
-        comparison = compare_models(fitted, readings)
+        comparison = compare_models(fitted, readings, regressors)
     else:
-        comparison = compare_in_seats(fitted, readings, known)
+        comparison = compare_in_seats(fitted, readings, regressors, known)
     result = ReportResult(
         fitted,
+        regressors,
         readings,
         known,
         _errors(comparison),
@@ -259,22 +275,27 @@ def _of_tip(model: Compensator, readings: Session) -> Compensator:
     return to_model_of_tip(model, tips[0] if tips and len(model.tips_) > 1 else None)
 
 
-def _by_name(models: ModelLike | Sequence[ModelLike] | Mapping[str, ModelLike]) -> dict[str, ModelLike]:
-    """Models by a short, unique name: the stem of the file, or its path where the stem is not unique."""
+def _by_name(models: AnyModelLike | Sequence[AnyModelLike] | Mapping[str, AnyModelLike]) -> dict[str, AnyModelLike]:
+    """Models by a short, unique name: kind, class, or stem of the file, or its path where the stem is not unique."""
     if isinstance(models, Mapping):
         return dict(models)
-    listed = [models] if isinstance(models, Compensator | str | Path) else list(models)
+    # A pipeline and a forest are sequences as well, of their parts.
+    is_one = isinstance(models, str) or hasattr(models, "predict")
+    listed: list[Any] = list(models) if isinstance(models, Iterable) and not is_one else [models]
     if not listed:
         raise InputError("expected one or more models", hint="report(model, session)")
-    stems = [
-        type(one).__name__.removesuffix("Model").lower() if isinstance(one, Compensator) else Path(one).stem
-        for one in listed
-    ]
+    stems = [Path(one).stem if isinstance(one, str | Path) else _kind(one) for one in listed]
     names = []
     for i, (one, stem) in enumerate(zip(listed, stems, strict=True)):
-        unique = stems.count(stem) == 1 and (stem != "nominal" or isinstance(one, Compensator))
-        names.append(stem if unique else f"{stem} {i + 1}" if isinstance(one, Compensator) else str(one))
+        is_path = isinstance(one, str | Path)
+        unique = stems.count(stem) == 1 and not (stem == "nominal" and is_path)
+        names.append(stem if unique else str(one) if is_path else f"{stem} {i + 1}")
     return dict(zip(names, listed, strict=True))
+
+
+def _kind(model: object) -> str:
+    name = type(model).__name__
+    return name.removesuffix("Model").lower() if isinstance(model, Compensator) else name
 
 
 def _errors(comparison: ModelComparison | SeatComparison) -> dict[str, dict[str, float]]:

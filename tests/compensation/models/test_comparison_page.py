@@ -39,15 +39,15 @@ def budget(covered, expanded=0.06):
 
 
 @pytest.mark.parametrize(
-    ("covered", "trained", "state", "said"),
+    ("covered", "doubts", "state", "said"),
     [
-        (38, (), "good", "Expanded uncertainty of a coordinate by model: U = 0.060 mm (k = 2)"),
-        (38, ("model",), "doubtful", "training readings"),
-        (20, (), "doubtful", "50\u202f% of the readings lie in the ellipsoids that should hold 95\u202f%"),
+        (38, {}, "good", "Expanded uncertainty of a coordinate by model: U = 0.060 mm (k = 2)"),
+        (38, {"model": "training readings"}, "doubtful", "training readings"),
+        (20, {}, "doubtful", "50\u202f% of the readings lie in the ellipsoids that should hold 95\u202f%"),
     ],
 )
-def test_the_verdict_says_what_accuracy_of_what_and_how_sure(compared, covered, trained, state, said):
-    verdict = comparison_verdict(compared, budget(covered), trained=trained)
+def test_the_verdict_says_what_accuracy_of_what_and_how_sure(compared, covered, doubts, state, said):
+    verdict = comparison_verdict(compared, budget(covered), doubts=doubts)
     assert verdict.state == state
     assert said in verdict.detail
     assert verdict.sentence.startswith("Mean error 0.0")

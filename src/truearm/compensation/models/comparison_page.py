@@ -165,29 +165,29 @@ def error_sentence(compared: ModelComparison) -> str:
 
 
 def comparison_verdict(
-    compared: ModelComparison, budgets: Mapping[str, UncertaintyBudget], *, trained: Sequence[str] = ()
+    compared: ModelComparison, budgets: Mapping[str, UncertaintyBudget], *, doubts: Mapping[str, str] | None = None
 ) -> PageVerdict:
     """The accuracy of a model on these readings, and its uncertainty.
 
     Good: compensation reduces the error of readings that took no part in training, and the uncertainty that the model
-    states covers them. Doubtful: they are training readings, or the stated uncertainty is too small for them.
+    states covers them. Doubtful: they are training readings or may be, or the stated uncertainty is too small for them.
 
     Parameters
     ----------
     compared : ModelComparison
     budgets : mapping of str to UncertaintyBudget
         Of the models that state an uncertainty.
-    trained : sequence of str
-        Models that were trained on these readings.
+    doubts : mapping of str to str, optional
+        Models that were trained on these readings, or may have been, each with a sentence that says so.
     """
     best, before = _best(compared), next(iter(compared.errors))
     if not compared.errors[best]["mean_mm"] < compared.errors[before]["mean_mm"]:
         return PageVerdict(error_sentence(compared), "bad", "Do not use this model for these readings.")
     details: list[str] = []
     state: State = "good"
-    if best in trained:
+    if doubts and best in doubts:
         state = "doubtful"
-        details.append("These are the training readings of the model; errors of other readings are larger (split).")
+        details.append(doubts[best])
     if (budget := budgets.get(best)) is not None:
         u = format_uncertainty(budget.expanded_mm)
         details.append(f"Expanded uncertainty of a coordinate by {best}: U = {u} mm (k = {COVERAGE_FACTOR:g}).")
