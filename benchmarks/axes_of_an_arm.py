@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 
 from truearm.arm import load_arm
 from truearm.pages.palette import GREY, INK, NAVY, ORANGE, TEAL
-from truearm.pages.plotting import Figure, figure_style, make_panel, save_png
+from truearm.pages.plotting import Figure, figure_style, make_panel, save_figure
 from truearm.typing import FloatArray
 
 ARM = "measuring7"
@@ -110,7 +110,7 @@ def main() -> None:
         draw_arm(of_arm)
         right, (of_row,) = make_panel(3.2, 3.2)
         draw_row(of_row)
-    save_png(
+    save_figure(
         Figure((left, right), "Axes of an arm.", "Axes of an arm and one row of its table.", columns=2), sys.argv[1]
     )
 

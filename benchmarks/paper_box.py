@@ -16,7 +16,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from machine import Target, arguments_of, machine, print_json, print_table, say_machine
-from truearm.pages.plotting import save_png, styles_of
+from truearm.pages.plotting import save_figure, styles_of
 from truearm.papers.gao2017.experiment_box import FILE, BoxRun, ExperimentBoxStudy, load_experiment_box, widths_at
 from truearm.papers.gao2017.experiment_box_figure import experiment_box_figure
 from truearm.papers.gao2017.results import METHODS, Method
@@ -62,7 +62,7 @@ def write(runs: list[BoxRun]) -> None:
     lines = ",\n".join(f"  {json.dumps(asdict(run))}" for run in runs)
     FILE.write_text(f'{{\n "how": {json.dumps(how)},\n "runs": [\n{lines}\n ]\n}}\n', encoding="utf-8")
     study = ExperimentBoxStudy(how, tuple(runs))
-    save_png(experiment_box_figure(study, chosen=EXPERIMENT.half_width_deg, styles=styles_of(METHODS)), PICTURE)
+    save_figure(experiment_box_figure(study, chosen=EXPERIMENT.half_width_deg, styles=styles_of(METHODS)), PICTURE)
 
 
 def key(run: BoxRun) -> tuple[float, str, int]:

@@ -24,7 +24,7 @@ from truearm.identification.planning.prior import nominal_prior
 from truearm.identification.planning.proposal import LENGTH_U_MM, STRATEGIES, Artefact, CalibrationPlan, propose
 from truearm.identification.planning.template import bars
 from truearm.identification.virtual import VirtualArm, load_preset
-from truearm.pages.plotting import Figure, figure_style, make_panel, save_png, set_log_scale, styles_of
+from truearm.pages.plotting import Figure, figure_style, make_panel, save_figure, set_log_scale, styles_of
 from truearm.readings import Lengths
 from truearm.typing import FloatArray
 
@@ -45,7 +45,7 @@ def main() -> None:
     rows = [row for artefact in ARTEFACTS for arm in ARMS for n in POSES for row in rows_of(arm, artefact, n, options)]
     found = {"rows": rows, "seconds": time.perf_counter() - begun}
     if options.figure is not None:
-        save_png(figure(rows), options.figure)
+        save_figure(figure(rows), options.figure)
     if options.json:
         print_json(found, [])
         return

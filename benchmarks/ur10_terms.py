@@ -22,7 +22,7 @@ from truearm.compensation.models.reading_references import state_of
 from truearm.identification.estimation.diagnostics import JointError, effects, joint_error
 from truearm.identification.estimation.outliers import outliers
 from truearm.identification.terms import GravityTorque
-from truearm.pages.plotting import save_png
+from truearm.pages.plotting import save_figure
 from truearm.readings import Session
 
 ARCSEC = np.degrees(1.0) * 3600
@@ -159,7 +159,7 @@ def figure(series: dict[str, Fitted], path: Path) -> None:
             errors[name].append(
                 curve(model, joint, both if len(both) >= LEAST_SHARED else readings.angles[:, joint - 1])
             )
-    save_png(joint_error_figure(errors, angles, names=[f"J{i}" for i in range(1, 7)]), path, dpi=110)
+    save_figure(joint_error_figure(errors, angles, names=[f"J{i}" for i in range(1, 7)]), path, dpi=110)
 
 
 def main() -> None:

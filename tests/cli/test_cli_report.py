@@ -29,6 +29,23 @@ def test_an_identified_arm_has_its_uncertainty_and_terms_on_the_page(truearm, ma
     assert "Error of each joint" not in text  # a kinematic model has none
 
 
+@pytest.mark.parametrize("form", ["svg", "pdf", "png"])
+def test_every_figure_of_the_page_is_a_file_of_its_own(truearm, made, tmp_path, form):
+    page, folder = tmp_path / "page.html", tmp_path / "figures"
+    ran = truearm(
+        "report", made / "kinematic.truearm", made / "test.csv",
+        "--out", page, "--figures", folder, "--figures-as", form,
+    )  # fmt: skip
+    assert ran.code == 0, ran.err
+    names = sorted(path.name for path in folder.iterdir())
+    text = page.read_text(encoding="utf-8")
+    assert len(names) == text.count("<figure") - text.count('class="scene"')
+    assert names[0] == f"01-error-before-and-after.{form}"
+    starts = {"svg": b"<?xml", "pdf": b"%PDF", "png": b"\x89PNG"}
+    assert all((folder / name).read_bytes().startswith(starts[form]) for name in names)
+    assert str(folder) in ran.out
+
+
 def test_two_identified_arms_are_told_apart(truearm, made, tmp_path):
     page, other = tmp_path / "page.html", tmp_path / "other.truearm"
     other.write_bytes((made / "kinematic.truearm").read_bytes())

@@ -131,3 +131,10 @@ def test_a_task_takes_a_preset_a_specification_or_a_model(simulated, model_and_s
 def test_what_does_not_fit_is_refused(call, said):
     with pytest.raises(ta.InputError, match=said):
         call()
+
+
+def test_the_figure_of_a_record_is_saved_and_its_absence_is_said(records, model_and_session, tmp_path):
+    records["task"].save_figure(tmp_path / "task.svg")
+    assert (tmp_path / "task.svg").read_text(encoding="utf-8").startswith("<?xml")
+    with pytest.raises(ta.InputError, match="a Prediction has no figure"):
+        ta.predict(*model_and_session).save_figure(tmp_path / "none.svg")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -18,6 +18,12 @@ def report(
         Path | None,
         typer.Option("--lengths", help="File of known lengths between the seats of a session without points, .csv."),
     ] = None,
+    figures: Annotated[
+        Path | None, typer.Option("--figures", help="Folder for every figure of the page as a file of its own.")
+    ] = None,
+    form: Annotated[
+        Literal["svg", "pdf", "png"], typer.Option("--figures-as", help="What the files of --figures are.")
+    ] = "svg",
 ) -> None:
     """Compare models on readings, as a page to show.
 
@@ -43,4 +49,6 @@ def report(
     check_page_path(out, *files, *([] if lengths is None else [lengths]))
     with progress("drawing the report"):
         result = reported(models, session, out, lengths=lengths, title=title)
-    print_record(result, files={"page": out})
+        if figures is not None:
+            result.save_figures(figures, ending=f".{form}")
+    print_record(result, files={"page": out, "figures": figures})

@@ -1,4 +1,4 @@
-"""Style and size of every figure, and its conversion to SVG and PNG.
+"""Style and size of every figure, and its conversion to SVG, PDF and PNG.
 
 A figure is a row of small panels, not one wide picture: the page sets them side by side on a screen or on paper and
 one below the other on a telephone, and the lettering stays readable on each.
@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import re
 import warnings
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
@@ -24,6 +24,7 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure as Drawing
 from matplotlib.image import imsave
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
@@ -36,6 +37,7 @@ from truearm.pages.panel_axes import PanelAxes
 LEFT_IN = 0.68  # room for a label and for numbers such as -0.0005
 RASTER_FROM = 1000  # number of dots from which a layer is a bitmap instead of one element a dot
 _RASTER_DPI = 160  # sharp at the width the page shows a panel, also on paper
+_MARGIN_PT = 4  # around a figure in a file of its own: labels reach to the edge of a panel
 _LINES = {"axes.linewidth": 0.6, "xtick.major.width": 0.6, "ytick.major.width": 0.6, "lines.linewidth": 1.2}
 _COLOURS = {"axes.edgecolor": LIMIT, "axes.labelcolor": INK, "text.color": INK, "grid.color": FAINT}
 _STYLE: Any = {
@@ -61,6 +63,7 @@ _STYLE: Any = {
     "legend.fontsize": 8.5,
     "svg.fonttype": "none",  # text stays text: small, sharp, searchable
     "svg.hashsalt": "truearm",  # the same figure has the same bytes
+    "pdf.fonttype": 42,  # TrueType: publishers refuse the other kind
     "text.parse_math": False,  # a dollar sign in a name is a dollar sign
 }
 
@@ -200,11 +203,7 @@ def join_phrases(phrases: Iterable[str], *, most: int = 4) -> str:
 
 def svg_element(drawing: Drawing, prefix: str) -> str:
     """A drawing as an SVG element of a page; every id in it starts with `prefix`."""
-    buffer = io.StringIO()
-    no_date: Any = {"Date": None}
-    with figure_style():
-        drawing.savefig(buffer, format="svg", dpi=_RASTER_DPI, metadata=no_date)
-    root = ElementTree.fromstring(buffer.getvalue())  # noqa: S314, matplotlib wrote it
+    root = _parsed_svg(drawing, _RASTER_DPI)
     _for_html(root, prefix)
     return ElementTree.tostring(root, encoding="unicode", short_empty_elements=True)
 
@@ -217,15 +216,95 @@ def pixels_of(figure: Figure, *, dpi: int = 200) -> npt.NDArray[np.uint8]:
     return _stacked([_stacked(row, axis=1) for row in rows], axis=0)
 
 
-def save_png(figure: Figure, path: str | Path, *, dpi: int = 200) -> None:
-    """Write a figure as a PNG picture, its panels in rows as on a wide page."""
-    whole = pixels_of(figure, dpi=dpi)
-    unsigned: Any = {"Software": None}
+def save_figure(figure: Figure, path: str | Path, *, dpi: int = 200) -> None:
+    """Write a figure as a picture or as a drawing that stays sharp in print.
+
+    Parameters
+    ----------
+    figure : Figure
+    path : path
+        ``.png`` or ``.svg``, the panels in rows as on a wide page; ``.pdf``, a sheet for each panel.
+    dpi : int
+        Of a ``.png``, and of the layers of many dots in the others.
+
+    Raises
+    ------
+    InputError
+        If the name has another ending, or the file cannot be written.
+    """
+    path = Path(path)
+    writers: dict[str, Callable[[Figure, Path, int], None]] = {
+        ".png": _write_png,
+        ".svg": _write_svg,
+        ".pdf": _write_pdf,
+    }
+    if path.suffix not in writers:
+        raise InputError(f"expected a file name that ends in {', '.join(writers)}, got {path.name!r}", file=path)
     with atomic_file(path) as beside:
-        imsave(beside, whole, format="png", dpi=dpi, metadata=unsigned)
+        writers[path.suffix](figure, beside, dpi)
+
+
+def _write_png(figure: Figure, path: Path, dpi: int) -> None:
+    unsigned: Any = {"Software": None}
+    imsave(path, pixels_of(figure, dpi=dpi), format="png", dpi=dpi, metadata=unsigned)
+
+
+def _write_svg(figure: Figure, path: Path, dpi: int) -> None:
+    whole = ElementTree.Element(f"{_SVG}svg", {"version": "1.1"})
+    left = top = width = row_height = 0.0
+    for i, drawing in enumerate(figure.panels):
+        if i % figure.columns == 0:
+            left, top, row_height = 0.0, top + row_height, 0.0
+        panel = _parsed_svg(drawing, dpi)
+        _prefix_ids(panel, f"p{i}-")
+        _, _, w, h = map(float, panel.get("viewBox", "").split())
+        panel.attrib |= {
+            "x": f"{left:g}",
+            "y": f"{top:g}",
+            "width": f"{w:g}",
+            "height": f"{h:g}",
+            "overflow": "visible",
+        }
+        whole.append(panel)
+        left, row_height = left + w, max(row_height, h)
+        width = max(width, left)
+    height = top + row_height
+    m = _MARGIN_PT
+    width, height = width + 2 * m, height + 2 * m
+    whole.attrib |= {"width": f"{width:g}pt", "height": f"{height:g}pt", "viewBox": f"{-m} {-m} {width:g} {height:g}"}
+    ElementTree.ElementTree(whole).write(path, encoding="utf-8", xml_declaration=True)
+
+
+def _write_pdf(figure: Figure, path: Path, dpi: int) -> None:
+    undated: Any = {"CreationDate": None, "Creator": None, "Producer": None}
+    with figure_style(), PdfPages(path, metadata=undated) as sheets:
+        for drawing in figure.panels:
+            sheets.savefig(drawing, dpi=dpi, bbox_inches="tight", pad_inches=_MARGIN_PT / 72)
+
+
+def _parsed_svg(drawing: Drawing, dpi: int) -> ElementTree.Element:
+    buffer = io.StringIO()
+    no_date: Any = {"Date": None}
+    with figure_style():
+        drawing.savefig(buffer, format="svg", dpi=dpi, metadata=no_date)
+    return ElementTree.fromstring(buffer.getvalue())  # noqa: S314, matplotlib wrote it
+
+
+def _prefix_ids(root: ElementTree.Element, prefix: str) -> None:
+    """Start every id with a prefix, so that it is unique beside those of other panels."""
+    for element in root.iter():
+        for key, value in element.attrib.items():
+            if key == "id":
+                element.set(key, f"{prefix}{value}")
+            elif key == f"{_XLINK}href" and value.startswith("#"):
+                element.set(key, f"#{prefix}{value[1:]}")
+            else:
+                element.set(key, _URL.sub(lambda found: f"url(#{prefix}{found[1]})", value))
 
 
 _SVG, _XLINK = "{http://www.w3.org/2000/svg}", "{http://www.w3.org/1999/xlink}"
+ElementTree.register_namespace("", _SVG[1:-1])
+ElementTree.register_namespace("xlink", _XLINK[1:-1])
 _URL = re.compile(r"url\(#([^)]+)\)")
 
 

@@ -42,7 +42,7 @@ from truearm.identification.planning.sampling import Poses, box, measuring_poses
 from truearm.identification.virtual import Measurement, VirtualArm, load_preset
 from truearm.pages.html import render
 from truearm.pages.page import Page, Section
-from truearm.pages.plotting import save_png
+from truearm.pages.plotting import save_figure
 from truearm.readings import ErrorComparison, compare_errors
 from truearm.workflows.comparison import compare_models, page_facts
 from truearm.workflows.record import Record, TextTable, format_fixed
@@ -364,7 +364,7 @@ class DemoResult(Record):
         assert picture is not None
         # All that takes time is done: an interruption before this leaves no folder.
         folder.mkdir(parents=True, exist_ok=True)
-        save_png(picture, folder / "before_after.png")
+        save_figure(picture, folder / "before_after.png")
         for name, text in texts.items():
             with atomic_file(folder / name) as beside:
                 beside.write_text(text, encoding="utf-8", newline="\n")

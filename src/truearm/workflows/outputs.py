@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from abc import abstractmethod
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -102,3 +103,42 @@ class PageRecord(Record):
         check_page_path(path, *self.input_files)
         with one_blas_thread():
             write_page(self.page(), path)
+
+    def save_figures(self, folder: str | Path, *, ending: str = ".svg") -> tuple[Path, ...]:
+        """Write every figure of the page as a file of its own, for a text or a talk.
+
+        Parameters
+        ----------
+        folder : path
+            It is made where it does not exist.
+        ending : str
+            ``.svg``, ``.pdf`` or ``.png``.
+
+        Returns
+        -------
+        tuple of Path
+            ``01-TITLE.svg`` and so on, by the section of the page.
+
+        Raises
+        ------
+        InputError
+            If the page has no figure, the ending is another, or a file cannot be written.
+        """
+        from truearm.pages.plotting import save_figure
+
+        drawn = [(section.title, figure) for section in self.page().sections for figure in section.figures]
+        if not drawn:
+            raise InputError("this page has no figure")
+        names = [f"{i:02d}-{_for_file_name(title)}{ending}" for i, (title, _) in enumerate(drawn, 1)]
+        files = tuple(Path(folder) / name for name in names)
+        for file in files:
+            check_output_is_not_input(file, *self.input_files)
+        Path(folder).mkdir(parents=True, exist_ok=True)
+        for file, (_, figure) in zip(files, drawn, strict=True):
+            save_figure(figure, file)
+        return files
+
+
+def _for_file_name(title: str) -> str:
+    """The first words of a title, as every file system takes them."""
+    return "-".join(re.findall(r"[a-z0-9]+", title.lower())[:6]) or "figure"

@@ -11,6 +11,8 @@ from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from truearm.errors import InputError
+
 if TYPE_CHECKING:
     from truearm.pages.plotting import Figure
 
@@ -84,6 +86,26 @@ class Record(ABC):
     def figure(self) -> Figure | None:
         """The figure that a notebook shows below the text; none by default."""
         return None
+
+    def save_figure(self, path: str | Path) -> None:
+        """Write the figure as a file for a text or a talk.
+
+        Parameters
+        ----------
+        path : path
+            ``.svg``, ``.pdf`` or ``.png``.
+
+        Raises
+        ------
+        InputError
+            If this result has no figure, the name has another ending, or the file cannot be written.
+        """
+        figure = self.figure()
+        if figure is None:
+            raise InputError(f"a {type(self).__name__} has no figure here")
+        from truearm.pages.plotting import save_figure
+
+        save_figure(figure, path)
 
     def __str__(self) -> str:
         return "\n".join(map(str, self.blocks()))

@@ -55,7 +55,7 @@ class ReproductionResult(PageRecord):
             If a file cannot be written.
         """
         from truearm.pages.html import render
-        from truearm.pages.plotting import save_png
+        from truearm.pages.plotting import save_figure
         from truearm.papers.gao2017.reproduction_page import paper_figure
 
         files = result_files(self.parts, folder)
@@ -64,7 +64,7 @@ class ReproductionResult(PageRecord):
         if files[2:]:
             picture = paper_figure(page, int(self.parts[0].split()[1]))
             assert picture is not None  # the figure was asked for
-            save_png(picture, files[2])
+            save_figure(picture, files[2])
         numbers = json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n"
         for file, text in zip(files, (numbers, html), strict=False):
             with atomic_file(file) as beside:

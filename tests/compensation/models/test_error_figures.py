@@ -1,6 +1,8 @@
 """Figures: units on every axis, one colour a model, no surprise from odd data, bad data refused with its place."""
 
+import re
 import sys
+from xml.etree import ElementTree
 
 import matplotlib as mpl
 import numpy as np
@@ -13,7 +15,7 @@ from truearm.compensation.models import joint_figures
 from truearm.compensation.models.joint_figures import running_median
 from truearm.compensation.models.workspace_figures import error_in_workspace, workspace
 from truearm.errors import InputError
-from truearm.pages.plotting import Figure, Style, save_png, styles_of, svg_element
+from truearm.pages.plotting import Figure, Style, save_figure, styles_of, svg_element
 
 
 def made_up(readings=60, joints=6, seed=1):
@@ -236,20 +238,43 @@ def test_figures_do_not_wake_pyplot():
 
 def test_a_picture_is_saved_whole_and_alike_each_time(tmp_path):
     _, _, errors, lengths = made_up()
-    save_png(figures.before_after(lengths), tmp_path / "a.png", dpi=80)
-    save_png(figures.before_after(lengths), tmp_path / "b.png", dpi=80)
+    save_figure(figures.before_after(lengths), tmp_path / "a.png", dpi=80)
+    save_figure(figures.before_after(lengths), tmp_path / "b.png", dpi=80)
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
-    save_png(figures.errors_by_reading(errors), tmp_path / "three.png", dpi=80)
+    save_figure(figures.errors_by_reading(errors), tmp_path / "three.png", dpi=80)
     one, three = imread(tmp_path / "a.png"), imread(tmp_path / "three.png")
     assert three.shape[1] == 3 * 3.0 * 80  # three panels of three inches side by side
     assert 0.02 < np.mean(one[..., :3].min(axis=-1) < 0.9) < 0.5  # something is drawn, on much white
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.png", "b.png", "three.png"]
 
 
+def test_drawings_are_saved_whole_and_alike_each_time_with_unique_ids(tmp_path):
+    _, _, errors, lengths = made_up()
+    for ending in (".svg", ".pdf"):
+        for name in ("a", "b"):
+            save_figure(figures.errors_by_reading(errors), tmp_path / f"{name}{ending}")
+        assert (tmp_path / f"a{ending}").read_bytes() == (tmp_path / f"b{ending}").read_bytes()
+    root = ElementTree.parse(tmp_path / "a.svg").getroot()
+    ids = [element.get("id") for element in root.iter() if element.get("id")]
+    assert len(ids) == len(set(ids))
+    used = re.findall(r"(?:url\(#|href=\"#)([^)\"]+)", (tmp_path / "a.svg").read_text(encoding="utf-8"))
+    assert used
+    assert set(used) <= set(ids)
+    panels = root.findall("{http://www.w3.org/2000/svg}svg")
+    assert len(panels) == 3
+    assert [float(panel.get("x")) for panel in panels] == [0.0, 216.0, 432.0]  # three inches each, side by side
+    pdf = (tmp_path / "a.pdf").read_bytes()
+    assert len(re.findall(rb"/Type /Page\b", pdf)) == 3
+    assert b"/CIDFontType2" in pdf  # TrueType: publishers refuse Type 3 fonts
+    assert b"/Type3" not in pdf
+    with pytest.raises(InputError, match=r"expected a file name that ends in \.png, \.svg, \.pdf, got 'a\.eps'"):
+        save_figure(figures.before_after(lengths), tmp_path / "a.eps")
+
+
 def test_a_missing_folder_is_named(tmp_path):
     _, _, _, lengths = made_up(5)
     with pytest.raises(InputError, match="does not exist"):
-        save_png(figures.before_after(lengths), tmp_path / "none" / "a.png")
+        save_figure(figures.before_after(lengths), tmp_path / "none" / "a.png")
 
 
 def test_a_few_readings_have_a_largest_error_and_no_95th_percentile():
