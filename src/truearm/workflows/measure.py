@@ -14,7 +14,7 @@ from truearm.errors import InputError
 from truearm.readings import Session
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import IntArray
-from truearm.verification.tasks.measured_features import MeasuredFeature, measure_features
+from truearm.verification.tasks.measured_features import MeasuredFeature, MeasuredQuantity, measure_features
 from truearm.verification.tasks.sampled_arms import PosteriorDistribution
 from truearm.verification.tasks.task import MAX_ARMS, MIN_ARMS
 from truearm.workflows.inputs import (
@@ -150,30 +150,17 @@ class MeasuredFeatures(Record):
     def blocks(self) -> Iterator[str | TextTable]:
         """See `Record.blocks`."""
         first = self.features[0]
-        judged = next((q for q in first.quantities if not q.name.startswith("point")), first.quantities[0])
-        name = f" {first.name}" if first.name else ""
-        form = "" if first.form_mm is None else f", form {format_fixed(first.form_mm)} mm"
-        yield (
-            f"{first.kind.capitalize()}{name}: {judged.name} {_number(judged.name, judged.value)}, "
-            f"U = {_number(judged.name, judged.expanded)} (95 %){form}; {number_of(first.n_points)}."
+        found = [] if first.kind == "plane" else [_sentence(first.quantities[0])]
+        found += [] if first.form_mm is None else [f"form {format_fixed(first.form_mm)} mm"]
+        called = _called(first)
+        yield f"{called[0].upper()}{called[1:]}: {', '.join(found)}; {number_of(first.n_points)}."
+        yield TextTable(
+            ("feature", "quantity", "value", "u", "U (95 %)"),
+            [row for feature in self.features for row in _rows(feature)],
+            left_aligned=(0, 1),
         )
-        rows = [
-            (
-                f"{one.kind} {one.name}".strip(),
-                quantity.name,
-                *(_number(quantity.name, number) for number in (quantity.value, quantity.u, quantity.expanded)),
-            )
-            for one in self.features
-            for quantity in one.quantities
-        ]
-        forms = [
-            (f"{one.kind} {one.name}".strip(), "form_mm", f"{one.form_mm:.4f}", "", "")
-            for one in self.features
-            if one.form_mm is not None
-        ]
-        yield TextTable(("feature", "quantity", "value", "u", "U (95 %)"), [*rows, *forms], left_aligned=(0, 1))
         yield f"errors of {self.n_arms} drawn arms at these poses, and the scatter of the points about the shape"
-        if forms:
+        if first.form_mm is not None:
             yield "Errors of the arm add to the form: that of the part is smaller."
         yield "Coordinates are those of the tip's centre. The temperature of the part is not taken into account."
         yield from self.remarks
@@ -184,6 +171,21 @@ class MeasuredFeatures(Record):
             {"features": self.features, "n_arms": self.n_arms, "seed": self.seed, "remarks": self.remarks}
         )
         return plain
+
+
+def _called(feature: MeasuredFeature) -> str:
+    return f"{feature.kind} {feature.name}".strip()
+
+
+def _sentence(of: MeasuredQuantity) -> str:
+    return f"{of.name.removesuffix('_mm')} {format_fixed(of.value)} mm, U = {format_fixed(of.expanded)} mm (95 %)"
+
+
+def _rows(feature: MeasuredFeature) -> Iterator[tuple[str, ...]]:
+    for of in feature.quantities:
+        yield _called(feature), of.name, *(_number(of.name, number) for number in (of.value, of.u, of.expanded))
+    if feature.form_mm is not None:
+        yield _called(feature), "form_mm", _number("form_mm", feature.form_mm), "", ""
 
 
 def _number(quantity: str, number: float) -> str:

@@ -194,6 +194,6 @@ def test_both_doors_say_the_same(model, ball, tmp_path, capsys):
             assert json.loads(told) == expected
         else:
             assert told.strip() == str(record)
-    assert "Sphere: diameter_mm 25.0" in str(record).splitlines()[0]
+    assert "Sphere: diameter 25.0" in str(record).splitlines()[0]
     with pytest.raises(InputError, match=r"ball\.csv: expected the readings of two ends"):
         ta.measure(model, tmp_path / "ball.csv", "length")
