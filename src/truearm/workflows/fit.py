@@ -211,7 +211,7 @@ class FitResult(Record):
     @property
     def model_name(self) -> str:
         """``"nominal"``, ``"kinematic"``, ``"physical"``, ``"network"`` or ``"hybrid"``."""
-        return next(name for name, kind in MODELS.items() if type(self.model) is kind)
+        return self.model.kind
 
     @property
     def held_out_mm(self) -> tuple[float, float] | None:
@@ -372,7 +372,7 @@ def _remarks(model: Compensator, session: Session, lengths: Lengths | None) -> I
             f"Each session has a frame of its own: coordinates are in that of session {first}, those of readings of "
             f"{', '.join(others)} in theirs."
         )
-    if (tips := describe_tips(model)) is not None:
+    if (tips := describe_tips(getattr(model, "fit_", model.nominal_), model.tips_)) is not None:
         yield tips
     for name in bars_without_certificate(session):
         yield (

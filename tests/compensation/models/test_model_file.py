@@ -20,7 +20,8 @@ import pytest
 from truearm.arm.arm import NOT_KEPT, Arm
 from truearm.arm.chain import Chain
 from truearm.compensation.models import MODELS, KinematicModel, NetworkModel, PhysicalModel
-from truearm.compensation.models.model_file import DTYPES, load_model, save_model
+from truearm.compensation.models.model_archive import DTYPES
+from truearm.compensation.models.model_file import load_model, save_model
 from truearm.compensation.models.network import TRAINERS
 from truearm.errors import InputError, TruearmError
 from truearm.identification.estimation.outliers import outliers
@@ -261,7 +262,7 @@ def test_an_ensemble_comes_back_with_the_records_of_its_trainings(trainer, ensem
 
 
 def test_a_model_larger_than_its_file_may_be_is_not_written(ensemble, tmp_path, monkeypatch):
-    monkeypatch.setattr("truearm.compensation.models.model_file.MAX_BYTES", 2**24 + 1000)
+    monkeypatch.setattr("truearm.compensation.models.model_archive.MAX_BYTES", 2**24 + 1000)
     with pytest.raises(TruearmError, match="larger than a model file may be"):
         ensemble()[0].save(tmp_path / "m")
     assert list(tmp_path.iterdir()) == []
@@ -554,7 +555,7 @@ def test_a_physical_model_that_is_not_sound_is_refused(change, message, mixed, t
 
 
 def test_many_unknowns_are_not_written_beyond_what_is_read(mixed, tmp_path, monkeypatch):
-    monkeypatch.setattr("truearm.compensation.models.model_file.MAX_HEADER_BYTES", 10_000)
+    monkeypatch.setattr("truearm.compensation.models.model_archive.MAX_HEADER_BYTES", 10_000)
     with pytest.raises(TruearmError, match="larger than a model file may be"):
         save_model(mixed[0], tmp_path / "m")
     assert list(tmp_path.iterdir()) == []

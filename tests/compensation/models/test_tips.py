@@ -52,7 +52,7 @@ def model(real, nests):
 
 def test_every_offset_is_found_within_its_uncertainty(real, model):
     assert model.tips_ == ("N1", "N2", "N3")
-    found = tip_offsets(model)
+    found = tip_offsets(model.fit_, model.tips_)
     terms = model.fit_.perturbed_chain.terms
     rows = [i for i, term in enumerate(terms) if isinstance(term.basis, OfTip)]
     std = np.sqrt(model.fit_.covariance.diagonal()[rows]).reshape(2, 3)
@@ -64,12 +64,13 @@ def test_every_offset_is_found_within_its_uncertainty(real, model):
 
 
 def test_three_tips_not_in_a_line_determine_the_flange(real, model, rng):
-    assert "determine the orientation of the flange" in describe_tips(model)
+    assert "determine the orientation of the flange" in describe_tips(model.fit_, model.tips_)
     two = KinematicModel(real.arm).fit_readings(measured(real, rng, poses=12, names=("N1", "N2")))
-    assert "They are in a line" in describe_tips(two)
+    assert "They are in a line" in describe_tips(two.fit_, two.tips_)
     one = measured(real, rng, poses=12, names=("N1", "N1"), std=0.1)
     one = replace(one, tip=np.tile(["N1", "N2"], 12))
-    assert "in one place within their uncertainty" in describe_tips(NominalModel(real.arm).fit_readings(one))
+    near = NominalModel(real.arm).fit_readings(one)
+    assert "in one place within their uncertainty" in describe_tips(near.fit_, near.tips_)
 
 
 def test_a_refit_of_the_tip_takes_the_name_of_a_new_one(real, model, rng):
@@ -171,7 +172,9 @@ def test_tips_join_seats_and_distances(real, rng):
     )
     found = fit(real.arm, wires, model="kinematic")
     # The second offset by distances alone: 80 distances of 0.02 mm.
-    np.testing.assert_allclose(np.linalg.norm(tip_offsets(found.model)[1]), np.linalg.norm(OFFSETS["N2"]), atol=0.2)
+    np.testing.assert_allclose(
+        np.linalg.norm(tip_offsets(found.model.fit_, found.model.tips_)[1]), np.linalg.norm(OFFSETS["N2"]), atol=0.2
+    )
     held = real.held(rng)
     both = replace(held, tip=np.full(len(held), "N1"))
     assert KinematicModel(real.arm).fit_readings(both).tips_ == ("N1",)

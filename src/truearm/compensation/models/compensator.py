@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import copy
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, Self, overload
+from typing import Any, ClassVar, Literal, Self, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +19,8 @@ from truearm.compensation.models.arm_check import check_readings_of
 from truearm.compensation.models.description_hint import explaining
 from truearm.compensation.models.estimator import Regressor
 from truearm.compensation.models.held_out_errors import NONE_HELD_OUT
-from truearm.compensation.models.nominal_check import UNCHECKED, check_nominal_arm, refuse_implausible, same_nominal
+from truearm.compensation.models.model_archive import save_model
+from truearm.compensation.models.nominal_check import UNCHECKED, check_nominal_arm, refuse_implausible
 from truearm.compensation.models.reading_references import (
     check_points_of_one_tip,
     check_sizes,
@@ -35,7 +37,7 @@ from truearm.compensation.models.session_frames import (
     session_frame_terms,
 )
 from truearm.compensation.models.stated_uncertainty import check_stated_uncertainty
-from truearm.compensation.models.tips import check_tips, free_tips, further_tip_terms, with_tip
+from truearm.compensation.models.tips import check_tips, free_tips, further_tip_terms, of_one_tip
 from truearm.compensation.models.training_conditions import TrainingConditions
 from truearm.compensation.models.training_data import TrainingData
 from truearm.errors import InputError
@@ -86,6 +88,9 @@ class Compensator(Regressor, ABC):
     tips_ : tuple of str
         Names of the tips on the flange, in the order of the readings (see `with_tip`); empty if none was named.
     """
+
+    kind: ClassVar[str]
+    """Its name in a model file, and in the options of commands."""
 
     arm: Arm
     free: tuple[str, ...]
@@ -173,14 +178,14 @@ class Compensator(Regressor, ABC):
         if n_known < MIN_ROWS:
             raise readings.error(f"expected {MIN_ROWS} or more readings with a reference, got {n_known}")
         begun = time.perf_counter()
-        data = self._prepare(arm, readings, lengths, nominal)
+        data = self._prepare(arm, readings, lengths)
         if nominal is None:
             with explaining(arm, readings, lengths=lengths, free=self.free_):
                 self.nominal_ = self._fit_nominal(data)
                 self._check_nominal(readings, data)
         else:
-            self.nominal_, self.nominal_check_ = same_nominal(self, nominal), nominal.nominal_check_
-        self._fit(data, progress or no_progress)
+            self.nominal_, self.nominal_check_ = self._nominal_of(nominal), nominal.nominal_check_
+        self._fit(data, nominal, progress or no_progress)
         self.fit_seconds_ = time.perf_counter() - begun
         return self
 
@@ -358,7 +363,12 @@ class Compensator(Regressor, ABC):
 
     def with_tip(self, name: str) -> Self:
         """The model of one of its tips, which predicts it without a column `tip`."""
-        return with_tip(self, name)
+        new = copy.copy(self)
+        new.tips_ = (name,)
+        for part in ("nominal_", "fit_"):
+            if hasattr(new, part):
+                setattr(new, part, of_one_tip(getattr(self, part), name, self.tips_))
+        return new
 
     def save(self, path: str | Path) -> None:
         """Write the fitted model to one file; `truearm.compensation.models.load_model` reads it.
@@ -368,8 +378,6 @@ class Compensator(Regressor, ABC):
         TruearmError
             If the model is not fitted, or larger than a model file may be.
         """
-        from truearm.compensation.models.model_file import save_model
-
         save_model(self, path)
 
     @property
@@ -401,8 +409,11 @@ class Compensator(Regressor, ABC):
         return tags
 
     @abstractmethod
-    def _fit(self, data: TrainingData, progress: Callable[[int, str], None]) -> None:
-        """Learn from readings in one frame; `nominal_` and `training_` are set. See `fit_readings`."""
+    def _fit(self, data: TrainingData, simpler: Compensator | None, progress: Callable[[int, str], None]) -> None:
+        """Learn from readings in one frame; `nominal_` and `training_` are set. See `fit_readings`.
+
+        `simpler` is fitted to the same readings.
+        """
 
     @abstractmethod
     def _fit_weighted(self, readings: Session, weight: FloatArray) -> Self:
@@ -451,9 +462,7 @@ class Compensator(Regressor, ABC):
         refuse_implausible(self.nominal_check_, self.arm_, readings, self.nominal_.tips(data.state))
         check_stated_uncertainty(readings, self.nominal_, references, partial(self._identify_terms, data, every))
 
-    def _prepare(
-        self, arm: Arm, readings: Session, lengths: Lengths | None = None, nominal: Compensator | None = None
-    ) -> TrainingData:
+    def _prepare(self, arm: Arm, readings: Session, lengths: Lengths | None = None) -> TrainingData:
         """What checked readings say before anything is identified from them."""
         self.arm_ = arm
         self.n_features_in_ = readings.n_joints
@@ -462,7 +471,7 @@ class Compensator(Regressor, ABC):
         self.session_frames_ = rough_session_frames(arm, readings, self.free_)
         self.tips_ = free_tips(readings, self.free)
         self.training_ = TrainingConditions.of(readings, arm.chain.is_prismatic, lengths)
-        return TrainingData.of(arm, readings, lengths, frames=self.session_frames_, simpler=nominal)
+        return TrainingData.of(arm, readings, lengths, frames=self.session_frames_)
 
     def _check_inputs(self, arm: Arm, readings: Session) -> None:
         """Refuse readings of another number or kind of joints, or mostly outside their limits."""
@@ -487,6 +496,17 @@ class Compensator(Regressor, ABC):
     def _with_known_sessions(self, readings: Session) -> Session:
         """Readings without the names of their sessions, if the model was trained on one."""
         return readings if self.session_frames_ or readings.session is None else replace(readings, session=None)
+
+    def _nominal_of(self, other: Compensator) -> IdentificationResult:
+        """The nominal fit of another model of the same readings with the same options."""
+        other._check_fitted()
+        names = ("arm_", "free_", "robust", "data_fingerprint_", "lengths_fingerprint_")
+        if different := [name for name in names if getattr(self, name) != getattr(other, name)]:
+            raise InputError(
+                "expected a model fitted to the same readings, lengths and arm with the same options, got one with "
+                f"another {different[0].strip('_')}"
+            )
+        return other.nominal_
 
     def _fit_nominal(self, data: TrainingData) -> IdentificationResult:
         """The nominal chain, its free parts identified from the readings."""

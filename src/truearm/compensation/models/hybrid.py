@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple, Self
+from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 
@@ -97,6 +97,8 @@ class HybridModel(Compensator):
     ((60, 3), (60, 3, 3))
     """
 
+    kind: ClassVar[str] = "hybrid"
+
     fit_: IdentificationResult
     inputs_: ResidualInputs
     committee_: Committee
@@ -187,11 +189,10 @@ class HybridModel(Compensator):
     def _new_arm_model(self) -> IdentifiedModel:
         return ARM_MODELS[self.arm_model](self.arm, free=self.free)
 
-    def _fit(self, data: TrainingData, progress: Callable[[int, str], None]) -> None:
-        arm_model = data.simpler
-        assert isinstance(arm_model, IdentifiedModel)  # see `fit_readings`
-        self.fit_ = arm_model.fit_
-        learned = self._prepare_residuals(data.session, arm_model)
+    def _fit(self, data: TrainingData, simpler: Compensator | None, progress: Callable[[int, str], None]) -> None:
+        assert isinstance(simpler, IdentifiedModel)  # see `fit_readings`
+        self.fit_ = simpler.fit_
+        learned = self._prepare_residuals(data.session, simpler)
         self.inputs_, self.target_scale_mm_ = learned.of, learned.scale_mm
         n_folds = int(learned.fold.max()) + 1
         progress(0, f"network 1 of {n_folds}")
@@ -206,11 +207,11 @@ class HybridModel(Compensator):
         )
         held_out = learned.held_out
         self.held_out_ = replace(held_out, deviations=held_out.deviations + learned.scale_mm * outputs.T)
-        n_excluded = 0 if arm_model.held_out_errors_ is None else arm_model.held_out_errors_.n_excluded
+        n_excluded = 0 if simpler.held_out_errors_ is None else simpler.held_out_errors_.n_excluded
         self.held_out_errors_ = HeldOutErrors.of(self.held_out_, n_excluded=n_excluded)
         with one_blas_thread():
             corrections = learned.scale_mm * self.committee_.outputs(learned.inputs).transpose(0, 2, 1)
-            self.fit_ = _with_noise_of(self.held_out_, arm_model)
+            self.fit_ = _with_noise_of(self.held_out_, simpler)
             self._estimate_residual_variance(data.session, corrections, learned.fold)
 
     def _prepare_residuals(self, readings: Session, arm_model: IdentifiedModel) -> _Residuals:

@@ -6,7 +6,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import ClassVar, Self
+from typing import ClassVar, Self, TypeAlias
 
 import numpy as np
 
@@ -79,6 +79,9 @@ WEIGHT_ROUNDS = 2
 # Standard uncertainty of a point that states none [mm]: a session states one of every point, or of none.
 LEAST_STD_MM = 1e-6
 
+# Weights (n,) of the readings to start from, and an arm if one is known.
+Start: TypeAlias = tuple[FloatArray, IdentificationResult | None]
+
 
 class IdentifiedModel(Compensator):
     """Base of the models that offer terms and leave the rest to identification.
@@ -130,7 +133,7 @@ class IdentifiedModel(Compensator):
     def _terms(self, state: ArmState) -> tuple[list[Term], list[SkippedTerm]]:
         """The terms offered, with the free parts `free_`, and those that the readings cannot show."""
 
-    def _fit(self, data: TrainingData, progress: Callable[[int, str], None]) -> None:
+    def _fit(self, data: TrainingData, simpler: Compensator | None, progress: Callable[[int, str], None]) -> None:
         # Lengths are those at the mean temperature of the readings; `_with_unlearned` takes them to 20 degC.
         data = data._replace(state=at_mean_temperature(data.state))
         self.refit_reading_ids_, self.residual_process_ = np.zeros(0), None
@@ -142,7 +145,7 @@ class IdentifiedModel(Compensator):
             terms, excluded = self._terms(data.state)
             terms += day_to_day_terms(self.arm_.chain, self.session_frames_)
             self.excluded_terms_ = tuple(excluded)
-            self.fit_, held_out = self._identify_offered(data, terms, progress)
+            self.fit_, held_out = self._identify_offered(data, terms, self._start(data, simpler), progress)
         is_excluded = np.isin(held_out.rows, excluded_readings(self.fit_))
         self.held_out_ = held_out.select(~is_excluded)
         if held_out.n_coordinates > 1 and any(part.kind == "distance" for part in data.references):
@@ -166,10 +169,10 @@ class IdentifiedModel(Compensator):
         return fit
 
     def _identify_offered(
-        self, data: TrainingData, terms: list[Term], progress: Callable[[int, str], None]
+        self, data: TrainingData, terms: list[Term], start: Start, progress: Callable[[int, str], None]
     ) -> tuple[IdentificationResult, HeldOutReadings]:
         """Identify the terms offered; a model may try fewer."""
-        return self._identify_without_gross_errors(data, terms, *self._start(data), progress)
+        return self._identify_without_gross_errors(data, terms, *start, progress)
 
     def _widen_for_few_readings(self, references: Sequence[Reference]) -> float:
         """Allow for a noise that few residuals determine only roughly; the factor of the covariance."""
@@ -195,12 +198,12 @@ class IdentifiedModel(Compensator):
             return nominal
         return self._identify_without_gross_errors(data, terms, weights)[0]
 
-    def _start(self, data: TrainingData) -> tuple[FloatArray, IdentificationResult | None]:
+    def _start(self, data: TrainingData, simpler: Compensator | None) -> Start:
         """(n,) weights to start from: 0 for the gross errors of simpler models, which may come back. And an arm."""
         weights = np.ones(len(data.session))
         weights[excluded_readings(self.nominal_)] = 0.0
-        if isinstance(data.simpler, IdentifiedModel):
-            weights[excluded_readings(data.simpler.fit_)] = 0.0
+        if isinstance(simpler, IdentifiedModel):
+            weights[excluded_readings(simpler.fit_)] = 0.0
         return weights, None
 
     def _identify_without_gross_errors(
@@ -270,7 +273,7 @@ class IdentifiedModel(Compensator):
             # Checked before: these uncertainties are stated by no person, and may exceed the scatter by far.
             data = self._prepare(self.arm_, replace(readings, point_std=np.repeat(std[:, None], 3, axis=1)))
             self.nominal_ = self._fit_nominal(data)
-            self._fit(data, no_progress)
+            self._fit(data, None, no_progress)
         return self
 
     def state(self, readings: Session) -> ArmState:
@@ -363,6 +366,8 @@ class NominalModel(IdentifiedModel):
     (20, 3)
     """
 
+    kind: ClassVar[str] = "nominal"
+
     _is_nominal: ClassVar[bool] = True
 
     def __init__(self, arm: Arm, *, free: tuple[str, ...] = ("base", "tip")) -> None:
@@ -398,6 +403,8 @@ class KinematicModel(IdentifiedModel):
     ((40, 3), (40, 3, 3))
     """
 
+    kind: ClassVar[str] = "kinematic"
+
     def __init__(self, arm: Arm, *, free: tuple[str, ...] = ("base", "tip"), robust: bool = True) -> None:
         self.arm = arm
         self.free = free
@@ -431,6 +438,8 @@ class PhysicalModel(IdentifiedModel):
     (40, 3)
     """
 
+    kind: ClassVar[str] = "physical"
+
     def __init__(
         self,
         arm: Arm,
@@ -450,7 +459,7 @@ class PhysicalModel(IdentifiedModel):
         return candidate_terms(state, free=self.free_, highest=int(self.highest))
 
     def _identify_offered(
-        self, data: TrainingData, terms: list[Term], progress: Callable[[int, str], None]
+        self, data: TrainingData, terms: list[Term], start: Start, progress: Callable[[int, str], None]
     ) -> tuple[IdentificationResult, HeldOutReadings]:
         """All terms; from readings of one place those that are likely to hold elsewhere.
 
@@ -460,12 +469,12 @@ class PhysicalModel(IdentifiedModel):
         "Identification of the manipulator stiffness model parameters in industrial environment", Mech. Mach. Theory 90
         (2015) 1). It is kept if the expected error over the whole workspace is smaller with it.
         """
-        everything = super()._identify_offered(data, terms, progress)
+        everything = super()._identify_offered(data, terms, start, progress)
         rigid_terms = [term for term in terms if isinstance(term.basis, Constant | InSession | Temperature)]
         if everything[0].residual_freedom(data.references) < LEAST_FREEDOM:
             # The terms pass through the readings: neither their sizes nor the noise mean anything.
             self.excluded_terms_ += (SkippedTerm("terms that depend on the pose", "there are too few readings"),)
-            return super()._identify_offered(data, rigid_terms, progress)
+            return super()._identify_offered(data, rigid_terms, start, progress)
         if not is_in_one_place(data.session, data.state):
             if self.residual:
                 everything, self.residual_process_ = add_residual_process(
@@ -473,10 +482,10 @@ class PhysicalModel(IdentifiedModel):
                 )
             return everything
         elastic_terms = [*rigid_terms, *(term for term in terms if term.group == JOINT_COMPLIANCE)]
-        rigid = super()._identify_offered(data, rigid_terms, progress)
+        rigid = super()._identify_offered(data, rigid_terms, start, progress)
         if _typical_error(everything[1]) <= MAX_SHARE_LEFT * _typical_error(rigid[1]):
             return everything
-        elastic = super()._identify_offered(data, elastic_terms, progress)
+        elastic = super()._identify_offered(data, elastic_terms, start, progress)
         poses = uniform(self.arm_, WORKSPACE_POSES, seed=0, slides=self.training_.angle_ranges)
         state = at_mean_temperature(self.state(Session(poses.angles)))
         least = MAX_EXPECTED_SHARE * expected_square_error(rigid[0], state)
@@ -485,10 +494,10 @@ class PhysicalModel(IdentifiedModel):
         self.excluded_terms_ += (SkippedTerm(what, "readings of one place do not show whether they hold elsewhere"),)
         return elastic if is_better else rigid
 
-    def _start(self, data: TrainingData) -> tuple[FloatArray, IdentificationResult | None]:
+    def _start(self, data: TrainingData, simpler: Compensator | None) -> Start:
         """From the arm's constants alone: with all terms, some gross errors could explain each other."""
-        weights, _ = super()._start(data)
-        if not self.robust or isinstance(data.simpler, KinematicModel):
+        weights, _ = super()._start(data, simpler)
+        if not self.robust or isinstance(simpler, KinematicModel):
             return weights, None
         rigid, _ = self._identify_without_gross_errors(data, constants(data.state.chain, free=self.free_), weights)
         weights[excluded_readings(rigid)] = 0.0

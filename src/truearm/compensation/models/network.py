@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -117,6 +117,8 @@ class NetworkModel(Compensator):
     (60, 3)
     """
 
+    kind: ClassVar[str] = "network"
+
     network_: Perceptron
     members_: tuple[Member, ...]
     angle_scale_: MinMaxScaler
@@ -183,7 +185,8 @@ class NetworkModel(Compensator):
             hint="repeat readings, or weigh them in a kinematic or physical model",
         )
 
-    def _fit(self, data: TrainingData, progress: Callable[[int, str], None]) -> None:
+    def _fit(self, data: TrainingData, simpler: Compensator | None, progress: Callable[[int, str], None]) -> None:
+        del simpler
         readings = data.session
         if self.session_frames_:
             raise readings.error(

@@ -10,12 +10,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from truearm.arm.arm import Arm
-from truearm.errors import InputError
 from truearm.identification.estimation.cross_validation import cross_validate_by_group
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.nominal_error import usual_error
@@ -24,9 +22,6 @@ from truearm.identification.terms import ArmState, Term
 from truearm.readings.checks import check_scale, likely_unit
 from truearm.readings.session import Session
 from truearm.typing import FloatArray
-
-if TYPE_CHECKING:
-    from truearm.compensation.models.compensator import Compensator
 
 # The error is the one that three of four readings do not exceed: gross errors hardly change it.
 QUANTILE = 0.75
@@ -200,18 +195,6 @@ def refuse_implausible(check: NominalCheck, arm: Arm, readings: Session, tips: F
         f"arm is as inaccurate as that, add the line nominal_error_mm = {check.error_mm:.2g} to its arm file, above "
         "the first table; of an arm in the catalogue, truearm arms NAME --out my-arm.toml writes a file to change",
     )
-
-
-def same_nominal(model: Compensator, other: Compensator) -> IdentificationResult:
-    """The nominal fit of another model of the same readings with the same options."""
-    other._check_fitted()
-    names = ("arm_", "free_", "robust", "data_fingerprint_", "lengths_fingerprint_")
-    if different := [name for name in names if getattr(model, name) != getattr(other, name)]:
-        raise InputError(
-            "expected a model fitted to the same readings, lengths and arm with the same options, got one with "
-            f"another {different[0].strip('_')}"
-        )
-    return other.nominal_
 
 
 def _largest_constant(fit: IdentificationResult, free: set[str]) -> tuple[str, float]:

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from truearm import __version__
 from truearm.compensation.models.compensator import Compensator
-from truearm.compensation.models.model_file import MODELS, model_bytes
+from truearm.compensation.models.model_archive import model_bytes
 from truearm.errors import InputError
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -92,7 +92,7 @@ def provenance_of(model: Compensator) -> Provenance:
     temperature = training.temperature_degC
     return Provenance(
         model_sha256=sha256,
-        model=next(name for name, kind in MODELS.items() if type(model) is kind),
+        model=model.kind,
         arm=stated_text(arm.name),
         serial_number=stated_text(arm.serial_number),
         joint_names=arm.joint_names,

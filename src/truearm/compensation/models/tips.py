@@ -7,9 +7,7 @@ A model of several tips predicts for a named tip; `with_tip` makes it the model 
 
 from __future__ import annotations
 
-import copy
 from dataclasses import replace
-from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -20,11 +18,6 @@ from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.terms import Constant, OfTip, Term, constants
 from truearm.readings.session import Session
 from truearm.typing import FloatArray
-
-if TYPE_CHECKING:
-    from truearm.compensation.models.compensator import Compensator
-
-Model = TypeVar("Model", bound="Compensator")
 
 GROUP = "further tips"
 # Three tips are in a line where the third is nearer to it than this share of their distance.
@@ -97,39 +90,9 @@ def check_tips(tips: tuple[str, ...], readings: Session) -> None:
         )
 
 
-def with_tip(model: Model, name: str) -> Model:
-    """The model of one of its tips: it predicts this tip, without a column `tip`.
-
-    Parameters
-    ----------
-    model : Compensator
-        Fitted; it is not changed.
-    name : str
-
-    Raises
-    ------
-    InputError
-        If the model does not have that tip.
-    """
-    if name not in model.tips_:
-        raise InputError(
-            f"expected a tip of the model ({_listed(model.tips_)}), got {name!r}"
-            if model.tips_
-            else f"the model has one tip without a name, got {name!r}",
-            hint="tips are named in the column tip of the training session",
-        )
-    new = copy.copy(model)
-    new.tips_ = (name,)
-    for part in ("nominal_", "fit_"):
-        if hasattr(new, part):
-            setattr(new, part, _of_one_tip(getattr(model, part), name))
-    return new
-
-
-def tip_offsets(model: Compensator) -> FloatArray:
+def tip_offsets(fit: IdentificationResult, tips: tuple[str, ...]) -> FloatArray:
     """(n_tips, 3) offsets of the tips from the first, along the axes of the flange [mm]."""
-    fit: IdentificationResult = getattr(model, "fit_", model.nominal_)
-    offsets = dict.fromkeys(model.tips_, np.zeros(3))
+    offsets = dict.fromkeys(tips, np.zeros(3))
     start = 0
     for term in fit.perturbed_chain.terms:
         if isinstance(term.basis, OfTip):
@@ -138,17 +101,16 @@ def tip_offsets(model: Compensator) -> FloatArray:
     return np.stack(list(offsets.values())) if offsets else np.zeros((0, 3))
 
 
-def describe_tips(model: Compensator) -> str | None:
+def describe_tips(fit: IdentificationResult, tips: tuple[str, ...]) -> str | None:
     """What several tips determine together; None for one."""
-    tips = model.tips_
     if len(tips) < 2:
         return None
-    offsets = tip_offsets(model)
+    offsets = tip_offsets(fit, tips)
     apart = offsets - offsets.mean(axis=0)
     across = np.linalg.svd(apart, compute_uv=False)
     is_plane = len(tips) > 2 and across[1] > IN_LINE_SHARE * across[0]
     farthest = float(np.linalg.norm(offsets[:, None] - offsets, axis=2).max())
-    if farthest <= COVERAGE * _largest_offset_std(model):
+    if farthest <= COVERAGE * _largest_offset_std(fit):
         return (
             f"The model has {len(tips)} tips ({_listed(tips)}), in one place within their uncertainty: their points "
             "show no rotation of the flange."
@@ -161,17 +123,29 @@ def describe_tips(model: Compensator) -> str | None:
     return f"The model has {len(tips)} tips ({_listed(tips)}), up to {farthest:.1f} mm apart. {shown}"
 
 
-def _largest_offset_std(model: Compensator) -> float:
+def _largest_offset_std(fit: IdentificationResult) -> float:
     """Largest standard deviation of the offset of a tip along a direction of the flange [mm]."""
-    fit: IdentificationResult = getattr(model, "fit_", model.nominal_)
     terms = fit.perturbed_chain.terms
     stops = np.cumsum([term.n_coefficients for term in terms]).tolist()
     columns = [stop - 1 for term, stop in zip(terms, stops, strict=True) if isinstance(term.basis, OfTip)]
     return float(np.sqrt(fit.covariance.diagonal()[columns].max(initial=0.0)))
 
 
-def _of_one_tip(fit: IdentificationResult, name: str) -> IdentificationResult:
-    """The result with the offset of one tip as constants; those of the others are integrated out."""
+def of_one_tip(fit: IdentificationResult, name: str, tips: tuple[str, ...]) -> IdentificationResult:
+    """The result with the offset of one tip as constants; those of the others are integrated out.
+
+    Raises
+    ------
+    InputError
+        If it is none of the tips.
+    """
+    if name not in tips:
+        raise InputError(
+            f"expected a tip of the model ({_listed(tips)}), got {name!r}"
+            if tips
+            else f"the model has one tip without a name, got {name!r}",
+            hint="tips are named in the column tip of the training session",
+        )
     terms: list[Term] = []
     kept: list[int] = []
     start = 0

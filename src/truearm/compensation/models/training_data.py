@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, NamedTuple, Self
+from typing import NamedTuple, Self
 
 from truearm.arm.arm import Arm
 from truearm.compensation.models.reading_references import references_of, state_of
@@ -13,9 +13,6 @@ from truearm.identification.terms import ArmState
 from truearm.readings.lengths import Lengths
 from truearm.readings.session import Session
 from truearm.typing import FloatArray
-
-if TYPE_CHECKING:
-    from truearm.compensation.models.compensator import Compensator
 
 
 class TrainingData(NamedTuple):
@@ -31,15 +28,12 @@ class TrainingData(NamedTuple):
         Of the readings and the lengths.
     lengths : Lengths or None
         Known lengths between their seats.
-    simpler : Compensator, optional
-        A simpler model that is already fitted to the same readings.
     """
 
     session: Session
     state: ArmState
     references: list[Reference]
     lengths: Lengths | None
-    simpler: Compensator | None = None
 
     @classmethod
     def of(
@@ -49,8 +43,7 @@ class TrainingData(NamedTuple):
         lengths: Lengths | None,
         *,
         frames: Mapping[str, FloatArray],
-        simpler: Compensator | None,
     ) -> Self:
         """Prepare readings of an arm, each session in its own frame (see `rough_session_frames`)."""
         session = to_first_session_frame(readings, frames)
-        return cls(session, state_of(arm, session), references_of(session, lengths), lengths, simpler)
+        return cls(session, state_of(arm, session), references_of(session, lengths), lengths)
