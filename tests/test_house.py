@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import graphlib
 import importlib
 import inspect
 import pkgutil
@@ -34,6 +35,27 @@ def readable(path: Path) -> str:
 
 
 # Imports -------------------------------------------------------------------------------------------------------------
+
+
+def test_no_files_import_each_other_in_a_circle():
+    """Late imports and those for type checkers count too: whoever reads one of the files must know the others."""
+    root = CHECKOUT / "src"
+    files = {
+        ".".join(path.relative_to(root).with_suffix("").parts).removesuffix(".__init__"): path
+        for path in (root / "truearm").rglob("*.py")
+    }
+    imports = {}
+    for module, path in files.items():
+        found = set()
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and node.module:
+                # A name of a package is the file of that name, or what its __init__ lists.
+                named = {f"{node.module}.{alias.name}" for alias in node.names}
+                found |= {name if name in files else node.module for name in named}
+            elif isinstance(node, ast.Import):
+                found |= {alias.name for alias in node.names}
+        imports[module] = (found & files.keys()) - {module}
+    graphlib.TopologicalSorter(imports).prepare()  # a CycleError names the circle
 
 
 def test_imports_point_down():

@@ -11,11 +11,11 @@ from truearm.readings.checks import (
     limit_excesses,
     skip_beyond_limits,
 )
-from truearm.readings.files import check_session_path, read_session, write_session
+from truearm.readings.files import check_session_path, write_session
 from truearm.readings.lengths import Lengths, read_lengths, write_lengths
 from truearm.readings.point_errors import ErrorComparison, PointErrors, compare_errors, point_errors
 from truearm.readings.seats import SeatErrors, length_errors, seat_errors
-from truearm.readings.session import Session
+from truearm.readings.session import Session, read_session
 from truearm.readings.split import hold_out, stratified_rows
 from truearm.readings.tables import JointScale, TableColumns, import_points, import_table
 

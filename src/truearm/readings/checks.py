@@ -9,7 +9,8 @@ import numpy.typing as npt
 
 from truearm.readings.columns import ANGLE
 from truearm.readings.lengths import ENDS, Lengths
-from truearm.readings.session import TOUCHED, Session
+from truearm.readings.readings import TOUCHED
+from truearm.readings.session import Session
 from truearm.typing import BoolArray, FloatArray
 
 # An angle may pass its limit by this much [rad or mm]: rounding, not a wrong angle.

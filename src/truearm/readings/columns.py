@@ -7,16 +7,23 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from truearm.errors import InputError
 from truearm.files.delimited import MAX_NAME, check_header, quoted_cell
-from truearm.readings.distances import ANCHOR_DISTANCE, SPHERE_DISTANCE
-from truearm.readings.reference_uncertainty import SHARED_UNCERTAINTIES
-from truearm.readings.session import DIRECTION, LOAD, NAMED, PAYLOAD, Session
+from truearm.readings.readings import (
+    ANCHOR_DISTANCE,
+    DIRECTION,
+    LOAD,
+    NAMED,
+    PAYLOAD,
+    SHARED_UNCERTAINTIES,
+    SPHERE_DISTANCE,
+    Readings,
+)
 from truearm.typing import FloatArray, IntArray, NameArray
 
 if TYPE_CHECKING:
@@ -118,15 +125,15 @@ def recognise_columns(
     )
 
 
-def session_of_columns(
+def fields_of_columns(
     columns: Columns,
     numbers: FloatArray,
     words: Sequence[NameArray],
     *,
     file: Path | None,
     lines: IntArray | None,
-) -> Session:
-    """Build the session in rad and mm from the values of `columns.numbers` and `columns.words`, and their lines."""
+) -> dict[str, Any]:
+    """Fields of readings in rad and mm from the values of `columns.numbers` and `columns.words`, and their lines."""
     references = (columns.points, columns.point_std, columns.quaternion, columns.sphere_distance)
     groups = (
         columns.angles,
@@ -144,27 +151,28 @@ def session_of_columns(
             part * [FACTOR[unit_of(name)] for name in names] for part, names in zip(parts, groups[:3], strict=False)
         )
     quaternion, sphere_distance, anchor_distance, temperature, directions, shared, loads = parts[3:]
-    return Session(
-        angles,
-        points if columns.points else None,
-        point_std=std if columns.point_std else None,
-        temperature_degC=temperature[:, 0] if columns.temperature else None,
-        quaternion=quaternion if columns.quaternion else None,
-        sphere_distance=sphere_distance if columns.sphere_distance else None,
-        directions=directions if columns.directions else None,
-        columns=dict(zip(columns.loads, loads.T, strict=True)),
-        **cast(Any, dict(zip(columns.shared, shared.T, strict=True))),
-        **cast(Any, dict(zip(columns.anchor_distance, anchor_distance.T, strict=True))),
-        file=file,
-        angle_columns=columns.angles,
-        numbers=lines,
-        by_line=lines is not None,
-        **cast(Any, dict(zip(columns.words, words, strict=True))),
-    )
+    fields: dict[str, Any] = {
+        "angles": angles,
+        "points": points if columns.points else None,
+        "point_std": std if columns.point_std else None,
+        "temperature_degC": temperature[:, 0] if columns.temperature else None,
+        "quaternion": quaternion if columns.quaternion else None,
+        "sphere_distance": sphere_distance if columns.sphere_distance else None,
+        "directions": directions if columns.directions else None,
+        "columns": dict(zip(columns.loads, loads.T, strict=True)),
+        "file": file,
+        "angle_columns": columns.angles,
+        "numbers": lines,
+        "by_line": lines is not None,
+    }
+    fields |= zip(columns.shared, shared.T, strict=True)
+    fields |= zip(columns.anchor_distance, anchor_distance.T, strict=True)
+    fields |= zip(columns.words, words, strict=True)
+    return fields
 
 
-def session_from_frame(frame: pd.DataFrame, *, file: Path | None = None, n_joints: int | None = None) -> Session:
-    """Build a session from a data frame with the columns of the session file (see `Session.from_frame`)."""
+def fields_of_frame(frame: pd.DataFrame, *, file: Path | None = None, n_joints: int | None = None) -> dict[str, Any]:
+    """Fields of the readings in a data frame with the columns of the session file (see `Session.from_frame`)."""
     for name in frame.columns:
         if not isinstance(name, str):
             raise InputError(f"expected names of columns such as q1_deg, got {quoted_cell(name)}", file=file)
@@ -173,11 +181,11 @@ def session_from_frame(frame: pd.DataFrame, *, file: Path | None = None, n_joint
         raise InputError("expected at least one reading, got none", file=file)
     numbers = [frame_numbers(frame[c], c, file=file, optional=c in columns.optional) for c in columns.numbers]
     words = [frame_words(frame[c], c, file=file) for c in columns.words]
-    return session_of_columns(columns, np.stack(numbers, axis=1), words, file=file, lines=None)
+    return fields_of_columns(columns, np.stack(numbers, axis=1), words, file=file, lines=None)
 
 
 def session_columns(
-    session: Session, prismatic: npt.ArrayLike | None = None, angle_unit: AngleUnit | None = None
+    session: Readings, prismatic: npt.ArrayLike | None = None, angle_unit: AngleUnit | None = None
 ) -> dict[str, FloatArray | NameArray]:
     """Lay out a session in the columns of the session file, in their order."""
     table: dict[str, FloatArray | NameArray] = {}
@@ -203,7 +211,7 @@ def session_columns(
     return table
 
 
-def _units(session: Session, prismatic: npt.ArrayLike | None, angle_unit: AngleUnit | None) -> list[str]:
+def _units(session: Readings, prismatic: npt.ArrayLike | None, angle_unit: AngleUnit | None) -> list[str]:
     """Choose the unit in which each joint is written."""
     if angle_unit not in (None, "deg", "rad"):
         raise InputError(f"expected the angle unit deg or rad, got {quoted_cell(angle_unit)}")

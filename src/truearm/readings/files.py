@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,12 +16,12 @@ from truearm.files.file_reading import check_readable
 from truearm.files.spreadsheet_forms import read_form
 from truearm.readings.columns import (
     AngleUnit,
+    fields_of_columns,
+    fields_of_frame,
     recognise_columns,
     session_columns,
-    session_from_frame,
-    session_of_columns,
 )
-from truearm.readings.session import NAMED, Session
+from truearm.readings.readings import NAMED, Readings
 from truearm.typing import NameArray
 
 if TYPE_CHECKING:
@@ -32,40 +31,12 @@ if TYPE_CHECKING:
 MAX_CELLS = 2**27
 
 
-def read_session(path: str | Path, *, n_joints: int | None = None) -> Session:
-    r"""Read a session file (docs/session-file.md).
-
-    Parameters
-    ----------
-    path : path
-        CSV (comma, decimal point, UTF-8, or as a spreadsheet of another country saves it), or Parquet with the same
-        columns (needs ``truearm[parquet]``).
-    n_joints : int, optional
-        The arm's number of joints; any number by default.
-
-    Returns
-    -------
-    Session
-        Angles in rad (sliding joints in mm), points in mm. Rows without any number are those of a plan that is half
-        filled in: they are no readings; `Session.unfilled` has the seats they name.
-
-    Raises
-    ------
-    InputError
-        If the file breaks a rule of the format; with file, line, column and what to do.
-
-    Examples
-    --------
-    >>> from pathlib import Path
-    >>> import truearm as ta
-    >>> _ = Path("session.csv").write_text("q1_deg,q2_deg,x_mm,y_mm,z_mm\n10,20,500,0,100\n30,-40,400,200,100\n")
-    >>> ta.read_session("session.csv")
-    Session(2 readings of 2 joints, session.csv)
-    """
+def read_fields(path: str | Path, *, n_joints: int | None = None) -> dict[str, Any]:
+    """Fields of the readings in a session file, by name; see `truearm.readings.session.read_session`."""
     path = Path(path)
     check_readable(path, limit_bytes=MAX_BYTES)
     if path.suffix in (".parquet", ".pq") or _begins_as_parquet(path):
-        return session_from_frame(_read_parquet(path, n_joints), file=path, n_joints=n_joints)
+        return fields_of_frame(_read_parquet(path, n_joints), file=path, n_joints=n_joints)
     sheet = read_form(path)
     columns = recognise_columns(sheet.names, file=path, line=1, n_joints=n_joints)
     groups = ([sheet.names.index(c) for c in g] for g in (columns.numbers, columns.words, columns.optional))
@@ -74,15 +45,15 @@ def read_session(path: str | Path, *, n_joints: int | None = None) -> Session:
     is_filled = np.ones(len(numbers), bool)
     is_filled[unfilled] = False
     lines = (np.arange(len(numbers)) + sheet.first_line)[is_filled]
-    session = session_of_columns(columns, numbers[is_filled], [one[is_filled] for one in words], file=path, lines=lines)
+    fields = fields_of_columns(columns, numbers[is_filled], [one[is_filled] for one in words], file=path, lines=lines)
     if not unfilled:
-        return session
+        return fields
     seats = words[columns.words.index("seat")][unfilled].tolist() if "seat" in columns.words else [""] * len(unfilled)
-    return replace(session, unfilled=tuple(seats))
+    return fields | {"unfilled": tuple(seats)}
 
 
 def write_session(
-    session: Session,
+    session: Readings,
     path: str | Path,
     *,
     prismatic: npt.ArrayLike | None = None,
@@ -95,7 +66,7 @@ def write_session(
 
     Parameters
     ----------
-    session : Session
+    session : Readings
     path : path
         Ends in ``.csv`` or ``.parquet``.
     prismatic : (n_joints,) bool array, optional

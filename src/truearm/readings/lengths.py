@@ -14,7 +14,7 @@ from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.delimited import check_names, quoted_cell, read_columns, write_columns
 from truearm.files.spreadsheet_forms import read_form
-from truearm.readings.session import LARGEST_MM
+from truearm.readings.readings import LARGEST_MM
 from truearm.typing import FloatArray, IntArray, NameArray
 
 if TYPE_CHECKING:

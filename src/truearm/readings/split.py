@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Literal, get_args
+from typing import Literal, TypeVar, get_args
 
 import numpy as np
 
 from truearm.errors import InputError
 from truearm.readings.distances import rows_with_distance
-from truearm.readings.session import Session
+from truearm.readings.readings import Readings
 from truearm.typing import IntArray
 
+Kept = TypeVar("Kept", bound=Readings)
 SplitBy = Literal["position", "seat", "session", "row"]
 
 # Readings in a seat that determine the place of the seat and something of the arm as well.
 READINGS_A_SEAT = 5
 
 
-def hold_out(readings: Session, *, by: SplitBy = "position", fraction: float, seed: int) -> tuple[Session, Session]:
+def hold_out(readings: Kept, *, by: SplitBy = "position", fraction: float, seed: int) -> tuple[Kept, Kept]:
     """Split readings into training and test, whole groups at a time.
 
     Readings of one goal position differ only in orientation. A split by row favours a model that merely remembers
@@ -25,7 +26,7 @@ def hold_out(readings: Session, *, by: SplitBy = "position", fraction: float, se
 
     Parameters
     ----------
-    readings : Session
+    readings : Readings
         In the order that both parts keep.
     by : {"position", "seat", "session", "row"}
         What names the groups; ``row``: every reading is its own group, but distances and tips of one pose are together.
@@ -36,7 +37,7 @@ def hold_out(readings: Session, *, by: SplitBy = "position", fraction: float, se
 
     Returns
     -------
-    train, test : Session
+    train, test : Readings
 
     Raises
     ------
@@ -55,7 +56,7 @@ def hold_out(readings: Session, *, by: SplitBy = "position", fraction: float, se
     return readings.rows(~held), readings.rows(held)
 
 
-def readings_of_one_pose(readings: Session) -> IntArray:
+def readings_of_one_pose(readings: Readings) -> IntArray:
     """(n,) numbers of groups: distances to several anchors and several tips measured in one pose are together.
 
     Every other reading is alone; the number of a group is its first row.
@@ -67,7 +68,7 @@ def readings_of_one_pose(readings: Session) -> IntArray:
     return group
 
 
-def stratified_rows(readings: Session, n: int, *, seed: int) -> IntArray:
+def stratified_rows(readings: Readings, n: int, *, seed: int) -> IntArray:
     """Choose a few readings, spread over the positions that they aimed at.
 
     With reference points: one reading of each position in turn, the positions in random order; readings at random if
@@ -76,7 +77,7 @@ def stratified_rows(readings: Session, n: int, *, seed: int) -> IntArray:
 
     Parameters
     ----------
-    readings : Session
+    readings : Readings
     n : int
         Number of readings; as distances and tips of one pose stay together, there may be some more.
     seed : int
@@ -122,7 +123,7 @@ def stratified_rows(readings: Session, n: int, *, seed: int) -> IntArray:
     return np.sort(rows[np.isin(pose, by_turn[:n_poses])])
 
 
-def _groups(readings: Session, by: SplitBy) -> IntArray:
+def _groups(readings: Readings, by: SplitBy) -> IntArray:
     """Give each reading the number of its group."""
     if by not in get_args(SplitBy):
         raise InputError(f"expected a split by {', '.join(get_args(SplitBy))}, got {by!r}")

@@ -13,7 +13,7 @@ from truearm.compensation.targets.manifest import Manifest, read_manifest
 from truearm.errors import InputError
 from truearm.files.atomic_write import check_writable
 from truearm.readings.checks import check_angles
-from truearm.readings.session import PAYLOAD
+from truearm.readings.readings import PAYLOAD
 from truearm.solve.threads import one_blas_thread
 from truearm.workflows.inputs import ModelLike, SessionLike, to_model_of_tip, to_session
 from truearm.workflows.outputs import check_output_is_not_input, input_files

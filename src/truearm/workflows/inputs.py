@@ -39,7 +39,7 @@ from truearm.readings import (
 )
 from truearm.readings.anchors import LEAST_READINGS, has_located_anchor
 from truearm.readings.distances import rows_with_distance
-from truearm.readings.session import PAYLOAD
+from truearm.readings.readings import PAYLOAD
 from truearm.readings.thermal_expansion import (
     REFERENCE_DEGC,
     STEEL_PER_K,

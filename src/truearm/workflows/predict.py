@@ -18,7 +18,7 @@ from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.delimited import write_columns
 from truearm.readings import Session
-from truearm.readings.session import NAMED, PAYLOAD
+from truearm.readings.readings import NAMED, PAYLOAD
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import BoolArray, FloatArray, IntArray, NameArray
 from truearm.verification.standards.dates import now, parse_moment

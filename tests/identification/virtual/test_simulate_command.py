@@ -10,8 +10,7 @@ from truearm.arm.catalogue import load_arm
 from truearm.cli.simulate import simulate as command
 from truearm.errors import InputError
 from truearm.identification.virtual import PRESETS, VirtualArm
-from truearm.readings import length_errors, read_lengths
-from truearm.readings.files import read_session
+from truearm.readings import length_errors, read_lengths, read_session
 
 # The context of the command line tells which options were given, for --plan only.
 simulate = partial(command, None)

@@ -32,7 +32,7 @@ from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.terms import ArmState, Term
 from truearm.identification.terms.gravity import uniform_links
 from truearm.identification.terms.torque import PayloadTorque
-from truearm.readings.session import PAYLOAD
+from truearm.readings.readings import PAYLOAD
 from truearm.typing import FloatArray
 
 # The physical model of a robot, 1,400 coefficients, has 10 MB; the manifest is read from files of up to this size.

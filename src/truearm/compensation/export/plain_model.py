@@ -25,7 +25,8 @@ from truearm.identification.terms.gravity import uniform_links
 from truearm.identification.terms.kernel import InducedProcess
 from truearm.identification.terms.thermal import link_vectors
 from truearm.identification.terms.torque import GravityTorque, PayloadTorque
-from truearm.readings.session import PAYLOAD, Session
+from truearm.readings.readings import PAYLOAD
+from truearm.readings.session import Session
 from truearm.solve.square_roots import covariance_factor
 from truearm.typing import FloatArray, IntArray
 

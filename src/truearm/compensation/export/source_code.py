@@ -26,7 +26,7 @@ from truearm.compensation.targets.manifest import Manifest
 from truearm.errors import InputError
 from truearm.identification.terms.thermal import UNKNOWN_MATERIAL, link_vectors
 from truearm.readings.checks import LIMIT_TOLERANCE, MAX_ANGLE
-from truearm.readings.session import COLDEST_DEGC, LARGEST_LOAD, WARMEST_DEGC
+from truearm.readings.readings import COLDEST_DEGC, LARGEST_LOAD, WARMEST_DEGC
 from truearm.readings.thermal_expansion import REFERENCE_DEGC
 from truearm.typing import FloatArray
 

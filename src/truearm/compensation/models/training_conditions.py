@@ -14,7 +14,8 @@ from scipy.spatial import cKDTree
 from truearm.errors import InputError
 from truearm.readings.checks import LIMIT_TOLERANCE, MAX_SKIPPED_SHARE
 from truearm.readings.lengths import Lengths
-from truearm.readings.session import DIRECTION, LOAD, PAYLOAD, Session
+from truearm.readings.readings import DIRECTION, LOAD, PAYLOAD
+from truearm.readings.session import Session
 from truearm.readings.thermal_expansion import REFERENCE_DEGC, UNSTATED_U_K
 from truearm.typing import BoolArray, FloatArray
 

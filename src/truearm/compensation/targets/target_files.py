@@ -19,7 +19,7 @@ from truearm.files.delimited import MAX_BYTES, check_header, quoted_cell, read_c
 from truearm.files.file_reading import read_limited
 from truearm.files.spreadsheet_forms import read_form
 from truearm.readings.columns import ANGLE, FACTOR, TEMPERATURE, frame_numbers, frame_words, unit_of
-from truearm.readings.session import DIRECTION, LOAD, NAMED, QUATERNION_TOLERANCE
+from truearm.readings.readings import DIRECTION, LOAD, NAMED, QUATERNION_TOLERANCE
 from truearm.typing import FloatArray, NameArray
 
 if TYPE_CHECKING:

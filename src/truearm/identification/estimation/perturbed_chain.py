@@ -17,7 +17,7 @@ from truearm.identification.terms.linear_axis import Travel, TravelHarmonics
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
 from truearm.identification.terms.torque import GravityTorque
-from truearm.readings.session import PAYLOAD
+from truearm.readings.readings import PAYLOAD
 from truearm.typing import FloatArray, IntArray
 
 # Bases that depend only on quantities that every reading states; gravity torques do without a payload (`input_bases`).

@@ -21,7 +21,7 @@ from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import SkippedTerm, Term
 from truearm.identification.terms.thermal import link_vectors
 from truearm.identification.terms.torque import GravityTorque
-from truearm.readings.session import PAYLOAD
+from truearm.readings.readings import PAYLOAD
 from truearm.typing import FloatArray
 
 # Standard deviations in mm are those of an arm of this reach; others in proportion, so that an arm is identified alike

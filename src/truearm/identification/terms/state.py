@@ -22,7 +22,7 @@ from truearm.identification.terms.gravity import (
     loads_per_kg_at_tip,
     uniform_links,
 )
-from truearm.readings.session import PAYLOAD
+from truearm.readings.readings import PAYLOAD
 from truearm.typing import BoolArray, FloatArray, IntArray, NameArray
 
 

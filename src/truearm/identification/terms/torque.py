@@ -11,7 +11,7 @@ import numpy as np
 from truearm.errors import InputError
 from truearm.identification.terms.basis import AXES, Basis, of_joint, plain, register_basis, settle_whole
 from truearm.identification.terms.state import ArmState
-from truearm.readings.session import PAYLOAD
+from truearm.readings.readings import PAYLOAD
 from truearm.typing import FloatArray
 
 
