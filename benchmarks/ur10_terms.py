@@ -17,13 +17,13 @@ from machine import say_machine
 from truearm import datasets
 from truearm.arm import load_arm
 from truearm.compensation.models import PhysicalModel
-from truearm.compensation.models.joint_error_figure import joint_error_figure
 from truearm.compensation.models.reading_references import state_of
 from truearm.identification.estimation.diagnostics import JointError, effects, joint_error
 from truearm.identification.estimation.outliers import outliers
 from truearm.identification.terms import GravityTorque
 from truearm.pages.plotting import save_figure
 from truearm.readings import Session
+from truearm.show.joint_error_figure import joint_error_figure
 
 ARCSEC = np.degrees(1.0) * 3600
 SERIES = {"July 2020": "ur10-a", "November 2020": "ur10-b"}

@@ -15,9 +15,9 @@ from matplotlib.figure import Figure as Drawing
 from PIL import Image
 
 from truearm.errors import InputError, MissingTool
+from truearm.number_format import RoundedNumber
 from truearm.pages import paper as paper_module
 from truearm.pages import pdf as pdf_module
-from truearm.pages.number_format import RoundedNumber
 from truearm.pages.page import Column, LabelledValue, Page, PageVerdict, Section, Table
 from truearm.pages.paper import Attachment, Paper, read_logo
 from truearm.pages.pdf import pdf_bytes, write_pdf

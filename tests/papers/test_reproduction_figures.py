@@ -7,7 +7,6 @@ import pytest
 from matplotlib.colors import to_hex
 from matplotlib.patches import Circle, Rectangle
 
-from truearm.arm.arm_drawing import arm_figure, frame_figure, project
 from truearm.arm.rigid_motions import screw_x, screw_z
 from truearm.compensation.nets.perceptron import Perceptron
 from truearm.pages.plotting import figure_style, styles_of, svg_element
@@ -23,6 +22,7 @@ from truearm.papers.gao2017.claim_figures import (
 from truearm.papers.gao2017.network_drawing import network_layers
 from truearm.papers.gao2017.results import BoxStudy, LearningRate, OutsideErrors, Predictions, Scatter
 from truearm.papers.gao2017.table_figure import PAPER_STYLE, TableFigureRow, table_figure
+from truearm.show.arm_drawing import arm_figure, frame_figure, project
 
 STYLES = {**styles_of(("trainlm", "varpro", "nominal", "row 1")), "paper": PAPER_STYLE}
 

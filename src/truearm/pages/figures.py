@@ -11,7 +11,7 @@ from matplotlib.figure import Figure as Drawing
 from matplotlib.ticker import MaxNLocator
 
 from truearm.errors import InputError
-from truearm.pages.number_format import format_number
+from truearm.number_format import format_number
 from truearm.pages.palette import FAINT, NAVY
 from truearm.pages.plotting import Figure, figure_style, make_panel, shorten
 from truearm.typing import FloatArray

@@ -14,7 +14,7 @@ from markupsafe import Markup
 from matplotlib.figure import Figure as Drawing
 
 from truearm.files.atomic_write import atomic_file
-from truearm.pages.number_format import RoundedNumber, format_exact, format_number, format_uncertainty
+from truearm.number_format import RoundedNumber, format_exact, format_number, format_uncertainty
 from truearm.pages.page import Cell, Column, LabelledValue, Page, Section, State, Table
 from truearm.pages.palette import style_rules
 from truearm.pages.plotting import Figure, svg_element

@@ -9,8 +9,8 @@ from typing import Literal
 import numpy as np
 
 from truearm.errors import InputError
+from truearm.number_format import RoundedNumber
 from truearm.pages.cards import CardSet
-from truearm.pages.number_format import RoundedNumber
 from truearm.pages.plotting import Figure
 from truearm.pages.scene import Scene
 

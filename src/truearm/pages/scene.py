@@ -21,8 +21,8 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.errors import InputError
+from truearm.number_format import format_number
 from truearm.pages.figures import finite_array
-from truearm.pages.number_format import format_number
 from truearm.pages.plotting import Figure
 from truearm.typing import BoolArray, FloatArray, IntArray
 

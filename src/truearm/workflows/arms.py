@@ -127,7 +127,7 @@ class ArmDescription(PageRecord):
 
     def page(self) -> Page:
         """The arm to be turned, with sliders, the tip's coordinates and the tables."""
-        from truearm.arm.arm_page import arm_page
+        from truearm.show.arm_page import arm_page
 
         return arm_page(self.arm, self.table, facts=[version_row()], is_identified=self.nominal is not None)
 

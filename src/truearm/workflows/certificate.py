@@ -122,7 +122,7 @@ class CertificateResult(PageRecord):
         """
         from truearm.pages.paper import read_logo
         from truearm.pages.pdf import pdf_bytes
-        from truearm.verification.certificate.certificate_page import certificate_paper
+        from truearm.show.certificate_page import certificate_paper
 
         xml = checked_dcc(self.certificate) if xml is None else xml
         picture = None if logo is None else read_logo(logo)
@@ -130,7 +130,7 @@ class CertificateResult(PageRecord):
 
     def page(self, xml: bytes | None = None) -> Page:
         """The certificate for people; `xml` is the file for machines that it names, by default the unsigned one."""
-        from truearm.verification.certificate.certificate_page import certificate_page
+        from truearm.show.certificate_page import certificate_page
 
         xml = dcc(self.certificate) if xml is None else xml
         signature = parse_dcc_file(xml).signature

@@ -125,8 +125,8 @@ class CheckResult(PageRecord):
 
     def page(self) -> Page:
         """The advice, the points of this check in space, and the control charts."""
-        from truearm.verification.monitor.interim_check_page import drift_page
-        from truearm.workflows.check_scene import check_section
+        from truearm.show.check_scene import check_section
+        from truearm.show.interim_check_page import drift_page
 
         arm, check = self.model.arm, self.record.check
         facts = [
@@ -147,7 +147,7 @@ class CheckResult(PageRecord):
 
     def figure(self) -> Figure | None:
         """The control charts."""
-        from truearm.verification.monitor.interim_check_page import trend_figure
+        from truearm.show.interim_check_page import trend_figure
 
         charted = [trend for trend in self.assessment.trends if trend.chart is not None]
         return trend_figure(charted, self.record.checks) if charted else None

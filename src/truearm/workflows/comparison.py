@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 
 from truearm.compensation.models import Compensator, NominalModel
-from truearm.compensation.models.comparison_page import ModelComparison
-from truearm.compensation.models.readings_scene import arm_at_readings
-from truearm.compensation.models.seat_page import SeatComparison
 from truearm.compensation.models.training_conditions import fingerprint
 from truearm.errors import InputError
 from truearm.readings import Lengths, Session, check_sessions, compare_errors, length_errors
+from truearm.show.comparison_page import ModelComparison
+from truearm.show.readings_scene import arm_at_readings
+from truearm.show.seat_page import SeatComparison
 from truearm.typing import FloatArray
 from truearm.workflows.outputs import version_row
 from truearm.workflows.regressors import Regressors, predict_points, regressor_remark

@@ -28,13 +28,6 @@ from truearm.compensation.models import (
     NominalModel,
     PhysicalModel,
 )
-from truearm.compensation.models.comparison_page import (
-    comparison_page,
-    comparison_verdict,
-    error_table,
-    improvement_sentence,
-)
-from truearm.compensation.models.error_figures import before_after
 from truearm.compensation.models.uncertainty import uncertainty_budget
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file, check_writable
@@ -44,6 +37,13 @@ from truearm.pages.html import render
 from truearm.pages.page import Page, Section
 from truearm.pages.plotting import save_figure
 from truearm.readings import ErrorComparison, compare_errors
+from truearm.show.comparison_page import (
+    comparison_page,
+    comparison_verdict,
+    error_table,
+    improvement_sentence,
+)
+from truearm.show.error_figures import before_after
 from truearm.workflows.comparison import compare_models, page_facts
 from truearm.workflows.record import Record, TextTable, format_fixed
 

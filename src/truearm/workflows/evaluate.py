@@ -227,7 +227,7 @@ class Evaluation(Record):
 
     def figure(self) -> Figure | None:
         """Distribution of the distances from the reference points."""
-        from truearm.compensation.models.error_figures import error_distribution
+        from truearm.show.error_figures import error_distribution
 
         if self.session.points is None:
             return None

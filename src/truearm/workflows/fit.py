@@ -322,7 +322,7 @@ class FitResult(Record):
 
     def figure(self) -> Figure | None:
         """Distribution of the errors on held-out readings, of the model and of the nominal arm."""
-        from truearm.compensation.models.error_figures import error_distribution
+        from truearm.show.error_figures import error_distribution
 
         if self.held_out_mm is None or self.model_name == "nominal":
             return None

@@ -25,7 +25,7 @@ from truearm.workflows.verify import (
 
 if TYPE_CHECKING:
     from truearm.pages.page import Page
-    from truearm.verification.standards.operator_sheet_figures import OperatorSheet
+    from truearm.show.operator_sheet_figures import OperatorSheet
 
 # Of the example specification [mm].
 RANGE_MM = 2500.0
@@ -85,7 +85,7 @@ class OperatorSheetResult(PageRecord):
 
     def page(self) -> Page:
         """Where the artefacts are placed, from which side and in which order the points are measured."""
-        from truearm.verification.standards.operator_sheet import operator_sheet_page
+        from truearm.show.operator_sheet import operator_sheet_page
 
         return operator_sheet_page(self.sheet)
 
@@ -139,7 +139,7 @@ def operator_sheet(
     operator's sheet, 97 points of Articulated arm with contact probe (plan not confirmed against ASME B89.4.22-2004)
     measuring range and artefacts: examples; give your own specification and artefacts
     """
-    from truearm.verification.standards.operator_sheet_figures import OperatorSheet
+    from truearm.show.operator_sheet_figures import OperatorSheet
 
     examples = [what for what, given in (("measuring range", specification), ("artefacts", artefacts)) if given is None]
     arm = example_specification(RANGE_MM) if specification is None else to_specification(specification)

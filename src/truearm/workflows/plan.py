@@ -108,13 +108,13 @@ class PlanResult(PageRecord):
 
     def page(self) -> Page:
         """The plan with pictures of the places and of the joint angles."""
-        from truearm.identification.planning.plan_page import plan_page
+        from truearm.show.plan_page import plan_page
 
         return plan_page(self.session_plan, facts=self._facts())
 
     def figure(self) -> Figure:
         """Uncertainty in the volume against the number of poses."""
-        from truearm.identification.planning.plan_page import course_figure
+        from truearm.show.plan_page import course_figure
 
         return course_figure(self.plan.proposals)
 

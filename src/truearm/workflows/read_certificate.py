@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from truearm.files.xml_signatures import Signature
+from truearm.show.certificate_page import CONFORMITY_WORDS, NOT_DECIDED
 from truearm.solve.threads import one_blas_thread
 from truearm.verification.certificate.certificate import Certificate
-from truearm.verification.certificate.certificate_page import CONFORMITY_WORDS, NOT_DECIDED
 from truearm.verification.certificate.dcc_reader import read_dcc_file
 from truearm.verification.certificate.statements import NOT_FOR_CONFORMITY
 from truearm.workflows.record import Record, to_plain

@@ -7,23 +7,23 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from truearm.compensation.export.constants_section import constants_section
 from truearm.compensation.export.constants_table import constants_table
 from truearm.compensation.export.rigid_arm import best_rigid_arm
 from truearm.compensation.models import Compensator
-from truearm.compensation.models.comparison_page import (
+from truearm.compensation.models.identified_model import IdentifiedModel, NominalModel
+from truearm.compensation.models.tips import tip_names
+from truearm.errors import InputError
+from truearm.pages.page import Page, Section
+from truearm.readings import Lengths, Session, seat_errors
+from truearm.show.comparison_page import (
     ModelComparison,
     comparison_page,
     comparison_verdict,
     improvement_sentence,
 )
-from truearm.compensation.models.identification_sections import identification_sections, identified_budgets
-from truearm.compensation.models.identified_model import IdentifiedModel, NominalModel
-from truearm.compensation.models.seat_page import SeatComparison, seats_page
-from truearm.compensation.models.tips import tip_names
-from truearm.errors import InputError
-from truearm.pages.page import Page, Section
-from truearm.readings import Lengths, Session, seat_errors
+from truearm.show.constants_section import constants_section
+from truearm.show.identification_sections import identification_sections, identified_budgets
+from truearm.show.seat_page import SeatComparison, seats_page
 from truearm.solve.threads import one_blas_thread
 from truearm.workflows.comparison import compare_in_seats, compare_models, one_arm, page_facts
 from truearm.workflows.inputs import (

@@ -90,7 +90,7 @@ class TaskResult(PageRecord):
 
     def page(self) -> Page:
         """The result with the distribution of the errors."""
-        from truearm.verification.tasks.task_page import task_page
+        from truearm.show.task_page import task_page
 
         result = self.assessment.result
         facts = [
@@ -104,7 +104,7 @@ class TaskResult(PageRecord):
 
     def figure(self) -> Figure:
         """Histograms of the errors with their 95 % intervals."""
-        from truearm.verification.tasks.task_page import errors_figure
+        from truearm.show.task_page import errors_figure
 
         return errors_figure(self.estimates, self.fitness)
 

@@ -87,7 +87,7 @@ class VerificationResult(PageRecord):
 
     def page(self) -> Page:
         """Decision, values, uncertainty budgets and artefacts."""
-        from truearm.verification.standards.verification_page import verification_page
+        from truearm.show.verification_page import verification_page
 
         return verification_page(self.verification, facts=self.facts())
 

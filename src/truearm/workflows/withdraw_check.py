@@ -65,7 +65,7 @@ class WithdrawalResult(PageRecord):
         InputError
             If no check is left that counts.
         """
-        from truearm.verification.monitor.interim_check_page import drift_page
+        from truearm.show.interim_check_page import drift_page
 
         if self.assessment is None:
             raise InputError("no check of this model is left that counts: there is nothing to draw")

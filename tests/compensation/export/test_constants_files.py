@@ -11,7 +11,6 @@ import truearm as ta
 from truearm.arm import chain_from_dh, nearest_table
 from truearm.arm.arm import Arm
 from truearm.compensation.export import constants
-from truearm.compensation.export.constants_section import constants_section
 from truearm.compensation.export.constants_table import (
     IDENTIFIABLE,
     NOMINAL,
@@ -27,9 +26,10 @@ from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.targets.manifest import read_manifest
 from truearm.errors import InputError
 from truearm.identification.estimation.alignment import align
+from truearm.number_format import RoundedNumber
 from truearm.pages.html import render
-from truearm.pages.number_format import RoundedNumber
 from truearm.pages.page import Page
+from truearm.show.constants_section import constants_section
 
 NOISE_MM = 0.02
 

@@ -11,13 +11,13 @@ from made_up_outcome import DAY, RECALLED, TOLD, about, certificate, outcome
 
 from truearm.errors import InputError
 from truearm.files.toml_documents import parse_toml
+from truearm.show.certificate_page import certificate_page
 from truearm.verification.certificate.administrative_data import (
     AdministrativeData,
     read_administrative_data,
     template,
     xml_text,
 )
-from truearm.verification.certificate.certificate_page import certificate_page
 
 
 def test_the_template_has_every_key_and_is_refused_until_it_is_filled_in(tmp_path):

@@ -15,6 +15,7 @@ from made_up_outcome import CONFIRMED, DAY, RECALLED, ROWS, about, certificate, 
 
 from truearm.errors import InputError, TruearmError
 from truearm.files.xml_signatures import Signer
+from truearm.show.certificate_page import CONFORMITY_WORDS, certificate_page
 from truearm.verification.certificate import dcc_reader as module
 from truearm.verification.certificate.administrative_data import xml_text as one_line
 from truearm.verification.certificate.certificate import (
@@ -26,7 +27,6 @@ from truearm.verification.certificate.certificate import (
     StatedResult,
     conformity_of,
 )
-from truearm.verification.certificate.certificate_page import CONFORMITY_WORDS, certificate_page
 from truearm.verification.certificate.dcc import checked_dcc, dcc, write_dcc
 from truearm.verification.certificate.dcc_reader import parse_dcc, read_dcc
 from truearm.verification.certificate.statements import KINDS, Statement

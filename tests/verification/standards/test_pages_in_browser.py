@@ -6,8 +6,8 @@ from test_verification_page import outcome, row
 
 from browser import Tab, browser
 from truearm.pages.html import write_page
-from truearm.verification.standards.operator_sheet import operator_sheet_page
-from truearm.verification.standards.verification_page import verification_page
+from truearm.show.operator_sheet import operator_sheet_page
+from truearm.show.verification_page import verification_page
 from truearm.verification.standards.verification_plan import load_verification_plan
 
 PAGES = {

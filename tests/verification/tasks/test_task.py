@@ -9,13 +9,13 @@ from scipy.stats import norm
 from truearm.arm.arm import Arm
 from truearm.arm.catalogue import load_arm
 from truearm.errors import InputError
+from truearm.show.task_page import task_scene
 from truearm.verification.tasks import features
 from truearm.verification.tasks.estimate import SHORTEST, Estimate, shortest_interval
 from truearm.verification.tasks.feature_postures import middle_of
 from truearm.verification.tasks.features import FeatureQuantity
 from truearm.verification.tasks.fitness import FitnessDecision, describe_fitness, fitness
 from truearm.verification.tasks.task import advice, simulate_measurements
-from truearm.verification.tasks.task_scene import task_scene
 
 ARM = load_arm("gao2017")
 MIDDLE, ACROSS = middle_of(ARM)

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Drawing
 
-from truearm.pages.number_format import capitalize, format_count, format_exact, format_in_text, format_number
+from truearm.number_format import capitalize, format_count, format_exact, format_in_text, format_number
 from truearm.pages.palette import INK, LIMIT
 from truearm.pages.plotting import (
     LEFT_IN,

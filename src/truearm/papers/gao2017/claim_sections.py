@@ -7,8 +7,7 @@ from statistics import median
 
 import numpy as np
 
-from truearm.compensation.models.error_figures import coordinates_by_reading, errors_by_reading
-from truearm.pages.number_format import (
+from truearm.number_format import (
     format_count,
     format_exact,
     format_in_text,
@@ -47,6 +46,7 @@ from truearm.papers.gao2017.results import (
     RowResult,
 )
 from truearm.papers.gao2017.tables import TABLES
+from truearm.show.error_figures import coordinates_by_reading, errors_by_reading
 from truearm.typing import FloatArray
 
 # The final test ------------------------------------------------------------------------------------------------------

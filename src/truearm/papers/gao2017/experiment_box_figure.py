@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from truearm.pages.number_format import capitalize, format_count, format_exact, format_number
+from truearm.number_format import capitalize, format_count, format_exact, format_number
 from truearm.pages.palette import INK, LIMIT, PAPER
 from truearm.pages.plotting import Figure, Style, figure_style, make_panel, set_log_scale
 from truearm.papers.gao2017.experiment_box import BoxRun, ExperimentBoxStudy

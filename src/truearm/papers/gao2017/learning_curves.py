@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from matplotlib.figure import Figure as Drawing
 
-from truearm.pages.number_format import format_in_text
+from truearm.number_format import format_in_text
 from truearm.pages.page import Section
 from truearm.pages.palette import PAPER
 from truearm.pages.plotting import Figure, Style, figure_style, join_phrases, make_panel, set_log_scale

@@ -12,7 +12,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure as Drawing
 from matplotlib.patches import Circle, Rectangle
 
-from truearm.pages.number_format import format_count, format_number
+from truearm.number_format import format_count, format_number
 from truearm.pages.palette import INK, LIMIT, NAVY, ORANGE, PAPER, SOFT
 from truearm.pages.plotting import Figure, figure_style
 from truearm.typing import FloatArray

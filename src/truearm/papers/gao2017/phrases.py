@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
-from truearm.pages.number_format import format_count, format_in_text, format_number
+from truearm.number_format import format_count, format_in_text, format_number
 from truearm.pages.page import Cell
 from truearm.pages.plotting import Figure
 

@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from truearm.arm.arm_drawing import arm_figure, frame_figure
-from truearm.pages.number_format import format_count, format_in_text
+from truearm.number_format import format_count, format_in_text
 from truearm.pages.page import Cell, Column, LabelledValue, Page, PageVerdict, Section, Table
 from truearm.pages.plotting import Figure, Style, styles_of
 from truearm.papers.gao2017.claim_figures import predictions_figure
@@ -29,6 +28,7 @@ from truearm.papers.gao2017.space import IN_SPACE, arm_scene, tested_poses_secti
 from truearm.papers.gao2017.table_figure import PAPER_STYLE
 from truearm.papers.gao2017.table_sections import count_cut, count_verdicts, describe_accuracy, speedups, table_section
 from truearm.papers.gao2017.tables import TABLE_1
+from truearm.show.arm_drawing import arm_figure, frame_figure
 
 TITLE = "Gao et al. 2017, reproduced"
 CITATION = (

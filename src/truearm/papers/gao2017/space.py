@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 
 from truearm.arm import load_arm
-from truearm.arm.arm_scene import arm_mechanism
-from truearm.compensation.models.workspace_figures import error_in_workspace
-from truearm.pages.number_format import format_count
+from truearm.number_format import format_count
 from truearm.pages.page import Section
 from truearm.pages.plotting import Figure
 from truearm.pages.scene import PointCloud, PointColumn, Scene
 from truearm.papers.gao2017.results import METHODS, Predictions, Reproduction
 from truearm.papers.gao2017.training import ARM
+from truearm.show.arm_scene import arm_mechanism
+from truearm.show.workspace_figures import error_in_workspace
 from truearm.typing import FloatArray
 
 IN_SPACE = "Where the networks err"

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from truearm.pages.number_format import capitalize, format_count, format_exact, format_in_text, format_number
+from truearm.number_format import capitalize, format_count, format_exact, format_in_text, format_number
 from truearm.pages.page import Cell, Column, Section, Table
 from truearm.pages.plotting import Figure, Style, join_phrases
 from truearm.papers.gao2017.phrases import SHARES_NOTE, MissingPart, format_row_numbers, mark_cut, range_cell

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from truearm.pages.number_format import capitalize
+from truearm.number_format import capitalize
 from truearm.verification.certificate.administrative_data import AdministrativeData, xml_text
 from truearm.verification.standards.decision import Verdict
 from truearm.verification.standards.verification import Verification

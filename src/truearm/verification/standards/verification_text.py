@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from decimal import Decimal
 
-from truearm.pages.number_format import capitalize, format_count, format_in_text, format_number
+from truearm.number_format import capitalize, format_count, format_in_text, format_number
 from truearm.verification.standards.decision import (
     CONFORMANCE_PROBABILITY,
     COVERAGE_PROBABILITY,

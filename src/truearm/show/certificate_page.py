@@ -1,0 +1,340 @@
+"""The page of a calibration certificate, for the screen and for paper: verdict, results, arm, evidence."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from decimal import Decimal
+
+from truearm.number_format import RoundedNumber, capitalize
+from truearm.pages.page import Cell, Column, LabelledValue, Page, PageVerdict, Section, State, Table
+from truearm.pages.paper import Attachment, Logo, Paper
+from truearm.show.limits_figure import limits_figure
+from truearm.verification.certificate.administrative_data import Contact, Person
+from truearm.verification.certificate.certificate import Certificate, StatedList, StatedQuantity, StatedResult
+from truearm.verification.certificate.statements import NOT_FOR_CONFORMITY
+from truearm.verification.standards.verification import Verification
+from truearm.verification.standards.verification_text import limit_uncertainty, verdict_sentence, worst_values
+
+Entries = Sequence[tuple[str, str | None]]
+
+# What the statements of conformity of the XML file are called for people, and their states.
+CONFORMITY_WORDS: dict[str | None, tuple[str, State]] = {
+    "pass": ("conform", "good"),
+    "conditionalPass": ("undecided, within the limit", "doubtful"),
+    "noPass": ("not decided", "doubtful"),
+    "conditionalFail": ("undecided, beyond the limit", "doubtful"),
+    "fail": ("not conform", "bad"),
+    None: ("", "none"),
+}
+# Of a value with a limit, or a verification, of which no conformity is stated because of rated conditions.
+NOT_DECIDED: tuple[str, State] = ("not decided", "doubtful")
+PLACES = {
+    "laboratory": "at the laboratory",
+    "laboratoryBranch": "at a branch of the laboratory",
+    "customer": "at the customer",
+    "customerBranch": "at a branch of the customer",
+    "other": "elsewhere",
+}
+XML_NAME = "certificate.xml"
+MOST_IN_ONE_COLUMN = 6
+
+
+def certificate_page(
+    certificate: Certificate, verification: Verification, *, facts: Sequence[tuple[str, str]] = ()
+) -> Page:
+    """Lay out the page of a calibration certificate.
+
+    Parameters
+    ----------
+    certificate : Certificate
+    verification : Verification
+        The one that it states.
+    facts : sequence of (str, str)
+        Certificate, plan, files with their SHA-256, versions.
+    """
+    about, item = certificate.about, certificate.about.item
+    limited = [one for one in certificate.results if one.limit is not None]
+    return Page(
+        title=f"Calibration certificate {about.number}",
+        subtitle=f"{capitalize(item.name)} {item.maker} {item.model}, serial number {item.serial_number}. "
+        f"Calibrated by {about.laboratory.name} for {about.customer.name}, issued on {about.issued}.",
+        summary=(
+            LabelledValue("values with a limit", len(limited)),
+            LabelledValue("individual results", sum(len(one.quantities) for one in certificate.individual)),
+            LabelledValue("measured points", sum(len(group.points) for group in verification.groups)),
+        ),
+        sections=(
+            _results(certificate, verification),
+            _item(certificate),
+            _conditions(certificate),
+            _parties(certificate),
+            _traceability(certificate),
+            _method(certificate),
+            _use(certificate),
+            _individual(certificate),
+            _budgets(certificate),
+        ),
+        facts=tuple(facts),
+        verdict=_verdict(certificate, verification),
+        mark="" if certificate.reservation is None else NOT_FOR_CONFORMITY,
+    )
+
+
+def certificate_paper(certificate: Certificate, xml: bytes, *, logo: Logo | None = None) -> Paper:
+    """Return what the certificate has on paper beside its page: number, issuer, signature lines, the XML file inside.
+
+    Parameters
+    ----------
+    certificate : Certificate
+    xml : bytes
+        The digital calibration certificate; the paper is the same for people.
+    logo : Logo, optional
+    """
+    about = certificate.about
+    laboratory = about.laboratory
+    address = [text for what, text in _address(laboratory) if what != "name" and text is not None]
+    if laboratory.code is not None:
+        address.append(f"accreditation {laboratory.code}")
+    return Paper(
+        heading=f"Calibration certificate {about.number}",
+        issuer=(laboratory.name, ", ".join(address)),
+        date=about.issued,
+        mark="" if certificate.reservation is None else NOT_FOR_CONFORMITY,
+        signatures=tuple(
+            ", ".join(part for part in (person.name, person.role) if part)
+            for person in about.persons
+            if person.main_signer
+        ),
+        attachments=(
+            Attachment(XML_NAME, xml, "application/xml", "digital calibration certificate (DCC) with the same content"),
+        ),
+        logo=logo,
+    )
+
+
+def _verdict(certificate: Certificate, verification: Verification) -> PageVerdict:
+    if certificate.reservation is not None:
+        return PageVerdict(f"{capitalize(NOT_FOR_CONFORMITY)}.", "doubtful", certificate.reservation.partition(": ")[2])
+    state = NOT_DECIDED[1] if certificate.conformity is None else CONFORMITY_WORDS[certificate.conformity][1]
+    return PageVerdict(verdict_sentence(verification), state, worst_values(verification))
+
+
+def _results(certificate: Certificate, verification: Verification) -> Section:
+    stated = certificate.reservation is None
+    columns = [Column("test"), Column("value", "mm"), Column("U", "mm"), Column("k"), Column("limit", "mm")]
+    if stated:
+        columns.append(Column("verdict"))
+    ordered = sorted(certificate.results, key=lambda one: _URGENCY[_words(one, stated)[1]])
+    rows = [_result_cells(one, stated)[: len(columns)] for one in ordered]
+    rows_with_limit = verification.rows_with_limit
+    return Section(
+        "Results",
+        "Limits apply to magnitudes and have all their digits. Values are compared before rounding."
+        if stated
+        else "Limits apply to magnitudes and have all their digits. Nothing is said on conformity.",
+        tables=(
+            Table(
+                tuple(columns),
+                tuple(rows),
+                "Test values with their expanded uncertainty U and limits.",
+                states=tuple(_words(one, stated)[1] for one in ordered),
+            ),
+        ),
+        figures=(limits_figure(rows_with_limit, rule=verification.rule),) if stated else (),
+    )
+
+
+_URGENCY: dict[State, int] = {"bad": 0, "doubtful": 1, "good": 2, "none": 2}
+
+
+def _words(result: StatedResult, stated: bool) -> tuple[str, State]:
+    """The verdict of a value for people, and its state; `stated` if the certificate is for conformity decisions."""
+    undecided = stated and result.limit is not None and result.conformity is None
+    return NOT_DECIDED if undecided else CONFORMITY_WORDS[result.conformity]
+
+
+def _result_cells(result: StatedResult, stated: bool) -> tuple[Cell, ...]:
+    quantity = result.quantity
+    limit = None
+    if result.limit is not None:
+        exact = float(result.limit.value)
+        limit = RoundedNumber(exact, limit_uncertainty(exact))
+    words = _words(result, stated)[0] or None
+    return (quantity.name, _number(quantity), _uncertainty(quantity), _factor(quantity), limit, words)
+
+
+def _number(quantity: StatedQuantity) -> Cell:
+    if quantity.unit == "1":
+        return _text(quantity.value)
+    return RoundedNumber(float(quantity.value), float(quantity.expanded or quantity.standard or 0))
+
+
+def _uncertainty(quantity: StatedQuantity) -> Cell:
+    u = quantity.expanded or quantity.standard
+    return None if u is None else RoundedNumber(float(u), float(u))
+
+
+def _factor(quantity: StatedQuantity) -> Cell:
+    return None if quantity.factor is None else f"{quantity.factor:f}"
+
+
+def _text(value: Decimal) -> str:
+    return f"{value:f}".replace("-", "\u2212")
+
+
+def _item(certificate: Certificate) -> Section:
+    item, set_up = certificate.about.item, certificate.about.set_up
+    entries: list[tuple[str, str | None]] = [
+        ("name", item.name),
+        ("maker", item.maker),
+        ("model", item.model),
+        ("serial number", item.serial_number),
+        ("inventory number", item.inventory_number),
+    ]
+    if set_up is not None:
+        entries += [("stylus", set_up.stylus), ("mounting", set_up.mounting), ("software", set_up.software)]
+    return Section("Arm", tables=(_entries(entries),))
+
+
+def _conditions(certificate: Certificate) -> Section:
+    about, artefact_degC = certificate.about, certificate.artefact_degC
+    degC, humidity = about.conditions.temperature_degC, about.conditions.relative_humidity_percent
+    days = [str(day) for day in dict.fromkeys((certificate.begin, certificate.end))]
+    entries: Entries = (
+        ("measured", " to ".join(days)),
+        ("arm received", None if about.received is None else str(about.received)),
+        ("place", PLACES[about.place]),
+        ("temperature of the room", f"{degC[0]:g} to {degC[1]:g} °C"),
+        ("relative humidity", None if humidity is None else f"{humidity[0]:g} to {humidity[1]:g} %"),
+        (
+            "temperature of the artefacts",
+            None
+            if artefact_degC is None
+            else f"{artefact_degC[0]:f} to {artefact_degC[1]:f} °C, means of groups of points",
+        ),
+    )
+    return Section("Conditions", tables=(_entries(entries),))
+
+
+def _parties(certificate: Certificate) -> Section:
+    about = certificate.about
+    laboratory: Entries = (*_address(about.laboratory), ("accreditation", about.laboratory.code))
+    persons = [(one.name, _role(one)) for one in about.persons]
+    return Section(
+        "Laboratory and customer",
+        tables=(
+            _entries(laboratory, "laboratory"),
+            _entries(_address(about.customer), "customer"),
+            _entries(persons, "responsible persons"),
+        ),
+    )
+
+
+def _traceability(certificate: Certificate) -> Section:
+    cells: list[tuple[Cell, ...]] = []
+    for one in certificate.equipment:
+        names = (one.certificate, one.issued_by, one.description)
+        if not one.quantities:
+            cells.append((one.name, None, None, *names))
+        for quantity in one.quantities:
+            size = f"{one.name}, {quantity.name}"
+            cells.append((size, _number(quantity), _uncertainty(quantity), *names))
+    columns = (
+        Column("artefact"),
+        Column("calibrated", "mm"),
+        Column("u (k = 1)", "mm"),
+        Column("certificate"),
+        Column("issued by"),
+        Column("dates"),
+    )
+    table = Table(columns, tuple(cells), "Artefacts and their certificates.")
+    return Section("Traceability", "\n\n".join(certificate.texts("traceability")), tables=(table,))
+
+
+def _method(certificate: Certificate) -> Section:
+    kinds = ("decision", "decision rule", "uncertainty")
+    texts = [text for kind in kinds for text in certificate.texts(kind)]
+    methods = [
+        f"{method.name}: {method.description}" for method in certificate.methods if method.name != "Decision rule"
+    ]
+    return Section("Method, uncertainty and decision", "\n\n".join([*texts, *methods]))
+
+
+def _use(certificate: Certificate) -> Section:
+    kinds = ("item", "reproduction", "rated conditions", "limits of use", "reservation", "remark")
+    return Section("Use of this certificate", "\n\n".join(text for kind in kinds for text in certificate.texts(kind)))
+
+
+def _individual(certificate: Certificate) -> Section:
+    text = "All results behind the test values; the test value is the one nearest to its limit, or beyond it."
+    tables = tuple(map(_side_by_side, certificate.individual))
+    return Section("Individual results", text, tables=tables, folded=True)
+
+
+def _side_by_side(listed: StatedList) -> Table:
+    """A list of results in up to three columns, two with U, each read downwards; U in the caption if all have it."""
+    quantities, u = listed.quantities, listed.quantities[0].expanded
+    same = u is not None and all(one.expanded == u for one in quantities)
+    width = 2 if same else 3
+    columns = (Column("where"), Column("value", "mm"), Column("U", "mm"))[:width]
+    cells: list[tuple[Cell, ...]] = [(one.name, _number(one), _uncertainty(one))[:width] for one in quantities]
+    beside = (3 if same else 2) if len(cells) > MOST_IN_ONE_COLUMN else 1
+    height = -(-len(cells) // beside)
+    cells += [("",) * width] * (beside * height - len(cells))
+    rows = tuple(tuple(cell for part in range(beside) for cell in cells[part * height + at]) for at in range(height))
+    stated = f"; U = {_text(u)}\u00a0mm for each" if same and u is not None else ""
+    return Table(columns * beside, rows, f"{listed.name}{stated}.")
+
+
+def _budgets(certificate: Certificate) -> Section:
+    return Section(
+        "Uncertainty budgets",
+        "Standard uncertainties of the contributions to a test value. They are independent: their squares add. U is "
+        "the combined standard uncertainty times k. Degrees of freedom by Welch and Satterthwaite (GUM G.4.1).",
+        tables=tuple(_budget(one) for one in certificate.budgets),
+        folded=True,
+    )
+
+
+def _budget(listed: StatedList) -> Table:
+    rows: list[_Line] = []
+    for one in listed.quantities:
+        if one.unit == "1" and rows:  # the degrees of freedom of the line before
+            rows[-1].dof = _text(one.value)
+        else:
+            rows.append(_Line(one.name, RoundedNumber(float(one.value), float(one.value))))
+    columns = (Column("contribution"), Column("u", "mm"), Column("degrees of freedom"))
+    return Table(columns, tuple((row.name, row.u, row.dof) for row in rows), f"{listed.name}.")
+
+
+@dataclass
+class _Line:
+    """A line of a budget; degrees of freedom without a number are infinite."""
+
+    name: str
+    u: RoundedNumber
+    dof: str = "∞"
+
+
+def _entries(entries: Entries, caption: str = "") -> Table:
+    """A table of entries without heads; those without a text are omitted."""
+    rows = tuple((what, text) for what, text in entries if text is not None)
+    return Table((Column(""), Column("")), rows, caption)
+
+
+def _address(contact: Contact) -> Entries:
+    street = " ".join(part for part in (contact.street, contact.street_no) if part) or None
+    place = f"{contact.post_code} {contact.city}, {contact.country}"
+    return [
+        ("name", contact.name),
+        ("street", street),
+        ("place", place),
+        ("email", contact.email),
+        ("phone", contact.phone),
+    ]
+
+
+def _role(person: Person) -> str:
+    parts = (person.role, "signs the certificate" if person.main_signer else None)
+    return ", ".join(part for part in parts if part) or "responsible"

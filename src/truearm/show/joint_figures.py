@@ -1,0 +1,187 @@
+"""Figures by joint position: the range of each joint, and the errors of models against it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure as Drawing
+
+from truearm.errors import InputError
+from truearm.number_format import format_count
+from truearm.pages.figures import finite_array, finite_arrays, range_figure
+from truearm.pages.palette import INK, LIMIT
+from truearm.pages.plotting import (
+    RASTER_FROM,
+    Figure,
+    Style,
+    figure_style,
+    join_phrases,
+    make_panel,
+    shorten,
+    styles_of,
+)
+from truearm.typing import BoolArray, FloatArray
+
+
+def joint_ranges(
+    angles: npt.ArrayLike,
+    *,
+    names: Sequence[str] | None = None,
+    lower: npt.ArrayLike | None = None,
+    upper: npt.ArrayLike | None = None,
+    sliding: Sequence[bool] | None = None,
+) -> Figure:
+    """Draw how often each joint was where, against its limits.
+
+    Parameters
+    ----------
+    angles : (n, joints) array
+        Joint angles [rad], or displacements of sliding joints [mm].
+    names : sequence of str, optional
+        Of the joints; J1, J2, ... by default.
+    lower, upper : (joints,) array, optional
+        Limits [rad or mm]; an infinite one is no limit.
+    sliding : sequence of bool, optional
+        Which joints slide; none by default.
+    """
+    angles = joint_matrix(angles)
+    slides = _slides(sliding, angles.shape[1])
+    scale = np.where(slides, 1.0, np.degrees(1.0))
+    low, high = (None if ends is None else np.asarray(ends, dtype=float) for ends in (lower, upper))
+    return range_figure(
+        angles * scale,
+        names=joint_names(names, len(slides)),
+        units=["mm" if slide else "deg" for slide in slides],
+        lower=low if low is None or low.shape != scale.shape else low * scale,
+        upper=high if high is None or high.shape != scale.shape else high * scale,
+        label="joint position",
+        caption=f"Range of each joint over {format_count(len(angles), 'reading')}; positions outside are not tested.",
+    )
+
+
+def error_against_joint(
+    angles: npt.ArrayLike,
+    errors: Mapping[str, npt.ArrayLike],
+    *,
+    names: Sequence[str] | None = None,
+    sliding: Sequence[bool] | None = None,
+    styles: Mapping[str, Style] | None = None,
+) -> Figure:
+    """Draw errors against the position of each joint, a panel a joint, with a running median.
+
+    Parameters
+    ----------
+    angles : (n, joints) array
+        Joint angles [rad], or displacements of sliding joints [mm].
+    errors : mapping of str to (n,) array
+        For each model the error of each reading [mm], signed or not.
+    names, sliding
+        As in `joint_ranges`.
+    styles : mapping of str to Style, optional
+        From `styles_of`.
+    """
+    by_name = finite_arrays(errors, "errors", same_length=True)
+    count = len(next(iter(by_name.values())))
+    angles = joint_matrix(angles, readings=count)
+    names = joint_names(names, angles.shape[1])
+    slides = _slides(sliding, angles.shape[1])
+    pens = styles_of(by_name, styles)
+    with figure_style():
+        panels = tuple(
+            _joint_panel(angles[:, i] if slides[i] else np.degrees(angles[:, i]), by_name, pens, names[i], slides[i])
+            for i in range(len(names))
+        )
+    models = join_phrases(shorten(name) for name in by_name).replace(";", ",")
+    return Figure(
+        panels,
+        caption=f"Error against the position of each joint ({models}, each on its own scale). The line "
+        "is the running median. A trend means that the error depends on this joint's position; its cause can be in any "
+        "joint before it. A level line alone proves nothing: compare the size of the error too.",
+        alt=f"For each of {len(names)} joints the error of {format_count(count, 'reading')} against its position, "
+        f"with a running median, for {models}.",
+        columns=3,
+    )
+
+
+def running_median(x: FloatArray, y: FloatArray, *, windows: int = 60) -> tuple[FloatArray, FloatArray]:
+    """Running median of `y` over `x`, in windows of equal numbers of readings.
+
+    Returns
+    -------
+    x, y : (windows,) arrays
+        Medians of both in each window; empty with too few readings for a running median.
+    """
+    width = max(15, min(len(x) // 6, 40), len(x) // 40)
+    if len(x) < 2 * width or np.ptp(x) == 0:
+        return np.empty(0), np.empty(0)
+    order = np.argsort(x, kind="stable")
+    starts = np.unique(np.linspace(0, len(x) - width, windows).round().astype(int))
+    rows = starts[:, None] + np.arange(width)
+    return np.median(x[order][rows], axis=1), np.median(y[order][rows], axis=1)
+
+
+def _joint_panel(
+    x: FloatArray, errors: Mapping[str, FloatArray], pens: Mapping[str, Style], name: str, slides: bool
+) -> Drawing:
+    drawing, rows = make_panel(3.0, 0.9 + 0.85 * len(errors), rows=len(errors))
+    many = len(x) > RASTER_FROM
+    for axes, (model, values) in zip(rows, errors.items(), strict=True):
+        pen = pens[model]
+        axes.scatter(
+            x,
+            values,
+            s=float(np.clip(1500 / len(x), 1.2, 7)),
+            alpha=0.25 if many else 0.5,
+            color=pen.colour,
+            linewidths=0,
+            rasterized=many,
+        )
+        axes.plot(*running_median(x, values), color=INK, linewidth=1.5)
+        _level(axes, values)
+        axes.set_ylabel("error [mm]")
+        axes.text(0.985, 0.97, shorten(model), transform=axes.transAxes, ha="right", va="top")
+    rows[0].set_title(shorten(name))
+    rows[-1].locator_params(axis="x", nbins=6)
+    rows[-1].set_xlabel("joint position [mm]" if slides else "joint angle [deg]")
+    return drawing
+
+
+def _level(axes: Axes, values: FloatArray) -> None:
+    """Set the scale: from zero for distances, symmetric for signed errors; with room for the name."""
+    largest = float(np.abs(values).max()) or 1e-6
+    if values.min() < 0:
+        axes.set_ylim(-1.1 * largest, 1.35 * largest)
+        axes.axhline(0, color=LIMIT, linewidth=0.8, zorder=1)
+    else:
+        axes.set_ylim(0, 1.3 * largest)
+    axes.locator_params(axis="y", nbins=4)
+
+
+def joint_names(names: Sequence[str] | None, joints: int) -> list[str]:
+    """Names of the joints: `names`, or J1, J2, ... by default."""
+    if names is None:
+        return [f"J{i + 1}" for i in range(joints)]
+    if len(names) != joints:
+        raise InputError(f"expected {joints} joint names, got {len(names)}")
+    return [str(name) for name in names]
+
+
+def joint_matrix(angles: npt.ArrayLike, *, readings: int | None = None) -> FloatArray:
+    """Joint positions as a copy (n, joints); `readings` is the n that is expected."""
+    shape = np.shape(angles)
+    if len(shape) != 2 or shape[1] == 0:
+        raise InputError(f"expected angles as an array (n, joints), got the shape {shape}")
+    array = finite_array(angles, "angles", width=shape[1])
+    if readings is not None and len(array) != readings:
+        raise InputError(f"expected angles of the same {readings} readings as the errors, got {len(array)}")
+    return array
+
+
+def _slides(sliding: Sequence[bool] | None, joints: int) -> BoolArray:
+    slides = np.zeros(joints, dtype=bool) if sliding is None else np.array(sliding, dtype=bool)
+    if slides.shape != (joints,):
+        raise InputError(f"expected sliding for each of {joints} joints, got {slides.size}")
+    return slides

@@ -1,0 +1,286 @@
+"""The page of a plan: predicted uncertainty, places of the artefact, ranges of the joints, limitations, each pose."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure as Drawing
+
+from truearm.identification.planning.candidates import Candidates
+from truearm.identification.planning.plan import SessionPlan
+from truearm.identification.planning.proposal import CalibrationPlan, Proposal, Strategy
+from truearm.identification.planning.sampling.workspace import joint_origins, stance
+from truearm.identification.planning.template import bars, place_names
+from truearm.number_format import format_count, format_mm, format_number
+from truearm.pages.figures import range_figure
+from truearm.pages.page import Column, LabelledValue, Page, PageVerdict, Section, Table
+from truearm.pages.palette import INK, LIMIT, NAVY, ORANGE, PAPER
+from truearm.pages.plotting import Figure, Style, figure_style, make_panel, set_log_scale, styles_of
+from truearm.show.pose_cards import poses_scene, poses_section
+from truearm.typing import FloatArray
+
+_WIDTH_IN, _HEIGHT_IN = 4.6, 3.9
+_MOST_ARMS = 40  # drawn in one figure
+
+CRITERIA = {
+    "i-optimal": "smallest uncertainty of a point in the volume",
+    "d-optimal": "smallest overall parameter uncertainty",
+    "technician": "poses as a person chooses them who measures parts",
+    "random": "random poses",
+}
+
+
+def plan_page(planned: SessionPlan, *, facts: Sequence[tuple[str, str]] = ()) -> Page:
+    """Lay out the plan of a session.
+
+    Parameters
+    ----------
+    planned : SessionPlan
+    facts : sequence of (str, str)
+        Inputs of the plan, as label and value.
+    """
+    plan, poses = planned.plan, planned.poses
+    artefact = {"tracker": "with a tracker", "seat": "in seats", "bar": "with a bar"}[plan.artefact.kind]
+    apart = ", apart from the scale" if plan.artefact.kind == "seat" else ""
+    return Page(
+        title=f"{plan.arm.name}: {format_count(len(poses), 'pose')} to measure {artefact}",
+        subtitle=f"{planned.strategy}: {CRITERIA[planned.strategy]}.",
+        summary=(
+            LabelledValue(f"uncertainty in the volume after these poses{apart}", planned.after_mm, "mm"),
+            LabelledValue("before", planned.before_mm, "mm"),
+            LabelledValue("poses", len(poses)),
+        ),
+        sections=(
+            _gain(plan, apart),
+            _where(plan, poses),
+            _how(plan, poses),
+            Section("What this plan cannot determine", "\n\n".join(planned.limitations)),
+            poses_section(plan.arm, poses),
+            _observability(plan),
+        ),
+        facts=tuple(facts),
+        verdict=PageVerdict(
+            f"{format_count(len(poses), 'pose')} bring the uncertainty of a point{apart} to "
+            f"{format_mm(planned.after_mm)}.",
+            detail=f"Before, it is {format_mm(planned.before_mm)}. Three-dimensional root mean square in the volume, "
+            "as predicted for the nominal arm.",
+        ),
+    )
+
+
+def course_figure(proposals: Mapping[Strategy, Proposal]) -> Figure:
+    """Draw the uncertainty in the volume against the number of poses, one line per strategy."""
+    pens = styles_of(proposals)
+    with figure_style():
+        drawing, (axes,) = make_panel(5.4, 3.4)
+        lowest, highest, most = np.inf, 0.0, 1
+        for name, proposal in proposals.items():
+            counts, rms = proposal.counts[1:], proposal.rms_mm[1:]
+            _line(axes, counts, rms, pens[name], name)
+            lowest, highest, most = min(lowest, rms.min()), max(highest, rms.max()), max(most, int(counts[-1]))
+        set_log_scale(axes, "y", lowest / 1.3, highest * 1.3)
+        set_log_scale(axes, "x", 0.95, most * 1.1 if most > 1 else 2)
+        axes.set(xlabel="poses", ylabel="uncertainty [mm]")
+        axes.legend(loc="lower left")
+    ends = "; ".join(f"{name} {format_mm(float(p.rms_mm[-1]))}" for name, p in proposals.items())
+    return Figure(
+        (drawing,),
+        caption="Predicted uncertainty of a point in the volume, three-dimensional root mean square, against the "
+        f"number of poses, each strategy in the order of its own plan. With all poses: {ends}.",
+        alt=f"Falling curves of the uncertainty against the number of poses. With all poses: {ends}.",
+    )
+
+
+def places_figure(plan: CalibrationPlan, poses: Candidates) -> Figure:
+    """Draw seats, bars or tips in the volume, from above and from the side."""
+    tips = plan.arm.chain.tip_in_base(plan.volume)
+    with figure_style():
+        panels = tuple(_view(plan, tips, side=side) for side in (False, True))
+        for (_, axes, flat), side in zip(panels, (False, True), strict=True):
+            axes.scatter(*flat(tips), s=5, color=LIMIT, alpha=0.5, linewidths=0, zorder=1)
+            _arm(axes, flat, plan, plan.arm.working, colour=LIMIT, width=2.2)
+            if poses.seat is None:
+                axes.scatter(*flat(plan.arm.chain.tip_in_base(poses.angles)), s=9, color=NAVY, linewidths=0, zorder=4)
+            else:
+                _artefacts(axes, flat, poses, label=not side or len(set(place_names(poses).tolist())) < 9)
+    what = {
+        "tracker": "Dark dots: the tip at the poses to measure.",
+        "seat": "Orange: the seats.",
+        "bar": "Orange: the bar at its places.",
+    }[plan.artefact.kind]
+    return Figure(
+        tuple(drawing for drawing, _, _ in panels),
+        caption=f"{what} Pale dots: tips in the volume, in poses of a person who measures there. Grey: the nominal arm "
+        "in its working pose. Coordinates in the base frame; ahead points to the middle of the volume.",
+        alt=f"The volume from above and from the side. {what}",
+        columns=2,
+    )
+
+
+def poses_figure(plan: CalibrationPlan, angles: FloatArray) -> Figure:
+    """Draw the arm at the poses, from above and from the side."""
+    shown = angles[np.unique(np.linspace(0, len(angles) - 1, _MOST_ARMS).round().astype(int))]
+    tips = plan.arm.chain.tip_in_base(shown)
+    with figure_style():
+        panels = tuple(_view(plan, joint_origins(plan.arm.chain, shown).reshape(-1, 3), side=s) for s in (False, True))
+        for _, axes, flat in panels:
+            for pose in shown:
+                _arm(axes, flat, plan, pose, colour=NAVY, width=0.7, alpha=0.45)
+            axes.scatter(*flat(tips), s=7, color=ORANGE, linewidths=0, zorder=4)
+    number = format_count(len(shown), "pose")
+    return Figure(
+        tuple(drawing for drawing, _, _ in panels),
+        caption=f"The arm in {len(shown)} of {format_number(len(angles))} poses, as lines from joint to joint. "
+        "Orange: the tip.",
+        alt=f"The arm in {number}, from above and from the side, as lines from joint to joint.",
+        columns=2,
+    )
+
+
+def _gain(plan: CalibrationPlan, apart: str) -> Section:
+    rows = tuple((name, CRITERIA[name], float(proposal.rms_mm[-1])) for name, proposal in plan.proposals.items())
+    columns = (Column("strategy"), Column("criterion"), Column("uncertainty after", "mm"))
+    return Section(
+        "What these poses bring",
+        "truearm predicts the uncertainty of a point from the nominal arm, the prior knowledge of its terms and the "
+        f"noise of a coordinate ({format_mm(plan.prior.noise_mm)}). It is the uncertainty of points relative to each "
+        f"other{apart}. Effects without a term are not included.",
+        figures=(course_figure(plan.proposals),),
+        tables=(Table(columns, rows, "All strategies, with the same number of poses."),),
+    )
+
+
+def _observability(plan: CalibrationPlan) -> Section:
+    rows = []
+    for name, proposal in plan.proposals.items():
+        result = proposal.observability
+        indices = [getattr(result, f"o{number}") for number in range(1, 6)]
+        rows.append((name, *indices, f"{result.rank}\u00a0of\u00a0{result.n_parameters}"))
+    columns = (Column("strategy"), *(Column(f"O{number}") for number in range(1, 6)), Column("rank"))
+    return Section(
+        "Observability indices",
+        "O1 to O5 are the observability indices of the terms, from the new poses alone; each coefficient is scaled by "
+        "its prior standard deviation. Larger is better. The rank is the number of identifiable combinations of the "
+        "coefficients; the others do not move the tip, or only together with these.",
+        tables=(Table(columns, tuple(rows), "All strategies, with the same number of poses."),),
+        folded=True,
+    )
+
+
+def _where(plan: CalibrationPlan, poses: Candidates) -> Section:
+    text = {
+        "tracker": "The tip is in the volume in every pose. Check that the tracker sees it there.",
+        "seat": "Fix each seat near its place in the figure; a few centimetres do not matter. It must not move while "
+        "you measure in it.",
+        "bar": "Fix the bar near its places in the figure; a few centimetres do not matter. It must not move while you "
+        "measure at one place.",
+    }[plan.artefact.kind]
+    tables = () if poses.seat is None else (_places_table(poses),)
+    return Section(
+        "Where to put the artefact" if poses.seat is not None else "Where the tip is",
+        text,
+        figures=(places_figure(plan, poses),),
+        tables=tables,
+    )
+
+
+def _places_table(poses: Candidates) -> Table:
+    assert poses.seat is not None
+    assert poses.seat_points is not None
+    rows = []
+    for name in dict.fromkeys(poses.seat.tolist()):
+        here = poses.seat == name
+        x, y, z = poses.seat_points[int(np.argmax(here))].round().astype(int).tolist()
+        rows.append((name, x, y, z, int(here.sum())))
+    columns = (Column("seat"), Column("x", "mm"), Column("y", "mm"), Column("z", "mm"), Column("poses"))
+    return Table(columns, tuple(rows), "Seats in the base frame, in the order of use.")
+
+
+def _how(plan: CalibrationPlan, poses: Candidates) -> Section:
+    arm = plan.arm
+    slides = arm.chain.is_prismatic
+    scale = np.where(slides, 1.0, np.degrees(1.0))
+    lower, upper = arm.limits.T * scale
+    ranges = range_figure(
+        poses.angles * scale,
+        names=[f"J{joint}" for joint in range(1, arm.n_joints + 1)],
+        units=["mm" if slide else "deg" for slide in slides],
+        lower=lower,
+        upper=upper,
+        label="joint position",
+        caption=f"Range of each joint over {format_count(len(poses.angles), 'pose')}.",
+    )
+    return Section(
+        "Poses",
+        "Move near each pose; a few degrees do not matter. Write down what the encoders read. The poses respect the "
+        "joint limits and keep all joints above the table. Collisions of the arm with itself are not checked.",
+        scenes=(poses_scene(arm, poses, poses_figure(plan, poses.angles)),),
+        figures=(ranges,),
+    )
+
+
+def _line(axes: Axes, x: Any, y: Any, pen: Style, name: str) -> None:
+    axes.plot(x, y, color=pen.colour, linestyle=pen.dash, marker=pen.marker, markersize=3, label=name)
+
+
+class _Flat:
+    """From points in the base frame to a view: from above, or from the side with the front to the right."""
+
+    def __init__(self, plan: CalibrationPlan, *, side: bool) -> None:
+        front = stance(plan.arm).front_rad
+        ahead = np.array([np.cos(front), np.sin(front), 0.0])
+        self._axes = np.stack([ahead, [0.0, 0.0, 1.0]]) if side else np.eye(3)[:2]
+
+    def __call__(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        across, up = self._axes @ points.T
+        return across, up
+
+
+def _view(plan: CalibrationPlan, points: FloatArray, *, side: bool) -> tuple[Drawing, Axes, _Flat]:
+    """Axes of equal scale with a margin about the points, the base and the working pose."""
+    flat = _Flat(plan, side=side)
+    drawing = Drawing(figsize=(_WIDTH_IN, _HEIGHT_IN))
+    FigureCanvasAgg(drawing)
+    width, height = 3.66, 3.16
+    axes = drawing.add_axes((0.78 / _WIDTH_IN, 0.46 / _HEIGHT_IN, width / _WIDTH_IN, height / _HEIGHT_IN))
+    working = joint_origins(plan.arm.chain, plan.arm.working[None])[0]
+    seen = np.stack(flat(np.concatenate([points, working, np.zeros((1, 3))])))
+    low, high = seen.min(axis=1), seen.max(axis=1)
+    half = 1.08 * max((high[0] - low[0]) / width, (high[1] - low[1]) / height, 1.0) / 2
+    middle = (low + high) / 2
+    axes.set_xlim(middle[0] - half * width, middle[0] + half * width)
+    axes.set_ylim(middle[1] - half * height, middle[1] + half * height)
+    axes.set_aspect("equal")
+    across, up = ("ahead [mm]", "z [mm]") if side else ("x [mm]", "y [mm]")
+    axes.set(xlabel=across, ylabel=up, title="from the side" if side else "from above")
+    axes.plot(*flat(np.zeros((1, 3))), marker="+", markersize=9, markeredgewidth=1.2, color=INK, zorder=5)
+    return drawing, axes, flat
+
+
+def _arm(
+    axes: Axes, flat: _Flat, plan: CalibrationPlan, pose: FloatArray, *, colour: str, width: float, alpha: float = 1.0
+) -> None:
+    """Draw the arm as a line from joint to joint."""
+    chain = plan.arm.chain
+    line = np.concatenate([np.zeros((1, 3)), joint_origins(chain, pose[None])[0], chain.tip_in_base(pose[None])])
+    axes.plot(*flat(line), color=colour, linewidth=width, alpha=alpha, solid_joinstyle="round", zorder=2)
+
+
+def _artefacts(axes: Axes, flat: _Flat, poses: Candidates, *, label: bool) -> None:
+    assert poses.seat is not None
+    assert poses.seat_points is not None
+    points = {
+        name: poses.seat_points[int(np.argmax(poses.seat == name))] for name in dict.fromkeys(poses.seat.tolist())
+    }
+    ends = bars(poses) if poses.length_mm is not None else []
+    for one, other in ends:
+        axes.plot(*flat(np.stack([points[one], points[other]])), color=ORANGE, linewidth=2.4, zorder=3)
+    axes.scatter(*flat(np.stack(list(points.values()))), s=24, color=ORANGE, edgecolors=PAPER, linewidths=0.6, zorder=4)
+    if label:
+        marks = {one[:-1]: (points[one] + points[other]) / 2 for one, other in ends} if ends else points
+        for name, (x, y) in zip(marks, zip(*flat(np.stack(list(marks.values()))), strict=True), strict=True):
+            axes.annotate(name, (x, y), xytext=(4, 4), textcoords="offset points", color=INK, zorder=6)
