@@ -25,6 +25,7 @@ _HOMES = {
     "truearm.workflows.certificate": ("CertificateResult", "certificate"),
     "truearm.workflows.check": ("CheckResult", "check"),
     "truearm.workflows.check_export": ("ExportCheck", "check_export"),
+    "truearm.workflows.compare": ("ModelChange", "compare"),
     "truearm.workflows.correct": ("CorrectedTargets", "correct"),
     "truearm.workflows.diagnose": ("Diagnosis", "diagnose"),
     "truearm.workflows.evaluate": ("Evaluation", "evaluate"),

@@ -34,6 +34,8 @@ from truearm.workflows.check import CheckResult as CheckResult
 from truearm.workflows.check import check as check
 from truearm.workflows.check_export import ExportCheck as ExportCheck
 from truearm.workflows.check_export import check_export as check_export
+from truearm.workflows.compare import ModelChange as ModelChange
+from truearm.workflows.compare import compare as compare
 from truearm.workflows.correct import CorrectedTargets as CorrectedTargets
 from truearm.workflows.correct import correct as correct
 from truearm.workflows.diagnose import Diagnosis as Diagnosis

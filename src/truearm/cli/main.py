@@ -34,6 +34,7 @@ VERBS: tuple[tuple[str, str], ...] = (
     ("correct", "correct"),
     ("export", "export"),
     ("evaluate", "evaluate"),
+    ("compare", "compare"),
     ("report", "report"),
     ("verify", "verify"),
     ("task", "task"),

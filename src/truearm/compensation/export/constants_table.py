@@ -20,7 +20,7 @@ from truearm.arm.chain import Chain
 from truearm.arm.denavit_hartenberg import Convention, DHTable
 from truearm.arm.nearest_table import NEARLY_PARALLEL, ON_ONE_LINE_MM, drawn_convention, drawn_table, nearest_table
 from truearm.compensation.export.rigid_arm import RigidArm
-from truearm.compensation.models.compensator import Compensator
+from truearm.compensation.models.compensator import FREE_PARTS, Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.identification.estimation.diagnostics import UNIDENTIFIABLE_SHARE
 from truearm.identification.estimation.identification_result import IdentificationResult
@@ -108,7 +108,13 @@ class ConstantsTable:
         return replace(self, identified=replace(self.identified, base=self.nominal.base), constants=tuple(at_base))
 
 
-def constants_table(model: Compensator, rigid: RigidArm, *, convention: Convention | None = None) -> ConstantsTable:
+def constants_table(
+    model: Compensator,
+    rigid: RigidArm,
+    *,
+    convention: Convention | None = None,
+    free: Sequence[str] | None = None,
+) -> ConstantsTable:
     """The constants of a model's rigid stand-in beside the nominal ones.
 
     Parameters
@@ -119,10 +125,13 @@ def constants_table(model: Compensator, rigid: RigidArm, *, convention: Conventi
         Its stand-in.
     convention : {"dh", "mdh"}, optional
         By default that of the nominal arm's own table.
+    free : sequence of {"base", "tip"}, optional
+        Parts that take the change of a sum; by default those that were free in the fit.
     """
     nominal, fit = rigid.nominal.chain, rigid.fit
     convention = convention or drawn_convention(nominal)
-    free = [part for part in ("base", "tip") if any(term.group == part for term in fit.perturbed_chain.terms)]
+    if free is None:
+        free = [part for part in FREE_PARTS if any(term.group == part for term in fit.perturbed_chain.terms)]
     drawing = drawn_table(nominal, convention)
 
     def table_of(chain: Chain) -> DHTable:

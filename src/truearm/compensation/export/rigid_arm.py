@@ -181,7 +181,7 @@ def _region(model: Compensator, angles: npt.ArrayLike | None, region: str) -> tu
 
 def _placed(model: Compensator, nominal: Arm, poses: FloatArray, points: FloatArray) -> tuple[Chain, tuple[str, ...]]:
     """The nominal chain with base and tip identified, and the parts that are free."""
-    if _same_chain(nominal.chain, model.arm_.chain):
+    if same_chain(nominal.chain, model.arm_.chain):
         return _with_nominal_flange(model.nominal_.chain, nominal.chain), model.free_
     start, arm = nominal.chain, model.arm_
     if start.n_joints != arm.n_joints or (start.is_prismatic != arm.chain.is_prismatic).any():
@@ -202,7 +202,7 @@ def _placed(model: Compensator, nominal: Arm, poses: FloatArray, points: FloatAr
     return placed, FREE_PARTS
 
 
-def _same_chain(one: Chain, other: Chain) -> bool:
+def same_chain(one: Chain, other: Chain) -> bool:
     """Whether two descriptions give the same frames, to the rounding of printed angles."""
     return (
         one.n_joints == other.n_joints
