@@ -97,7 +97,10 @@ def _remarks(old: IdentifiedModel, new: IdentifiedModel, change: ArmChange) -> I
         if len(model.refit_reading_ids_):
             yield f"The {which} model was refitted: only its base and tip are of the later readings, not its constants."
     if change.displacement.region == "either":
-        yield "Few poses are in the trained range of both models: those of either are used; one model extrapolates."
+        yield (
+            "Few poses are in the trained range of both models: those of either are compared. A kinematic model's "
+            "constants contain errors that depend on the pose, and differ between regions: compare physical models."
+        )
     temperatures = [model.training_.temperature_degC for model in (old, new)]
     means = [one.mean for one in temperatures if one is not None]
     if len(means) == len(temperatures) and abs(means[0] - means[1]) > TEMPERATURE_TOLERANCE_K:

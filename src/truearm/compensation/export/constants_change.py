@@ -21,7 +21,7 @@ from truearm.compensation.models.compensator import FREE_PARTS
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.errors import InputError
 from truearm.readings.session import Session
-from truearm.solve.quadratic_forms import quadratic_form_quantile_beyond
+from truearm.solve.distributions import chi2_quantile
 from truearm.typing import FloatArray
 
 # Probability that any constant of an unchanged arm counts as changed, and that its tips do.
@@ -212,10 +212,22 @@ def _displacement(
     aligned = _aligned(np.concatenate([moved[None], *errors]), alignment)
     sizes = np.linalg.norm(aligned[0], axis=1)
     flat = aligned[1:].reshape(-1, 3 * len(poses))
-    weights = np.maximum(np.linalg.eigvalsh(flat @ flat.T), 0.0) / len(poses)
-    limit = float(np.sqrt(quadratic_form_quantile_beyond(weights, FALSE_ALARM)))
     rms = float(np.sqrt((sizes**2).mean()))
+    limit = float(np.sqrt(_square_limit(flat) / len(poses)))
     return TipDisplacement(float(sizes.mean()), float(sizes.max()), rms, limit, len(poses), region)
+
+
+def _square_limit(errors: FloatArray) -> float:
+    """What the sum of squares of errors (m,), by k independent causes (k, m), exceeds with `FALSE_ALARM`.
+
+    By a chi-squared variable of the same mean and variance (F. E. Satterthwaite, Biometrics Bull. 2 (1946) 110).
+    """
+    products = errors @ errors.T if len(errors) < errors.shape[1] else errors.T @ errors
+    mean, squares = float(np.trace(products)), float((products**2).sum())
+    if not squares:
+        return 0.0
+    freedom = mean**2 / squares
+    return mean / freedom * chi2_quantile(1 - FALSE_ALARM, freedom)
 
 
 def _constant_changes(
