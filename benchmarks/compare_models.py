@@ -28,7 +28,7 @@ def with_offset(session: ta.Session, joint: int, offset_deg: float) -> ta.Sessio
 def judge(change: ta.ModelChange, joint: str, planted_deg: float) -> dict[str, float]:
     """Whether constants and tip count as changed, and how the planted offset was found."""
     (one,) = [c for c in change.constants if (c.place, c.name) == (joint, "theta")]
-    return {
+    found = {
         "constants": bool(change.changed),
         "tip": change.change.displacement.is_significant,
         "found": one.is_changed,
@@ -37,6 +37,7 @@ def judge(change: ta.ModelChange, joint: str, planted_deg: float) -> dict[str, f
         "U_deg": np.degrees(one.U),
         "n_constants": len(change.constants),
     }
+    return {name: float(value) for name, value in found.items()}
 
 
 def main() -> None:
@@ -48,10 +49,13 @@ def main() -> None:
     parser.add_argument("--preset", default="research")
     parser.add_argument("--strategy", default="box")
     parser.add_argument("--offset", type=float, default=0.1, help="change of the joint offset [deg], 0.1 by default")
+    parser.add_argument("--models", nargs="+", default=KINDS, choices=KINDS, help="both by default")
     options = parser.parse_args()
     arm = ta.load_arm(options.arm)
     common = {"poses": options.readings, "preset": options.preset, "strategy": options.strategy}
-    found: dict[str, dict[str, list[dict[str, float]]]] = {kind: {"unchanged": [], "changed": []} for kind in KINDS}
+    found: dict[str, dict[str, list[dict[str, float]]]] = {
+        kind: {"unchanged": [], "changed": []} for kind in options.models
+    }
     for pair in range(options.pairs):
         first, second = (ta.simulate(arm, seed=2 * pair + 1 + k, arm_seed=pair, **common).session for k in range(2))
         joint = 1 + pair % (arm.n_joints - 2)
@@ -69,14 +73,9 @@ def main() -> None:
     for kind, each in found.items():
         of = {what: {name: [one[name] for one in pairs] for name in pairs[0]} for what, pairs in each.items()}
         still, moved = of["unchanged"], of["changed"]
-        counts = [
-            sum(still["constants"]),
-            sum(still["tip"]),
-            *(sum(moved[name]) for name in ("found", "within_U", "others", "tip")),
-        ]
-        rows.append(
-            [kind, f"{np.median(still['n_constants']):.0f}", *map(str, counts), f"{np.median(moved['U_deg']):.3f}"]
-        )
+        counts = [still["constants"], still["tip"], *(moved[name] for name in ("found", "within_U", "others", "tip"))]
+        medians = f"{np.median(still['n_constants']):.0f}", f"{np.median(moved['U_deg']):.3f}"
+        rows.append([kind, medians[0], *(f"{sum(count):.0f}" for count in counts), medians[1]])
     print_table(["model", "constants", "alarm", "tip alarm", "found", "within U", "others", "tip", "U, deg"], rows)
 
 

@@ -61,7 +61,17 @@ def test_an_unchanged_arm_is_said_to_be_unchanged(models):
 def test_a_tip_that_moves_without_one_constant_is_said(models):
     again = ta.compare(models["old"], models["again"])
     moved = replace(again.change, displacement=replace(again.change.displacement, limit_mm=1e-6))
-    assert replace(again, change=moved).summary().endswith(": more than explained.")
+    assert replace(again, change=moved).summary().endswith(", more than the uncertainties explain.")
+
+
+def test_nominal_models_differ_by_base_and_tip_only():
+    arm = ta.load_arm("gao2017")
+    sessions = [ta.simulate("gao2017", poses=30, seed=seed).session for seed in (1, 2)]
+    same = ta.compare(*(ta.NominalModel(arm).fit_readings(session) for session in sessions))
+    assert same.changed == ()
+    assert same.summary().endswith(
+        "the tip moves by 0.00000 mm on average, 0.00000 mm at most, within the uncertainty."
+    )
 
 
 def test_the_record_reads_as_text_as_html_and_as_json(crash):

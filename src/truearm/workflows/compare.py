@@ -146,9 +146,10 @@ class ModelChange(Record):
         moves = f"the tip moves by {format_mm(tip.mean_mm)} on average, {format_mm(tip.max_mm)} at most"
         if n:
             return f"{n} of {number_of(m, 'constant')} changed by more than the uncertainty; {moves}."
+        answer = f"No constant changed by more than its uncertainty ({m} compared)"
         if tip.is_significant:
-            return f"No constant changed by more than its uncertainty ({m} compared), but {moves}: more than explained."
-        return f"No constant changed by more than its uncertainty ({m} compared); {moves}, within the uncertainty."
+            return f"{answer}, but {moves}, more than the uncertainties explain."
+        return f"{answer}; {moves}, within the uncertainty."
 
     def blocks(self) -> Iterator[str | TextTable]:
         """See `Record.blocks`."""

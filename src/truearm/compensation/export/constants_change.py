@@ -26,6 +26,8 @@ from truearm.typing import FloatArray
 
 # Probability that any constant of an unchanged arm counts as changed, and that its tips do.
 FALSE_ALARM = 0.05
+# A displacement below this is the rounding of the arithmetic [mm].
+ROUNDING_MM = 1e-6
 # Poses inside both trained ranges are used alone if they are this share of all.
 LEAST_COMMON_SHARE = 0.5
 
@@ -99,7 +101,7 @@ class TipDisplacement:
     @property
     def is_significant(self) -> bool:
         """Whether the uncertainties do not explain it."""
-        return self.rms_mm > self.limit_mm
+        return self.rms_mm > max(self.limit_mm, ROUNDING_MM)
 
 
 @dataclass(frozen=True)
