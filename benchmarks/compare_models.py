@@ -4,6 +4,8 @@
 
 Each arm is measured twice at other poses. Of an unchanged arm the constants and the tip may count as changed in 5 % of
 pairs each. Then the joint offset of one of the inner joints in turn is changed before the second session.
+
+With --ur10: models of the published series A (2000 of its readings) and B of a UR10, which overlap in few poses.
 """
 
 from __future__ import annotations
@@ -40,6 +42,16 @@ def judge(change: ta.ModelChange, joint: str, planted_deg: float) -> dict[str, f
     return {name: float(value) for name, value in found.items()}
 
 
+def compare_series(kinds: list[str]) -> None:
+    """Print what changed in the UR10 from series A to B, by each kind of model."""
+    first, second = (ta.fetch(name).session for name in ("ur10-a", "ur10-b"))
+    rows = np.sort(np.random.default_rng(1).permutation(len(first))[:2000])
+    say_machine()
+    for kind in kinds:
+        old, new = (ta.fit("ur10", session, model=kind).model for session in (first.rows(rows), second))
+        print(f"\n{kind}\n{ta.compare(old, new)}")
+
+
 def main() -> None:
     """Measure and print."""
     parser = arguments_of(__doc__)
@@ -50,7 +62,11 @@ def main() -> None:
     parser.add_argument("--strategy", default="box")
     parser.add_argument("--offset", type=float, default=0.1, help="change of the joint offset [deg], 0.1 by default")
     parser.add_argument("--models", nargs="+", default=KINDS, choices=KINDS, help="both by default")
+    parser.add_argument("--ur10", action="store_true", help="models of the published readings of a UR10 instead")
     options = parser.parse_args()
+    if options.ur10:
+        compare_series(options.models)
+        return
     arm = ta.load_arm(options.arm)
     common = {"poses": options.readings, "preset": options.preset, "strategy": options.strategy}
     found: dict[str, dict[str, list[dict[str, float]]]] = {

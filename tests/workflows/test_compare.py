@@ -132,6 +132,7 @@ def test_what_else_differs_is_said(models, crash, monkeypatch):
     assert remarks(*map(with_serial_number, (old, again), "11")) == ""
     change = replace(change, displacement=replace(change.displacement, region="either"))
     assert "Few poses are in the trained range of both" in remarks(old, again)
+    assert remarks(old, again).endswith("compare physical models.")
 
 
 def test_a_refitted_model_has_the_constants_of_the_first(models):

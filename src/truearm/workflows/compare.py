@@ -10,7 +10,7 @@ from typing import Any
 
 from truearm.compensation.export.constants_change import FALSE_ALARM, ArmChange, ConstantChange, constants_change
 from truearm.compensation.export.rigid_arm import same_chain
-from truearm.compensation.models.identified_model import IdentifiedModel
+from truearm.compensation.models.identified_model import IdentifiedModel, PhysicalModel
 from truearm.compensation.models.training_conditions import TEMPERATURE_TOLERANCE_K
 from truearm.errors import InputError
 from truearm.readings.session import PAYLOAD
@@ -97,10 +97,12 @@ def _remarks(old: IdentifiedModel, new: IdentifiedModel, change: ArmChange) -> I
         if len(model.refit_reading_ids_):
             yield f"The {which} model was refitted: only its base and tip are of the later readings, not its constants."
     if change.displacement.region == "either":
-        yield (
-            "Few poses are in the trained range of both models: those of either are compared. A kinematic model's "
-            "constants contain errors that depend on the pose, and differ between regions: compare physical models."
-        )
+        yield "Few poses are in the trained range of both models: those of either are compared."
+        if not (isinstance(old, PhysicalModel) and isinstance(new, PhysicalModel)):
+            yield (
+                "Constants of a kinematic model contain errors that depend on the pose, and differ between regions: "
+                "compare physical models."
+            )
     temperatures = [model.training_.temperature_degC for model in (old, new)]
     means = [one.mean for one in temperatures if one is not None]
     if len(means) == len(temperatures) and abs(means[0] - means[1]) > TEMPERATURE_TOLERANCE_K:
