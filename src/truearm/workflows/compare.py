@@ -13,7 +13,7 @@ from truearm.compensation.export.rigid_arm import same_chain
 from truearm.compensation.models.identified_model import IdentifiedModel, PhysicalModel
 from truearm.compensation.models.training_conditions import TEMPERATURE_TOLERANCE_K
 from truearm.errors import InputError
-from truearm.readings.session import PAYLOAD
+from truearm.readings.readings import PAYLOAD
 from truearm.solve.threads import one_blas_thread
 from truearm.workflows.inputs import ModelLike, to_model_of_tip
 from truearm.workflows.record import Record, TextTable, format_fixed, to_plain
