@@ -21,8 +21,8 @@ from truearm.arm import Arm, load_arm
 from truearm.arm.denavit_hartenberg import DHTable
 from truearm.arm.description_mistakes import Interpretation, Mistake, likely_mistakes
 from truearm.errors import InputError
-from truearm.identification.estimation.description_check import DescriptionCheck, check_description
-from truearm.identification.estimation.reference_table import reference_table
+from truearm.identification.judgement.description_check import DescriptionCheck, check_description
+from truearm.identification.judgement.reference_table import reference_table
 from truearm.readings import Lengths, Session
 
 READINGS = 60

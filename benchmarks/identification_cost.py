@@ -21,7 +21,7 @@ from machine import Target
 from truearm.arm import load_arm
 from truearm.identification.estimation.identification import identify
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
-from truearm.identification.estimation.references import Points
+from truearm.identification.references.references import Points
 from truearm.identification.terms import ArmState, Term, candidate_terms
 
 READINGS = (1500, 3000, 6000, 12_000, 24_000)

@@ -17,9 +17,9 @@ from identification_virtual import OTHER, STRATEGY, TEST, TRAIN, measured
 from machine import Target
 from truearm import datasets
 from truearm.arm import Arm, load_arm
-from truearm.compensation.models.reading_references import references_of, state_of
-from truearm.identification.estimation.alignment import place_base_coarsely
 from truearm.identification.estimation.identification import identify
+from truearm.identification.references.alignment import place_base_coarsely
+from truearm.identification.references.reading_references import references_of, state_of
 from truearm.identification.terms import Term, candidate_terms, constants
 from truearm.readings import Session, hold_out
 from truearm.readings.lengths import Lengths

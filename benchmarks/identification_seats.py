@@ -14,7 +14,7 @@ from truearm import datasets
 from truearm.arm import load_arm
 from truearm.compensation.models import KinematicModel, NominalModel, PhysicalModel
 from truearm.compensation.models.identified_model import IdentifiedModel
-from truearm.compensation.models.reading_references import state_of
+from truearm.identification.references.reading_references import state_of
 from truearm.readings import Session
 from truearm.readings.lengths import Lengths
 from truearm.readings.seats import length_errors, seat_errors

@@ -12,8 +12,8 @@ from identification_row import Row
 from machine import Target
 from truearm.arm import Arm, chain_from_dh, load_arm
 from truearm.compensation.models import KinematicModel, NominalModel, PhysicalModel
-from truearm.identification.estimation.alignment import align
 from truearm.identification.planning.sampling import STRATEGIES
+from truearm.identification.references.alignment import align
 from truearm.identification.virtual import Measurement, VirtualArm, load_preset
 from truearm.readings import Session, point_errors
 from truearm.readings.lengths import Lengths

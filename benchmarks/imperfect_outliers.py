@@ -21,7 +21,7 @@ from truearm.arm import load_arm
 from truearm.compensation.models import PhysicalModel
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.compensation.models.selection import select_model
-from truearm.identification.estimation.outliers import outliers
+from truearm.identification.judgement.outliers import outliers
 from truearm.identification.planning.sampling.measuring import measuring_poses
 from truearm.identification.virtual import VirtualArm, load_preset
 from truearm.readings import Session, hold_out

@@ -28,7 +28,7 @@ from truearm import datasets
 from truearm.arm import Arm, load_arm
 from truearm.compensation.models import HybridModel, KinematicModel, NetworkModel, NominalModel, PhysicalModel
 from truearm.compensation.models.compensator import Compensator
-from truearm.compensation.models.cross_validation_groups import cross_validation_groups
+from truearm.identification.judgement.cross_validation_groups import cross_validation_groups
 from truearm.identification.planning.sampling import STRATEGIES
 from truearm.identification.virtual import VirtualArm, load_preset
 from truearm.readings import Lengths, Session, hold_out

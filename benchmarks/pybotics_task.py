@@ -27,7 +27,7 @@ from machine import Target, Times, arguments_of, print_json, say_machine, say_ta
 from truearm.arm import Chain, chain_from_mdh
 from truearm.identification.estimation.identification import identify
 from truearm.identification.estimation.identification_result import IdentificationResult
-from truearm.identification.estimation.references import Points
+from truearm.identification.references.references import Points
 from truearm.identification.terms import ArmState, Constant, Term
 
 # The table of pybotics' predefined UR10: alpha [rad], a [mm], theta [rad], d [mm].

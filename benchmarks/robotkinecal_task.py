@@ -34,11 +34,11 @@ from machine import Target, arguments_of, print_json, print_table, say_machine, 
 from truearm.arm import Chain, load_arm
 from truearm.identification.estimation.identification import identify
 from truearm.identification.estimation.identification_result import IdentificationResult
-from truearm.identification.estimation.orientations import LEVER_MM, Orientations
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.estimation.problem import SmallMotionProblem
-from truearm.identification.estimation.references import Points, Reference
 from truearm.identification.planning.observability import rank_and_gap
+from truearm.identification.references.orientations import LEVER_MM, Orientations
+from truearm.identification.references.references import Points, Reference
 from truearm.identification.terms import ArmState, Term, constants
 from truearm.identification.terms.catalogue import tool_rotation
 

@@ -17,9 +17,9 @@ from machine import say_machine
 from truearm import datasets
 from truearm.arm import load_arm
 from truearm.compensation.models import PhysicalModel
-from truearm.compensation.models.reading_references import state_of
 from truearm.identification.estimation.diagnostics import JointError, effects, joint_error
-from truearm.identification.estimation.outliers import outliers
+from truearm.identification.judgement.outliers import outliers
+from truearm.identification.references.reading_references import state_of
 from truearm.identification.terms import GravityTorque
 from truearm.pages.plotting import save_figure
 from truearm.readings import Session

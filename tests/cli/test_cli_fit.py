@@ -82,7 +82,7 @@ def test_seats_and_lengths_alone(truearm, shop, tmp_path):
     assert model.free_ == ("tip",)
     points = table[["x_mm", "y_mm", "z_mm"]].to_numpy()
     found = model.predict(np.radians(table[[f"q{i}_deg" for i in range(1, 7)]].to_numpy()))
-    from truearm.identification.estimation.alignment import align
+    from truearm.identification.references.alignment import align
 
     T = align(found, points)
     off = np.linalg.norm(found @ T[:3, :3].T + T[:3, 3] - points, axis=1)

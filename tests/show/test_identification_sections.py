@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from html_outline import Outline
-from truearm.compensation.models.held_out_errors import HeldOutErrors
 from truearm.compensation.models.uncertainty import UncertaintyBudget
 from truearm.errors import InputError
 from truearm.identification.estimation.diagnostics import Effect, JointError
-from truearm.identification.estimation.outliers import Outlier
+from truearm.identification.judgement.held_out_errors import HeldOutErrors
+from truearm.identification.judgement.outliers import Outlier
 from truearm.pages.html import render
 from truearm.pages.page import Page
 from truearm.pages.plotting import svg_element

@@ -3,7 +3,7 @@
 An `Interpretation` says how an arm file and a table of readings are to be understood: the rows of the table, what the
 columns of angles mean, the units and the handedness of the references, and which reference belongs to which reading. A
 `Mistake` changes one thing of it, as a person would correct it. Nothing here knows readings: which mistake explains
-them is decided in `truearm.identification.estimation.description_check`.
+them is decided in `truearm.identification.judgement.description_check`.
 """
 
 from __future__ import annotations

@@ -8,7 +8,6 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.compensation.models.compensator import Compensator
-from truearm.compensation.models.held_out_errors import HeldOutErrors
 from truearm.compensation.models.identified_model import IdentifiedModel, NominalModel
 from truearm.compensation.models.uncertainty import (
     COVERAGE_FACTOR,
@@ -18,7 +17,8 @@ from truearm.compensation.models.uncertainty import (
     uncertainty_budget,
 )
 from truearm.identification.estimation.diagnostics import Effect, JointError, effects, identifiability, joint_error
-from truearm.identification.estimation.outliers import Outlier, outliers
+from truearm.identification.judgement.held_out_errors import HeldOutErrors
+from truearm.identification.judgement.outliers import Outlier, outliers
 from truearm.number_format import format_count, format_number, format_percent, format_uncertainty
 from truearm.pages.page import Column, LabelledValue, Section, Table
 from truearm.pages.plotting import Style, styles_of

@@ -9,7 +9,7 @@ import numpy as np
 
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
-from truearm.compensation.models.tips import tip_names
+from truearm.identification.references.tips import tip_names
 from truearm.pages.plotting import Figure
 from truearm.pages.scene import Mechanism, PointCloud, PointColumn, Scene
 from truearm.readings import Session

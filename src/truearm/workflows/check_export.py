@@ -19,7 +19,7 @@ from truearm.compensation.models.provenance import provenance_of
 from truearm.compensation.targets.manifest import EXACT_MM, Manifest, TargetsManifest, content_hash, read_manifest
 from truearm.compensation.targets.pose_models import with_tool
 from truearm.errors import InputError, MissingTool
-from truearm.identification.estimation.alignment import align
+from truearm.identification.references.alignment import align
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 from truearm.workflows.export import FORMATS

@@ -10,7 +10,7 @@ import numpy as np
 
 from truearm.compensation.models import Compensator, NominalModel
 from truearm.compensation.models.uncertainty import uncertainty_budget
-from truearm.identification.estimation.outliers import Outlier
+from truearm.identification.judgement.outliers import Outlier
 from truearm.readings import (
     Lengths,
     Session,

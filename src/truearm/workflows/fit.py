@@ -21,21 +21,21 @@ from truearm.compensation.models import (
 from truearm.compensation.models.arm_check import with_serial_number
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.compensation.models.model_file import save_model
-from truearm.compensation.models.reading_references import (
+from truearm.compensation.models.selection import ModelScore, select_model
+from truearm.errors import InputError
+from truearm.identification.estimation.diagnostics import identifiability
+from truearm.identification.estimation.tip_offsets import describe_tips
+from truearm.identification.judgement.gross_errors import excluded_readings
+from truearm.identification.judgement.outliers import Outlier, length_outliers, outliers
+from truearm.identification.judgement.stated_uncertainty import describe_stated_uncertainty
+from truearm.identification.references.distances import is_offset
+from truearm.identification.references.reading_references import (
     MIN_READINGS_ON,
     check_spread,
     references_of,
     surfaces_with_too_few_readings,
 )
-from truearm.compensation.models.selection import ModelScore, select_model
-from truearm.compensation.models.session_frames import to_first_session_frame
-from truearm.compensation.models.stated_uncertainty import describe_stated_uncertainty
-from truearm.compensation.models.tips import describe_tips
-from truearm.errors import InputError
-from truearm.identification.estimation.diagnostics import identifiability
-from truearm.identification.estimation.distances import is_offset
-from truearm.identification.estimation.gross_errors import excluded_readings
-from truearm.identification.estimation.outliers import Outlier, length_outliers, outliers
+from truearm.identification.references.session_frames import to_first_session_frame
 from truearm.readings import Lengths, Session, compare_errors, seat_errors
 from truearm.readings.anchors import LEAST_COMPARED, distance_errors, has_located_anchor
 from truearm.readings.distances import OFFSET_STD_MM, bars_without_certificate

@@ -9,8 +9,8 @@ import numpy as np
 
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
-from truearm.compensation.models.session_frames import to_first_session_frame
-from truearm.identification.estimation.change_point import FrameChange, frame_change
+from truearm.identification.judgement.change_point import FrameChange, frame_change
+from truearm.identification.references.session_frames import to_first_session_frame
 from truearm.readings.session import Session
 
 

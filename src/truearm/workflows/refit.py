@@ -13,7 +13,7 @@ from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.compensation.models.model_file import save_model
 from truearm.compensation.models.refit import refit as refit_model
 from truearm.errors import InputError
-from truearm.identification.estimation.outliers import Outlier, outliers
+from truearm.identification.judgement.outliers import Outlier, outliers
 from truearm.readings import Session, stratified_rows
 from truearm.solve.threads import one_blas_thread
 from truearm.workflows.inputs import (

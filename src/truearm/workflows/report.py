@@ -11,8 +11,8 @@ from truearm.compensation.export.constants_table import constants_table
 from truearm.compensation.export.rigid_arm import best_rigid_arm
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel, NominalModel
-from truearm.compensation.models.tips import tip_names
 from truearm.errors import InputError
+from truearm.identification.references.tips import tip_names
 from truearm.pages.page import Page, Section
 from truearm.readings import Lengths, Session, seat_errors
 from truearm.show.comparison_page import (

@@ -25,7 +25,7 @@ from truearm.compensation.export.rigid_arm import best_rigid_arm
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.targets.manifest import read_manifest
 from truearm.errors import InputError
-from truearm.identification.estimation.alignment import align
+from truearm.identification.references.alignment import align
 from truearm.number_format import RoundedNumber
 from truearm.pages.html import render
 from truearm.pages.page import Page

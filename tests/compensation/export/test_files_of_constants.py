@@ -20,7 +20,7 @@ from truearm.compensation.export import constants, deltas, joint_offsets, ur_kin
 from truearm.compensation.export.rigid_arm import best_rigid_arm
 from truearm.compensation.targets.manifest import read_manifest
 from truearm.errors import InputError
-from truearm.identification.estimation.alignment import align
+from truearm.identification.references.alignment import align
 from truearm.workflows.check_export import check_export
 from truearm.workflows.export import export
 

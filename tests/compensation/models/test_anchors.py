@@ -10,10 +10,10 @@ import pytest
 import truearm as ta
 from truearm.compensation.models import KinematicModel, NominalModel
 from truearm.compensation.models.model_file import load_model
-from truearm.compensation.models.reading_references import references_of
 from truearm.compensation.models.refit import refit, used_in_refit
 from truearm.errors import InputError
-from truearm.identification.estimation.alignment import align
+from truearm.identification.references.alignment import align
+from truearm.identification.references.reading_references import references_of
 from truearm.readings import Session
 from truearm.readings.anchors import distance_errors
 from truearm.workflows.fit import fit

@@ -11,9 +11,9 @@ from scipy.stats import chi2
 from truearm.arm import load_arm
 from truearm.arm.arm import Arm
 from truearm.compensation.models import KinematicModel, NetworkModel, NominalModel, PhysicalModel
-from truearm.compensation.models.cross_validation_groups import cross_validation_groups
 from truearm.errors import InputError
-from truearm.identification.estimation.alignment import align
+from truearm.identification.judgement.cross_validation_groups import cross_validation_groups
+from truearm.identification.references.alignment import align
 from truearm.identification.terms.catalogue import thermal
 from truearm.readings import Lengths, Session
 

@@ -14,10 +14,10 @@ import pytest
 from truearm.arm import LinkMasses, load_arm, read_arm, write_arm
 from truearm.compensation.models import PhysicalModel
 from truearm.compensation.models.model_file import load_model, save_model
-from truearm.compensation.models.reading_references import state_of
 from truearm.errors import InputError
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.planning.prior import nominal_prior
+from truearm.identification.references.reading_references import state_of
 from truearm.identification.terms import GravityTorque, Term, gravity_torques
 from truearm.readings import Session
 from truearm.workflows.arms import identified_arm

@@ -24,7 +24,7 @@ from truearm.compensation.models.model_archive import DTYPES
 from truearm.compensation.models.model_file import load_model, save_model
 from truearm.compensation.models.network import TRAINERS
 from truearm.errors import InputError, TruearmError
-from truearm.identification.estimation.outliers import outliers
+from truearm.identification.judgement.outliers import outliers
 from truearm.identification.terms import SkippedTerm, Term
 from truearm.readings import Session
 

@@ -11,13 +11,13 @@ import truearm as ta
 from truearm.arm import Arm, Chain, load_arm
 from truearm.arm.arm_files import read_arm, write_arm
 from truearm.compensation.models import KinematicModel, NominalModel, load_model
-from truearm.compensation.models.nominal_check import MAX_RATIO
-from truearm.compensation.models.reading_references import references_of, state_of
 from truearm.compensation.models.refit import refit
 from truearm.errors import InputError
-from truearm.identification.estimation.nominal_error import usual_error
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
+from truearm.identification.judgement.nominal_check import MAX_RATIO
+from truearm.identification.judgement.nominal_error import usual_error
 from truearm.identification.planning.sampling import STRATEGIES
+from truearm.identification.references.reading_references import references_of, state_of
 from truearm.identification.terms import constants
 from truearm.identification.virtual import VirtualArm
 from truearm.readings import Session

@@ -14,16 +14,16 @@ from truearm.arm import load_arm
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.compensation.models import PhysicalModel, identified_model
-from truearm.compensation.models.cross_validation_groups import (
+from truearm.compensation.models.identified_model import MAX_SHARE_LEFT, _typical_error
+from truearm.identification.estimation.expected_error import expected_square_error
+from truearm.identification.estimation.residual_variance import HeldOutReadings
+from truearm.identification.judgement.cross_validation_groups import (
     REGIONS,
     is_in_one_place,
     joint_space_regions,
 )
-from truearm.compensation.models.identified_model import MAX_SHARE_LEFT, _typical_error
-from truearm.compensation.models.reading_references import state_of
-from truearm.identification.estimation.expected_error import expected_square_error
-from truearm.identification.estimation.residual_variance import HeldOutReadings
 from truearm.identification.planning.sampling.seat import seat
+from truearm.identification.references.reading_references import state_of
 from truearm.identification.terms.basis import Constant
 from truearm.readings import Session
 

@@ -11,7 +11,7 @@ from truearm.compensation.models import KinematicModel, NetworkModel, NominalMod
 from truearm.compensation.models.model_file import load_model, save_model
 from truearm.compensation.models.refit import refit, used_in_refit
 from truearm.errors import InputError
-from truearm.identification.estimation.outliers import outliers
+from truearm.identification.judgement.outliers import outliers
 from truearm.readings import Session, read_session, write_session
 
 TURN = Rotation.from_rotvec([0.4, -2.0, 1.0]).as_matrix()

@@ -7,7 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from truearm.arm import load_arm
-from truearm.compensation.models.reading_references import (
+from truearm.errors import InputError
+from truearm.identification.references.reading_references import (
     references_of,
     roughly_aligned_chain,
     rows_with_orientation,
@@ -15,7 +16,6 @@ from truearm.compensation.models.reading_references import (
     surfaces_with_too_few_readings,
     tool_terms,
 )
-from truearm.errors import InputError
 from truearm.readings import Lengths, Session
 
 NAN = np.nan

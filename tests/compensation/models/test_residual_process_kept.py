@@ -16,7 +16,8 @@ from truearm.compensation.models import PhysicalModel
 from truearm.compensation.models.model_file import load_model
 from truearm.compensation.models.model_file_checks import check_model
 from truearm.compensation.models.refit import refit
-from truearm.compensation.models.residual_process import (
+from truearm.errors import InputError
+from truearm.identification.judgement.residual_process import (
     GROUP,
     OF_ARM,
     OF_SESSION,
@@ -24,7 +25,6 @@ from truearm.compensation.models.residual_process import (
     process_columns,
     without_process,
 )
-from truearm.errors import InputError
 from truearm.identification.terms.kernel import InducedProcess
 from truearm.readings import Session
 from truearm.verification.tasks.sampled_arms import PosteriorDistribution

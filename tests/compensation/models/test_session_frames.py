@@ -12,14 +12,14 @@ from scipy.spatial.transform import Rotation
 from truearm.compensation.models import KinematicModel, NetworkModel, NominalModel, PhysicalModel
 from truearm.compensation.models.model_file import load_model, save_model
 from truearm.compensation.models.refit import refit
-from truearm.compensation.models.session_frames import (
+from truearm.errors import InputError
+from truearm.identification.references.session_frames import (
     checked_frames,
     covariances_to_session_frames,
     points_to_session_frames,
     rough_session_frames,
     to_first_session_frame,
 )
-from truearm.errors import InputError
 from truearm.readings import Session
 
 NOISE = 0.02  # mm, as of `real`

@@ -10,9 +10,9 @@ import pytest
 from truearm.arm import load_arm
 from truearm.arm.inverse_kinematics import solve_inverse_kinematics
 from truearm.compensation.models import KinematicModel, NominalModel
-from truearm.compensation.models.reading_references import MAX_SIZE_ERROR
 from truearm.errors import InputError
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
+from truearm.identification.judgement.stated_sizes import MAX_SIZE_ERROR
 from truearm.identification.terms import constants
 from truearm.readings import Lengths, Session
 

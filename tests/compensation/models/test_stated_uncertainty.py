@@ -9,8 +9,8 @@ import pytest
 import truearm as ta
 from truearm.arm import load_arm
 from truearm.compensation.models import KinematicModel, PhysicalModel
-from truearm.compensation.models.stated_uncertainty import describe_stated_uncertainty, stated_ratio
 from truearm.errors import InputError
+from truearm.identification.judgement.stated_uncertainty import describe_stated_uncertainty, stated_ratio
 from truearm.readings import Session
 
 ARM = load_arm("gao2017")

@@ -11,8 +11,8 @@ import truearm as ta
 from truearm.compensation.models import KinematicModel, NetworkModel, NominalModel
 from truearm.compensation.models.model_file import load_model
 from truearm.compensation.models.refit import refit
-from truearm.compensation.models.tips import describe_tips, tip_offsets
 from truearm.errors import InputError
+from truearm.identification.estimation.tip_offsets import describe_tips, tip_offsets
 from truearm.identification.terms import OfTip
 from truearm.readings import Session, read_session, write_session
 from truearm.workflows.fit import fit

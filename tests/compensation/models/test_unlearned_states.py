@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from truearm.compensation.models import KinematicModel, PhysicalModel, load_model
-from truearm.compensation.models.reading_references import state_of
+from truearm.identification.references.reading_references import state_of
 from truearm.identification.terms import candidate_terms, link_vectors
 from truearm.identification.terms.basis import Temperature
 from truearm.identification.terms.catalogue import COLUMN_STD, HYSTERESIS_STD, unlearned_terms

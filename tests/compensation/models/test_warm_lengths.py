@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from truearm.compensation.models import KinematicModel
-from truearm.compensation.models.reading_references import references_of
+from truearm.identification.references.reading_references import references_of
 from truearm.readings import Lengths, length_errors
 
 STEEL, U_STEEL = 1.15e-5, 1e-6  # 1/K

@@ -9,8 +9,8 @@ import numpy as np
 from truearm.arm import Arm, Chain
 from truearm.arm.inverse_kinematics import solve_inverse_kinematics
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
-from truearm.identification.estimation.references import Points, Reference, seats_of
-from truearm.identification.estimation.surfaces import lines_of, planes_of, spheres_of
+from truearm.identification.references.references import Points, Reference, seats_of
+from truearm.identification.references.surfaces import lines_of, planes_of, spheres_of
 from truearm.identification.terms import ArmState, Term
 
 # Standard deviations of the tip against each kind [mm]: across lines and planes, along the radius of spheres.

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from truearm.identification.estimation.alignment import align, align_robust
+from truearm.identification.references.alignment import align, align_robust
 
 
 def points(rng, n):

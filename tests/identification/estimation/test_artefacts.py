@@ -11,7 +11,7 @@ from truearm.errors import InputError
 from truearm.identification.estimation.identification import identify
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
-from truearm.identification.estimation.references import Length, Seats, seats_of
+from truearm.identification.references.references import Length, Seats, seats_of
 from truearm.identification.terms import ArmState, constants
 
 BAR_MM, U_MM = 200.0, 0.002

@@ -7,8 +7,8 @@ import pytest
 
 from truearm.arm import load_arm
 from truearm.compensation.models import KinematicModel
-from truearm.identification.estimation.cross_validation import birge_ratio
 from truearm.identification.estimation.identification_result import ReferenceFit
+from truearm.identification.judgement.cross_validation import birge_ratio
 from truearm.readings import Session
 
 

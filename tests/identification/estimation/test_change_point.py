@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from truearm.identification.estimation.change_point import HALF_WIDTH, SIGNIFICANCE, frame_change
+from truearm.identification.judgement.change_point import HALF_WIDTH, SIGNIFICANCE, frame_change
 
 STD = 0.01  # mm
 

@@ -9,11 +9,11 @@ import pytest
 from scipy.stats import chi2
 
 from truearm.arm.chain import Chain
-from truearm.identification.estimation.alignment import align
 from truearm.identification.estimation.consider_parameters import consider_update
 from truearm.identification.estimation.identification import identify
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
-from truearm.identification.estimation.references import Points, seats_of
+from truearm.identification.references.alignment import align
+from truearm.identification.references.references import Points, seats_of
 from truearm.identification.terms import ArmState, constants
 from truearm.identification.terms.catalogue import own_axis
 

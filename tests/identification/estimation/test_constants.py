@@ -12,11 +12,11 @@ from truearm.arm import load_arm
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
-from truearm.identification.estimation.alignment import align, place_base_coarsely
 from truearm.identification.estimation.identification import identify
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.estimation.problem import SmallMotionProblem
-from truearm.identification.estimation.references import Points
+from truearm.identification.references.alignment import align, place_base_coarsely
+from truearm.identification.references.references import Points
 from truearm.identification.terms import ArmState, Constant, Term, constants
 from truearm.readings import Session
 

@@ -11,14 +11,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from truearm.arm import load_arm
-from truearm.identification.estimation import cross_validation
-from truearm.identification.estimation.cross_validation import cross_validate_by_group
-from truearm.identification.estimation.group_batches import group_batches
 from truearm.identification.estimation.identification import identify, initial_problem
 from truearm.identification.estimation.identification_result import IdentificationResult
-from truearm.identification.estimation.orientations import Orientations
-from truearm.identification.estimation.references import Length, Points, Seats, seats_of
+from truearm.identification.judgement import cross_validation
+from truearm.identification.judgement.cross_validation import cross_validate_by_group
+from truearm.identification.judgement.group_batches import group_batches
 from truearm.identification.planning.sampling.seat import seat
+from truearm.identification.references.orientations import Orientations
+from truearm.identification.references.references import Length, Points, Seats, seats_of
 from truearm.identification.terms import ArmState, constants
 from truearm.identification.terms.catalogue import tool_rotation
 from truearm.solve.square_roots import covariance_factor

@@ -9,7 +9,7 @@ import pytest
 
 from truearm.arm import load_arm
 from truearm.compensation.models import KinematicModel, NominalModel, PhysicalModel, load_model
-from truearm.identification.estimation.day_to_day import (
+from truearm.identification.judgement.day_to_day import (
     COMPONENTS,
     GROUP,
     SHIFT_SHARE,

@@ -12,9 +12,9 @@ from scipy.stats import multivariate_normal
 import truearm as ta
 from truearm.arm import load_arm
 from truearm.arm.description_mistakes import Interpretation, likely_mistakes
-from truearm.identification.estimation.description_check import NOISE_MM, check_description, restricted_likelihood
-from truearm.identification.estimation.description_fits import fit_descriptions, fixed_motions
-from truearm.identification.estimation.reference_table import reference_table
+from truearm.identification.judgement.description_check import NOISE_MM, check_description, restricted_likelihood
+from truearm.identification.judgement.description_fits import fit_descriptions, fixed_motions
+from truearm.identification.judgement.reference_table import reference_table
 from truearm.readings import Session
 
 ARM = load_arm("gao2017")

@@ -13,8 +13,8 @@ from truearm.identification.estimation.identification import grouped_prior, iden
 from truearm.identification.estimation.linearisation import eliminate_unknowns
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.estimation.problem import SmallMotionProblem
-from truearm.identification.estimation.references import Length, Points, Seats
-from truearm.identification.estimation.surfaces import planes_of, spheres_of
+from truearm.identification.references.references import Length, Points, Seats
+from truearm.identification.references.surfaces import planes_of, spheres_of
 from truearm.identification.terms import ArmState, candidate_terms, constants
 from truearm.solve.group_evidence import posterior
 

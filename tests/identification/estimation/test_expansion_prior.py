@@ -7,9 +7,9 @@ import pytest
 from scipy.stats import multivariate_normal, norm
 
 from truearm.arm import load_arm
-from truearm.identification.estimation.expansion_prior import _likelihood, _mixture, with_material_prior
 from truearm.identification.estimation.identification_result import IdentificationResult, TermGroupResult
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
+from truearm.identification.judgement.expansion_prior import _likelihood, _mixture, with_material_prior
 from truearm.identification.terms import Constant, Term
 from truearm.identification.terms.basis import Temperature
 from truearm.identification.terms.thermal import MATERIALS, UNKNOWN_MATERIAL, Material

@@ -13,9 +13,12 @@ from hypothesis import strategies as st
 from truearm.arm import load_arm
 from truearm.compensation.models import PhysicalModel
 from truearm.errors import InputError
-from truearm.identification.estimation import gross_errors
-from truearm.identification.estimation.cross_validation import cross_validate_by_group
-from truearm.identification.estimation.gross_errors import (
+from truearm.identification.estimation.identification import identify
+from truearm.identification.estimation.identification_result import ReferenceFit
+from truearm.identification.estimation.residual_variance import HeldOutReadings
+from truearm.identification.judgement import gross_errors
+from truearm.identification.judgement.cross_validation import cross_validate_by_group
+from truearm.identification.judgement.gross_errors import (
     LEAST_FREEDOM,
     MAX_FITS,
     ErrorDistribution,
@@ -23,13 +26,10 @@ from truearm.identification.estimation.gross_errors import (
     fit_error_distribution,
     identify_without_gross_errors,
 )
-from truearm.identification.estimation.identification import identify
-from truearm.identification.estimation.identification_result import ReferenceFit
-from truearm.identification.estimation.outliers import outliers
-from truearm.identification.estimation.references import Points, seats_of
-from truearm.identification.estimation.residual_variance import HeldOutReadings
+from truearm.identification.judgement.outliers import outliers
 from truearm.identification.planning.sampling import STRATEGIES
 from truearm.identification.planning.sampling.seat import seat
+from truearm.identification.references.references import Points, seats_of
 from truearm.identification.terms import ArmState, constants
 from truearm.identification.virtual import VirtualArm, load_preset
 

@@ -8,7 +8,7 @@ import pytest
 from truearm.arm import load_arm
 from truearm.identification.estimation.diagnostics import MOST_PARTNERS, identifiability
 from truearm.identification.estimation.identification import identify
-from truearm.identification.estimation.references import Points
+from truearm.identification.references.references import Points
 from truearm.identification.terms import ArmState, constants
 
 NOISE = 0.02  # mm

@@ -14,13 +14,13 @@ from scipy.stats import binom
 from truearm.arm import load_arm
 from truearm.errors import InputError
 from truearm.identification.estimation import identification
-from truearm.identification.estimation.alignment import align
 from truearm.identification.estimation.group_scales import MOST_SCALE
 from truearm.identification.estimation.identification import identify
 from truearm.identification.estimation.identification_result import IdentificationResult
-from truearm.identification.estimation.outliers import outliers
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
-from truearm.identification.estimation.references import Points, Seats, seats_of
+from truearm.identification.judgement.outliers import outliers
+from truearm.identification.references.alignment import align
+from truearm.identification.references.references import Points, Seats, seats_of
 from truearm.identification.terms import ArmState, Constant, Harmonics, Term, candidate_terms, constants
 from truearm.identification.terms.catalogue import own_axis, wobble
 

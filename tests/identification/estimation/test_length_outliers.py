@@ -11,10 +11,10 @@ from mixed_session import reached, unit
 from truearm.arm import load_arm
 from truearm.identification.estimation.identification import identify, initial_problem
 from truearm.identification.estimation.linearisation import UNKNOWN_STD
-from truearm.identification.estimation.outliers import MAX_NORMALIZED_RESIDUAL, constraint_residuals, length_outliers
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
-from truearm.identification.estimation.references import seats_of
-from truearm.identification.estimation.surfaces import spheres_of
+from truearm.identification.judgement.outliers import MAX_NORMALIZED_RESIDUAL, constraint_residuals, length_outliers
+from truearm.identification.references.references import seats_of
+from truearm.identification.references.surfaces import spheres_of
 from truearm.identification.terms import ArmState, constants
 
 U_MM, WRONG_MM = 0.002, 0.5

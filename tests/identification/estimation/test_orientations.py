@@ -11,14 +11,14 @@ from scipy.spatial.transform import Rotation
 from truearm.arm import load_arm
 from truearm.errors import InputError
 from truearm.identification.estimation.identification import identify
-from truearm.identification.estimation.orientations import (
+from truearm.identification.estimation.perturbed_chain import PerturbedChain
+from truearm.identification.estimation.problem import SmallMotionProblem
+from truearm.identification.references.orientations import (
     LEVER_MM,
     Orientations,
     orient_flange_coarsely,
     pose_references,
 )
-from truearm.identification.estimation.perturbed_chain import PerturbedChain
-from truearm.identification.estimation.problem import SmallMotionProblem
 from truearm.identification.terms import ArmState, constants
 from truearm.identification.terms.catalogue import tool_rotation
 

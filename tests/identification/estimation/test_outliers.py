@@ -10,8 +10,8 @@ import pytest
 from truearm.arm import load_arm
 from truearm.identification.estimation.identification import identify
 from truearm.identification.estimation.identification_result import ReferenceFit
-from truearm.identification.estimation.outliers import outliers
-from truearm.identification.estimation.references import Points
+from truearm.identification.judgement.outliers import outliers
+from truearm.identification.references.references import Points
 from truearm.identification.terms import ArmState, constants
 
 

@@ -14,7 +14,7 @@ from truearm.arm import Chain
 from truearm.identification.estimation import problem as problem_module
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.estimation.problem import SmallMotionProblem
-from truearm.identification.estimation.references import LinearisedResiduals, Points, seats_of
+from truearm.identification.references.references import LinearisedResiduals, Points, seats_of
 from truearm.identification.terms import ArmState, Constant, Harmonics, Temperature, Term, candidate_terms, constants
 from truearm.identification.terms.catalogue import own_axis
 from truearm.solve.arrowhead import Arrowhead

@@ -12,11 +12,11 @@ from scipy.spatial.transform import Rotation
 from truearm.arm import Chain, load_arm
 from truearm.errors import InputError
 from truearm.identification.estimation.identification import identify
-from truearm.identification.estimation.orientations import Orientations
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.estimation.problem import SmallMotionProblem
-from truearm.identification.estimation.references import Length, Points, Seats, seats_of
-from truearm.identification.estimation.surfaces import lines_of, planes_of, spheres_of
+from truearm.identification.references.orientations import Orientations
+from truearm.identification.references.references import Length, Points, Seats, seats_of
+from truearm.identification.references.surfaces import lines_of, planes_of, spheres_of
 from truearm.identification.terms import ArmState, constants
 from truearm.identification.terms.catalogue import gravity, own_axis, tool_rotation, wobble
 from truearm.solve.arrowhead import Arrowhead

@@ -8,7 +8,6 @@ import pytest
 from truearm.arm.chain import Chain
 from truearm.identification.estimation import residual_process
 from truearm.identification.estimation.identification import identify
-from truearm.identification.estimation.references import Points, seats_of
 from truearm.identification.estimation.residual_process import (
     GROUP,
     MOST_POINTS,
@@ -18,6 +17,7 @@ from truearm.identification.estimation.residual_process import (
     evidence_gain,
     propose_process,
 )
+from truearm.identification.references.references import Points, seats_of
 from truearm.identification.terms import ArmState, constants
 
 NOISE = 0.05  # mm

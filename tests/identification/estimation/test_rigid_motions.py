@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from truearm.errors import InputError
-from truearm.identification.estimation.alignment import rigid_motions
+from truearm.identification.references.alignment import rigid_motions
 
 POINTS = np.random.default_rng(5).uniform(-400, 800, (9, 3))  # mm
 

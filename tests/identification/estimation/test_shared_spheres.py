@@ -10,7 +10,7 @@ from truearm.arm import load_arm
 from truearm.identification.estimation.identification import identify
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
-from truearm.identification.estimation.surfaces import EQUAL_SHARE, Radius, Spheres, spheres_of
+from truearm.identification.references.surfaces import EQUAL_SHARE, Radius, Spheres, spheres_of
 from truearm.identification.terms import ArmState, constants
 
 DISTANCE_MM, U_MM = 28.0, 0.0005

@@ -10,7 +10,7 @@ from mixed_session import unit
 from scipy.spatial.transform import Rotation
 
 from truearm.errors import InputError
-from truearm.identification.estimation.surfaces import Lines, Planes, Radius, Spheres, lines_of, planes_of, spheres_of
+from truearm.identification.references.surfaces import Lines, Planes, Radius, Spheres, lines_of, planes_of, spheres_of
 
 ALL = slice(None)
 # Rounding of coordinates of some metres, 1e-12 mm, through a least-squares fit: three orders above.

@@ -10,7 +10,7 @@ from truearm.arm import load_arm
 from truearm.compensation.models import KinematicModel, load_model
 from truearm.errors import InputError
 from truearm.identification.estimation.residual_variance import HeldOutReadings, conformal_residual_variance
-from truearm.identification.estimation.tails import ellipsoid_factor, tail_freedom
+from truearm.identification.judgement.tails import ellipsoid_factor, tail_freedom
 from truearm.identification.virtual import VirtualArm, load_preset
 
 

@@ -5,12 +5,12 @@ import pytest
 
 from truearm.arm.catalogue import load_arm
 from truearm.compensation.models import KinematicModel, NominalModel
-from truearm.compensation.models.reading_references import state_of
 from truearm.errors import InputError
 from truearm.identification.planning.candidates import seat_poses, tracker_poses, volume_poses
 from truearm.identification.planning.factors import moment_matrix
 from truearm.identification.planning.information import design_problem, tip_jacobian
 from truearm.identification.planning.prior import identified_prior, nominal_prior
+from truearm.identification.references.reading_references import state_of
 from truearm.identification.terms.basis import Constant
 from truearm.identification.virtual import VirtualArm, load_preset
 from truearm.readings import Session

@@ -9,9 +9,9 @@ from truearm.arm.catalogue import load_arm
 from truearm.arm.chain import Chain
 from truearm.compensation.models import KinematicModel, NetworkModel
 from truearm.errors import InputError
-from truearm.identification.estimation.references import Points
 from truearm.identification.estimation.residual_variance import few_readings_factor
 from truearm.identification.planning.sampling.measuring import measuring_poses
+from truearm.identification.references.references import Points
 from truearm.identification.virtual import VirtualArm, load_preset
 from truearm.identification.virtual.presets import ARCSEC, PERFECT, SHOP, Preset
 from truearm.readings.session import Session

@@ -16,35 +16,36 @@ import numpy.typing as npt
 
 from truearm.arm.arm import Arm
 from truearm.compensation.models.arm_check import check_readings_of
-from truearm.compensation.models.description_hint import explaining
 from truearm.compensation.models.estimator import Regressor
-from truearm.compensation.models.held_out_errors import NONE_HELD_OUT
 from truearm.compensation.models.model_archive import save_model
-from truearm.compensation.models.nominal_check import UNCHECKED, check_nominal_arm, refuse_implausible
-from truearm.compensation.models.reading_references import (
+from truearm.compensation.models.training_conditions import TrainingConditions
+from truearm.errors import InputError
+from truearm.identification.estimation.identification import identify
+from truearm.identification.estimation.identification_result import IdentificationResult
+from truearm.identification.estimation.tip_offsets import of_one_tip
+from truearm.identification.judgement.description_hint import explaining
+from truearm.identification.judgement.held_out_errors import NONE_HELD_OUT
+from truearm.identification.judgement.nominal_check import UNCHECKED, check_nominal_arm, refuse_implausible
+from truearm.identification.judgement.stated_sizes import check_sizes
+from truearm.identification.judgement.stated_uncertainty import check_stated_uncertainty
+from truearm.identification.judgement.tails import ellipsoid_factor
+from truearm.identification.references.reading_references import (
     check_points_of_one_tip,
-    check_sizes,
     roughly_aligned_chain,
     state_of,
     tool_terms,
     without_sizes,
 )
-from truearm.compensation.models.session_frames import (
+from truearm.identification.references.references import Reference
+from truearm.identification.references.session_frames import (
     covariances_to_session_frames,
     displacements_to_session_frames,
     points_to_session_frames,
     rough_session_frames,
     session_frame_terms,
 )
-from truearm.compensation.models.stated_uncertainty import check_stated_uncertainty
-from truearm.compensation.models.tips import check_tips, free_tips, further_tip_terms, of_one_tip
-from truearm.compensation.models.training_conditions import TrainingConditions
-from truearm.compensation.models.training_data import TrainingData
-from truearm.errors import InputError
-from truearm.identification.estimation.identification import identify
-from truearm.identification.estimation.identification_result import IdentificationResult
-from truearm.identification.estimation.references import Reference
-from truearm.identification.estimation.tails import ellipsoid_factor
+from truearm.identification.references.tips import check_tips, free_tips, further_tip_terms
+from truearm.identification.references.training_data import TrainingData
 from truearm.identification.terms import Term, constants
 from truearm.identification.terms.thermal import UNKNOWN_MATERIAL, link_vectors
 from truearm.readings.checks import check_sessions

@@ -11,15 +11,11 @@ import numpy as np
 
 from truearm.arm.arm import Arm
 from truearm.compensation.models.compensator import MIN_ROWS, Compensator
-from truearm.compensation.models.held_out_errors import HeldOutErrors
 from truearm.compensation.models.identified_model import IdentifiedModel, KinematicModel, NominalModel
-from truearm.compensation.models.reading_references import state_of
 from truearm.compensation.models.residual_inputs import ResidualInputs
-from truearm.compensation.models.training_data import TrainingData
 from truearm.compensation.nets.committee import Committee, train_committee, train_member
 from truearm.compensation.nets.perceptron import Perceptron
 from truearm.errors import InputError
-from truearm.identification.estimation.gross_errors import LEAST_READINGS
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.residual_variance import (
     HeldOutReadings,
@@ -27,7 +23,11 @@ from truearm.identification.estimation.residual_variance import (
     conformal_residual_variance,
     fit_variance_function,
 )
-from truearm.identification.estimation.tails import ellipsoid_factor, tail_freedom
+from truearm.identification.judgement.gross_errors import LEAST_READINGS
+from truearm.identification.judgement.held_out_errors import HeldOutErrors
+from truearm.identification.judgement.tails import ellipsoid_factor, tail_freedom
+from truearm.identification.references.reading_references import state_of
+from truearm.identification.references.training_data import TrainingData
 from truearm.readings.lengths import Lengths
 from truearm.readings.session import Session
 from truearm.solve.threads import one_blas_thread
@@ -80,7 +80,7 @@ class HybridModel(Compensator):
     variance_function_ : VarianceFunction
         Share of its square at other angles.
     tail_freedom_ : float
-        Degrees of freedom of the tails of the held-out deviations (`truearm.identification.estimation.tails`).
+        Degrees of freedom of the tails of the held-out deviations (`truearm.identification.judgement.tails`).
     held_out_ : HeldOutReadings
         Training readings as predicted without their position: by the arm identified without it and by the network
         trained without it. Empty after reading a file.

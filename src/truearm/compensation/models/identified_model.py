@@ -12,38 +12,11 @@ import numpy as np
 
 from truearm.arm.arm import Arm
 from truearm.compensation.models.compensator import MIN_ROWS, Compensator, no_progress
-from truearm.compensation.models.cross_validation_groups import (
-    cross_validation_groups,
-    is_in_one_place,
-    joint_space_regions,
-)
-from truearm.compensation.models.held_out_errors import NONE_HELD_OUT, HeldOutErrors, select_determined
-from truearm.compensation.models.reading_references import references_of, state_of
-from truearm.compensation.models.residual_process import ResidualProcess, add_residual_process, with_unspanned
-from truearm.compensation.models.session_frames import places_the_frame
-from truearm.compensation.models.training_data import TrainingData
 from truearm.errors import InputError
-from truearm.identification.estimation.cross_validation import IN_LENGTH, birge_ratio, cross_validate_by_group
-from truearm.identification.estimation.day_to_day import day_to_day_terms, on_another_day
-from truearm.identification.estimation.expansion_prior import (
-    at_mean_temperature,
-    with_material_prior,
-    with_unlearned_terms,
-)
 from truearm.identification.estimation.expected_error import expected_square_error
-from truearm.identification.estimation.gross_errors import (
-    LEAST_READINGS,
-    excluded_readings,
-    has_gross_errors,
-    identify_without_gross_errors,
-    median_distance,
-    nearer_half,
-    own_variance,
-)
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.propagation import direction_effects, half_tip_difference
 from truearm.identification.estimation.reference_scale import response_to_point_errors, with_shared_error
-from truearm.identification.estimation.references import Reference
 from truearm.identification.estimation.residual_variance import (
     LEAST_FREEDOM,
     HeldOutReadings,
@@ -52,8 +25,35 @@ from truearm.identification.estimation.residual_variance import (
     few_readings_factor,
     fit_variance_function,
 )
-from truearm.identification.estimation.tails import ellipsoid_factor, tail_freedom
+from truearm.identification.judgement.cross_validation import IN_LENGTH, birge_ratio, cross_validate_by_group
+from truearm.identification.judgement.cross_validation_groups import (
+    cross_validation_groups,
+    is_in_one_place,
+    joint_space_regions,
+)
+from truearm.identification.judgement.day_to_day import day_to_day_terms, on_another_day
+from truearm.identification.judgement.expansion_prior import (
+    at_mean_temperature,
+    with_material_prior,
+    with_unlearned_terms,
+)
+from truearm.identification.judgement.gross_errors import (
+    LEAST_READINGS,
+    excluded_readings,
+    has_gross_errors,
+    identify_without_gross_errors,
+    median_distance,
+    nearer_half,
+    own_variance,
+)
+from truearm.identification.judgement.held_out_errors import NONE_HELD_OUT, HeldOutErrors, select_determined
+from truearm.identification.judgement.residual_process import ResidualProcess, add_residual_process, with_unspanned
+from truearm.identification.judgement.tails import ellipsoid_factor, tail_freedom
 from truearm.identification.planning.sampling import uniform
+from truearm.identification.references.reading_references import references_of, state_of
+from truearm.identification.references.references import Reference
+from truearm.identification.references.session_frames import places_the_frame
+from truearm.identification.references.training_data import TrainingData
 from truearm.identification.terms import ArmState, Constant, InSession, SkippedTerm, Term, candidate_terms, constants
 from truearm.identification.terms.basis import HIGHEST_ORDER, Temperature
 from truearm.identification.terms.catalogue import HIGHEST_ORDER_OFFERED, JOINT_COMPLIANCE, unlearned_terms
@@ -105,9 +105,9 @@ class IdentifiedModel(Compensator):
         Share of its square at other angles.
     birge_ratio_ : float
         Factor by which standard deviations of the posterior are raised, from the readings held out (see
-        `truearm.identification.estimation.cross_validation`).
+        `truearm.identification.judgement.cross_validation`).
     tail_freedom_ : float
-        Degrees of freedom of the tails of the held-out deviations (`truearm.identification.estimation.tails`); infinite
+        Degrees of freedom of the tails of the held-out deviations (`truearm.identification.judgement.tails`); infinite
         where they are too few, and of models from older files.
     residual_process_ : ResidualProcess or None
         What is known of the residual process; None where the model has none, and had none before a transfer.
@@ -425,7 +425,7 @@ class PhysicalModel(IdentifiedModel):
     highest : int
         Highest order of the harmonics offered about a joint's own axis.
     residual : bool
-        Whether a residual process is offered (`truearm.compensation.models.residual_process`).
+        Whether a residual process is offered (`truearm.identification.judgement.residual_process`).
     robust : bool
         Whether outliers have a smaller weight, for the nominal arm to compare with too.
 

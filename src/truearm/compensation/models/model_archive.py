@@ -36,7 +36,7 @@ from truearm.errors import InputError, TruearmError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.file_reading import read_limited
 from truearm.identification.estimation.identification_result import ReferenceFit
-from truearm.identification.estimation.outliers import MIN_ROBUST_WEIGHT
+from truearm.identification.judgement.outliers import MIN_ROBUST_WEIGHT
 from truearm.identification.terms import SkippedTerm, Term
 from truearm.typing import BoolArray, FloatArray, IntArray
 

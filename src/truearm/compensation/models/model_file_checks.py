@@ -12,12 +12,12 @@ from truearm.compensation.models.compensator import FREE_PARTS, Compensator
 from truearm.compensation.models.hybrid import HybridModel
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.compensation.models.network import NetworkModel
-from truearm.compensation.models.session_frames import checked_frames
 from truearm.compensation.nets.scaling import MinMaxScaler
 from truearm.errors import InputError
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.residual_process import GROUP
-from truearm.identification.estimation.tails import LEAST_FREEDOM
+from truearm.identification.judgement.tails import LEAST_FREEDOM
+from truearm.identification.references.session_frames import checked_frames
 from truearm.identification.terms.kernel import InducedProcess
 from truearm.solve.arrays import add_to_diagonal, cholesky_solver
 from truearm.solve.square_roots import unit_diagonal

@@ -11,7 +11,6 @@ import numpy.typing as npt
 
 from truearm.arm.arm import Arm
 from truearm.compensation.models.compensator import MIN_ROWS, Compensator
-from truearm.compensation.models.training_data import TrainingData
 from truearm.compensation.nets.nguyen_widrow import nguyen_widrow
 from truearm.compensation.nets.normal_equations import FitProblem
 from truearm.compensation.nets.perceptron import Perceptron
@@ -23,6 +22,7 @@ from truearm.compensation.nets.traingdx import AdaptiveRecord, traingdx
 from truearm.compensation.nets.training import Epoch, TrainingRecord, dividerand
 from truearm.compensation.nets.trainlm import trainlm
 from truearm.errors import InputError
+from truearm.identification.references.training_data import TrainingData
 from truearm.readings.lengths import Lengths
 from truearm.readings.session import Session
 from truearm.solve.threads import one_blas_thread

@@ -12,23 +12,23 @@ from typing import TypeVar
 import numpy as np
 
 from truearm.compensation.models.compensator import FREE_PARTS, MIN_ROWS, Compensator
-from truearm.compensation.models.description_hint import explaining
-from truearm.compensation.models.held_out_errors import NONE_HELD_OUT
 from truearm.compensation.models.identified_model import IdentifiedModel
-from truearm.compensation.models.nominal_check import (
+from truearm.errors import InputError
+from truearm.identification.estimation.consider_parameters import consider_update
+from truearm.identification.estimation.identification_result import IdentificationResult
+from truearm.identification.judgement.description_hint import explaining
+from truearm.identification.judgement.held_out_errors import NONE_HELD_OUT
+from truearm.identification.judgement.nominal_check import (
     NominalCheck,
     refuse_implausible,
     typical_error,
     usual_nominal_error,
 )
-from truearm.compensation.models.reading_references import check_spread, references_of, without_sizes
-from truearm.compensation.models.residual_process import transfer_improvement, without_process
-from truearm.compensation.models.session_frames import rough_session_frames, to_first_session_frame
-from truearm.compensation.models.tips import check_tips, tip_names
-from truearm.errors import InputError
-from truearm.identification.estimation.alignment import align
-from truearm.identification.estimation.consider_parameters import consider_update
-from truearm.identification.estimation.identification_result import IdentificationResult
+from truearm.identification.judgement.residual_process import transfer_improvement, without_process
+from truearm.identification.references.alignment import align
+from truearm.identification.references.reading_references import check_spread, references_of, without_sizes
+from truearm.identification.references.session_frames import rough_session_frames, to_first_session_frame
+from truearm.identification.references.tips import check_tips, tip_names
 from truearm.identification.terms import constants
 from truearm.readings.checks import check_sessions
 from truearm.readings.distances import rows_with_distance

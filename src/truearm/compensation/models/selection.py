@@ -22,11 +22,11 @@ from truearm.compensation.models.identified_model import (
     NominalModel,
     PhysicalModel,
 )
-from truearm.compensation.models.paired_comparison import group_means, trimmed_mean
 from truearm.compensation.models.residual_inputs import moves
 from truearm.errors import InputError
-from truearm.identification.estimation.gross_errors import excluded_readings
 from truearm.identification.estimation.residual_variance import HeldOutReadings
+from truearm.identification.judgement.gross_errors import excluded_readings
+from truearm.identification.judgement.paired_comparison import group_means, trimmed_mean
 from truearm.readings.lengths import Lengths
 from truearm.readings.session import Session
 from truearm.typing import IntArray

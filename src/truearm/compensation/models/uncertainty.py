@@ -8,8 +8,8 @@ import numpy as np
 
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
-from truearm.identification.estimation.outliers import Outlier
 from truearm.identification.estimation.propagation import relative_covariance
+from truearm.identification.judgement.outliers import Outlier
 from truearm.readings.reference_uncertainty import common_variance_of_repeats, scale_errors
 from truearm.readings.session import Session
 from truearm.solve.distributions import chi2_quantile

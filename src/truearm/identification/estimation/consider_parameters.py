@@ -35,13 +35,13 @@ from truearm.identification.estimation.linearisation import UNKNOWN_STD, elimina
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.estimation.problem import SmallMotionProblem
 from truearm.identification.estimation.propagation import direction_effects
-from truearm.identification.estimation.references import Reference
 from truearm.identification.estimation.residual_variance import (
     expected_clipped_square,
     huber_threshold_squared,
     huber_weights,
 )
 from truearm.identification.estimation.rounds import take_step
+from truearm.identification.references.references import Reference
 from truearm.identification.terms.basis import Constant
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term

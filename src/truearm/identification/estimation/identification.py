@@ -28,8 +28,8 @@ from truearm.identification.estimation.linearisation import (
 )
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.estimation.problem import SmallMotionProblem
-from truearm.identification.estimation.references import Points, Reference
 from truearm.identification.estimation.rounds import Rounds
+from truearm.identification.references.references import Points, Reference
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
 from truearm.solve.arrowhead import SchurComplement

@@ -11,7 +11,7 @@ import numpy as np
 from truearm.arm.chain import Chain
 from truearm.identification.estimation.covariance_root import CovarianceRoot
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
-from truearm.identification.estimation.references import Reference
+from truearm.identification.references.references import Reference
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
 from truearm.typing import FloatArray, IntArray

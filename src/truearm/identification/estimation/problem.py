@@ -31,7 +31,7 @@ from truearm.identification.estimation.perturbed_chain import (
     chunks,
     moved_chain,
 )
-from truearm.identification.estimation.references import LinearisedResiduals, Reference
+from truearm.identification.references.references import LinearisedResiduals, Reference
 from truearm.identification.terms.state import ArmState
 from truearm.solve.arrowhead import Arrowhead
 from truearm.solve.threads import cores, one_blas_thread

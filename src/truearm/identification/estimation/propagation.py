@@ -17,8 +17,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from truearm.identification.estimation.alignment import rigid_motions
 from truearm.identification.estimation.identification_result import IdentificationResult
+from truearm.identification.references.alignment import rigid_motions
 from truearm.identification.terms.basis import Column, Temperature
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.torque import GravityTorque, PayloadTorque

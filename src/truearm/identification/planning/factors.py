@@ -9,7 +9,7 @@ import numpy.typing as npt
 from scipy.linalg import qr
 
 from truearm.errors import InputError
-from truearm.identification.estimation.alignment import rigid_motions
+from truearm.identification.references.alignment import rigid_motions
 from truearm.typing import FloatArray
 
 

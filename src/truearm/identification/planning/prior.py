@@ -11,11 +11,11 @@ import numpy as np
 from truearm.arm.arm import Arm
 from truearm.arm.inverse_kinematics import solve_inverse_kinematics
 from truearm.errors import InputError
-from truearm.identification.estimation.alignment import rigid_motions
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.planning.factors import project_out
 from truearm.identification.planning.information import tip_jacobian
+from truearm.identification.references.alignment import rigid_motions
 from truearm.identification.terms.basis import Constant, InSession
 from truearm.identification.terms.catalogue import base_terms, constants, gravity, own_axis, wobble
 from truearm.identification.terms.linear_axis import linear_axis

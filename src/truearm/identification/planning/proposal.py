@@ -12,7 +12,6 @@ import numpy as np
 
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
-from truearm.identification.estimation.alignment import rigid_motions
 from truearm.identification.planning.candidates import (
     ON_A_TABLE,
     Candidates,
@@ -33,6 +32,7 @@ from truearm.identification.planning.sampling.poses import checked_count, checke
 from truearm.identification.planning.sampling.surroundings import Surroundings
 from truearm.identification.planning.sampling.workspace import Sector
 from truearm.identification.planning.tour import mean_joint_move, order_of_few_moves
+from truearm.identification.references.alignment import rigid_motions
 from truearm.typing import FloatArray, IntArray
 
 Progress = Callable[[int, str], None]

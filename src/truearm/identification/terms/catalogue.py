@@ -259,7 +259,7 @@ def gravity(chain: Chain, joint: int, *, links: LinkMasses | None = None) -> lis
 def thermal(chain: Chain) -> list[Term]:
     """Thermal expansion of the stand and of every link along itself; the coefficient is in 1/K.
 
-    The evidence does not scale it: materials are known (`truearm.identification.estimation.expansion_prior`).
+    The evidence does not scale it: materials are known (`truearm.identification.judgement.expansion_prior`).
     """
     return [
         Term(

@@ -1,12 +1,12 @@
 """Outliers: readings that an identified arm does not fit, and known lengths that contradict all other data.
 
-A reading that was excluded as a gross error (`truearm.identification.estimation.gross_errors`) took no part in the
+A reading that was excluded as a gross error (`truearm.identification.judgement.gross_errors`) took no part in the
 identification: its residual is its deviation from the arm by the others.
 
 A known length enters with the uncertainty of its certificate, and a wrong one distorts the arm; its residual, and those
 of the other lengths, then mean little. Each length is therefore compared with the value implied by all other data, in
 closed form: with the whitened residuals r of the constraints and their whitened covariance S under the posterior,
-``(I - S)^-1 r`` of the omitted ones (`truearm.identification.estimation.cross_validation`).
+``(I - S)^-1 r`` of the omitted ones (`truearm.identification.judgement.cross_validation`).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import numpy as np
 from truearm.identification.estimation.identification import initial_problem
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.linearisation import UNKNOWN_STD, eliminate_unknowns, linearised
-from truearm.identification.estimation.references import Reference
+from truearm.identification.references.references import Reference
 from truearm.identification.terms.state import ArmState
 from truearm.readings.session import Session
 from truearm.solve.group_evidence import GroupedPrior, posterior

@@ -13,7 +13,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from truearm.errors import InputError
-from truearm.identification.estimation.references import Constraints, LinearisedResiduals, number_names
+from truearm.identification.references.references import Constraints, LinearisedResiduals, number_names
 from truearm.readings.anchors import LEAST_READINGS, locate_anchor
 from truearm.readings.distances import offset_std
 from truearm.readings.session import Session

@@ -7,10 +7,10 @@ from typing import Self
 
 import numpy as np
 
-from truearm.identification.estimation.cross_validation import LEAST_FREEDOM
-from truearm.identification.estimation.gross_errors import own_variance
 from truearm.identification.estimation.identification_result import ReferenceFit
 from truearm.identification.estimation.residual_variance import HeldOutReadings
+from truearm.identification.judgement.cross_validation import LEAST_FREEDOM
+from truearm.identification.judgement.gross_errors import own_variance
 
 NONE_HELD_OUT = HeldOutReadings(
     np.zeros(0, np.intp), np.zeros(0, np.intp), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0)

@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from truearm.arm.chain import Chain
 from truearm.arm.rigid_motions import rotations_and_jacobians
 from truearm.errors import InputError
-from truearm.identification.estimation.references import LinearisedResiduals, Points
+from truearm.identification.references.references import LinearisedResiduals, Points
 from truearm.typing import FloatArray, IntArray
 
 # Angles are converted to the displacement at a metre's distance, so that every residual is in mm. This is a unit, not

@@ -23,7 +23,7 @@ from scipy.special import digamma, expit, gammaln
 
 from truearm.identification.estimation.identification_result import IdentificationResult, ReferenceFit
 from truearm.identification.estimation.residual_variance import FLOOR_MM2, HeldOutReadings
-from truearm.identification.estimation.tails import FREEDOM_RATE, FREEDOM_SHAPE
+from truearm.identification.judgement.tails import FREEDOM_RATE, FREEDOM_SHAPE
 from truearm.solve.distributions import chi2_quantile
 from truearm.typing import FloatArray, IntArray
 

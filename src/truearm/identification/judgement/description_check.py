@@ -23,12 +23,12 @@ from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.arm.description_mistakes import Interpretation, Mistake, likely_mistakes
 from truearm.arm.rigid_motions import cross_matrix
-from truearm.identification.estimation.description_fits import (
+from truearm.identification.judgement.description_fits import (
     DescriptionFits,
     fit_descriptions,
     length_rows,
 )
-from truearm.identification.estimation.reference_table import ReferenceTable
+from truearm.identification.judgement.reference_table import ReferenceTable
 from truearm.identification.terms.catalogue import ANGLE_STD, LENGTH_STD, TYPICAL_REACH_MM, relative_size
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray

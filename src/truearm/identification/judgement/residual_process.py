@@ -14,19 +14,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from truearm.compensation.models.cross_validation_groups import cross_validation_groups
-from truearm.compensation.models.paired_comparison import group_means, trimmed_mean
-from truearm.compensation.models.training_data import TrainingData
 from truearm.errors import InputError
-from truearm.identification.estimation.alignment import align
-from truearm.identification.estimation.cross_validation import cross_validate_by_group
-from truearm.identification.estimation.gross_errors import excluded_readings
 from truearm.identification.estimation.identification import identify
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
-from truearm.identification.estimation.references import Reference
 from truearm.identification.estimation.residual_process import GROUP, propose_process
 from truearm.identification.estimation.residual_variance import HeldOutReadings
+from truearm.identification.judgement.cross_validation import cross_validate_by_group
+from truearm.identification.judgement.cross_validation_groups import cross_validation_groups
+from truearm.identification.judgement.gross_errors import excluded_readings
+from truearm.identification.judgement.paired_comparison import group_means, trimmed_mean
+from truearm.identification.references.alignment import align
+from truearm.identification.references.references import Reference
+from truearm.identification.references.training_data import TrainingData
 from truearm.identification.terms.kernel import InducedProcess
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term

@@ -7,8 +7,8 @@ from contextlib import contextmanager
 
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
-from truearm.identification.estimation.description_check import check_description
-from truearm.identification.estimation.reference_table import reference_table
+from truearm.identification.judgement.description_check import check_description
+from truearm.identification.judgement.reference_table import reference_table
 from truearm.readings.lengths import Lengths
 from truearm.readings.session import Session
 

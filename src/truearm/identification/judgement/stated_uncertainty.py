@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from truearm.identification.estimation.identification_result import IdentificationResult
-from truearm.identification.estimation.references import Points, Reference
+from truearm.identification.references.references import Points, Reference
 from truearm.readings.session import Session
 from truearm.solve.distributions import chi2_quantile
 from truearm.typing import FloatArray

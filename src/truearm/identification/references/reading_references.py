@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -10,15 +10,13 @@ from scipy.spatial.transform import Rotation
 
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
-from truearm.compensation.models.tips import tip_names
 from truearm.errors import InputError
-from truearm.identification.estimation.alignment import place_base_coarsely, rms_distance_from_line
-from truearm.identification.estimation.distances import Distances, distances_of, is_offset
-from truearm.identification.estimation.identification_result import IdentificationResult
-from truearm.identification.estimation.orientations import Orientations, orient_flange_coarsely
-from truearm.identification.estimation.outliers import constraint_residuals
-from truearm.identification.estimation.references import Points, Reference, Seats, StatedLength, seats_of
-from truearm.identification.estimation.surfaces import Lines, Planes, Spheres, lines_of, planes_of, spheres_of
+from truearm.identification.references.alignment import place_base_coarsely, rms_distance_from_line
+from truearm.identification.references.distances import Distances, distances_of
+from truearm.identification.references.orientations import Orientations, orient_flange_coarsely
+from truearm.identification.references.references import Points, Reference, Seats, StatedLength, seats_of
+from truearm.identification.references.surfaces import Lines, Planes, Spheres, lines_of, planes_of, spheres_of
+from truearm.identification.references.tips import tip_names
 from truearm.identification.terms import ArmState, Term
 from truearm.identification.terms.catalogue import tool_rotation
 from truearm.readings.lengths import Lengths
@@ -29,9 +27,6 @@ from truearm.typing import FloatArray, IntArray, NameArray
 
 # Share of the reach by which points must be spread to both sides of a line.
 MIN_POINT_SPREAD = 1e-3
-# Share by which a stated length or distance may differ from that of the nominal arm. Real arms are within a hundredth
-# of their nominal lengths; radii in place of distances, other units and other seats are not.
-MAX_SIZE_ERROR = 0.05
 # Readings needed to locate an anchor or a surface.
 MIN_READINGS_ON = {"anchor": Distances.least, "sphere": Spheres.least, "plane": Planes.least, "line": Lines.least}
 
@@ -132,58 +127,6 @@ def _points(readings: Session, seen: IntArray) -> Points:
     variance, of_repeats = (part[seen] for part in common_variance_of_repeats(readings))
     own = np.zeros((len(seen), 3)) if std is None else std**2
     return Points(seen, readings.points[seen], np.sqrt(own + variance[:, None]), of_repeats)
-
-
-def check_sizes(
-    readings: Session,
-    lengths: Lengths | None,
-    references: Sequence[Reference],
-    fit_nominal: Callable[[Sequence[Reference]], IdentificationResult],
-    state: ArmState,
-) -> None:
-    """Check that known lengths and distances are about those of the nominal arm.
-
-    Points show when an arm is described wrongly. Seats and surfaces agree with an arm of any size: a length in another
-    unit would scale the arm, and nothing else would show it.
-
-    Parameters
-    ----------
-    readings : Session
-    lengths : Lengths, optional
-    references : sequence of Reference
-        Of both.
-    fit_nominal : callable
-        Returns the nominal arm with base and tip identified from references.
-    state : ArmState
-        Of the readings.
-
-    Raises
-    ------
-    InputError
-        If a length differs from that of the nominal arm, identified without lengths, by more than a share of
-        `MAX_SIZE_ERROR` and three standard deviations.
-    """
-    bare = [without_sizes(reference) for reference in references]
-    if all(one is reference for one, reference in zip(bare, references, strict=True)):
-        return
-    residuals = constraint_residuals(fit_nominal(bare), state, bare, references)
-    assert residuals is not None  # some references state a length
-    drawn, stated = residuals.values.T
-    most = MAX_SIZE_ERROR * stated + 3 * np.sqrt(residuals.covariance.diagonal() + residuals.std**2)
-    most[[is_offset(name) for name in residuals.names]] = np.inf  # no size of the arm
-    excess = np.abs(residuals.residuals) / most
-    worst = int(np.argmax(excess))
-    if excess[worst] > 1:
-        of_sphere = residuals.names[worst].startswith("distance")
-        raise InputError(
-            f"expected a {residuals.names[worst]} of about {drawn[worst]:.4g} mm, as the nominal arm has, "
-            f"got {stated[worst]:.6g} mm",
-            file=readings.file if of_sphere or lengths is None else lengths.file,
-            column="sphere_distance_mm" if of_sphere else "length_mm",
-            hint="check that it is (D + d) / 2 of sphere and ball, not a radius; its unit; the arm"
-            if of_sphere
-            else "check the unit of the length, the names of its two seats, the arm",
-        )
 
 
 def without_sizes(reference: Reference) -> Reference:

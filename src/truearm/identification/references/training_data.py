@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from typing import NamedTuple, Self
 
 from truearm.arm.arm import Arm
-from truearm.compensation.models.reading_references import references_of, state_of
-from truearm.compensation.models.session_frames import to_first_session_frame
-from truearm.identification.estimation.references import Reference
+from truearm.identification.references.reading_references import references_of, state_of
+from truearm.identification.references.references import Reference
+from truearm.identification.references.session_frames import to_first_session_frame
 from truearm.identification.terms import ArmState
 from truearm.readings.lengths import Lengths
 from truearm.readings.session import Session

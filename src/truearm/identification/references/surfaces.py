@@ -19,7 +19,7 @@ import numpy as np
 
 from truearm.arm.rigid_motions import rotations_and_jacobians
 from truearm.errors import InputError
-from truearm.identification.estimation.references import Constraints, LinearisedResiduals, number_names
+from truearm.identification.references.references import Constraints, LinearisedResiduals, number_names
 from truearm.typing import FloatArray, IntArray, NameArray
 
 # Spheres with the same radius and uncertainty are one ball at several places; their radii differ by no more than this
@@ -131,7 +131,7 @@ class Spheres:
         """The known radii.
 
         A radius that several spheres share is an unknown, so that many spheres do not make it more certain than its
-        certificate; as for lengths of an artefact (`truearm.identification.estimation.references.Seats`).
+        certificate; as for lengths of an artefact (`truearm.identification.references.references.Seats`).
         """
         if not self.radii:
             return None

@@ -17,7 +17,7 @@ from truearm.identification.estimation.identification import initial_problem
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.linearisation import eliminate_unknowns, linearised
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
-from truearm.identification.estimation.references import Reference
+from truearm.identification.references.references import Reference
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
 from truearm.solve.threads import one_blas_thread

@@ -35,13 +35,13 @@ from scipy.sparse import csr_array, hstack, vstack
 
 from truearm.identification.estimation import perturbed_chain
 from truearm.identification.estimation.covariance_root import CovarianceRoot
-from truearm.identification.estimation.group_batches import GroupBatch, Members, group_batches
 from truearm.identification.estimation.identification import initial_problem
 from truearm.identification.estimation.identification_result import IdentificationResult, ReferenceFit
 from truearm.identification.estimation.linearisation import UNKNOWN_STD, eliminate_unknowns
 from truearm.identification.estimation.problem import SmallMotionProblem
-from truearm.identification.estimation.references import LinearisedResiduals, Reference
 from truearm.identification.estimation.residual_variance import FLOOR_MM2, HeldOutReadings
+from truearm.identification.judgement.group_batches import GroupBatch, Members, group_batches
+from truearm.identification.references.references import LinearisedResiduals, Reference
 from truearm.identification.terms.state import ArmState
 from truearm.readings.anchors import LEAST_READINGS
 from truearm.solve.threads import one_blas_thread

@@ -1,7 +1,7 @@
 """Whether readings can be of the nominal arm: a wrong sign, unit, order or zero of the joints is refused.
 
 The error of the nominal arm, with base and tip fitted, is compared with the one that errors of its constants usually
-cause (`truearm.identification.estimation.nominal_error`). The limits are evidence, `benchmarks/imperfect_diagnosis.py`:
+cause (`truearm.identification.judgement.nominal_error`). The limits are evidence, `benchmarks/imperfect_diagnosis.py`:
 real arms and virtual ones, and each of them with every single wrong sign, exchanged pair of joints, zero off by a
 quarter turn and other unit.
 """
@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from truearm.arm.arm import Arm
-from truearm.identification.estimation.cross_validation import cross_validate_by_group
 from truearm.identification.estimation.identification_result import IdentificationResult
-from truearm.identification.estimation.nominal_error import usual_error
-from truearm.identification.estimation.references import Reference
+from truearm.identification.judgement.cross_validation import cross_validate_by_group
+from truearm.identification.judgement.nominal_error import usual_error
+from truearm.identification.references.references import Reference
 from truearm.identification.terms import ArmState, Term
 from truearm.readings.checks import check_scale, likely_unit
 from truearm.readings.session import Session

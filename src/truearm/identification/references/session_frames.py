@@ -16,9 +16,9 @@ from scipy.spatial.transform import Rotation
 
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
-from truearm.compensation.models.reading_references import MIN_POINT_SPREAD, rows_with_orientation
 from truearm.errors import InputError
-from truearm.identification.estimation.alignment import align_robust, rms_distance_from_line
+from truearm.identification.references.alignment import align_robust, rms_distance_from_line
+from truearm.identification.references.reading_references import MIN_POINT_SPREAD, rows_with_orientation
 from truearm.identification.terms import Constant, InSession, Term, base_terms
 from truearm.readings.session import Session
 from truearm.typing import BoolArray, FloatArray

@@ -1,0 +1,96 @@
+"""Several tips in an identified arm: where they are on the flange, and the arm of one of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from truearm.errors import InputError
+from truearm.identification.estimation.identification_result import IdentificationResult
+from truearm.identification.estimation.perturbed_chain import PerturbedChain
+from truearm.identification.references.tips import listed_tips
+from truearm.identification.terms import Constant, OfTip, Term
+from truearm.typing import FloatArray
+
+# Three tips are in a line where the third is nearer to it than this share of their distance.
+IN_LINE_SHARE = 0.05
+# Tips less apart than this many standard deviations are not distinguished.
+COVERAGE = 3.0
+
+
+def tip_offsets(fit: IdentificationResult, tips: tuple[str, ...]) -> FloatArray:
+    """(n_tips, 3) offsets of the tips from the first, along the axes of the flange [mm]."""
+    offsets = dict.fromkeys(tips, np.zeros(3))
+    start = 0
+    for term in fit.perturbed_chain.terms:
+        if isinstance(term.basis, OfTip):
+            offsets[term.basis.name] = offsets[term.basis.name] + fit.coefficients[start] * np.array(term.direction[3:])
+        start += term.n_coefficients
+    return np.stack(list(offsets.values())) if offsets else np.zeros((0, 3))
+
+
+def describe_tips(fit: IdentificationResult, tips: tuple[str, ...]) -> str | None:
+    """What several tips determine together; None for one."""
+    if len(tips) < 2:
+        return None
+    offsets = tip_offsets(fit, tips)
+    apart = offsets - offsets.mean(axis=0)
+    across = np.linalg.svd(apart, compute_uv=False)
+    is_plane = len(tips) > 2 and across[1] > IN_LINE_SHARE * across[0]
+    farthest = float(np.linalg.norm(offsets[:, None] - offsets, axis=2).max())
+    if farthest <= COVERAGE * _largest_offset_std(fit):
+        return (
+            f"The model has {len(tips)} tips ({listed_tips(tips)}), in one place within their uncertainty: their "
+            "points show no rotation of the flange."
+        )
+    shown = (
+        "Three of them are not in a line: their points determine the orientation of the flange."
+        if is_plane
+        else "They are in a line: no point shows a rotation of the flange about it."
+    )
+    return f"The model has {len(tips)} tips ({listed_tips(tips)}), up to {farthest:.1f} mm apart. {shown}"
+
+
+def _largest_offset_std(fit: IdentificationResult) -> float:
+    """Largest standard deviation of the offset of a tip along a direction of the flange [mm]."""
+    terms = fit.perturbed_chain.terms
+    stops = np.cumsum([term.n_coefficients for term in terms]).tolist()
+    columns = [stop - 1 for term, stop in zip(terms, stops, strict=True) if isinstance(term.basis, OfTip)]
+    return float(np.sqrt(fit.covariance.diagonal()[columns].max(initial=0.0)))
+
+
+def of_one_tip(fit: IdentificationResult, name: str, tips: tuple[str, ...]) -> IdentificationResult:
+    """The result with the offset of one tip as constants; those of the others are integrated out.
+
+    Raises
+    ------
+    InputError
+        If it is none of the tips.
+    """
+    if name not in tips:
+        raise InputError(
+            f"expected a tip of the model ({listed_tips(tips)}), got {name!r}"
+            if tips
+            else f"the model has one tip without a name, got {name!r}",
+            hint="tips are named in the column tip of the training session",
+        )
+    terms: list[Term] = []
+    kept: list[int] = []
+    start = 0
+    for term in fit.perturbed_chain.terms:
+        columns = range(start, start + term.n_coefficients)
+        start = columns.stop
+        if isinstance(term.basis, OfTip):
+            if term.basis.name != name:
+                continue
+            term = replace(term, basis=Constant())
+        terms.append(term)
+        kept += columns
+    return replace(
+        fit,
+        perturbed_chain=PerturbedChain(fit.perturbed_chain.chain, tuple(terms)),
+        coefficients=fit.coefficients[kept],
+        covariance=fit.covariance[np.ix_(kept, kept)],
+        prior_std=fit.prior_std[kept],
+    )

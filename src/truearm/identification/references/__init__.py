@@ -1,0 +1,1 @@
+"""What is known of a tip: points, seats, distances, surfaces, orientations; frames of sessions, tips, states."""
