@@ -16,11 +16,12 @@ import numpy as np
 
 from truearm.arm import Arm, load_arm
 from truearm.compensation.models import Compensator
-from truearm.compensation.models.compensator import FREE_PARTS, MIN_ROWS
+from truearm.compensation.models.compensator import FREE_PARTS
 from truearm.compensation.models.model_file import load_model
 from truearm.compensation.models.refit import used_in_refit
 from truearm.compensation.models.training_conditions import TrainingConditions
 from truearm.errors import InputError
+from truearm.identification.identify import MIN_ROWS
 from truearm.identification.judgement.description_hint import explain_readings
 from truearm.identification.judgement.nominal_check import MAX_NOMINAL_ERROR
 from truearm.identification.references.tips import tip_names

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import warnings
 from functools import partial
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -25,6 +26,7 @@ from truearm.arm.chain import Chain
 from truearm.compensation.models import MODELS, HybridModel, KinematicModel, NetworkModel, NominalModel, PhysicalModel
 from truearm.compensation.models.compensator import Compensator
 from truearm.errors import InputError
+from truearm.identification.judgement.nominal_check import UNCHECKED
 from truearm.readings.checks import LIMIT_TOLERANCE
 
 
@@ -51,17 +53,17 @@ class _AnyShape:
         wide[:, : given.shape[1]] = given
         wide += 1e-3 * np.sin(np.arange(wide.size)).reshape(wide.shape)  # a network refuses a constant coordinate
         asked, self.arm = self.arm, zigzag(angles.shape[1])
+        # Random tables are of no arm, and the unit of their numbers is not judged.
+        unjudged = mock.patch("truearm.compensation.models.compensator.judge_description", return_value=UNCHECKED)
         try:
-            super().fit(angles, wide, sample_weight)
+            with unjudged:
+                super().fit(angles, wide, sample_weight)
         finally:
             self.arm = asked
         return self
 
     def predict(self, X):
         return super().predict(X)[:, : int(np.prod(self.target_shape_))].reshape(-1, *self.target_shape_)
-
-    def _check_nominal(self, readings, data):
-        """Random tables are of no arm, and the unit of their numbers is not judged."""
 
 
 class NominalOfAnyShape(_AnyShape, NominalModel):

@@ -15,12 +15,13 @@ import numpy.typing as npt
 
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
-from truearm.compensation.models.compensator import FREE_PARTS, MIN_ROWS, Compensator
+from truearm.compensation.models.compensator import FREE_PARTS, Compensator
 from truearm.compensation.models.provenance import stated_text
 from truearm.compensation.targets.manifest import ExportLoss
 from truearm.errors import InputError
 from truearm.identification.estimation.identification import identify
 from truearm.identification.estimation.identification_result import IdentificationResult
+from truearm.identification.identify import MIN_ROWS
 from truearm.identification.judgement.nominal_check import MAX_NOMINAL_ERROR
 from truearm.identification.references.reading_references import roughly_aligned_chain
 from truearm.identification.references.references import Points

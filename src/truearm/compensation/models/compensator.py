@@ -5,9 +5,8 @@ from __future__ import annotations
 import copy
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Self, overload
 
@@ -20,33 +19,24 @@ from truearm.compensation.models.estimator import Regressor
 from truearm.compensation.models.model_archive import save_model
 from truearm.compensation.models.training_conditions import TrainingConditions
 from truearm.errors import InputError
-from truearm.identification.estimation.identification import identify
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.tip_offsets import of_one_tip
+from truearm.identification.identify import MIN_ROWS, judge_description, place
 from truearm.identification.judgement.description_hint import explaining
 from truearm.identification.judgement.held_out_errors import NONE_HELD_OUT
-from truearm.identification.judgement.nominal_check import UNCHECKED, check_nominal_arm, refuse_implausible
-from truearm.identification.judgement.stated_sizes import check_sizes
-from truearm.identification.judgement.stated_uncertainty import check_stated_uncertainty
+from truearm.identification.judgement.nominal_check import UNCHECKED
 from truearm.identification.judgement.tails import ellipsoid_factor
+from truearm.identification.references.prepared_readings import PreparedReadings
 from truearm.identification.references.reading_references import (
     check_points_of_one_tip,
-    roughly_aligned_chain,
     state_of,
-    tool_terms,
-    without_sizes,
 )
-from truearm.identification.references.references import Reference
 from truearm.identification.references.session_frames import (
     covariances_to_session_frames,
     displacements_to_session_frames,
     points_to_session_frames,
-    rough_session_frames,
-    session_frame_terms,
 )
-from truearm.identification.references.tips import check_tips, free_tips, further_tip_terms
-from truearm.identification.references.training_data import TrainingData
-from truearm.identification.terms import Term, constants
+from truearm.identification.references.tips import check_tips
 from truearm.identification.terms.thermal import UNKNOWN_MATERIAL, link_vectors
 from truearm.readings.checks import check_sessions
 from truearm.readings.lengths import Lengths
@@ -55,8 +45,6 @@ from truearm.solve.threads import one_blas_thread
 from truearm.typing import BoolArray, FloatArray
 
 FREE_PARTS = ("base", "tip")
-# Readings that determine base (6) and tip (3): 3 coordinates each, and one reading to spare.
-MIN_ROWS = 4
 
 
 class Compensator(Regressor, ABC):
@@ -107,6 +95,8 @@ class Compensator(Regressor, ABC):
 
     nominal_check_ = UNCHECKED
     held_out_ = NONE_HELD_OUT
+
+    _place = staticmethod(place)
 
     @one_blas_thread()
     def fit(self, X: npt.ArrayLike, y: npt.ArrayLike, sample_weight: npt.ArrayLike | None = None) -> Self:
@@ -181,9 +171,9 @@ class Compensator(Regressor, ABC):
         begun = time.perf_counter()
         data = self._prepare(arm, readings, lengths)
         if nominal is None:
-            with explaining(arm, readings, lengths=lengths, free=self.free_):
-                self.nominal_ = self._fit_nominal(data)
-                self._check_nominal(readings, data)
+            with explaining(arm, readings, lengths=lengths, free=data.free):
+                self.nominal_ = self._place(data)
+                self.nominal_check_ = judge_description(readings, data, self.nominal_)
         else:
             self.nominal_, self.nominal_check_ = self._nominal_of(nominal), nominal.nominal_check_
         self._fit(data, nominal, progress or no_progress)
@@ -410,7 +400,7 @@ class Compensator(Regressor, ABC):
         return tags
 
     @abstractmethod
-    def _fit(self, data: TrainingData, simpler: Compensator | None, progress: Callable[[int, str], None]) -> None:
+    def _fit(self, data: PreparedReadings, simpler: Compensator | None, progress: Callable[[int, str], None]) -> None:
         """Learn from readings in one frame; `nominal_` and `training_` are set. See `fit_readings`.
 
         `simpler` is fitted to the same readings.
@@ -448,31 +438,13 @@ class Compensator(Regressor, ABC):
         check_points_of_one_tip(readings)
         return len(readings)
 
-    def _check_nominal(self, readings: Session, data: TrainingData) -> None:
-        """Refuse readings that no arm of these nominal kinematics can have made: a wrong unit, sign or arm."""
-        every = constants(self.arm_.chain, free=self.free_)
-        references = [without_sizes(reference) for reference in data.references]
-        self.nominal_check_ = check_nominal_arm(
-            self.arm_,
-            self.nominal_,
-            data.state,
-            references,
-            every,
-            partial(self._identify_terms, data, references=references),
-        )
-        refuse_implausible(self.nominal_check_, self.arm_, readings, self.nominal_.tips(data.state))
-        check_stated_uncertainty(readings, self.nominal_, references, partial(self._identify_terms, data, every))
-
-    def _prepare(self, arm: Arm, readings: Session, lengths: Lengths | None = None) -> TrainingData:
+    def _prepare(self, arm: Arm, readings: Session, lengths: Lengths | None = None) -> PreparedReadings:
         """What checked readings say before anything is identified from them."""
-        self.arm_ = arm
-        self.n_features_in_ = readings.n_joints
-        has_points = readings.has_point.any()
-        self.free_ = self.free if has_points else tuple(part for part in self.free if part != "base")
-        self.session_frames_ = rough_session_frames(arm, readings, self.free_)
-        self.tips_ = free_tips(readings, self.free)
+        prepared = PreparedReadings.of(arm, readings, lengths, free=self.free, robust=self.robust)
+        self.arm_, self.n_features_in_ = arm, readings.n_joints
+        self.free_, self.session_frames_, self.tips_ = prepared.free, dict(prepared.frames), prepared.tips
         self.training_ = TrainingConditions.of(readings, arm.chain.is_prismatic, lengths)
-        return TrainingData.of(arm, readings, lengths, frames=self.session_frames_)
+        return prepared
 
     def _check_inputs(self, arm: Arm, readings: Session) -> None:
         """Refuse readings of another number or kind of joints, or mostly outside their limits."""
@@ -508,39 +480,6 @@ class Compensator(Regressor, ABC):
                 f"another {different[0].strip('_')}"
             )
         return other.nominal_
-
-    def _fit_nominal(self, data: TrainingData) -> IdentificationResult:
-        """The nominal chain, its free parts identified from the readings."""
-        terms = constants(self.arm_.chain, free=self.free_, angle_std=0.0, length_std=0.0)
-        fit_nominal = partial(self._identify_terms, data, terms)
-        check_sizes(data.session, data.lengths, data.references, fit_nominal, data.state)
-        return fit_nominal(data.references)
-
-    def _identify_terms(
-        self,
-        data: TrainingData,
-        terms: Sequence[Term],
-        references: Sequence[Reference],
-        progress: Callable[[int, str], None] | None = None,
-        reading_weights: FloatArray | None = None,
-        start: IdentificationResult | None = None,
-    ) -> IdentificationResult:
-        """Terms, and beside them those of the tool and of the sessions' frames, identified from references."""
-        return identify(
-            roughly_aligned_chain(self.arm_, data.session, self.free_),
-            data.state,
-            [
-                *terms,
-                *tool_terms(self.arm_, data.session),
-                *session_frame_terms(self.arm_.chain, self.session_frames_),
-                *further_tip_terms(self.arm_.chain, self.tips_),
-            ],
-            references,
-            robust=self.robust,
-            reading_weights=reading_weights,
-            start=start,
-            progress=progress,
-        )
 
 
 def no_progress(done: int, note: str) -> None:

@@ -10,7 +10,7 @@ from typing import ClassVar, NamedTuple, Self
 import numpy as np
 
 from truearm.arm.arm import Arm
-from truearm.compensation.models.compensator import MIN_ROWS, Compensator
+from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel, KinematicModel, NominalModel
 from truearm.compensation.models.residual_inputs import ResidualInputs
 from truearm.compensation.nets.committee import Committee, train_committee, train_member
@@ -23,11 +23,12 @@ from truearm.identification.estimation.residual_variance import (
     conformal_residual_variance,
     fit_variance_function,
 )
+from truearm.identification.identify import MIN_ROWS
 from truearm.identification.judgement.gross_errors import LEAST_READINGS
 from truearm.identification.judgement.held_out_errors import HeldOutErrors
 from truearm.identification.judgement.tails import ellipsoid_factor, tail_freedom
+from truearm.identification.references.prepared_readings import PreparedReadings
 from truearm.identification.references.reading_references import state_of
-from truearm.identification.references.training_data import TrainingData
 from truearm.readings.lengths import Lengths
 from truearm.readings.session import Session
 from truearm.solve.threads import one_blas_thread
@@ -189,7 +190,7 @@ class HybridModel(Compensator):
     def _new_arm_model(self) -> IdentifiedModel:
         return ARM_MODELS[self.arm_model](self.arm, free=self.free)
 
-    def _fit(self, data: TrainingData, simpler: Compensator | None, progress: Callable[[int, str], None]) -> None:
+    def _fit(self, data: PreparedReadings, simpler: Compensator | None, progress: Callable[[int, str], None]) -> None:
         assert isinstance(simpler, IdentifiedModel)  # see `fit_readings`
         self.fit_ = simpler.fit_
         learned = self._prepare_residuals(data.session, simpler)

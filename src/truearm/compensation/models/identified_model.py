@@ -3,84 +3,44 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
-from typing import ClassVar, Self, TypeAlias
+from typing import ClassVar, Self
 
 import numpy as np
 
 from truearm.arm.arm import Arm
-from truearm.compensation.models.compensator import MIN_ROWS, Compensator, no_progress
+from truearm.compensation.models.compensator import Compensator, no_progress
 from truearm.errors import InputError
-from truearm.identification.estimation.expected_error import expected_square_error
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.propagation import direction_effects, half_tip_difference
-from truearm.identification.estimation.reference_scale import response_to_point_errors, with_shared_error
 from truearm.identification.estimation.residual_variance import (
-    LEAST_FREEDOM,
-    HeldOutReadings,
     VarianceFunction,
-    conformal_residual_variance,
-    few_readings_factor,
-    fit_variance_function,
 )
-from truearm.identification.judgement.cross_validation import IN_LENGTH, birge_ratio, cross_validate_by_group
-from truearm.identification.judgement.cross_validation_groups import (
-    cross_validation_groups,
-    is_in_one_place,
-    joint_space_regions,
+from truearm.identification.identify import (
+    Identification,
+    identify_nominal,
+    identify_offered,
+    identify_physical,
+    place_without_gross_errors,
 )
-from truearm.identification.judgement.day_to_day import day_to_day_terms, on_another_day
-from truearm.identification.judgement.expansion_prior import (
-    at_mean_temperature,
-    with_material_prior,
-    with_unlearned_terms,
-)
-from truearm.identification.judgement.gross_errors import (
-    LEAST_READINGS,
-    excluded_readings,
-    has_gross_errors,
-    identify_without_gross_errors,
-    median_distance,
-    nearer_half,
-    own_variance,
-)
-from truearm.identification.judgement.held_out_errors import NONE_HELD_OUT, HeldOutErrors, select_determined
-from truearm.identification.judgement.residual_process import ResidualProcess, add_residual_process, with_unspanned
-from truearm.identification.judgement.tails import ellipsoid_factor, tail_freedom
-from truearm.identification.planning.sampling import uniform
+from truearm.identification.judgement.held_out_errors import NONE_HELD_OUT, HeldOutErrors
+from truearm.identification.judgement.residual_process import ResidualProcess
+from truearm.identification.judgement.tails import ellipsoid_factor
+from truearm.identification.references.prepared_readings import PreparedReadings
 from truearm.identification.references.reading_references import references_of, state_of
-from truearm.identification.references.references import Reference
-from truearm.identification.references.session_frames import places_the_frame
-from truearm.identification.references.training_data import TrainingData
-from truearm.identification.terms import ArmState, Constant, InSession, SkippedTerm, Term, candidate_terms, constants
+from truearm.identification.terms import ArmState, SkippedTerm, constants
 from truearm.identification.terms.basis import HIGHEST_ORDER, Temperature
-from truearm.identification.terms.catalogue import HIGHEST_ORDER_OFFERED, JOINT_COMPLIANCE, unlearned_terms
+from truearm.identification.terms.catalogue import HIGHEST_ORDER_OFFERED
 from truearm.readings.lengths import Lengths
-from truearm.readings.reference_uncertainty import scale_errors
 from truearm.readings.session import Session
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 
-# Share of the error at held-out readings of one place that all terms together may leave: with three quarters of its
-# variance explained, little remains that could be different elsewhere.
-MAX_SHARE_LEFT = 0.5
-# Share of the expected squared error over the workspace that the compliance of joints must not exceed: a gain of a few
-# per cent is within what this estimate is good for.
-MAX_EXPECTED_SHARE = 0.9
-# Poses drawn within the limits of the joints for the expected error over the workspace.
-WORKSPACE_POSES = 200
-# Share of the median distance of the nominal arm below which that of a fit to the nearer half shows that gross errors
-# drew the arm to themselves.
-MAX_TRIMMED_SHARE = 0.5
 # Fits of weighted points after the first: the noise changes by some per cent in the first of them.
 WEIGHT_ROUNDS = 2
 # Standard uncertainty of a point that states none [mm]: a session states one of every point, or of none.
 LEAST_STD_MM = 1e-6
-
-# Weights (n,) of the readings to start from, and an arm if one is known.
-Start: TypeAlias = tuple[FloatArray, IdentificationResult | None]
 
 
 class IdentifiedModel(Compensator):
@@ -126,132 +86,29 @@ class IdentifiedModel(Compensator):
     residual_process_: ResidualProcess | None = None
 
     held_out_distances_ = NONE_HELD_OUT
-    # Whether its terms are those of the nominal arm, which every model has beside its own.
-    _is_nominal: ClassVar[bool] = False
+
+    _place = staticmethod(place_without_gross_errors)
 
     @abstractmethod
-    def _terms(self, state: ArmState) -> tuple[list[Term], list[SkippedTerm]]:
-        """The terms offered, with the free parts `free_`, and those that the readings cannot show."""
+    def _identify(
+        self, readings: PreparedReadings, simpler: Compensator | None, progress: Callable[[int, str], None]
+    ) -> Identification:
+        """What the readings say of the arm, by the terms of this model."""
 
-    def _fit(self, data: TrainingData, simpler: Compensator | None, progress: Callable[[int, str], None]) -> None:
-        # Lengths are those at the mean temperature of the readings; `_with_unlearned` takes them to 20 degC.
-        data = data._replace(state=at_mean_temperature(data.state))
-        self.refit_reading_ids_, self.residual_process_ = np.zeros(0), None
+    def _fit(self, data: PreparedReadings, simpler: Compensator | None, progress: Callable[[int, str], None]) -> None:
         progress(0, "terms")
-        if self._is_nominal:
-            self.fit_, self.excluded_terms_ = self.nominal_, ()
-            held_out = self._cross_validate(data, self.fit_)
-        else:
-            terms, excluded = self._terms(data.state)
-            terms += day_to_day_terms(self.arm_.chain, self.session_frames_)
-            self.excluded_terms_ = tuple(excluded)
-            self.fit_, held_out = self._identify_offered(data, terms, self._start(data, simpler), progress)
-        is_excluded = np.isin(held_out.rows, excluded_readings(self.fit_))
-        self.held_out_ = held_out.select(~is_excluded)
-        if held_out.n_coordinates > 1 and any(part.kind == "distance" for part in data.references):
-            found = self._cross_validate(data, self.fit_, IN_LENGTH)
-            self.held_out_distances_ = select_determined(found, self.fit_.references)
-        self._estimate_residual_variance(data.session.angles)
-        self.birge_ratio_ = birge_ratio(self.fit_.references, self.held_out_.rows, self.residual_std_)
-        self.held_out_ = select_determined(self.held_out_, self.fit_.references)
-        self.held_out_errors_ = HeldOutErrors.of(self.held_out_, n_excluded=int(is_excluded.sum()))
-        errors = scale_errors(data.session, is_frame_free="base" in self.free_)
-        scale = response_to_point_errors(self.fit_, data.state, errors)
-        widened = self._widen_for_few_readings(data.references)
-        if not self._is_nominal:
-            self.fit_ = on_another_day(self.fit_)
-        state = state_of(self.arm_, data.session)
-        self.fit_ = with_shared_error(self._with_unlearned(self.fit_, state, widened), scale)
+        found = self._identify(data, simpler, progress)
+        self.fit_, self.excluded_terms_ = found.fit, found.excluded_terms
+        self.held_out_, self.held_out_distances_ = found.held_out, found.held_out_distances
+        self.held_out_errors_, self.birge_ratio_ = found.held_out_errors, found.birge_ratio
+        self.residual_std_ = found.unexplained.residual_std_mm
+        self.variance_function_ = found.unexplained.variance_function
+        self.tail_freedom_ = found.unexplained.tail_freedom
+        self.residual_process_, self.refit_reading_ids_ = found.residual_process, np.zeros(0)
 
-    def _with_unlearned(self, fit: IdentificationResult, state: ArmState, widened: float) -> IdentificationResult:
-        """The result at true temperatures, with what the readings left open of the terms of this model."""
-        del state, widened
-        return fit
-
-    def _identify_offered(
-        self, data: TrainingData, terms: list[Term], start: Start, progress: Callable[[int, str], None]
-    ) -> tuple[IdentificationResult, HeldOutReadings]:
-        """Identify the terms offered; a model may try fewer."""
-        return self._identify_without_gross_errors(data, terms, *start, progress)
-
-    def _widen_for_few_readings(self, references: Sequence[Reference]) -> float:
-        """Allow for a noise that few residuals determine only roughly; the factor of the covariance."""
-        factor = few_readings_factor(self.fit_.residual_freedom(references))
-        self.residual_std_ *= float(np.sqrt(factor))
-        self.fit_ = replace(self.fit_, covariance=factor * self.fit_.covariance)
-        return factor
-
-    def _fit_nominal(self, data: TrainingData) -> IdentificationResult:
-        nominal = super()._fit_nominal(data)
-        if not self.robust:
-            return nominal
-        terms = constants(self.arm_.chain, free=self.free_, angle_std=0.0, length_std=0.0)
-        weights = nearer_half(nominal, len(data.session))
-        trimmed = nominal
-        if not weights.all():
-            trimmed = self._identify_terms(data, terms, data.references, reading_weights=weights)
-        if median_distance(trimmed) < MAX_TRIMMED_SHARE * median_distance(nominal):
-            weights = nearer_half(trimmed, len(data.session))
-        elif has_gross_errors(nominal, self._cross_validate(data, nominal)):
-            weights = np.ones(len(data.session))
-        else:
-            return nominal
-        return self._identify_without_gross_errors(data, terms, weights)[0]
-
-    def _start(self, data: TrainingData, simpler: Compensator | None) -> Start:
-        """(n,) weights to start from: 0 for the gross errors of simpler models, which may come back. And an arm."""
-        weights = np.ones(len(data.session))
-        weights[excluded_readings(self.nominal_)] = 0.0
-        if isinstance(simpler, IdentifiedModel):
-            weights[excluded_readings(simpler.fit_)] = 0.0
-        return weights, None
-
-    def _identify_without_gross_errors(
-        self,
-        data: TrainingData,
-        terms: list[Term],
-        weights: FloatArray,
-        start: IdentificationResult | None = None,
-        progress: Callable[[int, str], None] | None = None,
-    ) -> tuple[IdentificationResult, HeldOutReadings]:
-        if not data.session.has_point.any():
-            terms = [term for term in terms if not places_the_frame(term)]
-        if not self.robust:
-            fit = self._identify_terms(data, terms, data.references, progress, start=start)
-            return fit, self._cross_validate(data, fit)
-
-        def identify(weights: FloatArray) -> IdentificationResult:
-            return self._identify_terms(data, terms, data.references, progress, weights, start)
-
-        return identify_without_gross_errors(identify, partial(self._cross_validate, data), weights)
-
-    def _cross_validate(
-        self, data: TrainingData, fit: IdentificationResult, kinds: Sequence[str] | None = None
-    ) -> HeldOutReadings:
-        if is_in_one_place(data.session, data.state):
-            groups = joint_space_regions(data.session.angles, data.state.chain)
-        else:
-            groups = cross_validation_groups(data.session, self.session_frames_)
-        held_out = cross_validate_by_group(fit, data.state, data.references, groups, kinds)
-        return with_unspanned(held_out, fit, data.state)
-
-    def _estimate_residual_variance(self, angles: FloatArray) -> None:
-        references = self.fit_.references
-        noise_variance = references[0].noise_std ** 2
-        held_out = self.held_out_.select_informative(own_variance(references, self.held_out_.rows))
-        self.tail_freedom_ = float("inf")
-        if len(held_out.rows) >= MIN_ROWS:
-            self.variance_function_ = fit_variance_function(held_out, angles)
-            share = self.variance_function_.share(angles[held_out.rows])
-            scaled = replace(held_out, freedom=share * held_out.freedom)
-            # Of few readings all may lie within the uncertainty of the parameters, which itself rests on the noise.
-            variance = max(conformal_residual_variance(scaled), noise_variance)
-            if len(held_out.rows) >= LEAST_READINGS:
-                self.tail_freedom_ = tail_freedom(scaled, variance)
-        else:
-            self.variance_function_ = VarianceFunction.flat(angles.shape[1])
-            variance = noise_variance
-        self.residual_std_ = float(np.sqrt(variance))
+    def _known(self, simpler: Compensator | None) -> list[IdentificationResult]:
+        """Arms that were identified from the same readings before."""
+        return [self.nominal_, *([simpler.fit_] if isinstance(simpler, IdentifiedModel) else [])]
 
     def ellipsoid_factor(self, level: float) -> float:
         """See `Compensator.ellipsoid_factor`: beyond 95 % as much larger as the held-out readings scatter farther."""
@@ -272,7 +129,7 @@ class IdentifiedModel(Compensator):
             std = np.maximum(noise * np.sqrt(excess), LEAST_STD_MM)
             # Checked before: these uncertainties are stated by no person, and may exceed the scatter by far.
             data = self._prepare(self.arm_, replace(readings, point_std=np.repeat(std[:, None], 3, axis=1)))
-            self.nominal_ = self._fit_nominal(data)
+            self.nominal_ = self._place(data)
             self._fit(data, None, no_progress)
         return self
 
@@ -342,11 +199,6 @@ class IdentifiedModel(Compensator):
         return len(np.unique(np.concatenate([reference.rows for reference in references_of(readings, lengths)])))
 
 
-def _typical_error(held_out: HeldOutReadings) -> float:
-    """Median error [mm], which gross errors hardly change."""
-    return float(np.median(held_out.errors_mm)) if len(held_out.rows) else float("inf")
-
-
 class NominalModel(IdentifiedModel):
     """The nominal kinematics; only base and tip are identified, as far as they are free.
 
@@ -368,14 +220,15 @@ class NominalModel(IdentifiedModel):
 
     kind: ClassVar[str] = "nominal"
 
-    _is_nominal: ClassVar[bool] = True
-
     def __init__(self, arm: Arm, *, free: tuple[str, ...] = ("base", "tip")) -> None:
         self.arm = arm
         self.free = free
 
-    def _terms(self, state: ArmState) -> tuple[list[Term], list[SkippedTerm]]:
-        return constants(state.chain, free=self.free_, angle_std=0.0, length_std=0.0), []
+    def _identify(
+        self, readings: PreparedReadings, simpler: Compensator | None, progress: Callable[[int, str], None]
+    ) -> Identification:
+        del simpler, progress
+        return identify_nominal(readings, self.nominal_)
 
 
 class KinematicModel(IdentifiedModel):
@@ -410,8 +263,11 @@ class KinematicModel(IdentifiedModel):
         self.free = free
         self.robust = robust
 
-    def _terms(self, state: ArmState) -> tuple[list[Term], list[SkippedTerm]]:
-        return constants(state.chain, free=self.free_), []
+    def _identify(
+        self, readings: PreparedReadings, simpler: Compensator | None, progress: Callable[[int, str], None]
+    ) -> Identification:
+        terms = constants(readings.state.chain, free=readings.free)
+        return identify_offered(readings, terms, (), self._known(simpler), progress)
 
 
 class PhysicalModel(IdentifiedModel):
@@ -455,58 +311,17 @@ class PhysicalModel(IdentifiedModel):
         self.residual = residual
         self.robust = robust
 
-    def _terms(self, state: ArmState) -> tuple[list[Term], list[SkippedTerm]]:
-        return candidate_terms(state, free=self.free_, highest=int(self.highest))
-
-    def _identify_offered(
-        self, data: TrainingData, terms: list[Term], start: Start, progress: Callable[[int, str], None]
-    ) -> tuple[IdentificationResult, HeldOutReadings]:
-        """All terms; from readings of one place those that are likely to hold elsewhere.
-
-        What a term explains in one place need not be its own: harmonics, wobble and bending share it in a way that fits
-        nowhere else. All are kept if they explain most of the error there. Otherwise the compliance of joints is tried
-        alone: it has few coefficients, and is the same everywhere (A. Klimchik, B. Furet, S. Caro, A. Pashkevich,
-        "Identification of the manipulator stiffness model parameters in industrial environment", Mech. Mach. Theory 90
-        (2015) 1). It is kept if the expected error over the whole workspace is smaller with it.
-        """
-        everything = super()._identify_offered(data, terms, start, progress)
-        rigid_terms = [term for term in terms if isinstance(term.basis, Constant | InSession | Temperature)]
-        if everything[0].residual_freedom(data.references) < LEAST_FREEDOM:
-            # The terms pass through the readings: neither their sizes nor the noise mean anything.
-            self.excluded_terms_ += (SkippedTerm("terms that depend on the pose", "there are too few readings"),)
-            return super()._identify_offered(data, rigid_terms, start, progress)
-        if not is_in_one_place(data.session, data.state):
-            if self.residual:
-                everything, self.residual_process_ = add_residual_process(
-                    everything, data, self.session_frames_, partial(self._cross_validate, data), robust=self.robust
-                )
-            return everything
-        elastic_terms = [*rigid_terms, *(term for term in terms if term.group == JOINT_COMPLIANCE)]
-        rigid = super()._identify_offered(data, rigid_terms, start, progress)
-        if _typical_error(everything[1]) <= MAX_SHARE_LEFT * _typical_error(rigid[1]):
-            return everything
-        elastic = super()._identify_offered(data, elastic_terms, start, progress)
-        poses = uniform(self.arm_, WORKSPACE_POSES, seed=0, slides=self.training_.angle_ranges)
-        state = at_mean_temperature(self.state(Session(poses.angles)))
-        least = MAX_EXPECTED_SHARE * expected_square_error(rigid[0], state)
-        is_better = expected_square_error(elastic[0], state) < least
-        what = "terms other than joint compliance" if is_better else "terms that depend on the pose"
-        self.excluded_terms_ += (SkippedTerm(what, "readings of one place do not show whether they hold elsewhere"),)
-        return elastic if is_better else rigid
-
-    def _start(self, data: TrainingData, simpler: Compensator | None) -> Start:
-        """From the arm's constants alone: with all terms, some gross errors could explain each other."""
-        weights, _ = super()._start(data, simpler)
-        if not self.robust or isinstance(simpler, KinematicModel):
-            return weights, None
-        rigid, _ = self._identify_without_gross_errors(data, constants(data.state.chain, free=self.free_), weights)
-        weights[excluded_readings(rigid)] = 0.0
-        return weights, rigid
-
-    def _with_unlearned(self, fit: IdentificationResult, state: ArmState, widened: float) -> IdentificationResult:
-        if state.temperature_degC is not None:
-            fit = with_material_prior(fit, state.temperature_degC, widened=widened)
-        return with_unlearned_terms(fit, unlearned_terms(state))
+    def _identify(
+        self, readings: PreparedReadings, simpler: Compensator | None, progress: Callable[[int, str], None]
+    ) -> Identification:
+        return identify_physical(
+            readings,
+            self._known(simpler),
+            highest=int(self.highest),
+            residual=bool(self.residual),
+            has_constants=isinstance(simpler, KinematicModel),
+            progress=progress,
+        )
 
     def _check_options(self) -> None:
         super()._check_options()

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.arm.arm import Arm
-from truearm.compensation.models.compensator import MIN_ROWS, Compensator
+from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.nets.nguyen_widrow import nguyen_widrow
 from truearm.compensation.nets.normal_equations import FitProblem
 from truearm.compensation.nets.perceptron import Perceptron
@@ -22,7 +22,8 @@ from truearm.compensation.nets.traingdx import AdaptiveRecord, traingdx
 from truearm.compensation.nets.training import Epoch, TrainingRecord, dividerand
 from truearm.compensation.nets.trainlm import trainlm
 from truearm.errors import InputError
-from truearm.identification.references.training_data import TrainingData
+from truearm.identification.identify import MIN_ROWS
+from truearm.identification.references.prepared_readings import PreparedReadings
 from truearm.readings.lengths import Lengths
 from truearm.readings.session import Session
 from truearm.solve.threads import one_blas_thread
@@ -185,7 +186,7 @@ class NetworkModel(Compensator):
             hint="repeat readings, or weigh them in a kinematic or physical model",
         )
 
-    def _fit(self, data: TrainingData, simpler: Compensator | None, progress: Callable[[int, str], None]) -> None:
+    def _fit(self, data: PreparedReadings, simpler: Compensator | None, progress: Callable[[int, str], None]) -> None:
         del simpler
         readings = data.session
         if self.session_frames_:

@@ -11,11 +11,12 @@ from typing import TypeVar
 
 import numpy as np
 
-from truearm.compensation.models.compensator import FREE_PARTS, MIN_ROWS, Compensator
+from truearm.compensation.models.compensator import FREE_PARTS, Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.errors import InputError
 from truearm.identification.estimation.consider_parameters import consider_update
 from truearm.identification.estimation.identification_result import IdentificationResult
+from truearm.identification.identify import MIN_ROWS
 from truearm.identification.judgement.description_hint import explaining
 from truearm.identification.judgement.held_out_errors import NONE_HELD_OUT
 from truearm.identification.judgement.nominal_check import (

@@ -25,8 +25,8 @@ from truearm.identification.judgement.cross_validation_groups import cross_valid
 from truearm.identification.judgement.gross_errors import excluded_readings
 from truearm.identification.judgement.paired_comparison import group_means, trimmed_mean
 from truearm.identification.references.alignment import align
+from truearm.identification.references.prepared_readings import PreparedReadings
 from truearm.identification.references.references import Reference
-from truearm.identification.references.training_data import TrainingData
 from truearm.identification.terms.kernel import InducedProcess
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
@@ -144,11 +144,8 @@ class ResidualProcess:
 
 def add_residual_process(
     found: tuple[IdentificationResult, HeldOutReadings],
-    data: TrainingData,
-    sessions: Collection[str],
+    data: PreparedReadings,
     cross_validate: Callable[[IdentificationResult], HeldOutReadings],
-    *,
-    robust: bool,
 ) -> tuple[tuple[IdentificationResult, HeldOutReadings], ResidualProcess | None]:
     """Identify the residual process as well, and keep it if held-out readings are predicted better with it.
 
@@ -156,13 +153,9 @@ def add_residual_process(
     ----------
     found : (IdentificationResult, HeldOutReadings)
         Without it.
-    data : TrainingData
-    sessions : collection of str
-        Names of the sessions, if there are several.
+    data : PreparedReadings
     cross_validate : callable
         Returns the held-out readings of an identification.
-    robust : bool
-        Whether large residuals get less weight.
 
     Returns
     -------
@@ -170,6 +163,7 @@ def add_residual_process(
         With it; as given, and None, where it is not kept.
     """
     fit, held_out = found
+    sessions, robust = data.frames, data.robust
     proposed = propose_process(fit, data.state)
     if proposed is None or proposed.gain <= 0:
         return found, None
@@ -261,7 +255,7 @@ def transfer_improvement(
 
 
 def _identify(
-    data: TrainingData, start: IdentificationResult, terms: list[Term], weights: FloatArray, *, robust: bool
+    data: PreparedReadings, start: IdentificationResult, terms: list[Term], weights: FloatArray, *, robust: bool
 ) -> IdentificationResult:
     """Identify terms from a start, with weights (n,) of the readings."""
     return identify(
@@ -308,7 +302,7 @@ def _separable_sessions(readings: Session, sessions: Collection[str]) -> list[st
 
 
 def _held_out_sessions(
-    data: TrainingData, names: list[str], weights: FloatArray, fits: Iterable[IdentificationResult], *, robust: bool
+    data: PreparedReadings, names: list[str], weights: FloatArray, fits: Iterable[IdentificationResult], *, robust: bool
 ) -> FloatArray:
     """By how much the readings of sessions are predicted better with the process of the others [mm], by group.
 

@@ -1,0 +1,507 @@
+"""Identify: from the readings of a session to what they say of an arm, step by step.
+
+The page to read first. Readings are prepared once (`PreparedReadings`); then, in this order,
+
+1. `place`: base and tip of the nominal arm, as far as they are free,
+2. `judge_description`: whether the readings can be of an arm like that,
+3. `estimate_without_gross_errors`: the terms offered, by evidence, without readings that are gross errors,
+4. `unexplained`: what remains at readings held out, and how it varies over the joint space,
+5. `what_may_change`: what another day, unlearned states and the scale of the reference add to the uncertainty.
+
+Each step takes records and returns one; nothing is kept beside them. `identify_nominal`, `identify_offered` and
+`identify_physical` go through 3 to 5 with the terms of the three identified models.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+
+from truearm.identification.estimation.expected_error import expected_square_error
+from truearm.identification.estimation.identification import identify
+from truearm.identification.estimation.identification_result import IdentificationResult
+from truearm.identification.estimation.reference_scale import response_to_point_errors, with_shared_error
+from truearm.identification.estimation.residual_variance import (
+    LEAST_FREEDOM,
+    HeldOutReadings,
+    VarianceFunction,
+    conformal_residual_variance,
+    few_readings_factor,
+    fit_variance_function,
+)
+from truearm.identification.judgement.cross_validation import IN_LENGTH, birge_ratio, cross_validate_by_group
+from truearm.identification.judgement.cross_validation_groups import (
+    cross_validation_groups,
+    is_in_one_place,
+    joint_space_regions,
+)
+from truearm.identification.judgement.day_to_day import day_to_day_terms, on_another_day
+from truearm.identification.judgement.expansion_prior import (
+    at_mean_temperature,
+    with_material_prior,
+    with_unlearned_terms,
+)
+from truearm.identification.judgement.gross_errors import (
+    LEAST_READINGS,
+    excluded_readings,
+    has_gross_errors,
+    identify_without_gross_errors,
+    median_distance,
+    nearer_half,
+    own_variance,
+)
+from truearm.identification.judgement.held_out_errors import NONE_HELD_OUT, HeldOutErrors, select_determined
+from truearm.identification.judgement.nominal_check import NominalCheck, check_nominal_arm, refuse_implausible
+from truearm.identification.judgement.residual_process import ResidualProcess, add_residual_process, with_unspanned
+from truearm.identification.judgement.stated_sizes import check_sizes
+from truearm.identification.judgement.stated_uncertainty import check_stated_uncertainty
+from truearm.identification.judgement.tails import tail_freedom
+from truearm.identification.planning.sampling import uniform
+from truearm.identification.references.prepared_readings import PreparedReadings
+from truearm.identification.references.reading_references import (
+    roughly_aligned_chain,
+    state_of,
+    tool_terms,
+    without_sizes,
+)
+from truearm.identification.references.references import Reference
+from truearm.identification.references.session_frames import places_the_frame, session_frame_terms
+from truearm.identification.references.tips import further_tip_terms
+from truearm.identification.terms import ArmState, Constant, InSession, SkippedTerm, Term, candidate_terms, constants
+from truearm.identification.terms.basis import Temperature
+from truearm.identification.terms.catalogue import JOINT_COMPLIANCE, unlearned_terms
+from truearm.readings.reference_uncertainty import scale_errors
+from truearm.readings.session import Session
+from truearm.typing import FloatArray
+
+# Readings that determine base (6) and tip (3): 3 coordinates each, and one reading to spare.
+MIN_ROWS = 4
+# Share of the error at held-out readings of one place that all terms together may leave: with three quarters of its
+# variance explained, little remains that could be different elsewhere.
+MAX_SHARE_LEFT = 0.5
+# Share of the expected squared error over the workspace that the compliance of joints must not exceed: a gain of a few
+# per cent is within what this estimate is good for.
+MAX_EXPECTED_SHARE = 0.9
+# Poses drawn within the limits of the joints for the expected error over the workspace.
+WORKSPACE_POSES = 200
+# Share of the median distance of the nominal arm below which that of a fit to the nearer half shows that gross errors
+# drew the arm to themselves.
+MAX_TRIMMED_SHARE = 0.5
+
+Progress: TypeAlias = Callable[[int, str], None]
+
+
+class Found(NamedTuple):
+    """Identified terms, and the readings as predicted by an arm that was identified without them."""
+
+    fit: IdentificationResult
+    held_out: HeldOutReadings
+
+
+class Start(NamedTuple):
+    """Weights (n,) of the readings to start from, 0 for gross errors; and an arm, if one is known."""
+
+    weights: FloatArray
+    arm: IdentificationResult | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Unexplained:
+    """What an identified arm leaves unexplained.
+
+    Attributes
+    ----------
+    residual_std_mm : float
+        Standard deviation of a coordinate, root mean square over the joint space [mm].
+    variance_function : VarianceFunction
+        Share of its square at other angles.
+    tail_freedom : float
+        Degrees of freedom of the tails of the held-out deviations; infinite where they are too few.
+    """
+
+    residual_std_mm: float
+    variance_function: VarianceFunction
+    tail_freedom: float
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """What readings say of an arm, and what that is worth.
+
+    Attributes
+    ----------
+    fit : IdentificationResult
+        The identified chain and terms.
+    excluded_terms : tuple of SkippedTerm
+        Terms that the readings could not show, and why.
+    held_out : HeldOutReadings
+        The readings as predicted by an arm that was identified without their position or seat; gross errors, which
+        took no part in the identification, are not among them.
+    held_out_distances : HeldOutReadings
+        Likewise distances, where `held_out` are points or seats; empty where it is of distances itself.
+    held_out_errors : HeldOutErrors or None
+        Their errors in short; None where no readings could be held out.
+    unexplained : Unexplained
+    birge_ratio : float
+        Factor by which standard deviations of the posterior are raised, from the readings held out.
+    residual_process : ResidualProcess or None
+        What is known of the residual process; None where there is none.
+    """
+
+    fit: IdentificationResult
+    excluded_terms: tuple[SkippedTerm, ...]
+    held_out: HeldOutReadings
+    held_out_distances: HeldOutReadings
+    held_out_errors: HeldOutErrors | None
+    unexplained: Unexplained
+    birge_ratio: float
+    residual_process: ResidualProcess | None
+
+
+# The nominal arm -----------------------------------------------------------------------------------------------------
+
+
+def place(readings: PreparedReadings) -> IdentificationResult:
+    """Place the nominal arm: its free parts identified from the readings.
+
+    Raises
+    ------
+    InputError
+        If a known length or distance is far from that of the nominal arm.
+    """
+    fit_nominal = partial(_identify_terms, readings, _nominal_terms(readings))
+    check_sizes(readings.session, readings.lengths, readings.references, fit_nominal, readings.state)
+    return fit_nominal(readings.references)
+
+
+def place_without_gross_errors(readings: PreparedReadings) -> IdentificationResult:
+    """Place the nominal arm, and judge readings that would draw it to themselves."""
+    nominal = place(readings)
+    if not readings.robust:
+        return nominal
+    terms, n = _nominal_terms(readings), len(readings.session)
+    weights = nearer_half(nominal, n)
+    trimmed = nominal
+    if not weights.all():
+        trimmed = _identify_terms(readings, terms, readings.references, weights=weights)
+    if median_distance(trimmed) < MAX_TRIMMED_SHARE * median_distance(nominal):
+        weights = nearer_half(trimmed, n)
+    elif has_gross_errors(nominal, cross_validate(readings, nominal)):
+        weights = np.ones(n)
+    else:
+        return nominal
+    return estimate_without_gross_errors(readings, terms, Start(weights)).fit
+
+
+def judge_description(given: Session, readings: PreparedReadings, nominal: IdentificationResult) -> NominalCheck:
+    """Refuse readings that no arm of these nominal kinematics can have made: a wrong unit, sign or arm.
+
+    Parameters
+    ----------
+    given : Session
+        The readings as they were given, named in messages.
+    readings : PreparedReadings
+    nominal : IdentificationResult
+        The arm placed.
+
+    Raises
+    ------
+    InputError
+        With the mistakes that are likely.
+    """
+    every = constants(readings.arm.chain, free=readings.free)
+    references = [without_sizes(reference) for reference in readings.references]
+    check = check_nominal_arm(
+        readings.arm,
+        nominal,
+        readings.state,
+        references,
+        every,
+        partial(_identify_terms, readings, references=references),
+    )
+    refuse_implausible(check, readings.arm, given, nominal.tips(readings.state))
+    check_stated_uncertainty(given, nominal, references, partial(_identify_terms, readings, every))
+    return check
+
+
+# The identified arms -------------------------------------------------------------------------------------------------
+
+
+def identify_nominal(readings: PreparedReadings, nominal: IdentificationResult) -> Identification:
+    """The nominal arm as it was placed, with what it leaves unexplained."""
+    readings = _at_mean_temperature(readings)
+    return _concluded(readings, Found(nominal, cross_validate(readings, nominal)), same_every_day=True)
+
+
+def identify_offered(
+    readings: PreparedReadings,
+    terms: Sequence[Term],
+    excluded: Sequence[SkippedTerm],
+    known: Sequence[IdentificationResult],
+    progress: Progress | None = None,
+) -> Identification:
+    """Identify the terms offered.
+
+    Parameters
+    ----------
+    readings : PreparedReadings
+    terms : sequence of Term
+    excluded : sequence of SkippedTerm
+        Terms that are not offered, and why.
+    known : sequence of IdentificationResult
+        Arms that were identified from the same readings before; their gross errors are excluded at first.
+    progress : callable, optional
+    """
+    readings = _at_mean_temperature(readings)
+    terms = [*terms, *day_to_day_terms(readings.arm.chain, readings.frames)]
+    start = Start(_weights_without(readings, known))
+    return _concluded(readings, estimate_without_gross_errors(readings, terms, start, progress), tuple(excluded))
+
+
+def identify_physical(
+    readings: PreparedReadings,
+    known: Sequence[IdentificationResult],
+    *,
+    highest: int,
+    residual: bool = True,
+    has_constants: bool = False,
+    progress: Progress | None = None,
+) -> Identification:
+    """Identify every term that the readings can determine.
+
+    All terms are offered; from readings of one place those are kept that are likely to hold elsewhere. What a term
+    explains in one place need not be its own: harmonics, wobble and bending share it in a way that fits nowhere else.
+    All are kept if they explain most of the error there. Otherwise the compliance of joints is tried alone: it has few
+    coefficients, and is the same everywhere (A. Klimchik, B. Furet, S. Caro, A. Pashkevich, "Identification of the
+    manipulator stiffness model parameters in industrial environment", Mech. Mach. Theory 90 (2015) 1). It is kept if
+    the expected error over the whole workspace is smaller with it.
+
+    Parameters
+    ----------
+    readings : PreparedReadings
+    known : sequence of IdentificationResult
+        As in `identify_offered`.
+    highest : int
+        Highest order of the harmonics offered about a joint's own axis.
+    residual : bool
+        Whether a residual process is offered.
+    has_constants : bool
+        Whether the constants are among the arms that are known.
+    progress : callable, optional
+    """
+    readings = _at_mean_temperature(readings)
+    terms, skipped = candidate_terms(readings.state, free=readings.free, highest=highest)
+    terms += day_to_day_terms(readings.arm.chain, readings.frames)
+    start = Start(_weights_without(readings, known))
+    if readings.robust and not has_constants:
+        # From the arm's constants alone: with all terms, some gross errors could explain each other.
+        rigid = estimate_without_gross_errors(readings, constants(readings.state.chain, free=readings.free), start).fit
+        weights = start.weights.copy()
+        weights[excluded_readings(rigid)] = 0.0
+        start = Start(weights, rigid)
+    estimate = partial(estimate_without_gross_errors, readings, start=start, progress=progress)
+    everything, process = estimate(terms), None
+    if everything.fit.residual_freedom(readings.references) < LEAST_FREEDOM:
+        # The terms pass through the readings: neither their sizes nor the noise mean anything.
+        skipped.append(SkippedTerm("terms that depend on the pose", "there are too few readings"))
+        found = estimate(_rigid(terms))
+    elif is_in_one_place(readings.session, readings.state):
+        found, lost = _likely_elsewhere(readings, terms, everything, estimate)
+        skipped += lost
+    else:
+        found = everything
+        if residual:
+            kept, process = add_residual_process(everything, readings, partial(cross_validate, readings))
+            found = Found(*kept)
+    return _concluded(readings, found, tuple(skipped), process, complete=_with_all_states)
+
+
+def _likely_elsewhere(
+    readings: PreparedReadings, terms: Sequence[Term], everything: Found, estimate: Callable[[list[Term]], Found]
+) -> tuple[Found, list[SkippedTerm]]:
+    """Of terms identified in one place those that are likely to hold elsewhere; see `identify_physical`."""
+    rigid_terms = _rigid(terms)
+    elastic_terms = [*rigid_terms, *(term for term in terms if term.group == JOINT_COMPLIANCE)]
+    rigid = estimate(rigid_terms)
+    if _typical_error(everything.held_out) <= MAX_SHARE_LEFT * _typical_error(rigid.held_out):
+        return everything, []
+    elastic = estimate(elastic_terms)
+    angles = readings.session.angles
+    ranges = np.stack([angles.min(axis=0), angles.max(axis=0)], axis=1)
+    poses = uniform(readings.arm, WORKSPACE_POSES, seed=0, slides=ranges)
+    state = at_mean_temperature(readings.typical_state(poses.angles))
+    least = MAX_EXPECTED_SHARE * expected_square_error(rigid.fit, state)
+    is_better = expected_square_error(elastic.fit, state) < least
+    what = "terms other than joint compliance" if is_better else "terms that depend on the pose"
+    why = "readings of one place do not show whether they hold elsewhere"
+    return elastic if is_better else rigid, [SkippedTerm(what, why)]
+
+
+# The steps -----------------------------------------------------------------------------------------------------------
+
+
+def estimate_without_gross_errors(
+    readings: PreparedReadings, terms: Sequence[Term], start: Start, progress: Progress | None = None
+) -> Found:
+    """Identify terms, and hold readings out; where outliers get a smaller weight, without gross errors."""
+    if not readings.session.has_point.any():
+        terms = [term for term in terms if not places_the_frame(term)]
+    if not readings.robust:
+        fit = _identify_terms(readings, terms, readings.references, progress=progress, start=start.arm)
+        return Found(fit, cross_validate(readings, fit))
+
+    def identified(weights: FloatArray) -> IdentificationResult:
+        return _identify_terms(
+            readings, terms, readings.references, progress=progress, weights=weights, start=start.arm
+        )
+
+    return Found(*identify_without_gross_errors(identified, partial(cross_validate, readings), start.weights))
+
+
+def cross_validate(
+    readings: PreparedReadings, fit: IdentificationResult, kinds: Sequence[str] | None = None
+) -> HeldOutReadings:
+    """Predict readings by an arm that was identified without their group: position, seat, or region of the joints."""
+    if is_in_one_place(readings.session, readings.state):
+        groups = joint_space_regions(readings.session.angles, readings.state.chain)
+    else:
+        groups = cross_validation_groups(readings.session, readings.frames)
+    held_out = cross_validate_by_group(fit, readings.state, readings.references, groups, kinds)
+    return with_unspanned(held_out, fit, readings.state)
+
+
+def unexplained(fit: IdentificationResult, held_out: HeldOutReadings, angles: FloatArray) -> Unexplained:
+    """Estimate what an arm leaves unexplained, from readings held out, at angles (n, n_joints) of all readings."""
+    noise_variance = fit.references[0].noise_std ** 2
+    informative = held_out.select_informative(own_variance(fit.references, held_out.rows))
+    if len(informative.rows) < MIN_ROWS:
+        flat = VarianceFunction.flat(angles.shape[1])
+        return Unexplained(float(np.sqrt(noise_variance)), flat, float("inf"))
+    function = fit_variance_function(informative, angles)
+    share = function.share(angles[informative.rows])
+    scaled = replace(informative, freedom=share * informative.freedom)
+    # Of few readings all may lie within the uncertainty of the parameters, which itself rests on the noise.
+    variance = max(conformal_residual_variance(scaled), noise_variance)
+    tails = tail_freedom(scaled, variance) if len(informative.rows) >= LEAST_READINGS else float("inf")
+    return Unexplained(float(np.sqrt(variance)), function, tails)
+
+
+def what_may_change(
+    readings: PreparedReadings,
+    fit: IdentificationResult,
+    widened: float,
+    *,
+    same_every_day: bool,
+    complete: Callable[[IdentificationResult, ArmState, float], IdentificationResult] | None,
+) -> IdentificationResult:
+    """Add to the uncertainty what the readings do not show: other days, unlearned states, the reference's scale.
+
+    `widened` is the factor by which the covariance was raised for few readings; `complete` adds states that no reading
+    had.
+    """
+    errors = scale_errors(readings.session, is_frame_free="base" in readings.free)
+    scale = response_to_point_errors(fit, readings.state, errors)
+    if widened != 1:
+        fit = replace(fit, covariance=widened * fit.covariance)
+    if not same_every_day:
+        fit = on_another_day(fit)
+    if complete is not None:
+        fit = complete(fit, state_of(readings.arm, readings.session), widened)
+    return with_shared_error(fit, scale)
+
+
+def _concluded(
+    readings: PreparedReadings,
+    found: Found,
+    excluded: tuple[SkippedTerm, ...] = (),
+    process: ResidualProcess | None = None,
+    *,
+    same_every_day: bool = False,
+    complete: Callable[[IdentificationResult, ArmState, float], IdentificationResult] | None = None,
+) -> Identification:
+    """What identified terms are worth: steps 4 and 5."""
+    fit, held_out = found
+    is_excluded = np.isin(held_out.rows, excluded_readings(fit))
+    kept, distances = held_out.select(~is_excluded), NONE_HELD_OUT
+    if held_out.n_coordinates > 1 and any(part.kind == "distance" for part in readings.references):
+        distances = select_determined(cross_validate(readings, fit, IN_LENGTH), fit.references)
+    rest = unexplained(fit, kept, readings.session.angles)
+    birge = birge_ratio(fit.references, kept.rows, rest.residual_std_mm)
+    determined = select_determined(kept, fit.references)
+    # Few residuals determine the noise only roughly.
+    widened = few_readings_factor(fit.residual_freedom(readings.references))
+    return Identification(
+        what_may_change(readings, fit, widened, same_every_day=same_every_day, complete=complete),
+        excluded,
+        determined,
+        distances,
+        HeldOutErrors.of(determined, n_excluded=int(is_excluded.sum())),
+        replace(rest, residual_std_mm=rest.residual_std_mm * float(np.sqrt(widened))),
+        birge,
+        process,
+    )
+
+
+def _with_all_states(fit: IdentificationResult, state: ArmState, widened: float) -> IdentificationResult:
+    """The result at true temperatures, with what the readings left open of the terms of the physical model."""
+    if state.temperature_degC is not None:
+        fit = with_material_prior(fit, state.temperature_degC, widened=widened)
+    return with_unlearned_terms(fit, unlearned_terms(state))
+
+
+def _identify_terms(
+    readings: PreparedReadings,
+    terms: Sequence[Term],
+    references: Sequence[Reference],
+    *,
+    progress: Progress | None = None,
+    weights: FloatArray | None = None,
+    start: IdentificationResult | None = None,
+) -> IdentificationResult:
+    """Terms, and beside them those of the tool and of the sessions' frames, identified from references."""
+    arm = readings.arm
+    return identify(
+        roughly_aligned_chain(arm, readings.session, readings.free),
+        readings.state,
+        [
+            *terms,
+            *tool_terms(arm, readings.session),
+            *session_frame_terms(arm.chain, readings.frames),
+            *further_tip_terms(arm.chain, readings.tips),
+        ],
+        references,
+        robust=readings.robust,
+        reading_weights=weights,
+        start=start,
+        progress=progress,
+    )
+
+
+def _nominal_terms(readings: PreparedReadings) -> list[Term]:
+    return constants(readings.arm.chain, free=readings.free, angle_std=0.0, length_std=0.0)
+
+
+def _rigid(terms: Sequence[Term]) -> list[Term]:
+    return [term for term in terms if isinstance(term.basis, Constant | InSession | Temperature)]
+
+
+def _at_mean_temperature(readings: PreparedReadings) -> PreparedReadings:
+    """Lengths are then those at the mean temperature of the readings; `_with_all_states` takes them to 20 degC."""
+    return readings._replace(state=at_mean_temperature(readings.state))
+
+
+def _weights_without(readings: PreparedReadings, known: Sequence[IdentificationResult]) -> FloatArray:
+    """(n,) weights: 0 for the gross errors of arms that were identified before, which may come back."""
+    weights = np.ones(len(readings.session))
+    for fit in known:
+        weights[excluded_readings(fit)] = 0.0
+    return weights
+
+
+def _typical_error(held_out: HeldOutReadings) -> float:
+    """Median error [mm], which gross errors hardly change."""
+    return float(np.median(held_out.errors_mm)) if len(held_out.rows) else float("inf")

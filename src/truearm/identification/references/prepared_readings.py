@@ -1,0 +1,78 @@
+"""The readings of a session, prepared once for all steps of an identification: in one frame, as references."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple, Self
+
+from truearm.arm.arm import Arm
+from truearm.identification.references.reading_references import references_of, state_of
+from truearm.identification.references.references import Reference
+from truearm.identification.references.session_frames import rough_session_frames, to_first_session_frame
+from truearm.identification.references.tips import free_tips
+from truearm.identification.terms import ArmState
+from truearm.readings.lengths import Lengths
+from truearm.readings.session import Session
+from truearm.typing import FloatArray
+
+
+class PreparedReadings(NamedTuple):
+    """What all steps of an identification learn from; whoever has it checks nothing again.
+
+    Attributes
+    ----------
+    arm : Arm
+    session : Session
+        All readings in one frame.
+    state : ArmState
+        State of the arm at them.
+    references : list of Reference
+        Of the readings and the lengths.
+    lengths : Lengths or None
+        Known lengths between their seats.
+    free : tuple of str
+        The free parts that the readings determine: without reference points the base stays nominal.
+    frames : mapping of str to (4, 4) array
+        Of several sessions by name the rough rigid motion of its points into the frame of the first; empty for one.
+    tips : tuple of str
+        Names of the tips on the flange; empty if none is named.
+    robust : bool
+        Whether outliers get a smaller weight.
+    """
+
+    arm: Arm
+    session: Session
+    state: ArmState
+    references: list[Reference]
+    lengths: Lengths | None
+    free: tuple[str, ...]
+    frames: Mapping[str, FloatArray]
+    tips: tuple[str, ...]
+    robust: bool
+
+    @classmethod
+    def of(cls, arm: Arm, readings: Session, lengths: Lengths | None, *, free: tuple[str, ...], robust: bool) -> Self:
+        """Prepare checked readings of an arm, each session in its own frame (see `rough_session_frames`).
+
+        Raises
+        ------
+        InputError
+            If the frames of sessions are not determined, several tips are not free, or there is no reference.
+        """
+        determined = free if readings.has_point.any() else tuple(part for part in free if part != "base")
+        frames = rough_session_frames(arm, readings, determined)
+        tips = free_tips(readings, free)
+        session = to_first_session_frame(readings, frames)
+        state, references = state_of(arm, session), references_of(session, lengths)
+        return cls(arm, session, state, references, lengths, determined, frames, tips, robust)
+
+    def typical_state(self, angles: FloatArray) -> ArmState:
+        """State of the arm at angles (n, n_joints), as warm and as loaded as at the readings on average."""
+        readings = self.session
+        return state_of(
+            self.arm,
+            Session(angles),
+            temperature_degC=None if readings.temperature_degC is None else float(readings.temperature_degC.mean()),
+            columns={name: float(values.mean()) for name, values in readings.columns.items()},
+            direction=0.0,
+        )
