@@ -77,7 +77,7 @@ def test_poses_are_the_product_of_the_motions(seed):
     np.testing.assert_allclose(chain.tip_derivatives(q).tip_in_base, pose.tip_in_base, atol=0)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(0, 2**32 - 1), st.integers(-3, 3))
 def test_a_full_turn_of_a_joint_changes_nothing(seed, turns):
     chain = random_chain(seed, sliding=0.0)
@@ -86,7 +86,7 @@ def test_a_full_turn_of_a_joint_changes_nothing(seed, turns):
     np.testing.assert_allclose(chain.tip_in_base(q + 2 * np.pi * turns), chain.tip_in_base(q), atol=1e-9)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.floats(-1e6, 1e6))
 def test_cosine_and_sine_of_any_angle_are_right(angle):
     # A crank of 1 mm reads them off; 4 units in the last place of one.

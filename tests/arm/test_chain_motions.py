@@ -59,7 +59,7 @@ def tips_of(chain: Chain, angles: np.ndarray, motions: np.ndarray) -> np.ndarray
     return chain.tip_in_base(angles, wide.transpose(2, 0, 1))
 
 
-@settings(deadline=None, max_examples=15)
+@settings(max_examples=15)
 @given(st.integers(0, 2**32 - 1), st.sampled_from(SIZES), st.sampled_from([0.0, 0.5, 1.0]), st.booleans())
 def test_derivatives_by_the_components_of_finite_motions_are_the_difference_quotients(seed, size, sliding, constant):
     rng = np.random.default_rng(seed)
@@ -80,7 +80,7 @@ def test_derivatives_by_the_components_of_finite_motions_are_the_difference_quot
             np.testing.assert_allclose(motion_jacobian[place, component].T, quotient, atol=atol, rtol=0)
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(st.integers(0, 2**32 - 1), st.sampled_from(SIZES))
 def test_a_motion_for_all_poses_is_the_same_motion_in_each(seed, size):
     rng = np.random.default_rng(seed)
@@ -149,7 +149,7 @@ def test_the_flanges_axes_are_the_derivatives_by_shifts_of_the_tip():
 # Rotations and their Jacobians
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(st.integers(0, 2**32 - 1), st.sampled_from(SIZES))
 def test_rotations_are_scipys_and_jacobians_the_difference_quotients(seed, size):
     rng = np.random.default_rng(seed)

@@ -49,7 +49,7 @@ def assert_quotient(analytic, quotient):
     np.testing.assert_allclose(analytic[:, 3:], quotient[:, 3:], atol=QUOTIENT)
 
 
-@settings(deadline=None, max_examples=15)
+@settings(max_examples=15)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 1e-3, 0.5]))
 def test_a_pose_with_motions_is_that_of_the_chain_with_them_composed(seed, size):
     chain, joints, motions = random_case(seed, size)
@@ -59,7 +59,7 @@ def test_a_pose_with_motions_is_that_of_the_chain_with_them_composed(seed, size)
         np.testing.assert_allclose(tip, composed.tip_in_base[0], atol=ROUNDING_MM)
 
 
-@settings(deadline=None, max_examples=15)
+@settings(max_examples=15)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 1e-3, 0.5]))
 def test_derivatives_of_poses_are_the_difference_quotients(seed, size):
     chain, joints, motions = random_case(seed, size)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from truearm.errors import InputError
@@ -11,7 +11,6 @@ from truearm.files.delimited import escape_formula, read_columns, read_sheet, wr
 names = st.text(st.characters(blacklist_categories=("Cs", "Cc")) | st.sampled_from("'=+-@\t"), max_size=8)
 
 
-@settings(deadline=None)
 @given(cells=st.lists(names, min_size=1, max_size=5))
 def test_names_come_back_as_they_were_written(tmp_path_factory, cells):
     path = tmp_path_factory.mktemp("names") / "table.csv"
@@ -47,7 +46,6 @@ def test_a_quotation_mark_that_is_never_closed_is_found_where_it_opens(tmp_path)
     assert caught.value.line == 3
 
 
-@settings(deadline=None)
 @given(values=st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=1, max_size=20))
 def test_numbers_come_back_to_the_last_bit(tmp_path_factory, values):
     path = tmp_path_factory.mktemp("numbers") / "table.csv"

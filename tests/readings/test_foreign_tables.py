@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from truearm.errors import InputError
@@ -106,7 +106,6 @@ def test_degrees_have_zeros_and_signs_too():
     np.testing.assert_allclose(scale.to_angles(np.array([[45.0, 1.5, 30.0]])), [[np.pi / 4, 0.5, -20.0]], rtol=1e-15)
 
 
-@settings(deadline=None)
 @given(
     angle=st.floats(-50, 50),
     zero=st.integers(-(2**20), 2**20),

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from truearm.errors import InputError
@@ -13,7 +13,6 @@ def readings_of(names, by="position"):
     return Session(np.arange(len(names), dtype=float)[:, None], **{by: np.array(names, dtype=np.str_)})
 
 
-@settings(deadline=None)
 @given(
     names=st.lists(st.sampled_from("abcdefg"), min_size=2, max_size=40).filter(lambda names: len(set(names)) > 1),
     by=st.sampled_from(["position", "seat", "session"]),

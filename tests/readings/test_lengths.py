@@ -31,7 +31,7 @@ def refusal(folder, rows, *, header=HEADER, seats=None):
 names = st.text(st.characters(blacklist_categories=("Cs", "Cc")), min_size=1, max_size=8)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(
     ends=st.lists(st.tuples(names, names), min_size=1, max_size=5, unique_by=lambda pair: tuple(sorted(pair))).filter(
         lambda pairs: all(a != b for a, b in pairs)
@@ -277,7 +277,7 @@ def test_the_example_in_the_manual_is_a_file_of_lengths(tmp_path):
     assert found.artefact.tolist() == ["bar 7"]
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(at=st.integers(0, 60), cut=st.integers(0, 8), junk=st.binary(max_size=8) | st.sampled_from([b'"', b",", b"\n"]))
 def test_a_damaged_file_is_read_or_refused_but_nothing_else(tmp_path_factory, at, cut, junk):
     whole = HEADER.encode() + b"A,B,100,0.1\nA,C,250.5,1e-3\n"

@@ -56,7 +56,7 @@ def drawn(rng, sizes, n_shared=0, per_block=6):
     return parts, whole, shared
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(
     st.integers(0, 2**32 - 1),
     st.lists(st.integers(1, 4), min_size=1, max_size=6),

@@ -109,7 +109,7 @@ def test_scales_stay_within_their_bounds():
 # Laws
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(st.integers(0, 2**32 - 1), st.floats(0.01, 100))
 def test_one_group_is_the_evidence_of_one_scale(seed, scale):
     rng = np.random.default_rng(seed)
@@ -130,7 +130,7 @@ def test_one_group_is_the_evidence_of_one_scale(seed, scale):
     assert grouped[0] == pytest.approx(one.alpha**-0.5, rel=1e-4)
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(st.integers(0, 2**32 - 1))
 def test_at_the_fixed_point_the_evidence_is_greatest(seed):
     rng = np.random.default_rng(seed)
@@ -166,7 +166,7 @@ def test_planted_scales_are_recovered(rng):
     np.testing.assert_allclose(effective, 60, rtol=0.01)
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(st.integers(0, 2**32 - 1))
 def test_effective_parameters_are_between_none_and_all(seed):
     rng = np.random.default_rng(seed)
@@ -189,7 +189,7 @@ def test_effective_parameters_at_the_limits(size, expected, rng):
     assert effective[0] == pytest.approx(expected, abs=1e-4)
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(st.integers(0, 2**32 - 1))
 def test_units_do_not_matter(seed):
     rng = np.random.default_rng(seed)
@@ -208,7 +208,7 @@ def test_units_do_not_matter(seed):
     np.testing.assert_allclose(scales[0], scales[1], rtol=1e-7)
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([1.0, 1e3, 1e5]))
 def test_the_posterior_is_that_of_the_stacked_problem(seed, width):
     """Against least squares of data and prior in one, by orthogonal factors; priors `width` times the data's noise."""
@@ -248,7 +248,7 @@ def test_scales_prior_and_data_meet_where_their_slopes_cancel():
     np.testing.assert_allclose((x / prior.scale) ** 2, effective + np.log(prior.scale) / tau**2, rtol=1e-9)
 
 
-@settings(deadline=None, max_examples=15)
+@settings(max_examples=15)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.5, 1.6]))
 def test_with_it_the_fixed_point_is_stationary(seed, tau):
     rng = np.random.default_rng(seed)
@@ -280,7 +280,7 @@ def test_no_size_at_all_is_the_least_scale():
 # What evidence would rather do without
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(st.integers(0, 2**32 - 1))
 def test_a_group_is_pruned_if_the_log_evidence_gains(seed):
     rng = np.random.default_rng(seed)
@@ -411,7 +411,7 @@ def test_undetermined_parameters_keep_their_prior_next_to_ones_known_to_1e_15(se
     np.testing.assert_allclose(found.covariance.diagonal()[well], exact[well], rtol=1e-7)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 3))
 @example(109, 1)  # priors of 1e-17 beside data
 @example(2255, 3)  # a pivot of Cholesky's factor just above the least

@@ -33,7 +33,7 @@ def test_two_clusters_leave_a_gap_between_them():
     assert outside(asked, angles).tolist() == [True, False, False, False, True, True, True, False, True]
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.integers(2, 400), st.integers(0, 10**6))
 def test_training_angles_are_never_outside(n, seed):
     rng = np.random.default_rng(seed)
@@ -43,7 +43,7 @@ def test_training_angles_are_never_outside(n, seed):
     assert (gaps[:, 1] < gaps[:, 2]).all()
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.integers(-3, 3), st.integers(0, 10**6))
 def test_a_joint_counted_on_by_full_turns_is_where_it_was(turns, seed):
     rng = np.random.default_rng(seed)
@@ -55,7 +55,7 @@ def test_a_joint_counted_on_by_full_turns_is_where_it_was(turns, seed):
         assert outside(turned + [100.0 * turns, 0.0], angles, np.array([True, False])).all()
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.integers(-2, 2), st.integers(0, 10**6))
 def test_a_training_angle_with_its_rounding_is_inside(turns, seed):
     """A pose at an end of the range, corrected there and back, comes back to a rounding of 1e-15 beyond it."""

@@ -69,7 +69,7 @@ def test_command_and_feedback_are_inverse(case):
     np.testing.assert_allclose((back - case.joints) / scale, 0, atol=SAME_RAD)
 
 
-@settings(deadline=None, max_examples=10)
+@settings(max_examples=10)
 @given(st.integers(0, 2**32 - 1))
 def test_feedback_after_command_is_the_identity_anywhere_in_range(ur10, seed):
     joints = ur10.model.arm_.working + np.random.default_rng(seed).uniform(-0.9, 0.9, (3, 6))

@@ -31,7 +31,7 @@ def orientation_columns(R: Rotation) -> dict[str, dict[str, np.ndarray]]:
     return columns
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(st.integers(0, 2**32 - 1))
 def test_all_ways_to_state_an_orientation_are_the_same(seed):
     R = Rotation.random(2, rng=np.random.default_rng(seed))

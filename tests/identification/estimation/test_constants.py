@@ -303,7 +303,7 @@ def test_a_tip_is_at_least_as_certain_as_by_one_reading(rng):
     assert (traces / noise).sum() == pytest.approx(effective, rel=0.05)
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(st.integers(0, 10**6), st.integers(1, 4), st.integers(4, 12))
 def test_any_arm_and_any_readings_give_finite_numbers(seed, n_joints, n):
     """Chains of any shape, axes that meet or run parallel, sliding joints; points that no such arm can have made."""
@@ -345,7 +345,7 @@ def test_invalid_references_are_refused(rng):
         identify(arm.chain, state, both, [points])
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(st.integers(0, 10**6))
 def test_alignment_finds_any_rigid_motion(seed):
     rng = np.random.default_rng(seed)

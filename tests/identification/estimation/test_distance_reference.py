@@ -54,7 +54,7 @@ def test_constraints_are_the_priors_of_the_offsets() -> None:
     assert all(is_offset(name) for name in constraints.names)
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(
     st.integers(0, 1000),
     st.floats(-3.0, 3.0),

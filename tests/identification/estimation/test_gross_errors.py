@@ -57,14 +57,14 @@ def with_gross_errors(rng, n, share, least):
 
 
 @given(seed=st.integers(0, 1000), n=st.sampled_from([40, 150, 400]))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_gaussian_deviations_have_no_gross_errors(seed, n):
     """Beyond 5.5 standard deviations lies one Gaussian reading in a million."""
     assert gross(held_out(NOISE * np.random.default_rng(seed).normal(size=(n, 3)))) == []
 
 
 @given(seed=st.integers(0, 1000), n=st.sampled_from([40, 150]), share=st.sampled_from([0.03, 0.1, 0.2]))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_gross_errors_of_any_size_are_named_and_no_others(seed, n, share):
     deviations, bad = with_gross_errors(np.random.default_rng(seed), n, share, least=20)
     readings = held_out(deviations)
@@ -105,7 +105,7 @@ def test_tails_as_of_a_geared_robot_are_honest(rng):
 
 
 @given(scale=st.floats(1e-3, 1e3), seed=st.integers(0, 100))
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 def test_the_unit_of_the_deviations_decides_nothing(scale, seed):
     deviations, _ = with_gross_errors(np.random.default_rng(seed), 60, 0.1, least=5)
     ours = fit_error_distribution(held_out(deviations, known=NOISE**2)).gross_probability(

@@ -294,7 +294,7 @@ def test_a_term_beyond_the_chain_is_refused(arm):
 # Anything
 
 
-@settings(deadline=None, max_examples=12)
+@settings(max_examples=12)
 @given(
     st.integers(0, 2**32 - 1),
     st.integers(1, 12),

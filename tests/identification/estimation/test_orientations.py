@@ -40,7 +40,7 @@ def test_a_turn_about_the_tool_is_its_rotation_vector_at_a_metre():
     assert not found.by_tip.any()
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 1e-9, 9e-5, 1e-2, 1.0, 3.0, 3.14]))
 def test_derivative_by_turns_is_the_difference_quotient_up_to_half_a_turn(seed, size):
     rng = np.random.default_rng(seed)
@@ -59,7 +59,7 @@ def test_derivative_by_turns_is_the_difference_quotient_up_to_half_a_turn(seed, 
         np.testing.assert_allclose(by_turn[:, axis], (there - back) / (2 * h), atol=1e-4)
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(st.integers(0, 2**32 - 1), st.floats(0, 2.5))
 def test_the_chain_with_the_motions_is_the_plain_form(seed, turned_by):
     """Finite motions of all places, the tip's rotation among them, in the problem and in `Chain.pose`."""

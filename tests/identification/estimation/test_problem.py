@@ -156,7 +156,7 @@ def test_relations_are_those_of_a_dense_jacobian_by_differences():
     np.testing.assert_allclose(found.dense(), J.T @ J, atol=1e-7 * np.abs(J.T @ J).max())
 
 
-@settings(deadline=None, max_examples=10)
+@settings(max_examples=10)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([None, 0, 3]))
 def test_tips_and_their_derivatives(seed, slides):
     rng = np.random.default_rng(seed)
@@ -221,7 +221,7 @@ def seats_only(rng, chain, state, terms, n_seats=3):
     return SmallMotionProblem(PerturbedChain(chain, tuple(terms)), state, (seats,)), np.zeros(3 * n_seats)
 
 
-@settings(deadline=None, max_examples=10)
+@settings(max_examples=10)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([None, 2]))
 def test_growth_and_its_gradient(seed, slides):
     rng = np.random.default_rng(seed)
@@ -337,7 +337,7 @@ def test_values_kept_and_reckoned_again_are_the_same(monkeypatch):
     np.testing.assert_array_equal(summed(problem, x, weights)[2], expected[2])
 
 
-@settings(deadline=None, max_examples=10)
+@settings(max_examples=10)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 20))
 def test_the_whole_is_the_sum_of_its_readings(seed, first):
     rng = np.random.default_rng(seed)
@@ -352,7 +352,7 @@ def test_the_whole_is_the_sum_of_its_readings(seed, first):
     assert_same_equations(summed(halves, x, [weights[:, rows] for rows in parts]), whole)
 
 
-@settings(deadline=None, max_examples=10)
+@settings(max_examples=10)
 @given(st.integers(0, 2**32 - 1), st.floats(0.1, 10))
 def test_weights_scale_the_sums(seed, factor):
     problem, x, weights = everything(seed, highest=2)

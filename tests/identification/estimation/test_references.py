@@ -81,7 +81,7 @@ def stacked(arrays):
     return np.concatenate([array.ravel() for array in arrays])
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(
     st.integers(0, 2**32 - 1),
     st.dictionaries(st.sampled_from(KINDS), st.integers(8, 11), min_size=1),
@@ -120,7 +120,7 @@ def test_derivatives_of_all_kinds_at_once_are_the_difference_quotients(seed, cou
     assert whole.cost == pytest.approx(0.5 * residuals @ residuals)
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(st.integers(0, 2**32 - 1), st.integers(2, 4))
 def test_relations_among_unknowns_have_the_difference_quotients_as_derivatives(seed, n_names):
     """Lengths and radii; also where seats fall together."""

@@ -69,7 +69,7 @@ def test_where_covariances_say_all_nothing_is_unexplained():
     assert conformal_residual_variance(held_out(np.zeros((5, 3)))) == FLOOR_MM2
 
 
-@settings(deadline=None, max_examples=80)
+@settings(max_examples=80)
 @given(st.integers(0, 10**6), st.integers(1, 60), st.sampled_from([1e-6, 1.0, 1e3]))
 def test_the_covered_share_is_the_requested_level(seed, m, size):
     """With v as many ellipsoids hold their deviation as the order statistic says; with less, one fewer does."""
@@ -93,7 +93,7 @@ def test_the_covered_share_is_the_requested_level(seed, m, size):
         assert (lengths(v * (1 - 1e-4)) <= radius).sum() < rank
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(st.integers(0, 10**6), st.floats(1e-3, 1e3))
 def test_the_unit_does_not_matter(seed, factor):
     rng = np.random.default_rng(seed)

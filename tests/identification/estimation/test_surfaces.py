@@ -60,7 +60,7 @@ def test_distances_from_a_plane_and_a_line_by_hand():
     np.testing.assert_allclose(np.linalg.norm(along_x, axis=0), [0, 1, 5], atol=1e-15)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([Spheres, Planes, Lines]), st.integers(5, 30))
 def test_exact_tips_are_on_their_initial_surfaces(seed, kind, n):
     tips, frame, origin = drawn(kind, np.random.default_rng(seed), n)
@@ -76,7 +76,7 @@ def test_exact_tips_are_on_their_initial_surfaces(seed, kind, n):
         np.testing.assert_allclose(np.linalg.det(reference.frames), 1)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([Planes, Lines]))
 def test_residuals_are_the_distances_however_it_is_tilted(seed, kind):
     """Against a plain formula, at tilts up to 170 deg from where it started."""
@@ -97,7 +97,7 @@ def test_residuals_are_the_distances_however_it_is_tilted(seed, kind):
         np.testing.assert_allclose(np.linalg.norm(found.residuals, axis=0), distance, atol=ROUNDING_MM)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([Spheres, Planes, Lines]))
 def test_residuals_do_not_depend_on_the_frame(seed, kind):
     rng = np.random.default_rng(seed)
@@ -110,7 +110,7 @@ def test_residuals_do_not_depend_on_the_frame(seed, kind):
     np.testing.assert_allclose(sizes[0], sizes[1], atol=1e-7)
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([Planes, Lines]))
 def test_planes_and_lines_start_at_their_orthogonal_regression(seed, kind):
     """No small tilt or offset lowers the sum of squares: its gradient is zero there."""
@@ -122,7 +122,7 @@ def test_planes_and_lines_start_at_their_orthogonal_regression(seed, kind):
     np.testing.assert_allclose(gradient / size, 0, atol=1e-7)
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(st.integers(0, 2**32 - 1), st.floats(0.2, 3.0))
 def test_a_known_radius_puts_the_centre_of_a_cap_in_place(seed, half_angle):
     """Tips on a cap of a 30 mm sphere, read with 0.05 mm: as near as steps from there need."""

@@ -103,7 +103,7 @@ def test_without_held_out_readings_the_function_is_flat():
     assert (fit_variance_function(nothing, angles_of(5)).share(angles_of(7)) == 1).all()
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(
     parameters=st.lists(st.floats(-1, 1), min_size=7, max_size=7),
     n=st.integers(2, 30),
@@ -119,7 +119,7 @@ def test_gradient_is_that_of_difference_quotients(parameters, n, known):
     assert error < 1e-5 * max(1.0, np.linalg.norm(deviance(at, 25.0)[1]), abs(deviance(at, 25.0)[0]))
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(n=st.integers(1, 40), seed=st.integers(0, 10), factor=st.floats(1e-3, 1e3))
 def test_share_is_one_on_average_and_free_of_units(n, seed, factor):
     angles = angles_of(n, seed)

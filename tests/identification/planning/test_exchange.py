@@ -83,7 +83,7 @@ def test_i_optimality_cares_for_the_target_only():
 
 
 @given(st.integers(0, 10_000), st.sampled_from([1.0, 1e-4, 1e-8, 1e-12]))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_updates_are_exact(seed, prior):
     """Adding and leaving out, with priors up to a million times as wide as what the readings leave."""
     problem = made_up(seed, prior=prior)
@@ -104,7 +104,7 @@ def test_updates_are_exact(seed, prior):
 
 
 @given(st.integers(0, 10_000), st.sampled_from([1.0, 1e-3, 1e-6]), st.sampled_from(CRITERIA))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_a_drop_is_the_difference_of_the_criterion(seed, prior, criterion):
     problem = made_up(seed, prior=prior)
     before = criterion.value(problem, [1, 4])
@@ -135,7 +135,7 @@ def test_variance_and_determinant_by_plain_algebra():
 
 
 @given(st.integers(0, 10_000), st.integers(1, 11), st.sampled_from(CRITERIA))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_exchange_ends_where_no_swap_helps_and_is_never_worse_than_greedy(seed, n, criterion):
     problem = made_up(seed, prior=1e-2)
     start = greedy(problem, n, criterion)
@@ -265,7 +265,7 @@ def test_groups_of_unlike_size_are_filled_up_with_zeros():
 
 
 @given(st.integers(0, 10_000), st.integers(1, 3))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_eliminated_unknowns_leave_the_schur_complement(seed, q):
     rng = np.random.default_rng(seed)
     J, B = rng.standard_normal((8, 5)), rng.standard_normal((8, q))
@@ -302,7 +302,7 @@ def test_the_posterior_with_shared_unknowns_is_that_of_the_whole_problem():
 
 
 @given(st.integers(0, 10_000), st.integers(1, 5))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_a_factor_has_the_information_it_was_made_from(seed, rank):
     rng = np.random.default_rng(seed)
     units = 10.0 ** rng.uniform(-4, 4, 5)

@@ -41,7 +41,7 @@ def test_two_links_in_a_plane():
 
 
 @given(arrays(float, (7, 3), elements=st.floats(-10, 10)), st.floats(0.1, 100))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_a_sharper_instrument_scales_all_indices_but_the_inverse_condition_number(J, factor):
     J = J + 20 * np.eye(7, 3)  # far from singular
     one, other = observability(J, n_poses=7), observability(factor * J, n_poses=7)

@@ -54,7 +54,7 @@ def test_every_strategy_keeps_every_arm_inside_its_limits_and_repeats(name, stra
 # --- box and uniform ---
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(1, 200), st.integers(0, 2**32), st.floats(0.01, 3.0), st.booleans())
 def test_a_box_lies_about_the_working_pose(n, seed, half, sobol):
     arm = limited()

@@ -40,7 +40,7 @@ bases = st.one_of(
 )
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(orders, st.integers(0, 1000))
 def test_harmonics_by_the_addition_theorem_are_cosines_and_sines(orders, seed):
     angles = np.random.default_rng(seed).uniform(-20, 20, (30, 2))
@@ -58,7 +58,7 @@ def test_harmonics_to_order_80_are_exact_to_1e_12():
     assert basis.values(ArmState(flat_chain(), angles)) == pytest.approx(wanted, abs=1e-12)
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(bases, st.integers(0, 100), st.booleans())
 def test_every_basis_has_a_label_a_function_and_keeps_to_its_rows(make_state, basis, seed, sliding):
     state = make_state(seed, 12, sliding=sliding)
@@ -78,7 +78,7 @@ def test_every_basis_comes_back_from_a_file(basis):
     assert hash(back) == hash(basis)
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(st.integers(0, 1000))
 def test_the_torque_on_the_base_is_the_work_of_the_weights_in_a_small_rotation(make_state, seed):
     """Torque about an axis of place 0 = weight times the masses' change of height by a small rotation there."""

@@ -281,7 +281,7 @@ def test_a_joint_that_stood_still_has_no_harmonics():
     assert SkippedTerm("J2 orders 1 to 110", "J2 moved by only 0 deg") in left_out
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(st.integers(2, 40), st.floats(-7, 7), st.integers(0, 3), st.integers(0, 100))
 def test_offered_harmonics_on_a_graduated_circle_are_distinguishable(n_angles, start, turns, seed):
     """At n angles around a circle, whatever the turn and the jitter, constant and harmonics are independent."""
@@ -313,7 +313,7 @@ def test_a_sliding_joint_is_offered_the_rest(make_state):
     assert [t.direction for t in own] == [(0, 0, 0, 0, 0, 1)] * 2
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(st.integers(0, 6), st.integers(0, 1000), st.sampled_from([0.0, 1e-9, 0.1, 1.0, 1e6]), st.integers(0, 100))
 def test_any_readings_get_terms_that_they_can_determine(make_state, n, seed, size, highest):
     rng = np.random.default_rng(seed)
@@ -339,7 +339,6 @@ def test_every_term_of_the_catalogue_comes_back_from_a_file(make_state):
             assert Term.from_data(json.loads(json.dumps(term.as_data()))) == term
 
 
-@settings(deadline=None)
 @given(st.sampled_from(sorted(good_data())), st.data())
 def test_hostile_data_make_a_term_or_an_input_error(key, draw):
     plain = st.recursive(

@@ -70,7 +70,7 @@ def test_two_links_and_a_mass_at_the_end_add_by_their_levers():
     assert loads.force_in_joint[0] == pytest.approx(np.array([[0, 3 * G, 0], [0, G, 0]]), abs=1e-12)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.integers(0, 1000), st.booleans())
 def test_torque_is_the_work_of_the_weights_in_a_small_turn(make_chain, seed, sliding):
     """Virtual work: torque about an axis = change of height of the masses by a small turn about it, times weight."""

@@ -133,7 +133,7 @@ def certificates(draw):
     )
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(certificates())
 def test_what_is_written_is_what_is_read(made):
     content = dcc(made)

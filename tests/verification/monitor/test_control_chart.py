@@ -156,7 +156,7 @@ def test_scatters_from_few_readings_alarm_as_often_too(rng):
     assert binom.ppf(0.0005, 100 * 23, FALSE_ALARMS) <= beyond <= binom.ppf(0.9995, 100 * 23, FALSE_ALARMS)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     st.lists(st.integers(-50, 50), min_size=3, max_size=20),
     st.integers(-1000, 1000),

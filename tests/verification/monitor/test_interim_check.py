@@ -319,7 +319,7 @@ def test_a_new_artefact_has_no_answer_though_others_have_enough_checks(rng):
     assert found.remarks == (f"length A to B, length error: not assessed yet, 1 of {CHECKS_NEEDED} checks",)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     seed=st.integers(0, 10**6),
     n=st.integers(12, 25),

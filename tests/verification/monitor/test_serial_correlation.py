@@ -30,7 +30,7 @@ def covariance(gaps, rho):
     return rho ** np.abs(at[:, None] - at)
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(
     st.lists(st.tuples(st.floats(-5, 5), st.floats(1, 4)), min_size=2, max_size=8),
     st.floats(1, 4),
@@ -72,7 +72,7 @@ def test_three_values_by_hand():
     assert ndtr(prediction.score(prediction.location[0] + prediction.scale[0])) == pytest.approx(0.75, rel=1e-12)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(st.lists(st.tuples(st.floats(-3, 3), st.floats(0.1, 3), st.floats(0.1, 1)), min_size=1, max_size=4))
 def test_the_limits_are_where_the_scores_are(components):
     location, scale, weight = (np.array(column) for column in zip(*components, strict=True))

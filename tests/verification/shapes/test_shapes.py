@@ -279,7 +279,7 @@ def test_without_spare_points_nothing_is_said_of_the_scatter(shape, rng):
 
 
 @ALL
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(
     turn=st.tuples(*[st.floats(-3, 3)] * 3),
     shift=st.tuples(*[st.floats(-5e3, 5e3)] * 3),

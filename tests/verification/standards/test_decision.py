@@ -6,7 +6,7 @@ from math import inf, sqrt
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from truearm.errors import InputError
@@ -66,7 +66,6 @@ def test_the_level_is_that_of_two_standard_deviations():
     assert pytest.approx(0.9545, abs=5e-5) == COVERAGE_PROBABILITY
 
 
-@settings(deadline=None)
 @given(st.lists(st.tuples(st.floats(1e-6, 1e3), st.floats(1, 1e6)), min_size=1, max_size=6))
 def test_effective_degrees_of_freedom_lie_between_the_least_and_the_sum(lines):
     budget = Budget(tuple(Contribution(str(i), u, dof) for i, (u, dof) in enumerate(lines)))
@@ -168,7 +167,6 @@ def test_few_degrees_of_freedom_widen_the_guard_band():
     assert row.conformance_probability == pytest.approx(0.95, abs=1e-3)
 
 
-@settings(deadline=None)
 @given(
     st.floats(-2, 2), st.floats(0, 1), st.floats(0.01, 1), st.sampled_from([1.0, 3.5, inf]),
     st.sampled_from(DECISION_RULES),
@@ -183,7 +181,6 @@ def test_the_zone_is_where_the_rule_decides_nothing(value, u, limit, dof, rule):
     assert verdict is expected
 
 
-@settings(deadline=None)
 @given(st.floats(-2, 2), st.floats(0, 1), st.floats(0.01, 1))
 def test_the_edition_of_2017_decides_as_that_of_2013_wherever_that_decides(value, uncertainty, limit):
     if abs(abs(value) - limit) < 1e-9:
@@ -192,7 +189,6 @@ def test_the_edition_of_2017_decides_as_that_of_2013_wherever_that_decides(value
     assert new is old or old is Verdict.UNDECIDED
 
 
-@settings(deadline=None)
 @given(st.floats(-1, 1), st.floats(0, 1), st.floats(0.01, 1), st.sampled_from(DECISION_RULES))
 def test_more_uncertainty_decides_less(value, uncertainty, limit, rule):
     """A decision that is made stays the same or is made no more when the uncertainty grows; it never turns round."""
@@ -202,7 +198,6 @@ def test_more_uncertainty_decides_less(value, uncertainty, limit, rule):
     assert after in (before, Verdict.UNDECIDED)
 
 
-@settings(deadline=None)
 @given(st.floats(-1, 1), st.floats(0, 1), st.floats(0.01, 1))
 def test_simple_acceptance_decides_as_iso_14253_wherever_that_decides(value, uncertainty, limit):
     strict, simple = decide(value, uncertainty, limit), decide(value, uncertainty, limit, rule="simple")

@@ -143,7 +143,7 @@ def least_apart(layout, test, step_mm=None):
     ("name", "test", "positions"),
     [("asme-b89.4.22", "volumetric", 20), ("iso10360-12", "uni", 7), ("iso10360-12", "uni", 20)],
 )
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(reach_mm=st.floats(300.0, 3000.0), share=st.floats(0.05, 1.36), shoulder_mm=st.floats(-100.0, 800.0))
 def test_no_two_positions_of_a_length_are_one_place(name, test, positions, n, reach_mm, share, shoulder_mm):
     """Nor when an operator goes by the sheet, which rounds x, y and z to 10 mm."""

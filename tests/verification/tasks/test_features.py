@@ -33,7 +33,7 @@ def test_an_arm_that_measures_too_large_does_so_with_sizes(name):
     assert feature.errors(feature.points * 1.001)[0] == pytest.approx(0.001 * nominal, rel=1e-9)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(
     turn=st.tuples(*[st.floats(-3, 3)] * 3),
     shift=st.tuples(*[st.floats(-100, 100)] * 3),

@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binom
 
@@ -305,7 +305,6 @@ def test_how_sure_a_share_is():
     assert proportion_interval(1, 2) == pytest.approx((1 - 0.975**0.5, 0.975**0.5))
 
 
-@settings(deadline=None)
 @given(st.integers(1, 200), st.data())
 def test_bounds_of_a_share_hold_as_many_draws_as_they_say(n, data):
     """At either bound, as many or more (as few or fewer) come with 2.5 %: sums of binomial probabilities."""
