@@ -13,10 +13,11 @@ from sklearn.metrics import adjusted_rand_score
 from truearm.arm import load_arm
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
-from truearm.compensation.models import PhysicalModel, identified_model
-from truearm.compensation.models.identified_model import MAX_SHARE_LEFT, _typical_error
+from truearm.compensation.models import PhysicalModel
+from truearm.identification import identify
 from truearm.identification.estimation.expected_error import expected_square_error
 from truearm.identification.estimation.residual_variance import HeldOutReadings
+from truearm.identification.identify import MAX_SHARE_LEFT, _typical_error
 from truearm.identification.judgement.cross_validation_groups import (
     REGIONS,
     is_in_one_place,
@@ -140,7 +141,7 @@ def test_terms_are_chosen_over_the_trained_travel_of_an_open_slide_at_the_mean_t
     angles = np.column_stack([shoulder, elbow, 20.0 + 30 * is_upper, heading - shoulder - elbow])
     angles += rng.normal(0, 3e-4, (n, 4)) * [1, 1, 300, 1]
     seen = []
-    monkeypatch.setattr(identified_model, "expected_square_error", lambda fit, state: seen.append(state) or 1.0)
+    monkeypatch.setattr(identify, "expected_square_error", lambda fit, state: seen.append(state) or 1.0)
     session = Session(angles, seat=np.array(["a", "b"])[is_upper], temperature_degC=rng.normal(26, 0.2, n))
     PhysicalModel(arm, highest=1).fit_readings(session)
     assert len(seen) == 2
