@@ -268,6 +268,7 @@ def identify_physical(
     *,
     highest: int,
     residual: bool = True,
+    further: Sequence[Term] = (),
     has_constants: bool = False,
     progress: Progress | None = None,
 ) -> Identification:
@@ -289,13 +290,15 @@ def identify_physical(
         Highest order of the harmonics offered about a joint's own axis.
     residual : bool
         Whether a residual process is offered.
+    further : sequence of Term
+        Offered beside those of the catalogue.
     has_constants : bool
         Whether the constants are among the arms that are known.
     progress : callable, optional
     """
     readings = _at_mean_temperature(readings)
     terms, skipped = candidate_terms(readings.state, free=readings.free, highest=highest)
-    terms += day_to_day_terms(readings.arm.chain, readings.frames)
+    terms += [*further, *day_to_day_terms(readings.arm.chain, readings.frames)]
     start = Start(_weights_without(readings, known))
     if readings.robust and not has_constants:
         # From the arm's constants alone: with all terms, some gross errors could explain each other.

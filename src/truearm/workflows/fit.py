@@ -102,7 +102,8 @@ def fit(
     progress : callable, optional
         Called with the number of steps done and a note.
     **options
-        Of the model's class, such as ``hidden=(50, 50)`` for a network; with ``"auto"`` only ``residual``.
+        Of the model's class, such as ``hidden=(50, 50)`` for a network or ``terms``, terms of your own for the
+        physical model; with ``"auto"`` only ``residual`` and ``terms``.
 
     Returns
     -------
@@ -123,7 +124,7 @@ def fit(
     """
     if model not in ("auto", *MODELS):
         raise InputError(f"expected a model among auto, {', '.join(MODELS)}, got {model!r}")
-    if model == "auto" and (foreign := sorted(options.keys() - {"residual"})):
+    if model == "auto" and (foreign := sorted(options.keys() - {"residual", "terms"})):
         raise InputError(f"options {foreign} belong to one model, got model 'auto'", hint="name the model")
     nominal_arm, parts = to_arm(arm), to_free_parts(free)
     given = to_session(session, n_joints=nominal_arm.n_joints)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import ClassVar, Self
 
@@ -29,7 +29,7 @@ from truearm.identification.judgement.residual_process import ResidualProcess
 from truearm.identification.judgement.tails import ellipsoid_factor
 from truearm.identification.references.prepared_readings import PreparedReadings
 from truearm.identification.references.reading_references import references_of, state_of
-from truearm.identification.terms import ArmState, SkippedTerm, constants
+from truearm.identification.terms import ArmState, SkippedTerm, Term, constants
 from truearm.identification.terms.basis import HIGHEST_ORDER, Temperature
 from truearm.identification.terms.catalogue import HIGHEST_ORDER_OFFERED
 from truearm.readings.lengths import Lengths
@@ -87,6 +87,8 @@ class IdentifiedModel(Compensator):
 
     held_out_distances_ = NONE_HELD_OUT
 
+    terms: Sequence[Term] = ()
+
     _place = staticmethod(place_without_gross_errors)
 
     @abstractmethod
@@ -105,6 +107,13 @@ class IdentifiedModel(Compensator):
         self.variance_function_ = found.unexplained.variance_function
         self.tail_freedom_ = found.unexplained.tail_freedom
         self.residual_process_, self.refit_reading_ids_ = found.residual_process, np.zeros(0)
+
+    def _check_options(self) -> None:
+        super()._check_options()
+        if not (isinstance(self.terms, Sequence) and all(isinstance(term, Term) for term in self.terms)):
+            raise InputError(f"expected a sequence of terms, got {self.terms!r:.60}", hint="docs/terms.md shows one")
+        for term in self.terms:
+            term.check_place(self.arm.chain)
 
     def _known(self, simpler: Compensator | None) -> list[IdentificationResult]:
         """Arms that were identified from the same readings before."""
@@ -245,6 +254,8 @@ class KinematicModel(IdentifiedModel):
         Which of ``"base"`` and ``"tip"`` are unknown; the others have the prior of any constant of the arm.
     robust : bool
         Whether outliers have a smaller weight, for the nominal arm to compare with too.
+    terms : sequence of Term
+        Of the user's own (docs/terms.md), offered beside the constants.
 
     Examples
     --------
@@ -258,15 +269,23 @@ class KinematicModel(IdentifiedModel):
 
     kind: ClassVar[str] = "kinematic"
 
-    def __init__(self, arm: Arm, *, free: tuple[str, ...] = ("base", "tip"), robust: bool = True) -> None:
+    def __init__(
+        self,
+        arm: Arm,
+        *,
+        free: tuple[str, ...] = ("base", "tip"),
+        robust: bool = True,
+        terms: Sequence[Term] = (),
+    ) -> None:
         self.arm = arm
         self.free = free
         self.robust = robust
+        self.terms = terms
 
     def _identify(
         self, readings: PreparedReadings, simpler: Compensator | None, progress: Callable[[int, str], None]
     ) -> Identification:
-        terms = constants(readings.state.chain, free=readings.free)
+        terms = [*constants(readings.state.chain, free=readings.free), *self.terms]
         return identify_offered(readings, terms, (), self._known(simpler), progress)
 
 
@@ -284,6 +303,8 @@ class PhysicalModel(IdentifiedModel):
         Whether a residual process is offered (`truearm.identification.judgement.residual_process`).
     robust : bool
         Whether outliers have a smaller weight, for the nominal arm to compare with too.
+    terms : sequence of Term
+        Of the user's own (docs/terms.md), offered beside those of the catalogue.
 
     Examples
     --------
@@ -304,12 +325,14 @@ class PhysicalModel(IdentifiedModel):
         highest: int = HIGHEST_ORDER_OFFERED,
         residual: bool = True,
         robust: bool = True,
+        terms: Sequence[Term] = (),
     ) -> None:
         self.arm = arm
         self.free = free
         self.highest = highest
         self.residual = residual
         self.robust = robust
+        self.terms = terms
 
     def _identify(
         self, readings: PreparedReadings, simpler: Compensator | None, progress: Callable[[int, str], None]
@@ -319,6 +342,7 @@ class PhysicalModel(IdentifiedModel):
             self._known(simpler),
             highest=int(self.highest),
             residual=bool(self.residual),
+            further=self.terms,
             has_constants=isinstance(simpler, KinematicModel),
             progress=progress,
         )

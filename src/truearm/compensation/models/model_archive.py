@@ -115,7 +115,12 @@ def model_bytes(model: SavedModel) -> bytes:
             f"expected a fitted model, got a {type(model).__name__} that is not fitted", hint="fit it first"
         )
     arrays: dict[str, Array] = {}
-    options = {name: value for name, value in model.get_params(deep=False).items() if name != "arm"}
+    # Without terms of the user's own a file is as it was before there were any.
+    options = {
+        name: value
+        for name, value in model.get_params(deep=False).items()
+        if name != "arm" and not (name == "terms" and not value)
+    }
     content = {
         "format": FORMAT,
         "truearm": __version__,

@@ -12,6 +12,7 @@ from truearm.compensation.models.model_archive import save_model as save_model
 from truearm.compensation.models.model_file_checks import check_model
 from truearm.compensation.models.network import NetworkModel
 from truearm.errors import InputError
+from truearm.identification.terms import Term
 from truearm.solve.threads import one_blas_thread
 
 MODELS: dict[str, type[Compensator]] = {
@@ -53,6 +54,8 @@ def _build(header: Header, arrays: dict[str, Array]) -> Compensator:
     kind = MODELS[header.model]
     learned = decode_learned(kind, header, arrays)
     options = {name: tuple(value) if isinstance(value, list) else value for name, value in header.options.items()}
+    if "terms" in options:
+        options["terms"] = tuple(map(Term.from_data, options["terms"]))
     model = kind(learned["arm_"], **options)
     model._check_options()
     for name, value in learned.items():

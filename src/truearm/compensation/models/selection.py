@@ -7,10 +7,10 @@ end, so that a few wrong readings decide nothing; the comparison omits readings 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import reduce
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from truearm.errors import InputError
 from truearm.identification.estimation.residual_variance import HeldOutReadings
 from truearm.identification.judgement.gross_errors import excluded_readings
 from truearm.identification.judgement.paired_comparison import group_means, trimmed_mean
+from truearm.identification.terms import Term
 from truearm.readings.lengths import Lengths
 from truearm.readings.session import Session
 from truearm.typing import IntArray
@@ -101,6 +102,7 @@ def select_model(
     progress: Callable[[int, str], None] | None = None,
     nominal: NominalModel | None = None,
     residual: bool = True,
+    terms: Sequence[Term] = (),
 ) -> Selection:
     """Fit the nominal, the kinematic and the physical model, and the hybrid model if it may win, and keep one.
 
@@ -127,6 +129,8 @@ def select_model(
         The first of the three, if it is already fitted to these readings with these options.
     residual : bool
         Whether the physical model may have a residual process.
+    terms : sequence of Term
+        Of the user's own, offered to the physical model.
 
     Returns
     -------
@@ -146,7 +150,8 @@ def select_model(
             if progress is not None:
                 progress(number, f"{name}: {note}")
 
-        model = PhysicalModel(arm, free=free, residual=residual) if kind is PhysicalModel else kind(arm, free=free)
+        options: dict[str, Any] = {"residual": residual, "terms": terms} if kind is PhysicalModel else {}
+        model = kind(arm, free=free, **options)
         simpler = models[list(models)[-1]] if models else None
         models[name] = model.fit_readings(readings, lengths=lengths, progress=report, nominal=simpler)
         if not len(models[name].held_out_.rows):

@@ -1,0 +1,99 @@
+"""Terms of the user's own: offered, identified, kept in the model's file, refused by name where they are unknown."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from sklearn.base import clone
+
+import truearm as ta
+from truearm.errors import InputError
+from truearm.identification.terms import Basis, Term, basis, register_basis
+
+PULLED = 3e-4  # rad per rad, three standard deviations of its prior
+
+
+@register_basis
+@dataclass(frozen=True)
+class CableWinding(Basis):
+    """How far a joint has turned from zero [rad]."""
+
+    joint: int
+
+    def labels(self):
+        return (f"winding of J{self.joint}",)
+
+    def values(self, state):
+        return np.ascontiguousarray(state.angles[:, [self.joint - 1]].T)
+
+
+CABLE = Term("J2 by its cable", 2, (0, 0, 1, 0, 0, 0), CableWinding(2), group="cable", prior_std=1e-4)
+
+
+@pytest.fixture(scope="module")
+def session():
+    """Readings of an arm whose second joint a cable pulls back as it winds."""
+    arm = ta.load_arm("ur10")
+    random = np.random.default_rng(4)
+    angles = random.uniform(-2, 2, (120, 6)) + arm.working
+    true = angles.copy()
+    true[:, 1] += PULLED * angles[:, 1]
+    return ta.Session(angles, arm.chain.tip_in_base(true) + random.normal(0, 0.01, (120, 3)))
+
+
+@pytest.fixture(scope="module")
+def model(session):
+    return ta.KinematicModel(ta.load_arm("ur10"), terms=(CABLE,)).fit_readings(session)
+
+
+def test_the_planted_effect_is_found_within_its_uncertainty(model):
+    terms = model.fit_.perturbed_chain.terms
+    column = sum(term.n_coefficients for term in terms[: [term.name for term in terms].index(CABLE.name)])
+    std = float(np.sqrt(model.fit_.covariance[column, column]))
+    assert std < 0.1 * PULLED
+    # Three standard deviations; the seed is fixed.
+    assert abs(model.fit_.coefficients[column] - PULLED) < 3 * std
+
+
+def test_it_is_offered_to_the_physical_model_and_by_both_doors(session):
+    physical = ta.fit("ur10", session, model="physical", terms=[CABLE], highest=1, residual=False).model
+    assert CABLE.name in {term.name for term in physical.fit_.perturbed_chain.terms}
+    plain = ta.KinematicModel(ta.load_arm("ur10")).fit_readings(session)
+    error = [np.abs(one.predict_readings(session) - session.points).mean() for one in (physical, plain)]
+    assert error[0] < 0.5 * error[1]
+
+
+def test_its_file_has_it_and_is_refused_by_name_where_it_is_not_registered(model, session, tmp_path, monkeypatch):
+    model.save(tmp_path / "m.truearm")
+    read = ta.load_model(tmp_path / "m.truearm")
+    assert read.terms == (CABLE,)
+    np.testing.assert_array_equal(read.predict_readings(session), model.predict_readings(session))
+    monkeypatch.delitem(basis._KINDS, "CableWinding")
+    with pytest.raises(InputError, match="got 'CableWinding'.*import the module that registers it"):
+        ta.load_model(tmp_path / "m.truearm")
+
+
+def test_a_file_without_is_as_it_was_before_there_were_any(session, tmp_path):
+    plain = ta.KinematicModel(ta.load_arm("ur10")).fit_readings(session)
+    plain.save(tmp_path / "m.truearm")
+    assert b'"terms": []' not in (tmp_path / "m.truearm").read_bytes()
+    assert ta.load_model(tmp_path / "m.truearm").terms == ()
+
+
+def test_a_model_with_terms_is_cloned(model):
+    assert clone(model).terms == model.terms
+
+
+@pytest.mark.parametrize(
+    ("terms", "message"),
+    [
+        (CABLE, "expected a sequence of terms"),
+        (("cable",), "expected a sequence of terms"),
+        ((replace(CABLE, place=9),), r"expected a place from 0 \(base\) to 7"),
+    ],
+)
+def test_what_is_no_term_of_this_arm_is_refused(terms, message, session):
+    with pytest.raises(InputError, match=message):
+        ta.fit("ur10", session, model="kinematic", terms=terms)
