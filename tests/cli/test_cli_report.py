@@ -46,6 +46,20 @@ def test_every_figure_of_the_page_is_a_file_of_its_own(truearm, made, tmp_path, 
     assert str(folder) in ran.out
 
 
+def test_what_cannot_be_a_folder_of_figures_is_refused_before_the_page_is_drawn(truearm, made, tmp_path):
+    page, file = tmp_path / "page.html", tmp_path / "file"
+    file.write_text("a file")
+    given = ("report", made / "kinematic.truearm", made / "test.csv", "--out", page)
+    for more, said in (
+        (("--figures", file), "the folder cannot be made"),
+        (("--figures-as", "pdf"), "--figures-as is for the files of --figures"),
+    ):
+        ran = truearm(*given, *more)
+        assert ran.code == 2
+        assert said in ran.err
+        assert not page.exists()
+
+
 def test_two_identified_arms_are_told_apart(truearm, made, tmp_path):
     page, other = tmp_path / "page.html", tmp_path / "other.truearm"
     other.write_bytes((made / "kinematic.truearm").read_bytes())

@@ -171,3 +171,10 @@ def test_one_of_several_tips_is_compared():
     named = [replace(session, tip=np.array(["A", "B"] * 30)) for session in sessions]
     old, new = (ta.KinematicModel(ta.load_arm("gao2017")).fit_readings(session) for session in named)
     assert ta.compare(old, new, tip="B").changed == ()
+
+
+def test_what_is_no_change_in_time_is_said(models):
+    old = models["old"]
+    drawn = ta.NominalModel(old.arm).fit_readings(ta.simulate("gao2017", poses=80, seed=2).session)
+    assert ta.compare(drawn, old).remarks[0].startswith("The old model is nominal: changes are differences from the")
+    assert "Both models are of the same readings" in ta.compare(old, copy(old)).remarks[0]

@@ -138,3 +138,6 @@ def test_the_figure_of_a_record_is_saved_and_its_absence_is_said(records, model_
     assert (tmp_path / "task.svg").read_text(encoding="utf-8").startswith("<?xml")
     with pytest.raises(ta.InputError, match="a Prediction has no figure"):
         ta.predict(*model_and_session).save_figure(tmp_path / "none.svg")
+    with pytest.raises(ta.InputError, match=r"expected the ending \.svg, \.pdf, \.png, got '\.eps'"):
+        records["report"].save_figures(tmp_path / "figures", ending=".eps")
+    assert not (tmp_path / "figures").exists()

@@ -37,11 +37,12 @@ def measure(
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of all random numbers.")] = 0,
     as_json: Json = False,
 ) -> None:
-    """Measure a feature of a part: fit it to the compensated points of readings.
+    """Measure a length, sphere, plane or circle.
 
-    Each name in the column seat is a feature of its own, of lengths an end; without names all readings are of one
-    feature. Of several spheres or circles the distances of their centres are measured too. The uncertainty is that of
-    the arm, by the simulation of `truearm task` at the measured poses, together with the scatter of the points.
+    It is fitted to the compensated points of the readings. Each name in the column seat is a feature of its own, of
+    lengths an end; without names all readings are of one feature. Of several spheres or circles the distances of their
+    centres are measured too. The uncertainty is that of the arm, by the simulation of `truearm task` at the measured
+    poses, together with the scatter of the points.
     """
     from truearm.workflows.measure import measure as measured
 

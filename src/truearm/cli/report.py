@@ -22,8 +22,9 @@ def report(
         Path | None, typer.Option("--figures", help="Folder for every figure of the page as a file of its own.")
     ] = None,
     form: Annotated[
-        Literal["svg", "pdf", "png"], typer.Option("--figures-as", help="What the files of --figures are.")
-    ] = "svg",
+        Literal["svg", "pdf", "png"] | None,
+        typer.Option("--figures-as", help="What the files of --figures are; svg by default."),
+    ] = None,
 ) -> None:
     """Compare models on readings, as a page to show.
 
@@ -33,6 +34,7 @@ def report(
     """
     from truearm.errors import InputError
     from truearm.workflows.inputs import is_model_file
+    from truearm.workflows.outputs import make_folder
     from truearm.workflows.report import report as reported
 
     *models, session = files
@@ -46,9 +48,13 @@ def report(
         raise InputError(
             "expected one or more model files, then a session file", hint="truearm report MODEL SESSION --out FILE"
         )
+    if form is not None and figures is None:
+        raise InputError("--figures-as is for the files of --figures", hint="--figures FOLDER")
     check_page_path(out, *files, *([] if lengths is None else [lengths]))
+    if figures is not None:
+        make_folder(figures)
     with progress("drawing the report"):
         result = reported(models, session, out, lengths=lengths, title=title)
         if figures is not None:
-            result.save_figures(figures, ending=f".{form}")
+            result.save_figures(figures, ending=f".{form or 'svg'}")
     print_record(result, files={"page": out, "figures": figures})

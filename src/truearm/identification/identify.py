@@ -8,8 +8,8 @@ The page to read first. Readings are prepared once (`PreparedReadings`); then, i
 4. `unexplained`: what remains at readings held out, and how it varies over the joint space,
 5. `what_may_change`: what another day, unlearned states and the scale of the reference add to the uncertainty.
 
-Each step takes records and returns one; nothing is kept beside them. `identify_nominal`, `identify_offered` and
-`identify_physical` go through 3 to 5 with the terms of the three identified models.
+Each step takes records and returns one; nothing is kept beside them. `identify_offered` and `identify_physical` go
+through 3 to 5 with the terms of the kinematic and the physical model; `identify_nominal` judges the arm as placed.
 """
 
 from __future__ import annotations

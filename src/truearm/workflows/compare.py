@@ -10,7 +10,7 @@ from typing import Any
 
 from truearm.compensation.export.constants_change import FALSE_ALARM, ArmChange, ConstantChange, constants_change
 from truearm.compensation.export.rigid_arm import same_chain
-from truearm.compensation.models.identified_model import IdentifiedModel, PhysicalModel
+from truearm.compensation.models.identified_model import IdentifiedModel, NominalModel, PhysicalModel
 from truearm.compensation.models.training_conditions import TEMPERATURE_TOLERANCE_K
 from truearm.errors import InputError
 from truearm.readings.readings import PAYLOAD
@@ -19,6 +19,8 @@ from truearm.workflows.inputs import ModelLike, to_model_of_tip
 from truearm.workflows.record import Record, TextTable, format_fixed, to_plain
 from truearm.workflows.sentences import format_mm, number_of
 
+# Share by which mean payloads differ before it is said.
+PAYLOAD_TOLERANCE = 0.05
 # Constants that are printed.
 MAX_ROWS = 10
 
@@ -93,6 +95,10 @@ def _remarks(old: IdentifiedModel, new: IdentifiedModel, change: ArmChange) -> I
     serials = old.arm_.serial_number, new.arm_.serial_number
     if all(serials) and serials[0] != serials[1]:
         yield f"The serial numbers differ ({serials[0]}, {serials[1]}): these are two arms of one type."
+    if nominal := [which for which, model in (("old", old), ("new", new)) if isinstance(model, NominalModel)]:
+        yield f"The {nominal[0]} model is nominal: changes are differences from the drawing, not changes in time."
+    if old.data_fingerprint_ == new.data_fingerprint_:
+        yield "Both models are of the same readings: what differs are the models, not the arm."
     for which, model in (("old", old), ("new", new)):
         if len(model.refit_reading_ids_):
             yield f"The {which} model was refitted: only its base and tip are of the later readings, not its constants."
@@ -111,7 +117,7 @@ def _remarks(old: IdentifiedModel, new: IdentifiedModel, change: ArmChange) -> I
             "links may be thermal expansion."
         )
     loads = [known.mean if (known := model.training_.columns.get(PAYLOAD)) else 0.0 for model in (old, new)]
-    if loads[0] != loads[1]:
+    if abs(loads[0] - loads[1]) > PAYLOAD_TOLERANCE * max(loads):
         yield f"The payloads of the training differ ({loads[0]:g} and {loads[1]:g} kg): the arm bends otherwise."
 
 

@@ -183,6 +183,24 @@ def to_model_of_tip(model: ModelLike, tip: str | None = None) -> Compensator:
     return fitted
 
 
+def model_of_tip_of(model: Compensator, readings: Session) -> Compensator:
+    """The model of the one tip of the readings.
+
+    Raises
+    ------
+    InputError
+        If the readings are of several tips, or the model has several and they name none.
+    """
+    tips = tip_names(readings)
+    if len(tips) > 1:
+        raise readings.error(
+            f"expected the readings of one tip, got those of {len(tips)}",
+            column="tip",
+            hint="one command for each tip; truearm evaluate compares all of them",
+        )
+    return to_model_of_tip(model, tips[0] if tips and len(model.tips_) > 1 else None)
+
+
 def to_free_parts(free: Iterable[str]) -> tuple[str, ...]:
     """Check which parts are free: any of ``base`` and ``tip``."""
     parts = (free,) if isinstance(free, str) else tuple(free)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isfinite
 from typing import Any, get_args
 
 import numpy as np
 
 from truearm.compensation.models import Compensator
+from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.errors import InputError
 from truearm.readings import Session
 from truearm.solve.threads import one_blas_thread
@@ -18,14 +19,15 @@ from truearm.verification.tasks.measured_features import MeasuredFeature, Measur
 from truearm.verification.tasks.sampled_arms import PosteriorDistribution
 from truearm.verification.tasks.task import MAX_ARMS, MIN_ARMS
 from truearm.workflows.inputs import (
+    MAX_NAMED,
     ModelLike,
     SessionLike,
     check_angles_fit,
     describe_outside,
     frame_remarks,
+    model_of_tip_of,
     payload_remarks,
     to_model_and_session,
-    to_model_of_tip,
 )
 from truearm.workflows.record import Record, TextTable, format_fixed, to_plain
 from truearm.workflows.sentences import number_of
@@ -49,8 +51,9 @@ def measure(
 ) -> MeasuredFeatures:
     """Measure a feature of a part: fit it to the compensated points of readings.
 
-    The uncertainty is that of the arm, by the Monte Carlo simulation of `task` at the measured poses, together with the
-    scatter of the points about the fitted shape.
+    The uncertainty is that of the arm, by the Monte Carlo simulation of `task` at the measured poses and in their
+    conditions, together with the scatter of the points about the fitted shape. A single point of an end scatters by the
+    repeatability or, if none is stated, by what the model does not explain.
 
     Parameters
     ----------
@@ -80,8 +83,8 @@ def measure(
     Raises
     ------
     InputError
-        If the session is of another arm, a feature has too few points or they do not determine it, the model is a
-        network, or a number is out of bounds.
+        If the readings are of another arm, of several sessions or tips, a feature has too few points or they do not
+        determine it, the model is a network, or a number is out of bounds.
 
     Examples
     --------
@@ -101,20 +104,26 @@ def measure(
         raise InputError(f"expected {MIN_ARMS} to {MAX_ARMS} arms to draw, got {n_arms}")
     if seed < 0:
         raise InputError(f"a seed must be a whole number >= 0, got {seed}")
-    fitted, readings = to_model_and_session(model, session)
-    to_model_of_tip(fitted)
+    given, readings = to_model_and_session(model, session)
+    fitted = model_of_tip_of(given, readings)
     remarks = [*check_angles_fit(readings, fitted.arm), *payload_remarks(fitted, readings), *frame_remarks(fitted)]
-    groups, unnamed = _by_seat(readings)
     if inputs := fitted.inputs_outside_training(readings):
         remarks.append(f"{describe_outside(inputs, fitted.training_, readings)}; errors may be larger there.")
-    points = fitted.predict_readings(readings)
+    groups, unnamed = _by_seat(readings)
+    readings = _in_one_frame(readings)
+    # A direction of 0 is not known: no direction of that session is relied on.
+    directed = readings.directions is not None and bool((readings.directions != 0).all())
+    readings = readings if directed else replace(readings, directions=None)
+    errors = PosteriorDistribution(fitted, repeatability_mm, directions_given=directed, readings=readings)
+    assert isinstance(fitted, IdentifiedModel)  # others are refused by then
     try:
         found = measure_features(
-            PosteriorDistribution(fitted, repeatability_mm, directions_given=readings.directions is not None),
+            errors,
             feature,
-            points,
+            fitted.predict_readings(readings),
             readings.angles,
             groups,
+            fitted.condition_displacements(readings),
             tip_diameter_mm=tip_diameter_mm,
             n_arms=n_arms,
             seed=seed,
@@ -122,7 +131,25 @@ def measure(
         )
     except InputError as error:
         raise (error if readings.file is None else error.in_file(readings.file)) from None
-    return MeasuredFeatures(fitted, readings, tuple(found), n_arms, seed, (*unnamed, *remarks))
+    if fitted.session_frames_:
+        remarks.append(f"Coordinates are in the frame of session {next(iter(fitted.session_frames_))}.")
+    return MeasuredFeatures(
+        fitted, readings, tuple(found), tip_diameter_mm, repeatability_mm, n_arms, seed, (*unnamed, *remarks)
+    )
+
+
+def _in_one_frame(readings: Session) -> Session:
+    """The readings of one set-up, in the frame of the model: points of two set-ups have none in common."""
+    if readings.session is None:
+        return readings
+    names = np.unique(readings.session)
+    if len(names) > 1:
+        raise readings.error(
+            f"expected the readings of one session, got those of {len(names)}: {', '.join(names[:MAX_NAMED].tolist())}",
+            column="session",
+            hint="measure the readings of each alone: base and reference may have moved between them",
+        )
+    return replace(readings, session=None)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -135,6 +162,10 @@ class MeasuredFeatures(Record):
     session : Session
     features : tuple of MeasuredFeature
         In the frame of the model's reference; in the order of the readings, then distances of centres.
+    tip_diameter_mm : float
+        Of the stylus tip [mm].
+    repeatability_mm : float or None
+        As it was stated [mm].
     n_arms, seed : int
         Arms that were drawn, and the seed.
     remarks : tuple of str
@@ -143,6 +174,8 @@ class MeasuredFeatures(Record):
     model: Compensator
     session: Session
     features: tuple[MeasuredFeature, ...]
+    tip_diameter_mm: float
+    repeatability_mm: float | None
     n_arms: int
     seed: int
     remarks: tuple[str, ...]
@@ -161,14 +194,22 @@ class MeasuredFeatures(Record):
         )
         yield f"errors of {self.n_arms} drawn arms at these poses, and the scatter of the points about the shape"
         if first.form_mm is not None:
-            yield "Errors of the arm add to the form: that of the part is smaller."
+            yield "Errors of the arm add to the form; form between the points is not seen."
         yield "Coordinates are those of the tip's centre. The temperature of the part is not taken into account."
         yield from self.remarks
 
     def to_dict(self) -> dict[str, Any]:
         """See `Record.to_dict`."""
         plain: dict[str, Any] = to_plain(
-            {"features": self.features, "n_arms": self.n_arms, "seed": self.seed, "remarks": self.remarks}
+            {
+                "features": self.features,
+                "tip_diameter_mm": self.tip_diameter_mm,
+                "repeatability_mm": self.repeatability_mm,
+                "n_arms": self.n_arms,
+                "seed": self.seed,
+                "model_trained_on": self.model.data_fingerprint_,
+                "remarks": self.remarks,
+            }
         )
         return plain
 

@@ -14,6 +14,8 @@ from truearm.workflows.record import Record
 if TYPE_CHECKING:
     from truearm.pages.page import Page
 
+FIGURE_ENDINGS = (".svg", ".pdf", ".png")
+
 
 def check_output_is_not_input(out: str | Path, *inputs: str | Path) -> None:
     """Check that a file to write is none of those that are read: readings cannot be measured again.
@@ -52,6 +54,20 @@ def check_page_path(page: str | Path, *inputs: str | Path) -> None:
         raise InputError(f"expected a file name that ends in .html, got {page.name!r}", file=page)
     check_output_is_not_input(page, *inputs)
     check_writable(page)
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder for files to come, where it does not exist.
+
+    Raises
+    ------
+    InputError
+        If it cannot be made, or is a file.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"the folder cannot be made ({error.strerror or error})", file=folder) from None
 
 
 def input_files(*given: object) -> tuple[Path, ...]:
@@ -126,14 +142,17 @@ class PageRecord(Record):
         """
         from truearm.pages.plotting import save_figure
 
+        folder = Path(folder)
+        if ending not in FIGURE_ENDINGS:
+            raise InputError(f"expected the ending {', '.join(FIGURE_ENDINGS)}, got {ending!r}")
+        make_folder(folder)
         drawn = [(section.title, figure) for section in self.page().sections for figure in section.figures]
         if not drawn:
             raise InputError("this page has no figure")
         names = [f"{i:02d}-{_for_file_name(title)}{ending}" for i, (title, _) in enumerate(drawn, 1)]
-        files = tuple(Path(folder) / name for name in names)
+        files = tuple(folder / name for name in names)
         for file in files:
             check_output_is_not_input(file, *self.input_files)
-        Path(folder).mkdir(parents=True, exist_ok=True)
         for file, (_, figure) in zip(files, drawn, strict=True):
             save_figure(figure, file)
         return files

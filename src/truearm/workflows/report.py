@@ -12,7 +12,6 @@ from truearm.compensation.export.rigid_arm import best_rigid_arm
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel, NominalModel
 from truearm.errors import InputError
-from truearm.identification.references.tips import tip_names
 from truearm.pages.page import Page, Section
 from truearm.readings import Lengths, Session, seat_errors
 from truearm.show.comparison_page import (
@@ -32,10 +31,10 @@ from truearm.workflows.inputs import (
     check_angles_fit,
     evaluation_remarks,
     expanded_lengths,
+    model_of_tip_of,
     session_lengths,
     to_model,
     to_model_and_session,
-    to_model_of_tip,
     with_reference,
     without_refit_readings,
 )
@@ -230,7 +229,7 @@ def report(
     readings, _, skipped = with_reference(readings, first.arm, purpose="compare with")
     # The other models are of the same arm, or `one_arm` refuses them: one check of the readings is enough.
     fitted = {first_name: first} | {name: to_model(model) for name, model in others}
-    fitted = {name: _of_tip(model, readings) for name, model in fitted.items()}
+    fitted = {name: model_of_tip_of(model, readings) for name, model in fitted.items()}
     one_arm(fitted)
     whole = readings
     readings, _, of_refit = without_refit_readings(whole, *fitted.values())
@@ -261,18 +260,6 @@ def report(
     if path is not None:
         result.save_page(path)
     return result
-
-
-def _of_tip(model: Compensator, readings: Session) -> Compensator:
-    """The model of the one tip of the readings: pages show one."""
-    tips = tip_names(readings)
-    if len(tips) > 1:
-        raise readings.error(
-            f"expected the readings of one tip, got those of {len(tips)}",
-            column="tip",
-            hint="a report for each tip; truearm evaluate compares all of them",
-        )
-    return to_model_of_tip(model, tips[0] if tips and len(model.tips_) > 1 else None)
 
 
 def _by_name(models: AnyModelLike | Sequence[AnyModelLike] | Mapping[str, AnyModelLike]) -> dict[str, AnyModelLike]:

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.stats import t as student_t
 
 import truearm as ta
 from truearm.cli.main import run
@@ -88,6 +89,7 @@ class Errors:
     """Errors of arms that are known in advance: a motion of all points, of standard deviation one."""
 
     R_base_reference = np.eye(3)
+    repeatability_mm = 0.0
 
     def __init__(self, motion):
         self.motion = motion
@@ -109,7 +111,9 @@ def test_what_all_points_share_moves_the_place_and_a_scale_the_size(kind):
     )
     angles = np.zeros((len(points), 6))
     shifted, scaled = (
-        measure_features(Errors(motion), kind, points, angles, groups, n_arms=2000)[0].quantities
+        measure_features(Errors(motion), kind, points, angles, groups, np.zeros((0, len(points), 3)), n_arms=2000)[
+            0
+        ].quantities
         for motion in (np.tile([0.1, 0, 0], (len(points), 1)), 1e-4 * points)
     )
     # Rounding of 500 mm through a fit; 5 % is three standard deviations of a standard deviation of 2000 draws.
@@ -118,6 +122,57 @@ def test_what_all_points_share_moves_the_place_and_a_scale_the_size(kind):
     assert scaled[0].expanded == pytest.approx(1.96 * 1e-4 * 50.0, rel=0.1)
     for centre in shifted[1:2]:
         assert centre.u == pytest.approx(0.1, rel=0.05)
+
+
+@pytest.mark.parametrize(("kind", "n", "freedom"), [("circle", 5, 4), ("sphere", 9, 5), ("plane", 9, 6)])
+def test_few_points_show_their_scatter_by_students_distribution(kind, n, freedom, rng):
+    feature = {"circle": circle, "plane": plane}[kind]([0, 0, 0], UP, 50.0, points=n) if kind != "sphere" else None
+    feature = sphere([0, 0, 0], 50.0, points=n) if feature is None else feature
+    points = feature.points + rng.normal(0, 0.01, (n, 3))
+    none = np.zeros((0, n, 3))
+    found = measure_features(
+        Errors(np.zeros((n, 3))), kind, points, np.zeros((n, 6)), {"": np.arange(n)}, none, n_arms=4000
+    )[0]
+    which = 2 if kind == "plane" else 0  # of a plate the height
+    quantity = found.quantities[which]
+    # U is that of 4000 draws with heavy tails: 3 to 4 % of it.
+    assert quantity.expanded / quantity.u == pytest.approx(float(student_t.ppf(0.975, freedom)), rel=0.12)
+
+
+def test_single_points_scatter_as_the_model_or_the_repeatability_says(model, touch, virtual):
+    middle, across = middle_of(virtual.nominal)
+    ends = touch(length_at(middle, across, 300.0, points=2), ["A", "B"])
+    near = replace(ends, angles=ends.angles[[0, 0]])
+    u = {}
+    for name, repeatability in (("unseen", None), ("stated", 0.001)):
+        u[name] = (
+            ta.measure(model, near, "length", n_arms=400, repeatability_mm=repeatability).features[0].quantities[0].u
+        )
+    # Two points in one pose share all but their scatter; a length of zero is never below zero.
+    assert u["stated"] < 0.003
+    assert u["unseen"] > 0.4 * model.residual_std_
+
+
+def test_the_conditions_of_the_readings_count(model, touch, virtual):
+    middle, across = middle_of(virtual.nominal)
+    here = touch(length_at(middle, across, 300.0, points=2), ["A", "B"])
+    warm = replace(here, temperature_degC=here.temperature_degC + 15.0)
+    u = [ta.measure(model, one, "length", n_arms=300).features[0].quantities[0].u for one in (here, warm)]
+    assert u[1] > 1.5 * u[0]
+
+
+def test_two_set_ups_have_no_frame_in_common(model, ball):
+    half = len(ball) // 2
+    both = replace(ball, session=np.array(["mon"] * half + ["tue"] * (len(ball) - half)))
+    with pytest.raises(InputError, match="expected the readings of one session, got those of 2: mon, tue"):
+        ta.measure(model, both)
+    alone = ta.measure(model, replace(ball, session=np.array(["mon"] * len(ball))), n_arms=100)
+    assert alone.features == ta.measure(model, ball, n_arms=100).features
+
+
+def test_a_stylus_tip_larger_than_the_ball_is_refused(model, ball):
+    with pytest.raises(InputError, match="the stylus tip of 5000 mm is larger than the sphere"):
+        ta.measure(model, ball, tip_diameter_mm=5000.0)
 
 
 def test_two_balls_give_the_distance_of_their_centres(model, touch, virtual):

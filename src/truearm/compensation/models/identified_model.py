@@ -188,7 +188,28 @@ class IdentifiedModel(Compensator):
         """
         return self._unstated_input_covariances(readings, self.state(readings))
 
+    def condition_displacements(self, readings: Session) -> FloatArray:
+        """Errors of predicted points from conditions: growth beyond the trained temperatures, inputs not stated.
+
+        Returns
+        -------
+        (k, n, 3) array
+            Displacements of the points by k independent causes of variance one, each the same at all readings [mm];
+            directions of movement, which change from reading to reading, are not among them.
+        """
+        self._check_session(readings)
+        effects = self._unstated_input_effects(readings, self.state(readings))
+        del effects["directions of movement"]
+        return np.concatenate([self._expansion_displacements(readings), *effects.values()])
+
     def _unstated_input_covariances(self, readings: Session, state: ArmState) -> dict[str, FloatArray]:
+        effects = self._unstated_input_effects(readings, state)
+        return {
+            name: np.einsum("kni,knj->nij", effect, effect) for name, effect in sorted(effects.items()) if effect.any()
+        }
+
+    def _unstated_input_effects(self, readings: Session, state: ArmState) -> dict[str, FloatArray]:
+        """By input (k, n, 3) displacements by k independent causes of variance one [mm]."""
         fit, training = self.fit_, self.training_
         effects = {"directions of movement": direction_effects(fit, state)}
         if readings.temperature_degC is None and training.temperature_degC is not None:
@@ -196,13 +217,11 @@ class IdentifiedModel(Compensator):
             std = training.temperature_degC.std
             low, high = (state.at_temperature(state.temperature_degC + sign * std) for sign in (-1, 1))
             effects["temperature"] = half_tip_difference(fit, low, high)[None]
-        for name in training.columns.keys() - readings.columns.keys():
+        for name in sorted(training.columns.keys() - readings.columns.keys()):
             values, std = state.columns[name], training.columns[name].std
             low, high = (replace(state, columns={**state.columns, name: values + sign * std}) for sign in (-1, 1))
             effects[name] = half_tip_difference(fit, low, high)[None]
-        return {
-            name: np.einsum("kni,knj->nij", effect, effect) for name, effect in sorted(effects.items()) if effect.any()
-        }
+        return effects
 
     def _check_references(self, readings: Session, lengths: Lengths | None) -> int:
         return len(np.unique(np.concatenate([reference.rows for reference in references_of(readings, lengths)])))

@@ -14,6 +14,7 @@ from itertools import combinations
 import numpy as np
 
 from truearm.errors import InputError
+from truearm.solve.square_roots import covariance_factor
 from truearm.typing import FloatArray, IntArray
 from truearm.verification.shapes.circle import fit_circle
 from truearm.verification.shapes.plane import fit_plane
@@ -24,7 +25,12 @@ from truearm.verification.tasks.sampled_arms import PosteriorDistribution
 
 _CENTRE = ("centre_x_mm", "centre_y_mm", "centre_z_mm")
 _NORMAL = ("normal_x", "normal_y", "normal_z")
-_POINT = ("point_x_mm", "point_y_mm", "point_z_mm")
+QUANTITIES = {
+    "length": (),
+    "sphere": ("diameter_mm", *_CENTRE),
+    "plane": ("point_x_mm", "point_y_mm", "point_z_mm", *_NORMAL),
+    "circle": ("diameter_mm", *_CENTRE, *_NORMAL),
+}
 
 
 @dataclass(frozen=True)
@@ -37,9 +43,10 @@ class MeasuredQuantity:
         With its unit; a component of a normal has none.
     value : float
     u : float
-        Standard uncertainty, in the same unit.
+        Standard uncertainty, in the same unit; of the scatter as it was estimated.
     expanded : float
-        Expanded uncertainty U: the end of the shortest 95 % interval of the errors that is farther from zero.
+        Expanded uncertainty U: the end of the shortest 95 % interval of the errors that is farther from zero. It knows
+        that few points show their scatter only roughly.
     """
 
     name: str
@@ -61,8 +68,8 @@ class MeasuredFeature:
     quantities : tuple of MeasuredQuantity
         The first one is what the feature is measured for.
     form_mm : float or None
-        Largest minus smallest distance of the points from the shape [mm]; errors of the arm add to it. None of a
-        length.
+        Largest minus smallest distance of the points from the shape [mm]; errors of the arm add to it, and form
+        between the points is not seen. None of a length.
     """
 
     kind: str
@@ -74,14 +81,24 @@ class MeasuredFeature:
 
 @dataclass(frozen=True, eq=False)
 class _Shape:
-    """A fitted shape: values of its quantities, and the scatter of a coordinate about it [mm]; NaN if unknown."""
+    """A fitted shape.
 
-    names: tuple[str, ...]
-    values: FloatArray
-    std_mm: float
+    Attributes
+    ----------
+    parameters : (p,) array
+        Of a length the end, of a sphere centre and radius, of a plane point and normal, of a circle centre, normal and
+        radius.
+    covariance : (p, p) array
+        Of them, by the scatter of the points about the shape.
+    freedom : int
+        Degrees of freedom of that scatter; 0 if the points do not show it.
+    form_mm : float or None
+    """
+
+    parameters: FloatArray
+    covariance: FloatArray
+    freedom: int
     form_mm: float | None
-    centre: FloatArray | None = None
-    normal: FloatArray | None = None
 
 
 def measure_features(
@@ -90,6 +107,7 @@ def measure_features(
     points: FloatArray,
     angles: FloatArray,
     groups: Mapping[str, IntArray],
+    shared: FloatArray,
     *,
     tip_diameter_mm: float = 0.0,
     n_arms: int = 1000,
@@ -109,6 +127,8 @@ def measure_features(
         Measured joint angles [rad, or mm].
     groups : mapping of str to array of int
         Rows of the points of each feature; of lengths those of each end.
+    shared : (k, n, 3) array
+        Displacements of the points by k further independent causes of variance one, such as the temperature [mm].
     tip_diameter_mm : float
         Of the stylus tip: a sphere is touched from outside, a circle is a bore.
     n_arms, seed : int
@@ -125,32 +145,49 @@ def measure_features(
     Raises
     ------
     InputError
-        If a feature has too few points, or they do not determine it.
+        If a feature has too few points, they do not determine it, or the stylus tip is larger than it.
     """
     _check_groups(kind, groups)
-    compensation = {"sphere": -tip_diameter_mm, "circle": tip_diameter_mm}.get(kind, 0.0)
-
-    def fit(moved: FloatArray, like: Sequence[_Shape] | None = None) -> list[_Shape]:
-        return [
-            _fit(kind, moved[rows], compensation, None if like is None else like[i].normal)
-            for i, rows in enumerate(groups.values())
-        ]
-
-    shapes = fit(points)
-    # Scatter about the shape is what repeats in no pose: noise, the hand, form and dirt of the part.
-    scatter = np.empty((len(points), 1))
-    for shape, rows in zip(shapes, groups.values(), strict=True):
-        scatter[rows] = np.nan_to_num(shape.std_mm)
-    measured = _values(shapes)
-    draws = np.empty((n_arms, len(measured)))
+    rows = list(groups.values())
+    shapes = [_fit(kind, points[part]) for part in rows]
+    roots = [covariance_factor(shape.covariance).T for shape in shapes]
+    measured = _values(kind, [shape.parameters for shape in shapes], tip_diameter_mm)
+    if kind in ("sphere", "circle") and (small := measured[:: len(QUANTITIES[kind])][: len(rows)] <= 0).any():
+        name = list(groups)[int(small.argmax())]
+        raise InputError(
+            f"the stylus tip of {tip_diameter_mm:g} mm is larger than the {kind} {name!r}", hint="its diameter in mm"
+        )
+    # What a single point of an end scatters is not seen; the model states what it does not explain.
+    unseen = errors.field_std_mm if errors.repeatability_mm is None else 0.0
+    draws, wide = np.empty((n_arms, len(measured))), np.empty((n_arms, len(measured)))
     for i, arm_seed in enumerate(np.random.SeedSequence(seed).generate_state(n_arms, np.uint64).tolist()):
         drawn, rng = errors.draw(arm_seed), np.random.default_rng([7, arm_seed])
         off_in_base = drawn.systematic(angles) + drawn.random(angles, rng)
-        moved = points + off_in_base @ errors.R_base_reference + scatter * rng.standard_normal(points.shape)
-        draws[i] = _values(fit(moved, shapes))
+        moved = points + off_in_base @ errors.R_base_reference
+        moved += np.einsum("k,knc->nc", rng.standard_normal(len(shared)), shared)
+        fitted = [_fit(kind, moved[part], like=shape.parameters) for part, shape in zip(rows, shapes, strict=True)]
+        scatter = [_scatter(root, shape.freedom, unseen, rng) for root, shape in zip(roots, shapes, strict=True)]
+        for out, which in ((draws, 0), (wide, 1)):
+            parameters = [one.parameters + off[which] for one, off in zip(fitted, scatter, strict=True)]
+            out[i] = _values(kind, parameters, tip_diameter_mm)
         if progress is not None:
             progress(i + 1, "")
-    return _features(kind, groups, shapes, measured, draws)
+    return _features(kind, groups, shapes, measured, draws.std(axis=0, ddof=1), wide)
+
+
+def _scatter(
+    root: FloatArray, freedom: int, unseen_mm: float, rng: np.random.Generator
+) -> tuple[FloatArray, FloatArray]:
+    """Errors of a shape's parameters by the scatter of its points; and the same as wide as few points know it.
+
+    The scatter was estimated with few degrees of freedom: Student's t in place of a normal distribution (JCGM 101:2008,
+    6.4.9).
+    """
+    z = rng.standard_normal(len(root))
+    if not freedom:
+        return (unseen_mm * z,) * 2
+    off = root @ z
+    return off, off * np.sqrt(freedom / rng.chisquare(freedom))
 
 
 def _check_groups(kind: str, groups: Mapping[str, IntArray]) -> None:
@@ -166,51 +203,59 @@ def _check_groups(kind: str, groups: Mapping[str, IntArray]) -> None:
             raise InputError(f"expected {least} readings or more of the {kind}{of}, got {len(rows)}")
 
 
-def _fit(kind: str, points: FloatArray, compensation_mm: float, towards: FloatArray | None) -> _Shape:
-    """Fit one shape; its normal to the side of `towards`, as small errors may change the sign that is chosen."""
+def _fit(kind: str, points: FloatArray, like: FloatArray | None = None) -> _Shape:
+    """Fit one shape; its normal to the side of that of `like`, as small errors may change the sign that is chosen."""
+    n = len(points)
     if kind == "length":
-        middle, n = points.mean(axis=0), len(points)
-        std = float(np.sqrt(((points - middle) ** 2).sum() / (3 * (n - 1)))) if n > 1 else np.nan
-        return _Shape((), np.empty(0), std, None, middle)
+        middle = points.mean(axis=0)
+        freedom = 3 * (n - 1)
+        std = float(np.sqrt(((points - middle) ** 2).sum() / freedom)) if freedom else 0.0
+        return _Shape(middle, std**2 / n * np.eye(3), freedom, None)
     if kind == "sphere":
         ball = fit_sphere(points)
-        values = np.array([2 * ball.radius_mm + compensation_mm, *ball.centre])
-        return _Shape(("diameter_mm", *_CENTRE), values, ball.std_mm, ball.form_mm, ball.centre)
+        return _Shape(np.array([*ball.centre, ball.radius_mm]), ball.covariance, n - 4, ball.form_mm)
     if kind == "plane":
         plate = fit_plane(points)
-        normal = _to_the_side_of(towards, plate.normal)
-        return _Shape(
-            (*_POINT, *_NORMAL), np.array([*plate.point, *normal]), plate.std_mm, plate.form_mm, normal=normal
-        )
-    bore = fit_circle(points)
-    normal = _to_the_side_of(towards, bore.normal)
-    values = np.array([2 * bore.radius_mm + compensation_mm, *bore.centre, *normal])
-    form = float(np.ptp(bore.residuals[:, 0]))
-    return _Shape(("diameter_mm", *_CENTRE, *_NORMAL), values, bore.std_mm, form, bore.centre, normal)
+        parameters, freedom, form = np.array([*plate.point, *plate.normal]), n - 3, plate.form_mm
+        covariance = plate.covariance
+    else:
+        bore = fit_circle(points)
+        parameters, freedom = np.array([*bore.centre, *bore.normal, bore.radius_mm]), 2 * n - 6
+        covariance, form = bore.covariance, float(np.ptp(bore.residuals[:, 0]))
+    if like is not None and parameters[3:6] @ like[3:6] < 0:
+        parameters[3:6] *= -1
+    return _Shape(parameters, covariance, freedom, form)
 
 
-def _to_the_side_of(towards: FloatArray | None, normal: FloatArray) -> FloatArray:
-    return -normal if towards is not None and towards @ normal < 0 else normal
-
-
-def _values(shapes: Sequence[_Shape]) -> FloatArray:
-    """Values of all quantities of all shapes, then the distances of each two centres."""
-    centres = [shape.centre for shape in shapes if shape.centre is not None]
-    distances = [np.linalg.norm(b - a) for a, b in combinations(centres, 2)]
-    return np.concatenate([*(shape.values for shape in shapes), np.array(distances)])
+def _values(kind: str, shapes: Sequence[FloatArray], tip_diameter_mm: float) -> FloatArray:
+    """Values of the quantities of all shapes in the order of `QUANTITIES`, then the distances of each two centres."""
+    enlarged = {"sphere": -tip_diameter_mm, "circle": tip_diameter_mm}.get(kind, 0.0)
+    values: list[FloatArray] = []
+    if kind == "plane":
+        values += shapes
+    elif kind != "length":
+        values += [np.array([2 * shape[-1] + enlarged, *shape[:-1]]) for shape in shapes]
+    if kind != "plane":
+        values.append(np.array([np.linalg.norm(b[:3] - a[:3]) for a, b in combinations(shapes, 2)]))
+    return np.concatenate(values)
 
 
 def _features(
-    kind: str, groups: Mapping[str, IntArray], shapes: Sequence[_Shape], measured: FloatArray, draws: FloatArray
+    kind: str,
+    groups: Mapping[str, IntArray],
+    shapes: Sequence[_Shape],
+    measured: FloatArray,
+    u: FloatArray,
+    draws: FloatArray,
 ) -> list[MeasuredFeature]:
     """The features in the order of `_values`."""
     low, high = shortest_interval(np.sort((draws - measured).T))
     expanded = np.maximum(np.abs(low), np.abs(high))
-    results = zip(measured.tolist(), draws.std(axis=0, ddof=1).tolist(), expanded.tolist(), strict=True)
+    results = zip(measured.tolist(), u.tolist(), expanded.tolist(), strict=True)
     sizes = {name: len(rows) for name, rows in groups.items()}
     found = []
     for name, shape in zip(groups, shapes, strict=True):
-        quantities = tuple(MeasuredQuantity(quantity, *next(results)) for quantity in shape.names)
+        quantities = tuple(MeasuredQuantity(quantity, *next(results)) for quantity in QUANTITIES[kind])
         if quantities:
             found.append(MeasuredFeature(kind, name, sizes[name], quantities, shape.form_mm))
     for a, b in combinations(groups, 2) if kind != "plane" else ():

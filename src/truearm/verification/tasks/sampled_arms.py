@@ -9,7 +9,7 @@ machines; repeatability conditions: JCGM 200:2012, 2.20). Therefore an arm is dr
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol
 
@@ -229,6 +229,9 @@ class PosteriorDistribution:
         direction [mm].
     directions_given : bool
         Whether the model receives every joint's last direction of movement at every point.
+    readings : Session, optional
+        Readings at whose poses and in whose conditions arms are drawn, in place of the mean ones; with the directions
+        of all joints if they are given.
 
     Raises
     ------
@@ -240,6 +243,7 @@ class PosteriorDistribution:
     model: Compensator
     repeatability_mm: float | None = None
     directions_given: bool = False
+    readings: Session | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.model, IdentifiedModel):
@@ -294,10 +298,12 @@ class PosteriorDistribution:
         return PosteriorSample(self, shift, field, tuple(of_processes))
 
     def state(self, angles: FloatArray) -> ArmState:
-        """State at poses (n, n_joints) [rad], otherwise the mean state of the training readings.
+        """State at poses (n, n_joints) [rad], otherwise that of `readings`, or the mean one of the training readings.
 
         With ``directions_given``, the last movement of each joint has one direction or the other.
         """
+        if self.readings is not None:
+            return self._model.state(replace(self.readings, angles=angles))
         direction = None
         if self.directions_given:
             direction = np.random.default_rng(0).choice([-1.0, 1.0], angles.shape)
