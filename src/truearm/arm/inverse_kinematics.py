@@ -168,7 +168,7 @@ class _Problem:
             turn = Rotation.from_matrix(self.rotations @ about).as_rotvec()
         if self.axes is not None or self.rotations is not None:
             joint_axes = np.where(self.chain.is_prismatic[:, None], 0.0, joints[:, :, 5])
-            about = about * self.scale[:, None, None]
+            about = np.ascontiguousarray(about) * self.scale[:, None, None]
             missing = np.concatenate([missing, np.einsum("nkc,nc->nk", about, turn)], axis=1)
             J = np.concatenate([J, np.einsum("nkc,njc->nkj", about, joint_axes)], axis=1)
         return missing, J / self.mm_per_unit[:, None]
