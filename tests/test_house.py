@@ -37,6 +37,14 @@ def readable(path: Path) -> str:
 # Imports -------------------------------------------------------------------------------------------------------------
 
 
+def test_contributing_names_files_that_are_there():
+    text = readable(CHECKOUT / "CONTRIBUTING.md")
+    named = re.findall(r"`([\w/.]+/[\w.*]+\.(?:py|toml|json|md))`", text)
+    assert named
+    for name in named:
+        assert list(CHECKOUT.glob(name)) or list((CHECKOUT / "src" / "truearm").glob(name)), name
+
+
 def test_no_files_import_each_other_in_a_circle():
     """Late imports and those for type checkers count too: whoever reads one of the files must know the others."""
     root = CHECKOUT / "src"
