@@ -76,13 +76,13 @@ def test_planted_features_are_found_within_their_uncertainty(model, touch, virtu
 def test_values_are_those_of_the_compensated_points_and_the_tip_is_compensated(model, ball, touch, virtual):
     found, enlarged = (ta.measure(model, ball, n_arms=100, tip_diameter_mm=d).features[0] for d in (0.0, 5.0))
     shape = fit_sphere(model.predict_readings(ball))
-    # The same calls on the same numbers.
-    assert found.quantities[0].value == 2 * shape.radius_mm
-    assert found.form_mm == shape.form_mm
-    assert enlarged.quantities[0].value == found.quantities[0].value - 5.0
+    # The same calls on the same numbers, whose last bit may hang on where they lie in memory.
+    assert found.quantities[0].value == pytest.approx(2 * shape.radius_mm, abs=1e-9)
+    assert found.form_mm == pytest.approx(shape.form_mm, abs=1e-9)
+    assert enlarged.quantities[0].value == pytest.approx(found.quantities[0].value - 5.0, abs=1e-9)
     bore = touch(circle(middle_of(virtual.nominal)[0], UP, 50.0))
     plain, narrowed = (ta.measure(model, bore, "circle", n_arms=100, tip_diameter_mm=d).features[0] for d in (0.0, 5.0))
-    assert narrowed.quantities[0].value == plain.quantities[0].value + 5.0
+    assert narrowed.quantities[0].value == pytest.approx(plain.quantities[0].value + 5.0, abs=1e-9)
 
 
 class Errors:
@@ -167,7 +167,9 @@ def test_two_set_ups_have_no_frame_in_common(model, ball):
     with pytest.raises(InputError, match="expected the readings of one session, got those of 2: mon, tue"):
         ta.measure(model, both)
     alone = ta.measure(model, replace(ball, session=np.array(["mon"] * len(ball))), n_arms=100)
-    assert alone.features == ta.measure(model, ball, n_arms=100).features
+    plain = ta.measure(model, ball, n_arms=100)
+    values = [[quantity.value for quantity in one.features[0].quantities] for one in (alone, plain)]
+    np.testing.assert_allclose(*values, rtol=0, atol=1e-9)  # mm; the last bit may hang on where numbers lie in memory
 
 
 def test_a_stylus_tip_larger_than_the_ball_is_refused(model, ball):
@@ -235,6 +237,11 @@ def test_a_network_does_not_know_how_errors_of_points_correlate(ball):
         ta.measure(network, ball)
 
 
+def to_nine_digits(text):
+    """JSON without the last bits, which may hang on where numbers lie in memory."""
+    return json.loads(text, parse_float=lambda number: f"{float(number):.9g}")
+
+
 def test_both_doors_say_the_same(model, ball, tmp_path, capsys):
     model.save(tmp_path / "arm.truearm")
     ball.save(tmp_path / "ball.csv")
@@ -246,7 +253,7 @@ def test_both_doors_say_the_same(model, ball, tmp_path, capsys):
         assert ended.value.code == 0
         told = capsys.readouterr().out
         if expected is not None:
-            assert json.loads(told) == expected
+            assert to_nine_digits(told) == to_nine_digits(json.dumps(expected))
         else:
             assert told.strip() == str(record)
     assert "Sphere: diameter 25.0" in str(record).splitlines()[0]
