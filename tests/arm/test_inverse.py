@@ -215,7 +215,8 @@ def test_poses_all_over_the_joint_ranges_are_reached_from_other_starts(name):
     assert not from_working_pose.reached.all()
     assert found.reached.all()
     kept = from_working_pose.reached
-    np.testing.assert_array_equal(found.angles[kept], from_working_pose.angles[kept])
+    # The first call is the same; its last bit may hang on where numbers lie in memory.
+    np.testing.assert_allclose(found.angles[kept], from_working_pose.angles[kept], rtol=0, atol=1e-9)
 
 
 def test_targets_beyond_the_reach_are_told_from_every_start():
