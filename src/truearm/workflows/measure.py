@@ -17,7 +17,7 @@ from truearm.solve.threads import one_blas_thread
 from truearm.typing import IntArray
 from truearm.verification.tasks.measured_features import MeasuredFeature, MeasuredQuantity, measure_features
 from truearm.verification.tasks.sampled_arms import PosteriorDistribution
-from truearm.verification.tasks.task import MAX_ARMS, MIN_ARMS
+from truearm.verification.tasks.task import check_draws
 from truearm.workflows.inputs import (
     MAX_NAMED,
     ModelLike,
@@ -100,10 +100,7 @@ def measure(
         raise InputError(f"expected a feature out of {', '.join(get_args(FeatureKind))}, got {feature!r}")
     if not (isfinite(tip_diameter_mm) and tip_diameter_mm >= 0):
         raise InputError(f"expected the diameter of the stylus tip, 0 mm or more, got {tip_diameter_mm}")
-    if not MIN_ARMS <= n_arms <= MAX_ARMS:
-        raise InputError(f"expected {MIN_ARMS} to {MAX_ARMS} arms to draw, got {n_arms}")
-    if seed < 0:
-        raise InputError(f"a seed must be a whole number >= 0, got {seed}")
+    check_draws(n_arms, seed)
     given, readings = to_model_and_session(model, session)
     fitted = model_of_tip_of(given, readings)
     remarks = [*check_angles_fit(readings, fitted.arm), *payload_remarks(fitted, readings), *frame_remarks(fitted)]

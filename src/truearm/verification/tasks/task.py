@@ -186,10 +186,7 @@ def simulate_measurements(
     InputError
         If the arm does not reach the feature, or the number of draws is out of bounds.
     """
-    if not MIN_ARMS <= n_arms <= MAX_ARMS:
-        raise InputError(f"expected {MIN_ARMS} to {MAX_ARMS} arms to draw, got {n_arms}")
-    if seed < 0:
-        raise InputError(f"a seed must be a whole number >= 0, got {seed}")
+    check_draws(n_arms, seed)
     postures = feature_postures(errors.arm, feature, N_POSTURES, seed=seed)
     seeds = np.random.SeedSequence(seed).generate_state(n_arms, np.uint64)
     values = np.empty((3, n_arms, len(feature.quantities)))
@@ -217,6 +214,20 @@ def simulate_measurements(
     repeatability_known = not (isinstance(errors, PosteriorDistribution) and errors.repeatability_mm is None)
     point_u = np.sqrt(np.maximum(sums[1] - sums[0] ** 2 / n_arms, 0.0) / (n_arms - 1))  # not below 0 by rounding
     return TaskEstimates(feature, estimates, postures, point_u, at_limit, repeatability_known)
+
+
+def check_draws(n_arms: int, seed: int) -> None:
+    """Check how many arms are drawn, and the seed.
+
+    Raises
+    ------
+    InputError
+        If one is out of bounds.
+    """
+    if not MIN_ARMS <= n_arms <= MAX_ARMS:
+        raise InputError(f"expected {MIN_ARMS} to {MAX_ARMS} arms to draw, got {n_arms}")
+    if seed < 0:
+        raise InputError(f"a seed must be a whole number >= 0, got {seed}")
 
 
 def assumptions(errors: ArmDistribution) -> list[str]:
