@@ -1,0 +1,253 @@
+"""Sizes of the source, and how far a reading walks through it.
+
+    python benchmarks/house.py [--json]
+
+The static rows are counted from the syntax trees. A walk is one call of a verb on a small session: of every call of a
+function of truearm those count of which an argument is what is followed or a record that holds it, each pair of caller
+and function once. A *stay* is an unbroken stretch in one file; a *climb* is a call into a file that stands higher by
+the imports; a *return* is a stay in a file that was left before; *names* are the parameters that had it. *Guards* are
+the calls of the functions that check or convert readings.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+import sys
+from collections import Counter, defaultdict
+from collections.abc import Callable
+from dataclasses import dataclass, field, is_dataclass
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import truearm as ta
+from machine import options_of, print_json, print_table
+from truearm.compensation.models.compensator import Compensator
+from truearm.readings.readings import Readings
+
+HOUSE = Path(ta.__file__).parent
+CHECKOUT = HOUSE.parents[1]
+GUARDS = ("_check_session", "check_angles", "skip_beyond_limits", "state_of", "references_of", "__post_init__")
+MOST_IMPORTS, LONG_FUNCTION = 18, 60
+
+
+@dataclass
+class Source:
+    """A file of source: its tree, its lines of code and what it imports of truearm."""
+
+    path: Path
+    tree: ast.Module = field(init=False)
+    code: int = field(init=False)
+    lines: int = field(init=False)
+
+    def __post_init__(self) -> None:
+        text = self.path.read_text(encoding="utf-8")
+        self.tree, self.lines = ast.parse(text), text.count("\n")
+        said: set[int] = set()
+        for node in ast.walk(self.tree):
+            if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node, clean=False):
+                said |= set(range(node.body[0].lineno, (node.body[0].end_lineno or 0) + 1))
+        kept = (i for i, line in enumerate(text.splitlines(), 1) if re.match(r"\s*[^\s#]", line) and i not in said)
+        self.code = sum(1 for _ in kept)
+
+
+def sources(folder: Path) -> dict[str, Source]:
+    """The Python files of a folder by module name."""
+    names = {path: ".".join(path.relative_to(folder.parent).with_suffix("").parts) for path in folder.rglob("*.py")}
+    return {name.removesuffix(".__init__"): Source(path) for path, name in sorted(names.items())}
+
+
+def imports(files: dict[str, Source]) -> dict[str, set[str]]:
+    """Which files a file imports."""
+    found: dict[str, set[str]] = {}
+    for name, source in files.items():
+        used = set()
+        for node in ast.walk(source.tree):
+            if isinstance(node, ast.ImportFrom) and node.module:
+                whole = {f"{node.module}.{alias.name}" for alias in node.names}
+                used |= {one if one in files else node.module for one in whole}
+        found[name] = (used & files.keys()) - {name}
+    return found
+
+
+def floors(arrows: dict[str, set[str]]) -> dict[str, int]:
+    """Floor of each file: one above the highest that it imports; files without imports stand on floor 1."""
+    floor: dict[str, int] = {}
+
+    def of(name: str) -> int:
+        if name not in floor:
+            floor[name] = 1 + max((of(one) for one in arrows[name]), default=0)
+        return floor[name]
+
+    for name in arrows:
+        of(name)
+    return floor
+
+
+def static_rows() -> dict[str, tuple[float, float]]:
+    """Counts and their targets."""
+    files = sources(HOUSE)
+    arrows = imports(files)
+    words = {name: Counter(re.findall(r"\w+", ast.unparse(source.tree))) for name, source in files.items()}
+    nodes = [(name, node) for name, source in files.items() for node in ast.walk(source.tree)]
+    functions = [node for _, node in nodes if isinstance(node, ast.FunctionDef)]
+    records = [
+        node.name
+        for _, node in nodes
+        if isinstance(node, ast.ClassDef) and any("dataclass" in ast.unparse(one) for one in node.decorator_list)
+    ]
+    questions = [
+        node
+        for _, node in nodes
+        if isinstance(node, ast.Call)
+        and ast.unparse(node.func) == "isinstance"
+        and re.search(r"\b(\w+Model|Compensator)\b", ast.unparse(node.args[1]))
+    ]
+    users = defaultdict(set)
+    for name, used in arrows.items():
+        for one in used:
+            users[one].add(name)
+    rooms = Counter(name.rpartition(".")[0] for name in files)
+    into_estimation = [
+        one
+        for name in files
+        if ".compensation." in name
+        for one in arrows[name]
+        if ".identification.estimation." in one
+    ]
+    tests, benchmarks = sources(CHECKOUT / "tests"), sources(CHECKOUT / "benchmarks")
+    return {
+        "code lines": (sum(s.code for s in files.values()), 40000),
+        "all lines": (sum(s.lines for s in files.values()), 63000),
+        "files in the largest room": (max(rooms.values()), 25),
+        "imports from compensation into estimation": (len(into_estimation), 20),
+        "questions for the type of a model": (len(questions), 10),
+        f"files that import more than {MOST_IMPORTS} of ours": (sum(len(a) > MOST_IMPORTS for a in arrows.values()), 2),
+        "records used in one file only": (sum(sum(name in w for w in words.values()) == 1 for name in records), 25),
+        f"functions of more than {LONG_FUNCTION} lines": (
+            sum((f.end_lineno or 0) - f.lineno > LONG_FUNCTION for f in functions),
+            30,
+        ),
+        "files under 120 lines with one user": (
+            sum(len(u) == 1 and files[name].lines < 120 for name, u in users.items()),
+            12,
+        ),
+        "code lines of tests": (sum(s.code for s in tests.values()), 37000),
+        "code lines of benchmarks": (sum(s.code for s in benchmarks.values()), 5000),
+        "files of benchmarks": (len(benchmarks), 25),
+    }
+
+
+class Walk:
+    """Follows objects of a kind through the calls of truearm."""
+
+    def __init__(self, kind: type, floor: dict[str, int]) -> None:
+        self.kind, self.floor = kind, floor
+        self.stack: list[tuple[str, str] | None] = []
+        self.seen: set[tuple[Any, ...]] = set()
+        self.route: list[str] = []
+        self.climbs = 0
+        self.names: set[str] = set()
+        self.guards: Counter[str] = Counter()
+
+    def holds(self, value: object, depth: int = 2) -> bool:
+        """Whether a value is of the kind, or a record of truearm that holds one."""
+        if isinstance(value, self.kind):
+            return True
+        if depth == 0 or not type(value).__module__.startswith("truearm."):
+            return False
+        if isinstance(value, tuple):
+            parts: list[object] = list(value)
+        elif is_dataclass(value):
+            parts = list(getattr(value, "__dict__", {}).values())
+        else:
+            return False
+        return any(self.holds(part, depth - 1) for part in parts)
+
+    def __call__(self, frame: FrameType, event: str, _arg: object) -> None:
+        """Take part in every call and return, as `sys.setprofile` wants it."""
+        if event == "return" and self.stack:
+            self.stack.pop()
+        if event != "call":
+            return
+        module, code = frame.f_globals.get("__name__", ""), frame.f_code
+        entered = None
+        if module.startswith("truearm.") and not code.co_name.startswith("<"):
+            if code.co_name in GUARDS and (
+                code.co_name != "__post_init__" or isinstance(frame.f_locals.get("self"), Readings)
+            ):
+                self.guards["Readings.__post_init__" if code.co_name == "__post_init__" else code.co_name] += 1
+            given = code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]
+            names = {name for name in given if self.holds(frame.f_locals.get(name))}
+            if names:
+                self.names |= names
+                entered = (module, code.co_qualname)
+                self._enter(entered)
+        self.stack.append(entered)
+
+    def _enter(self, entered: tuple[str, str]) -> None:
+        caller = next((one for one in reversed(self.stack) if one is not None), None)
+        if (caller, entered) in self.seen:
+            return
+        self.seen.add((caller, entered))
+        for module in ([caller[0]] if caller else []) + [entered[0]]:
+            if not self.route or self.route[-1] != module:
+                self.route.append(module)
+        if caller and self.floor[entered[0]] > self.floor[caller[0]]:
+            self.climbs += 1
+
+    @property
+    def figures(self) -> list[int]:
+        """Stays, files, climbs, returns, names."""
+        files = set(self.route)
+        return [len(self.route), len(files), self.climbs, len(self.route) - len(files), len(self.names)]
+
+
+def walk(work: Callable[[], object], kind: type, floor: dict[str, int]) -> Walk:
+    """Follow a kind of object through one call."""
+    followed = Walk(kind, floor)
+    sys.setprofile(followed)
+    try:
+        work()
+    finally:
+        sys.setprofile(None)
+    return followed
+
+
+def main() -> None:
+    """Print the table."""
+    options = options_of(__doc__)
+    rows = static_rows()
+    floor = floors(imports(sources(HOUSE)))
+    session = ta.simulate("ur10", poses=80, seed=1).session
+    train, test = session.split(by="row", hold_out=0.3, seed=1)
+    model = ta.fit("ur10", train, model="kinematic").model
+    walks = {
+        "fit, the readings": walk(lambda: ta.fit("ur10", train, model="physical"), Readings, floor),
+        "evaluate, the readings": walk(lambda: ta.evaluate(model, test), Readings, floor),
+        "evaluate, the model": walk(lambda: ta.evaluate(model, test), Compensator, floor),
+        "correct, the model": walk(lambda: ta.correct(model, test.angles), Compensator, floor),
+    }
+    figures = ["stays", "files", "climbs", "returns", "names"]
+    if options.json:
+        found = {
+            what: {"walk": dict(zip(figures, w.figures, strict=True)), "guards": dict(w.guards)}
+            for what, w in walks.items()
+        }
+        print_json({"sizes": {what: count for what, (count, _) in rows.items()}, "walks": found}, [])
+        return
+    print_table(
+        ["", "count", "target"], [[what, f"{count:g}", f"{target:g}"] for what, (count, target) in rows.items()]
+    )
+    print()
+    print_table(["walk of", *figures], [[what, *map(str, w.figures)] for what, w in walks.items()])
+    print()
+    guards = sorted({name for w in walks.values() for name in w.guards})
+    print_table(
+        ["guards of", *guards], [[what, *(str(w.guards[name]) for name in guards)] for what, w in walks.items()]
+    )
+
+
+if __name__ == "__main__":
+    main()
