@@ -14,8 +14,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mixed_session import reached, unit
 
+from mixed_session import reached, unit
 from truearm.arm import Arm, DHTable
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.estimation.problem import SmallMotionProblem

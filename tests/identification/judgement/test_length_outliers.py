@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mixed_session import reached, unit
 
+from mixed_session import reached, unit
 from truearm.arm import load_arm
 from truearm.identification.estimation.identification import identify, initial_problem
 from truearm.identification.estimation.linearisation import UNKNOWN_STD

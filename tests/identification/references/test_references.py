@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mixed_session import BAR_MM, NOISE, RADIUS_MM, planted
 from scipy.spatial.transform import Rotation
 
+from mixed_session import BAR_MM, NOISE, RADIUS_MM, planted
 from truearm.arm import Chain, load_arm
 from truearm.errors import InputError
 from truearm.identification.estimation.identification import identify

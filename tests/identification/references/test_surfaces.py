@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mixed_session import unit
 from scipy.spatial.transform import Rotation
 
+from mixed_session import unit
 from truearm.errors import InputError
 from truearm.identification.references.surfaces import Lines, Planes, Radius, Spheres, lines_of, planes_of, spheres_of
 
