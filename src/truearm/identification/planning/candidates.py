@@ -8,7 +8,7 @@ the line of sight of a tracker are not checked.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -20,29 +20,24 @@ from truearm.identification.planning.sampling.measuring import (
     check_five_rotary_joints,
     inner_limits,
     measuring_poses,
-    postures,
-    reach,
 )
 from truearm.identification.planning.sampling.poses import checked_count, checked_seed, joint_travel_limits
 from truearm.identification.planning.sampling.seat import (
-    CONE_RAD,
     NOT_REACHED,
-    POOL,
     SEAT_SECTOR,
-    SWING_RAD,
     TOO_FEW,
     checked_points,
     farthest_points,
+    reach_in_seats,
 )
 from truearm.identification.planning.sampling.surroundings import Surroundings
 from truearm.identification.planning.sampling.workspace import (
     Sector,
     Stance,
-    azimuth_of,
     draw_points,
-    joint_origins,
+    in_sector,
+    is_above_table,
     stance,
-    within_cone,
 )
 from truearm.typing import BoolArray, FloatArray, IntArray, NameArray
 
@@ -56,8 +51,6 @@ _WHERE_TABLES_ARE = "check --table and --avoid: coordinates are from the centre 
 _DRAWS = 2000
 _PLACES = 300  # maximum draws of places of a bar per place
 _SPARE = 3  # seats and bars to try per seat or bar
-# A technician's stylus and joints, as in `measuring_poses`; a seat faces up.
-_CONE_DEG, _SWING_STD_DEG, _ROLL_STD_DEG = 40.0, 35.0, 60.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,39 +156,29 @@ def seat_poses(
     InputError
         If the arm has too few joints, or a seat is not reached by enough postures.
     """
-    check_five_rotary_joints(arm)
-    rng, where, per_seat = np.random.default_rng(checked_seed(seed)), stance(arm), checked_count(poses)
-    habits = _Habits(arm, where, surroundings, technician)
-    rejected: Counter[str] = Counter()
+    search = _Search.of(arm, poses, seed, sector, surroundings, technician=technician)
     if isinstance(seats, int | np.integer):
         wanted = checked_count(int(seats), "seats")
-        pool = _places_for_seats(where, 10 * _SPARE * wanted, sector, surroundings, rng, rejected)
+        pool = search.places_of_seats(10 * _SPARE * wanted)
         points = pool[farthest_points(pool, _SPARE * wanted)]
-        held = _held_in_turn(habits, points[:, None], wanted, per_seat, rng, rejected)
+        held = search.reached(points[:, None], wanted)
         if len(held) < wanted:
             raise InputError(
-                f"arm {arm.name!r} reaches only {len(held)} of {wanted} seats in {per_seat} postures each",
+                f"arm {arm.name!r} reaches only {len(held)} of {wanted} seats in {poses} postures each",
                 hint="use fewer poses in a seat, or another sector",
             )
     else:
         points = checked_points(seats)
-        held = _held_in_turn(habits, points[:, None], len(points), per_seat, rng, rejected)
+        held = search.reached(points[:, None], len(points))
         if len(held) < len(points):
             missed = min(set(range(len(points))) - {place for place, _ in held})
+            reach_mm = search.where.reach_mm
             raise InputError(
-                f"fewer than {per_seat} postures reach the seat at {np.round(points[missed], 1).tolist()} mm",
-                hint=f"place the seat about {0.5 * where.reach_mm:.0f} mm in front of the shoulder, or use fewer poses",
+                f"fewer than {poses} postures reach the seat at {np.round(points[missed], 1).tolist()} mm",
+                hint=f"place the seat about {0.5 * reach_mm:.0f} mm in front of the shoulder, or use fewer poses",
             )
-    angles = np.concatenate([angles for _, (angles,) in held])
-    return Candidates(
-        angles,
-        np.arange(len(angles)),
-        np.repeat([f"S{count}" for count in range(1, len(held) + 1)], per_seat),
-        np.repeat(points[[place for place, _ in held]], per_seat, axis=0),
-        np.repeat(np.arange(len(held)), per_seat),
-        technician=np.full(len(angles), technician),
-        rejected=dict(+rejected),
-    )
+    names = [f"S{count}" for count in range(1, len(held) + 1)]
+    return search.candidates(held, points[:, None], names).split_into_poses()
 
 
 def bar_places(
@@ -234,31 +217,19 @@ def bar_places(
     InputError
         If the arm has too few joints, the bar does not fit into the sector, or too few places are reached.
     """
-    check_five_rotary_joints(arm)
-    rng, where, per_seat = np.random.default_rng(checked_seed(seed)), stance(arm), checked_count(poses)
+    search = _Search.of(arm, poses, seed, sector, surroundings, technician=technician)
     if not (np.isfinite(length_mm) and length_mm > 0):
         raise InputError(f"expected the positive length of a bar in mm, got {length_mm}")
-    rejected: Counter[str] = Counter()
-    wanted = checked_count(n, "places")
-    ends = _ends(where, _SPARE * wanted, length_mm, sector, surroundings, rng, rejected)
-    held = _held_in_turn(_Habits(arm, where, surroundings, technician), ends, wanted, per_seat, rng, rejected)
-    if len(held) < wanted:
+    ends = search.places_of_bars(_SPARE * checked_count(n, "places"), length_mm)
+    held = search.reached(ends, n)
+    if len(held) < n:
         raise InputError(
-            f"arm {arm.name!r} reaches only {len(held)} of {wanted} places of a bar of {length_mm:g} mm in {per_seat} "
+            f"arm {arm.name!r} reaches only {len(held)} of {n} places of a bar of {length_mm:g} mm in {poses} "
             "postures at each end",
             hint="use a shorter bar, fewer poses at each end, or another sector",
         )
-    names = [f"B{count}{end}" for count in range(1, wanted + 1) for end in "ab"]
-    return Candidates(
-        np.concatenate([angles for _, both in held for angles in both]),
-        np.repeat(np.arange(wanted), 2 * per_seat),
-        np.repeat(names, per_seat),
-        np.repeat(ends[[place for place, _ in held]].reshape(-1, 3), per_seat, axis=0),
-        np.repeat(np.arange(wanted), 2 * per_seat),
-        technician=np.full(2 * per_seat * wanted, technician),
-        length_mm=float(length_mm),
-        rejected=dict(+rejected),
-    )
+    names = [f"B{count}{end}" for count in range(1, n + 1) for end in "ab"]
+    return replace(search.candidates(held, ends, names), length_mm=float(length_mm))
 
 
 def tracker_poses(arm: Arm, n: int, *, seed: int, sector: Sector | None = None) -> Candidates:
@@ -307,121 +278,113 @@ def supports_technician_poses(arm: Arm) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
-class _Habits:
-    """How poses in seats are found: for which arm, among which surroundings, and whether as a technician does."""
+class _Search:
+    """Looks for places of seats that an arm reaches in `per_seat` postures each; counts what it rejects, by reason."""
 
     arm: Arm
     where: Stance
+    per_seat: int
+    rng: np.random.Generator
+    sector: Sector
     surroundings: Surroundings
     technician: bool
+    rejected: Counter[str] = field(default_factory=Counter)
+
+    @classmethod
+    def of(
+        cls, arm: Arm, poses: int, seed: int, sector: Sector, surroundings: Surroundings, *, technician: bool
+    ) -> _Search:
+        check_five_rotary_joints(arm)
+        rng = np.random.default_rng(checked_seed(seed))
+        return cls(arm, stance(arm), checked_count(poses), rng, sector, surroundings, technician)
+
+    def places_of_seats(self, n: int) -> FloatArray:
+        """Draw points of the sector on or above the table, (n, 3) [mm]."""
+
+        def draw() -> FloatArray:
+            points = draw_points(self.where, n, sector=self.sector, rng=self.rng)
+            held = self.surroundings.holds(points)
+            self.rejected[NO_TABLE] += int((~held).sum())
+            return points[held]
+
+        if len(found := _drawn(draw, n, _PLACES)) < n:
+            raise InputError(
+                "there is hardly a place for a seat: the table and the boxes leave none in front of the arm",
+                hint=_WHERE_TABLES_ARE,
+            )
+        return found
+
+    def places_of_bars(self, n: int, length_mm: float) -> FloatArray:
+        """Draw both ends of bars in the sector, uniform over places and directions, (n, 2, 3) [mm]."""
+
+        def draw() -> FloatArray:
+            first = draw_points(self.where, n, sector=self.sector, rng=self.rng)
+            direction = self.rng.standard_normal((n, 3))
+            second = first + length_mm * direction / np.linalg.norm(direction, axis=1, keepdims=True)
+            inside = in_sector(second, self.where, self.sector)
+            held = self.surroundings.holds_bars(first, second)
+            self.rejected.update({NO_ROOM: int((~inside).sum()), NO_TABLE: int((inside & ~held).sum())})
+            return np.stack([first, second], axis=1)[inside & held]
+
+        if len(found := _drawn(draw, n, _PLACES)) < n:
+            raise InputError(
+                f"a bar of {length_mm:g} mm hardly fits into the volume of an arm with a reach of "
+                f"{self.where.reach_mm:.0f} mm",
+                hint=f"use a shorter bar, or another sector; {_WHERE_TABLES_ARE}",
+            )
+        return found
+
+    def reached(self, places: FloatArray, wanted: int) -> list[tuple[int, list[FloatArray]]]:
+        """The first places (n, seats, 3) whose seats are all reached: number and (per_seat, n_joints) of each seat."""
+        held: list[tuple[int, list[FloatArray]]] = []
+        at = 0
+        while at < len(places) and len(held) < wanted:
+            some = places[at : at + wanted - len(held)]
+            found = self._postures(some.reshape(-1, 3))
+            for count in range(len(some)):
+                both = [angles for angles in found[count * some.shape[1] :][: some.shape[1]] if angles is not None]
+                if len(both) == some.shape[1]:
+                    held.append((at + count, both))
+                else:
+                    self.rejected[TOO_FEW] += 1
+            at += len(some)
+        return held
+
+    def _postures(self, points: FloatArray) -> list[FloatArray | None]:
+        """Postures with the tip at each of the points, (per_seat, n_joints) [rad], or None if there are fewer."""
+        arm, n = self.arm, self.per_seat
+        angles, reason = reach_in_seats(arm, points, n, self.where, self.rng, technician=self.technician)
+        angles = within_a_turn(arm, angles)
+        reached, free = reason == "", self.surroundings.leaves_free(arm.chain, angles)
+        self.rejected.update({NOT_REACHED: int((~reached).sum()), IN_A_BOX: int((reached & ~free).sum())})
+        pairs = zip(np.split(angles, len(points)), np.split(reached & free, len(points)), strict=True)
+        pools = [some[good] for some, good in pairs]
+        return [
+            None if len(pool) < n else pool[:n] if self.technician else pool[farthest_points(pool, n)] for pool in pools
+        ]
+
+    def candidates(self, held: list[tuple[int, list[FloatArray]]], places: FloatArray, names: list[str]) -> Candidates:
+        """The places that were reached, each a candidate, with the names of their seats."""
+        place = np.repeat(np.arange(len(held)), places.shape[1] * self.per_seat)
+        return Candidates(
+            np.concatenate([angles for _, seats in held for angles in seats]),
+            place,
+            np.repeat(names, self.per_seat),
+            np.repeat(places[[number for number, _ in held]].reshape(-1, 3), self.per_seat, axis=0),
+            place,
+            technician=np.full(len(place), self.technician),
+            rejected=dict(+self.rejected),
+        )
 
 
-def _held_in_turn(
-    habits: _Habits,
-    places: FloatArray,
-    wanted: int,
-    per_seat: int,
-    rng: np.random.Generator,
-    rejected: Counter[str],
-) -> list[tuple[int, list[FloatArray]]]:
-    """The first `wanted` places (n, seats, 3) whose seats are all reached: number and (per_seat, n_joints) each."""
-    held: list[tuple[int, list[FloatArray]]] = []
-    at = 0
-    while at < len(places) and len(held) < wanted:
-        some = places[at : at + wanted - len(held)]
-        found = _postures_in(habits, some.reshape(-1, 3), per_seat, rng, rejected)
-        for count in range(len(some)):
-            both = [angles for angles in found[count * some.shape[1] :][: some.shape[1]] if angles is not None]
-            if len(both) == some.shape[1]:
-                held.append((at + count, both))
-            else:
-                rejected[TOO_FEW] += 1
-        at += len(some)
-    return held
-
-
-def _postures_in(
-    habits: _Habits, points: FloatArray, n: int, rng: np.random.Generator, rejected: Counter[str]
-) -> list[FloatArray | None]:
-    """Find n postures with the tip at each of the points, (n, n_joints) [rad], or None if there are fewer."""
-    arm, where, technician = habits.arm, habits.where, habits.technician
-    m = POOL * n + 20
-    tips = np.repeat(points, m, axis=0)
-    down = np.tile([0.0, 0.0, -1.0], (len(tips), 1))
-    if technician:
-        axes = within_cone(down, half_angle_rad=np.radians(_CONE_DEG), rng=rng)
-        posture = postures(arm, tips, where, swing_std_deg=_SWING_STD_DEG, roll_std_deg=_ROLL_STD_DEG, rng=rng)
-    else:
-        axes = within_cone(down, half_angle_rad=CONE_RAD, rng=rng)
-        posture = arm.working + rng.uniform(-SWING_RAD, SWING_RAD, (len(tips), arm.n_joints))
-        posture[:, 0] += azimuth_of(tips, where)
-        posture = np.clip(posture, *inner_limits(arm))
-    angles, reason = reach(arm, tips, axes, posture)
-    angles = within_a_turn(arm, angles)
-    rejected[NOT_REACHED] += int((reason != "").sum())
-    free = habits.surroundings.leaves_free(arm.chain, angles)
-    rejected[IN_A_BOX] += int(((reason == "") & ~free).sum())
-    reason = np.where(free, reason, IN_A_BOX)
-    found: list[FloatArray | None] = []
-    for some, why in zip(np.split(angles, len(points)), np.split(reason, len(points)), strict=True):
-        good = some[why == ""]
-        if len(good) < n:
-            found.append(None)
-        else:
-            found.append(good[:n] if technician else good[farthest_points(good, n)])
-    return found
-
-
-def _places_for_seats(
-    where: Stance,
-    n: int,
-    sector: Sector,
-    surroundings: Surroundings,
-    rng: np.random.Generator,
-    rejected: Counter[str],
-) -> FloatArray:
-    """Draw points of the sector on or above the table, (n, 3) [mm]."""
-    found = np.zeros((0, 3))
-    for _ in range(_PLACES):
-        points = draw_points(where, n, sector=sector, rng=rng)
-        held = surroundings.holds(points)
-        rejected[NO_TABLE] += int((~held).sum())
-        found = np.concatenate([found, points[held]])
+def _drawn(draw: Callable[[], FloatArray], n: int, times: int) -> FloatArray:
+    """N rows by as many draws as are needed, or fewer rows if `times` draws do not give as many."""
+    found = draw()
+    for _ in range(times - 1):
         if len(found) >= n:
-            return found[:n]
-    raise InputError(
-        "there is hardly a place for a seat: the table and the boxes leave none in front of the arm",
-        hint=_WHERE_TABLES_ARE,
-    )
-
-
-def _ends(
-    where: Stance,
-    n: int,
-    length_mm: float,
-    sector: Sector,
-    surroundings: Surroundings,
-    rng: np.random.Generator,
-    rejected: Counter[str],
-) -> FloatArray:
-    """Draw both ends of bars in the sector, uniform over places and directions, (n, 2, 3) [mm]."""
-    found = np.zeros((0, 2, 3))
-    for _ in range(_PLACES):
-        first = draw_points(where, n, sector=sector, rng=rng)
-        direction = rng.standard_normal((n, 3))
-        second = first + length_mm * direction / np.linalg.norm(direction, axis=1, keepdims=True)
-        inside = in_sector(second, where, sector)
-        rejected[NO_ROOM] += int((~inside).sum())
-        held = surroundings.holds_bars(first, second)
-        rejected[NO_TABLE] += int((inside & ~held).sum())
-        inside &= held
-        found = np.concatenate([found, np.stack([first, second], axis=1)[inside]])
-        if len(found) >= n:
-            return found[:n]
-    raise InputError(
-        f"a bar of {length_mm:g} mm hardly fits into the volume of an arm with a reach of {where.reach_mm:.0f} mm",
-        hint=f"use a shorter bar, or another sector; {_WHERE_TABLES_ARE}",
-    )
+            break
+        found = np.concatenate([found, draw()])
+    return found[:n]
 
 
 def _spread(arm: Arm, n: int, sector: Sector, rng: np.random.Generator) -> tuple[FloatArray, Counter[str]]:
@@ -430,21 +393,21 @@ def _spread(arm: Arm, n: int, sector: Sector, rng: np.random.Generator) -> tuple
     (lower, upper), (low, high) = joint_travel_limits(arm), inner_limits(arm)
     lower, upper = np.maximum(lower, low), np.minimum(upper, high)
     rejected: Counter[str] = Counter()
-    found = np.zeros((0, arm.n_joints))
-    for _ in range(_DRAWS // 50):
+
+    def draw() -> FloatArray:
         angles = within_a_turn(arm, rng.uniform(lower, upper, (50 * n, arm.n_joints)))
         tips = arm.chain.tip_in_base(angles)
         inside = in_sector(tips, where, sector)
-        angles, tips = angles[inside], tips[inside]
-        above = joint_origins(arm.chain, angles)[:, :, 2].min(axis=1) >= np.minimum(tips[:, 2], 0.0)
+        above = is_above_table(arm.chain, angles[inside], tips[inside])
         rejected.update({OUTSIDE: int((~inside).sum()), UNDER_TABLE: int((~above).sum())})
-        found = np.concatenate([found, angles[above]])
-        if len(found) >= n:
-            return found[:n], rejected
-    raise InputError(
-        f"found only {len(found)} of {n} poses of arm {arm.name!r} with the tip in the volume",
-        hint="use a larger sector",
-    )
+        return angles[inside][above]
+
+    if len(found := _drawn(draw, n, _DRAWS // 50)) < n:
+        raise InputError(
+            f"found only {len(found)} of {n} poses of arm {arm.name!r} with the tip in the volume",
+            hint="use a larger sector",
+        )
+    return found, rejected
 
 
 def within_a_turn(arm: Arm, angles: FloatArray) -> FloatArray:
@@ -453,16 +416,3 @@ def within_a_turn(arm: Arm, angles: FloatArray) -> FloatArray:
     lower, upper = inner_limits(arm)
     allowed = ~arm.chain.is_prismatic & (turned >= lower) & (turned <= upper)
     return np.asarray(np.where(allowed, turned, angles))
-
-
-def in_sector(points: FloatArray, where: Stance, sector: Sector) -> BoolArray:
-    """(n,) Whether points (n, 3) of the base frame [mm] are in a sector."""
-    ahead = (points - where.shoulder_in_base) / where.reach_mm
-    radius = np.hypot(ahead[:, 0], ahead[:, 1])
-    return np.asarray(
-        (radius >= sector.near)
-        & (radius <= sector.far)
-        & (ahead[:, 2] >= sector.low)
-        & (ahead[:, 2] <= sector.high)
-        & (np.abs(azimuth_of(points, where)) <= np.radians(sector.half_angle_deg))
-    )

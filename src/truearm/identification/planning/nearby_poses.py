@@ -9,12 +9,12 @@ import numpy as np
 
 from truearm.arm.arm import Arm
 from truearm.arm.inverse_kinematics import solve_inverse_kinematics
-from truearm.identification.planning.candidates import in_sector, within_a_turn
+from truearm.identification.planning.candidates import within_a_turn
 from truearm.identification.planning.sampling.measuring import inner_limits
 from truearm.identification.planning.sampling.poses import joint_travel_limits
 from truearm.identification.planning.sampling.seat import CONE_RAD
 from truearm.identification.planning.sampling.surroundings import Surroundings
-from truearm.identification.planning.sampling.workspace import Sector, Stance, joint_origins, stance
+from truearm.identification.planning.sampling.workspace import Sector, Stance, in_sector, is_above_table, stance
 from truearm.typing import BoolArray, FloatArray
 
 
@@ -67,8 +67,8 @@ class NearbyPoses:
             stylus = self.arm.chain.pose(angles).R_base_tip[:, :, 2]
             at_a_limit = ((found.angles <= lower) | (found.angles >= upper)).any(axis=1)
             allowed = found.reached & ~at_a_limit & (stylus[:, 2] <= -np.cos(CONE_RAD))
-        above = joint_origins(self.arm.chain, angles)[:, :, 2].min(axis=1) >= np.minimum(tips[:, 2], 0.0)
-        return angles, np.asarray(allowed & above & self.surroundings.leaves_free(self.arm.chain, angles))
+        allowed &= is_above_table(self.arm.chain, angles, tips)
+        return angles, np.asarray(allowed & self.surroundings.leaves_free(self.arm.chain, angles))
 
     @cached_property
     def _stance(self) -> Stance:

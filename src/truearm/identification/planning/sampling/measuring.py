@@ -21,7 +21,7 @@ from truearm.identification.planning.sampling.workspace import (
     Stance,
     azimuth_of,
     draw_points,
-    joint_origins,
+    is_above_table,
     stance,
     within_cone,
 )
@@ -163,9 +163,8 @@ def reach(arm: Arm, tips: FloatArray, axes: FloatArray, posture: FloatArray) -> 
         arm.chain, tips, start=posture, probe_axis_in_base=axes, posture=posture, lower=lower, upper=upper
     )
     at_limit = ((found.angles <= lower) | (found.angles >= upper)).any(axis=1)
-    # The table is at the height of the base, or of the target if that is lower.
-    under = joint_origins(arm.chain, found.angles)[:, :, 2].min(axis=1) < np.minimum(tips[:, 2], 0.0)
-    reason = np.where(~found.reached, np.where(at_limit, AT_LIMIT, OUT_OF_REACH), np.where(under, UNDER_TABLE, ""))
+    above = is_above_table(arm.chain, found.angles, tips)
+    reason = np.where(~found.reached, np.where(at_limit, AT_LIMIT, OUT_OF_REACH), np.where(above, "", UNDER_TABLE))
     return found.angles, reason
 
 

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
-from truearm.identification.planning.sampling.measuring import check_five_rotary_joints, inner_limits, reach
+from truearm.identification.planning.sampling.measuring import check_five_rotary_joints, inner_limits, postures, reach
 from truearm.identification.planning.sampling.poses import Poses, checked_count, checked_seed
 from truearm.identification.planning.sampling.workspace import (
     Sector,
@@ -19,12 +19,13 @@ from truearm.identification.planning.sampling.workspace import (
     stance,
     within_cone,
 )
-from truearm.typing import FloatArray, IntArray
+from truearm.typing import FloatArray, IntArray, NameArray
 
 SEAT_SECTOR = Sector(near=0.35, far=0.75, low=-0.25, high=0.25, half_angle_deg=60.0)
 """Seats are on the table or on posts, where the arm has room to turn about them."""
 
-CONE_RAD = float(np.radians(60.0))  # largest angle of the stylus to the vertical
+# Largest angle of the stylus to the vertical, and that of a technician's.
+CONE_RAD, TECHNICIAN_CONE_RAD = np.radians([60.0, 40.0]).tolist()
 SWING_RAD = float(np.radians(100.0))  # largest distance of postures from the working pose, per joint
 POOL = 5  # candidates per pose, of which the most different are chosen
 SPARE_SEATS = 20
@@ -95,15 +96,27 @@ def _postures_in(
     arm: Arm, point: FloatArray, n: int, where: Stance, rejected: Counter[str], rng: np.random.Generator
 ) -> FloatArray | None:
     """Find n postures with the tip at a point, (n, n_joints) [rad], or None."""
-    m = POOL * n + 20
-    tips = np.tile(point, (m, 1))
-    axes = within_cone(np.tile([0.0, 0.0, -1.0], (m, 1)), half_angle_rad=CONE_RAD, rng=rng)
-    posture = arm.working + rng.uniform(-SWING_RAD, SWING_RAD, (m, arm.n_joints))
-    posture[:, 0] += azimuth_of(tips, where)
-    angles, reason = reach(arm, tips, axes, np.clip(posture, *inner_limits(arm)))
+    angles, reason = reach_in_seats(arm, point[None], n, where, rng)
     good = angles[reason == ""]
-    rejected[NOT_REACHED] += m - len(good)
+    rejected[NOT_REACHED] += len(angles) - len(good)
     return good[farthest_points(good, n)] if len(good) >= n else None
+
+
+def reach_in_seats(
+    arm: Arm, points: FloatArray, n: int, where: Stance, rng: np.random.Generator, *, technician: bool = False
+) -> tuple[FloatArray, NameArray]:
+    """Postures with the tip in seats, more than `POOL` times n for each of the points, and why some failed.
+
+    As `reach`. A technician's stylus and joints are as in `measuring_poses`; a seat faces up.
+    """
+    tips = np.repeat(points, POOL * n + 20, axis=0)
+    cone = TECHNICIAN_CONE_RAD if technician else CONE_RAD
+    axes = within_cone(np.tile([0.0, 0.0, -1.0], (len(tips), 1)), half_angle_rad=cone, rng=rng)
+    if technician:
+        return reach(arm, tips, axes, postures(arm, tips, where, swing_std_deg=35.0, roll_std_deg=60.0, rng=rng))
+    posture = arm.working + rng.uniform(-SWING_RAD, SWING_RAD, (len(tips), arm.n_joints))
+    posture[:, 0] += azimuth_of(tips, where)
+    return reach(arm, tips, axes, np.clip(posture, *inner_limits(arm)))
 
 
 def _apart(where: Stance, n: int, rng: np.random.Generator) -> FloatArray:

@@ -9,7 +9,7 @@ import numpy as np
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.identification.terms import link_vectors
-from truearm.typing import FloatArray
+from truearm.typing import BoolArray, FloatArray
 
 
 @dataclass(frozen=True)
@@ -70,6 +70,11 @@ def joint_origins(chain: Chain, angles: FloatArray) -> FloatArray:
     return out
 
 
+def is_above_table(chain: Chain, angles: FloatArray, tips: FloatArray) -> BoolArray:
+    """(n,) Whether no joint is below the table, at the height of the base, or of the tip (n, 3) if that is lower."""
+    return np.asarray(joint_origins(chain, angles)[:, :, 2].min(axis=1) >= np.minimum(tips[:, 2], 0.0))
+
+
 def draw_points(where: Stance, n: int, *, sector: Sector, rng: np.random.Generator) -> FloatArray:
     """Draw points uniform in the volume of the sector, (n, 3) [mm] in the base frame."""
     # Uniform over an area between two radii: the square of the radius is uniform.
@@ -83,6 +88,19 @@ def azimuth_of(points: FloatArray, where: Stance) -> FloatArray:
     """Azimuths of points as seen from the shoulder, from the front, (n,) [rad] in -pi .. pi."""
     ahead = points - where.shoulder_in_base
     return (np.arctan2(ahead[:, 1], ahead[:, 0]) - where.front_rad + np.pi) % (2 * np.pi) - np.pi
+
+
+def in_sector(points: FloatArray, where: Stance, sector: Sector) -> BoolArray:
+    """(n,) Whether points (n, 3) of the base frame [mm] are in a sector."""
+    ahead = (points - where.shoulder_in_base) / where.reach_mm
+    radius = np.hypot(ahead[:, 0], ahead[:, 1])
+    return np.asarray(
+        (radius >= sector.near)
+        & (radius <= sector.far)
+        & (ahead[:, 2] >= sector.low)
+        & (ahead[:, 2] <= sector.high)
+        & (np.abs(azimuth_of(points, where)) <= np.radians(sector.half_angle_deg))
+    )
 
 
 def within_cone(axes: FloatArray, *, half_angle_rad: float, rng: np.random.Generator) -> FloatArray:
