@@ -21,10 +21,9 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from truearm.identification.estimation.expected_error import expected_square_error
+from truearm.identification.estimation.consider_parameters import response_to_point_errors, with_shared_error
 from truearm.identification.estimation.identification import identify
 from truearm.identification.estimation.identification_result import IdentificationResult
-from truearm.identification.estimation.reference_scale import response_to_point_errors, with_shared_error
 from truearm.identification.estimation.residual_variance import (
     LEAST_FREEDOM,
     HeldOutReadings,
@@ -337,8 +336,8 @@ def _likely_elsewhere(
     ranges = np.stack([angles.min(axis=0), angles.max(axis=0)], axis=1)
     poses = uniform(readings.arm, WORKSPACE_POSES, seed=0, slides=ranges)
     state = at_mean_temperature(readings.typical_state(poses.angles))
-    least = MAX_EXPECTED_SHARE * expected_square_error(rigid.fit, state)
-    is_better = expected_square_error(elastic.fit, state) < least
+    least = MAX_EXPECTED_SHARE * rigid.fit.expected_square_error(state)
+    is_better = elastic.fit.expected_square_error(state) < least
     what = "terms other than joint compliance" if is_better else "terms that depend on the pose"
     why = "readings of one place do not show whether they hold elsewhere"
     return elastic if is_better else rigid, [SkippedTerm(what, why)]

@@ -19,7 +19,7 @@ from truearm.identification.planning.candidates import bar_places
 from truearm.identification.planning.sampling import STRATEGIES, Poses, seat
 from truearm.identification.planning.sampling.measuring import describe_rejections
 from truearm.identification.virtual import Measurement, VirtualArm, load_preset
-from truearm.identification.virtual.anchors import measure_distances, place_anchors
+from truearm.identification.virtual.arm import measure_distances, place_anchors
 from truearm.readings import Lengths, PointErrors, Session, write_lengths, write_session
 from truearm.solve.threads import one_blas_thread
 from truearm.workflows.inputs import ArmLike, to_arm

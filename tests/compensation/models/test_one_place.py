@@ -14,8 +14,7 @@ from truearm.arm import load_arm
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.compensation.models import PhysicalModel
-from truearm.identification import identify
-from truearm.identification.estimation.expected_error import expected_square_error
+from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.residual_variance import HeldOutReadings
 from truearm.identification.identify import MAX_SHARE_LEFT, _typical_error
 from truearm.identification.judgement.cross_validation_groups import (
@@ -122,7 +121,7 @@ def test_the_expected_square_error_is_that_of_the_tip_covariance_and_the_noise(r
     state = state_of(ARM, Session(ARM.working[None]))
     noise = rough.fit_.references[0].noise_std
     expected = np.trace(rough.fit_.tip_covariance(state)[0]) + 3 * noise**2
-    assert expected_square_error(rough.fit_, state) == pytest.approx(expected, rel=1e-12)
+    assert rough.fit_.expected_square_error(state) == pytest.approx(expected, rel=1e-12)
 
 
 def test_terms_are_chosen_over_the_trained_travel_of_an_open_slide_at_the_mean_temperature(monkeypatch):
@@ -141,7 +140,7 @@ def test_terms_are_chosen_over_the_trained_travel_of_an_open_slide_at_the_mean_t
     angles = np.column_stack([shoulder, elbow, 20.0 + 30 * is_upper, heading - shoulder - elbow])
     angles += rng.normal(0, 3e-4, (n, 4)) * [1, 1, 300, 1]
     seen = []
-    monkeypatch.setattr(identify, "expected_square_error", lambda fit, state: seen.append(state) or 1.0)
+    monkeypatch.setattr(IdentificationResult, "expected_square_error", lambda fit, state: seen.append(state) or 1.0)
     session = Session(angles, seat=np.array(["a", "b"])[is_upper], temperature_degC=rng.normal(26, 0.2, n))
     PhysicalModel(arm, highest=1).fit_readings(session)
     assert len(seen) == 2

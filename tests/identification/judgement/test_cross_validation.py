@@ -14,8 +14,7 @@ from truearm.arm import load_arm
 from truearm.identification.estimation.identification import identify, initial_problem
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.judgement import cross_validation
-from truearm.identification.judgement.cross_validation import cross_validate_by_group
-from truearm.identification.judgement.group_batches import group_batches
+from truearm.identification.judgement.cross_validation import cross_validate_by_group, group_batches
 from truearm.identification.planning.sampling.seat import seat
 from truearm.identification.references.orientations import Orientations
 from truearm.identification.references.references import Length, Points, Seats, seats_of

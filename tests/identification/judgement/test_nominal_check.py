@@ -14,8 +14,7 @@ from truearm.compensation.models import KinematicModel, NominalModel, load_model
 from truearm.compensation.models.refit import refit
 from truearm.errors import InputError
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
-from truearm.identification.judgement.nominal_check import MAX_RATIO
-from truearm.identification.judgement.nominal_error import usual_error
+from truearm.identification.judgement.nominal_check import MAX_RATIO, usual_error
 from truearm.identification.planning.sampling import STRATEGIES
 from truearm.identification.references.reading_references import references_of, state_of
 from truearm.identification.terms import constants

@@ -8,7 +8,7 @@ from truearm.arm.catalogue import load_arm
 from truearm.errors import InputError
 from truearm.identification.planning.factors import moment_matrix
 from truearm.identification.planning.information import tip_jacobian
-from truearm.identification.planning.limitations import limitations
+from truearm.identification.planning.plan import limitations
 from truearm.identification.planning.prior import nominal_prior
 from truearm.identification.planning.proposal import STRATEGIES, Artefact, information_rows, propose
 from truearm.identification.planning.sampling import Sector

@@ -13,9 +13,17 @@ from truearm.arm.chain import Chain
 from truearm.errors import InputError
 from truearm.identification.virtual import PRESETS, Preset, VirtualArm
 from truearm.identification.virtual.bases import Spots
-from truearm.identification.virtual.error_model import GROUPS, error_model
+from truearm.identification.virtual.error_model import (
+    BASE,
+    CABLES,
+    GEARS,
+    GROUPS,
+    SLACK,
+    SPOTS,
+    WEAR_GROUPS,
+    error_model,
+)
 from truearm.identification.virtual.presets import ARCSEC
-from truearm.identification.virtual.wear import BASE, CABLES, GEARS, SLACK, SPOTS, WEAR_GROUPS
 
 ARM = load_arm("gao2017")
 TURN = 2 * np.pi

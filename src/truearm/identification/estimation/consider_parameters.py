@@ -16,12 +16,18 @@ With E that places the free parameters among all parameters, the covariance afte
 in which the error of the frame compensates that of the arm, as far as the frame absorbed it. Source:
 S. F. Schmidt, "Application of state-space methods to navigation problems", Advances in Control Systems 3 (1966) 293;
 B. D. Tapley, B. E. Schutz, G. H. Born, "Statistical Orbit Determination", 2004, chapter 6.
+
+An error of the reference that all readings share, the scale of a tracker, is considered too: no reading shows it, and
+none of the coefficients stands for it. With the normal matrix ``Sigma^-1``, an error e of the points moves the
+coefficients by ``g = Sigma J^T W e``; with its standard uncertainty in e their covariance is ``Sigma + g g^T`` (JCGM
+100:2008, 5.2.2, for correlation 1). So the error of a predicted point is about that of the points around it, and
+distances have the error of the scale.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
@@ -339,3 +345,42 @@ def _groups(fit: IdentificationResult, terms: Sequence[Term], determined: FloatA
     return old + tuple(
         TermGroupResult(name, len(part), float(np.clip(sum(part), 0, None)), 1.0) for name, part in share.items()
     )
+
+
+def response_to_point_errors(fit: IdentificationResult, state: ArmState, errors: FloatArray) -> FloatArray:
+    """Change of the coefficients by errors of the points, to first order.
+
+    Parameters
+    ----------
+    fit : IdentificationResult
+        At the minimum, with the covariance of the readings.
+    state : ArmState
+        Of all n readings.
+    errors : (n, 3) array
+        Of the points, in the frame of the chain [mm].
+
+    Returns
+    -------
+    (n_coefficients,) array
+        Zeros if no reading has a point.
+    """
+    gradient = np.zeros(len(fit.coefficients))
+    for reference in fit.references:
+        if reference.kind == "point":
+            pulls = np.zeros((3, len(state)))
+            pulls[:, reference.rows] = reference.weights**2 * errors[reference.rows].T
+            for rows, _, columns in fit.perturbed_chain.derivatives(state, fit.coefficients):
+                gradient += np.tensordot(columns, pulls[:, rows], axes=2)
+    return np.asarray(fit.covariance @ gradient)
+
+
+def with_shared_error(fit: IdentificationResult, response: FloatArray) -> IdentificationResult:
+    """Add the covariance of an error to which the first coefficients respond by `response` for a standard uncertainty.
+
+    Terms that were added since do not respond.
+    """
+    if not response.any():
+        return fit
+    covariance = fit.covariance.copy()
+    covariance[: len(response), : len(response)] += np.outer(response, response)
+    return replace(fit, covariance=covariance)

@@ -148,6 +148,15 @@ class IdentificationResult:
                 out[rows] = np.einsum("ipn,jpn->nij", spread, spread)
         return out + self.unspanned_covariance(state)
 
+    def expected_square_error(self, state: ArmState) -> float:
+        """Expected squared error of a tip, by parameters and noise, mean over the readings of a state [mm^2].
+
+        Integrated over a region it is the criterion of I-optimal plans: V. V. Fedorov, "Theory of Optimal Experiments",
+        1972, section 2.9.
+        """
+        of_parameters = np.trace(self.tip_covariance(state), axis1=1, axis2=2)
+        return float(of_parameters.mean() + 3 * self.references[0].noise_std ** 2)
+
     def tip_displacements(self, state: ArmState) -> FloatArray:
         """(k, n, 3) the errors of tips [mm] by k independent causes of variance one.
 

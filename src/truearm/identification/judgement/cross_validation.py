@@ -26,7 +26,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import compress
+from itertools import compress, pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -40,7 +40,6 @@ from truearm.identification.estimation.identification_result import Identificati
 from truearm.identification.estimation.linearisation import UNKNOWN_STD, eliminate_unknowns
 from truearm.identification.estimation.problem import SmallMotionProblem
 from truearm.identification.estimation.residual_variance import FLOOR_MM2, HeldOutReadings
-from truearm.identification.judgement.group_batches import GroupBatch, Members, group_batches
 from truearm.identification.references.references import LinearisedResiduals, Reference
 from truearm.identification.terms.state import ArmState
 from truearm.readings.anchors import LEAST_READINGS
@@ -62,6 +61,8 @@ IN_SPACE, IN_LENGTH = ("point", "seat"), ("distance",)
 # Derivatives in memory at once, some ten megabytes, and the most readings of them.
 MOST_DERIVATIVES = 1_200_000
 MOST_READINGS = perturbed_chain.CHUNK
+# The readings of a group: for each of its references the rows.
+Members = list[tuple[int, IntArray]]
 
 
 def cross_validate_by_group(
@@ -105,6 +106,61 @@ def cross_validate_by_group(
     names = ("rows", "group", "deviations", "covariance", "freedom")
     together = HeldOutReadings(*(np.concatenate([getattr(part, name) for part in found]) for name in names))
     return together.select(np.argsort(together.rows))
+
+
+class GroupBatch(NamedTuple):
+    """Groups of readings: of each reading its group, counted from 0, reference and row there, in this order."""
+
+    group: IntArray
+    which: IntArray
+    row: IntArray
+
+    @property
+    def n_groups(self) -> int:
+        """Number of groups."""
+        return int(self.group[-1]) + 1
+
+    def members(self) -> list[Members]:
+        """The members of every group."""
+        found: list[Members] = []
+        for start, stop in pairwise(np.searchsorted(self.group, np.arange(self.n_groups + 1)).tolist()):
+            which, row = self.which[start:stop], self.row[start:stop]
+            parts = np.split(row, np.flatnonzero(np.diff(which)) + 1)
+            found.append(list(zip(which[np.r_[True, np.diff(which) > 0]].tolist(), parts, strict=True)))
+        return found
+
+    def of(self, which: int) -> tuple[IntArray, IntArray, IntArray]:
+        """Rows (m,) of a reference, their groups, and their places in these."""
+        mine = self.which == which
+        group = self.group[mine]
+        first = np.searchsorted(group, np.arange(self.n_groups))
+        return self.row[mine], group, np.arange(len(group)) - first[group]
+
+    def largest(self, which: int) -> int:
+        """Largest number of readings of a reference in a group."""
+        return int(np.bincount(self.group[self.which == which], minlength=1).max())
+
+
+def group_batches(references: Sequence[ReferenceFit], group: IntArray, chunk: int) -> Iterator[GroupBatch]:
+    """Groups, several small ones of about one size at once, so that one pass of the chain evaluates many readings.
+
+    As many places as the largest group has are within `chunk` for all groups of a batch, unless it is one group.
+    """
+    key = np.concatenate([group[reference.rows] for reference in references])
+    which = np.concatenate([np.full(len(reference.rows), i) for i, reference in enumerate(references)])
+    row = np.concatenate([np.arange(len(reference.rows)) for reference in references])
+    key = np.unique(key, return_inverse=True)[1]
+    order = np.lexsort((row, which, key, np.bincount(key)[key]))
+    starts = np.flatnonzero(np.diff(key[order], prepend=-1))
+    stops = np.r_[starts[1:], len(order)]
+    sizes = stops - starts
+    first = 0
+    while first < len(starts):
+        places = np.arange(1, len(sizes[first : first + chunk]) + 1) * sizes[first : first + chunk]  # sizes rise
+        after = first + max(int(np.searchsorted(places, chunk, side="right")), 1)
+        some = order[starts[first] : stops[after - 1]]
+        yield GroupBatch(np.cumsum(np.diff(key[some], prepend=key[some[0]]) != 0), which[some], row[some])
+        first = after
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,12 @@
 """Whether readings can be of the nominal arm: a wrong sign, unit, order or zero of the joints is refused.
 
 The error of the nominal arm, with base and tip fitted, is compared with the one that errors of its constants usually
-cause (`truearm.identification.judgement.nominal_error`). The limits are evidence, `benchmarks/imperfect_diagnosis.py`:
+cause, a prior predictive check (G. E. P. Box, "Sampling and Bayes' inference in scientific modelling and robustness",
+J. R. Stat. Soc. A 143 (1980) 383). With the normal equations G of all parameters, those of the constants without what
+the free ones (f) absorb are ``S = G - G_f G_ff^-1 G_f^T``, and the expected sum of squared residuals is
+``sum_i S_ii s_i^2`` by the constants' prior standard deviations s.
+
+The limits are evidence, `benchmarks/imperfect_diagnosis.py`:
 real arms and virtual ones, and each of them with every single wrong sign, exchanged pair of joints, zero off by a
 quarter turn and other unit.
 """
@@ -14,13 +19,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from truearm.arm.arm import Arm
+from truearm.identification.estimation.identification import initial_problem
 from truearm.identification.estimation.identification_result import IdentificationResult
+from truearm.identification.estimation.linearisation import eliminate_unknowns, linearised
+from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.judgement.cross_validation import cross_validate_by_group
-from truearm.identification.judgement.nominal_error import usual_error
 from truearm.identification.references.references import Reference
 from truearm.identification.terms import ArmState, Term
 from truearm.readings.checks import check_scale, likely_unit
 from truearm.readings.session import Session
+from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 
 # The error is the one that three of four readings do not exceed: gross errors hardly change it.
@@ -39,6 +47,8 @@ MAX_STDS = {"angle": 40.0, "length": 10.0}
 # Share of the reach by which the nominal arm may miss readings of another session on average, with base and tip where
 # they were: ten times what the kinematic model expects of its constants (3 mrad, 3 mm) stays below.
 MAX_NOMINAL_ERROR = 0.05
+# Smaller eigenvalues of the free parameters, relative to the largest, are rounding: no readings determine them.
+LEAST_EIGENVALUE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -210,3 +220,46 @@ def _largest_constant(fit: IdentificationResult, free: set[str]) -> tuple[str, f
             found.append((stds, f"{term.name} ({size})"))
             shares.append(stds / MAX_STDS["angle" if is_angle else "length"])
     return max(found)[1], max(shares)
+
+
+def usual_error(
+    fit: IdentificationResult, state: ArmState, references: Sequence[Reference], constants: Sequence[Term]
+) -> float:
+    """Root mean square distance of a nominal arm from its references that errors of its constants usually cause.
+
+    Parameters
+    ----------
+    fit : IdentificationResult
+        Of the free terms: base, tip, and others that every fit has.
+    state : ArmState
+        Of the readings.
+    references : sequence of Reference
+        Without known lengths.
+    constants : sequence of Term
+        The constants of the nominal arm, with their prior standard deviations.
+
+    Returns
+    -------
+    float
+        [mm]; zero if the free terms absorb all that errors of the constants cause, as those of an arm with one joint.
+    """
+    free = fit.perturbed_chain.terms
+    chain = PerturbedChain(fit.chain, (*free, *constants))
+    problem, unknowns = initial_problem(chain, state, references)
+    x = np.concatenate([np.zeros(chain.n_coefficients), unknowns])
+    with one_blas_thread():
+        parts, whole = linearised(problem, x, [np.ones((one.n_residuals, len(one.rows))) for one in references])
+        G = eliminate_unknowns(parts, whole, x).gram
+        n_free = sum(term.n_coefficients for term in free)
+        is_constant = np.zeros(len(G), dtype=bool)
+        is_constant[n_free : chain.n_coefficients] = True
+        G_ff, G_cf = G[np.ix_(~is_constant, ~is_constant)], G[np.ix_(is_constant, ~is_constant)]
+        # Lengths and angles in one matrix: scaled to a unit diagonal.
+        scale = 1 / np.sqrt(np.maximum(G_ff.diagonal(), np.finfo(float).tiny))
+        inverse = np.linalg.pinv(scale[:, None] * G_ff * scale, rcond=LEAST_EIGENVALUE, hermitian=True)
+        absorbed = np.einsum("if,fg,ig->i", G_cf * scale, inverse, G_cf * scale)
+    std = np.concatenate([np.zeros(0), *(term.prior_stds for term in constants)])
+    whole_squares = G.diagonal()[is_constant]
+    remains = whole_squares - absorbed
+    squares = np.where(remains > LEAST_EIGENVALUE * whole_squares, remains, 0.0) * std**2
+    return float(np.sqrt(squares.sum() / sum(len(one.rows) for one in references)))

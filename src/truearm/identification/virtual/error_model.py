@@ -1,33 +1,33 @@
 """The terms by which virtual arms of a preset differ from their nominal arm, and the draw of their coefficients.
 
 The terms are those that identification fits (`truearm.identification.terms`), and a few that it never offers: ball
-cages, deflection by the measuring force, bending of links by the weight that they carry, and wear
-(`truearm.identification.virtual.wear`).
+cages, deflection by the measuring force, bending of links by the weight that they carry, and wear.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
+from math import radians
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import factorial2
 
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
-from truearm.identification.terms import Column, GravityTorque, Harmonics, Term, link_vectors
+from truearm.identification.terms import Basis, Column, GravityTorque, Harmonics, Term, link_vectors
 from truearm.identification.terms.basis import AXES
 from truearm.identification.terms.catalogue import constants, gravity, hysteresis, thermal, wobble
-from truearm.identification.virtual.bases import CageHarmonics, GravityForce, beam
-from truearm.identification.virtual.error_class import DrawnTerm, ErrorClass
+from truearm.identification.virtual.bases import CableDrag, CageHarmonics, GearErrors, GravityForce, Slack, Spots, beam
 from truearm.identification.virtual.presets import ARCSEC, Preset
-from truearm.identification.virtual.state import force_column, link_masses, random_stream
-from truearm.identification.virtual.wear import wear_classes
-from truearm.typing import FloatArray, NameArray
+from truearm.identification.virtual.state import base_motion_column, force_column, link_masses, random_stream
+from truearm.typing import FloatArray, IntArray, NameArray
 
-_OWN_AXIS = (0.0, 0.0, 1.0, 0.0, 0.0, 0.0)  # rotation about z
+_OWN_AXIS = 2  # of a motion, rotation about z
 
 GEOMETRY, ENCODERS, BEARINGS, COMPLIANCE, GROWTH, DEFLECTION, HYSTERESIS, CAGES = GROUPS = (
     "geometry",
@@ -40,6 +40,57 @@ GEOMETRY, ENCODERS, BEARINGS, COMPLIANCE, GROWTH, DEFLECTION, HYSTERESIS, CAGES 
     "ball cages",
 )
 """Groups of the terms that sound arms have too: each can be larger or smaller and leaves the others as they are."""
+
+SPOTS, GEARS, SLACK, CABLES, BASE = WEAR_GROUPS = ("spots", "gears", "slack", "cable drag", "base motion")
+"""Groups of the terms of a worn arm: identification never offers them, as no smooth function of one angle does."""
+
+_DAMAGE = 3  # power of the random numbers of spots, see `ErrorClass`
+
+
+class DrawnTerm(NamedTuple):
+    """A term, which numbers of a stream its coefficients take, and their mean and standard deviation."""
+
+    term: Term
+    numbers: tuple[int, ...]
+    mean: float = 0.0
+    std: float | None = None  # by default the term's
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorClass:
+    """Terms whose coefficients take the normal random numbers z of one stream: ``(mean + std t) exp(log_std z)``.
+
+    Here ``t = z^power`` over its standard deviation, power odd: with 1 the coefficients are normal; with 3 most are
+    small and a few are large, as damage is.
+    """
+
+    stream: str
+    rows: tuple[DrawnTerm, ...]
+    n_numbers: int
+    log_std: float = 0.0
+    power: int = 1
+
+    def draw(self, seed: int) -> FloatArray:
+        """Draw the coefficients of all terms."""
+        if not self.rows:
+            return np.zeros(0)
+        z = random_stream("arm", seed, self.stream).standard_normal(self.n_numbers)[self._index]
+        t = z**self.power / np.sqrt(factorial2(2 * self.power - 1))
+        coefficients: FloatArray = (self._mean + self._std * t) * np.exp(self.log_std * z)
+        return coefficients
+
+    @cached_property
+    def _index(self) -> IntArray:
+        return np.concatenate([row.numbers for row in self.rows]).astype(np.intp)
+
+    @cached_property
+    def _mean(self) -> FloatArray:
+        return np.concatenate([np.full(len(row.numbers), row.mean) for row in self.rows])
+
+    @cached_property
+    def _std(self) -> FloatArray:
+        stds = [row.term.prior_std if row.std is None else row.std for row in self.rows]
+        return np.concatenate([np.full(len(row.numbers), std) for row, std in zip(self.rows, stds, strict=True)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,6 +158,10 @@ def geometry_stream(seed: int) -> np.random.Generator:
     return random_stream("arm", seed, "geometry")
 
 
+def _unit(component: int) -> tuple[float, ...]:
+    return tuple(float(other == component) for other in range(6))
+
+
 def component_of(term: Term) -> int:
     """Which component of a motion a term with a unit direction moves."""
     return term.direction.index(1.0)
@@ -133,7 +188,7 @@ def _encoder(n_joints: int, preset: Preset) -> Iterator[DrawnTerm]:
             if std > 0:
                 name = f"J{joint} encoder, order {order}"
                 yield DrawnTerm(
-                    Term(name, joint, _OWN_AXIS, Harmonics(joint, (order,)), ENCODERS, std), (first, first + 1)
+                    Term(name, joint, _unit(_OWN_AXIS), Harmonics(joint, (order,)), ENCODERS, std), (first, first + 1)
                 )
             first += 2
 
@@ -198,9 +253,8 @@ def _growth(chain: Chain, preset: Preset) -> Iterator[DrawnTerm]:
 def _deflection(chain: Chain, preset: Preset) -> Iterator[DrawnTerm]:
     mm_per_N = tip_compliance(preset)
     for axis in range(3 if mm_per_N > 0 else 0):
-        direction = tuple(float(component == 3 + axis) for component in range(6))
         name = f"tip deflection along {AXES[axis]}"
-        term = Term(name, chain.n_places - 1, direction, Column(force_column(axis)), DEFLECTION, mm_per_N)
+        term = Term(name, chain.n_places - 1, _unit(3 + axis), Column(force_column(axis)), DEFLECTION, mm_per_N)
         yield DrawnTerm(term, (0,), mm_per_N, 0.0)
 
 
@@ -219,3 +273,49 @@ def tip_compliance(preset: Preset) -> float:
 def eccentric_reading(eccentricity_um: npt.ArrayLike, *, diameter_mm: float) -> FloatArray:
     """Error of one read head on an eccentric grating [rad]: ``2 e / D``, or 412.5 e[um]/D[mm] arcsec."""
     return 2e-3 * np.asarray(eccentricity_um, dtype=float) / diameter_mm
+
+
+def wear_classes(chain: Chain, preset: Preset) -> tuple[ErrorClass, ...]:
+    """Classes of the errors of wear."""
+    joints, before_last = range(1, chain.n_joints + 1), range(1, chain.n_joints)
+    spots, gear = partial(Spots, width_rad=radians(preset.spot_width_deg)), partial(GearErrors, ratio=preset.gear_ratio)
+    slack = partial(Slack, zone_Nm=preset.slack_zone_Nm)
+    gear_spot, bearing_spot = preset.gear_spot_std_arcsec, preset.bearing_spot_std_arcsec
+    base = tuple(_base(preset))
+    return (
+        _turns("gear spot", SPOTS, joints, spots, gear_spot, power=_DAMAGE),
+        _turns("bearing spot x", SPOTS, joints, spots, bearing_spot, axis=0, power=_DAMAGE),
+        _turns("bearing spot y", SPOTS, joints, spots, bearing_spot, axis=1, power=_DAMAGE),
+        _turns("gear", GEARS, joints, gear, preset.gear_std_arcsec),
+        _turns("slack", SLACK, joints, slack, preset.slack_std_arcsec),
+        _turns("cable", CABLES, before_last, CableDrag, preset.cable_std_arcsec),
+        ErrorClass("base motion", base, len(base)),
+    )
+
+
+def _turns(
+    stream: str,
+    group: str,
+    joints: Iterable[int],
+    basis: Callable[[int], Basis],
+    std_arcsec: float,
+    *,
+    axis: int = _OWN_AXIS,
+    power: int = 1,
+) -> ErrorClass:
+    """A class of rotations of joints, each coefficient with a number of its own."""
+    rows, first = [], 0
+    for joint in joints if std_arcsec > 0 else ():
+        term = Term(f"J{joint} {stream}", joint, _unit(axis), basis(joint), group, std_arcsec * ARCSEC)
+        rows.append(DrawnTerm(term, tuple(range(first, first + term.n_coefficients))))
+        first += term.n_coefficients
+    return ErrorClass(stream, tuple(rows), first, power=power)
+
+
+def _base(preset: Preset) -> Iterator[DrawnTerm]:
+    """Motion of the base, which the state of a session states in rad and mm."""
+    turns = preset.base_creep_arcsec_per_sqrt_h > 0
+    shifts = preset.base_creep_um_per_sqrt_h > 0 or preset.base_settling_um > 0
+    for component in (*range(3 if turns else 0), *range(3, 6 if shifts else 3)):
+        column = base_motion_column(component)
+        yield DrawnTerm(Term(column, 0, _unit(component), Column(column), BASE, 1.0), (0,), mean=1.0, std=0.0)

@@ -4,9 +4,8 @@ from collections.abc import Callable, Mapping
 from functools import partial
 
 from truearm.identification.planning.sampling.measuring import measuring_poses
-from truearm.identification.planning.sampling.poses import Poses
+from truearm.identification.planning.sampling.poses import HALF_WIDTH_RAD, Poses, box, uniform
 from truearm.identification.planning.sampling.seat import seat
-from truearm.identification.planning.sampling.space_filling import HALF_WIDTH_RAD, box, uniform
 from truearm.identification.planning.sampling.workspace import Sector
 
 STRATEGIES: Mapping[str, Callable[..., Poses]] = {
