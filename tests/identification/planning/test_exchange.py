@@ -54,7 +54,7 @@ def test_the_d_optimal_design_of_a_parabola_is_a_third_at_each_end_and_in_the_mi
     """Fedorov 1972, section 2.3; the determinant of p = 3 observations is greatest at -1, 0, 1."""
     grid, problem = polynomial(copies=4)
     chosen = select_candidates(problem, 9, strategy="D-optimal")
-    assert sorted(grid[chosen.rows]) == [-1] * 3 + [0] * 3 + [1] * 3
+    assert sorted(grid[chosen]) == [-1] * 3 + [0] * 3 + [1] * 3
 
 
 def test_the_i_optimal_design_of_a_parabola_is_a_half_in_the_middle():
@@ -65,17 +65,17 @@ def test_the_i_optimal_design_of_a_parabola_is_a_half_in_the_middle():
     """
     grid, problem = polynomial(copies=8)
     chosen = select_candidates(problem, 8)
-    assert sorted(grid[chosen.rows]) == [-1] * 2 + [0] * 4 + [1] * 2
+    assert sorted(grid[chosen]) == [-1] * 2 + [0] * 4 + [1] * 2
     # 1e-3: the target's grid of 2001 points, and the prior.
-    assert problem.variance(chosen.rows) == pytest.approx(3 * 32 / 15 / 8, rel=1e-3)
+    assert problem.variance(chosen) == pytest.approx(3 * 32 / 15 / 8, rel=1e-3)
 
 
 def test_i_optimality_cares_for_the_target_only():
     """Of two parameters measured by different candidates only one matters."""
     factors = np.array([[[10.0, 0.0]], [[0.0, 1.0]], [[9.0, 0.0]]])
     problem = DesignProblem(factors, np.eye(2), np.diag([0.0, 1.0]))
-    assert select_candidates(problem, 1).rows.tolist() == [1]
-    assert select_candidates(problem, 1, strategy="D-optimal").rows.tolist() == [0]
+    assert select_candidates(problem, 1).tolist() == [1]
+    assert select_candidates(problem, 1, strategy="D-optimal").tolist() == [0]
     assert problem.course([1]) == pytest.approx([1.0, 0.5])
 
 
@@ -139,13 +139,13 @@ def test_variance_and_determinant_by_plain_algebra():
 def test_exchange_ends_where_no_swap_helps_and_is_never_worse_than_greedy(seed, n, criterion):
     problem = made_up(seed, prior=1e-2)
     start = greedy(problem, n, criterion)
-    best = fedorov_exchange(problem, start.rows, criterion)
-    assert len(set(best.rows.tolist())) == n
-    value = criterion.value(problem, best.rows)
-    assert value <= criterion.value(problem, start.rows)
+    best = fedorov_exchange(problem, start, criterion)
+    assert len(set(best.tolist())) == n
+    value = criterion.value(problem, best)
+    assert value <= criterion.value(problem, start)
     for place in range(n):
-        for other in set(range(12)) - set(best.rows.tolist()):
-            swapped = np.concatenate([np.delete(best.rows, place), [other]])
+        for other in set(range(12)) - set(best.tolist()):
+            swapped = np.concatenate([np.delete(best, place), [other]])
             # 2e-6: swaps that gain less than a millionth are not made.
             assert criterion.value(problem, swapped) >= value - 2e-6 * max(abs(value), 1)
 
@@ -154,7 +154,7 @@ def test_exchange_ends_where_no_swap_helps_and_is_never_worse_than_greedy(seed, 
 def test_greedy_takes_the_best_each_time(criterion):
     problem = made_up(2)
     taken: list[int] = []
-    for row in greedy(problem, 5, criterion).rows.tolist():
+    for row in greedy(problem, 5, criterion).tolist():
         values = {other: criterion.value(problem, [*taken, other]) for other in set(range(12)) - set(taken)}
         assert row == min(values, key=values.__getitem__)
         taken.append(row)
@@ -166,9 +166,9 @@ def test_against_all_choices(criterion):
     missed = 0
     for seed in range(20):
         problem = made_up(seed, prior=1e-2)
-        best = fedorov_exchange(problem, greedy(problem, 4, criterion).rows, criterion)
+        best = fedorov_exchange(problem, greedy(problem, 4, criterion), criterion)
         truth = min(criterion.value(problem, rows) for rows in combinations(range(12), 4))
-        excess = criterion.value(problem, best.rows) - truth
+        excess = criterion.value(problem, best) - truth
         missed += excess > 1e-9
         assert excess <= 0.2 * abs(truth)
     assert missed <= 2
@@ -178,22 +178,21 @@ def test_exchange_mends_a_bad_start():
     problem = made_up(3)
     worst = max(combinations(range(12), 4), key=problem.variance)
     best = fedorov_exchange(problem, worst, IOptimality())
-    assert best.swaps > 0
-    assert problem.variance(best.rows) < 0.7 * problem.variance(worst)
+    assert problem.variance(best) < 0.7 * problem.variance(worst)
 
 
 @pytest.mark.parametrize("strategy", STRATEGIES)
 def test_every_strategy_repeats_and_each_reading_helps(strategy):
     problem = made_up(4)
-    chosen = select_candidates(problem, 6, strategy=strategy, seed=3)
-    assert (select_candidates(problem, 6, strategy=strategy, seed=3).rows == chosen.rows).all()
-    assert len(set(chosen.rows.tolist())) == 6
-    assert (np.diff(problem.course(chosen.rows)) < 0).all()
+    chosen = select_candidates(problem, 6, strategy=strategy)
+    assert (select_candidates(problem, 6, strategy=strategy) == chosen).all()
+    assert len(set(chosen.tolist())) == 6
+    assert (np.diff(problem.course(chosen)) < 0).all()
 
 
 def test_equal_candidates_are_taken_in_order():
     problem = DesignProblem(np.ones((5, 1, 1)), np.eye(1), np.eye(1))
-    assert select_candidates(problem, 3).rows.tolist() == [0, 1, 2]
+    assert select_candidates(problem, 3).tolist() == [0, 1, 2]
 
 
 @pytest.mark.parametrize("strategy", ["I-optimal", "D-optimal"])
@@ -204,17 +203,8 @@ def test_the_choice_does_not_depend_on_the_parameters_units(strategy):
         problem.factors @ mixed, mixed.T @ problem.prior_precision @ mixed, mixed.T @ problem.target @ mixed
     )
     chosen = select_candidates(problem, 5, strategy=strategy)
-    assert (select_candidates(other, 5, strategy=strategy).rows == chosen.rows).all()
-    assert other.variance(chosen.rows) == pytest.approx(problem.variance(chosen.rows), rel=1e-6)
-
-
-@pytest.mark.parametrize("strategy", STRATEGIES)
-def test_what_is_taken_stays_and_only_what_is_allowed_is_chosen(strategy):
-    problem = made_up(6)
-    chosen = select_candidates(problem, 3, strategy=strategy, already=[0, 1], among=[0, 1, 2, 3, 4, 5])
-    assert set(chosen.rows.tolist()) <= {2, 3, 4, 5}
-    more = DesignProblem(problem.factors[2:6], problem.information([0, 1]), problem.target)
-    assert (select_candidates(more, 3, strategy=strategy).rows + 2 == chosen.rows).all()
+    assert (select_candidates(other, 5, strategy=strategy) == chosen).all()
+    assert other.variance(chosen) == pytest.approx(problem.variance(chosen), rel=1e-6)
 
 
 def test_progress_is_told():
@@ -231,9 +221,9 @@ def test_candidates_that_help_only_together_are_found():
     """
     factors = np.array([[[1.0, 0.0, 1.0]], [[-1.0, 0.0, 1.0]], [[0.0, 0.1, 0.0]], [[0.0, 0.1, 0.0]]]) * 10
     problem = DesignProblem(factors, np.diag([1.0, 1.0, 1e-12]), np.diag([1.0, 0.01, 0.0]))
-    assert greedy(problem, 2, IOptimality()).rows.tolist() == [2, 3]
-    assert fedorov_exchange(problem, [2, 3], IOptimality()).swaps == 0
-    assert sorted(select_candidates(problem, 2).rows.tolist()) == [0, 1]
+    assert greedy(problem, 2, IOptimality()).tolist() == [2, 3]
+    assert fedorov_exchange(problem, [2, 3], IOptimality()).tolist() == [2, 3]
+    assert sorted(select_candidates(problem, 2).tolist()) == [0, 1]
 
 
 # --- the target ---
@@ -338,32 +328,10 @@ def test_a_problem_is_checked():
     ("options", "why"),
     [
         ({"strategy": "A-optimal"}, "expected a strategy among"),
-        ({"strategy": "random", "seed": -1}, "seed"),
         ({"n": 0}, "1 to 12"),
         ({"n": 13}, "1 to 12"),
-        ({"n": 3, "among": [1, 2]}, "1 to 2"),
-        ({"already": range(12)}, "1 to 0"),
-        ({"already": [12]}, "from 0 to 11"),
-        ({"already": [-1]}, "from 0 to 11"),
-        ({"among": [1, 1]}, "different"),
-        ({"among": [0.5]}, "indices"),
     ],
 )
 def test_a_choice_is_checked(options, why):
     with pytest.raises(InputError, match=why):
         select_candidates(made_up(), **{"n": 2, **options})
-
-
-def test_the_parts_are_checked():
-    with pytest.raises(InputError, match="columns"):
-        stack_factors([np.ones((2, 3)), np.ones((2, 4))])
-    with pytest.raises(InputError, match="at least one"):
-        stack_factors([])
-    with pytest.raises(InputError, match="as many rows"):
-        project_out(np.ones((3, 2)), np.ones((2, 1)))
-    with pytest.raises(InputError, match="poses, 3, parameters"):
-        moment_matrix(np.ones((3, 2)))
-    with pytest.raises(InputError, match="finite tips"):
-        moment_matrix(np.ones((4, 3, 2)), np.ones((3, 3)))
-    with pytest.raises(InputError, match="shape"):
-        factor_of(np.ones(3))

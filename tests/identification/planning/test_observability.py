@@ -8,18 +8,17 @@ from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
 from truearm.arm.chain import Chain
-from truearm.errors import InputError
-from truearm.identification.planning.observability import observability, observability_of, rank_and_gap
+from truearm.identification.planning.observability import observability, rank_and_gap
 
 
 def test_the_indices_of_a_case_solved_by_hand():
-    found = observability_of([8.0, 1.0, 2.0, 4.0], n_poses=4)
+    found = observability(np.diag([8.0, 1.0, 2.0, 4.0]), n_poses=4)
     assert found.o1 == pytest.approx(2 ** ((3 + 0 + 1 + 2) / 4) / 2)  # fourth root of 64, over sqrt(4)
     assert found.o2 == 1 / 8
     assert found.o3 == 1.0
     assert found.o4 == 1 / 8
     assert found.o5 == pytest.approx(1 / (1 / 8 + 1 / 4 + 1 / 2 + 1))
-    assert (found.rank, found.n_parameters, found.gap) == (4, 4, 2.0)
+    assert (found.rank, found.n_parameters, found.gap) == (4, 4, 1.0)  # of columns of unit length
 
 
 def test_two_links_in_a_plane():
@@ -92,7 +91,7 @@ def test_nothing_seen():
     ],
 )
 def test_rank_rests_on_the_largest_gap(values, rank, gap):
-    found = rank_and_gap(values)
+    found = rank_and_gap(np.array(values))
     assert found[0] == rank
     assert found[1] == pytest.approx(gap)
 
@@ -120,22 +119,3 @@ def test_points_tell_4n_plus_3_combinations_of_a_generic_arm(n):
     found = observability(J.transpose(0, 3, 1, 2).reshape(120, -1), n_poses=40)
     assert found.rank == 4 * n + 3
     assert found.gap > 1e6
-
-
-@pytest.mark.parametrize(
-    "bad", [np.zeros((0, 3)), np.zeros((3, 0)), np.zeros(3), np.array([[1.0, np.nan]]), np.array([[np.inf]])]
-)
-def test_a_jacobian_must_be_one(bad):
-    with pytest.raises(InputError, match="Jacobian"):
-        observability(bad, n_poses=1)
-
-
-@pytest.mark.parametrize("bad", [[], [1.0, -1.0], [np.nan], [[1.0]]])
-def test_singular_values_must_be_such(bad):
-    with pytest.raises(InputError, match="singular values"):
-        observability_of(bad, n_poses=1)
-
-
-def test_poses_are_counted_from_one():
-    with pytest.raises(InputError, match="at least one pose"):
-        observability_of([1.0], n_poses=0)

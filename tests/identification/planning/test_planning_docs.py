@@ -12,10 +12,10 @@ PAGE = Path(__file__).parents[3] / "docs" / "planning.md"
 def test_its_example_runs_and_more_places_of_the_bar_leave_less():
     names: dict = {}
     exec(PAGE.read_text(encoding="utf-8").split("```python")[1].split("```")[0], names)
-    course = names["problem"].course(names["plan"].rows)
+    course = names["problem"].course(names["plan"])
     assert len(course) == 5
     assert (np.diff(course) < 0).all()
-    assert len(names["candidates"].readings(names["plan"].rows)) == 4 * 10
+    assert len(names["candidates"].readings(names["plan"])) == 4 * 10
 
 
 def test_what_it_names_is_there():

@@ -26,7 +26,6 @@ from truearm.arm.chain import Chain
 from truearm.arm.rigid_motions import cos_sin
 from truearm.errors import InputError
 from truearm.identification.estimation.identification_result import IdentificationResult
-from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.terms.basis import Constant, Harmonics
 from truearm.identification.terms.state import ArmState
 from truearm.solve.square_roots import unit_diagonal
@@ -211,15 +210,13 @@ def joint_error(fit: IdentificationResult, joint: int, angles: npt.ArrayLike, *,
 def _own_axis(fit: IdentificationResult, joint: int) -> tuple[IntArray, IntArray]:
     """Orders (k,) of a joint's harmonics about its own axis, and the columns (k, 2) of their cosine and sine."""
     orders: list[int] = []
-    columns: list[tuple[int, int]] = []
-    start = 0
-    for term in fit.perturbed_chain.terms:
+    found: list[IntArray] = [np.zeros(0, dtype=np.intp)]
+    for term, columns in zip(fit.perturbed_chain.terms, fit.perturbed_chain.columns, strict=True):
         basis = term.basis
         if term.place == joint and term.direction == OWN_AXIS and isinstance(basis, Harmonics) and basis.joint == joint:
             orders += basis.orders
-            columns += [(start + 2 * i, start + 2 * i + 1) for i in range(len(basis.orders))]
-        start += term.n_coefficients
-    return np.array(orders, dtype=np.intp), np.array(columns, dtype=np.intp).reshape(-1, 2)
+            found.append(columns)
+    return np.array(orders, dtype=np.intp), np.concatenate(found).reshape(-1, 2)
 
 
 def _functions(orders: IntArray, angles: FloatArray) -> FloatArray:
@@ -316,39 +313,34 @@ class Identifiability:
 
 def identifiability(fit: IdentificationResult) -> Identifiability:
     """Identifiability of the constants of a fit, including a free base and tip."""
-    names, columns, effects, start = [], [], [], 0
-    levers = _levers(fit.chain)
-    for term in fit.perturbed_chain.terms:
-        if isinstance(term.basis, Constant):
-            names.append(term.name)
-            columns.append(start)
-            turn, shift = np.linalg.norm(term.direction[:3]), np.linalg.norm(term.direction[3:])
-            effects.append(float(turn * levers[term.place] + shift))
-        start += term.n_coefficients
-    if not names:
+    constants = fit.select(lambda term: isinstance(term.basis, Constant))
+    terms, prior_std, levers = constants.perturbed_chain.terms, constants.prior_std, _levers(fit.chain)
+    if not terms:
         return Identifiability({}, (), ())
-    prior_std = fit.prior_std[columns]
-    whitened = fit.covariance[np.ix_(columns, columns)] / np.outer(prior_std, prior_std)
+    names = [term.name for term in terms]
+    directions = np.array([term.direction for term in terms])
+    turns, shifts = np.linalg.norm(directions[:, :3], axis=1), np.linalg.norm(directions[:, 3:], axis=1)
+    effects = turns * levers[[term.place for term in terms]] + shifts
+    whitened = constants.covariance / np.outer(prior_std, prior_std)
     determined = {name: float(np.clip(1 - v, 0.0, 1.0)) for name, v in zip(names, whitened.diagonal(), strict=True)}
     values, vectors = np.linalg.eigh(whitened)
-    without_effect = _combinations_without_effect(fit, columns)
+    without_effect = _combinations_without_effect(constants)
     left_open = vectors[:, values > UNIDENTIFIABLE_SHARE]
     left_open = left_open - without_effect @ (without_effect.T @ left_open)
     basis, size, _ = np.linalg.svd(left_open, full_matrices=False)
     unidentifiable = (
-        *_named(basis[:, size > UNIDENTIFIABLE_SHARE], names, prior_std, np.array(effects), at_other_poses=True),
-        *_named(without_effect, names, prior_std, np.array(effects), at_other_poses=False),
+        *_named(basis[:, size > UNIDENTIFIABLE_SHARE], names, prior_std, effects, at_other_poses=True),
+        *_named(without_effect, names, prior_std, effects, at_other_poses=False),
     )
     return Identifiability(determined, unidentifiable, _correlated(whitened, names))
 
 
-def _combinations_without_effect(fit: IdentificationResult, columns: list[int]) -> FloatArray:
+def _combinations_without_effect(constants: IdentificationResult) -> FloatArray:
     """(n, k) combinations of the constants, in prior standard deviations, that move the tip at no pose."""
-    chain, rng = fit.perturbed_chain.chain, np.random.default_rng(0)
+    chain, rng = constants.perturbed_chain.chain, np.random.default_rng(0)
     angles = np.where(chain.is_prismatic, 500.0, np.pi) * rng.uniform(-1, 1, (POSES, chain.n_joints))
-    arm = PerturbedChain(chain, tuple(term for term in fit.perturbed_chain.terms if isinstance(term.basis, Constant)))
-    ((_, _, by),) = arm.derivatives(ArmState(chain, angles), fit.coefficients[columns])
-    by_whitened = by.reshape(len(columns), -1).T * fit.prior_std[columns]
+    ((_, _, by),) = constants.perturbed_chain.derivatives(ArmState(chain, angles), constants.coefficients)
+    by_whitened = by.reshape(len(by), -1).T * constants.prior_std
     # Scale each column: a base that is uncertain by metres must not hide the effect of a link's milliradian.
     length = np.linalg.norm(by_whitened, axis=0)
     length[length == 0] = 1.0

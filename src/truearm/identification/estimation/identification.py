@@ -190,9 +190,8 @@ def started_at(
 
     So are groups that the evidence pruned: other readings, or more of them, may show them.
     """
-    known_terms = start.perturbed_chain.terms
-    ends = np.cumsum([term.n_coefficients for term in known_terms], dtype=np.intp)
-    known = dict(zip(known_terms, np.split(start.coefficients, ends)[:-1], strict=True))  # after the last: none
+    chain = start.perturbed_chain
+    known = {term: start.coefficients[own] for term, own in zip(chain.terms, chain.columns, strict=True)}
     x = np.concatenate(
         [
             *(known.get(term, np.zeros(term.n_coefficients)) for term in perturbed_chain.terms),

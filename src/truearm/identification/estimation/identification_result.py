@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -14,7 +14,7 @@ from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.references.references import Reference
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
-from truearm.typing import FloatArray, IntArray
+from truearm.typing import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -116,6 +116,25 @@ class IdentificationResult:
         """The chain with the constant terms composed, without those that depend on the state of the arm."""
         return self.perturbed_chain.with_constants(self.coefficients)
 
+    def columns_of(self, is_meant: Callable[[Term], bool]) -> BoolArray:
+        """(n_coefficients,) Whether each coefficient is of a term that is meant."""
+        terms = self.perturbed_chain.terms
+        meant, counts = [is_meant(term) for term in terms], [term.n_coefficients for term in terms]
+        return np.repeat(np.array(meant, dtype=bool), counts)
+
+    def select(self, is_meant: Callable[[Term], bool]) -> IdentificationResult:
+        """The same with some of the terms; the others are integrated out."""
+        kept = self.columns_of(is_meant)
+        return replace(
+            self,
+            perturbed_chain=PerturbedChain(
+                self.perturbed_chain.chain, tuple(filter(is_meant, self.perturbed_chain.terms))
+            ),
+            coefficients=self.coefficients[kept],
+            covariance=self.covariance[np.ix_(kept, kept)],
+            prior_std=self.prior_std[kept],
+        )
+
     @property
     def parameters(self) -> FloatArray:
         """The coefficients, then the unknowns of the references: the parameters of `SmallMotionProblem`."""
@@ -188,12 +207,9 @@ class IdentificationResult:
     @cached_property
     def processes(self) -> list[tuple[Term, float]]:
         """Terms whose functions approximate a process, and its prior standard deviation."""
-        stops = np.cumsum([term.n_coefficients for term in self.perturbed_chain.terms])
-        return [
-            (term, float(self.prior_std[stop - 1]))
-            for term, stop in zip(self.perturbed_chain.terms, stops, strict=True)
-            if term.basis.is_approximate
-        ]
+        chain = self.perturbed_chain
+        pairs = zip(chain.terms, chain.columns, strict=True)
+        return [(term, float(self.prior_std[columns[-1]])) for term, columns in pairs if term.basis.is_approximate]
 
     @cached_property
     def _root(self) -> CovarianceRoot:

@@ -72,6 +72,12 @@ class PerturbedChain:
         return sum(term.n_coefficients for term in self.terms)
 
     @cached_property
+    def columns(self) -> list[IntArray]:
+        """Coefficients of each term."""
+        starts = np.cumsum([0, *(term.n_coefficients for term in self.terms)])
+        return [np.arange(first, stop) for first, stop in pairwise(starts)]
+
+    @cached_property
     def is_constant(self) -> bool:
         """Whether the motions are the same at every reading."""
         return all(isinstance(term.basis, Constant) for term in self.terms)
@@ -80,7 +86,7 @@ class PerturbedChain:
     def sites(self) -> list[Site]:
         """Terms grouped by place and direction."""
         grouped: dict[tuple[int, tuple[float, ...]], list[tuple[IntArray, IntArray]]] = {}
-        for term, columns in zip(self.terms, self._columns, strict=True):
+        for term, columns in zip(self.terms, self.columns, strict=True):
             rows = self._functions[term.place, term.basis]
             grouped.setdefault((term.place, term.direction), []).append((columns, rows))
         sites = []
@@ -157,11 +163,10 @@ class PerturbedChain:
 
     def with_constants(self, x: FloatArray) -> Chain:
         """The chain with the constant terms composed, without the others."""
-        motions, start = np.zeros((self.chain.n_places, 6)), 0
-        for term in self.terms:
+        motions = np.zeros((self.chain.n_places, 6))
+        for term, columns in zip(self.terms, self.columns, strict=True):
             if isinstance(term.basis, Constant):
-                motions[term.place] += x[start] * np.array(term.direction)
-            start += term.n_coefficients
+                motions[term.place] += x[columns[0]] * np.array(term.direction)
         return self.chain.with_motions(motions)
 
     def tips(self, state: ArmState, x: FloatArray) -> FloatArray:
@@ -254,12 +259,6 @@ class PerturbedChain:
         return sums.reshape(-1, 6)
 
     @cached_property
-    def _columns(self) -> list[IntArray]:
-        """Coefficients of each term."""
-        starts = np.cumsum([0, *(term.n_coefficients for term in self.terms)])
-        return [np.arange(first, stop) for first, stop in pairwise(starts)]
-
-    @cached_property
     def _functions(self) -> dict[tuple[int, Basis], IntArray]:
         """Rows of each basis at each place among the values; those of one place are adjacent."""
         distinct = sorted(dict.fromkeys((term.place, term.basis) for term in self.terms), key=lambda both: both[0])
@@ -322,7 +321,7 @@ class PerturbedChain:
         """Coefficient, entry of the matrix (n_functions, 6) that it adds to, and component of the direction."""
         found = [
             (column, 6 * row + axis, component)
-            for term, columns in zip(self.terms, self._columns, strict=True)
+            for term, columns in zip(self.terms, self.columns, strict=True)
             for column, row in zip(columns, self._functions[term.place, term.basis], strict=True)
             for axis, component in enumerate(term.direction)
             if component

@@ -10,7 +10,7 @@ from truearm.errors import InputError
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.references.tips import listed_tips
-from truearm.identification.terms import Constant, OfTip, Term
+from truearm.identification.terms import Constant, OfTip
 from truearm.typing import FloatArray
 
 # Three tips are in a line where the third is nearer to it than this share of their distance.
@@ -22,11 +22,10 @@ COVERAGE = 3.0
 def tip_offsets(fit: IdentificationResult, tips: tuple[str, ...]) -> FloatArray:
     """(n_tips, 3) offsets of the tips from the first, along the axes of the flange [mm]."""
     offsets = dict.fromkeys(tips, np.zeros(3))
-    start = 0
-    for term in fit.perturbed_chain.terms:
+    for term, columns in zip(fit.perturbed_chain.terms, fit.perturbed_chain.columns, strict=True):
         if isinstance(term.basis, OfTip):
-            offsets[term.basis.name] = offsets[term.basis.name] + fit.coefficients[start] * np.array(term.direction[3:])
-        start += term.n_coefficients
+            shift = fit.coefficients[columns[0]] * np.array(term.direction[3:])
+            offsets[term.basis.name] = offsets[term.basis.name] + shift
     return np.stack(list(offsets.values())) if offsets else np.zeros((0, 3))
 
 
@@ -54,10 +53,8 @@ def describe_tips(fit: IdentificationResult, tips: tuple[str, ...]) -> str | Non
 
 def _largest_offset_std(fit: IdentificationResult) -> float:
     """Largest standard deviation of the offset of a tip along a direction of the flange [mm]."""
-    terms = fit.perturbed_chain.terms
-    stops = np.cumsum([term.n_coefficients for term in terms]).tolist()
-    columns = [stop - 1 for term, stop in zip(terms, stops, strict=True) if isinstance(term.basis, OfTip)]
-    return float(np.sqrt(fit.covariance.diagonal()[columns].max(initial=0.0)))
+    variances = fit.covariance.diagonal()[fit.columns_of(lambda term: isinstance(term.basis, OfTip))]
+    return float(np.sqrt(variances.max(initial=0.0)))
 
 
 def of_one_tip(fit: IdentificationResult, name: str, tips: tuple[str, ...]) -> IdentificationResult:
@@ -75,22 +72,9 @@ def of_one_tip(fit: IdentificationResult, name: str, tips: tuple[str, ...]) -> I
             else f"the model has one tip without a name, got {name!r}",
             hint="tips are named in the column tip of the training session",
         )
-    terms: list[Term] = []
-    kept: list[int] = []
-    start = 0
-    for term in fit.perturbed_chain.terms:
-        columns = range(start, start + term.n_coefficients)
-        start = columns.stop
-        if isinstance(term.basis, OfTip):
-            if term.basis.name != name:
-                continue
-            term = replace(term, basis=Constant())
-        terms.append(term)
-        kept += columns
-    return replace(
-        fit,
-        perturbed_chain=PerturbedChain(fit.perturbed_chain.chain, tuple(terms)),
-        coefficients=fit.coefficients[kept],
-        covariance=fit.covariance[np.ix_(kept, kept)],
-        prior_std=fit.prior_std[kept],
+    kept = fit.select(lambda term: not isinstance(term.basis, OfTip) or term.basis.name == name)
+    terms = (
+        replace(term, basis=Constant()) if isinstance(term.basis, OfTip) else term
+        for term in kept.perturbed_chain.terms
     )
+    return replace(kept, perturbed_chain=PerturbedChain(fit.perturbed_chain.chain, tuple(terms)))

@@ -18,7 +18,6 @@ import numpy as np
 
 from truearm.arm.chain import Chain
 from truearm.identification.estimation.identification_result import IdentificationResult
-from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.terms.basis import AXES, Constant, InSession
 from truearm.identification.terms.term import Term
 from truearm.typing import FloatArray
@@ -66,8 +65,6 @@ def on_another_day(fit: IdentificationResult) -> IdentificationResult:
     chain, terms = fit.perturbed_chain.chain, fit.perturbed_chain.terms
     shown = [group.scale for group in fit.groups if group.name == GROUP and group.scale > 0]
     variance = shown[0] ** 2 if shown else 2.0
-    sizes = [term.n_coefficients for term in terms]
-    stays = np.repeat([term.group != GROUP for term in terms], sizes).astype(bool)
     stds: FloatArray = np.array([_std(chain, c) if c in COMPONENTS else 0.0 for c in range(6)])
     added = [
         variance * float(((stds * term.direction) ** 2).sum())
@@ -75,14 +72,8 @@ def on_another_day(fit: IdentificationResult) -> IdentificationResult:
         else 0.0
         for term in terms
     ]
-    covariance = (fit.covariance + np.diag(np.repeat(added, sizes)))[np.ix_(stays, stays)]
-    return replace(
-        fit,
-        perturbed_chain=PerturbedChain(chain, tuple(term for term in terms if term.group != GROUP)),
-        coefficients=fit.coefficients[stays],
-        covariance=covariance,
-        prior_std=fit.prior_std[stays],
-    )
+    covariance = fit.covariance + np.diag(np.repeat(added, [term.n_coefficients for term in terms]))
+    return replace(fit, covariance=covariance).select(lambda term: term.group != GROUP)
 
 
 def _std(chain: Chain, component: int) -> float:

@@ -172,9 +172,9 @@ def _relative(
 
 def _coefficients_of_growth(chain: PerturbedChain) -> tuple[IntArray, list[Term]]:
     """Coefficients of the thermal terms, and these."""
-    starts = np.cumsum([0, *(term.n_coefficients for term in chain.terms)])
-    which = [i for i, term in enumerate(chain.terms) if isinstance(term.basis, Temperature)]
-    return starts[which].astype(np.intp), [chain.terms[i] for i in which]
+    pairs = zip(chain.terms, chain.columns, strict=True)
+    grows = [(term, columns[0]) for term, columns in pairs if isinstance(term.basis, Temperature)]
+    return np.array([column for _, column in grows], dtype=np.intp), [term for term, _ in grows]
 
 
 def _likelihood(covariance: FloatArray, x: FloatArray, prior_std: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -209,11 +209,10 @@ def refuse_implausible(check: NominalCheck, arm: Arm, readings: Session, tips: F
 
 def _largest_constant(fit: IdentificationResult, free: set[str]) -> tuple[str, float]:
     """The constant that is largest compared with its prior, and the largest share of the credible size of any."""
-    found, shares, start = [(0.0, "none")], [0.0], 0
-    for term in fit.perturbed_chain.terms:
-        value = float(fit.coefficients[start])
-        start += term.n_coefficients
+    found, shares = [(0.0, "none")], [0.0]
+    for term, columns in zip(fit.perturbed_chain.terms, fit.perturbed_chain.columns, strict=True):
         if term.name not in free:
+            value = float(fit.coefficients[columns[0]])
             is_angle = any(term.direction[:3])
             stds = abs(value) / float(term.prior_stds[0])
             size = f"{np.degrees(value):.3g} deg" if is_angle else f"{value:.3g} mm"

@@ -17,7 +17,6 @@ import numpy as np
 from truearm.errors import InputError
 from truearm.identification.estimation.identification import identify
 from truearm.identification.estimation.identification_result import IdentificationResult
-from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.estimation.residual_process import GROUP, propose_process
 from truearm.identification.estimation.residual_variance import HeldOutReadings
 from truearm.identification.judgement.cross_validation import cross_validate_by_group
@@ -204,8 +203,7 @@ def add_residual_process(
 
 def process_columns(fit: IdentificationResult) -> BoolArray:
     """(n_coefficients,) coefficients of the residual process."""
-    terms = fit.perturbed_chain.terms
-    return np.repeat([term.group == GROUP for term in terms], [term.n_coefficients for term in terms]).astype(bool)
+    return fit.columns_of(lambda term: term.group == GROUP)
 
 
 def without_process(fit: IdentificationResult) -> IdentificationResult:
@@ -215,14 +213,11 @@ def without_process(fit: IdentificationResult) -> IdentificationResult:
         return fit
     keep = ~drop
     gain = np.linalg.solve(fit.covariance[np.ix_(drop, drop)], fit.covariance[np.ix_(drop, keep)]).T
+    marginal = fit.select(lambda term: term.group != GROUP)
     return replace(
-        fit,
-        perturbed_chain=PerturbedChain(
-            fit.perturbed_chain.chain, tuple(term for term in fit.perturbed_chain.terms if term.group != GROUP)
-        ),
-        coefficients=fit.coefficients[keep] - gain @ fit.coefficients[drop],
-        covariance=fit.covariance[np.ix_(keep, keep)] - gain @ fit.covariance[np.ix_(drop, keep)],
-        prior_std=fit.prior_std[keep],
+        marginal,
+        coefficients=marginal.coefficients - gain @ fit.coefficients[drop],
+        covariance=marginal.covariance - gain @ fit.covariance[np.ix_(drop, keep)],
         groups=tuple(group for group in fit.groups if group.name != GROUP),
     )
 

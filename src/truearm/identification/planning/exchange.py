@@ -28,7 +28,7 @@ experiments for identification of manipulator elastostatic parameters", Applied 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
@@ -40,7 +40,6 @@ from scipy.linalg import cho_solve
 
 from truearm.errors import InputError
 from truearm.identification.planning.factors import factor_of, symmetric_matrix
-from truearm.identification.planning.sampling.poses import checked_seed
 from truearm.solve.arrays import whiten
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray, IntArray
@@ -178,37 +177,13 @@ class DOptimality:
         return np.asarray(np.linalg.slogdet(np.eye(S.shape[1]) + S)[1])
 
 
-@dataclass(frozen=True, eq=False)
-class DesignSelection:
-    """Chosen candidates.
-
-    Attributes
-    ----------
-    rows : (n,) int array
-        In the order of measurement: each is the best of the remaining ones (random ones: in the order drawn), so that
-        an early stop leaves a good selection.
-    swaps : int
-        Number of exchanges after the greedy choice.
-    """
-
-    rows: IntArray
-    swaps: int = 0
-
-
-STRATEGIES = ("I-optimal", "D-optimal", "random")
+STRATEGIES = ("I-optimal", "D-optimal")
 """The strategies of `select_candidates`."""
 
 
 def select_candidates(
-    problem: DesignProblem,
-    n: int,
-    *,
-    strategy: str = "I-optimal",
-    already: Sequence[int] | IntArray = (),
-    among: Sequence[int] | IntArray | None = None,
-    seed: int = 0,
-    progress: Progress | None = None,
-) -> DesignSelection:
+    problem: DesignProblem, n: int, *, strategy: str = "I-optimal", progress: Progress | None = None
+) -> IntArray:
     """Choose candidates by a strategy.
 
     Parameters
@@ -218,13 +193,13 @@ def select_candidates(
         Number of candidates, each at most once.
     strategy : str
         One of `STRATEGIES`.
-    already : sequence of int, optional
-        Candidates that are in the plan already; they stay.
-    among : sequence of int, optional
-        Candidates that may be chosen, all by default.
-    seed : int
-        Seed of the random strategy; the others are deterministic.
     progress : callable, optional
+
+    Returns
+    -------
+    (n,) int array
+        In the order of measurement: each is the best of the remaining ones, so that an early stop leaves a good
+        selection.
 
     Raises
     ------
@@ -233,34 +208,24 @@ def select_candidates(
     """
     if strategy not in STRATEGIES:
         raise InputError(f"expected a strategy among {', '.join(STRATEGIES)}, got {strategy!r}")
-    fixed = _checked_rows("already", already, problem.n_candidates)
-    pool = np.setdiff1d(
-        np.arange(problem.n_candidates) if among is None else _checked_rows("among", among, problem.n_candidates), fixed
-    )
-    if not 1 <= n <= len(pool):
-        raise InputError(f"expected to choose 1 to {len(pool)} candidates, got {n}")
-    if strategy == "random":
-        return DesignSelection(np.random.default_rng(checked_seed(seed)).permutation(pool)[:n])
+    if not 1 <= n <= problem.n_candidates:
+        raise InputError(f"expected to choose 1 to {problem.n_candidates} candidates, got {n}")
     criterion: Criterion = IOptimality() if strategy == "I-optimal" else DOptimality()
     starting: list[Criterion] = [criterion] if strategy == "D-optimal" else [criterion, DOptimality()]
     with one_blas_thread():
-        free = DesignProblem(problem.factors[pool], problem.information(fixed), problem.target)
         # Some candidates are useful only together, as the first two poses in a seat: the first alone does not lower the
         # I-criterion, but it changes the determinant. The selection starts from both.
-        starts = [greedy(free, n, start, progress=progress) for start in starting]
+        starts = [greedy(problem, n, start, progress=progress) for start in starting]
         best = min(
-            (fedorov_exchange(free, start.rows, criterion, progress=progress) for start in starts),
-            key=lambda selection: criterion.value(free, selection.rows),
+            (fedorov_exchange(problem, start, criterion, progress=progress) for start in starts),
+            key=lambda rows: criterion.value(problem, rows),
         )
-        chosen = DesignProblem(free.factors[best.rows], free.prior_precision, free.target)
-        order = greedy(chosen, n, criterion).rows
-    return DesignSelection(pool[best.rows[order]], best.swaps)
+        chosen = DesignProblem(problem.factors[best], problem.prior_precision, problem.target)
+        return np.asarray(best[greedy(chosen, n, criterion)])
 
 
-def greedy(
-    problem: DesignProblem, n: int, criterion: Criterion, *, progress: Progress | None = None
-) -> DesignSelection:
-    """Choose n candidates, each the one that lowers the criterion most.
+def greedy(problem: DesignProblem, n: int, criterion: Criterion, *, progress: Progress | None = None) -> IntArray:
+    """Choose n candidates, (n,), each the one that lowers the criterion most.
 
     Parameters
     ----------
@@ -277,12 +242,12 @@ def greedy(
         posterior.add(_first_best(drops))
         if progress is not None:
             progress("choose", count + 1, n)
-    return DesignSelection(np.array(posterior.rows, dtype=np.intp))
+    return np.array(posterior.rows, dtype=np.intp)
 
 
 def fedorov_exchange(
     problem: DesignProblem, rows: npt.ArrayLike, criterion: Criterion, *, progress: Progress | None = None
-) -> DesignSelection:
+) -> IntArray:
     """Exchange chosen candidates for others, one for one, until no swap lowers the criterion.
 
     Parameters
@@ -295,24 +260,23 @@ def fedorov_exchange(
 
     Returns
     -------
-    DesignSelection
+    (n,) int array
         Never worse than `rows`.
     """
     best = np.array(rows, dtype=np.intp)
-    value, swaps = criterion.value(problem, best), 0
+    value = criterion.value(problem, best)
     while True:
         posterior = _Posterior(problem, best.tolist())
-        tried, made = _one_round(posterior, criterion, progress)
+        tried = _one_round(posterior, criterion, progress)
         lowered = criterion.value(problem, tried)
         # Without updates: an improvement that is rounding only ends the search.
-        if not made or lowered >= value:
-            return DesignSelection(best, swaps)
-        best, value, swaps = tried, lowered, swaps + made
+        if lowered >= value:
+            return best
+        best, value = tried, lowered
 
 
-def _one_round(posterior: _Posterior, criterion: Criterion, progress: Progress | None) -> tuple[IntArray, int]:
-    """Try to exchange every chosen candidate once; return the choice and the number of exchanges."""
-    swaps = 0
+def _one_round(posterior: _Posterior, criterion: Criterion, progress: Progress | None) -> IntArray:
+    """Try to exchange every chosen candidate once."""
     offered = list(posterior.rows)
     for count, row in enumerate(offered):
         posterior.refresh()
@@ -324,10 +288,9 @@ def _one_round(posterior: _Posterior, criterion: Criterion, progress: Progress |
         if drops[other] > (1 + _LEAST) * own:
             posterior = without
             posterior.add(other)
-            swaps += 1
         if progress is not None:
             progress("exchange", count + 1, len(offered))
-    return np.array(posterior.rows, dtype=np.intp), swaps
+    return np.array(posterior.rows, dtype=np.intp)
 
 
 class _Posterior:
@@ -417,14 +380,3 @@ def _variance(information: FloatArray, target_factor: FloatArray) -> float | Non
     """``trace(F A^-1 F^T)``, or None if A is not positive definite."""
     half = whiten(information.copy(), target_factor.T)
     return None if half is None else float(np.vdot(half, half))
-
-
-def _checked_rows(name: str, rows: Sequence[int] | IntArray, n: int) -> IntArray:
-    array = np.asarray(rows)
-    if array.size == 0:
-        return np.zeros(0, dtype=np.intp)
-    if array.ndim != 1 or not np.issubdtype(array.dtype, np.integer):
-        raise InputError(f"expected {name} as indices of candidates, got {rows!r}")
-    if array.min() < 0 or array.max() >= n or len(np.unique(array)) != len(array):
-        raise InputError(f"expected {name} as different indices from 0 to {n - 1}, got {array.tolist()}")
-    return array.astype(np.intp)

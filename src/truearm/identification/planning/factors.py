@@ -13,7 +13,7 @@ from truearm.identification.references.alignment import rigid_motions
 from truearm.typing import FloatArray
 
 
-def moment_matrix(jacobians: npt.ArrayLike, tips: npt.ArrayLike | None = None, *, scale: bool = False) -> FloatArray:
+def moment_matrix(jacobians: FloatArray, tips: FloatArray | None = None, *, scale: bool = False) -> FloatArray:
     """Target of the I-criterion: the mean over poses of ``J_t^T J_t``, (p, p).
 
     With `tips`, the frame is first fitted to the points: these are the errors of an arm whose coordinates are compared
@@ -27,21 +27,11 @@ def moment_matrix(jacobians: npt.ArrayLike, tips: npt.ArrayLike | None = None, *
         The tip at these poses [mm].
     scale : bool
         Whether a scale is fitted with the frame: seats without a known length do not determine it.
-
-    Raises
-    ------
-    InputError
-        If shapes do not fit or a number is not finite.
     """
-    J = np.asarray(jacobians, dtype=float)
-    if J.ndim != 3 or J.shape[1] != 3 or 0 in J.shape or not np.isfinite(J).all():
-        raise InputError(f"expected finite Jacobians of shape (poses, 3, parameters), got {J.shape}")
-    rows = J.reshape(-1, J.shape[2])
+    rows = jacobians.reshape(-1, jacobians.shape[2])
     if tips is not None:
-        if len(tips := np.asarray(tips, dtype=float)) != len(J):
-            raise InputError(f"expected {len(J)} finite tips, got {len(tips)}")
         rows = project_out(rows, rigid_motions(tips, scale=scale))
-    return np.asarray(rows.T @ rows / len(J))
+    return np.asarray(rows.T @ rows / len(jacobians))
 
 
 def stack_factors(factors: Sequence[FloatArray]) -> FloatArray:
@@ -52,16 +42,14 @@ def stack_factors(factors: Sequence[FloatArray]) -> FloatArray:
     factors : sequence of (k_i, p) arrays
         One with more rows than parameters is replaced by its triangular factor, which has the same information.
     """
-    reduced = [_triangular(np.asarray(factor, dtype=float)) for factor in factors]
-    if not reduced or any(factor.ndim != 2 or factor.shape[1] != reduced[0].shape[1] for factor in reduced):
-        raise InputError("expected at least one factor, and all of them matrices with as many columns")
+    reduced = [np.linalg.qr(factor, mode="r") if factor.shape[0] > factor.shape[1] else factor for factor in factors]
     out = np.zeros((len(reduced), max(1, *map(len, reduced)), reduced[0].shape[1]))
     for place, factor in zip(out, reduced, strict=True):
         place[: len(factor)] = factor
     return out
 
 
-def project_out(jacobian: npt.ArrayLike, nuisance: npt.ArrayLike) -> FloatArray:
+def project_out(jacobian: FloatArray, nuisance: FloatArray) -> FloatArray:
     """Eliminate unknowns that are estimated from the same readings: rows of information about the parameters alone.
 
     The information of ``[J B]`` about the parameters alone is ``J^T (I - B B^+) J``, the Schur complement of ``B^T B``;
@@ -78,27 +66,22 @@ def project_out(jacobian: npt.ArrayLike, nuisance: npt.ArrayLike) -> FloatArray:
     -------
     (m - rank of nuisance, p) array
     """
-    J, B = np.asarray(jacobian, dtype=float), np.asarray(nuisance, dtype=float)
-    if J.ndim != 2 or B.ndim != 2 or len(J) != len(B) or not (np.isfinite(J).all() and np.isfinite(B).all()):
-        raise InputError(f"expected finite matrices with as many rows, got {J.shape} and {B.shape}")
-    if not B.size:
-        return J
-    Q, R, _ = qr(B, pivoting=True)
+    if not nuisance.size:
+        return jacobian
+    Q, R, _ = qr(nuisance, pivoting=True)
     size = np.abs(R.diagonal())
-    rank = int((size > max(B.shape) * np.finfo(float).eps * size[0]).sum())
-    return np.asarray(Q[:, rank:].T @ J)
+    rank = int((size > max(nuisance.shape) * np.finfo(float).eps * size[0]).sum())
+    return np.asarray(Q[:, rank:].T @ jacobian)
 
 
-def factor_of(information: npt.ArrayLike) -> FloatArray:
-    """Rows F (r, p) with ``F^T F`` equal to an information matrix (p, p) of rank r, to rounding.
+def factor_of(matrix: FloatArray) -> FloatArray:
+    """Rows F (r, p) with ``F^T F`` equal to a symmetric matrix (p, p) of rank r, to rounding.
 
     Raises
     ------
     InputError
-        If it is not a finite symmetric matrix, or has an eigenvalue below zero.
+        If it has an eigenvalue below zero.
     """
-    matrix = np.asarray(information, dtype=float)
-    matrix = symmetric_matrix("an information matrix", matrix, len(np.atleast_1d(matrix)))
     scale = np.sqrt(np.abs(matrix.diagonal()))  # rounding must not depend on the parameters' units
     divisor = np.where(scale > 0, scale, 1.0)
     unit = matrix / np.outer(divisor, divisor)
@@ -123,8 +106,3 @@ def symmetric_matrix(name: str, matrix: npt.ArrayLike, p: int) -> FloatArray:
     if not (np.abs(array - array.T) <= 1e-9 * np.outer(scale, scale)).all():
         raise InputError(f"{name} must be symmetric")
     return np.asarray(0.5 * (array + array.T))
-
-
-def _triangular(factor: FloatArray) -> FloatArray:
-    tall = factor.ndim == 2 and factor.shape[0] > factor.shape[1]
-    return np.asarray(np.linalg.qr(factor, mode="r")) if tall else factor

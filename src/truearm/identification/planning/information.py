@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-from truearm.errors import InputError
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.planning.candidates import Candidates
 from truearm.identification.planning.exchange import DesignProblem
@@ -19,7 +17,7 @@ SEAT_STD_MM = 1e4
 
 
 def tip_jacobian(
-    perturbed_chain: PerturbedChain, state: ArmState, coefficients: npt.ArrayLike | None = None
+    perturbed_chain: PerturbedChain, state: ArmState, coefficients: FloatArray | None = None
 ) -> tuple[FloatArray, FloatArray]:
     """Tips and their derivatives by the coefficients of all terms.
 
@@ -40,9 +38,7 @@ def tip_jacobian(
         [mm per unit of the coefficients].
     """
     p = perturbed_chain.n_coefficients
-    x = np.zeros(p) if coefficients is None else np.asarray(coefficients, dtype=float)
-    if x.shape != (p,) or not np.isfinite(x).all():
-        raise InputError(f"expected {p} finite coefficients of the terms, got shape {x.shape}")
+    x = np.zeros(p) if coefficients is None else coefficients
     tips, jacobian = np.empty((len(state), 3)), np.empty((len(state), 3, p))
     for rows, some, columns in perturbed_chain.derivatives(state, x):
         tips[rows] = some.T
@@ -56,11 +52,10 @@ def design_problem(
     state: ArmState,
     volume: ArmState,
     *,
-    prior_precision: npt.ArrayLike,
+    prior_precision: FloatArray,
     noise_mm: float,
     length_u_mm: float = 0.0,
     scale: bool = False,
-    coefficients: npt.ArrayLike | None = None,
 ) -> DesignProblem:
     """Pose the problem of which candidates to measure for the smallest uncertainty in a volume, up to a rigid motion.
 
@@ -89,23 +84,10 @@ def design_problem(
         Standard uncertainty of a bar's length; it also varies by `PLACE_U_MM` from place to place.
     scale : bool
         Whether the uncertainty in the volume is evaluated up to a scale too.
-    coefficients : (p,) array, optional
-        As in `tip_jacobian`.
-
-    Raises
-    ------
-    InputError
-        If sizes do not fit, or noise or uncertainty are not positive numbers.
     """
-    if len(state) != len(candidates.angles):
-        raise InputError(f"expected a state of {len(candidates.angles)} readings, got {len(state)}")
-    if not (np.isfinite(noise_mm) and noise_mm > 0):
-        raise InputError(f"expected a positive noise of a reading in mm, got {noise_mm}")
     bar = candidates.length_mm is not None
-    if bar and not (np.isfinite(length_u_mm) and length_u_mm > 0):
-        raise InputError(f"expected a positive uncertainty of the bar's length in mm, got {length_u_mm}")
-    tips, jacobian = tip_jacobian(perturbed_chain, state, coefficients)
-    tips_there, jacobian_there = tip_jacobian(perturbed_chain, volume, coefficients)
+    tips, jacobian = tip_jacobian(perturbed_chain, state)
+    tips_there, jacobian_there = tip_jacobian(perturbed_chain, volume)
     n_seats, seat = _seats(candidates)
     bars = _bars(candidates, seat, tips)
     shared = {number for number in range(n_seats) if len(np.unique(candidates.candidate[seat == number])) > 1}
@@ -129,11 +111,8 @@ def design_problem(
             B[at, 3 * own.index(one) :][:3], B[at, 3 * own.index(other) :][:3] = -along, along
             J[at, -1] = -1 / PLACE_U_MM
         factors.append(project_out(J, B))
-    precision = np.asarray(prior_precision, dtype=float)
-    if precision.shape != (p, p):
-        raise InputError(f"expected a prior precision of shape {(p, p)}, got {precision.shape}")
     prior, target = np.diag(np.full(p + q, SEAT_STD_MM**-2.0)), np.zeros((p + q, p + q))
-    prior[:p, :p] = precision
+    prior[:p, :p] = prior_precision
     if bar:
         prior[-1, -1] = length_u_mm**-2.0
     for one, other, along in bars:

@@ -33,9 +33,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from truearm.errors import InputError
 from truearm.typing import FloatArray
 
 CLEAR_GAP = 1e4
@@ -111,7 +109,7 @@ class Observability:
         return float(1 / (1 / self.nonzero).sum()) if self.rank else 0.0
 
 
-def observability(jacobian: npt.ArrayLike, *, n_poses: int) -> Observability:
+def observability(jacobian: FloatArray, *, n_poses: int) -> Observability:
     """Observability of parameters by readings.
 
     Parameters
@@ -121,48 +119,16 @@ def observability(jacobian: npt.ArrayLike, *, n_poses: int) -> Observability:
         prior, which would make everything identifiable.
     n_poses : int
         Number of poses that the rows come from.
-
-    Raises
-    ------
-    InputError
-        If the shape does not fit or a number is not finite.
     """
-    J = np.asarray(jacobian, dtype=float)
-    if J.ndim != 2 or 0 in J.shape:
-        raise InputError(f"expected a Jacobian of shape (rows, parameters), got {J.shape}")
-    if not np.isfinite(J).all():
-        row, column = np.argwhere(~np.isfinite(J))[0]
-        raise InputError(f"expected a finite Jacobian, got {J[row, column]} in row {row}, parameter {column}")
-    m, p = J.shape
-    if m > p:  # the triangular factor has the same singular values
-        J = np.asarray(np.linalg.qr(J, mode="r"))
+    m, p = jacobian.shape
+    # The triangular factor has the same singular values.
+    J = np.linalg.qr(jacobian, mode="r") if m > p else jacobian
     length = np.linalg.norm(J, axis=0)
-    unit = J / np.where(length > 0, length, 1.0)
-    rank, gap = rank_and_gap(_singular_values(unit))
-    return Observability(_singular_values(J), rank, gap, _checked_poses(n_poses))
+    rank, gap = rank_and_gap(_singular_values(J / np.where(length > 0, length, 1.0)))
+    return Observability(_singular_values(J), rank, gap, n_poses)
 
 
-def observability_of(singular_values: npt.ArrayLike, *, n_poses: int) -> Observability:
-    """Observability from the singular values alone; the rank is then theirs.
-
-    Parameters
-    ----------
-    singular_values : (p,) array
-        Of a whitened Jacobian, in any order, one for each parameter. Square roots of the eigenvalues of ``J^T J`` are
-        unsuitable if parameters are not identifiable: they are accurate to 1e-8 of the largest only.
-    n_poses : int
-        Number of poses.
-
-    Raises
-    ------
-    InputError
-        If there are none, or one is negative or not finite.
-    """
-    values = _checked_values(singular_values)
-    return Observability(values, *rank_and_gap(values), _checked_poses(n_poses))
-
-
-def rank_and_gap(singular_values: npt.ArrayLike) -> tuple[int, float]:
+def rank_and_gap(values: FloatArray) -> tuple[int, float]:
     """Numerical rank, and the gap that determines it.
 
     The rank is where neighbouring singular values have the largest ratio; those below `ROUNDING` times the largest
@@ -171,8 +137,9 @@ def rank_and_gap(singular_values: npt.ArrayLike) -> tuple[int, float]:
 
     Parameters
     ----------
-    singular_values : (p,) array
-        In any order. Use those of a Jacobian with columns of unit length: rounding depends on the units of the columns.
+    values : (p,) array
+        Singular values, in descending order. Use those of a Jacobian with columns of unit length: rounding depends on
+        the units of the columns.
 
     Returns
     -------
@@ -181,7 +148,6 @@ def rank_and_gap(singular_values: npt.ArrayLike) -> tuple[int, float]:
         Ratio of the last nonzero to the first zero value; at full rank the largest ratio of neighbours; infinite if all
         are zero.
     """
-    values = _checked_values(singular_values)
     if values[0] == 0:
         return 0, np.inf
     above = np.maximum(values, ROUNDING * values[0])
@@ -198,16 +164,3 @@ def _singular_values(J: FloatArray) -> FloatArray:
     values = np.zeros(J.shape[1])
     values[: min(J.shape)] = np.linalg.svd(J, compute_uv=False)
     return values
-
-
-def _checked_values(singular_values: npt.ArrayLike) -> FloatArray:
-    values = np.asarray(singular_values, dtype=float)
-    if values.ndim != 1 or not len(values) or not (np.isfinite(values) & (values >= 0)).all():
-        raise InputError(f"expected singular values, finite and not negative, got {values!r}")
-    return np.sort(values)[::-1]
-
-
-def _checked_poses(n_poses: int) -> int:
-    if n_poses < 1:
-        raise InputError(f"expected at least one pose, got {n_poses}")
-    return n_poses

@@ -181,13 +181,10 @@ def identified_prior(
     InputError
         If nothing but the base has been identified.
     """
-    sizes = [term.n_coefficients for term in fit.perturbed_chain.terms]
-    kept = [
-        not isinstance(term.basis, InSession) and (term.place > 0 or not isinstance(term.basis, Constant))
-        for term in fit.perturbed_chain.terms
-    ]
-    columns = np.flatnonzero(np.repeat(kept, sizes))
-    if not len(columns):
+    kept = fit.select(
+        lambda term: not isinstance(term.basis, InSession) and (term.place > 0 or not isinstance(term.basis, Constant))
+    )
+    if not len(kept.coefficients):
         raise InputError(
             "the model has no identified terms except the base; there is nothing to plan for",
             hint="use a kinematic or physical model, or the name of the arm",
@@ -195,14 +192,7 @@ def identified_prior(
     fixed = fit.chain.fixed.copy()
     fixed[0] = arm.chain.fixed[0]
     chain = replace(fit.chain, fixed=fixed)
-    prior = Prior(
-        PerturbedChain(
-            chain, tuple(term for term, wanted in zip(fit.perturbed_chain.terms, kept, strict=True) if wanted)
-        ),
-        _inverse(fit.covariance[np.ix_(columns, columns)]),
-        noise_mm,
-        state,
-    )
+    prior = Prior(PerturbedChain(chain, kept.perturbed_chain.terms), _inverse(kept.covariance), noise_mm, state)
     return replace(arm, chain=chain), prior
 
 

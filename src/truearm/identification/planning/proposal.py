@@ -342,7 +342,7 @@ class _Chooser:
         if not optimal:
             return np.random.default_rng(self.seed).permutation(len(candidates))[:n]
         name = {"i-optimal": "I-optimal", "d-optimal": "D-optimal"}[strategy]
-        return select_candidates(self._problem(candidates), n, strategy=name, progress=tell).rows
+        return select_candidates(self._problem(candidates), n, strategy=name, progress=tell)
 
     @cached_property
     def _prior(self) -> Prior:
