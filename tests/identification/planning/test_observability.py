@@ -70,7 +70,7 @@ def test_indices_are_over_what_can_be_identified():
 
 
 def test_fewer_rows_than_parameters():
-    found = observability([[3.0, 4.0]], n_poses=1)
+    found = observability(np.array([[3.0, 4.0]]), n_poses=1)
     assert found.singular_values == pytest.approx([5.0, 0.0])
     assert (found.rank, found.o3) == (1, pytest.approx(5.0))
 
