@@ -44,22 +44,33 @@ def browser():
         pytest.skip("no chromium here (on Debian: apt-get install chromium)")
     with playwright.sync_playwright() as steer:
         chromium = steer.chromium.launch(executable_path=BROWSER, args=["--no-sandbox", "--disable-gpu"])
+        chromium.pages = {}
         yield chromium
         chromium.close()
 
 
 class Tab:
-    """A page in a browser with all that it complained of or asked the network for."""
+    """A page in a browser with all that it complained of or asked the network for.
+
+    Tests share one page with scripts and one without, which change their size and colours in place: a new one costs
+    more than most tests.
+    """
 
     def __init__(self, chromium, path, *, width=1400, scheme="light", scripts=True):
         self.complaints = []
-        self.context = chromium.new_context(
-            viewport={"width": width, "height": 900}, color_scheme=scheme, java_script_enabled=scripts
-        )
-        self.page = self.context.new_page()
-        self.page.on("console", lambda message: self.complaints.append(message.text))
-        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
-        self.page.on("request", lambda asked: self._asked(asked.url))
+        if scripts not in chromium.pages:
+            chromium.pages[scripts] = chromium.new_context(java_script_enabled=scripts).new_page()
+        self.page = chromium.pages[scripts]
+        self.page.set_viewport_size({"width": width, "height": 900})
+        self.page.emulate_media(media="null", color_scheme=scheme)
+        self.page.mouse.move(0, 0)
+        self.listeners = {
+            "console": lambda message: self.complaints.append(message.text),
+            "pageerror": lambda error: self.complaints.append(str(error)),
+            "request": lambda asked: self._asked(asked.url),
+        }
+        for event, listener in self.listeners.items():
+            self.page.on(event, listener)
         self.page.goto(path.as_uri())
 
     def _asked(self, url):
@@ -70,7 +81,8 @@ class Tab:
         return self
 
     def __exit__(self, *_):
-        self.context.close()
+        for event, listener in self.listeners.items():
+            self.page.remove_listener(event, listener)
 
     def picture(self, selector=".space"):
         """What a canvas shows, to compare, after the next frame was drawn."""

@@ -17,6 +17,15 @@ settings.register_profile("fixed", derandomize=True, deadline=None)
 settings.load_profile("fixed")
 
 
+@pytest.fixture(scope="session")
+def chromium():
+    """One browser for all tests of a worker."""
+    from browser import browser
+
+    with browser() as opened:
+        yield opened
+
+
 @pytest.fixture
 def rng() -> np.random.Generator:
     """A generator with a fixed seed."""

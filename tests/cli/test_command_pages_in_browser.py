@@ -7,7 +7,7 @@ from made_up_certificate import ABOUT, CONFIRMED_PLAN
 from made_up_check import LENGTHS, write_days, write_model
 from made_up_verification import ARTEFACTS, MPE, Made
 
-from browser import browser, check_page
+from browser import check_page
 
 VERIFIED = ("--plan", "plan.toml", "--points", "points.csv", "--artefacts", "artefacts.toml", "--mpe", "mpe.toml")
 COMMANDS = {
@@ -23,12 +23,6 @@ COMMANDS = {
     "task": ["task", "shop", "--feature", "sphere", "--diameter", 25, "--arms", 100, "--report", "task.html"],
 }  # fmt: skip
 WITH_VIEW = {"arm", "plan", "report", "verification", "check", "task"}
-
-
-@pytest.fixture(scope="module")
-def chromium():
-    with browser() as opened:
-        yield opened
 
 
 @pytest.fixture(scope="module")

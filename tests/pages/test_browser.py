@@ -15,12 +15,18 @@ from truearm.pages.page import LabelledValue, Page, PageVerdict
 pytestmark = pytest.mark.skipif(BROWSER is None, reason="no chromium here (on Debian: apt-get install chromium)")
 
 
+@pytest.fixture(scope="module")
+def path(tmp_path_factory):
+    path = tmp_path_factory.mktemp("browser") / "page.html"
+    write_page(made_up_page(60), path)
+    return path
+
+
 @pytest.mark.parametrize("width", [500, 1400])  # a window of Chromium has at least 500 pixels
-def test_a_browser_shows_the_page_without_a_complaint(tmp_path, width):
-    write_page(made_up_page(60), tmp_path / "page.html")
+def test_a_browser_shows_the_page_without_a_complaint(path, tmp_path, width):
     asked = ["--dump-dom", f"--screenshot={tmp_path / 'shot.png'}", f"--window-size={width},6000"]
     done = subprocess.run(
-        [BROWSER, *QUIET, f"--user-data-dir={tmp_path / 'profile'}", *asked, (tmp_path / "page.html").as_uri()],
+        [BROWSER, *QUIET, f"--user-data-dir={tmp_path / 'profile'}", *asked, path.as_uri()],
         capture_output=True,
         text=True,
         timeout=120,

@@ -8,15 +8,9 @@ import pytest
 from matplotlib.image import imread
 from test_scene import made_up_cloud, scene_page, two_pivots
 
-from browser import Tab, browser, printed
+from browser import Tab, printed
 from truearm.pages.html import write_page
 from truearm.pages.scene import PointCloud, PointColumn
-
-
-@pytest.fixture(scope="module")
-def chromium():
-    with browser() as opened:
-        yield opened
 
 
 @pytest.fixture(scope="module")

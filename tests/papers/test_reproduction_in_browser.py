@@ -3,15 +3,9 @@
 import pytest
 from made_up_reproduction import made_up_results
 
-from browser import browser, check_page
+from browser import check_page
 from truearm.pages.html import write_page
 from truearm.papers.gao2017.reproduction_page import reproduction_page
-
-
-@pytest.fixture(scope="module")
-def chromium():
-    with browser() as opened:
-        yield opened
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,7 @@ import pytest
 from test_operator_sheet import sheet_of
 from test_verification_page import outcome, row
 
-from browser import Tab, browser
+from browser import Tab
 from truearm.pages.html import write_page
 from truearm.show.operator_sheet import operator_sheet_page
 from truearm.show.verification_page import verification_page
@@ -14,12 +14,6 @@ PAGES = {
     "sheet": lambda: operator_sheet_page(sheet_of(load_verification_plan("asme-b89.4.22"))),
     "verification": lambda: verification_page(outcome([row(0.01), row(0.07, label="E_Bi, 900")])),
 }
-
-
-@pytest.fixture(scope="module")
-def chromium():
-    with browser() as opened:
-        yield opened
 
 
 @pytest.mark.parametrize(("name", "scheme"), [("sheet", "light"), ("verification", "dark")])
