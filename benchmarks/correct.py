@@ -1,7 +1,5 @@
 """Corrected joint targets: what reaches the target, on a real arm and on virtual ones, how fast and in how many steps.
 
-    python benchmarks/correct.py [--json] [--readings N] [--targets N] [--model FILE]
-
 The UR10 series A is split and fitted as in the README (physical model, half a minute); ``--model`` reads that model
 from a file instead. A measured point of a test position is the target, with the orientation that the model has there;
 the joints that were there are the answer. Virtual arms are fitted to `readings` readings and commanded to new targets.
@@ -9,14 +7,14 @@ the joints that were there are the answer. Virtual arms are fitted to `readings`
 
 from __future__ import annotations
 
-import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 
-from machine import Target, arguments_of, print_json, print_table, say_machine, say_targets
-from truearm import datasets
+from benchmarks.held_out import split
+from benchmarks.rows import Found, Rows, Target, cpu_seconds_of
 from truearm.arm import Arm, Chain, Pose, load_arm
 from truearm.compensation.models import Compensator, PhysicalModel, load_model
 from truearm.compensation.targets.correction import correct_targets, task_of
@@ -24,78 +22,80 @@ from truearm.compensation.targets.inverse import solve_poses
 from truearm.compensation.targets.pose_models import nominal_poses, poses_of
 from truearm.compensation.targets.targets import Targets
 from truearm.identification.virtual import VirtualArm
-from truearm.readings import Session, hold_out
+from truearm.readings import Session
 from truearm.typing import FloatArray
 
+ROWS = Rows()
 # Recorded joints are not where the search starts.
 START_OFF_RAD = 0.05
 # Jacobians of the README's test positions have a condition of 5 to 60; near singularities it is above 100.
 EVERYDAY = 100.0
+SILENT = {"untrained": "accept", "uncertainty": False}
 
 
-def real_arm(path: Path | None) -> tuple[Compensator, Session]:
+@cache
+def real_arm(file: str | None) -> tuple[Compensator, Session]:
     """The README's model of the UR10, and the test positions that it has not seen."""
-    train, test = hold_out(datasets.load_readings("ur10-a"), by="position", fraction=0.3, seed=1)
-    return (PhysicalModel(load_arm("ur10")).fit_readings(train) if path is None else load_model(path)), test
+    arm, train, test = split("ur10-a", 1)
+    return (PhysicalModel(arm).fit_readings(train) if file is None else load_model(Path(file))), test
 
 
-def measured_points_as_targets(model: Compensator, test: Session) -> dict[str, float]:
-    """Distance of the joints found from those that were there, at the tip [mm]."""
+@ROWS.row("measured-points")
+def measured_points(model: str | None = None) -> Found:
+    """UR10 series A, measured points as targets: distance of the joints found from the true ones, at the tip."""
+    fitted, test = real_arm(model)
     every, joints = np.arange(len(test)), test.angles
-    R = poses_of(model, test).pose(joints, every).R_base_tip
+    R = poses_of(fitted, test).pose(joints, every).R_base_tip
     start = joints + np.random.default_rng(0).uniform(-START_OFF_RAD, START_OFF_RAD, joints.shape)
     targets = Targets(start, test.points, R, temperature_degC=test.temperature_degC)
-    found = correct_targets(model, targets, untrained="accept", uncertainty=False)
-    chain, good = model.nominal_.chain, ~found.refused
+    found = correct_targets(fitted, targets, **SILENT)
+    chain, good = fitted.nominal_.chain, ~found.refused
     there = chain.tip_in_base(joints)
-    nominal = solve_poses(task_of(model, nominal_poses(model), Pose(R, test.points)), start)
-    errors = np.linalg.norm(chain.tip_in_base(found.joints[good]) - there[good], axis=1)
-    before = np.linalg.norm(chain.tip_in_base(nominal.joints[good]) - there[good], axis=1)
-    return {
-        "mean_mm": float(errors.mean()),
-        "p95_mm": float(np.quantile(errors, 0.95)),
-        "max_mm": float(errors.max()),
-        "nominal_mean_mm": float(before.mean()),
-        "n": len(test),
-        "refused": int(found.refused.sum()),
-    }
+    nominal = solve_poses(task_of(fitted, nominal_poses(fitted), Pose(R, test.points)), start)
+    table = []
+    for name, solved in (("corrected", found.joints), ("nominal arm's inverse kinematics", nominal.joints)):
+        errors = np.linalg.norm(chain.tip_in_base(solved[good]) - there[good], axis=1)
+        spread = {"mean [mm]": errors.mean(), "95 % [mm]": np.quantile(errors, 0.95), "max [mm]": errors.max()}
+        table.append({"joints": name, "n": len(test), "refused": int(found.refused.sum()), **spread})
+    mean = float(table[0]["mean [mm]"])
+    return Found(table, [Target("UR10 series A, joints of measured points, at the tip, mean [mm]", mean, 0.060)])
 
 
-@dataclass(frozen=True)
-class Speed:
-    """Correction of many targets without uncertainties."""
-
-    n: int
-    cpu_s: float
-    corrected: int
-    everyday: int
-    share_in_4_steps: float
-    share_in_4_steps_everyday: float
-    round_trip_rad: float
-
-
-def speed(model: Compensator, joints: FloatArray) -> Speed:
-    """CPU time, share of targets within 1e-9 rad of their solution after four steps, and the way there and back."""
-    begun = time.process_time()
-    found = correct_targets(model, Targets.of_joints(joints), untrained="accept", uncertainty=False)
-    seconds = time.process_time() - begun
-    good = ~found.refused
-    everyday = good & (found.condition < EVERYDAY)
-    targets = Targets.of_joints(joints)
-    nominal = nominal_poses(model).pose(joints, np.arange(len(joints)))
-    task = task_of(model, poses_of(model, targets.session(joints)), nominal)
-    after_4 = np.abs(solve_poses(task, joints, max_steps=4).joints - found.joints).max(axis=1) <= 1e-9
-    sent = Targets.of_joints(found.joints[everyday])
-    back = correct_targets(model, sent, direction="feedback", untrained="accept", uncertainty=False)
-    return Speed(
-        len(joints),
-        seconds,
-        int(good.sum()),
-        int(everyday.sum()),
-        float(after_4[good].mean()),
-        float(after_4[everyday].mean()),
-        float(np.nanmax(np.abs(back.joints - joints[everyday]))),
-    )
+@ROWS.row("steps", quick={"targets": 500})
+def steps(targets: int = 10_000, model: str | None = None) -> Found:
+    """Speed without uncertainties, share of targets within 1e-9 rad of their solution after four steps, and back."""
+    fitted, test = real_arm(model)
+    low, high = fitted.angle_ranges_.T
+    random = np.random.default_rng(0).uniform(low, high, (targets, len(low)))
+    table = []
+    for what, joints in (("random in the trained range", random), ("test positions", test.angles)):
+        given = Targets.of_joints(joints)
+        seconds = cpu_seconds_of(lambda given=given: correct_targets(fitted, given, **SILENT))
+        found = correct_targets(fitted, given, **SILENT)
+        good = ~found.refused
+        everyday = good & (found.condition < EVERYDAY)
+        nominal = nominal_poses(fitted).pose(joints, np.arange(len(joints)))
+        task = task_of(fitted, poses_of(fitted, given.session(joints)), nominal)
+        after_4 = np.abs(solve_poses(task, joints, max_steps=4).joints - found.joints).max(axis=1) <= 1e-9
+        back = correct_targets(fitted, Targets.of_joints(found.joints[everyday]), direction="feedback", **SILENT)
+        table.append({
+            "targets": what,
+            "n": len(joints),
+            "CPU [s]": seconds,
+            "corrected": int(good.sum()),
+            "in 4 steps": float(after_4[good].mean()),
+            "condition < 100": int(everyday.sum()),
+            "of these in 4 steps": float(after_4[everyday].mean()),
+            "there and back [rad]": float(np.nanmax(np.abs(back.joints - joints[everyday]))),
+        })  # fmt: skip
+    back = max(row["there and back [rad]"] for row in table)
+    judged = [
+        Target(f"{targets} targets, physical model, no uncertainties, CPU [s]", table[0]["CPU [s]"], 2.0),
+        Target("test positions within 1e-9 rad after 4 steps", table[1]["in 4 steps"], 0.999, "above"),
+        Target("random targets, condition < 100, the same", table[0]["of these in 4 steps"], 0.999, "above"),
+        Target("there and back, condition < 100 [rad]", back, 1e-9),
+    ]
+    return Found(table, judged)
 
 
 def on_a_rail() -> Arm:
@@ -159,55 +159,17 @@ def closed_loop(name: str, preset: str, n_readings: int, n_targets: int) -> dict
     }
 
 
-def main() -> None:
-    """Measure and print."""
-    parser = arguments_of(__doc__)
-    parser.add_argument("--readings", type=int, default=3000)
-    parser.add_argument("--targets", type=int, default=10_000)
-    parser.add_argument("--model", type=Path)
-    options = parser.parse_args()
-    model, test = real_arm(options.model)
-    real = measured_points_as_targets(model, test)
-    low, high = model.angle_ranges_.T
-    timed = speed(model, np.random.default_rng(0).uniform(low, high, (options.targets, len(low))))
-    recorded = speed(model, test.angles)
-    loops = {
-        f"{name}, {preset}": closed_loop(name, preset, options.readings, 500)
-        for preset in ("shop", "research")
-        for name in ("ur10", "wam", "rail")
-    }
-    targets = [
-        Target("UR10 series A, joints of measured points, at the tip, mean [mm]", real["mean_mm"], 0.060),
-        Target(f"{options.targets} targets, physical model, no uncertainties, CPU [s]", timed.cpu_s, 2.0),
-        Target("test positions within 1e-9 rad after 4 steps", recorded.share_in_4_steps, 0.999, "above"),
-        Target("random targets, condition < 100, the same", timed.share_in_4_steps_everyday, 0.999, "above"),
-        Target("there and back, condition < 100 [rad]", max(timed.round_trip_rad, recorded.round_trip_rad), 1e-9),
-        *(Target(f"closed loop, {name}: error / model's own", loop["ratio"], 1.1) for name, loop in loops.items()),
-    ]
-    if options.json:
-        found = {"real": real, "random": vars(timed), "recorded": vars(recorded), "closed_loop": loops}
-        print_json(found, targets)
-        return
-    say_machine()
-    print(f"\nUR10 series A, {real['n']} measured points as targets ({real['refused']} refused)")
-    print(
-        f"joints found, at the tip: mean {real['mean_mm']:.4f}, 95 % {real['p95_mm']:.4f}, max {real['max_mm']:.4f} mm"
-    )
-    print(f"by the nominal arm's inverse kinematics: mean {real['nominal_mean_mm']:.4f} mm")
-    for what, one in (("random in the trained range", timed), ("test positions", recorded)):
-        print(
-            f"{one.n} targets, {what}: {one.cpu_s:.2f} s CPU, {one.corrected} corrected, {one.everyday} of them with a "
-            f"condition below {EVERYDAY:.0f}; within 1e-9 rad after 4 steps: {one.share_in_4_steps:.2%} of all, "
-            f"{one.share_in_4_steps_everyday:.2%} of these"
-        )
-    print(f"\nVirtual arms, {options.readings} readings, distance from 500 targets, mean [mm]\n")
-    rows = [
-        [name, *(f"{loop[key]:.4f}" for key in ("without_mm", "commanded_mm", "model_mm", "ratio"))]
-        for name, loop in loops.items()
-    ]
-    print_table(["arm", "not corrected", "corrected", "model's own", "ratio"], rows)
-    say_targets(targets)
-
-
-if __name__ == "__main__":
-    main()
+@ROWS.row("closed-loop", quick={"readings": 100, "presets": ("shop",), "arms": ("ur10", "rail")})
+def closed_loops(
+    readings: int = 3000,
+    presets: tuple[str, ...] = ("shop", "research"),
+    arms: tuple[str, ...] = ("ur10", "wam", "rail"),
+) -> Found:
+    """Virtual arms commanded to corrected joints, distance from 500 targets, mean [mm]."""
+    table, targets = [], []
+    for preset in presets:
+        for name in arms:
+            found = closed_loop(name, preset, readings, 500)
+            table.append({"arm": f"{name}, {preset}", **found})
+            targets.append(Target(f"closed loop, {name}, {preset}: error / model's own", found["ratio"], 1.1))
+    return Found(table, targets)

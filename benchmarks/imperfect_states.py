@@ -1,6 +1,4 @@
-"""Are points and uncertainties right if temperature, loads or directions change, or errors of a reference are shared.
-
-    python benchmarks/imperfect_states.py [--quick] [--json]
+"""Points and uncertainties where temperature, load or direction change, or errors of a reference are shared.
 
 Virtual arms (gao2017, preset shop, whose links are of carbon fibre; also as of steel and aluminium). A point is covered
 if the true tip lies in the stated 95 % ellipsoid. No joint is outside the training angles.
@@ -8,13 +6,14 @@ if the true tip lies in the stated 95 % ellipsoid. No joint is outside the train
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from imperfect_finding import Finding, print_findings
+from benchmarks.held_out import LEVEL, squares
+from benchmarks.rows import Rows, finding
 from truearm.arm import load_arm
 from truearm.compensation.models import PhysicalModel
 from truearm.compensation.models.identified_model import IdentifiedModel
@@ -23,9 +22,9 @@ from truearm.identification.virtual import VirtualArm, load_preset
 from truearm.readings import Session
 from truearm.typing import FloatArray
 
+ROWS = Rows()
 ARM = load_arm("gao2017")
 EXPANSIONS = {"carbon fibre": 1e-6, "steel": 11.5e-6, "aluminium": 23e-6}  # 1/K
-ELLIPSOID = 7.815  # squared radius of a 95 % ellipsoid of three coordinates
 TESTED = 200
 ANOTHER_DAY = 1_000_000
 SCALE_PPM, COMMON_MM = 50.0, 0.02
@@ -70,19 +69,17 @@ def tested(model: IdentifiedModel, virtual: VirtualArm, days_degC: Sequence[floa
 def joined(days: Sequence[Session], *, is_stated: bool) -> Session:
     """Readings of several days, with or without their temperature."""
     names = ("angles", "directions", *(("temperature_degC",) if is_stated else ()))
-    whole: dict[str, Any] = {name: np.concatenate([getattr(day, name) for day in days]) for name in names}
-    return Session(**whole)
+    return Session(**{name: np.concatenate([getattr(day, name) for day in days]) for name in names})
 
 
 def judged(model: IdentifiedModel, readings: Session, tips: FloatArray) -> Tested:
     """The model's points and their covariances against true tips."""
     points, covariance = model.predict_readings(readings, return_cov=True)
     off = points - tips
-    length = np.einsum("ni,nij,nj->n", off, np.linalg.inv(covariance), off)
     return Tested(
         float(np.sqrt((off**2).mean())),
         float(np.sqrt(np.trace(covariance, axis1=1, axis2=2).mean() / 3)),
-        float((length < ELLIPSOID).mean()),
+        float((squares(off, covariance) < LEVEL).mean()),
         float(model.outside_training(readings).mean()),
     )
 
@@ -105,135 +102,103 @@ def describe(found: list[Tested]) -> str:
     )
 
 
-def cooler(quick: bool) -> Iterator[Finding]:
-    """50 or 300 readings of a room that changes little or much, used 0 to 4 K cooler."""
-    cases = (("within 0.1 K", 50, 0.1), ("within 0.6 K", 50, 0.6), ("within 6 K", 300, 6.0))
+@ROWS.findings("cooler", quick={"arms": 6})
+def cooler(arms: int = 20) -> Iterator[dict[str, str]]:
+    """50 readings of a room that changes little, used 0 to 4 K cooler; of metal arms ten at most."""
     for material in EXPANSIONS:
-        for what, n, span in cases:
-            if (n > 50 and quick) or (span < 0.6 and material != "carbon fibre"):
+        for span in (0.1, 0.6):
+            if span < 0.6 and material != "carbon fibre":
                 continue
             with_it, without = [], []
-            for seed in range(6 if quick else 8 if n > 50 else 20 if material == "carbon fibre" else 10):
+            for seed in range(arms if material == "carbon fibre" else min(arms, 10)):
                 virtual = virtual_arm(seed, material)
-                room = np.linspace(22 - span / 2, 22 + span / 2, n)
-                readings = training(virtual, n, room)
+                readings = training(virtual, 50, np.linspace(22 - span / 2, 22 + span / 2, 50))
                 use = np.linspace(22.0, 18.0, 8).tolist()
                 model = PhysicalModel(ARM).fit_readings(readings)
                 with_it.append(tested(model, virtual, use, is_stated=True))
                 model = PhysicalModel(ARM).fit_readings(replace(readings, temperature_degC=None))
                 without.append(tested(model, virtual, use, is_stated=False))
-            now = f"{describe(with_it)}; not stated: {rms(without):.4f} mm, covered {mean(without):.0%}"
-            met = rms(with_it) <= 1.02 * rms(without) and mean(with_it) >= 0.93
-            yield Finding(
-                f"{n} readings {what}, used 0 to 4 K cooler, {material}",
+            yield finding(
+                f"50 readings within {span:g} K, used 0 to 4 K cooler, {material}",
                 "no larger error than without the temperature, coverage 93 % or more",
-                now,
-                met,
+                f"{describe(with_it)}; not stated: {rms(without):.4f} mm, covered {mean(without):.0%}",
+                rms(with_it) <= 1.02 * rms(without) and mean(with_it) >= 0.93,
             )
 
 
-def constant(quick: bool) -> Iterator[Finding]:
-    """Trained at 20 degC, used at 28."""
-    every = []
-    for material in EXPANSIONS:
-        found = []
-        for seed in range(3 if quick else 8):
-            virtual = virtual_arm(seed, material)
-            model = PhysicalModel(ARM).fit_readings(training(virtual, 100, np.full(100, 20.0)))
-            found.append(tested(model, virtual, [28.0], is_stated=True))
-        every += found
-        now = f"{describe(found)}, flagged {mean(found, 'flagged'):.0%}"
-        yield Finding(f"trained at 20 degC, used at 28, {material}", "all flagged", now, mean(found, "flagged") == 1)
-    yield Finding(
-        "the same, all three materials", "coverage 93 % or more", f"covered {mean(every):.0%}", mean(every) >= 0.93
-    )
+def used_at_20(virtual: VirtualArm) -> Session:
+    """Readings of another day at 20 degC, inside the training angles."""
+    return training(virtual, TESTED, np.full(TESTED, 20.0), seed=virtual.seed + ANOTHER_DAY)
 
 
-def never_stated(quick: bool) -> Iterator[Finding]:
-    """Trained at 20 degC, which the readings do not state; used at 28, which these state."""
-    found = []
-    for material in EXPANSIONS:
-        for seed in range(2 if quick else 6):
-            virtual = virtual_arm(seed, material)
-            readings = replace(training(virtual, 100, np.full(100, 20.0)), temperature_degC=None)
-            model = PhysicalModel(ARM).fit_readings(readings)
-            found.append(tested(model, virtual, [28.0], is_stated=True))
+def flagged(seen: str, found: list[Tested]) -> dict[str, str]:
+    """A row: covered and flagged."""
     now = f"{describe(found)}, flagged {mean(found, 'flagged'):.0%}"
-    met = mean(found) >= 0.93 and mean(found, "flagged") == 1
-    yield Finding("no temperature stated in training, 28 degC in use", "coverage 93 % or more, flagged", now, met)
+    is_met = mean(found) >= 0.93 and mean(found, "flagged") > 0.9
+    return finding(seen, "coverage 93 % or more, flagged", now, is_met)
 
 
-def one_direction(quick: bool) -> Iterator[Finding]:
+@ROWS.findings("one-direction", quick={"arms": 3})
+def one_direction(arms: int = 8) -> Iterator[dict[str, str]]:
     """Joints that always came from one side in training, and from both in use; hysteresis as the catalogue expects."""
     found = []
-    for seed in range(3 if quick else 8):
+    for seed in range(arms):
         virtual = virtual_arm(seed)
-        arcsec = np.random.default_rng(seed).normal(0, 5e-5, 6)
-
-        def turned(readings: Session, signs: FloatArray, arcsec: FloatArray = arcsec) -> FloatArray:
-            return np.asarray(readings.angles + arcsec * signs)
-
+        hysteresis = np.random.default_rng(seed).normal(0, 5e-5, 6)  # rad
         readings = training(virtual, 100, np.full(100, 20.0))
-        ones = np.ones((100, 6))
-        tips = virtual.true_tip(turned(readings, ones)) + np.random.default_rng(seed).normal(0, 0.003, (100, 3))
-        model = PhysicalModel(ARM).fit_readings(replace(readings, points=tips, directions=ones))
-        use = training(virtual, TESTED, np.full(TESTED, 20.0), seed=virtual.seed + ANOTHER_DAY)
+        noise = np.random.default_rng(seed).normal(0, 0.003, (100, 3))
+        tips = virtual.true_tip(readings.angles + hysteresis) + noise
+        model = PhysicalModel(ARM).fit_readings(replace(readings, points=tips, directions=np.ones((100, 6))))
+        use = used_at_20(virtual)
         use = use.rows(~model.outside_training(use.angles))
-        assert use.directions is not None
-        tips = virtual.true_tip(turned(use, use.directions))
-        found.append(judged(model, use, tips))
-    now = f"{describe(found)}, flagged {mean(found, 'flagged'):.0%}"
-    met = mean(found) >= 0.93 and mean(found, "flagged") > 0.9
-    yield Finding(
-        "joints moved in one direction in training, in both in use", "coverage 93 % or more, flagged", now, met
-    )
+        found.append(judged(model, use, virtual.true_tip(use.angles + hysteresis * use.directions)))
+    yield flagged("joints moved in one direction in training, in both in use", found)
 
 
-def constant_load(quick: bool) -> Iterator[Finding]:
+@ROWS.findings("constant-load", quick={"arms": 3})
+def constant_load(arms: int = 8) -> Iterator[dict[str, str]]:
     """A load of joint 2 that was 10 N m in training, and 0 to 20 in use: 1e-4 rad for each 10 N m, as expected."""
     found = []
-    for seed in range(3 if quick else 8):
+    for seed in range(arms):
         virtual = virtual_arm(seed)
         draw = np.random.default_rng(seed)
         by_load = draw.normal(0, 1e-5)
         readings = training(virtual, 100, np.full(100, 20.0))
         model = PhysicalModel(ARM).fit_readings(replace(readings, columns={"load_2_Nm": np.full(100, 10.0)}))
-        use = training(virtual, TESTED, np.full(TESTED, 20.0), seed=virtual.seed + ANOTHER_DAY)
+        use = used_at_20(virtual)
         use = use.rows(~model.outside_training(use.angles))
         load = draw.uniform(0, 20, len(use))
         bent = use.angles.copy()
         bent[:, 1] += by_load * (load - 10)
         found.append(judged(model, replace(use, columns={"load_2_Nm": load}), virtual.true_tip(bent)))
-    now = f"{describe(found)}, flagged {mean(found, 'flagged'):.0%}"
-    met = mean(found) >= 0.93 and mean(found, "flagged") > 0.9
-    yield Finding("a load was constant in training, and differs in use", "coverage 93 % or more, flagged", now, met)
+    yield flagged("a load was constant in training, and differs in use", found)
 
 
-def shared_errors(quick: bool) -> Iterator[Finding]:
-    """A tracker whose scale is wrong, and one whose error is the same in the repeats of a position.
+@ROWS.findings("shared-errors", quick={"arms": 8})
+def shared_errors(arms: int = 24) -> Iterator[dict[str, str]]:
+    """A tracker whose scale is wrong, and one whose error is the same in the repeats of a position (half the arms).
 
     Beside them the same readings without that error: what is left is not of the shared error.
     """
     scaled, right, repeated, once = [], [], [], []
-    for seed in range(8 if quick else 24):
+    for seed in range(arms):
         virtual, draw = virtual_arm(seed), np.random.default_rng(seed)
         readings = training(virtual, 60, np.full(60, 20.0))
-        assert readings.points is not None
         centre = readings.points.mean(axis=0)
         points = centre + (1 + SCALE_PPM * 1e-6 * draw.standard_normal()) * (readings.points - centre)
         right.append(_tested_at_20(virtual, readings))
         scaled.append(_tested_at_20(virtual, replace(readings, points=points), u_scale_ppm=SCALE_PPM))
-        if seed < (4 if quick else 12):
+        if seed < arms // 2:
             single, many = _repeats(virtual, draw)
             once.append(_tested_at_20(virtual, single))
             repeated.append(_tested_at_20(virtual, many, u_common_mm=COMMON_MM))
-    yield Finding(
+    yield finding(
         f"scale of the reference wrong by {SCALE_PPM:g} ppm (standard deviation), u_scale_ppm stated",
         "coverage 93 to 97 %, as without that error",
         f"{describe(scaled)}; without: covered {mean(right):.0%}",
         0.93 <= mean(scaled) <= 0.97,
     )
-    yield Finding(
+    yield finding(
         f"error of {COMMON_MM} mm common to 12 repeats of each of 40 positions, u_common_mm stated",
         "coverage 93 to 97 %, as of one reading a position",
         f"{describe(repeated)}; one reading a position: {describe(once)}",
@@ -242,9 +207,8 @@ def shared_errors(quick: bool) -> Iterator[Finding]:
 
 
 def _tested_at_20(virtual: VirtualArm, readings: Session, **stated: float) -> Tested:
-    """Learned from readings with shared uncertainties, as far as sessions know them; tested at 20 degC."""
-    knows = {field.name for field in fields(Session)}
-    more: dict[str, Any] = {name: np.full(len(readings), value) for name, value in stated.items() if name in knows}
+    """Learned from readings with shared uncertainties, tested at 20 degC."""
+    more: dict[str, Any] = {name: np.full(len(readings), value) for name, value in stated.items()}
     model = PhysicalModel(ARM, highest=8).fit_readings(replace(readings, **more))
     return tested(model, virtual, [20.0], is_stated=True)
 
@@ -254,28 +218,7 @@ def _repeats(virtual: VirtualArm, draw: np.random.Generator) -> tuple[Session, S
     rows = np.repeat(np.arange(40), 12)
     angles = measuring_poses(ARM, 40, seed=virtual.seed).angles[rows] + draw.normal(0, 1e-4, (480, 6))
     readings = virtual.measure(angles, seed=virtual.seed, temperature_degC=20.0).readings
-    assert readings.points is not None
-    assert readings.point_std is not None
     points = readings.points + draw.normal(0, COMMON_MM, (40, 3))[rows]
     many = replace(readings, points=points, position=np.array([f"P{i}" for i in rows]))
     std = np.hypot(readings.point_std, COMMON_MM)
     return replace(many, point_std=std, position=None).rows(np.arange(0, 480, 12)), many
-
-
-PARTS: tuple[Callable[[bool], Iterator[Finding]], ...] = (
-    cooler,
-    constant,
-    never_stated,
-    one_direction,
-    constant_load,
-    shared_errors,
-)
-
-
-def rows(*, quick: bool) -> list[Finding]:
-    """All findings."""
-    return [finding for part in PARTS for finding in part(quick)]
-
-
-if __name__ == "__main__":
-    print_findings(__doc__, rows)

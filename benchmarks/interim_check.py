@@ -1,12 +1,4 @@
-"""Interim checks as a whole: another arm of the type, false alarms, and the size of change that is stated as seen.
-
-    python benchmarks/interim_check.py [--arms N] [--series N] [--json]
-
-Virtual arms of `gao2017` (preset `shop`, kinematic models of 150 readings) take twelve checks of 27 readings; the
-thirteenth is of the same arm, or of another one without a serial number. Then simulated checks, whose readings
-scatter as normal ones do, with a correlation of consecutive checks: the share of series with an alarm
-of the whole check within 30 unchanged ones, and the share of changes of the stated size that the thirteenth shows.
-"""
+"""Interim checks and their control charts: another arm of the type, false alarms, changes that are found."""
 
 from __future__ import annotations
 
@@ -20,12 +12,17 @@ from typing import Any
 import numpy as np
 
 import truearm as ta
-from machine import options_of, print_rows
+from benchmarks.rows import Found, Rows
 from truearm.typing import FloatArray
 from truearm.verification.monitor.assessment import RecalibrationAdvice
-from truearm.verification.monitor.control_chart import control_rules
+from truearm.verification.monitor.control_chart import ControlChart, ControlRules, control_chart, control_rules
 from truearm.verification.monitor.interim_check import CheckReading, CheckValue, InterimCheck
+from truearm.verification.monitor.serial_correlation import CORRELATIONS
 from truearm.verification.monitor.whole_check import WholeCheck, whole_check
+
+ROWS = Rows()
+
+# The whole check ------------------------------------------------------------------------------------------------------
 
 ARM, PRESET, CHECKS, LATER, SIDES = "gao2017", "shop", 12, 30, 9
 START = datetime.datetime(2026, 1, 1)
@@ -52,6 +49,21 @@ def answers(number: int, folder: Path) -> tuple[ta.CheckResult, ta.CheckResult]:
     return check(CHECKS, number, kept), check(CHECKS, number + 100, copy)
 
 
+@ROWS.row("arms", quick={"arms": 1})
+def arms(arms: int = 8) -> Found:
+    """The thirteenth check of the same arm, or of another one of the type without a serial number.
+
+    Virtual arms of `gao2017` (preset `shop`, kinematic models of 150 readings) take twelve checks of 27 readings.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        pairs = [answers(number, Path(folder)) for number in range(arms)]
+    same, other = ([one.recalibrate is RecalibrationAdvice.NO for one in each] for each in zip(*pairs, strict=True))
+    return Found([
+        {"arm": "the same: no", "found": f"{sum(same)} of {arms}"},
+        {"arm": "another one of the type: not no", "found": f"{arms - sum(other)} of {arms}"},
+    ])  # fmt: skip
+
+
 def check_of(deviations: FloatArray, number: int) -> InterimCheck:
     """A check with these deviations (27, 3), in the same poses as all others."""
     readings = tuple(
@@ -73,26 +85,28 @@ def simulated(rng: np.random.Generator, n: int, correlation: float) -> FloatArra
 def compared(deviations: FloatArray) -> WholeCheck:
     """The chart of the whole checks, one of seven charts."""
     checks = [check_of(one, i) for i, one in enumerate(deviations)]
-    found = whole_check(checks, [control_rules(SIDES)] * len(checks), list(range(len(checks))))
-    assert found is not None
-    return found
+    return whole_check(checks, [control_rules(SIDES)] * len(checks), list(range(len(checks))))
 
 
-def false_alarms(n_series: int, correlation: float) -> dict[str, Any]:
-    """Series of unchanged checks with an alarm of the whole check."""
-    rng, alarms = np.random.default_rng(1), 0
-    for _ in range(n_series):
-        chart = compared(simulated(rng, LATER, correlation)).chart
-        alarms += bool(chart.out_of_limits.any() or chart.signal_index is not None)
-    expected = 100 * (1 - (1 - 2 * 0.0027 / SIDES) ** (LATER - 3))
-    what = f"alarms of {LATER} unchanged checks, correlation {correlation:g}"
-    return {"row": what, "found": f"{100 * alarms / n_series:.1f} %", "stated": f"{expected:.1f} %"}
+@ROWS.row("alarms", quick={"series": 10})
+def alarms(series: int = 400) -> Found:
+    """Series of 30 unchanged checks with an alarm of the whole check, by the correlation of consecutive checks [%]."""
+    table = []
+    for correlation in (0.0, 0.3, 0.5):
+        rng, found = np.random.default_rng(1), 0
+        for _ in range(series):
+            chart = compared(simulated(rng, LATER, correlation)).chart
+            found += bool(chart.out_of_limits.any() or chart.signal_index is not None)
+        stated = 100 * (1 - (1 - 2 * 0.0027 / SIDES) ** (LATER - 3))
+        table.append({"correlation": correlation, "alarms": 100 * found / series, "stated": stated})
+    return Found(table)
 
 
-def seen(n_series: int) -> dict[str, Any]:
-    """Changes of the stated size that the thirteenth check shows."""
+@ROWS.row("seen", quick={"series": 10})
+def seen(series: int = 400) -> Found:
+    """Changes of the stated size that the thirteenth check shows; the scatter is 0.01 mm."""
     rng, found, sizes = np.random.default_rng(2), 0, []
-    for _ in range(n_series):
+    for _ in range(series):
         deviations = simulated(rng, CHECKS + 1, 0.0)
         size = compared(deviations).seen_mm
         if size is None:
@@ -100,24 +114,73 @@ def seen(n_series: int) -> dict[str, Any]:
         change = rng.normal(size=deviations.shape[1:])
         deviations[-1] += size * change / np.sqrt((change**2).sum() / len(change))
         found, sizes = found + bool(compared(deviations).chart.out_of_limits[-1]), [*sizes, size]
-    what = f"changes of the stated size that are seen (median {np.median(sizes):.4f} mm, scatter 0.01 mm)"
-    return {"row": what, "found": f"{100 * found / len(sizes):.0f} %", "stated": "90 %"}
+    return Found([{"seen [%]": 100 * found / len(sizes), "stated [%]": 90, "median size [mm]": np.median(sizes)}])
 
 
-def main() -> None:
-    """Print the rows."""
-    options = options_of(__doc__, arms=8, series=400)
-    with tempfile.TemporaryDirectory() as folder:
-        pairs = [answers(number, Path(folder)) for number in range(options.arms)]
-    rows: list[dict[str, Any]] = []
-    for what, which in (("the same arm: no", 0), ("another arm of the type: not no", 1)):
-        given = [pair[which].recalibrate is RecalibrationAdvice.NO for pair in pairs]
-        right = sum(given) if which == 0 else len(given) - sum(given)
-        rows.append({"row": what, "found": f"{right} of {len(given)}", "stated": ""})
-    rows += [false_alarms(options.series, correlation) for correlation in (0.0, 0.3, 0.5)]
-    rows.append(seen(options.series))
-    print_rows(rows, as_json=options.json)
+# A single chart -------------------------------------------------------------------------------------------------------
+
+EARLIER, AFTER, STEP = 30, 40, 3.0
+TRIED = (0.0, 0.3, 0.5, 0.7, 0.85)
+KINDS = {"truearm": CORRELATIONS, "independent": np.zeros(1)}
 
 
-if __name__ == "__main__":
-    main()
+def autoregressive(rng: np.random.Generator, n: int, correlation: float) -> FloatArray:
+    """(n,) values of unit variance whose consecutive ones correlate."""
+    values = rng.normal(size=n)
+    for i in range(1, n):
+        values[i] = correlation * values[i - 1] + np.sqrt(1 - correlation**2) * values[i]
+    return values
+
+
+def first_yes(chart: ControlChart) -> int | None:
+    """The first value with the answer "yes"."""
+    beyond, above = chart.out_of_limits, chart.scores > 0
+    twice = np.flatnonzero(beyond[1:] & beyond[:-1] & (above[1:] == above[:-1])) + 1
+    found = [int(twice[0])] if len(twice) else []
+    return min(found + ([] if chart.signal_index is None else [chart.signal_index]), default=None)
+
+
+def chart_of(values: FloatArray, kind: str, rules: ControlRules) -> ControlChart:
+    """The chart of values, without a least scatter."""
+    return control_chart(values, u=np.zeros(len(values)), rules=rules, correlations=KINDS[kind])
+
+
+@ROWS.row("chart-alarms", quick={"series": 10})
+def chart_alarms(series: int = 1000) -> Found:
+    """Series of 30 unchanged checks of one chart with an alarm, in brackets with "yes", by correlation [%].
+
+    "Yes" is a cumulative sum, or two values in a row beyond the same limit; "independent" takes all values for that.
+    """
+    table = []
+    for kind in KINDS:
+        row: dict[str, Any] = {"checks taken for": kind}
+        for correlation in TRIED:
+            rng, alarms, yes = np.random.default_rng(1), 0, 0
+            for _ in range(series):
+                chart = chart_of(autoregressive(rng, EARLIER, correlation), kind, control_rules(2))
+                answer = first_yes(chart) is not None
+                alarms, yes = alarms + (answer or bool(chart.out_of_limits.any())), yes + answer
+            row[f"{correlation:g}"] = f"{100 * alarms / series:.1f} ({100 * yes / series:.1f})"
+        table.append(row)
+    return Found(table)
+
+
+@ROWS.row("chart-steps", quick={"series": 10})
+def chart_steps(series: int = 250) -> Found:
+    """Checks after a step of three standard deviations until "yes", one of six charts, by correlation: half, 95 %."""
+    table = []
+    for before in (10, 20, 40):
+        for kind in KINDS:
+            row: dict[str, Any] = {"checks taken for": kind, "checks before": before}
+            for correlation in TRIED:
+                rng, needed = np.random.default_rng(2), []
+                for _ in range(series):
+                    values = autoregressive(rng, before + AFTER, correlation)
+                    values[before:] += STEP
+                    found = first_yes(chart_of(values, kind, control_rules(12)))
+                    if found is None or found >= before:
+                        needed.append(np.inf if found is None else found - before + 1)
+                spread = np.quantile(needed, [0.5, 0.95], method="higher")
+                row[f"{correlation:g}"] = ", ".join(f"{n:.0f}" if np.isfinite(n) else f"> {AFTER}" for n in spread)
+            table.append(row)
+    return Found(table)

@@ -1,14 +1,11 @@
 """Methods by data sets: held-out error, fit time and coverage of truearm's models and of those of the literature.
 
-    python benchmarks/methods.py [--sets SET ...] [--methods METHOD ...] [--splits N] [--quick] [--json FILE] [--table]
-
-Needs scikit-learn. With `--json` every cell is added to the file when it is done, and what is in the file is not done
-again. `--table` only prints what is in the file. Sets: SETS. Methods: METHODS.
+Needs scikit-learn. With ``--keep FILE`` every cell is added to the file when it is done, and what is in the file is not
+done again; ``--splits 0`` only prints what is in it.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import time
 from collections.abc import Callable, Iterator
@@ -20,28 +17,24 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from identification_points import LEVEL, squared_lengths
-from identification_seats import tool_positions
-from machine import machine, print_table, say_machine
-from methods_residual import CHOICES, GaussianProcess, tuned
+from benchmarks.held_out import LEVEL, split, squared_lengths
+from benchmarks.held_out import MODELS as IDENTIFYING
+from benchmarks.identification import tool_positions
+from benchmarks.methods_residual import CHOICES, GaussianProcess, tuned
+from benchmarks.rows import Found, Rows, machine, scratch
 from truearm import datasets
 from truearm.arm import Arm, load_arm
-from truearm.compensation.models import HybridModel, KinematicModel, NetworkModel, NominalModel, PhysicalModel
+from truearm.compensation.models import HybridModel, NetworkModel
 from truearm.compensation.models.compensator import Compensator
 from truearm.identification.judgement.cross_validation_groups import cross_validation_groups
 from truearm.identification.planning.sampling import STRATEGIES
 from truearm.identification.virtual import VirtualArm, load_preset
-from truearm.readings import Lengths, Session, hold_out
+from truearm.readings import Lengths, Session
 from truearm.typing import FloatArray
 
-MODELS: dict[str, type[Compensator]] = {
-    "nominal": NominalModel,
-    "kinematic": KinematicModel,
-    "physical": PhysicalModel,
-    "hybrid": HybridModel,
-}
+ROWS = Rows()
+MODELS: dict[str, type[Compensator]] = {**IDENTIFYING, "hybrid": HybridModel}
 METHODS = [*MODELS, "network", "nominal + network", *(f"kinematic + {name}" for name in CHOICES)]
-TRACKER = {"wam": "row", "ur5": "row", "ur10-b": "position", "ur10-a": "position"}
 SEATS = [f"mukca-{robot}" for robot in ("dinova_1", "panda_1", "panda_2", "panda_3")]
 VIRTUAL = {
     "virtual box 200": (200, "box"),
@@ -50,12 +43,10 @@ VIRTUAL = {
     "virtual everyday": (3000, "everyday"),
 }
 SETS = ["wam", "ur5", *SEATS, *VIRTUAL, "ur10-b", "ur10-a"]
-HELD_OUT, N_TEST, OUTSIDE_DEG, FEW = 0.3, 1000, 10.0, 1000
+N_TEST, OUTSIDE_DEG, FEW = 1000, 10.0, 1000
 # A network from angles to coordinates: (layers, trainer) to choose from, for few and for many readings.
 NETWORKS_OF_FEW = [((5,), "trainbr"), ((15,), "trainbr")]
 NETWORKS_OF_MANY = [((30, 30), "varpro")]
-COLUMNS = ["method", "mean [mm]", "95 % [mm]", "largest [mm]"]
-COLUMNS += ["of kinematic [%]", "fit, CPU [s]", "coverage [%]", "splits"]
 Split = tuple[Arm, Session, Session, Lengths | None]
 
 
@@ -64,11 +55,11 @@ def split_of(name: str, seed: int) -> Split:
     """Arm, training and test readings of a split."""
     if name in VIRTUAL:
         return virtual_split(name, seed)
-    arm, readings = load_arm(datasets.DATASETS[name].arm), datasets.load_readings(name)
-    if name in TRACKER:
-        return arm, *hold_out(readings, by=TRACKER[name], fraction=HELD_OUT, seed=seed), None  # type: ignore[arg-type]
-    robot = name.removeprefix("mukca-")
+    if name not in SEATS:
+        return (*split(name, seed), None)
+    robot, readings = name.removeprefix("mukca-"), datasets.load_readings(name)
     left_out = readings.position == f"{robot}/{tool_positions(robot)[seed]}"
+    arm = load_arm(datasets.DATASETS[name].arm)
     return arm, readings.rows(~left_out), readings.rows(left_out), datasets.load_lengths(name)
 
 
@@ -86,11 +77,6 @@ def virtual_split(name: str, seed: int) -> Split:
     return arm, real.measure(train, seed=1000 + seed).readings, real.measure(test, seed=2000 + seed).readings, None
 
 
-def n_splits(name: str, most: int) -> int:
-    """Splits of a set: for seats one for each place, otherwise as many as asked for."""
-    return min(most, len(tool_positions(name.removeprefix("mukca-")))) if name in SEATS else most
-
-
 def cell(name: str, method: str, seed: int) -> dict[str, float]:
     """Errors of a method on one split [mm], CPU time of the fit [s], and coverage where the method states one."""
     arm, train, test, lengths = split_of(name, seed)
@@ -100,7 +86,6 @@ def cell(name: str, method: str, seed: int) -> dict[str, float]:
         seconds = time.process_time() - begun
         points = predict(test)
         if name in SEATS:
-            assert test.seat is not None
             means = {seat: points[test.seat == seat].mean(axis=0) for seat in np.unique(test.seat)}
             errors = np.linalg.norm(points - np.stack([means[seat] for seat in test.seat]), axis=1)
         else:
@@ -123,7 +108,6 @@ def fitted(method: str, arm: Arm, train: Session, lengths: Lengths | None) -> tu
         return of_model(direct_network(arm, train))
     first, _, second = method.partition(" + ")
     below = MODELS[first](arm).fit_readings(train)
-    assert train.points is not None
     # Gross errors of the arm teach no method anything.
     rows = np.sort(below.held_out_.rows)
     used = train.rows(rows)
@@ -181,7 +165,7 @@ def direct_network(arm: Arm, train: Session) -> NetworkModel:
     return network(choices[0]).fit_readings(train)
 
 
-def table(cells: dict[str, dict[str, float]], name: str) -> Iterator[list[str]]:
+def rows_of(cells: dict[str, dict[str, float]], name: str) -> Iterator[dict[str, Any]]:
     """Rows of a set: mean of the splits' means and 95 % quantiles, largest of all, median CPU time, coverage.
 
     Methods that have not been run on all splits are compared by their mean as a share of the kinematic model's on the
@@ -194,44 +178,37 @@ def table(cells: dict[str, dict[str, float]], name: str) -> Iterator[list[str]]:
         if found:
             mean, p95 = (np.mean([one[figure] for one in found]) for figure in ("mean", "p95"))
             coverage = [one["coverage"] for one in found if "coverage" in one]
-            yield [
-                method,
-                *(f"{value:#.3g}".rstrip(".") for value in (mean, p95, max(one["max"] for one in found))),
-                f"{100 * mean / np.mean(kinematic):.0f}" if len(kinematic) == len(found) else "-",
-                f"{np.median([one['cpu_s'] for one in found]):.1f}",
-                f"{100 * np.mean(coverage):.0f}" if coverage else "-",
-                str(len(found)),
-            ]
+            yield {
+                "method": method,
+                "mean [mm]": float(mean),
+                "95 % [mm]": float(p95),
+                "largest [mm]": max(one["max"] for one in found),
+                "of kinematic [%]": 100 * float(mean / np.mean(kinematic)) if len(kinematic) == len(found) else None,
+                "fit, CPU [s]": float(np.median([one["cpu_s"] for one in found])),
+                "coverage [%]": 100 * float(np.mean(coverage)) if coverage else None,
+                "splits": len(found),
+            }
 
 
-def main() -> None:
-    """Measure what is missing, and print."""
-    doc = (__doc__ or "").replace("SETS", ", ".join(SETS)).replace("METHODS", ", ".join(METHODS))
-    parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--sets", nargs="+", choices=SETS, metavar="SET", default=SETS)
-    parser.add_argument("--methods", nargs="+", choices=METHODS, metavar="METHOD", default=METHODS)
-    parser.add_argument("--splits", type=int, default=10, help="splits of a set, 10 by default")
-    parser.add_argument("--quick", action="store_true", help="one split of wam and the virtual box of 200 poses")
-    parser.add_argument("--json", type=Path, help="file of results: what it has is not done again")
-    parser.add_argument("--table", action="store_true", help="only print what the file has")
-    options = parser.parse_args()
-    sets, splits = (["wam", "virtual box 200"], 1) if options.quick else (options.sets, options.splits)
-    kept: dict[str, Any] = {"machine": machine(), "cells": {}}
-    if options.json and options.json.exists():
-        kept = json.loads(options.json.read_text(encoding="utf-8"))
-    for name in sets if not options.table else ():
-        for seed in range(n_splits(name, splits)):
-            for method in options.methods:
-                key = f"{name}/{method}/{seed}"
-                if key not in kept["cells"] and (name not in SEATS or method in ("nominal", "kinematic", "physical")):
-                    kept["cells"][key] = cell(name, method, seed)
-                    if options.json:
-                        options.json.write_text(json.dumps(kept, indent=1), encoding="utf-8")
-    say_machine()
-    for name in sets:
-        print(f"\n{name}\n", flush=True)
-        print_table(COLUMNS, list(table(kept["cells"], name)))
+def rows_for(name: str) -> Callable[..., Found]:
+    """The row of a set."""
+
+    def measured(splits: int = 10, methods: tuple[str, ...] = tuple(METHODS), keep: str | None = None) -> Found:
+        file = Path(keep or scratch() / "methods.json")
+        kept: dict[str, Any] = {"machine": machine(), "cells": {}}
+        if file.exists():
+            kept = json.loads(file.read_text(encoding="utf-8"))
+        known = [one for one in methods if name not in SEATS or one in IDENTIFYING]
+        # Of seats one split for each place.
+        most = min(splits, len(tool_positions(name.removeprefix("mukca-")))) if name in SEATS else splits
+        for key, method, seed in ((f"{name}/{one}/{seed}", one, seed) for seed in range(most) for one in known):
+            if key not in kept["cells"]:
+                kept["cells"][key] = cell(name, method, seed)
+                file.write_text(json.dumps(kept, indent=1), encoding="utf-8")
+        return Found(list(rows_of(kept["cells"], name)))
+
+    return measured
 
 
-if __name__ == "__main__":
-    main()
+for _name in SETS:
+    ROWS.row(_name.replace(" ", "-"), _name, quick={"splits": 1})(rows_for(_name))

@@ -1,7 +1,5 @@
 """Pages in a headless Chromium: how large, how tall while folded, how soon the view can be turned, how fast it turns.
 
-    python benchmarks/pages.py [--json] [--runs 5]
-
 Needs the extra ``browser`` and Chromium. The demo's page is that of a short training, which has as many figures; the
 report is one of 12,000 readings of a virtual arm by a kinematic model of 300.
 """
@@ -9,20 +7,19 @@ report is one of 12,000 readings of a virtual arm by a kinematic model of 300.
 from __future__ import annotations
 
 import shutil
-import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from statistics import median
 from typing import Any
 
-from playwright.sync_api import Browser, sync_playwright
-
 import truearm as ta
-from machine import Target, options_of, print_json, print_table, say_machine, say_targets
+from benchmarks.rows import Found, Rows, Target, scratch
 from truearm.pages.html import write_page
 from truearm.pages.page import Page
 from truearm.workflows.arms import describe_arm
 from truearm.workflows.demo import DemoResult, Settings, experiment
 
+ROWS = Rows()
 WIDTH, HEIGHT = 1400, 900
 SHORT = Settings(n_train=400, n_test=200, hidden=(6, 6), epochs=20)
 TURN = """async () => {
@@ -45,7 +42,7 @@ def large_report() -> Page:
     return ta.report(ta.KinematicModel(arm).fit_readings(train), test).page()
 
 
-def measured(chromium: Browser, path: Path, runs: int) -> dict[str, Any]:
+def measured(chromium: Any, path: Path, runs: int) -> dict[str, Any]:
     """Size, height and times of one page."""
     first, cpu, turns, height = [], [], [], 0
     for _ in range(runs):
@@ -69,37 +66,28 @@ def measured(chromium: Browser, path: Path, runs: int) -> dict[str, Any]:
     }
 
 
-def main() -> None:
-    """Measure the pages and print them beside their targets."""
-    options = options_of(__doc__, runs=5)
-    found = {}
-    with tempfile.TemporaryDirectory() as name, sync_playwright() as steer:
-        pages = {
-            "arm": describe_arm("gao2017").page,
-            "demo": DemoResult(experiment(seed=0, settings=SHORT), quick=True).page,
-            "report of 12,000 readings": large_report,
-        }
-        chromium = steer.chromium.launch(
-            executable_path=shutil.which("chromium"), args=["--no-sandbox", "--disable-gpu"]
-        )
-        for what, page in pages.items():
-            write_page(page(), Path(name) / "page.html")
-            found[what] = measured(chromium, Path(name) / "page.html", options.runs)
+@ROWS.row("pages", quick={"runs": 1, "pages": ("arm",)})
+def pages(runs: int = 5, pages: tuple[str, ...] = ("arm", "demo", "report of 12,000 readings")) -> Found:
+    """Size, height and times of three pages."""
+    from playwright.sync_api import sync_playwright
+
+    made: dict[str, Callable[[], Page]] = {
+        "arm": describe_arm("gao2017").page,
+        "demo": lambda: DemoResult(experiment(seed=0, settings=SHORT), quick=True).page(),
+        "report of 12,000 readings": large_report,
+    }
+    table, targets, file = [], [], scratch() / "page.html"
+    with sync_playwright() as steer:
+        path = shutil.which("chromium")
+        chromium = steer.chromium.launch(executable_path=path, args=["--no-sandbox", "--disable-gpu"])
+        for what in pages:
+            write_page(made[what](), file)
+            row = measured(chromium, file, runs)
+            table.append({"page": what, **row})
+            if what == "demo":
+                targets.append(Target("demo, first frame that can be turned [s]", row["first frame [s]"], 1.5))
+            elif what != "arm":
+                targets.append(Target(f"{what} [MB]", row["size [MB]"], 3))
+                targets.append(Target(f"{what}, folded, 1400 px wide [px]", row["height [px]"], 4000))
         chromium.close()
-    largest, demo = found["report of 12,000 readings"], found["demo"]
-    targets = [
-        Target("demo, first frame that can be turned [s]", demo["first frame [s]"], 1.5),
-        Target("report of 12,000 readings [MB]", largest["size [MB]"], 3),
-        Target("report of 12,000 readings, folded, 1400 px wide [px]", largest["height [px]"], 4000),
-    ]
-    if options.json:
-        print_json({"pages": found}, targets)
-        return
-    say_machine()
-    heads = list(demo)
-    print_table(["page", *heads], [[what, *(f"{row[head]:.4g}" for head in heads)] for what, row in found.items()])
-    say_targets(targets)
-
-
-if __name__ == "__main__":
-    main()
+    return Found(table, targets)

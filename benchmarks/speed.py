@@ -1,75 +1,34 @@
-"""Speed of every kind of work: what, target, now. CPU seconds with one BLAS thread unless a row says otherwise.
+"""Speed of every kind of work: CPU seconds with one BLAS thread unless a row says otherwise.
 
-    python benchmarks/speed.py [--rows NAME ...] [--json] [--list]
-
-Rows that take many minutes run only if they are named. Every row runs in a process of its own, so that no row finds
-what another one loaded or left in a cache. Fitted models that several rows need are fitted once and shared as files.
-Seconds of imports count only where a row says so.
+Every row runs in a process of its own, so that no row finds what another one loaded or left in a cache. Fitted models
+that several rows need are fitted once and shared as files. Seconds of imports count only where a row says so.
 """
 
 from __future__ import annotations
 
-import json
-import os
 import resource
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from machine import Target, arguments_of, print_json, print_table, say_machine
+import truearm as ta
+from benchmarks.rows import Found, Rows, Target, cpu_seconds_of, scratch, times_of, times_of_each
 from truearm import datasets
-from truearm.arm import load_arm
+from truearm.arm import Chain, load_arm, write_urdf
 from truearm.compensation.models import Compensator, KinematicModel, NominalModel, PhysicalModel
 from truearm.compensation.models.model_file import load_model
+from truearm.identification.virtual import load_preset
 from truearm.readings import Session
 
+ROWS = Rows()
 MODELS: dict[str, type[Compensator]] = {"nominal": NominalModel, "kinematic": KinematicModel, "physical": PhysicalModel}
-# Environment variables that a user may have set for the threads of a BLAS.
-BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 REPEATS = 200  # of work of milliseconds
-
-
-@dataclass(frozen=True)
-class SpeedRow:
-    """A line of the table.
-
-    Attributes
-    ----------
-    what : str
-    unit : str
-    target : float
-        In that unit, not to exceed.
-    before : str
-        What it was before this work was begun on, as the note of a machine with other work.
-    measure : callable
-        Takes the folder of shared files and returns the number.
-    sets_threads : bool
-        Whether the process starts with one BLAS thread; otherwise with the BLAS' own default, and only the program
-        itself may change it.
-    is_long : bool
-        Whether it takes many minutes.
-    """
-
-    what: str
-    unit: str
-    target: float
-    before: str
-    measure: Callable[[Path], float]
-    sets_threads: bool = True
-    is_long: bool = False
-
-
-def cpu_seconds_of(work: Callable[[], object]) -> float:
-    """CPU seconds of one run in this process, all threads together."""
-    begun = time.process_time()
-    work()
-    return time.process_time() - begun
 
 
 def cpu_ms_of_each(work: Callable[[], object], repeats: int = REPEATS) -> float:
@@ -94,9 +53,52 @@ def fit_seconds(kind: str, readings: Session) -> float:
     return cpu_seconds_of(lambda: MODELS[kind](load_arm("ur10")).fit_readings(readings))
 
 
-def model_file(folder: Path, kind: str) -> Path:
+def elapsed_physical_seconds(n: int) -> float:
+    """Elapsed seconds of a physical fit to readings with points of a virtual gao2017, on all cores."""
+    readings = ta.simulate("gao2017", poses=n, seed=1).session
+    begun = time.perf_counter()
+    PhysicalModel(load_arm("gao2017")).fit_readings(readings)
+    return time.perf_counter() - begun
+
+
+def plan_seconds() -> float:
+    """CPU seconds of a plan; those of threads that wait for work count."""
+    return cpu_seconds_of(lambda: ta.plan("measuring7", "tracker", poses=50))
+
+
+def load_seconds() -> float:
+    """CPU seconds of reading a model file."""
+    path = model_file("physical")
+    return cpu_seconds_of(lambda: load_model(path))
+
+
+def whole_process_seconds() -> float:
+    """CPU seconds of `truearm predict`, imports included."""
+    session, model = scratch() / "ten.csv", model_file("physical")
+    Session(ur10_readings(10).angles).save(session)
+    command = [sys.executable, "-m", "truearm", "predict", str(model), str(session)]
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    subprocess.run([*command, "--out", str(scratch() / "points.csv")], stdout=subprocess.DEVNULL, check=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def one_reading_ms(kind: str, *, covariance: bool = False) -> float:
+    """CPU milliseconds of one reading in a running process, of a model that was read from its file."""
+    model = load_model(model_file(kind))
+    rows = iter(np.tile(ur10_readings(REPEATS).angles, (3, 1))[:, None])
+    return cpu_ms_of_each(lambda: model.predict(next(rows), return_cov=covariance))
+
+
+def report_seconds() -> float:
+    """CPU seconds of a page, written to a file."""
+    model, readings = load_model(model_file("physical")), ur10_readings(3500)
+    return cpu_seconds_of(lambda: ta.report(model, readings, scratch() / "page.html"))
+
+
+def model_file(kind: str) -> Path:
     """A model of all readings of series A, fitted by the first row that needs it."""
-    path = folder / f"{kind}.truearm"
+    path = scratch() / f"{kind}.truearm"
     if not path.exists():
         MODELS[kind](load_arm("ur10")).fit_readings(ur10_readings()).save(path)
     return path
@@ -104,199 +106,226 @@ def model_file(folder: Path, kind: str) -> Path:
 
 def many_readings(n: int) -> Session:
     """Readings of a virtual UR10 with errors and noise of the preset research."""
-    import truearm as ta
-
     return ta.simulate("ur10", poses=n, seed=1).session
 
 
-def elapsed_physical_seconds(n: int) -> float:
-    """Elapsed seconds of a physical fit to readings with points of a virtual gao2017, on all cores."""
-    import truearm as ta
-
-    readings = ta.simulate("gao2017", poses=n, seed=1).session
-    begun = time.perf_counter()
-    PhysicalModel(load_arm("gao2017")).fit_readings(readings)
-    return time.perf_counter() - begun
-
-
-def plan_seconds(folder: Path) -> float:
-    """CPU seconds of a plan; those of threads that wait for work count."""
-    del folder
-    import truearm as ta
-
-    return cpu_seconds_of(lambda: ta.plan("measuring7", "tracker", poses=50))
-
-
-def load_seconds(folder: Path) -> float:
-    """CPU seconds of reading a model file."""
-    path = model_file(folder, "physical")
-    return cpu_seconds_of(lambda: load_model(path))
-
-
-def whole_process_seconds(folder: Path) -> float:
-    """CPU seconds of the command `truearm predict` of ten readings, imports included."""
-    session = folder / "ten.csv"
-    Session(ur10_readings(10).angles).save(session)
-    command = [sys.executable, "-m", "truearm", "predict", str(model_file(folder, "physical")), str(session)]
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    subprocess.run([*command, "--out", str(folder / "points.csv")], stdout=subprocess.DEVNULL, check=True)
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-
-
-def one_reading_ms(kind: str, *, covariance: bool = False) -> Callable[[Path], float]:
-    """CPU milliseconds of one reading in a running process, of a model that was read from its file."""
-
-    def measured(folder: Path) -> float:
-        model = load_model(model_file(folder, kind))
-        angles = ur10_readings(REPEATS).angles
-        rows = iter(np.tile(angles, (3, 1))[:, None])
-        return cpu_ms_of_each(lambda: model.predict(next(rows), return_cov=covariance))
-
-    return measured
-
-
-def report_seconds(folder: Path) -> float:
-    """CPU seconds of a page on 3,500 readings, written to a file."""
-    import truearm as ta
-
-    model, readings = load_model(model_file(folder, "physical")), ur10_readings(3500)
-    return cpu_seconds_of(lambda: ta.report(model, readings, folder / "page.html"))
-
-
-def normal_equations_ratio(folder: Path) -> float:
-    """Elapsed time of a Gauss-Newton matrix over that of its products alone, in turn with each other."""
-    del folder
-    from machine import times_of_each
-    from network_epoch import bare_products
-    from truearm.compensation.nets.nguyen_widrow import nguyen_widrow
-    from truearm.compensation.nets.normal_equations import FitProblem
-    from truearm.compensation.nets.perceptron import Perceptron
-
-    network = Perceptron.with_layers(6, (50, 50), 3)
-    rng = np.random.default_rng(0)
-    problem = FitProblem(network, rng.uniform(-1, 1, (6, 9000)), rng.uniform(-1, 1, (3, 9000)))
-    weights = nguyen_widrow(network, seed=0)
-    times = times_of_each(
-        {"ours": lambda: problem.normal_equations(weights), "bare": bare_products(network, 9000, problem.chunk)},
-        runs=7,
-    )
-    return times["ours"].shortest / times["bare"].shortest
-
-
-ROWS: dict[str, SpeedRow] = {
-    "fit-physical": SpeedRow(
-        "physical fit of UR10-A, 11,911 readings",
-        "s",
-        6.0,
-        "19.3",
-        lambda _: fit_seconds("physical", ur10_readings()),
-    ),
-    "fit-physical-1000": SpeedRow(
-        "the same, 1,000 readings", "s", 1.5, "6.9", lambda _: fit_seconds("physical", ur10_readings(1000))
-    ),
-    "fit-nominal": SpeedRow(
-        "nominal fit of UR10-A", "s", 0.15, "1.3", lambda _: fit_seconds("nominal", ur10_readings())
-    ),
-    "fit-kinematic": SpeedRow(
-        "kinematic fit of UR10-A", "s", 0.4, "2.0", lambda _: fit_seconds("kinematic", ur10_readings())
-    ),
-    "fit-kinematic-100000": SpeedRow(
+OWN = "the same with the BLAS' own number of threads"
+for _name, _what, _unit, _target, _measure in (
+    ("fit-physical", "physical fit of UR10-A", "s", 6.0, lambda: fit_seconds("physical", ur10_readings())),
+    ("fit-physical-1000", "the same, 1,000 readings", "s", 1.5, lambda: fit_seconds("physical", ur10_readings(1000))),
+    ("fit-nominal", "nominal fit of UR10-A", "s", 0.15, lambda: fit_seconds("nominal", ur10_readings())),
+    ("fit-kinematic", "kinematic fit of UR10-A", "s", 0.4, lambda: fit_seconds("kinematic", ur10_readings())),
+    (
+        "fit-kinematic-100000",
         "kinematic fit, 100,000 readings of a virtual UR10",
         "s",
         3.0,
-        "16.5",
-        lambda _: fit_seconds("kinematic", many_readings(100_000)),
+        lambda: fit_seconds("kinematic", many_readings(100_000)),
     ),
-    "fit-physical-100000": SpeedRow(
+    (
+        "fit-physical-100000",
         "physical fit, 100,000 readings of a virtual gao2017",
         "s, elapsed",
         300.0,
-        "-",
-        lambda _: elapsed_physical_seconds(100_000),
-        is_long=True,
+        lambda: elapsed_physical_seconds(100_000),
     ),
-    "fit-physical-1000000": SpeedRow(
+    (
+        "fit-physical-1000000",
         "the same, 1,000,000 readings",
         "s, elapsed",
         900.0,
-        "-",
-        lambda _: elapsed_physical_seconds(1_000_000),
-        is_long=True,
+        lambda: elapsed_physical_seconds(1_000_000),
     ),
-    "plan": SpeedRow("plan, 50 poses of measuring7", "s", 4.0, "4", plan_seconds),
-    "plan-threads": SpeedRow(
-        "the same with the BLAS' own number of threads", "s", 4.0, "67", plan_seconds, sets_threads=False
+    ("plan", "plan, 50 poses of measuring7", "s", 4.0, plan_seconds),
+    ("plan-threads", OWN, "s", 4.0, plan_seconds),
+    ("load", "load_model of a physical model", "s", 0.5, load_seconds),
+    ("load-threads", OWN, "s", 0.5, load_seconds),
+    ("predict-process", "truearm predict, 10 readings, whole process", "s", 0.7, whole_process_seconds),
+    ("reading-kinematic", "one reading, kinematic", "ms", 0.1, lambda: one_reading_ms("kinematic")),
+    ("reading-physical", "one reading, physical", "ms", 0.3, lambda: one_reading_ms("physical")),
+    (
+        "reading-covariance",
+        "one reading, physical with covariance",
+        "ms",
+        2.0,
+        lambda: one_reading_ms("physical", covariance=True),
     ),
-    "load": SpeedRow("load_model of a physical model", "s", 0.5, "0.5", load_seconds),
-    "load-threads": SpeedRow(
-        "the same with the BLAS' own number of threads", "s", 0.5, "12", load_seconds, sets_threads=False
-    ),
-    "predict-process": SpeedRow("truearm predict, 10 readings, whole process", "s", 0.7, "1.9", whole_process_seconds),
-    "reading-kinematic": SpeedRow("one reading, kinematic", "ms", 0.1, "1.1", one_reading_ms("kinematic")),
-    "reading-physical": SpeedRow("one reading, physical", "ms", 0.3, "4.9", one_reading_ms("physical")),
-    "reading-covariance": SpeedRow(
-        "one reading, physical with covariance", "ms", 2.0, "23.8", one_reading_ms("physical", covariance=True)
-    ),
-    "report": SpeedRow("report of 3,500 readings", "s", 3.0, "6 to 8", report_seconds),
-    "normal-equations": SpeedRow(
-        "J^T J of 6-50-50-3, 9,000 samples, over its bare products", "", 1.25, "1.4 to 1.74", normal_equations_ratio
-    ),
-}
+    ("report", "report of 3,500 readings", "s", 3.0, report_seconds),
+):
+    ROWS.row(
+        _name,
+        _what,
+        unit=_unit,
+        target=_target,
+        threads="default" if _what == OWN else "one",
+        is_long="elapsed" in _unit,
+    )(_measure)
 
 
-def measured(name: str, folder: Path) -> tuple[float, float]:
-    """The number of a row, from a process of its own, and the most memory of that process [MB]."""
-    environment = {key: value for key, value in os.environ.items() if key not in BLAS_THREADS}
-    if ROWS[name].sets_threads:
-        environment |= dict.fromkeys(BLAS_THREADS, "1")
-    command = [sys.executable, __file__, "--one", name, "--folder", str(folder)]
-    ran = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True, env=environment)
-    value, memory_mb = json.loads(ran.stdout.splitlines()[-1])
-    return float(value), float(memory_mb)
+# Kinematics -----------------------------------------------------------------------------------------------------------
+
+ARM = "ur10"
 
 
-def main() -> None:
-    """Measure and print."""
-    parser = arguments_of(__doc__)
-    short = [name for name, row in ROWS.items() if not row.is_long]
-    parser.add_argument("--rows", nargs="+", choices=list(ROWS), default=short, metavar="NAME")
-    parser.add_argument("--list", action="store_true", help="print the names of the rows")
-    parser.add_argument("--folder", type=Path, help="where fitted models are kept; a temporary folder by default")
-    parser.add_argument("--one", choices=list(ROWS), help="print the number of one row alone, measured in this process")
-    options = parser.parse_args()
-    if options.list:
-        print_table(["row", "what"], [[name, row.what] for name, row in ROWS.items()])
-        return
-    if options.one is not None:
-        value = ROWS[options.one].measure(options.folder)
-        print(json.dumps([value, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024]))
-        return
-    with tempfile.TemporaryDirectory() as temporary:
-        found = {name: measured(name, options.folder or Path(temporary)) for name in options.rows}
-    now, memory_mb = ({name: one[k] for name, one in found.items()} for k in (0, 1))
+def best_us(work: Callable[[], object], n: int, *, repeats: int = 7) -> float:
+    """Shortest of some runs [us a pose]: what the machine can do when nothing else disturbs it."""
+    return times_of(work, runs=repeats).shortest / n * 1e6
+
+
+def ours(chain: Chain, angles: np.ndarray) -> dict[str, float]:
+    """Time each of our four ways through the chain [us a pose]."""
+    n = len(angles)
+
+    def all_chunks() -> None:
+        for _ in chain.tip_derivatives_by_chunk(angles):
+            pass
+
+    return {
+        "tip_in_base": best_us(lambda: chain.tip_in_base(angles), n),
+        "pose": best_us(lambda: chain.pose(angles), n),
+        "tip_derivatives_by_chunk": best_us(all_chunks, n),
+        "tip_derivatives": best_us(lambda: chain.tip_derivatives(angles), n),
+    }
+
+
+def pinocchios(angles: np.ndarray) -> dict[str, float]:
+    """Time Pinocchio on the same arm [us a pose]; nothing where it is not installed."""
+    try:
+        import pinocchio
+    except ImportError:
+        return {}
+    with tempfile.TemporaryDirectory() as folder:
+        write_urdf(load_arm(ARM), Path(folder) / "arm.urdf")
+        model = pinocchio.buildModelFromUrdf(str(Path(folder) / "arm.urdf"))
+    data = model.createData()
+    tip = model.getFrameId("tip")
+    n = len(angles)
+    rows = list(angles)
+
+    def empty() -> None:
+        for _ in rows:
+            pass
+
+    def forward() -> None:
+        step = pinocchio.forwardKinematics
+        for q in rows:
+            step(model, data, q)
+
+    def placed() -> None:
+        step = pinocchio.framesForwardKinematics
+        for q in rows:
+            step(model, data, q)
+
+    def regressor() -> None:
+        step, then = pinocchio.forwardKinematics, pinocchio.computeFrameKinematicRegressor
+        frame = pinocchio.LOCAL_WORLD_ALIGNED
+        for q in rows:
+            step(model, data, q)
+            then(model, data, tip, frame)
+
+    loop = best_us(empty, n, repeats=3)
+    timed = {
+        "pinocchio forwardKinematics": forward,
+        "pinocchio framesForwardKinematics": placed,
+        "pinocchio with computeFrameKinematicRegressor": regressor,
+    }
+    return {name: best_us(work, n, repeats=3) - loop for name, work in timed.items()}
+
+
+def targets_of(us: dict[str, float]) -> list[Target]:
+    """What to reach: two times, and to be ahead of Pinocchio where it is installed."""
     targets = [
-        Target(f"{ROWS[name].what} [{ROWS[name].unit}]", value, ROWS[name].target) for name, value in now.items()
+        Target("pose [us]", us["pose"], 0.7),
+        Target("derivatives by all six motions at all places [us]", us["tip_derivatives"], 3.0),
     ]
-    if options.json:
-        print_json({"rows": now, "memory_MB": memory_mb, "before": {name: ROWS[name].before for name in now}}, targets)
-        return
-    say_machine()
-    print()
-    cells = [
-        [
-            row.what,
-            row.unit,
-            row.before,
-            f"{row.target:g}",
-            f"{now[name]:.3g}",
-            f"{memory_mb[name]:.0f}",
-            "" if now[name] <= row.target else "missed",
-        ]
-        for name, row in ((name, ROWS[name]) for name in now)
-    ]
-    print_table(["what", "", "before", "target", "now", "memory [MB]", ""], cells)
+    if "pinocchio forwardKinematics" in us:
+        forward = us["pinocchio forwardKinematics"] / us["pose"]
+        derivative = us["pinocchio with computeFrameKinematicRegressor"] / us["tip_derivatives"]
+        targets.append(
+            Target("pinocchio's forward kinematics, called from Python, over ours", forward, 1.0, good="above")
+        )
+        targets.append(Target("pinocchio's kinematic regressor of the tip over ours", derivative, 1.0, good="above"))
+    return targets
 
 
-if __name__ == "__main__":
-    main()
+@ROWS.row("kinematics", threads="one", quick={"poses": 1000})
+def kinematics(poses: int = 100_000) -> Found:
+    """Forward kinematics and derivatives, us a pose, beside Pinocchio's own loop if it is installed.
+
+    Pinocchio works pose by pose, so its loop runs in Python; the time of an empty loop over the same rows is taken off.
+    """
+    arm = load_arm(ARM)
+    angles = np.random.default_rng(0).uniform(-np.pi, np.pi, (poses, arm.n_joints))
+    us = ours(arm.chain, angles) | pinocchios(angles)
+    return Found([{"": name, "us a pose": value} for name, value in us.items()], targets_of(us))
+
+
+# Shapes of the standards' tests, and a whole test ---------------------------------------------------------------------
+
+NOISE = 0.01  # mm
+RANGE, ARMS, PRESETS = 2500.0, 100, ("shop", "research")
+
+
+@ROWS.row("shapes", threads="one", quick={"runs": 5})
+def shapes(runs: int = 200) -> Found:
+    """Sphere, smallest sphere, cylinder."""
+    from truearm.verification.shapes.circumscribed_sphere import circumscribed_sphere
+    from truearm.verification.shapes.cylinder import fit_cylinder
+    from truearm.verification.shapes.sphere import fit_sphere
+
+    rng = np.random.default_rng(20170101)
+    away = rng.normal(size=(25, 3))
+    away[:, 2] = np.abs(away[:, 2])
+    ball = [800.0, 300.0, 100.0] + 12.5 * away / np.linalg.norm(away, axis=1)[:, None]
+    ball += NOISE * rng.normal(size=ball.shape)
+    angle, along = rng.uniform(0, 2 * np.pi, 100), rng.uniform(-40, 40, 100)
+    tube = np.column_stack([20 * np.cos(angle), 20 * np.sin(angle), along]) + NOISE * rng.normal(size=(100, 3))
+    centres = rng.normal(size=(5, 3))
+    times = times_of_each(
+        {
+            "sphere from 25 points": lambda: fit_sphere(ball),
+            "smallest sphere about 5 points": lambda: circumscribed_sphere(centres),
+            "cylinder from 100 points": lambda: fit_cylinder(tube),
+        },
+        runs=runs,
+    )
+    table = [{"": what, "shortest [ms]": 1e3 * t.shortest, "median [ms]": 1e3 * t.median} for what, t in times.items()]
+    return Found(table, [Target("sphere from 25 points [ms]", table[0]["median [ms]"], 1.0)])
+
+
+@ROWS.row("whole-test", threads="one", quick={"arms": 2, "presets": ("shop",)})
+def whole_test(arms: int = 100, presets: tuple[str, ...] = PRESETS) -> Found:
+    """A whole test of ISO 10360-12 by virtual arms: layout, poses and measurements, median of four."""
+    table, targets = [], []
+    for preset in presets:
+        cpu: list[float] = []
+        times = times_of(
+            lambda preset=preset, cpu=cpu: cpu.append(cpu_seconds_of(partial(taken, preset, arms))), runs=3
+        )
+        row = {"preset": preset, "median [s]": times.median, "processor time [s]": float(np.median(cpu))}
+        table.append(row)
+        targets.append(Target(f"ISO 10360-12, {arms} virtual arms, {preset} [s]", times.median, 60.0))
+    return Found(table, targets)
+
+
+def taken(preset: str, arms: int) -> None:
+    """Lay out, pose and take the whole test."""
+    from truearm.verification.standards.artefacts import example_artefacts
+    from truearm.verification.standards.layout import lay_out_tests
+    from truearm.verification.standards.specification import example_specification
+    from truearm.verification.standards.verification_plan import load_verification_plan
+    from truearm.verification.tasks.posed_test import pose
+    from truearm.verification.tasks.sampled_arms import PresetDistribution
+    from truearm.verification.tasks.simulated_verification import simulate_verification
+
+    arm, plan = load_arm("measuring7"), load_verification_plan("iso10360-12")
+    artefacts = example_artefacts(RANGE)
+    simulate_verification(
+        PresetDistribution(arm, load_preset(preset)),
+        pose(lay_out_tests(plan, artefacts, RANGE, shoulder_mm=320.0), arm, seed=0),
+        plan=plan,
+        artefacts=artefacts,
+        specification=example_specification(RANGE),
+        n_arms=arms,
+        seed=0,
+    )

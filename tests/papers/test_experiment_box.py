@@ -39,7 +39,7 @@ def test_the_box_of_the_experiment_follows_from_the_trainings_that_are_kept():
     at_the_goal = [run for run in study.runs if run.method == "trainlm" and abs(run.half_width_deg - widest) < 2]
     assert {run.stop for run in at_the_goal} == {GOAL_MET}
     assert TIME_OVER not in {run.stop for run in study.runs}
-    assert study.how.startswith("python benchmarks/paper_box.py")
+    assert study.how.startswith("python -m benchmarks paper box")
 
 
 def test_the_figure_counts_the_trainings_that_met_the_goal():

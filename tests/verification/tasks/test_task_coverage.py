@@ -1,6 +1,6 @@
 """The law of task uncertainty: 95 % intervals hold the errors that virtual arms make, of two points as of many.
 
-A small version of benchmarks/task_uncertainty.py. No repeatability is given: nothing is known to be random.
+A small version of ``python -m benchmarks uncertainty tasks``. No repeatability is given: nothing is known to be random.
 """
 
 from dataclasses import replace

@@ -6,7 +6,7 @@ J. R. Stat. Soc. A 143 (1980) 383). With the normal equations G of all parameter
 the free ones (f) absorb are ``S = G - G_f G_ff^-1 G_f^T``, and the expected sum of squared residuals is
 ``sum_i S_ii s_i^2`` by the constants' prior standard deviations s.
 
-The limits are evidence, `benchmarks/imperfect_diagnosis.py`:
+The limits are evidence, `python -m benchmarks imperfect_readings`:
 real arms and virtual ones, and each of them with every single wrong sign, exchanged pair of joints, zero off by a
 quarter turn and other unit.
 """

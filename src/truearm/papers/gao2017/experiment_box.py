@@ -6,7 +6,7 @@ goal errs by more than the paper's network, the paper's training would have met 
 `trainlm` at the goal is the paper's, is the widest that agrees with the stop of the paper.
 
 The trainings take hours of CPU time. Their numbers are kept in ``experiment_box.json``, which
-``benchmarks/paper_box.py`` makes.
+``python -m benchmarks paper box`` makes.
 """
 
 from __future__ import annotations

@@ -1,0 +1,86 @@
+"""Laws of the benchmarks: every command that is named somewhere exists, and a run states machine, rows and targets."""
+
+from __future__ import annotations
+
+import importlib
+import itertools
+import json
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+CHECKOUT = Path(__file__).resolve().parents[1]
+PAGES = [CHECKOUT / "README.md", CHECKOUT / "CONTRIBUTING.md", CHECKOUT / "CHANGELOG.md"]
+PAGES += [page for page in (CHECKOUT / "docs").rglob("*.md") if "_build" not in page.parts]
+PAGES += [file for folder in ("src", "tests", "benchmarks") for file in (CHECKOUT / folder).rglob("*.py")]
+PAGES += list((CHECKOUT / "src").rglob("*.json"))
+COMMON = {"--list", "--json", "--quick"}
+
+
+@pytest.fixture
+def command(monkeypatch):
+    """The module of the command."""
+    if not (CHECKOUT / "benchmarks").is_dir():
+        pytest.skip("benchmarks are not beside the tests")
+    monkeypatch.syspath_prepend(CHECKOUT)
+    return importlib.import_module("benchmarks.__main__")
+
+
+def named_commands(known):
+    """Where, the name of a benchmark, rows and options of all commands that pages name."""
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8")
+        texts = re.findall(r"python -m benchmarks ([a-z][^`,\n\"]*)", text)
+        if page.name == "benchmarks.md":  # the last column of its tables
+            cells = re.findall(r"\| `([a-z_0-9]+(?: [a-z_0-9-]+)*)` \|$", text, re.MULTILINE)
+            texts += [cell for cell in cells if cell.split()[0] in known]
+        for one in texts:
+            name, *words = re.sub(r"[\[\].]", " ", one).split()
+            rows = itertools.takewhile(lambda word: not word.startswith("--"), words)
+            yield page.name, name, [row for row in rows if not row.isupper()], re.findall(r"--[a-z-]+", one)
+
+
+def test_every_named_command_exists(command):
+    """Benchmark, rows and options."""
+    known, n = command.benchmarks(), 0
+    for page, name, chosen, options in named_commands(known):
+        assert name in known, f"{page}: {name}"
+        rows = importlib.import_module(f"benchmarks.{name}").ROWS
+        assert set(chosen) <= set(rows), f"{page}: {name} {chosen}"
+        taken = {f"--{option.replace('_', '-')}" for row in chosen or rows for option in rows[row].options}
+        assert set(options) <= taken | COMMON, f"{page}: {name} {options}"
+        n += 1
+    assert n > 50
+
+
+def test_no_page_names_a_file_of_the_benchmarks_that_is_not_there(command):
+    """By its path."""
+    for page in PAGES:
+        for file in re.findall(r"\bbenchmarks/[a-z_0-9]+\.(?:py|txt)", page.read_text(encoding="utf-8")):
+            assert (CHECKOUT / file).is_file(), f"{page.name}: {file}"
+
+
+def test_quick_sizes_are_options_of_their_rows(command):
+    """Sizes of `--quick`."""
+    for name in command.benchmarks():
+        for row_name, row in importlib.import_module(f"benchmarks.{name}").ROWS.items():
+            assert set(row.quick) <= set(row.options), f"{name} {row_name}"
+            assert row.what, f"{name} {row_name}"
+
+
+def test_a_run_states_the_machine_rows_and_targets(command, capsys):
+    """As one JSON object."""
+    command.main(["arm_files", "ur-angles", "--json"])
+    found = json.loads(capsys.readouterr().out)
+    assert found["machine"]["python"] == ".".join(map(str, sys.version_info[:3]))
+    assert len(found["rows"]["ur-angles"]["table"]) == 12
+    assert [target["met"] for target in found["targets"]] == [True] * 3
+
+
+def test_an_option_that_no_chosen_row_has_is_refused(command, capsys):
+    """With its name."""
+    with pytest.raises(SystemExit):
+        command.main(["arm_files", "ur-angles", "--arms", "3"])
+    assert "none of the rows ur-angles has the option --arms" in capsys.readouterr().err
