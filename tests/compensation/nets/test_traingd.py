@@ -10,8 +10,8 @@ import pytest
 
 from truearm.compensation.nets.normal_equations import FitProblem
 from truearm.compensation.nets.perceptron import Perceptron
-from truearm.compensation.nets.traingd import traingd
-from truearm.compensation.nets.traingdx import traingdx
+from truearm.compensation.nets.traingd import DescentOptions, traingd
+from truearm.compensation.nets.traingdx import AdaptiveDescentOptions, traingdx
 from truearm.errors import InputError
 
 
@@ -25,14 +25,14 @@ def one_unit():
 def test_defaults_are_matlabs():
     """mathworks.com/help/deeplearning/ref/traingd.html and traingdx.html."""
 
-    def defaults(trainer):
-        parameters = inspect.signature(trainer).parameters.values()
+    def defaults(options):
+        parameters = inspect.signature(options).parameters.values()
         return {p.name: p.default for p in parameters if p.default is not p.empty and p.default is not None}
 
     common = {"epochs": 1000, "goal": 0, "lr": 0.01, "max_fail": 6, "min_grad": 1e-5, "time": float("inf")}
     common |= {"clock": time.perf_counter}
-    assert defaults(traingd) == common
-    assert defaults(traingdx) == common | {"lr_inc": 1.05, "lr_dec": 0.7, "max_perf_inc": 1.04, "mc": 0.9}
+    assert defaults(DescentOptions) == common
+    assert defaults(AdaptiveDescentOptions) == common | {"lr_inc": 1.05, "lr_dec": 0.7, "max_perf_inc": 1.04, "mc": 0.9}
 
 
 @pytest.mark.parametrize(("trainer", "options"), [(traingd, {}), (traingdx, {"mc": 0.9}), (traingdx, {"mc": 0})])

@@ -15,7 +15,7 @@ from truearm.compensation.nets.normal_equations import FitProblem
 from truearm.compensation.nets.perceptron import Perceptron
 from truearm.compensation.nets.scaling import MinMaxScaler
 from truearm.compensation.nets.train_varpro import train_varpro
-from truearm.compensation.nets.trainlm import trainlm
+from truearm.compensation.nets.trainlm import LevenbergMarquardtOptions, trainlm
 from truearm.errors import InputError
 
 
@@ -51,7 +51,7 @@ def noisy(wave):
 
 
 def test_defaults_are_matlabs():
-    parameters = inspect.signature(trainlm).parameters.values()
+    parameters = inspect.signature(LevenbergMarquardtOptions).parameters.values()
     assert {p.name: p.default for p in parameters if p.default is not p.empty and p.default is not None} == {
         "epochs": 1000, "goal": 0, "max_fail": 6, "min_grad": 1e-7, "mu": 1e-3, "mu_dec": 0.1, "mu_inc": 10,
         "mu_max": 1e10, "time": float("inf"), "clock": time.perf_counter,

@@ -2,31 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from time import perf_counter
+from dataclasses import dataclass
+from typing import Any
 
 from truearm.compensation.nets.normal_equations import FitProblem
-from truearm.compensation.nets.training import Epoch, TrainingRecord, check_stops, checked_start
+from truearm.compensation.nets.training import TrainingOptions, TrainingRecord, checked_start
 from truearm.compensation.nets.training_log import TrainingLog
 from truearm.compensation.nets.variable_projection import ProjectedProblem
-from truearm.solve import CostConverged, CostGoal, MaxEpochs, MaxSeconds, NielsenDamping, levenberg_marquardt
+from truearm.solve import CostConverged, CostGoal, MaxEpochs, MaxSeconds, levenberg_marquardt
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 
 
-def train_varpro(
-    training: FitProblem,
-    weights: FloatArray,
-    *,
-    validation: FitProblem | None = None,
-    test: FitProblem | None = None,
-    epochs: int = 200,
-    goal: float = 0.0,
-    max_fail: int = 10,
-    time: float = float("inf"),
-    clock: Callable[[], float] = perf_counter,
-    callback: Callable[[Epoch], None] | None = None,
-) -> tuple[FloatArray, TrainingRecord]:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class VariableProjectionOptions(TrainingOptions):
+    """Options of `train_varpro`.
+
+    Parameters
+    ----------
+    max_fail : int
+        Validation failures since the best epoch that end it.
+    """
+
+    epochs: int = 200
+    max_fail: int = 10
+
+
+def train_varpro(training: FitProblem, weights: FloatArray, **options: Any) -> tuple[FloatArray, TrainingRecord]:
     """Train a network whose output layer is linear: far fewer epochs than `trainlm` for the same error.
 
     The output layer is eliminated (`ProjectedProblem`), damping is Nielsen's, and steps are bent by their second
@@ -39,12 +41,11 @@ def train_varpro(
 
     Parameters
     ----------
-    training, validation, test : FitProblem
-        The same network on different samples; without `validation` there is no validation stop.
+    training : FitProblem
     weights : (n_weights,) array
         Where to start; the output layer's share is not used.
-    epochs, goal, max_fail, time, clock, callback
-        As in `trainlm`.
+    **options
+        Those of `VariableProjectionOptions`.
 
     Returns
     -------
@@ -58,27 +59,22 @@ def train_varpro(
     InputError
         As `trainlm`.
     """
-    weights = checked_start(training, weights, validation, test)
-    check_stops(epochs=epochs, goal=goal, time=time, max_fail=max_fail)
-    problem, damping = ProjectedProblem(training), NielsenDamping()
-    log = TrainingLog(
-        training,
-        validation,
-        test,
-        max_fail=max_fail,
-        full_weights=problem.full_weights,
-        callback=callback,
-    )
-
+    chosen = VariableProjectionOptions(**options)
+    start, problem = checked_start(training, weights, chosen), ProjectedProblem(training)
+    log = TrainingLog(training, chosen, problem.full_weights)
     with one_blas_thread():
         levenberg_marquardt(
             problem,
-            weights[: problem.n_hidden_weights],
-            damping=damping,
-            stops=[CostGoal(goal * log.half), MaxEpochs(epochs), MaxSeconds(time), CostConverged(1e-8), *log.stops],
+            start[: problem.n_hidden_weights],
+            stops=[
+                CostGoal(chosen.goal * log.half),
+                MaxEpochs(chosen.epochs),
+                MaxSeconds(chosen.time),
+                CostConverged(1e-8),
+                *log.stops,
+            ],
             callback=log.record_lm_epoch,
             acceleration=problem.second_directional_derivative,
-            clock=clock,
+            clock=chosen.clock,
         )
-    with one_blas_thread():
         return log.best_weights(), log.record(TrainingRecord)

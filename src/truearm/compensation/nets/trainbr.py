@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 from truearm.compensation.nets.normal_equations import FitProblem
-from truearm.compensation.nets.training import Epoch, TrainingRecord, check_stops, checked_start
+from truearm.compensation.nets.training import DampedOptions, TrainingRecord, checked_start
 from truearm.compensation.nets.training_log import TrainingLog
 from truearm.solve import (
     DampingLimit,
-    MarquardtDamping,
     MaxEpochs,
     MaxSeconds,
     MinGradient,
@@ -83,22 +82,14 @@ class RegularisedProblem:
         return RegularisedEquations(cost, beta * errors.gradient + alpha * x, gram, errors)
 
 
-def trainbr(
-    training: FitProblem,
-    weights: FloatArray,
-    *,
-    validation: FitProblem | None = None,
-    test: FitProblem | None = None,
-    epochs: int = 1000,
-    goal: float = 0.0,
-    min_grad: float = 1e-7,
-    mu: float = 5e-3,
-    mu_dec: float = 0.1,
-    mu_inc: float = 10.0,
-    mu_max: float = 1e10,
-    time: float = float("inf"),
-    callback: Callable[[Epoch], None] | None = None,
-) -> tuple[FloatArray, BayesianRecord]:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class BayesianOptions(DampedOptions):
+    """Options of `trainbr`, as MATLAB's."""
+
+    mu: float = 5e-3
+
+
+def trainbr(training: FitProblem, weights: FloatArray, **options: Any) -> tuple[FloatArray, BayesianRecord]:
     """Train a network's weights, weighing errors against the size of the weights by the evidence.
 
     Every epoch is a Levenberg-Marquardt step on ``beta |e|^2 + alpha |w|^2``, then one round of MacKay's fixed point.
@@ -116,14 +107,10 @@ def trainbr(
         number.
     weights : (n_weights,) array
         Where to start.
-    validation, test : FitProblem, optional
-        Only recorded: they stop nothing, as in MATLAB (``max_fail`` 0).
-    epochs, goal, min_grad, mu, mu_dec, mu_inc, mu_max, time
-        As in MATLAB; `goal` is a mean squared error of scaled outputs, `min_grad` a norm of the gradient of the cost.
-        The cost here is half of beta times the squared errors and so on, with a beta that is twice MATLAB's: the same
-        `mu` damps half as much.
-    callback
-        As in `trainlm`.
+    **options
+        Those of `BayesianOptions`. Validation and test data are only recorded: they stop nothing, as in MATLAB
+        (``max_fail`` 0). `min_grad` is a norm of the gradient of the cost. The cost here is half of beta times the
+        squared errors and so on, with a beta that is twice MATLAB's: the same `mu` damps half as much.
 
     Returns
     -------
@@ -137,63 +124,65 @@ def trainbr(
     InputError
         As `trainlm`.
     """
-    start = checked_start(training, weights, validation, test)
-    check_stops(epochs=epochs, goal=goal, time=time, min_grad=min_grad)
-    damping = MarquardtDamping(mu, mu_dec, mu_inc, mu_max)
-    log = TrainingLog(
-        training,
-        validation,
-        test,
-        extra=("gamk", "ssX", "alpha", "beta"),
-        callback=callback,
-    )
-    n = training.n_errors
-    evidence = Evidence(FIRST_ALPHA, FIRST_BETA, gamma=float(len(start)))
-    perf, squares = training.mean_square(start), float(start @ start)
-
-    def renew(x: FloatArray, equations: NormalEquations) -> tuple[RegularisedProblem, NormalEquations]:
-        nonlocal evidence, perf, squares
-        assert isinstance(equations, RegularisedEquations)  # made by the problem below
-        before = evidence.beta * n * perf + evidence.alpha * squares
-        perf, squares = 2 * equations.errors.cost / n, float(x @ x)
-        settling = evidence.beta * n * perf + evidence.alpha * squares >= (1 - LEARNING) * before
-        if settling or log.epoch == 0:  # the first step gives alpha its scale
-            evidence = update_evidence(
-                evidence,
-                gram=equations.errors.gram,
-                parameter_squares=squares,
-                residual_squares=n * perf,
-                n_residuals=n,
-            )
-        problem = RegularisedProblem(training, evidence)
-        return problem, problem.weighted(x, equations.errors)
-
-    def goal_met(state: OptimizerState) -> StopReason | None:  # noqa: ARG001 - the goal is of the errors alone, not of the cost
-        return StopReason("Performance goal met.", True) if perf <= goal else None
-
-    def keep(state: OptimizerState) -> None:
-        log.keep(
-            state,
-            perf=perf,
-            gradient=state.gradient_norm,
-            extra=(evidence.gamma, squares, evidence.alpha, evidence.beta),
-        )
-
+    chosen = BayesianOptions(**options)
+    start = checked_start(training, weights, chosen)
+    rounds, log = _EvidenceRounds(training, start, chosen.goal), TrainingLog(training, chosen)
     with one_blas_thread():
         end = levenberg_marquardt(
-            RegularisedProblem(training, evidence),
+            RegularisedProblem(training, rounds.evidence),
             start,
-            damping=damping,
+            damping=chosen.damping(),
             stops=[
-                goal_met,
-                MaxEpochs(epochs),
-                MaxSeconds(time),
-                MinGradient(min_grad),
+                rounds.goal_met,
+                MaxEpochs(chosen.epochs),
+                MaxSeconds(chosen.time),
+                MinGradient(chosen.min_grad),
                 DampingLimit(),
                 *log.stops,
             ],
-            callback=keep,
-            update_problem=renew,
+            callback=lambda state: log.keep(state, gradient=state.gradient_norm, **rounds.entries()),
+            update_problem=rounds.renewed,
+            clock=chosen.clock,
         )
     record = log.record(BayesianRecord)
     return end.x.copy(), replace(record, best_epoch=record.num_epochs)
+
+
+class _EvidenceRounds:
+    """The evidence of a training, round by round, with the mean squared error and the sum of squared weights."""
+
+    def __init__(self, training: FitProblem, start: FloatArray, goal: float) -> None:
+        self.training, self.goal, self.n = training, goal, training.n_errors
+        self.evidence = Evidence(FIRST_ALPHA, FIRST_BETA, gamma=float(len(start)))
+        self.perf, self.squares, self.is_first = training.mean_square(start), float(start @ start), True
+
+    @property
+    def cost(self) -> float:
+        """Twice the cost under the evidence so far."""
+        return self.evidence.beta * self.n * self.perf + self.evidence.alpha * self.squares
+
+    def renewed(self, x: FloatArray, equations: NormalEquations) -> tuple[RegularisedProblem, NormalEquations]:
+        """The problem after an epoch, by a round of the fixed point unless the network is still learning."""
+        assert isinstance(equations, RegularisedEquations)  # made by the problem below
+        before = self.cost
+        self.perf, self.squares = 2 * equations.errors.cost / self.n, float(x @ x)
+        if self.is_first or self.cost >= (1 - LEARNING) * before:  # the first step gives alpha its scale
+            self.evidence = update_evidence(
+                self.evidence,
+                gram=equations.errors.gram,
+                parameter_squares=self.squares,
+                residual_squares=self.n * self.perf,
+                n_residuals=self.n,
+            )
+        self.is_first = False
+        problem = RegularisedProblem(self.training, self.evidence)
+        return problem, problem.weighted(x, equations.errors)
+
+    def goal_met(self, state: OptimizerState) -> StopReason | None:  # noqa: ARG002 - the goal is of the errors alone, not of the cost
+        """Stop when the mean squared error is at the goal."""
+        return StopReason("Performance goal met.", True) if self.perf <= self.goal else None
+
+    def entries(self) -> dict[str, float]:
+        """Of the record, after an epoch."""
+        alpha, beta, gamma = self.evidence.alpha, self.evidence.beta, self.evidence.gamma
+        return {"perf": self.perf, "gamk": gamma, "ssX": self.squares, "alpha": alpha, "beta": beta}

@@ -2,17 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from time import perf_counter
+from typing import Any
 
 from truearm.compensation.nets.normal_equations import FitProblem
-from truearm.compensation.nets.training import Epoch, TrainingRecord, check_stops, checked_start
+from truearm.compensation.nets.training import TrainingOptions, TrainingRecord, checked_start
 from truearm.compensation.nets.training_log import TrainingLog
 from truearm.errors import InputError
-from truearm.solve import CostGoal, DescentState, LearningRate, MaxEpochs, MaxSeconds, MinGradient, gradient_descent
+from truearm.solve import CostGoal, LearningRate, MaxEpochs, MaxSeconds, MinGradient, gradient_descent
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class DescentOptions(TrainingOptions):
+    """Options of `traingd`, as MATLAB's.
+
+    Parameters
+    ----------
+    lr : float
+        The step for a unit of the gradient of the mean squared error of scaled outputs.
+    max_fail : int
+        Validation failures since the best epoch that end it.
+    min_grad : float
+        Norm of the gradient to stop at.
+    """
+
+    lr: float = 0.01
+    max_fail: int = 6
+    min_grad: float = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,21 +46,7 @@ class MeanSquareProblem:
         return cost / half, gradient / half
 
 
-def traingd(
-    training: FitProblem,
-    weights: FloatArray,
-    *,
-    validation: FitProblem | None = None,
-    test: FitProblem | None = None,
-    epochs: int = 1000,
-    goal: float = 0.0,
-    lr: float = 0.01,
-    max_fail: int = 6,
-    min_grad: float = 1e-5,
-    time: float = float("inf"),
-    clock: Callable[[], float] = perf_counter,
-    callback: Callable[[Epoch], None] | None = None,
-) -> tuple[FloatArray, TrainingRecord]:
+def traingd(training: FitProblem, weights: FloatArray, **options: Any) -> tuple[FloatArray, TrainingRecord]:
     """Train a network's weights by ``weights - lr * gradient of the mean squared error``.
 
     It takes very many epochs; it is here because others report it. It ends, asked in this order after every epoch,
@@ -51,52 +55,31 @@ def traingd(
 
     Source: defaults and stops as https://www.mathworks.com/help/deeplearning/ref/traingd.html has them.
 
-    Parameters
-    ----------
-    training, validation, test : FitProblem
-        The same network on different samples; without `validation` there is no validation stop.
-    weights : (n_weights,) array
-        Where to start.
-    epochs, goal, lr, max_fail, min_grad, time
-        As in MATLAB. `goal` is a mean squared error of scaled outputs, `min_grad` a norm of its gradient, `lr` the
-        step for a unit of it, `time` is in seconds.
-    clock, callback
-        As in `trainlm`.
-
-    Returns
-    -------
-    weights : (n_weights,) array
-        Those of the best validation epoch, or of the best `perf` without validation data.
-    record : TrainingRecord
-        Its `mu` is NaN.
-
-    Raises
-    ------
-    InputError
-        As `trainlm`.
+    Parameters and results are those of `trainlm`, with options of `DescentOptions`; `mu` of the record is NaN.
     """
-    if not 0 < lr < float("inf"):
-        raise InputError(f"expected a learning rate lr above zero, got {lr}")
-    start = checked_start(training, weights, validation, test)
-    check_stops(epochs=epochs, goal=goal, time=time, min_grad=min_grad, max_fail=max_fail)
-    log = TrainingLog(
-        training,
-        validation,
-        test,
-        max_fail=max_fail,
-        callback=callback,
-    )
+    chosen = DescentOptions(**options)
+    if not 0 < chosen.lr < float("inf"):
+        raise InputError(f"expected a learning rate lr above zero, got {chosen.lr}")
+    log = descend(training, weights, chosen, LearningRate(chosen.lr))
+    return log.best_weights(), log.record(TrainingRecord)
 
-    def keep(state: DescentState) -> None:
-        log.keep(state, perf=state.cost, gradient=state.gradient_norm)
 
+def descend(training: FitProblem, weights: FloatArray, options: DescentOptions, rate: LearningRate) -> TrainingLog:
+    """The log of a training by gradient descent."""
+    start, log = checked_start(training, weights, options), TrainingLog(training, options)
     with one_blas_thread():
         gradient_descent(
             MeanSquareProblem(training),
             start,
-            rate=LearningRate(lr),
-            stops=[CostGoal(goal), MaxEpochs(epochs), MaxSeconds(time), MinGradient(min_grad), *log.stops],
-            callback=keep,
-            clock=clock,
+            rate=rate,
+            stops=[
+                CostGoal(options.goal),
+                MaxEpochs(options.epochs),
+                MaxSeconds(options.time),
+                MinGradient(options.min_grad),
+                *log.stops,
+            ],
+            callback=lambda state: log.keep(state, perf=state.cost, gradient=state.gradient_norm, lr=state.rate),
+            clock=options.clock,
         )
-    return log.best_weights(), log.record(TrainingRecord)
+    return log

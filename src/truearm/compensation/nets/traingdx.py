@@ -2,18 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from time import perf_counter
+from typing import Any
 
 from truearm.compensation.nets.normal_equations import FitProblem
-from truearm.compensation.nets.traingd import MeanSquareProblem
-from truearm.compensation.nets.training import Epoch, TrainingRecord, check_stops, checked_start
-from truearm.compensation.nets.training_log import TrainingLog
+from truearm.compensation.nets.traingd import DescentOptions, descend
+from truearm.compensation.nets.training import TrainingRecord
 from truearm.errors import InputError
-from truearm.solve import CostGoal, DescentState, LearningRate, MaxEpochs, MaxSeconds, MinGradient, gradient_descent
-from truearm.solve.threads import one_blas_thread
+from truearm.solve import LearningRate
 from truearm.typing import FloatArray
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class AdaptiveDescentOptions(DescentOptions):
+    """Options of `traingdx`, as MATLAB's.
+
+    Parameters
+    ----------
+    lr_inc, lr_dec : float
+        Factors of `lr` after a step that lowered the error, and after one that was not made.
+    max_perf_inc : float
+        A step is not made if it multiplies the error by more than this.
+    mc : float
+        Momentum: the share of the last step in the next.
+    """
+
+    lr_inc: float = 1.05
+    lr_dec: float = 0.7
+    max_perf_inc: float = 1.04
+    mc: float = 0.9
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -29,25 +46,7 @@ class AdaptiveRecord(TrainingRecord):
     lr: FloatArray
 
 
-def traingdx(
-    training: FitProblem,
-    weights: FloatArray,
-    *,
-    validation: FitProblem | None = None,
-    test: FitProblem | None = None,
-    epochs: int = 1000,
-    goal: float = 0.0,
-    lr: float = 0.01,
-    lr_inc: float = 1.05,
-    lr_dec: float = 0.7,
-    max_perf_inc: float = 1.04,
-    mc: float = 0.9,
-    max_fail: int = 6,
-    min_grad: float = 1e-5,
-    time: float = float("inf"),
-    clock: Callable[[], float] = perf_counter,
-    callback: Callable[[Epoch], None] | None = None,
-) -> tuple[FloatArray, AdaptiveRecord]:
+def traingdx(training: FitProblem, weights: FloatArray, **options: Any) -> tuple[FloatArray, AdaptiveRecord]:
     """Train a network's weights by gradient descent with momentum and an adaptive rate.
 
     A step is ``mc * last step - (1 - mc) * lr * gradient``. If it multiplies the error by more than `max_perf_inc` it
@@ -58,55 +57,13 @@ def traingdx(
     them; the step as M. T. Hagan, H. B. Demuth, M. Beale, "Neural Network Design" (1996), chapter 12. (MATLAB's page
     writes ``lr * mc`` for ``(1 - mc) * lr``, unlike that of ``traingdm``.)
 
-    Parameters
-    ----------
-    training, validation, test : FitProblem
-        The same network on different samples; without `validation` there is no validation stop.
-    weights : (n_weights,) array
-        Where to start.
-    epochs, goal, lr, lr_inc, lr_dec, max_perf_inc, mc, max_fail, min_grad, time
-        As in MATLAB; see `traingd`.
-    clock, callback
-        As in `trainlm`.
-
-    Returns
-    -------
-    weights : (n_weights,) array
-        Those of the best validation epoch, or of the best `perf` without validation data.
-    record : AdaptiveRecord
-        Its `mu` is NaN.
-
-    Raises
-    ------
-    InputError
-        As `trainlm`.
+    Parameters and results are those of `trainlm`, with options of `AdaptiveDescentOptions`; `mu` of the record is NaN.
     """
-    if not (0 < lr < float("inf") and lr_inc >= 1 and 0 < lr_dec < 1 and max_perf_inc >= 1 and 0 <= mc < 1):
+    o = AdaptiveDescentOptions(**options)
+    if not (0 < o.lr < float("inf") and o.lr_inc >= 1 and 0 < o.lr_dec < 1 and o.max_perf_inc >= 1 and 0 <= o.mc < 1):
         raise InputError(
             "expected lr > 0, lr_inc >= 1, 0 < lr_dec < 1, max_perf_inc >= 1 and 0 <= mc < 1, got "
-            f"{lr}, {lr_inc}, {lr_dec}, {max_perf_inc}, {mc}"
+            f"{o.lr}, {o.lr_inc}, {o.lr_dec}, {o.max_perf_inc}, {o.mc}"
         )
-    start = checked_start(training, weights, validation, test)
-    check_stops(epochs=epochs, goal=goal, time=time, min_grad=min_grad, max_fail=max_fail)
-    log = TrainingLog(
-        training,
-        validation,
-        test,
-        max_fail=max_fail,
-        extra=("lr",),
-        callback=callback,
-    )
-
-    def keep(state: DescentState) -> None:
-        log.keep(state, perf=state.cost, gradient=state.gradient_norm, extra=(state.rate,))
-
-    with one_blas_thread():
-        gradient_descent(
-            MeanSquareProblem(training),
-            start,
-            rate=LearningRate(lr, mc, lr_inc, lr_dec, max_perf_inc),
-            stops=[CostGoal(goal), MaxEpochs(epochs), MaxSeconds(time), MinGradient(min_grad), *log.stops],
-            callback=keep,
-            clock=clock,
-        )
+    log = descend(training, weights, o, LearningRate(o.lr, o.mc, o.lr_inc, o.lr_dec, o.max_perf_inc))
     return log.best_weights(), log.record(AdaptiveRecord)

@@ -1,15 +1,17 @@
-"""Common parts of the trainers: checks of options, state after an epoch, training record, division of samples."""
+"""Common parts of the trainers: options, state after an epoch, training record, division of samples."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from time import perf_counter
 
 import numpy as np
 import numpy.typing as npt
 
 from truearm.compensation.nets.normal_equations import FitProblem
 from truearm.errors import InputError
+from truearm.solve import MarquardtDamping
 from truearm.typing import FloatArray, IntArray
 
 
@@ -83,9 +85,73 @@ class TrainingRecord:
         return len(self.perf) - 1
 
 
-def checked_start(
-    training: FitProblem, weights: npt.ArrayLike, validation: FitProblem | None, test: FitProblem | None
-) -> FloatArray:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TrainingOptions:
+    """Options that all trainers have, under MATLAB's names.
+
+    Parameters
+    ----------
+    validation, test : FitProblem, optional
+        The same network on other samples; without `validation` there is no validation stop.
+    epochs : int
+        Maximum.
+    goal : float
+        Mean squared error of scaled outputs to stop at.
+    time : float
+        Maximum [s].
+    clock : callable
+        Returns the seconds that `time` and the record count: passed time, or `time.process_time`.
+    callback : callable, optional
+        Called after every epoch, and at the start.
+
+    Raises
+    ------
+    InputError
+        If an option can never be meant: below zero, NaN, no whole number where one is needed.
+    """
+
+    validation: FitProblem | None = None
+    test: FitProblem | None = None
+    epochs: int = 1000
+    goal: float = 0.0
+    time: float = float("inf")
+    clock: Callable[[], float] = perf_counter
+    callback: Callable[[Epoch], None] | None = None
+
+    def __post_init__(self) -> None:
+        for name, least in (("epochs", 0), ("max_fail", 1)):
+            value = getattr(self, name, least)
+            if not isinstance(value, int | np.integer) or value < least:
+                raise InputError(f"expected {name} as a whole number of {least} or more, got {value!r}")
+        for name in ("goal", "time", "min_grad"):
+            if not getattr(self, name, 0.0) >= 0:
+                raise InputError(f"expected {name} of 0 or more, got {getattr(self, name)}")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class DampedOptions(TrainingOptions):
+    """Options of trainers that damp their steps by Marquardt's rule.
+
+    Parameters
+    ----------
+    min_grad : float
+        Norm of the gradient to stop at.
+    mu, mu_dec, mu_inc, mu_max : float
+        Damping, its factors after a step that lowered the cost and after one that did not, and its limit.
+    """
+
+    min_grad: float = 1e-7
+    mu: float = 1e-3
+    mu_dec: float = 0.1
+    mu_inc: float = 10.0
+    mu_max: float = 1e10
+
+    def damping(self, unit: float = 1.0) -> MarquardtDamping:
+        """The rule, with the damping in multiples of a unit."""
+        return MarquardtDamping(unit * self.mu, self.mu_dec, self.mu_inc, unit * self.mu_max)
+
+
+def checked_start(training: FitProblem, weights: npt.ArrayLike, options: TrainingOptions) -> FloatArray:
     """The start weights (n_weights,) as doubles.
 
     Raises
@@ -101,27 +167,10 @@ def checked_start(
         raise InputError(f"expected {network.n_weights} start weights for a {sizes} network, got shape {start.shape}")
     if not np.isfinite(start).all():
         raise InputError("expected start weights that are finite numbers, got NaN or infinity")
-    for what, problem in (("validation", validation), ("test", test)):
-        if problem is not None and problem.network != network:
+    for what in ("validation", "test"):
+        if (problem := getattr(options, what)) is not None and problem.network != network:
             raise InputError(f"expected {what} data of the network in training, got those of another network")
     return start
-
-
-def check_stops(*, epochs: int, goal: float, time: float, min_grad: float = 0.0, max_fail: int = 1) -> None:
-    """Check the stops that trainers share.
-
-    Raises
-    ------
-    InputError
-        If one can never be meant: below zero, NaN, no whole number where one is needed.
-    """
-    if not isinstance(epochs, int | np.integer) or epochs < 0:
-        raise InputError(f"expected epochs as a whole number of 0 or more, got {epochs!r}")
-    if not isinstance(max_fail, int | np.integer) or max_fail < 1:
-        raise InputError(f"expected max_fail as a whole number of 1 or more, got {max_fail!r}")
-    for name, value in (("goal", goal), ("time", time), ("min_grad", min_grad)):
-        if not value >= 0:
-            raise InputError(f"expected {name} of 0 or more, got {value}")
 
 
 def dividerand(

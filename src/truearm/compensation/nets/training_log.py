@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import fields
 from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
 
 from truearm.compensation.nets.normal_equations import FitProblem
-from truearm.compensation.nets.training import Epoch, TrainingRecord
+from truearm.compensation.nets.training import Epoch, TrainingOptions, TrainingRecord
 from truearm.solve import BestPoint, OptimizerState, StopCriterion, ValidationStop
 from truearm.typing import FloatArray
 
-COLUMNS = ("perf", "vperf", "tperf", "mu", "gradient", "val_fail", "time")
 Record = TypeVar("Record", bound=TrainingRecord)
 
 
@@ -22,16 +22,10 @@ class TrainingLog:
 
     Parameters
     ----------
-    training, validation, test : FitProblem
-        As the trainer was given them.
-    max_fail : float
-        Of the validation stop.
-    extra : tuple of str
-        Columns of the record that only this trainer has.
+    training : FitProblem
+    options : TrainingOptions
     full_weights : callable, optional
         All weights from the solver's parameters, where these are not all.
-    callback : callable, optional
-        Called after every epoch.
 
     Attributes
     ----------
@@ -42,22 +36,17 @@ class TrainingLog:
     def __init__(
         self,
         training: FitProblem,
-        validation: FitProblem | None,
-        test: FitProblem | None,
-        *,
-        max_fail: float = float("inf"),
-        extra: tuple[str, ...] = (),
+        options: TrainingOptions,
         full_weights: Callable[[FloatArray], FloatArray] | None = None,
-        callback: Callable[[Epoch], None] | None,
     ) -> None:
         self.half = training.n_errors / 2
-        self._columns = COLUMNS + extra
-        self._test, self._full_weights, self._callback = test, full_weights, callback
-        self._rows: list[tuple[float, ...]] = []
+        self._test, self._full_weights, self._callback = options.test, full_weights, options.callback
+        self._rows: list[dict[str, float]] = []
         self._best: BestPoint | None = None
         self._stop = ""
         self._watch: ValidationStop | None = None
-        if validation is not None:
+        if (validation := options.validation) is not None:
+            max_fail = getattr(options, "max_fail", np.inf)
             self._watch = ValidationStop(lambda x: validation.mean_square(self._weights_at(x)), max_fail)
 
     @property
@@ -71,15 +60,12 @@ class TrainingLog:
         return len(self._rows) - 1
 
     def keep(
-        self,
-        state: OptimizerState,
-        *,
-        perf: float,
-        gradient: float,
-        mu: float | None = None,
-        extra: tuple[float, ...] = (),
+        self, state: OptimizerState, *, perf: float, gradient: float, mu: float | None = None, **more: float
     ) -> None:
-        """Record the state after an epoch, once the stops were asked; `mu` where the trainer counts it otherwise."""
+        """Record the state after an epoch, once the stops were asked; `mu` where the trainer counts it otherwise.
+
+        `more` are entries that only the trainer's own record has.
+        """
         mu = state.mu if mu is None else mu
         if self._watch is None:
             vperf, val_fail = np.nan, 0
@@ -93,7 +79,8 @@ class TrainingLog:
         if self._callback is not None:
             weights = partial(self._all_weights, state.x)
             self._callback(Epoch(state.epoch, perf, vperf, mu, gradient, val_fail, state.seconds, weights))
-        self._rows.append((perf, vperf, tperf, mu, gradient, val_fail, state.seconds, *extra))
+        row = {"perf": perf, "vperf": vperf, "tperf": tperf, "mu": mu, "gradient": gradient, "val_fail": val_fail}
+        self._rows.append(row | {"time": state.seconds} | more)
         self._stop = "" if state.reason is None else state.reason.text
 
     def record_lm_epoch(self, state: OptimizerState, *, mu: float | None = None) -> None:
@@ -108,8 +95,10 @@ class TrainingLog:
     def record(self, cls: type[Record]) -> Record:
         """The training's record, of class `cls`."""
         assert self._best is not None
-        columns: dict[str, Any] = dict(zip(self._columns, np.array(self._rows, dtype=float).T.copy(), strict=True))
-        columns["val_fail"] = columns["val_fail"].astype(np.intp)
+        columns: dict[str, Any] = {
+            name: np.array([row[name] for row in self._rows], dtype=np.intp if name == "val_fail" else float)
+            for name in self._rows[0].keys() & {field.name for field in fields(cls)}
+        }
         return cls(**columns, best_epoch=self._best.epoch, stop=self._stop)
 
     def _weights_at(self, x: FloatArray) -> FloatArray:
