@@ -6,30 +6,24 @@ import csv
 import io
 import math
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
+from truearm.arm.chain import Chain
 from truearm.arm.denavit_hartenberg import Convention, DHTable
-from truearm.compensation.export.constants_table import NOMINAL, ArmConstant, ConstantsTable, constants_table
-from truearm.compensation.export.rigid_arm import RigidArm, best_rigid_arm
-from truearm.compensation.models.compensator import Compensator
-from truearm.compensation.targets.manifest import Frame, Manifest, check_joints, read_manifest
+from truearm.compensation.export.constants_file import ConstantsFile, ConstantsRequest, reader, writer
+from truearm.compensation.export.constants_table import NOMINAL, ArmConstant, ConstantsTable
+from truearm.compensation.targets.manifest import Manifest
 from truearm.errors import InputError
-from truearm.files.atomic_write import atomic_file
 from truearm.files.delimited import escape_formula
-from truearm.files.file_reading import read_limited
 from truearm.typing import FloatArray
 
-FORMAT = "constants"
 COLUMNS = ("place", "constant", "unit", "nominal", "identified", "change", "standard_uncertainty", "status")
 FORMULAS: Mapping[Convention, str] = {
     "dh": "dh: Rz(q + theta) Tz(d) Tx(a) Ty(b) Rx(alpha) Ry(beta)",
     "mdh": "mdh: Tx(a) Ty(b) Rx(alpha) Ry(beta) Rz(q + theta) Tz(d)",
 }
-MAX_BYTES = 1_000_000
 # Columns that say the same agree to the rounding of doubles, in mm and rad.
 ROUNDING = 1e-9
 IN_MM = ("d", "a", "b", "x", "y", "z")
@@ -37,71 +31,20 @@ _ROW = ("theta", "d", "a", "alpha", "beta", "b")
 _FRAME = ("x", "y", "z", "rx", "ry", "rz")
 
 
-def write(
-    model: Compensator,
-    path: str | Path,
-    *,
-    angles: npt.ArrayLike | None = None,
-    region: str = "",
-    frame: Frame = "base",
-    convention: Convention | None = None,
-) -> RigidArm:
-    """Write the constants of a model's best rigid stand-in beside the nominal ones.
+def _file_of(request: ConstantsRequest) -> ConstantsFile:
+    rigid, table = request.table()
 
-    Parameters
-    ----------
-    model : Compensator
-        Fitted.
-    path : path
-        Written whole or not at all.
-    angles, region
-        As in `best_rigid_arm`.
-    frame : {"base", "reference"}
-        Frame of the table's base: the arm's own base, or that of the model's points.
-    convention : {"dh", "mdh"}, optional
-        By default that of the nominal arm's own table.
+    def content(manifest: Manifest) -> str:
+        text = io.StringIO()
+        text.write(f"# {manifest.line()}\n# {FORMULAS[table.identified.convention]}, rad and mm\n")
+        rows = csv.writer(text, lineterminator="\n")
+        rows.writerow(COLUMNS)
+        for one in (*table.constants, *_flange(table)):
+            numbers = [repr(value) for value in (one.nominal, one.identified, one.change, one.std)]
+            rows.writerow([escape_formula(one.place), one.name, one.unit, *numbers, one.status])
+        return text.getvalue()
 
-    Returns
-    -------
-    RigidArm
-        The stand-in, with its loss.
-
-    Raises
-    ------
-    InputError
-        As `best_rigid_arm`.
-    """
-    rigid = best_rigid_arm(model, angles, region=region)
-    table = constants_table(model, rigid, convention=convention)
-    if frame == "base":
-        table = table.in_own_base()
-    found = table.identified.chain().tip_in_base(check_joints(model))
-    manifest = Manifest.of(model, FORMAT, tips=found, frame=frame, loss=rigid.loss)
-    text = io.StringIO()
-    text.write(f"# {manifest.line()}\n# {FORMULAS[table.identified.convention]}, rad and mm\n")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    for one in (*table.constants, *_flange(table)):
-        numbers = [repr(value) for value in (one.nominal, one.identified, one.change, one.std)]
-        writer.writerow([escape_formula(one.place), one.name, one.unit, *numbers, one.status])
-    with atomic_file(path) as beside:
-        beside.write_text(text.getvalue(), encoding="utf-8")
-    return rigid
-
-
-def tips(path: str | Path, joints: npt.ArrayLike) -> FloatArray:
-    """(n, 3) tips [mm] by the identified constants of a file at joints (n, n_joints) [rad, or mm].
-
-    Raises
-    ------
-    InputError
-        If the file is missing, too large or damaged.
-    """
-    manifest = read_manifest(path)
-    try:
-        return _table_of(read_limited(path, limit_bytes=MAX_BYTES), manifest).chain().tip_in_base(joints)
-    except InputError as error:
-        raise error.in_file(path) from None
+    return ConstantsFile(rigid, table.identified.chain(), content)
 
 
 def _flange(table: ConstantsTable) -> list[ArmConstant]:
@@ -116,7 +59,7 @@ def _flange(table: ConstantsTable) -> list[ArmConstant]:
     ]
 
 
-def _table_of(content: bytes, manifest: Manifest) -> DHTable:
+def _chain_of(content: bytes, manifest: Manifest) -> Chain:
     try:
         comments, table = after_comments(content.decode("utf-8"))
     except UnicodeDecodeError:
@@ -139,17 +82,12 @@ def _table_of(content: bytes, manifest: Manifest) -> DHTable:
     rows = {name: np.array([values.get((joint, name), 0.0) for joint in names]) for name in _ROW}
     return DHTable(
         convention,
-        rows["a"],
-        rows["d"],
-        rows["alpha"],
-        rows["theta"],
-        np.array([unit == "mm" for unit in manifest.provenance.joint_units]),
-        _frame([values["base", name] for name in _FRAME]),
-        _frame([values.get(("flange", name), 0.0) for name in _FRAME]),
-        np.array([values["tip", axis] for axis in "xyz"]),
-        rows["beta"],
-        rows["b"],
-    )
+        **rows,
+        prismatic=np.array([unit == "mm" for unit in manifest.provenance.joint_units]),
+        base=_frame([values["base", name] for name in _FRAME]),
+        flange=_frame([values.get(("flange", name), 0.0) for name in _FRAME]),
+        tip_in_flange=np.array([values["tip", axis] for axis in "xyz"]),
+    ).chain()
 
 
 def after_comments(text: str) -> tuple[list[str], str]:
@@ -201,3 +139,7 @@ def _frame(numbers: Sequence[float]) -> FloatArray:
     frame[:3, 3] = numbers[:3]
     frame[:3, :3] = Rotation.from_rotvec(numbers[3:]).as_matrix()
     return frame
+
+
+write = writer("constants", _file_of)
+tips = reader(_chain_of)

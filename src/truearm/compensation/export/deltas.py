@@ -10,28 +10,24 @@ import csv
 import io
 import json
 from collections.abc import Mapping
-from pathlib import Path
+from dataclasses import replace
+from functools import partial
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from truearm.arm.chain import Chain
 from truearm.arm.denavit_hartenberg import Convention, DHTable
 from truearm.arm.urdf_tree import MM_PER_M
 from truearm.compensation.export.constants import FORMULAS, ROUNDING, after_comments
-from truearm.compensation.export.constants_table import ConstantsTable, constants_table
-from truearm.compensation.export.rigid_arm import RigidArm, best_rigid_arm
-from truearm.compensation.models.compensator import Compensator
-from truearm.compensation.targets.manifest import MARKER, Frame, Manifest, check_joints, read_manifest
+from truearm.compensation.export.constants_file import ConstantsFile, ConstantsRequest, reader, writer
+from truearm.compensation.export.constants_table import ConstantsTable
+from truearm.compensation.export.rigid_arm import RigidArm
+from truearm.compensation.targets.manifest import MARKER, Manifest
 from truearm.errors import InputError
-from truearm.files.atomic_write import atomic_file
 from truearm.files.delimited import escape_formula
-from truearm.files.file_reading import read_limited
-from truearm.typing import FloatArray
 
-FORMAT = "deltas"
-MAX_BYTES = 1_000_000
 # Quantities of a row with their units; lengths also stand in metres, which most controllers have.
 QUANTITIES = {"theta": "rad", "d": "mm", "a": "mm", "alpha": "rad", "beta": "rad", "b": "mm"}
 IN_METRES = ("d", "a")
@@ -89,75 +85,31 @@ class _Document(BaseModel):
     joints: Annotated[list[_Joint], Field(min_length=1, max_length=100)]
 
 
-def write(
-    model: Compensator,
-    path: str | Path,
-    *,
-    angles: npt.ArrayLike | None = None,
-    region: str = "",
-    frame: Frame = "base",
-    convention: Convention | None = None,
-) -> RigidArm:
-    """Write the differences of the constants of a model's best rigid stand-in from the nominal ones.
-
-    Parameters
-    ----------
-    model : Compensator
-        Fitted.
-    path : path
-        JSON if it ends in ``.json``, else CSV; written whole or not at all.
-    angles, region, frame, convention
-        As in `truearm.compensation.export.constants.write`.
-
-    Returns
-    -------
-    RigidArm
-        The stand-in, with its loss.
-
-    Raises
-    ------
-    InputError
-        As `best_rigid_arm`.
-    """
-    rigid = best_rigid_arm(model, angles, region=region)
-    table = constants_table(model, rigid, convention=convention)
-    table = table.in_own_base() if frame == "base" else table
+def _file_of(request: ConstantsRequest) -> ConstantsFile:
+    """JSON if the file's name ends in ``.json``, else CSV."""
+    rigid, table = request.table()
     document = _document_of(table, rigid)
-    found = _table_of(document).chain().tip_in_base(check_joints(model))
-    manifest = Manifest.of(model, FORMAT, tips=found, frame=frame, loss=rigid.loss)
-    is_json = Path(path).suffix.lower() == ".json"
-    with atomic_file(path) as beside:
-        beside.write_text((_json_text if is_json else _csv_text)(document, manifest), encoding="utf-8")
-    return rigid
+    text = _json_text if request.path.suffix.lower() == ".json" else _csv_text
+    return ConstantsFile(rigid, _table_of(document).chain(), partial(text, document))
 
 
-def tips(path: str | Path, joints: npt.ArrayLike) -> FloatArray:
-    """(n, 3) tips [mm] by the constants of a file with its deltas added, at joints (n, n_joints) [rad, or mm].
-
-    Raises
-    ------
-    InputError
-        If the file is missing, too large or damaged.
-    """
-    manifest = read_manifest(path)
-    content = read_limited(path, limit_bytes=MAX_BYTES)
+def _chain_of(content: bytes, manifest: Manifest) -> Chain:
     try:
         text = content.decode("utf-8")
-        read: dict[str, Any] = _from_json(text) if Path(path).suffix.lower() == ".json" else _from_csv(text, manifest)
-        document = _Document.model_validate(read)
-        if [one.joint for one in document.joints] != list(manifest.provenance.joint_names):
-            raise InputError(f"expected rows of the joints {', '.join(manifest.provenance.joint_names)}")
-        if document.frames.formula != FORMULAS[document.frames.convention]:
-            raise InputError(f"expected the formula {FORMULAS[document.frames.convention]}")
-        return _table_of(document).chain().tip_in_base(joints)
+        document = _Document.model_validate(_from_csv(text, manifest) if text.startswith("#") else _from_json(text))
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(map(str, first["loc"]))
-        raise InputError(f"the file is damaged: {where}: {first['msg']}", file=path) from None
-    except (UnicodeDecodeError, ValueError, RecursionError) as error:
-        if isinstance(error, InputError):
-            raise error.in_file(path) from None
-        raise InputError("the file is damaged", file=path, hint="export it again") from None
+        raise InputError(f"the file is damaged: {where}: {first['msg']}") from None
+    except InputError:
+        raise
+    except (UnicodeDecodeError, ValueError, RecursionError):
+        raise InputError("the file is damaged", hint="export it again") from None
+    if [one.joint for one in document.joints] != list(manifest.provenance.joint_names):
+        raise InputError(f"expected rows of the joints {', '.join(manifest.provenance.joint_names)}")
+    if document.frames.formula != FORMULAS[document.frames.convention]:
+        raise InputError(f"expected the formula {FORMULAS[document.frames.convention]}")
+    return _table_of(document).chain()
 
 
 def _document_of(table: ConstantsTable, rigid: RigidArm) -> _Document:
@@ -184,17 +136,7 @@ def _document_of(table: ConstantsTable, rigid: RigidArm) -> _Document:
 
 def _cost_of_beta(table: DHTable, rigid: RigidArm) -> float:
     """Mean displacement of the tip over the region of an arm without beta and b [mm]."""
-    plain = DHTable(
-        table.convention,
-        table.a,
-        table.d,
-        table.alpha,
-        table.theta,
-        table.prismatic,
-        table.base,
-        table.flange,
-        table.tip_in_flange,
-    )
+    plain = replace(table, beta=np.zeros(0), b=np.zeros(0))
     moved = plain.chain().tip_in_base(rigid.poses) - table.chain().tip_in_base(rigid.poses)
     return float(np.linalg.norm(moved, axis=1).mean())
 
@@ -208,16 +150,11 @@ def _table_of(document: _Document) -> DHTable:
     }
     return DHTable(
         document.frames.convention,
-        columns["a"],
-        columns["d"],
-        columns["alpha"],
-        columns["theta"],
-        np.array([one.type == "prismatic" for one in document.joints]),
-        np.array(document.frames.base),
-        np.array(document.frames.flange),
-        np.array(document.frames.tip_in_flange_mm),
-        columns["beta"],
-        columns["b"],
+        **columns,
+        prismatic=np.array([one.type == "prismatic" for one in document.joints]),
+        base=np.array(document.frames.base),
+        flange=np.array(document.frames.flange),
+        tip_in_flange=np.array(document.frames.tip_in_flange_mm),
     )
 
 
@@ -236,9 +173,9 @@ def _from_json(text: str) -> dict[str, Any]:
 def _csv_text(document: _Document, manifest: Manifest) -> str:
     text = io.StringIO()
     text.write(f"# {manifest.line()}\n{FRAMES_MARK}{document.frames.model_dump_json()}\n")
-    writer = csv.DictWriter(text, list(_Joint.model_fields), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(one.model_dump(mode="json") | {"joint": escape_formula(one.joint)} for one in document.joints)
+    rows = csv.DictWriter(text, list(_Joint.model_fields), lineterminator="\n")
+    rows.writeheader()
+    rows.writerows(one.model_dump(mode="json") | {"joint": escape_formula(one.joint)} for one in document.joints)
     return text.getvalue()
 
 
@@ -250,3 +187,7 @@ def _from_csv(text: str, manifest: Manifest) -> dict[str, Any]:
     names = {escape_formula(name): name for name in manifest.provenance.joint_names}
     rows = list(csv.DictReader(io.StringIO(table, newline="")))
     return {"frames": json.loads(frames), "joints": [row | {"joint": names.get(str(row.get("joint")))} for row in rows]}
+
+
+write = writer("deltas", _file_of)
+tips = reader(_chain_of)

@@ -8,67 +8,35 @@ written as a URDF's ``<origin>``, they are the best rigid arm: ``origin_1 Rz(q_1
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
+from functools import partial
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from truearm.arm.chain import Chain
 from truearm.arm.denavit_hartenberg import DHTable
 from truearm.arm.rigid_motions import frame_from_xyz_rpy, screw_z, xyz_rpy_from_frame
 from truearm.arm.urdf_tree import MM_PER_M
-from truearm.compensation.export.constants_table import constants_table
-from truearm.compensation.export.rigid_arm import RigidArm, best_rigid_arm
-from truearm.compensation.models.compensator import Compensator
-from truearm.compensation.targets.manifest import Frame, Manifest, check_joints, read_manifest
+from truearm.compensation.export.constants_file import ConstantsFile, ConstantsRequest, reader, writer
+from truearm.compensation.targets.manifest import Manifest
 from truearm.errors import InputError
-from truearm.files.atomic_write import atomic_file
-from truearm.files.file_reading import read_limited
 from truearm.files.yaml_reader import YamlNode, parse_yaml, yaml_number, yaml_text
 from truearm.typing import BoolArray, FloatArray
 
-FORMAT = "joint-offsets"
 DIRECTION: Final = "feedback"
-MAX_BYTES = 1_000_000
 _ORIGIN = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
-def write(
-    model: Compensator,
-    path: str | Path,
-    *,
-    angles: npt.ArrayLike | None = None,
-    region: str = "",
-    frame: Frame = "base",
-) -> RigidArm:
-    """Write the joint offsets and origins of a model's best rigid stand-in.
-
-    Parameters
-    ----------
-    model : Compensator
-        Fitted.
-    path : path
-        Written whole or not at all.
-    angles, region, frame
-        As in `truearm.compensation.export.constants.write`.
-
-    Returns
-    -------
-    RigidArm
-        The stand-in, with its loss.
-
-    Raises
-    ------
-    InputError
-        As `best_rigid_arm`.
-    """
-    rigid = best_rigid_arm(model, angles, region=region)
-    table = constants_table(model, rigid)
-    table = table.in_own_base() if frame == "base" else table
+def _file_of(request: ConstantsRequest) -> ConstantsFile:
+    rigid, table = request.table()
     offsets, origins = _parts(table.nominal, table.identified)
-    found = _chain(offsets, origins, table.identified.prismatic).tip_in_base(check_joints(model))
-    manifest = Manifest.of(model, FORMAT, tips=found, direction=DIRECTION, frame=frame, loss=rigid.loss)
+    text = partial(_text, table.joint_names, offsets, origins, table.identified.prismatic)
+    return ConstantsFile(rigid, _chain(offsets, origins, table.identified.prismatic), text)
+
+
+def _text(
+    names: Sequence[str], offsets: FloatArray, origins: Sequence[FloatArray], slides: BoolArray, manifest: Manifest
+) -> str:
     lines = [
         f"# {manifest.line()}",
         "# feedback: true position = encoder position + offset; position to send = true position - offset.",
@@ -78,37 +46,24 @@ def write(
         f"  direction: {DIRECTION}",
         "  joints:",
     ]
-    for name, offset, slides in zip(table.joint_names, offsets, table.identified.prismatic, strict=True):
-        unit, factor = ("m", MM_PER_M) if slides else ("rad", 1.0)
+    for name, offset, sliding in zip(names, offsets, slides, strict=True):
+        unit, factor = ("m", MM_PER_M) if sliding else ("rad", 1.0)
         lines += [f"    {yaml_text(name)}:", f"      offset: {yaml_number(offset / factor)}", f"      unit: {unit}"]
     lines.append("origins:")
-    for name, origin in zip(_ends(table.joint_names), origins, strict=True):
+    for name, origin in zip(_ends(names), origins, strict=True):
         xyz, rpy = xyz_rpy_from_frame(origin)
         lines.append(f"  {yaml_text(name)}:")
         lines += [f"    {key}: {yaml_number(v)}" for key, v in zip(_ORIGIN, (*(xyz / MM_PER_M), *rpy), strict=True)]
-    with atomic_file(path) as beside:
-        beside.write_text("\n".join([*lines, ""]), encoding="utf-8")
-    return rigid
+    return "\n".join([*lines, ""])
 
 
-def tips(path: str | Path, joints: npt.ArrayLike) -> FloatArray:
-    """(n, 3) tips [mm] by the offsets and origins of a file at joints (n, n_joints) [rad, or mm].
-
-    Raises
-    ------
-    InputError
-        If the file is missing, too large or damaged.
-    """
-    names = read_manifest(path).provenance.joint_names
-    try:
-        root = parse_yaml(read_limited(path, limit_bytes=MAX_BYTES))
-        entries = root.mapping("joint offsets", required=("joint_offsets", "origins"))
-        offsets, slides = _offsets_of(entries["joint_offsets"], names)
-        ends = _ends(names)
-        found = entries["origins"].mapping("origins", required=ends)
-        return _chain(offsets, [_origin_of(end, found[end]) for end in ends], slides).tip_in_base(joints)
-    except InputError as error:
-        raise error.in_file(path) from None
+def _chain_of(content: bytes, manifest: Manifest) -> Chain:
+    names = manifest.provenance.joint_names
+    entries = parse_yaml(content).mapping("joint offsets", required=("joint_offsets", "origins"))
+    offsets, slides = _offsets_of(entries["joint_offsets"], names)
+    ends = _ends(names)
+    found = entries["origins"].mapping("origins", required=ends)
+    return _chain(offsets, [_origin_of(end, found[end]) for end in ends], slides)
 
 
 def _ends(names: Sequence[str]) -> tuple[str, ...]:
@@ -167,3 +122,7 @@ def _origin_of(name: str, node: YamlNode) -> FloatArray:
     entries = node.mapping(f"the origin of {name}", required=_ORIGIN)
     numbers = np.array([entries[key].number(f"{key} of {name}") for key in _ORIGIN])
     return frame_from_xyz_rpy(MM_PER_M * numbers[:3], numbers[3:])
+
+
+write = writer("joint-offsets", _file_of, DIRECTION)
+tips = reader(_chain_of)

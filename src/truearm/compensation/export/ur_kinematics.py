@@ -23,16 +23,15 @@ from truearm.arm.ur_kinematics import (
     ur_kinematics_text,
 )
 from truearm.arm.urdf_tree import MM_PER_M
-from truearm.compensation.export.rigid_arm import RigidArm, best_rigid_arm
+from truearm.compensation.export.constants_file import ConstantsFile, ConstantsRequest, writer
+from truearm.compensation.export.rigid_arm import RigidArm
 from truearm.compensation.models.compensator import Compensator
-from truearm.compensation.targets.manifest import Frame, Manifest, check_joints
+from truearm.compensation.targets.manifest import Manifest
 from truearm.errors import InputError
-from truearm.files.atomic_write import atomic_file
 from truearm.files.file_reading import read_limited
 from truearm.files.yaml_reader import yaml_number
 from truearm.typing import FloatArray
 
-FORMAT = "ur-kinematics"
 # The angles between neighbouring axes of every UR [deg], and how far a calibrated one may be off.
 UR_AXES_DEG = (90.0, 0.0, 0.0, 90.0, 90.0)
 MAX_OFF_DEG = 3.0
@@ -42,43 +41,10 @@ TOOL_MARK = "tip in tool0 [m]:"
 _TOOL = re.compile(rf"^# {re.escape(TOOL_MARK)} (\S+) (\S+) (\S+)$", re.MULTILINE)
 
 
-def write(
-    model: Compensator,
-    path: str | Path,
-    *,
-    angles: npt.ArrayLike | None = None,
-    region: str = "",
-    source: str | Path | None = None,
-    frame: Frame = "base",
-) -> RigidArm:
-    """Write the best rigid stand-in of a UR's model as a kinematics yaml.
-
-    Parameters
-    ----------
-    model : Compensator
-        Fitted.
-    path : path
-        Written whole or not at all.
-    angles, region
-        As in `best_rigid_arm`.
-    source : path, optional
-        The file that the driver wrote for this robot: its hash is kept, and its frames are nominal. Not needed if the
-        model was fitted to an arm that was read from one.
-    frame : {"base"}
-        The file is in the robot's own base frame.
-
-    Returns
-    -------
-    RigidArm
-        The stand-in, with its loss.
-
-    Raises
-    ------
-    InputError
-        As `best_rigid_arm` and `read_ur_kinematics`; if the arm is no UR, if no file has its hash, or if another frame
-        is asked for.
-    """
-    if frame != "base":
+def _file_of(request: ConstantsRequest) -> ConstantsFile:
+    """The source is the file that the driver wrote for this robot: its hash is kept, and its frames are nominal."""
+    model, source = request.model, request.source
+    if request.frame != "base":
         raise InputError("a UR's kinematics yaml is in the robot's own base frame", hint="leave out --frame")
     nominal = model.arm_ if source is None else read_ur_kinematics(source)
     _check_ur(nominal)
@@ -94,22 +60,22 @@ def write(
             f"the arm {nominal.name!r} has a flange after joint 6, for which the file has no place",
             hint="let the arm end at tool0, and set what is mounted there as a tool",
         )
-    rigid = best_rigid_arm(model, angles, region=region, nominal=None if source is None else nominal)
+    rigid = request.rigid_arm(None if source is None else nominal)
     _check_same_robot(model, rigid, source)
     tool = rigid.arm.chain.tip_in_flange  # after the last link the file has no motion
     text = ur_kinematics_text(list(rigid.arm.chain.fixed[: len(LINKS)]), found)
     written = parse_ur_kinematics(text.encode(), name=rigid.arm.name).chain.with_tip(tool)
-    tips_in_base = written.tip_in_base(check_joints(model))
-    manifest = Manifest.of(model, FORMAT, tips=tips_in_base, frame="base", loss=rigid.loss)
-    comments = [
-        f"# {manifest.line()}",
-        "# Angles as a URDF reads them: R = Rz(yaw) Ry(pitch) Rx(roll).",
-        "# The tip that was measured is no part of the robot: set it as a tool.",
-        f"# {TOOL_MARK} {' '.join(yaml_number(value) for value in tool / MM_PER_M)}",
-    ]
-    with atomic_file(path) as beside:
-        beside.write_text("\n".join([*comments, text]), encoding="utf-8")
-    return rigid
+
+    def content(manifest: Manifest) -> str:
+        comments = [
+            f"# {manifest.line()}",
+            "# Angles as a URDF reads them: R = Rz(yaw) Ry(pitch) Rx(roll).",
+            "# The tip that was measured is no part of the robot: set it as a tool.",
+            f"# {TOOL_MARK} {' '.join(yaml_number(value) for value in tool / MM_PER_M)}",
+        ]
+        return "\n".join([*comments, text])
+
+    return ConstantsFile(rigid, written, content)
 
 
 def _check_same_robot(model: Compensator, rigid: RigidArm, source: str | Path | None) -> None:
@@ -157,3 +123,6 @@ def _check_ur(arm: Arm) -> None:
                 f"those of a UR at {expected:.0f} deg",
                 hint=hint,
             )
+
+
+write = writer("ur-kinematics", _file_of)

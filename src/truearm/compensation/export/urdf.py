@@ -20,17 +20,15 @@ from truearm.arm.catalogue import split_links
 from truearm.arm.rigid_motions import xyz_rpy_from_frame
 from truearm.arm.urdf import MAX_BYTES, arm_of_joints, read_urdf, urdf_bytes
 from truearm.arm.urdf_tree import MM_PER_M, UrdfJoint, UrdfTree, axis_rotation, origin_of
-from truearm.compensation.export.rigid_arm import RigidArm, best_rigid_arm
-from truearm.compensation.models.compensator import Compensator
-from truearm.compensation.targets.manifest import MARKER, Frame, Manifest, check_joints, read_manifest
+from truearm.compensation.export.constants_file import ConstantsFile, ConstantsRequest, writer
+from truearm.compensation.export.rigid_arm import RigidArm
+from truearm.compensation.targets.manifest import MARKER, Frame, Manifest, read_manifest
 from truearm.errors import InputError
-from truearm.files.atomic_write import atomic_file
 from truearm.files.file_reading import read_limited
 from truearm.files.xml_edits import Edit, apply_edits, comment_edits, set_attributes, start_tag, tag_text
 from truearm.files.xml_reader import Element, child, parse_xml
 from truearm.typing import FloatArray
 
-FORMAT = "urdf"
 FLANGE_LINK, TIP_LINK, REFERENCE_LINK = "flange", "tip", "reference"
 # An origin that changes by less stays as it is printed: rounding of the kinematics, in rad and mm.
 ROUNDING = 1e-12, 1e-9
@@ -46,63 +44,32 @@ class _Robot(NamedTuple):
     tip: str
 
 
-def write(
-    model: Compensator,
-    path: str | Path,
-    *,
-    angles: npt.ArrayLike | None = None,
-    region: str = "",
-    source: str | Path | None = None,
-    frame: Frame = "base",
-) -> RigidArm:
-    """Write the best rigid stand-in of a model as a URDF.
+def _file_of(request: ConstantsRequest) -> ConstantsFile:
+    """Of a source everything but the origins of its moving joints is kept; base and tip link may stand after its name.
 
-    Parameters
-    ----------
-    model : Compensator
-        Fitted.
-    path : path
-        Written whole or not at all.
-    angles, region
-        As in `best_rigid_arm`.
-    source : str or path, optional
-        The robot's own URDF, of which everything but the origins of its moving joints is kept. Base and tip link may
-        stand after the name (``robot.urdf:base_link:tool0``). Without it a URDF is made from the arm's constants, with
-        the links ``base``, ``link_1`` .. ``link_n`` and ``flange``.
-    frame : {"base", "reference"}
-        The file's root: the robot's own base, or with a link ``reference`` before it the frame of the model's points.
-
-    Returns
-    -------
-    RigidArm
-        The arm in the file, with its loss.
-
-    Raises
-    ------
-    InputError
-        As `best_rigid_arm` and `read_urdf`; if the source is of another arm, is not in an encoding that has ASCII, or
-        its base link has a parent and `frame` is the reference's.
+    Without one a URDF is made from the arm's constants, with the links ``base``, ``link_1`` .. ``link_n`` and
+    ``flange``. In the reference frame a link ``reference`` stands before the base.
     """
-    if source is None:
-        rigid = best_rigid_arm(model, angles, region=region)
+    if request.source is None:
+        rigid = request.rigid_arm()
         content, base, tip = _made(rigid.nominal), None, None
     else:
-        file, base, tip = split_links(source)
+        file, base, tip = split_links(request.source)
         content = read_limited(file, limit_bytes=MAX_BYTES)
         try:
             robot = _robot(content, base, tip)
-            rigid = best_rigid_arm(model, angles, region=region, nominal=arm_of_joints(robot.tree, robot.joints))
+            rigid = request.rigid_arm(arm_of_joints(robot.tree, robot.joints))
         except InputError as error:
             raise error.in_file(file) from None
-    arm = rigid.arm if frame == "base" else rigid.in_reference_frame()
-    manifest = Manifest.of(model, FORMAT, tips=arm.chain.tip_in_base(check_joints(model)), frame=frame, loss=rigid.loss)
-    origin = manifest.provenance.model_copy(update={"joint_names": rigid.arm.joint_names})  # those of the source
-    manifest = manifest.model_copy(update={"provenance": origin})
-    kept = apply_edits(content, comment_edits(content, _is_manifest))
-    edited = _edited(_robot(kept, base, tip), rigid, frame, manifest)
-    with atomic_file(path) as beside:
-        beside.write_bytes(edited)
-    return rigid
+
+    def edited(manifest: Manifest) -> bytes:
+        origin = manifest.provenance.model_copy(update={"joint_names": rigid.arm.joint_names})  # those of the source
+        kept = apply_edits(content, comment_edits(content, _is_manifest))
+        named = manifest.model_copy(update={"provenance": origin})
+        return _edited(_robot(kept, base, tip), rigid, request.frame, named)
+
+    arm = rigid.arm if request.frame == "base" else rigid.in_reference_frame()
+    return ConstantsFile(rigid, arm.chain, edited)
 
 
 def tips(path: str | Path, joints: npt.ArrayLike) -> FloatArray:
@@ -236,3 +203,6 @@ def _free_name(name: str, taken: Collection[str]) -> str:
 
 def _spaced(numbers: FloatArray) -> str:
     return " ".join(repr(float(number) + 0.0) for number in numbers)
+
+
+write = writer("urdf", _file_of)
