@@ -1,8 +1,6 @@
 """Sizes of the source, and how far a reading walks through it.
 
-    python benchmarks/house.py [--json]
-
-The static rows are counted from the syntax trees. A walk is one call of a verb on a small session: of every call of a
+The sizes are counted from the syntax trees. A walk is one call of a verb on a small session: of every call of a
 function of truearm those count of which an argument is what is followed or a record that holds it, each pair of caller
 and function once. A *stay* is an unbroken stretch in one file; a *climb* is a call into a file that stands higher by
 the imports; a *return* is a stay in a file that was left before; *names* are the parameters that had it. *Guards* are
@@ -22,13 +20,14 @@ from types import FrameType
 from typing import Any
 
 import truearm as ta
-from machine import options_of, print_json, print_table
+from benchmarks.rows import Found, Rows, Target
 from truearm.compensation.models.compensator import Compensator
 from truearm.readings.readings import Readings
 
 HOUSE = Path(ta.__file__).parent
 CHECKOUT = HOUSE.parents[1]
-GUARDS = ("_check_session", "check_angles", "skip_beyond_limits", "state_of", "references_of", "__post_init__")
+ROWS = Rows()
+GUARDS = ("_check_session", "check_angles", "skip_beyond_limits", "state_of", "references_of", "Readings.__post_init__")
 MOST_IMPORTS, LONG_FUNCTION = 18, 60
 
 
@@ -85,8 +84,9 @@ def floors(arrows: dict[str, set[str]]) -> dict[str, int]:
     return floor
 
 
-def static_rows() -> dict[str, tuple[float, float]]:
-    """Counts and their targets."""
+@ROWS.row("sizes")
+def sizes() -> Found:
+    """Sizes of the source, of its rooms and of what stands beside it."""
     files = sources(HOUSE)
     arrows = imports(files)
     words = {name: Counter(re.findall(r"\w+", ast.unparse(source.tree))) for name, source in files.items()}
@@ -117,7 +117,7 @@ def static_rows() -> dict[str, tuple[float, float]]:
         if ".identification.estimation." in one
     ]
     tests, benchmarks = sources(CHECKOUT / "tests"), sources(CHECKOUT / "benchmarks")
-    return {
+    counts = {
         "code lines": (sum(s.code for s in files.values()), 40000),
         "all lines": (sum(s.lines for s in files.values()), 63000),
         "files in the largest room": (max(rooms.values()), 25),
@@ -137,6 +137,7 @@ def static_rows() -> dict[str, tuple[float, float]]:
         "code lines of benchmarks": (sum(s.code for s in benchmarks.values()), 5000),
         "files of benchmarks": (len(benchmarks), 25),
     }
+    return Found(targets=[Target(what, count, limit) for what, (count, limit) in counts.items()])
 
 
 class Walk:
@@ -174,10 +175,7 @@ class Walk:
         module, code = frame.f_globals.get("__name__", ""), frame.f_code
         entered = None
         if module.startswith("truearm.") and not code.co_name.startswith("<"):
-            if code.co_name in GUARDS and (
-                code.co_name != "__post_init__" or isinstance(frame.f_locals.get("self"), Readings)
-            ):
-                self.guards["Readings.__post_init__" if code.co_name == "__post_init__" else code.co_name] += 1
+            self.guards[code.co_qualname.removeprefix("Compensator.")] += 1
             given = code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]
             names = {name for name in given if self.holds(frame.f_locals.get(name))}
             if names:
@@ -215,10 +213,9 @@ def walk(work: Callable[[], object], kind: type, floor: dict[str, int]) -> Walk:
     return followed
 
 
-def main() -> None:
-    """Print the table."""
-    options = options_of(__doc__)
-    rows = static_rows()
+@ROWS.row("walks")
+def walks() -> Found:
+    """Walks of the readings and of the model through fit, evaluate and correct, and what checks them on the way."""
     floor = floors(imports(sources(HOUSE)))
     session = ta.simulate("ur10", poses=80, seed=1).session
     train, test = session.split(by="row", hold_out=0.3, seed=1)
@@ -229,25 +226,14 @@ def main() -> None:
         "evaluate, the model": walk(lambda: ta.evaluate(model, test), Compensator, floor),
         "correct, the model": walk(lambda: ta.correct(model, test.angles), Compensator, floor),
     }
-    figures = ["stays", "files", "climbs", "returns", "names"]
-    if options.json:
-        found = {
-            what: {"walk": dict(zip(figures, w.figures, strict=True)), "guards": dict(w.guards)}
-            for what, w in walks.items()
-        }
-        print_json({"sizes": {what: count for what, (count, _) in rows.items()}, "walks": found}, [])
-        return
-    print_table(
-        ["", "count", "target"], [[what, f"{count:g}", f"{target:g}"] for what, (count, target) in rows.items()]
+    figures = ("stays", "files", "climbs", "returns", "names")
+    return Found(
+        [
+            {
+                "walk": what,
+                **dict(zip(figures, one.figures, strict=True)),
+                **{name: one.guards[name] for name in GUARDS},
+            }
+            for what, one in walks.items()
+        ]
     )
-    print()
-    print_table(["walk of", *figures], [[what, *map(str, w.figures)] for what, w in walks.items()])
-    print()
-    guards = sorted({name for w in walks.values() for name in w.guards})
-    print_table(
-        ["guards of", *guards], [[what, *(str(w.guards[name]) for name in guards)] for what, w in walks.items()]
-    )
-
-
-if __name__ == "__main__":
-    main()
