@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from truearm.arm.chain import Chain
-from truearm.identification.estimation import residual_process
+from truearm.identification.estimation import identification, residual_process
 from truearm.identification.estimation.identification import identify
 from truearm.identification.estimation.residual_process import (
     GROUP,
@@ -88,7 +88,7 @@ def test_a_sample_finds_the_same_evidence_as_all_readings(arm, monkeypatch):
     state, references = readings(arm, 1200, np.random.default_rng(1), bend=0.02)
     fit = identified(arm, state, references)
     whole = propose_process(fit, state)
-    monkeypatch.setattr(residual_process, "LEAST_SAMPLE", 300)
+    monkeypatch.setattr(identification, "LEAST_SAMPLE", 300)
     sampled = propose_process(fit, state)
     assert whole.gain > 5
     # A of 300 poses instead of 1200: its entries are some per cent off.

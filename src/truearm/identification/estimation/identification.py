@@ -38,7 +38,7 @@ from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray, IntArray
 
 MOST_ROUNDS = 40
-# Many readings start from the result of a sample: so many at least, and so many a coefficient.
+# Readings of a sample: so many at least, and so many a coefficient.
 LEAST_SAMPLE, SAMPLE_PER_COEFFICIENT = 1000, 8
 # The last linearisation is used at the final parameters if no place turned or moved by more since, and if tips have the
 # same uncertainty to this share, at so many readings.
@@ -158,10 +158,10 @@ def _start_by_sample(
     if len(references) > 1 or not isinstance(points, Points):
         return None
     used = np.arange(len(points.rows)) if reading_weights is None else np.flatnonzero(reading_weights[points.rows] > 0)
-    n_sample = max(LEAST_SAMPLE, SAMPLE_PER_COEFFICIENT * sum(term.n_coefficients for term in terms))
+    n_sample = sample_size(sum(term.n_coefficients for term in terms))
     if n_sample > MOST_SHARE * len(used):
         return None
-    chosen = used[np.linspace(0, len(used) - 1, n_sample).astype(np.intp)]
+    chosen = evenly(used, n_sample)
     rows = points.rows[chosen]
     return identify(
         chain,
@@ -171,6 +171,16 @@ def _start_by_sample(
         robust=robust,
         reading_weights=None if reading_weights is None else reading_weights[rows],
     )
+
+
+def sample_size(n_coefficients: int) -> int:
+    """Number of readings of a sample that stands for many."""
+    return max(LEAST_SAMPLE, SAMPLE_PER_COEFFICIENT * n_coefficients)
+
+
+def evenly(rows: IntArray, n: int) -> IntArray:
+    """N of the rows, evenly spaced."""
+    return np.asarray(rows[np.linspace(0, len(rows) - 1, n).astype(np.intp)])
 
 
 def initial_problem(
@@ -289,7 +299,7 @@ def _has_same_uncertainty(rounds: Rounds, x: FloatArray, covariance: FloatArray)
 
 
 def _sample_of_tips(problem: SmallMotionProblem) -> ArmState:
-    return problem.state.rows(np.linspace(0, len(problem.state) - 1, SAMPLE_OF_TIPS).astype(np.intp))
+    return problem.state.rows(evenly(np.arange(len(problem.state)), SAMPLE_OF_TIPS))
 
 
 def reference_fits(

@@ -27,6 +27,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from truearm.identification.estimation.identification import evenly, sample_size
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.perturbed_chain import chunks
 from truearm.identification.terms.basis import AXES, Basis
@@ -41,9 +42,6 @@ GROUP = "residual process"
 LENGTH_SCALES = (0.5, 1.0, 2.0)
 # Inducing points: each adds three coefficients.
 MOST_POINTS = 64
-# Readings of the sample by which A is calculated, the costly part. In a small one the other terms take too much over:
-# with eight readings a coefficient a 24th at most. b contains the noise of every reading and is never sampled.
-LEAST_SAMPLE, SAMPLE_PER_COEFFICIENT = 1000, 8
 # A process that explains a smaller share of the squared residuals is not worth the time of a second identification:
 # the error falls by half of that share.
 LEAST_SHARE = 0.05
@@ -81,10 +79,12 @@ def propose_process(fit: IdentificationResult, state: ArmState) -> ProposedProce
     if points is None:
         return None
     used = np.flatnonzero(points.robust_weight > 0)
-    n_sample = max(LEAST_SAMPLE, SAMPLE_PER_COEFFICIENT * len(fit.coefficients))
+    # A, the costly part, is of a sample. In a small one the other terms take too much over: with eight readings a
+    # coefficient a 24th at most. b contains the noise of every reading and is never sampled.
+    n_sample = sample_size(len(fit.coefficients))
     # More than half of the readings cost more than all of them, whose covariance is known.
     n_sample = n_sample if 2 * n_sample <= len(used) else len(used)
-    chosen = used[np.linspace(0, len(used) - 1, n_sample).astype(np.intp)]
+    chosen = evenly(used, n_sample)
     sample = state.rows(points.rows[chosen])
     tried = [_terms(_process(sample, length), 1.0) for length in LENGTH_SCALES]
     bases = [terms[0].basis for terms in tried]

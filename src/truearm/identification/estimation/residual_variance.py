@@ -15,6 +15,7 @@ a log-linear variance function (R. J. Carroll, D. Ruppert, "Transformation and W
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from functools import cache
 from typing import Self
@@ -176,6 +177,13 @@ class HeldOutReadings:
         return int(self.deviations.shape[1])
 
     @property
+    def along_axes(self) -> tuple[FloatArray, FloatArray]:
+        """Variances (k, m) along the principal axes of the covariances, and squared deviations there [mm^2]."""
+        known, axes = np.linalg.eigh(self.covariance)
+        squares = np.einsum("nij,ni->jn", axes, self.deviations) ** 2
+        return np.ascontiguousarray(np.maximum(known, 0.0).T), squares
+
+    @property
     def errors_mm(self) -> FloatArray:
         """(m,) lengths of the deviations, scaled for those about the own mean of a seat [mm]."""
         return np.asarray(np.linalg.norm(self.deviations, axis=1) / np.sqrt(self.freedom))
@@ -214,17 +222,16 @@ def conformal_residual_variance(held_out: HeldOutReadings, *, level: float = LEV
     from scipy.optimize import brentq
 
     m = len(held_out.rows)
-    values, vectors = np.linalg.eigh(held_out.covariance)
-    squares = np.einsum("nij,ni->nj", vectors, held_out.deviations) ** 2
+    known, squares = held_out.along_axes
     rank = min(int(np.ceil((m + 1) * level)), m) - 1
     radius = chi2_quantile(level, held_out.n_coordinates)
 
     def excess(log_v: float) -> float:
-        variance = np.maximum(values, 0.0) + np.exp(log_v) * held_out.freedom[:, None]
-        return float(np.partition((squares / variance).sum(axis=1), rank)[rank]) - radius
+        variance = known + np.exp(log_v) * held_out.freedom
+        return float(np.partition((squares / variance).sum(axis=0), rank)[rank]) - radius
 
     lowest = float(np.log(FLOOR_MM2))
-    highest = float(np.log(squares.sum(axis=1).max() / held_out.freedom.min() + 2 * FLOOR_MM2))
+    highest = float(np.log(squares.sum(axis=0).max() / held_out.freedom.min() + 2 * FLOOR_MM2))
     if excess(lowest) <= 0:
         return FLOOR_MM2
     return float(np.exp(brentq(excess, lowest, highest, xtol=1e-6)))
@@ -335,13 +342,12 @@ def fit_variance_function(held_out: HeldOutReadings, angles: FloatArray) -> Vari
     spread = np.where(scatter > LEAST_SCATTER, scatter, 1.0)
     features = _features(at, centre, spread)
     features[:, np.tile(scatter <= LEAST_SCATTER, 2)] = 0.0
-    deviance = _Deviance.of(held_out, features)
+    deviance, n_determined = _posterior(held_out, features)
     x, precision = np.zeros(1 + 2 * n_joints), COEFFICIENT_STD**-2
     for _ in range(MOST_ROUNDS):
         x = minimize(deviance, x, (precision,), jac=True, method="L-BFGS-B", options={"maxiter": MOST_STEPS}).x
-        n_determined = deviance.well_determined(x, precision)
         before, square = precision, float(x[1:] @ x[1:])
-        precision = float(np.clip(n_determined / max(square, 1e-300), MOST_STD**-2, LEAST_STD**-2))
+        precision = float(np.clip(n_determined(x, precision) / max(square, 1e-300), MOST_STD**-2, LEAST_STD**-2))
         if abs(precision - before) < SETTLED * before:
             break
     coefficients = x[1:]
@@ -354,64 +360,48 @@ def _features(angles: FloatArray, centre: FloatArray, spread: FloatArray) -> Flo
     return np.hstack([z, z**2 - 1])
 
 
-@dataclass(frozen=True, eq=False)
-class _Deviance:
-    """Negative logarithm of the posterior, by the variance's logarithm and the coefficients, with its gradient.
+def _posterior(
+    held_out: HeldOutReadings, features: FloatArray
+) -> tuple[Callable[[FloatArray, float], tuple[float, FloatArray]], Callable[[FloatArray, float], float]]:
+    """The deviance and the number of determined coefficients, both by the parameters and the prior's precision.
 
-    Deviations are along the principal axes of their covariances: `known` (k, m) are the variances there, `squares`
-    (k, m) the squared deviations. Readings of a group have common errors and count together as one.
+    The parameters are the variance's logarithm and the coefficients. The deviance, minus the logarithm of the
+    posterior, is returned with its gradient. Readings of a group have common errors and count together as one.
     """
+    known, squares = held_out.along_axes
+    n, k = STUDENT_FREEDOM, len(squares)
+    typical = max(float(np.median(squares.sum(axis=0) / held_out.freedom)) / k, FLOOR_MM2)
+    weight = len(np.unique(held_out.group)) / len(held_out.rows)
 
-    squares: FloatArray
-    known: FloatArray
-    freedom: FloatArray
-    features: FloatArray
-    typical: float
-    weight: float
+    def own_variance(parameters: FloatArray) -> FloatArray:
+        log_share = np.clip(parameters[0] + features @ parameters[1:], -50.0, 50.0)
+        return np.asarray(typical * np.exp(log_share) * held_out.freedom)
 
-    @classmethod
-    def of(cls, held_out: HeldOutReadings, features: FloatArray) -> Self:
-        """The deviance of held-out readings."""
-        known, axes = np.linalg.eigh(held_out.covariance)
-        squares = np.einsum("nij,ni->jn", axes, held_out.deviations) ** 2
-        typical = max(float(np.median(squares.sum(axis=0) / held_out.freedom)) / held_out.n_coordinates, FLOOR_MM2)
-        weight = len(np.unique(held_out.group)) / len(held_out.rows)
-        known = np.ascontiguousarray(np.maximum(known, 0.0).T)
-        return cls(squares, known, held_out.freedom, features, typical, weight)
-
-    def __call__(self, parameters: FloatArray, precision: float) -> tuple[float, FloatArray]:
-        """Value and gradient, under a precision of the coefficients' prior."""
-        coefficients = parameters[1:]
-        own = self._own(parameters)
-        variance = self.known + own
-        n, k = STUDENT_FREEDOM, len(self.squares)
-        parts = self.squares / variance
+    def deviance(parameters: FloatArray, precision: float) -> tuple[float, FloatArray]:
+        coefficients, own = parameters[1:], own_variance(parameters)
+        variance = known + own
+        parts = squares / variance
         length = parts.sum(axis=0)
         value = 0.5 * np.log(variance).sum() + 0.5 * (n + k) * np.log1p(length / n).sum()
         pull = (n + k) / (n + length)
         by_log = 0.5 * own * ((1 - pull * parts) / variance).sum(axis=0)
         prior = precision * coefficients
-        gradient = np.concatenate([[by_log.sum()], self.features.T @ by_log]) * self.weight
+        gradient = np.concatenate([[by_log.sum()], features.T @ by_log]) * weight
         gradient[1:] += prior
-        return float(self.weight * value + 0.5 * coefficients @ prior), gradient
+        return float(weight * value + 0.5 * coefficients @ prior), gradient
 
-    def well_determined(self, parameters: FloatArray, precision: float) -> float:
-        """Number of coefficients that the readings determine, by the expected information of Student's log scale.
-
-        For p coordinates and n degrees of freedom it is p n / 2 (n + p + 2) (K. L. Lange, R. J. A. Little,
-        J. M. G. Taylor, J. Am. Stat. Assoc. 84 (1989) 881, section 4); f^2 times
-        as much where the scale is a share f of the variance.
-        """
-        own, k = self._own(parameters), len(self.squares)
-        share = own / (self.known + own)
-        each = self.weight * (share**2).sum(axis=0) / 2 * STUDENT_FREEDOM / (STUDENT_FREEDOM + k + 2)
-        design = np.hstack([np.ones((len(own), 1)), self.features])
+    def n_determined(parameters: FloatArray, precision: float) -> float:
+        # By the expected information of Student's log scale: for p coordinates and n degrees of freedom it is
+        # p n / 2 (n + p + 2) (K. L. Lange, R. J. A. Little, J. M. G. Taylor, J. Am. Stat. Assoc. 84 (1989) 881,
+        # section 4); f^2 times as much where the scale is a share f of the variance.
+        own = own_variance(parameters)
+        share = own / (known + own)
+        each = weight * (share**2).sum(axis=0) / 2 * n / (n + k + 2)
+        design = np.hstack([np.ones((len(own), 1)), features])
         information = design.T @ (each[:, None] * design)
         information[1:, 1:].flat[:: len(information)] += precision
         information[0, 0] += 1e-12  # in case the covariances explain all deviations
         variance = np.linalg.inv(information).diagonal()[1:]
         return float(np.clip(1 - precision * variance, 0.0, 1.0).sum())
 
-    def _own(self, parameters: FloatArray) -> FloatArray:
-        log_share = np.clip(parameters[0] + self.features @ parameters[1:], -50.0, 50.0)
-        return np.asarray(self.typical * np.exp(log_share) * self.freedom)
+    return deviance, n_determined

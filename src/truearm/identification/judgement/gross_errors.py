@@ -67,7 +67,7 @@ class ErrorDistribution:
 
     def gross_probability(self, held_out: HeldOutReadings) -> FloatArray:
         """(m,) probability of each reading to be a gross error."""
-        honest, gross = _log_densities(*_along_axes(held_out), self)
+        honest, gross = _log_densities(*held_out.along_axes, held_out.freedom, self)
         return np.asarray(expit(gross - honest))
 
     def student_weights(self, held_out: HeldOutReadings) -> FloatArray:
@@ -76,8 +76,8 @@ class ErrorDistribution:
         (nu + k) / (nu + t^2) of the squared whitened length t^2 of k coordinates, at most 1; times the probability to
         be honest.
         """
-        known, squares, freedom = _along_axes(held_out)
-        t2 = (squares / (known + self.variance * freedom)).sum(axis=0)
+        known, squares = held_out.along_axes
+        t2 = (squares / (known + self.variance * held_out.freedom)).sum(axis=0)
         weights = np.minimum((self.freedom + len(squares)) / (self.freedom + t2), 1.0)
         return np.asarray(weights * (1 - self.gross_probability(held_out)))
 
@@ -99,14 +99,14 @@ def fit_error_distribution(held_out: HeldOutReadings) -> ErrorDistribution:
     """
     from scipy.optimize import minimize
 
-    known, squares, freedom = _along_axes(held_out)
+    known, squares = held_out.along_axes
     typical = _typical_variance(held_out)
 
     def distribution(x: FloatArray) -> ErrorDistribution:
         return ErrorDistribution(float(np.exp(x[0])), float(1 / x[1]), float(np.exp(x[2])))
 
     def deviance(x: FloatArray) -> tuple[float, FloatArray]:
-        return _deviance(known, squares, freedom, distribution(x))
+        return _deviance(known, squares, held_out.freedom, distribution(x))
 
     bounds = [
         (np.log(FLOOR_MM2), np.log(typical) + 5),
@@ -153,13 +153,6 @@ def _typical_variance(held_out: HeldOutReadings) -> float:
     """Variance of a coordinate from the median deviation, which stands half of the readings being wrong [mm^2]."""
     squares = (held_out.deviations**2).sum(axis=1) / held_out.freedom
     return max(float(np.median(squares)) / chi2_quantile(0.5, held_out.n_coordinates), FLOOR_MM2)
-
-
-def _along_axes(held_out: HeldOutReadings) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Variances (k, m) along the principal axes of the covariances, squared deviations there, and freedom (m,)."""
-    known, axes = np.linalg.eigh(held_out.covariance)
-    squares = np.einsum("nij,ni->jn", axes, held_out.deviations) ** 2
-    return np.ascontiguousarray(np.maximum(known, 0.0).T), squares, held_out.freedom
 
 
 def _log_densities(

@@ -124,16 +124,10 @@ class _Path:
         return _Path(self.poses.split_into_poses(rows), self.factors[rows])
 
 
-@dataclass(frozen=True, eq=False)
-class _Offers:
+def _offers(
+    arm: Arm, path: _Path, factors: Factors, nearby: NearbyPoses, rng: np.random.Generator
+) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Angles (n, m, n_joints) that n poses may be exchanged for, their factors (n, m, k, p), and which are allowed."""
-
-    angles: FloatArray
-    factors: FloatArray
-    allowed: BoolArray
-
-
-def _offers(arm: Arm, path: _Path, factors: Factors, nearby: NearbyPoses, rng: np.random.Generator) -> _Offers:
     wanted = wanted_angles(arm, path.poses.angles, _OFFERS, rng)
     n, m, _ = wanted.shape
     seats = None if path.poses.seat_points is None else np.repeat(path.poses.seat_points, m, axis=0)
@@ -143,7 +137,7 @@ def _offers(arm: Arm, path: _Path, factors: Factors, nearby: NearbyPoses, rng: n
     new[..., : by_terms.shape[2]] = by_terms.reshape(n, m, *by_terms.shape[1:])
     # A pose that is alone in its seat informs of nothing, wherever it is.
     informs = np.asarray(path.factors.any(axis=(1, 2)))
-    return _Offers(angles.reshape(n, m, -1), new, allowed.reshape(n, m) & informs[:, None])
+    return angles.reshape(n, m, -1), new, allowed.reshape(n, m) & informs[:, None]
 
 
 def wanted_angles(arm: Arm, angles: FloatArray, m: int, rng: np.random.Generator) -> FloatArray:
@@ -171,22 +165,29 @@ def _turn(arm: Arm, start: FloatArray, end: FloatArray) -> FloatArray:
     return np.asarray(np.where(whole, (way + np.pi) % (2 * np.pi) - np.pi, way))
 
 
-def _one_round(arm: Arm, path: _Path, problem: DesignProblem, offers: _Offers, price: float) -> _Path:
+def _one_round(
+    arm: Arm,
+    path: _Path,
+    problem: DesignProblem,
+    offers: tuple[FloatArray, FloatArray, BoolArray],
+    price: float,
+) -> _Path:
     """Exchange each pose for the best that it is offered, if that is better."""
+    offered_angles, offered_factors, is_allowed = offers
     angles, factors, M = path.poses.angles.copy(), path.factors.copy(), problem.target
     covariance = _inverse(problem.prior_precision, factors)
     for i in range(len(angles)):
-        allowed = np.flatnonzero(offers.allowed[i])
+        allowed = np.flatnonzero(is_allowed[i])
         if not len(allowed):
             continue
         without = _without(covariance, problem.prior_precision, factors, i)
-        choices = np.concatenate([factors[i : i + 1], offers.factors[i, allowed]])
+        choices = np.concatenate([factors[i : i + 1], offered_factors[i, allowed]])
         C_by_choice = choices @ without
         S = C_by_choice @ choices.transpose(0, 2, 1)
         T = C_by_choice @ M @ C_by_choice.transpose(0, 2, 1)
         inner = np.linalg.inv(np.eye(S.shape[1]) + S)
         left = np.vdot(M, without) - np.einsum("iab,iba->i", inner, T)
-        moved = np.concatenate([angles[i : i + 1], offers.angles[i, allowed]])
+        moved = np.concatenate([angles[i : i + 1], offered_angles[i, allowed]])
         way = np.zeros(len(moved))
         for neighbour in (i - 1, i + 1):
             if 0 <= neighbour < len(angles):

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
+from truearm.identification.planning.sampling.poses import checked_seed
 from truearm.identification.terms import ArmState, directions
 from truearm.identification.virtual.constrained import constrain_geometry
 from truearm.identification.virtual.presets import ARCSEC, Preset, load_preset
@@ -121,7 +122,7 @@ class VirtualArm:
             raise InputError(
                 f"joint J{joint} of arm {nominal.name!r} is prismatic; virtual arms have rotary joints only"
             )
-        systematic = draw_systematic_errors(nominal, preset, seed=_checked_seed(seed))
+        systematic = draw_systematic_errors(nominal, preset, seed=checked_seed(seed))
         if preset.nominal_mean_mm > 0:
             systematic = constrain_geometry(nominal, systematic, preset, seed=seed)
         return cls(nominal, preset, systematic, seed)
@@ -280,7 +281,7 @@ class VirtualArm:
         n, preset = len(angles), self.preset
         if n == 0:
             raise InputError("expected at least one pose to measure, got none")
-        _checked_seed(seed)
+        checked_seed(seed)
         if temperature_degC is None:
             air = air_temperatures(n, preset, random_stream("session", seed, "air"))
         else:
@@ -322,12 +323,6 @@ class VirtualArm:
         if len(state) != len(angles):
             raise InputError(f"expected the state of {len(angles)} readings, got that of {len(state)}")
         return state if state.angles is angles else replace(state, angles=angles)
-
-
-def _checked_seed(seed: int) -> int:
-    if seed < 0:
-        raise InputError(f"a seed must be a whole number >= 0, got {seed}")
-    return seed
 
 
 def place_anchors(n: int, *, reach: float) -> FloatArray:
