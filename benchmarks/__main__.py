@@ -87,7 +87,7 @@ def main(arguments: list[str] | None = None) -> None:
                 print_row(one, row, given, found, seconds)
     judged = [asdict(target) | {"met": target.met} for target in targets]
     if as_json:
-        print(json.dumps({"machine": about, "rows": done, "targets": judged}, indent=2, default=plain))
+        print(json.dumps({"machine": about, "rows": done, "targets": judged}, indent=2, default=plain, allow_nan=False))
     elif judged:
         signs = {"below": "<=", "above": ">="}
         print()

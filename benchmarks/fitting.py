@@ -26,7 +26,6 @@ from truearm.arm.chain import Chain
 from truearm.arm.masses import LinkMasses
 from truearm.compensation.models import PhysicalModel
 from truearm.compensation.models.identified_model import IdentifiedModel
-from truearm.compensation.models.refit import refit
 from truearm.identification.planning.sampling.measuring import measuring_poses
 from truearm.identification.terms import uniform_links
 from truearm.identification.terms.thermal import link_vectors
@@ -63,21 +62,6 @@ def residual_process(sets: tuple[str, ...] = ("wam",), seeds: int = 10) -> Found
             means = {key: float(np.mean([one[key] for one in each])) for key in each[0]}
             table.append({"set": name, "residual process": variant, **means, "largest": max(e["max_mm"] for e in each)})
     return Found(table, notes=["Means over the splits; kept: share of splits in which the model has the process."])
-
-
-@ROWS.row("residual-process-transfer", is_long=True)
-def residual_process_transfer() -> Found:
-    """UR10: learned from series B with and without it, refitted to 20 readings of series A, tested on others."""
-    new = datasets.load_readings("ur10-a")
-    chosen = np.random.default_rng(0).permutation(len(new))
-    few, rest = new.rows(np.sort(chosen[:20])), new.rows(np.sort(chosen[20:3020]))
-    table = []
-    for variant, residual in VARIANTS.items():
-        model = PhysicalModel(load_arm("ur10"), residual=residual).fit_readings(datasets.load_readings("ur10-b"))
-        moved = refit(model, few)
-        mean = three_figures(moved.predict(rest.angles), rest.points)["mean_mm"]
-        table.append({"residual process": variant, "mean_mm": mean, "": str(moved.residual_process_ or "")})
-    return Found(table)
 
 
 # Away from training ---------------------------------------------------------------------------------------------------

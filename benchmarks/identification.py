@@ -49,22 +49,10 @@ FIRST_LINE = 2  # of a set's first reading in its file
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """Readings held out of a split as a model sees them.
+    """Readings held out of a split as a model sees them; `session` of `test` is each reading's number, from 0.
 
-    Attributes
-    ----------
-    points : (m, 3) array
-        Predicted [mm].
-    squares : (m,) array
-        Squared Mahalanobis lengths of their deviations.
-    seconds : float
-        That the fit took.
-    test : Session
-        Held out; `session` is each reading's number in the set, from 0.
-    ring : (m,) int array
-        Quarter by the distance of the angles from their training mean, in units of every joint's spread.
-    quadrant : (m,) int array
-        Quarter by the sides of the training medians on which joints 2 and 3 are.
+    Squared Mahalanobis lengths of the deviations, seconds of the fit, quarters by the distance of the angles from their
+    training mean and by the sides of the training medians on which joints 2 and 3 are.
     """
 
     points: FloatArray

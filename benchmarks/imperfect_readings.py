@@ -84,7 +84,7 @@ def swallowed(seed: int, n: int, size_mm: float) -> tuple[bool, float]:
     return far in [one.row for one in outliers(model.fit_)], mean_error(model, test) / mean_error(rest, test)
 
 
-@ROWS.findings("far-out", quick={"sizes_mm": (5.0,), "arms": 4})
+@ROWS.row("far-out", quick={"sizes_mm": (5.0,), "arms": 4})
 def far_out(
     sizes_mm: tuple[float, ...] = (5.0, 0.7, 0.1), readings: tuple[int, ...] = (50, 100), arms: int = 24
 ) -> Iterator[dict[str, str]]:
@@ -104,7 +104,7 @@ def far_out(
             )
 
 
-@ROWS.findings("model-kept", quick={"seeds": 1})
+@ROWS.row("model-kept", quick={"seeds": 1})
 def model_kept(seeds: int = 4, arms: tuple[str, ...] = (ARM, "measuring7", "ur10")) -> Iterator[dict[str, str]]:
     """The model that `auto` keeps: is it the one without the wrong readings, of one and of 5 %."""
     for arm in arms:
@@ -128,7 +128,7 @@ def model_kept(seeds: int = 4, arms: tuple[str, ...] = (ARM, "measuring7", "ur10
         )
 
 
-@ROWS.findings("unexplained", quick={"shares": (0.20,), "arms": 1})
+@ROWS.row("unexplained", quick={"shares": (0.20,), "arms": 1})
 def unexplained(
     shares: tuple[float, ...] = (0.05, 0.10, 0.15, 0.20), arms: int = 4, readings: int = 200
 ) -> Iterator[dict[str, str]]:
@@ -153,7 +153,7 @@ def unexplained(
         )
 
 
-@ROWS.findings("tails", quick={"splits": 1})
+@ROWS.row("tails", quick={"splits": 1})
 def tails(splits: int = 5) -> Iterator[dict[str, str]]:
     """Ellipsoids on the UR10 of series A, 30 % of positions held out: do they hold what they say."""
     inside: dict[float, list[float]] = {0.95: [], 0.99: []}
@@ -200,7 +200,7 @@ def says(arm: object, session: Session, *words: str, model: str = "kinematic") -
     return next((remark for remark in result.remarks if any(word in remark for word in words)), None)
 
 
-@ROWS.findings("moved-frame", quick={"arms": 3})
+@ROWS.row("moved-frame", quick={"arms": 3})
 def moved_frame(arms: int = 10) -> Iterator[dict[str, str]]:
     """A tracker that moved half way, and good sessions.
 
@@ -233,7 +233,7 @@ def moved_frame(arms: int = 10) -> Iterator[dict[str, str]]:
     yield finding("real sessions", "reported", "; ".join(real), None)
 
 
-@ROWS.findings("stated-unit", quick={"arms": 2})
+@ROWS.row("stated-unit", quick={"arms": 2})
 def stated_unit(arms: int = 5) -> Iterator[dict[str, str]]:
     """Stated uncertainties in another unit."""
     for factor, what, wanted in (
@@ -331,7 +331,7 @@ def outcome(arm: Arm, session: Session) -> tuple[bool, float, float]:
     return False, model.held_out_.mean_mm, model.nominal_check_.ratio
 
 
-@ROWS.findings("wrong-arms", quick={"arms": (ARM,), "sets": ("ur5",)})
+@ROWS.row("wrong-arms", quick={"arms": (ARM,), "sets": ("ur5",)})
 def wrong_arms(
     arms: tuple[str, ...] = (ARM, "ur10", "panda"), sets: tuple[str, ...] = ("ur10-a", "ur10-b", "ur5", "wam")
 ) -> Iterator[dict[str, str]]:
@@ -388,7 +388,7 @@ def ratios(arm: Arm, learned: Session, lengths: Lengths, tests: Sequence[Session
     return {"physical": error(physical) / kinematic, "auto": error(kept) / kinematic, "kinematic_mm": kinematic}
 
 
-@ROWS.findings("seats", quick={"robots": ("panda_3", "dinova_1")})
+@ROWS.row("seats", quick={"robots": ("panda_3", "dinova_1")})
 def seats(robots: tuple[str, ...] = ROBOTS) -> Iterator[dict[str, str]]:
     """Seats of one place, no instrument: errors at all other places of four hand-guided arms.
 
@@ -474,7 +474,7 @@ def differences(seed: int) -> Iterator[tuple[str, str, float, float]]:
             yield "drawn", name, *off(kind(drawn).fit_readings(Session(angles, points)).predict(at))
 
 
-@ROWS.findings("invariance", quick={"arms": 1})
+@ROWS.row("invariance", quick={"arms": 1})
 def invariance(arms: int = 3) -> Iterator[dict[str, str]]:
     """What must not matter: where the joints have their zeros, the unit of lengths, and zeros that are drawn wrongly.
 

@@ -102,7 +102,7 @@ def describe(found: list[Tested]) -> str:
     )
 
 
-@ROWS.findings("cooler", quick={"arms": 6})
+@ROWS.row("cooler", quick={"arms": 6})
 def cooler(arms: int = 20) -> Iterator[dict[str, str]]:
     """50 readings of a room that changes little, used 0 to 4 K cooler; of metal arms ten at most."""
     for material in EXPANSIONS:
@@ -138,7 +138,7 @@ def flagged(seen: str, found: list[Tested]) -> dict[str, str]:
     return finding(seen, "coverage 93 % or more, flagged", now, is_met)
 
 
-@ROWS.findings("one-direction", quick={"arms": 3})
+@ROWS.row("one-direction", quick={"arms": 3})
 def one_direction(arms: int = 8) -> Iterator[dict[str, str]]:
     """Joints that always came from one side in training, and from both in use; hysteresis as the catalogue expects."""
     found = []
@@ -155,7 +155,7 @@ def one_direction(arms: int = 8) -> Iterator[dict[str, str]]:
     yield flagged("joints moved in one direction in training, in both in use", found)
 
 
-@ROWS.findings("constant-load", quick={"arms": 3})
+@ROWS.row("constant-load", quick={"arms": 3})
 def constant_load(arms: int = 8) -> Iterator[dict[str, str]]:
     """A load of joint 2 that was 10 N m in training, and 0 to 20 in use: 1e-4 rad for each 10 N m, as expected."""
     found = []
@@ -174,7 +174,7 @@ def constant_load(arms: int = 8) -> Iterator[dict[str, str]]:
     yield flagged("a load was constant in training, and differs in use", found)
 
 
-@ROWS.findings("shared-errors", quick={"arms": 8})
+@ROWS.row("shared-errors", quick={"arms": 8})
 def shared_errors(arms: int = 24) -> Iterator[dict[str, str]]:
     """A tracker whose scale is wrong, and one whose error is the same in the repeats of a position (half the arms).
 
@@ -188,7 +188,7 @@ def shared_errors(arms: int = 24) -> Iterator[dict[str, str]]:
         points = centre + (1 + SCALE_PPM * 1e-6 * draw.standard_normal()) * (readings.points - centre)
         right.append(_tested_at_20(virtual, readings))
         scaled.append(_tested_at_20(virtual, replace(readings, points=points), u_scale_ppm=SCALE_PPM))
-        if seed < arms // 2:
+        if seed < max(arms // 2, 1):
             single, many = _repeats(virtual, draw)
             once.append(_tested_at_20(virtual, single))
             repeated.append(_tested_at_20(virtual, many, u_common_mm=COMMON_MM))

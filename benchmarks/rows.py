@@ -1,7 +1,7 @@
 """What all benchmarks share: rows with their targets, the machine, times, processes of their own.
 
 A benchmark is a file with ``ROWS = Rows()``. A row is a function; its parameters are the options of the command, with
-their defaults. It returns one number, which is judged by the row's target, or a `Found`::
+their defaults. It returns one number, which is judged by the row's target, or a `Found`, or yields rows of a table::
 
     @ROWS.row("plan", "plan, 50 poses of measuring7", unit="s", target=4.0)
     def plan(poses: int = 50) -> float: ...
@@ -18,12 +18,12 @@ import statistics
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
 from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 ROOT = Path(__file__).parents[1]
 # Environment variables that a user may have set for the threads of a BLAS.
@@ -76,7 +76,7 @@ class Row:
     what : str
         In a line.
     measure : callable
-        Returns a number or a `Found`.
+        Returns a number or a `Found`, or yields dicts.
     unit : str
     target : float
         Of a number, in that unit, not to exceed.
@@ -89,7 +89,7 @@ class Row:
     """
 
     what: str
-    measure: Callable[..., float | Found]
+    measure: Callable[..., float | Found | Iterator[dict[str, Any]]]
     unit: str
     target: float | None
     quick: dict[str, Any]
@@ -106,6 +106,8 @@ class Row:
         found = self.measure(**options)
         if isinstance(found, Found):
             return found
+        if isinstance(found, Iterator):
+            return Found(list(found))
         return Found(targets=[Target(f"{self.what} [{self.unit}]".removesuffix(" []"), float(found), self.target)])
 
 
@@ -128,19 +130,6 @@ class Rows(dict[str, Row]):
         def declare(measure: Callable[..., Any]) -> Callable[..., Any]:
             said = what or inspect.cleandoc(measure.__doc__ or "").partition("\n")[0].rstrip(".")
             self[name] = Row(said, measure, unit, target, quick or {}, is_long, threads)
-            return measure
-
-        return declare
-
-    def findings(self, name: str, **declared: Any) -> Callable[..., Any]:
-        """Declare a function that yields dicts of a table, as those of `finding`."""
-
-        def declare(measure: Callable[..., Any]) -> Callable[..., Any]:
-            def found(**options: Any) -> Found:
-                return Found(list(measure(**options)))
-
-            found.__doc__, found.__signature__ = measure.__doc__, inspect.signature(measure)
-            self.row(name, **declared)(found)
             return measure
 
         return declare
@@ -187,13 +176,11 @@ def scratch() -> Path:
     return Path(os.environ[SCRATCH])
 
 
-@dataclass(frozen=True)
-class Times:
+class Times(NamedTuple):
     """Seconds of some runs: the shortest is what the machine can do undisturbed, the median what one meets."""
 
     shortest: float
     median: float
-    each: list[float] = field(repr=False)
 
 
 def times_of(work: Callable[[], object], *, runs: int = 7) -> Times:
@@ -210,7 +197,7 @@ def times_of_each(works: dict[str, Callable[[], object]], *, runs: int = 7) -> d
             work()
             if run > 0:  # the first one warms up
                 seconds[name].append(time.perf_counter() - start)
-    return {name: Times(min(s), statistics.median(s), s) for name, s in seconds.items()}
+    return {name: Times(min(s), statistics.median(s)) for name, s in seconds.items()}
 
 
 def cpu_seconds_of(work: Callable[[], object]) -> float:

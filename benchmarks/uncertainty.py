@@ -103,9 +103,9 @@ def measured_on(arm_name: str) -> dict[str, tuple[Feature, FloatArray]]:
     }
 
 
-def coverage(name: str, share: float, side: str, limit: float) -> Target:
+def coverage(name: str, share: float | None, side: str, limit: float) -> Target:
     """What a share over all arms shall come to."""
-    return Target(f"coverage of {name} at {side}", float(share), limit, "above" if side == "least" else "below")
+    return Target(f"coverage of {name} at {side}", share, limit, "above" if side == "least" else "below")
 
 
 def true_errors(
@@ -154,7 +154,7 @@ def tasks(
     for name in found[0]:
         each = np.array([one[name] for one in found])
         # Over all near ways of all arms: some arm may have none.
-        near = float(each[:, 3].sum() / each[:, 2].sum())
+        near = float(each[:, 3].sum() / each[:, 2].sum()) if each[:, 2].any() else None
         inside, within = (f"{one.mean():.3f} +- {one.std() / np.sqrt(len(one)):.3f}" for one in each[:, :2].T)
         row = {"feature": name, "in the interval": inside, "not above U": within, "of near ways": near}
         rms = np.sqrt((each[:, 4:] ** 2).mean(axis=0))
@@ -296,7 +296,7 @@ def judged(label: str, each: Sequence[Share], low: float, high: float, worst: fl
     return finding(label, wanted, now, bool(low <= shares.mean() <= high and shares.min() >= worst))
 
 
-@ROWS.findings("points", quick={"arms": 1, "sizes": (50,), "subsets": 1})
+@ROWS.row("points", quick={"arms": 1, "sizes": (50,), "subsets": 1})
 def points(arms: int = 32, sizes: tuple[int, ...] = (50, 300, 2000), subsets: int = 50) -> Iterator[dict[str, str]]:
     """Points in their 95 % ellipsoids: the same day, another day, far from the training, few readings of real arms.
 
