@@ -51,7 +51,6 @@ from truearm.arm.denavit_hartenberg import (
     DHTable,
     Kind,
     chain_from_dh,
-    chain_from_mdh,
     dh_table,
     mdh_table,
     row_end_frames,
@@ -62,7 +61,7 @@ from truearm.arm.ur_kinematics import read_ur_kinematics
 from truearm.arm.urdf import read_urdf, write_urdf
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
-from truearm.files.file_reading import read_limited
+from truearm.files.file_reading import parse_file
 from truearm.files.toml_documents import parse_toml
 from truearm.typing import FloatArray
 
@@ -196,10 +195,7 @@ def read_arm(path: str | Path) -> Arm:
         return read_ur_kinematics(path)
     if path.suffix.lower() != ".toml":
         raise InputError(f"an arm file ends in .toml, .urdf or .yaml, got {path.suffix!r}", file=path)
-    try:
-        return _arm_of(parse_toml(read_limited(path, limit_bytes=MAX_BYTES), _ArmFile))
-    except InputError as error:
-        raise error.in_file(path) from None
+    return parse_file(path, lambda content: _arm_of(parse_toml(content, _ArmFile)), limit_bytes=MAX_BYTES)
 
 
 def write_arm(arm: Arm, path: str | Path, *, convention: Convention = "dh") -> None:
@@ -233,7 +229,13 @@ def _arm_of(file: _ArmFile) -> Arm:
     lower, upper, working = np.array([_states_of(joint) for joint in moving]).reshape(-1, 3).T
     return Arm(
         name=file.name,
-        chain=_chain_of(file),
+        chain=chain_from_dh(
+            **_table_of(file),
+            base=_frame_of(file.base),
+            flange=_frame_of(file.flange),
+            tip_in_flange=_triple(file, "tip"),
+            convention=file.convention,
+        ),
         title=file.title,
         joint_names=tuple(joint.name or f"J{number}" for number, joint in enumerate(moving, 1)),
         lower=lower,
@@ -264,16 +266,6 @@ def _table_of(file: _ArmFile) -> dict[str, Any]:
     return {q: [_number(joint, q) for joint in file.joints] for q in ("a", "d", "alpha", "theta")} | {
         "kinds": [joint.type for joint in file.joints]
     }
-
-
-def _chain_of(file: _ArmFile) -> Chain:
-    build = chain_from_dh if file.convention == "dh" else chain_from_mdh
-    return build(
-        **_table_of(file),
-        base=_frame_of(file.base),
-        flange=_frame_of(file.flange),
-        tip_in_flange=_triple(file, "tip"),
-    )
 
 
 def _masses_of(file: _ArmFile) -> LinkMasses | None:

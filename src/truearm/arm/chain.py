@@ -189,10 +189,7 @@ class Chain:
         """
         angles = self._checked(angles)
         tips = np.empty((3, len(angles)))
-        moved = None if motions is None else self._checked_motions(motions, len(angles))
-        for rows in _chunks(len(angles)):
-            q = _by_component(angles[rows])
-            chunk = None if moved is None else np.ascontiguousarray(moved[rows].transpose(1, 2, 0))
+        for rows, q, chunk in self._pieces(angles, motions):
             tips[:, rows] = _last(self._outward(q, cos_sin(q), chunk))
         return tips.T
 
@@ -207,13 +204,9 @@ class Chain:
             Finite motions composed exactly at every place, a set for each pose.
         """
         angles = self._checked(angles)
-        moved = None if motions is None else self._checked_motions(motions, len(angles))
-        R = np.empty((3, 3, len(angles)))
-        tip = np.empty((3, len(angles)))
-        for rows in _chunks(len(angles)):
-            q = _by_component(angles[rows])
+        R, tip = np.empty((3, 3, len(angles))), np.empty((3, len(angles)))
+        for rows, q, chunk in self._pieces(angles, motions):
             turns = cos_sin(q)
-            chunk = None if moved is None else np.ascontiguousarray(moved[rows].transpose(1, 2, 0))
             R[:, :, rows] = self._flange(turns, None if chunk is None else _turned_by(chunk))
             tip[:, rows] = _last(self._outward(q, turns, chunk))
         return Pose(R.transpose(2, 0, 1), tip.T)
@@ -253,13 +246,17 @@ class Chain:
                 by_joint[place - 1, 3:] = z_axis
         return PoseDerivatives(R, tip, by_joint, by_motion)
 
-    def pose_jacobians(self, angles: npt.ArrayLike) -> tuple[Pose, FloatArray]:
+    def pose_jacobians(
+        self, angles: npt.ArrayLike, derivatives: Callable[[slice], PoseDerivatives] | None = None
+    ) -> tuple[Pose, FloatArray]:
         """Tip poses and their derivatives by the joints.
 
         Parameters
         ----------
         angles : (n, n_joints) array
             Joint angles [rad], or displacements of sliding joints [mm].
+        derivatives : callable, optional
+            Returns the derivatives of some poses; by default those of this chain without motions.
 
         Returns
         -------
@@ -272,7 +269,7 @@ class Chain:
         R, tip = np.empty((len(angles), 3, 3)), np.empty((len(angles), 3))
         jacobian = np.empty((len(angles), 6, self.n_joints))
         for rows in _chunks(len(angles)):
-            here = self.pose_derivatives(angles[rows])
+            here = self.pose_derivatives(angles[rows]) if derivatives is None else derivatives(rows)
             R[rows], tip[rows] = here.R_base_tip.transpose(2, 0, 1), here.tip_in_base.T
             jacobian[rows] = here.by_joint.transpose(2, 1, 0)
         return Pose(R, tip), jacobian
@@ -502,11 +499,16 @@ class Chain:
             raise InputError(f"expected angles of shape (n, {self.n_joints}), one column a joint, got {angles.shape}")
         return angles
 
-    def _checked_motions(self, motions: npt.ArrayLike, n: int) -> FloatArray:
-        motions = np.asarray(motions, dtype=float)
-        if motions.shape != (n, self.n_places, 6):
-            raise InputError(f"expected motions of shape {(n, self.n_places, 6)}, got {motions.shape}")
-        return motions
+    def _pieces(
+        self, angles: FloatArray, motions: npt.ArrayLike | None
+    ) -> Iterator[tuple[slice, FloatArray, FloatArray | None]]:
+        """Poses that are evaluated together: which, their angles (n_joints, m) and motions (n_places, 6, m)."""
+        moved, shape = None if motions is None else np.asarray(motions, dtype=float), (len(angles), self.n_places, 6)
+        if moved is not None and moved.shape != shape:
+            raise InputError(f"expected motions of shape {shape}, got {moved.shape}")
+        for rows in _chunks(len(angles)):
+            chunk = None if moved is None else np.ascontiguousarray(moved[rows].transpose(1, 2, 0))
+            yield rows, _by_component(angles[rows]), chunk
 
 
 def _turned_by(motions: FloatArray) -> FloatArray:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple, get_args
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -95,8 +95,9 @@ def chain_from_dh(
     base: npt.ArrayLike | None = None,
     flange: npt.ArrayLike | None = None,
     tip_in_flange: npt.ArrayLike = (0.0, 0.0, 0.0),
+    convention: Convention = "dh",
 ) -> Chain:
-    """Chain of a standard Denavit-Hartenberg table.
+    """Chain of a Denavit-Hartenberg table, standard by default.
 
     Parameters
     ----------
@@ -114,45 +115,29 @@ def chain_from_dh(
         Rigid motion after the last row [mm].
     tip_in_flange : (3,) array
         The tip after `flange` [mm].
+    convention : {"dh", "mdh"}
+        See `chain_from_mdh` for modified tables.
 
     Raises
     ------
     InputError
         If lengths do not fit each other, a kind is unknown, a number is not finite, or no joint moves.
     """
-    return _folded(_links("dh", _rows(a, d, alpha, theta, kinds)), base, flange, tip_in_flange)
+    return _folded(_links(convention, _rows(a, d, alpha, theta, kinds)), base, flange, tip_in_flange)
 
 
-def chain_from_mdh(
-    *,
-    a: npt.ArrayLike,
-    d: npt.ArrayLike,
-    alpha: npt.ArrayLike,
-    theta: npt.ArrayLike | None = None,
-    kinds: Sequence[Kind] | None = None,
-    base: npt.ArrayLike | None = None,
-    flange: npt.ArrayLike | None = None,
-    tip_in_flange: npt.ArrayLike = (0.0, 0.0, 0.0),
-) -> Chain:
+def chain_from_mdh(**table: Any) -> Chain:
     """Chain of a modified (Craig's) Denavit-Hartenberg table.
 
     Parameters and errors as in `chain_from_dh`; row i holds alpha(i-1) and a(i-1), which act before joint i.
     """
-    return _folded(_links("mdh", _rows(a, d, alpha, theta, kinds)), base, flange, tip_in_flange)
+    return chain_from_dh(**table, convention="mdh")
 
 
-def row_end_frames(
-    convention: Convention,
-    *,
-    a: npt.ArrayLike,
-    d: npt.ArrayLike,
-    alpha: npt.ArrayLike,
-    theta: npt.ArrayLike | None = None,
-    kinds: Sequence[Kind] | None = None,
-) -> list[tuple[int, FloatArray]]:
+def row_end_frames(convention: Convention, **columns: Any) -> list[tuple[int, FloatArray]]:
     """Frames at the ends of a table's rows, in which the literature gives a link's centre of mass.
 
-    Parameters are those of `chain_from_dh`.
+    The columns of the table, and the kinds of its rows, are those of `chain_from_dh`.
 
     Returns
     -------
@@ -162,7 +147,7 @@ def row_end_frames(
     """
     ends: list[tuple[int, FloatArray]] = []
     joint, end = 0, np.eye(4)
-    for kind, before, after in _links(convention, _rows(a, d, alpha, theta, kinds)):
+    for kind, before, after in _links(convention, _rows(**columns)):
         if kind == "fixed":
             end = end @ before @ after
         else:
@@ -252,8 +237,8 @@ def _rows(
     a: npt.ArrayLike,
     d: npt.ArrayLike,
     alpha: npt.ArrayLike,
-    theta: npt.ArrayLike | None,
-    kinds: Sequence[Kind] | None,
+    theta: npt.ArrayLike | None = None,
+    kinds: Sequence[Kind] | None = None,
     *,
     beta: npt.ArrayLike | None = None,
     b: npt.ArrayLike | None = None,

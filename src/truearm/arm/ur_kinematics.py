@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -25,7 +26,7 @@ from truearm.arm.chain import Chain
 from truearm.arm.rigid_motions import frame_from_xyz_rpy, xyz_rpy_from_frame
 from truearm.arm.urdf_tree import MM_PER_M
 from truearm.errors import InputError
-from truearm.files.file_reading import read_limited
+from truearm.files.file_reading import parse_file
 from truearm.files.yaml_reader import YamlNode, parse_yaml, yaml_number
 from truearm.typing import FloatArray
 
@@ -73,10 +74,7 @@ def read_ur_kinematics(path: str | Path, *, angles: Angles = "urdf") -> Arm:
         cannot be metres and radians.
     """
     path = Path(path)
-    try:
-        return parse_ur_kinematics(read_limited(path, limit_bytes=MAX_BYTES), name=path.stem, angles=angles)
-    except InputError as error:
-        raise error.in_file(path) from None
+    return parse_file(path, partial(parse_ur_kinematics, name=path.stem, angles=angles), limit_bytes=MAX_BYTES)
 
 
 def parse_ur_kinematics(content: bytes, *, name: str, angles: Angles = "urdf") -> Arm:

@@ -7,6 +7,7 @@ ignored.
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from collections.abc import Collection
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ from truearm.arm.rigid_motions import xyz_rpy_from_frame
 from truearm.arm.urdf_tree import MM_PER_M, UrdfJoint, UrdfTree, axis_rotation, limits_of, origin_of
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
-from truearm.files.file_reading import read_limited
+from truearm.files.file_reading import parse_file
 from truearm.files.xml_reader import Element, attribute, child, children, float_attribute, parse_xml
 from truearm.typing import BoolArray, FloatArray
 
@@ -53,11 +54,12 @@ def read_urdf(path: str | Path, *, base: str | None = None, tip: str | None = No
         If the file is missing, too large, no XML, declares a document type, or is no URDF; if the chain is not
         unique, has no moving joint, or has one that a serial chain cannot have (floating, planar, mimic).
     """
-    try:
-        tree = UrdfTree(parse_xml(read_limited(path, limit_bytes=MAX_BYTES)))
+
+    def parsed(content: bytes) -> Arm:
+        tree = UrdfTree(parse_xml(content))
         return arm_of_joints(tree, tree.path(base, tip))
-    except InputError as error:
-        raise error.in_file(path) from None
+
+    return parse_file(path, parsed, limit_bytes=MAX_BYTES)
 
 
 def arm_of_joints(tree: UrdfTree, joints: list[UrdfJoint]) -> Arm:
@@ -166,12 +168,12 @@ def urdf_bytes(arm: Arm, *, tip_link: str = TIP_LINK) -> bytes:
         _add_limit(joint, arm, i)
     end = arm.chain.fixed[n].copy()
     end[:3, 3] += end[:3, :3] @ arm.chain.tip_in_flange
-    _joint_element(robot, _free_name(f"{tip_link}_joint", arm.joint_names), "fixed", links[n:], end)
+    _joint_element(robot, free_name(f"{tip_link}_joint", arm.joint_names), "fixed", links[n:], end)
     extra = ET.SubElement(robot, "truearm", title=arm.title, source=arm.source)
     if arm.serial_number:
         extra.set("serial_number", arm.serial_number)
     if (arm.gravity_direction != [0, 0, -1]).any():
-        extra.set("gravity_in_base", _spaced(arm.gravity_direction))
+        extra.set("gravity_in_base", spaced(arm.gravity_direction))
     for name, position in zip(arm.joint_names, arm.working / _unit_of(arm), strict=True):
         ET.SubElement(extra, "working", joint=name, position=repr(float(position)))
     ET.indent(robot)
@@ -201,14 +203,14 @@ def _joint_element(robot: ET.Element, name: str, kind: str, links: list[str], fr
     ET.SubElement(joint, "parent", link=links[0])
     ET.SubElement(joint, "child", link=links[1])
     xyz, rpy = xyz_rpy_from_frame(frame)
-    ET.SubElement(joint, "origin", xyz=_spaced(xyz / MM_PER_M), rpy=_spaced(rpy))
+    ET.SubElement(joint, "origin", xyz=spaced(xyz / MM_PER_M), rpy=spaced(rpy))
     return joint
 
 
 def _add_mass(link: ET.Element, mass_kg: float, centre_mm: FloatArray) -> None:
     """Add the mass; moments of inertia are compulsory, but unknown here: zero claims nothing."""
     inertial = ET.SubElement(link, "inertial")
-    ET.SubElement(inertial, "origin", xyz=_spaced(centre_mm / MM_PER_M), rpy="0.0 0.0 0.0")
+    ET.SubElement(inertial, "origin", xyz=spaced(centre_mm / MM_PER_M), rpy="0.0 0.0 0.0")
     ET.SubElement(inertial, "mass", value=repr(mass_kg))
     ET.SubElement(inertial, "inertia", dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), "0"))
 
@@ -223,11 +225,13 @@ def _add_limit(joint: ET.Element, arm: Arm, i: int) -> None:
         ET.SubElement(joint, "limit", effort="0", velocity="0")  # only a turning joint can be called continuous
 
 
-def _free_name(name: str, taken: tuple[str, ...]) -> str:
+def free_name(name: str, taken: Collection[str]) -> str:
+    """The name, with underscores if it is taken."""
     while name in taken:
         name += "_"
     return name
 
 
-def _spaced(numbers: FloatArray) -> str:
+def spaced(numbers: FloatArray) -> str:
+    """Numbers of an attribute, to the last bit."""
     return " ".join(repr(float(number) + 0.0) for number in numbers)

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import errno
 import stat
+from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
 from truearm.errors import InputError
+
+T = TypeVar("T")
 
 
 def check_readable(path: str | Path, *, limit_bytes: int, hint: str | None = None) -> None:
@@ -58,6 +62,30 @@ def read_limited(path: str | Path, *, limit_bytes: int, hint: str | None = None)
     if len(content) > limit_bytes:
         raise _too_large(path, limit_bytes)
     return content
+
+
+def parse_file(path: str | Path, parse: Callable[[bytes], T], *, limit_bytes: int) -> T:
+    """What `parse` makes of the content of a file of at most `limit_bytes`; its errors name the file."""
+    content = read_limited(path, limit_bytes=limit_bytes)
+    try:
+        return parse(content)
+    except InputError as error:
+        raise error.in_file(path) from None
+
+
+def utf8_text(content: bytes) -> str:
+    """The text of a file in UTF-8; some editors write a byte order mark.
+
+    Raises
+    ------
+    InputError
+        If it is in another encoding; with the line.
+    """
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content[: error.start].count(b"\n") + 1
+        raise InputError("expected UTF-8 text", line=line, hint="save the file as UTF-8") from None
 
 
 def _too_large(path: str | Path, limit_bytes: int) -> InputError:

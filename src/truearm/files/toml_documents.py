@@ -15,7 +15,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 from pydantic_core import ErrorDetails
 
 from truearm.errors import InputError, joined
-from truearm.files.file_reading import read_limited
+from truearm.files.file_reading import parse_file, utf8_text
 
 MAX_BYTES = 1_000_000
 # The usual mistakes: 15.01.2026, 25,0004, yes, and a name without quotes.
@@ -99,10 +99,7 @@ def read_document(path: str | Path, model: type[M]) -> M:
     InputError
         If the file is missing, too long, not TOML, or breaks a rule of its format: with the line or the key.
     """
-    try:
-        return parse_toml(read_limited(path, limit_bytes=MAX_BYTES), model)
-    except InputError as error:
-        raise error.in_file(path) from None
+    return parse_file(path, lambda content: parse_toml(content, model), limit_bytes=MAX_BYTES)
 
 
 def parse_toml(content: bytes, model: type[M]) -> M:
@@ -114,10 +111,7 @@ def parse_toml(content: bytes, model: type[M]) -> M:
         If the content is not UTF-8, not TOML, or breaks a rule of the model: with the line or the keys.
     """
     try:
-        return model.model_validate(tomllib.loads(content.decode("utf-8-sig")))  # some editors write a byte order mark
-    except UnicodeDecodeError as error:
-        line = content[: error.start].count(b"\n") + 1
-        raise InputError("expected UTF-8 text", line=line, hint="save the file as UTF-8") from None
+        return model.model_validate(tomllib.loads(utf8_text(content)))
     except tomllib.TOMLDecodeError as error:
         message, line = str(error), None
         if at := re.search(r" \(at line (\d+), column \d+\)$", message):
@@ -129,6 +123,8 @@ def parse_toml(content: bytes, model: type[M]) -> M:
         raise InputError("the values are nested too deeply", hint="remove the inner brackets") from None
     except ValidationError as error:
         raise _input_error(error, model) from None
+    except InputError:
+        raise
     except ValueError as error:  # numbers of thousands of digits
         raise InputError(f"not valid TOML: {error}", hint=AS_TOML) from None
 

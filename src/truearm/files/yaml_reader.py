@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 import yaml
 
 from truearm.errors import InputError
+from truearm.files.file_reading import utf8_text
 
 # Levels of a file that describes an arm: root, links, their numbers; more is of another kind, or an attack.
 MAX_DEPTH = 10
@@ -106,11 +107,7 @@ def parse_yaml(content: bytes) -> YamlNode:
         If it is not UTF-8 or not YAML, is empty, has several documents, anchors, aliases or tags, keys that are no text
         or stated twice, or more than `MAX_DEPTH` levels.
     """
-    try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = content[: error.start].count(b"\n") + 1
-        raise InputError("expected UTF-8 text", line=line, hint="save the file as UTF-8") from None
+    text = utf8_text(content)
     try:
         _check_events(text)
         root = yaml.compose(text, Loader=yaml.SafeLoader)

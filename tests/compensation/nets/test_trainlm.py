@@ -9,10 +9,9 @@ import time
 import numpy as np
 import pytest
 
-from truearm.compensation.nets.activations import ACTIVATIONS
 from truearm.compensation.nets.nguyen_widrow import nguyen_widrow
 from truearm.compensation.nets.normal_equations import FitProblem
-from truearm.compensation.nets.perceptron import Perceptron
+from truearm.compensation.nets.perceptron import ACTIVATIONS, Perceptron
 from truearm.compensation.nets.scaling import MinMaxScaler
 from truearm.compensation.nets.train_varpro import train_varpro
 from truearm.compensation.nets.trainlm import LevenbergMarquardtOptions, trainlm

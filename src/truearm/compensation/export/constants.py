@@ -17,6 +17,7 @@ from truearm.compensation.export.constants_table import NOMINAL, ArmConstant, Co
 from truearm.compensation.targets.manifest import Manifest
 from truearm.errors import InputError
 from truearm.files.delimited import escape_formula
+from truearm.files.file_reading import utf8_text
 from truearm.typing import FloatArray
 
 COLUMNS = ("place", "constant", "unit", "nominal", "identified", "change", "standard_uncertainty", "status")
@@ -60,10 +61,7 @@ def _flange(table: ConstantsTable) -> list[ArmConstant]:
 
 
 def _chain_of(content: bytes, manifest: Manifest) -> Chain:
-    try:
-        comments, table = after_comments(content.decode("utf-8"))
-    except UnicodeDecodeError:
-        raise InputError("expected UTF-8 text", hint="export the file again") from None
+    comments, table = after_comments(utf8_text(content))
     convention = next((name for name, formula in FORMULAS.items() if any(formula in line for line in comments)), None)
     if convention is None:
         raise InputError(f"expected a comment with one of the formulas {'; '.join(FORMULAS.values())}")

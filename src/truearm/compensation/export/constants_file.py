@@ -16,9 +16,8 @@ from truearm.compensation.export.constants_table import ConstantsTable, constant
 from truearm.compensation.export.rigid_arm import RigidArm, best_rigid_arm
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.targets.manifest import Direction, Frame, Manifest, check_joints, read_manifest
-from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
-from truearm.files.file_reading import read_limited
+from truearm.files.file_reading import parse_file
 from truearm.typing import FloatArray
 
 MAX_BYTES = 1_000_000
@@ -115,9 +114,6 @@ def reader(chain_of: Callable[[bytes, Manifest], Chain]) -> Callable[[str | Path
 
     def tips(path: str | Path, joints: npt.ArrayLike) -> FloatArray:
         manifest = read_manifest(path)
-        try:
-            return chain_of(read_limited(path, limit_bytes=MAX_BYTES), manifest).tip_in_base(joints)
-        except InputError as error:
-            raise error.in_file(path) from None
+        return parse_file(path, lambda content: chain_of(content, manifest).tip_in_base(joints), limit_bytes=MAX_BYTES)
 
     return tips

@@ -7,7 +7,7 @@ the last one the nominal flange. A link at the identified tip is added to it.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -18,7 +18,7 @@ import numpy.typing as npt
 from truearm.arm.arm import Arm
 from truearm.arm.catalogue import split_links
 from truearm.arm.rigid_motions import xyz_rpy_from_frame
-from truearm.arm.urdf import MAX_BYTES, arm_of_joints, read_urdf, urdf_bytes
+from truearm.arm.urdf import MAX_BYTES, arm_of_joints, free_name, read_urdf, spaced, urdf_bytes
 from truearm.arm.urdf_tree import MM_PER_M, UrdfJoint, UrdfTree, axis_rotation, origin_of
 from truearm.compensation.export.constants_file import ConstantsFile, ConstantsRequest, writer
 from truearm.compensation.export.rigid_arm import RigidArm
@@ -128,10 +128,10 @@ def _added_links(robot: _Robot, rigid: RigidArm, frame: Frame) -> tuple[list[str
     lines: list[str] = []
     base, tip, gravity = robot.base, robot.tip, rigid.arm.gravity_direction
     if rigid.arm.chain.tip_in_flange.any():
-        tip = _free_name(TIP_LINK, links)
+        tip = free_name(TIP_LINK, links)
         T_flange_tip = np.eye(4)
         T_flange_tip[:3, 3] = rigid.arm.chain.tip_in_flange
-        joint = _free_name(f"{TIP_LINK}_joint", joints)
+        joint = free_name(f"{TIP_LINK}_joint", joints)
         lines += [tag_text("link", {"name": tip}), *_fixed_joint(joint, robot.tip, tip, T_flange_tip)]
     if frame == "reference":
         if robot.base in robot.tree.joint_above:
@@ -139,14 +139,14 @@ def _added_links(robot: _Robot, rigid: RigidArm, frame: Frame) -> tuple[list[str
                 f"the link {robot.base!r} has a parent already, so that the reference frame cannot be its parent",
                 hint="export in the base frame, or name the robot's root link as base",
             )
-        base, gravity = _free_name(REFERENCE_LINK, links), rigid.in_reference_frame().gravity_direction
-        joint = _free_name(f"{REFERENCE_LINK}_joint", joints)
+        base, gravity = free_name(REFERENCE_LINK, links), rigid.in_reference_frame().gravity_direction
+        joint = free_name(f"{REFERENCE_LINK}_joint", joints)
         lines += [tag_text("link", {"name": base}), *_fixed_joint(joint, base, robot.base, rigid.T_reference_base)]
     about = {"base": base, "tip": tip, "title": rigid.arm.title}
     if rigid.arm.serial_number:
         about["serial_number"] = rigid.arm.serial_number
     if (gravity != [0, 0, -1]).any():
-        about["gravity_in_base"] = _spaced(gravity)
+        about["gravity_in_base"] = spaced(gravity)
     return lines, about
 
 
@@ -185,7 +185,7 @@ def _origin_edit(content: bytes, joint: UrdfJoint, T_parent_joint: FloatArray) -
 
 def _origin(frame: FloatArray) -> dict[str, str]:
     xyz, rpy = xyz_rpy_from_frame(frame)
-    return {"xyz": _spaced(xyz / MM_PER_M), "rpy": _spaced(rpy)}
+    return {"xyz": spaced(xyz / MM_PER_M), "rpy": spaced(rpy)}
 
 
 def _fixed_joint(name: str, parent: str, child: str, T_parent_child: FloatArray) -> list[str]:
@@ -193,16 +193,6 @@ def _fixed_joint(name: str, parent: str, child: str, T_parent_child: FloatArray)
     start = tag_text("joint", {"name": name, "type": "fixed"}).replace("/>", ">")
     parts = {"parent": {"link": parent}, "child": {"link": child}, "origin": _origin(T_parent_child)}
     return [start, *(f"  {tag_text(tag, attributes)}" for tag, attributes in parts.items()), "</joint>"]
-
-
-def _free_name(name: str, taken: Collection[str]) -> str:
-    while name in taken:
-        name += "_"
-    return name
-
-
-def _spaced(numbers: FloatArray) -> str:
-    return " ".join(repr(float(number) + 0.0) for number in numbers)
 
 
 write = writer("urdf", _file_of)

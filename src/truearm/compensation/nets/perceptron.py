@@ -1,16 +1,56 @@
-"""The multilayer perceptron: layers of weights, all connected."""
+"""The multilayer perceptron: layers of weights, all connected, and activation functions under MATLAB's names.
+
+Derivatives of the functions come from their values, as a network has them at hand.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy.typing as npt
 from array_api_compat import array_namespace
 
-from truearm.compensation.nets.activations import ACTIVATIONS, Activation
 from truearm.errors import InputError
 from truearm.solve.arrays import Array, as_array_like
+
+
+@dataclass(frozen=True)
+class Activation:
+    """An activation function.
+
+    Attributes
+    ----------
+    value : callable
+        Of the net input.
+    derivative : callable
+        By the net input, computed from the value.
+    net_range : (float, float) or None
+        Net inputs where the function is not saturated (Nguyen-Widrow); None for a linear function.
+    output_range : (float, float) or None
+        Values it can take; None for all.
+    """
+
+    value: Callable[[Array], Array]
+    derivative: Callable[[Array], Array]
+    net_range: tuple[float, float] | None
+    output_range: tuple[float, float] | None
+
+
+def _tanh(net: Array) -> Array:
+    return array_namespace(net).tanh(net)
+
+
+def _logistic(net: Array) -> Array:
+    # Through tanh: no overflow for large negative net inputs.
+    return 0.5 + 0.5 * _tanh(0.5 * net)
+
+
+ACTIVATIONS: dict[str, Activation] = {
+    "tansig": Activation(_tanh, lambda a: 1 - a * a, (-2.0, 2.0), (-1.0, 1.0)),
+    "logsig": Activation(_logistic, lambda a: a * (1 - a), (-4.0, 4.0), (0.0, 1.0)),
+    "purelin": Activation(lambda net: net, lambda a: array_namespace(a).ones_like(a), None, None),
+}
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from truearm.compensation.nets.normal_equations import FitProblem
 from truearm.compensation.nets.training import TrainingOptions, TrainingRecord, checked_start
 from truearm.compensation.nets.training_log import TrainingLog
 from truearm.compensation.nets.variable_projection import ProjectedProblem
-from truearm.solve import CostConverged, CostGoal, MaxEpochs, MaxSeconds, levenberg_marquardt
+from truearm.solve import CostConverged, CostGoal, levenberg_marquardt
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 
@@ -66,13 +66,7 @@ def train_varpro(training: FitProblem, weights: FloatArray, **options: Any) -> t
         levenberg_marquardt(
             problem,
             start[: problem.n_hidden_weights],
-            stops=[
-                CostGoal(chosen.goal * log.half),
-                MaxEpochs(chosen.epochs),
-                MaxSeconds(chosen.time),
-                CostConverged(1e-8),
-                *log.stops,
-            ],
+            stops=log.stops(CostGoal(chosen.goal * log.half), CostConverged(1e-8)),
             callback=log.record_lm_epoch,
             acceleration=problem.second_directional_derivative,
             clock=chosen.clock,

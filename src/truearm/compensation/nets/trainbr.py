@@ -10,8 +10,6 @@ from truearm.compensation.nets.training import DampedOptions, TrainingRecord, ch
 from truearm.compensation.nets.training_log import TrainingLog
 from truearm.solve import (
     DampingLimit,
-    MaxEpochs,
-    MaxSeconds,
     MinGradient,
     NormalEquations,
     OptimizerState,
@@ -132,14 +130,7 @@ def trainbr(training: FitProblem, weights: FloatArray, **options: Any) -> tuple[
             RegularisedProblem(training, rounds.evidence),
             start,
             damping=chosen.damping(),
-            stops=[
-                rounds.goal_met,
-                MaxEpochs(chosen.epochs),
-                MaxSeconds(chosen.time),
-                MinGradient(chosen.min_grad),
-                DampingLimit(),
-                *log.stops,
-            ],
+            stops=log.stops(rounds.goal_met, MinGradient(chosen.min_grad), DampingLimit()),
             callback=lambda state: log.keep(state, gradient=state.gradient_norm, **rounds.entries()),
             update_problem=rounds.renewed,
             clock=chosen.clock,

@@ -9,7 +9,7 @@ from truearm.compensation.nets.normal_equations import FitProblem
 from truearm.compensation.nets.training import TrainingOptions, TrainingRecord, checked_start
 from truearm.compensation.nets.training_log import TrainingLog
 from truearm.errors import InputError
-from truearm.solve import CostGoal, LearningRate, MaxEpochs, MaxSeconds, MinGradient, gradient_descent
+from truearm.solve import CostGoal, LearningRate, MinGradient, gradient_descent
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 
@@ -72,13 +72,7 @@ def descend(training: FitProblem, weights: FloatArray, options: DescentOptions, 
             MeanSquareProblem(training),
             start,
             rate=rate,
-            stops=[
-                CostGoal(options.goal),
-                MaxEpochs(options.epochs),
-                MaxSeconds(options.time),
-                MinGradient(options.min_grad),
-                *log.stops,
-            ],
+            stops=log.stops(CostGoal(options.goal), MinGradient(options.min_grad)),
             callback=lambda state: log.keep(state, perf=state.cost, gradient=state.gradient_norm, lr=state.rate),
             clock=options.clock,
         )

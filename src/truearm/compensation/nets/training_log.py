@@ -11,7 +11,7 @@ import numpy as np
 
 from truearm.compensation.nets.normal_equations import FitProblem
 from truearm.compensation.nets.training import Epoch, TrainingOptions, TrainingRecord
-from truearm.solve import BestPoint, OptimizerState, StopCriterion, ValidationStop
+from truearm.solve import BestPoint, MaxEpochs, MaxSeconds, OptimizerState, StopCriterion, ValidationStop
 from truearm.typing import FloatArray
 
 Record = TypeVar("Record", bound=TrainingRecord)
@@ -40,7 +40,7 @@ class TrainingLog:
         full_weights: Callable[[FloatArray], FloatArray] | None = None,
     ) -> None:
         self.half = training.n_errors / 2
-        self._test, self._full_weights, self._callback = options.test, full_weights, options.callback
+        self._options, self._full_weights = options, full_weights
         self._rows: list[dict[str, float]] = []
         self._best: BestPoint | None = None
         self._stop = ""
@@ -49,15 +49,10 @@ class TrainingLog:
             max_fail = getattr(options, "max_fail", np.inf)
             self._watch = ValidationStop(lambda x: validation.mean_square(self._weights_at(x)), max_fail)
 
-    @property
-    def stops(self) -> list[StopCriterion]:
-        """The validation stop, if there are validation data."""
-        return [] if self._watch is None else [self._watch]
-
-    @property
-    def epoch(self) -> int:
-        """Epochs done."""
-        return len(self._rows) - 1
+    def stops(self, goal: StopCriterion, *others: StopCriterion) -> list[StopCriterion]:
+        """The stops in MATLAB's order: goal, epochs, time, others, and the validation stop if there are such data."""
+        limits: list[StopCriterion] = [MaxEpochs(self._options.epochs), MaxSeconds(self._options.time)]
+        return [goal, *limits, *others, *([] if self._watch is None else [self._watch])]
 
     def keep(
         self, state: OptimizerState, *, perf: float, gradient: float, mu: float | None = None, **more: float
@@ -75,10 +70,10 @@ class TrainingLog:
             assert self._watch.best is not None  # asked before
             vperf, self._best = self._watch.last_error, self._watch.best
             val_fail = self._best.failures
-        tperf = np.nan if self._test is None else self._test.mean_square(self._weights_at(state.x))
-        if self._callback is not None:
+        tperf = np.nan if self._options.test is None else self._options.test.mean_square(self._weights_at(state.x))
+        if self._options.callback is not None:
             weights = partial(self._all_weights, state.x)
-            self._callback(Epoch(state.epoch, perf, vperf, mu, gradient, val_fail, state.seconds, weights))
+            self._options.callback(Epoch(state.epoch, perf, vperf, mu, gradient, val_fail, state.seconds, weights))
         row = {"perf": perf, "vperf": vperf, "tperf": tperf, "mu": mu, "gradient": gradient, "val_fail": val_fail}
         self._rows.append(row | {"time": state.seconds} | more)
         self._stop = "" if state.reason is None else state.reason.text

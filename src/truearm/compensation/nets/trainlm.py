@@ -8,7 +8,7 @@ from typing import Any
 from truearm.compensation.nets.normal_equations import FitProblem
 from truearm.compensation.nets.training import DampedOptions, TrainingRecord, checked_start
 from truearm.compensation.nets.training_log import TrainingLog
-from truearm.solve import CostGoal, DampingLimit, MaxEpochs, MaxSeconds, MinGradient, levenberg_marquardt
+from truearm.solve import CostGoal, DampingLimit, MinGradient, levenberg_marquardt
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 
@@ -60,14 +60,7 @@ def trainlm(training: FitProblem, weights: FloatArray, **options: Any) -> tuple[
             training,
             start,
             damping=chosen.damping(n),  # (J^T J / n + mu I) step = -J^T e / n, multiplied by n
-            stops=[
-                CostGoal(chosen.goal * log.half),
-                MaxEpochs(chosen.epochs),
-                MaxSeconds(chosen.time),
-                MinGradient(chosen.min_grad * log.half),
-                DampingLimit(),
-                *log.stops,
-            ],
+            stops=log.stops(CostGoal(chosen.goal * log.half), MinGradient(chosen.min_grad * log.half), DampingLimit()),
             callback=lambda state: log.record_lm_epoch(state, mu=state.mu / n),
             clock=chosen.clock,
         )

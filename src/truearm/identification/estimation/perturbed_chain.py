@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from truearm.arm.chain import Chain, Pose
+from truearm.arm.chain import Chain, Pose, PoseDerivatives
 from truearm.identification.terms.basis import Basis, Constant, Harmonics, InSession, OfTip
 from truearm.identification.terms.kernel import InducedProcess
 from truearm.identification.terms.linear_axis import Travel, TravelHarmonics
@@ -148,18 +148,16 @@ class PerturbedChain:
         Translation of the tip [mm], then rotation of the flange [rad], per rad or mm of the joint. The slopes of
         harmonics are included, those of gravity torques are neglected.
         """
-        n = len(state)
-        R, tip = np.empty((n, 3, 3)), np.empty((n, 3))
-        jacobian = np.empty((n, 6, self.chain.n_joints))
-        for rows in chunks(n, POSE_CHUNK):
+
+        def derivatives(rows: slice) -> PoseDerivatives:
             piece = state.rows(rows)
             values = self.values(piece)
             here = self.chain.pose_derivatives(piece.angles, self.motions(x, values))
             for place, joint, slope in self.motion_slopes(x, values):
                 here.by_joint[joint] += np.einsum("com,cm->om", here.by_motion[place], slope)
-            R[rows], tip[rows] = here.R_base_tip.transpose(2, 0, 1), here.tip_in_base.T
-            jacobian[rows] = here.by_joint.transpose(2, 1, 0)
-        return Pose(R, tip), jacobian
+            return here
+
+        return self.chain.pose_jacobians(state.angles, derivatives)
 
     def with_constants(self, x: FloatArray) -> Chain:
         """The chain with the constant terms composed, without the others."""
