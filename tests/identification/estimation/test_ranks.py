@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from mixed_session import reached, unit
+from plain_jacobian import plain_jacobian
 from truearm.arm import Arm, DHTable
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.estimation.problem import SmallMotionProblem
@@ -74,7 +75,7 @@ def rank_of(chain, angles, terms, references, *, others=()):
     perturbed_chain = PerturbedChain(chain, (*terms, *others))
     problem = SmallMotionProblem(perturbed_chain, ArmState(chain, angles), tuple(reference for reference, _ in started))
     x = np.concatenate([np.zeros(perturbed_chain.n_coefficients), *(unknowns for _, unknowns in started)])
-    rows = [by.reshape(len(x), -1).T for by in problem.jacobian(x)]
+    rows = [by.reshape(len(x), -1).T for by in plain_jacobian(problem, x)]
     for i, reference in enumerate(problem.references):
         where = problem.unknowns_of(i)
         constraints = reference.constraints(x[where])

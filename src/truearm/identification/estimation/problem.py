@@ -112,22 +112,6 @@ class SmallMotionProblem:
         with one_blas_thread():
             return [self._equations(i, x, weights[i]) for i in range(len(self.references))]
 
-    def jacobian(self, x: FloatArray) -> list[FloatArray]:
-        """Derivatives (n_parameters, k, m) of the residuals of every reference, in memory at once: for few readings.
-
-        They still contain what the normal equations lose to rounding, such as the rank.
-        """
-        n = self.perturbed_chain.n_coefficients
-        found = []
-        for i, linear in enumerate(self.linearised(x)):
-            out = np.zeros((self.n_parameters, *linear.residuals.shape))
-            for piece in chunks(out.shape[2], CHUNK):
-                rows = np.arange(piece.start, piece.stop)
-                out[:n, :, piece] = self.coefficient_columns(i, rows, linear, x)
-                self._add_by_unknown(out[n:, :, piece], i, of_readings(linear, rows))
-            found.append(out)
-        return found
-
     def linearised(self, x: FloatArray) -> list[LinearisedResiduals]:
         """Residuals of every reference and their derivatives by tips, turns and unknowns."""
         found = []
@@ -149,17 +133,14 @@ class SmallMotionProblem:
             )
         return found
 
-    def coefficient_columns(self, which: int, rows: IntArray, linear: LinearisedResiduals, x: FloatArray) -> FloatArray:
-        """Derivatives (n_coefficients, k, m) by the terms, of up to `CHUNK` of a reference's readings.
-
-        `linear` is the whole reference, as `linearised` gives it; of residuals times weights, if it was weighed.
-        """
-        return self.perturbed_chain.by_coefficient(*self.site_derivatives(which, rows, linear, x))
-
     def site_derivatives(
         self, which: int, rows: IntArray, linear: LinearisedResiduals, x: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Their factors: derivatives (n_sites, k, m) along the sites, and values (n_functions, m) of the functions."""
+        """Factors of the derivatives by the terms, of up to `CHUNK` of a reference's readings.
+
+        They are derivatives (n_sites, k, m) along the sites, and values (n_functions, m) of the functions. `linear` is
+        the whole reference, as `linearised` gives it; of residuals times weights, if it was weighed.
+        """
         state = self.state.rows(self.references[which].rows[rows])
         values = self.perturbed_chain.values(state)
         motions = self.perturbed_chain.motions(x, values)
@@ -282,13 +263,6 @@ class SmallMotionProblem:
         plain, motion_jacobian = self._linearised(which, piece, state, motions, x)
         linear = plain.weighted(weights)
         sums.add(linear, _by_place(linear, motions, motion_jacobian), self.perturbed_chain.by_site(values))
-
-    def _add_by_unknown(self, out: FloatArray, which: int, linear: LinearisedResiduals) -> None:
-        """Add derivatives by a reference's unknowns to those (n_unknowns, k, m) by all."""
-        start = self.unknowns_of(which).start - self.perturbed_chain.n_coefficients
-        readings = np.arange(out.shape[2])
-        for unknown, by in zip(linear.unknown, linear.by_unknown.transpose(1, 2, 0), strict=True):
-            out[start + unknown, :, readings] += by
 
     def _linearised(
         self, which: int, piece: slice, state: ArmState, motions: FloatArray, x: FloatArray
