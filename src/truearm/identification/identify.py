@@ -26,6 +26,7 @@ from truearm.identification.estimation.identification import identify
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.residual_variance import (
     LEAST_FREEDOM,
+    NONE_HELD_OUT,
     HeldOutReadings,
     VarianceFunction,
     conformal_residual_variance,
@@ -53,7 +54,7 @@ from truearm.identification.judgement.gross_errors import (
     nearer_half,
     own_variance,
 )
-from truearm.identification.judgement.held_out_errors import NONE_HELD_OUT, HeldOutErrors, select_determined
+from truearm.identification.judgement.held_out_errors import HeldOutErrors, select_determined
 from truearm.identification.judgement.nominal_check import NominalCheck, check_nominal_arm, refuse_implausible
 from truearm.identification.judgement.residual_process import ResidualProcess, add_residual_process, with_unspanned
 from truearm.identification.judgement.stated_sizes import check_sizes

@@ -22,7 +22,7 @@ from truearm.compensation.models.refit import used_in_refit
 from truearm.compensation.models.training_conditions import TrainingConditions
 from truearm.errors import InputError
 from truearm.identification.identify import MIN_ROWS
-from truearm.identification.judgement.description_hint import explain_readings
+from truearm.identification.judgement.description_check import explain_readings
 from truearm.identification.judgement.nominal_check import MAX_NOMINAL_ERROR
 from truearm.identification.references.tips import tip_names
 from truearm.readings import (

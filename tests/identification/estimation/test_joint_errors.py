@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from test_problem import random_chain, random_state
 
-from truearm.errors import InputError
 from truearm.identification.estimation.diagnostics import joint_error
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
@@ -86,13 +84,3 @@ def test_an_amplitude_of_zero_has_an_uncertainty(rng):
     fit = replace(fit, coefficients=np.zeros(4), covariance=4e-10 * np.eye(4))
     found = joint_error(fit, 1, CIRCLE, mean_at=CIRCLE)
     np.testing.assert_allclose(found.amplitudes_std, 2e-5)
-
-
-def test_invalid_joints_and_angles_are_refused(rng):
-    fit = identified(own_axis(random_chain(rng), 1, highest=2), rng)
-    for joint in (0, 5):
-        with pytest.raises(InputError, match=f"a joint from 1 to 4, got {joint}"):
-            joint_error(fit, joint, CIRCLE, mean_at=CIRCLE)
-    for at, mean_at in ((CIRCLE[None], CIRCLE), (CIRCLE, CIRCLE[None]), (CIRCLE, [])):
-        with pytest.raises(InputError, match="expected angles"):
-            joint_error(fit, 1, at, mean_at=mean_at)

@@ -20,10 +20,10 @@ from truearm.compensation.models.model_archive import save_model
 from truearm.compensation.models.training_conditions import TrainingConditions
 from truearm.errors import InputError
 from truearm.identification.estimation.identification_result import IdentificationResult
+from truearm.identification.estimation.residual_variance import NONE_HELD_OUT
 from truearm.identification.estimation.tip_offsets import of_one_tip
 from truearm.identification.identify import MIN_ROWS, judge_description, place
-from truearm.identification.judgement.description_hint import explaining
-from truearm.identification.judgement.held_out_errors import NONE_HELD_OUT
+from truearm.identification.judgement.description_check import explaining
 from truearm.identification.judgement.nominal_check import UNCHECKED
 from truearm.identification.judgement.tails import ellipsoid_factor
 from truearm.identification.references.prepared_readings import PreparedReadings

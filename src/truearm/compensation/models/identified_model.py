@@ -15,6 +15,7 @@ from truearm.errors import InputError
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.propagation import direction_effects, half_tip_difference
 from truearm.identification.estimation.residual_variance import (
+    NONE_HELD_OUT,
     VarianceFunction,
 )
 from truearm.identification.identify import (
@@ -24,7 +25,7 @@ from truearm.identification.identify import (
     identify_physical,
     place_without_gross_errors,
 )
-from truearm.identification.judgement.held_out_errors import NONE_HELD_OUT, HeldOutErrors
+from truearm.identification.judgement.held_out_errors import HeldOutErrors
 from truearm.identification.judgement.residual_process import ResidualProcess
 from truearm.identification.judgement.tails import ellipsoid_factor
 from truearm.identification.references.prepared_readings import PreparedReadings

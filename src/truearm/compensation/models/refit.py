@@ -16,9 +16,9 @@ from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.errors import InputError
 from truearm.identification.estimation.consider_parameters import consider_update
 from truearm.identification.estimation.identification_result import IdentificationResult
+from truearm.identification.estimation.residual_variance import NONE_HELD_OUT
 from truearm.identification.identify import MIN_ROWS
-from truearm.identification.judgement.description_hint import explaining
-from truearm.identification.judgement.held_out_errors import NONE_HELD_OUT
+from truearm.identification.judgement.description_check import explaining
 from truearm.identification.judgement.nominal_check import (
     NominalCheck,
     refuse_implausible,

@@ -103,18 +103,19 @@ def consider_update(
     IdentificationResult
         The noise of its references is the residual standard deviation, kept or increased.
     """
-    merged = _merged(fit, terms)
-    perturbed_chain, n = PerturbedChain(chain, merged.terms), len(merged.x)
-    rough = perturbed_chain.tips(state, merged.x).T
+    known = _followed_by(fit, terms)
+    n = len(known.coefficients)
+    perturbed_chain, free = PerturbedChain(chain, known.perturbed_chain.terms), np.arange(n - len(terms), n)
+    rough = perturbed_chain.tips(state, known.coefficients).T
     started = [reference.initialise(rough[:, reference.rows]) for reference in references]
     problem = SmallMotionProblem(perturbed_chain, state, tuple(reference for reference, _ in started))
-    x = np.concatenate([merged.x, *(unknowns for _, unknowns in started)])
-    parameters = _FreeParameters(problem, merged.free, x, merged.prior_std[merged.free])
+    x = np.concatenate([known.coefficients, *(unknowns for _, unknowns in started)])
+    parameters = _FreeParameters(problem, free, x, known.prior_std[free])
     undirected = (direction_effects(fit, state) ** 2).sum(axis=0).mean(axis=1)
     stated = [reference.std**2 + undirected[reference.rows] for reference in problem.references]
     x, residuals = _near(parameters, x, stated, unexplained_std**2, robust=robust)
 
-    root = covariance_factor(merged.covariance)
+    root = covariance_factor(known.covariance)
     of_arm = [_arm_variance(perturbed_chain, state.rows(reference.rows), x[:n], root) for reference in references]
     variance, converged, nothing = unexplained_std**2, False, np.zeros((0, n))
     for n_rounds in range(1, MOST_ROUNDS + 1):
@@ -136,23 +137,13 @@ def consider_update(
     return IdentificationResult(
         perturbed_chain,
         x[:n],
-        _joseph(root, merged.free, left, found),
-        merged.prior_std,
-        _groups(fit, terms, 1 - found.covariance.diagonal()[: len(merged.free)] / parameters.prior_std**2),
+        _joseph(root, free, left, found),
+        known.prior_std,
+        _groups(fit, terms, 1 - found.covariance.diagonal()[: len(free)] / parameters.prior_std**2),
         reference_fits(problem, x, np.full(len(references), np.sqrt(variance)), weighed.robust_weights),
         converged,
         n_rounds,
     )
-
-
-class _Merged(NamedTuple):
-    """Terms and coefficients of the fit, followed by the free ones."""
-
-    terms: tuple[Term, ...]
-    x: FloatArray
-    covariance: FloatArray
-    prior_std: FloatArray
-    free: IntArray
 
 
 class _ReducedSystem(NamedTuple):
@@ -296,27 +287,30 @@ def _arm_variance(perturbed_chain: PerturbedChain, state: ArmState, x: FloatArra
     return np.concatenate(found)
 
 
-def _merged(fit: IdentificationResult, free: Sequence[Term]) -> _Merged:
+def _followed_by(fit: IdentificationResult, free: Sequence[Term]) -> IdentificationResult:
+    """The fit with its coefficients in the order of the terms that stay, followed by the free ones."""
     places = {(term.place, term.direction): i for i, term in enumerate(free)}
-    # The new index of every coefficient of the fit: among the kept ones, or counted from the end.
-    where: list[int] = []
-    kept: list[Term] = []
-    n_kept = 0
-    for term in fit.perturbed_chain.terms:
-        i = places.get((term.place, term.direction)) if isinstance(term.basis, Constant) else None
-        if i is not None:
-            where.append(i - len(free))
-        else:
-            where += range(n_kept, n_kept + term.n_coefficients)
-            kept.append(term)
-            n_kept += term.n_coefficients
-    n = n_kept + len(free)
-    gather = np.zeros((n, len(where)))
-    gather[np.array(where, dtype=np.intp) % n, np.arange(len(where))] = 1.0
+
+    def is_replaced(term: Term) -> bool:
+        return isinstance(term.basis, Constant) and (term.place, term.direction) in places
+
+    replaced = fit.columns_of(is_replaced)
+    kept = [term for term in fit.perturbed_chain.terms if not is_replaced(term)]
+    n_kept = int((~replaced).sum())
+    where = np.empty(len(replaced), dtype=np.intp)
+    where[~replaced] = np.arange(n_kept)
+    gone = filter(is_replaced, fit.perturbed_chain.terms)
+    where[replaced] = [n_kept + places[term.place, term.direction] for term in gone]
+    gather = np.zeros((n_kept + len(free), len(where)))
+    gather[where, np.arange(len(where))] = 1.0
     prior_std = gather @ fit.prior_std
     prior_std[n_kept:] = [term.prior_stds[0] for term in free]
-    return _Merged(
-        (*kept, *free), gather @ fit.coefficients, gather @ fit.covariance @ gather.T, prior_std, np.arange(n_kept, n)
+    return replace(
+        fit,
+        perturbed_chain=PerturbedChain(fit.perturbed_chain.chain, (*kept, *free)),
+        coefficients=gather @ fit.coefficients,
+        covariance=gather @ fit.covariance @ gather.T,
+        prior_std=prior_std,
     )
 
 

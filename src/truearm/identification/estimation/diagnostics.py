@@ -20,11 +20,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from truearm.arm.chain import Chain
 from truearm.arm.rigid_motions import cos_sin
-from truearm.errors import InputError
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.terms.basis import Constant, Harmonics
 from truearm.identification.terms.state import ArmState
@@ -162,7 +160,7 @@ class JointError:
         return self.rms > float(np.sqrt(np.mean(self.std**2)))
 
 
-def joint_error(fit: IdentificationResult, joint: int, angles: npt.ArrayLike, *, mean_at: npt.ArrayLike) -> JointError:
+def joint_error(fit: IdentificationResult, joint: int, angles: FloatArray, *, mean_at: FloatArray) -> JointError:
     """The angle error of a joint.
 
     Parameters
@@ -178,27 +176,17 @@ def joint_error(fit: IdentificationResult, joint: int, angles: npt.ArrayLike, *,
     Returns
     -------
     JointError
-
-    Raises
-    ------
-    InputError
-        If the chain has no such joint, or arrays have a wrong shape or no elements.
     """
-    if not 1 <= joint <= fit.perturbed_chain.chain.n_joints:
-        raise InputError(f"expected a joint from 1 to {fit.perturbed_chain.chain.n_joints}, got {joint}")
-    at, zero = (np.asarray(values, dtype=float) for values in (angles, mean_at))
-    if at.ndim != 1 or zero.ndim != 1 or not len(at) or not len(zero):
-        raise InputError(f"expected angles as two one-dimensional arrays, got shapes {at.shape} and {zero.shape}")
     orders, columns = _own_axis(fit, joint)
     rising = np.argsort(orders, kind="stable")
     orders, columns = orders[rising], columns[rising]
     x, covariance = fit.coefficients[columns], fit.covariance[np.ix_(columns.ravel(), columns.ravel())]
-    functions = _functions(orders, at) - _functions(orders, zero).mean(axis=0)
+    functions = _functions(orders, angles) - _functions(orders, mean_at).mean(axis=0)
     spread = np.einsum("mi,ij,mj->m", functions, covariance, functions, optimize=True)
     amplitudes = np.hypot(x[:, 0], x[:, 1])
     return JointError(
         joint,
-        at,
+        angles,
         functions @ x.ravel(),
         np.sqrt(np.maximum(spread, 0)),
         orders,

@@ -110,18 +110,15 @@ def identify(
     Raises
     ------
     InputError
-        If there are no references, or two of a kind; if a reference has no readings, readings that are not in the
-        state, or invalid uncertainties; if weights are not one a reading, from 0 to 1; or if a term's place is beyond
-        the chain.
+        If there are no references, or two of a kind, or if a term's place is beyond the chain.
     """
     kinds = [reference.kind for reference in references]
     if not kinds or len(set(kinds)) < len(kinds):
         raise InputError(f"expected references, one of a kind, got {kinds or 'none'}")
     for term in terms:
         term.check_place(chain)
-    for reference in references:
-        _check_rows(reference, len(state))
-    given = _checked_weights(reading_weights, references, len(state))
+    weights = np.ones(len(state)) if reading_weights is None else reading_weights
+    given = [weights[reference.rows] for reference in references]
     perturbed_chain = PerturbedChain(chain, tuple(terms))
     problem, unknowns = initial_problem(perturbed_chain, state, references)
     x = np.concatenate([np.zeros(perturbed_chain.n_coefficients), unknowns])
@@ -211,25 +208,6 @@ def started_at(
     scale = {group.name: group.scale for group in start.groups}
     learned = np.array([*(scale.get(name) or 1.0 for name in groups), 1.0])
     return x, replace(prior, scale=np.where(prior.learned, learned, prior.scale))
-
-
-def _check_rows(reference: Reference, n: int) -> None:
-    rows, std = reference.rows, reference.std
-    if rows.ndim != 1 or not np.issubdtype(rows.dtype, np.integer) or not len(rows):
-        raise InputError(f"expected the rows of one reading or more with a {reference.kind}, got {rows!r:.60}")
-    if rows.min() < 0 or rows.max() >= n:
-        raise InputError(f"expected a {reference.kind} in rows 0 to {n - 1}, got {rows.min()} to {rows.max()}")
-    if std.shape != (reference.n_residuals, len(rows)) or not (np.isfinite(std) & (std >= 0)).all():
-        raise InputError(f"expected finite standard uncertainties of a {reference.kind}, zero or more")
-
-
-def _checked_weights(weights: FloatArray | None, references: Sequence[Reference], n: int) -> list[FloatArray]:
-    """Weights (m,) of the readings of every reference."""
-    if weights is None:
-        return [np.ones(len(reference.rows)) for reference in references]
-    if weights.shape != (n,) or not ((weights >= 0) & (weights <= 1)).all():
-        raise InputError(f"expected weights of {n} readings, from 0 to 1, got {weights!r:.60}")
-    return [weights[reference.rows] for reference in references]
 
 
 def _result(rounds: Rounds, offered: dict[str, int], state: ArmState, n_rounds: int) -> IdentificationResult:

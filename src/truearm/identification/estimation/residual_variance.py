@@ -206,6 +206,11 @@ class HeldOutReadings:
         return float(np.sqrt((scatter**2).sum() * len(counts) / (len(counts) - 1)) / counts.sum())
 
 
+NONE_HELD_OUT = HeldOutReadings(
+    np.zeros(0, np.intp), np.zeros(0, np.intp), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0)
+)
+
+
 def conformal_residual_variance(held_out: HeldOutReadings, *, level: float = LEVEL) -> float:
     """The variance v of a coordinate for which ellipsoids cover a share `level` of the held-out readings.
 

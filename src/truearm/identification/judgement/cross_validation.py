@@ -24,7 +24,7 @@ R. T. Birge, "The calculation of errors by the method of least squares", Phys. R
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from itertools import compress, pairwise
 from typing import NamedTuple
@@ -39,7 +39,7 @@ from truearm.identification.estimation.identification import initial_problem
 from truearm.identification.estimation.identification_result import IdentificationResult, ReferenceFit
 from truearm.identification.estimation.linearisation import UNKNOWN_STD, eliminate_unknowns
 from truearm.identification.estimation.problem import SmallMotionProblem
-from truearm.identification.estimation.residual_variance import FLOOR_MM2, HeldOutReadings
+from truearm.identification.estimation.residual_variance import FLOOR_MM2, NONE_HELD_OUT, HeldOutReadings
 from truearm.identification.references.references import LinearisedResiduals, Reference
 from truearm.identification.terms.state import ArmState
 from truearm.readings.anchors import LEAST_READINGS
@@ -101,9 +101,8 @@ def cross_validate_by_group(
             for part in minimum.without(batch, group)
         ]
     if not found:
-        empty = np.zeros(0, dtype=np.intp)
-        return HeldOutReadings(empty, empty, np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0))
-    names = ("rows", "group", "deviations", "covariance", "freedom")
+        return NONE_HELD_OUT
+    names = [field.name for field in fields(HeldOutReadings)]
     together = HeldOutReadings(*(np.concatenate([getattr(part, name) for part in found]) for name in names))
     return together.select(np.argsort(together.rows))
 

@@ -7,12 +7,13 @@ not affect (D. A. Harville, "Bayesian inference for variance components using on
 (1974) 383), each with the noise s that suits it best, and by a prior: every mistake of the list is as likely as any
 other, so that each change that is assumed costs the logarithm of their number. Two hypotheses differ where the
 odds are very strong by R. E. Kass and A. E. Raftery, "Bayes factors", J. Am. Stat. Assoc. 90 (1995) 773: twice their
-logarithm is 10 or more.
+logarithm is 10 or more. A refusal of readings that contradict the nominal arm names the mistake (`explaining`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import combinations
 from typing import NamedTuple
@@ -23,13 +24,16 @@ from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.arm.description_mistakes import Interpretation, Mistake, likely_mistakes
 from truearm.arm.rigid_motions import cross_matrix
+from truearm.errors import InputError
 from truearm.identification.judgement.description_fits import (
     DescriptionFits,
     fit_descriptions,
     length_rows,
 )
-from truearm.identification.judgement.reference_table import ReferenceTable
+from truearm.identification.judgement.reference_table import ReferenceTable, reference_table
 from truearm.identification.terms.catalogue import ANGLE_STD, LENGTH_STD, TYPICAL_REACH_MM, relative_size
+from truearm.readings.lengths import Lengths
+from truearm.readings.session import Session
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 
@@ -49,6 +53,8 @@ NOISE_MM = np.geomspace(1e-3, 1e4, 71)
 REACH_FACTOR = 3.0
 # Distance within which the tip is where it is stated, on an arm of usual size [mm]; some do not state it at all.
 TIP_MM = 30.0
+# Mistakes that a hint names.
+MOST_NAMED = 3
 
 
 @dataclass(frozen=True)
@@ -290,3 +296,55 @@ def restricted_likelihood(
     of_noise = (n - len(s)) * np.log(noise[:, 0]) + rest / noise[:, 0]
     best = float((-0.5 * (of_tolerances + of_noise)).max())
     return best + n * float(np.log(max(scale, 1e-12))), float(np.sqrt((s**2).sum() / max(len(residuals), 1)))
+
+
+@contextmanager
+def explaining(
+    arm: Arm, readings: Session, *, lengths: Lengths | None = None, free: tuple[str, ...] = ("base", "tip")
+) -> Iterator[None]:
+    """Add what explains the readings to the hint of an `InputError` that is raised inside.
+
+    Parameters
+    ----------
+    arm : Arm
+        The nominal one.
+    readings : Session
+    lengths : Lengths, optional
+        Known lengths between seats.
+    free : tuple of str
+        Which of ``"base"`` and ``"tip"`` are unknown.
+    """
+    try:
+        yield
+    except InputError as error:
+        explained = explain_readings(arm, readings, lengths=lengths, free=free)
+        if explained is None:
+            raise
+        raise error.with_hint(f"{explained}; or {error.hint}" if error.hint else explained) from None
+
+
+def explain_readings(
+    arm: Arm, readings: Session, *, lengths: Lengths | None = None, free: tuple[str, ...] = ("base", "tip")
+) -> str | None:
+    """Which mistake in the arm file or the readings explains them, as a remedy; None if there is none to tell.
+
+    Parameters are those of `explaining`. See `check_description`.
+    """
+    table = reference_table(readings, lengths, free=free)
+    if table is None:
+        return None
+    check = check_description(arm, table)
+    if not check.findings and check.stated.is_usual and readings.quaternion is not None and table.has_points:
+        return (
+            f"the points agree with the arm to {check.stated.error_mm:.2g} mm and the orientations do not: check their "
+            "unit (--orientation-unit of import), the order of their numbers (quaternions: w first), and that they are "
+            "of the flange in the frame of the reference"
+        )
+    if not check.findings:
+        return None
+    found = ", or ".join(str(one) for one in check.findings[:MOST_NAMED])
+    return (
+        f"put this right: {found} ({check.findings[0].error_mm:.2g} mm remain; `truearm arms` with your arm "
+        f"file and --readings {readings.file or 'session.csv'} says more, and "
+        "`truearm docs describe-your-arm` where each is put right)"
+    )

@@ -12,10 +12,6 @@ from truearm.identification.estimation.residual_variance import HeldOutReadings
 from truearm.identification.judgement.cross_validation import LEAST_FREEDOM
 from truearm.identification.judgement.gross_errors import own_variance
 
-NONE_HELD_OUT = HeldOutReadings(
-    np.zeros(0, np.intp), np.zeros(0, np.intp), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0)
-)
-
 
 def select_determined(held_out: HeldOutReadings, references: tuple[ReferenceFit, ...]) -> HeldOutReadings:
     """Readings that the others determine; the deviations of the rest are bounded (`LEAST_FREEDOM`), and no errors."""

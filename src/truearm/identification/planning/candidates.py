@@ -100,15 +100,9 @@ class Candidates:
     def split_into_poses(self, which: npt.ArrayLike | None = None) -> Candidates:
         """Make every reading a candidate of its own, all of them or those in rows `which`, in that order."""
         rows = np.arange(len(self.angles)) if which is None else np.asarray(which, dtype=np.intp)
-        return replace(
-            self,
-            angles=self.angles[rows],
-            candidate=np.arange(len(rows)),
-            seat=None if self.seat is None else self.seat[rows],
-            seat_points=None if self.seat_points is None else self.seat_points[rows],
-            place=None if self.place is None else self.place[rows],
-            technician=None if self.technician is None else self.technician[rows],
-        )
+        columns = {name: getattr(self, name) for name in ("angles", "seat", "seat_points", "place", "technician")}
+        of_rows = {name: values[rows] for name, values in columns.items() if values is not None}
+        return replace(self, candidate=np.arange(len(rows)), **of_rows)
 
     def group_by_place(self) -> Candidates:
         """Make every place of the artefact with all its poses one candidate, to choose between places."""
