@@ -55,9 +55,13 @@ from truearm.identification.judgement.gross_errors import (
     own_variance,
 )
 from truearm.identification.judgement.held_out_errors import HeldOutErrors, select_determined
-from truearm.identification.judgement.nominal_check import NominalCheck, check_nominal_arm, refuse_implausible
+from truearm.identification.judgement.nominal_check import (
+    NominalCheck,
+    check_nominal_arm,
+    check_sizes,
+    refuse_implausible,
+)
 from truearm.identification.judgement.residual_process import ResidualProcess, add_residual_process, with_unspanned
-from truearm.identification.judgement.stated_sizes import check_sizes
 from truearm.identification.judgement.stated_uncertainty import check_stated_uncertainty
 from truearm.identification.judgement.tails import tail_freedom
 from truearm.identification.planning.sampling import uniform

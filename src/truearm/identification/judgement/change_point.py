@@ -150,7 +150,7 @@ def _step(white: FloatArray, margin: int, seed: int) -> tuple[int, float] | None
     cut = slice(margin, n - margin + 1)
     step = margin + int(np.argmax(_statistics(white)[cut]))
     within = _without_step(white, step)
-    largest = float((_sums(white)[step - 1] ** 2 / _long_run_ratio(within)).sum() * n / (step * (n - step)))
+    largest = float((np.cumsum(white, axis=0)[step - 1] ** 2 / _long_run_ratio(within)).sum() * n / (step * (n - step)))
     if largest < LEAST_STATISTIC:
         return None
     p_value = _p_value(largest, _whitened(within), cut, seed)
@@ -197,15 +197,11 @@ def _whitened(scores: FloatArray) -> FloatArray:
     return np.asarray(scaled @ (axes[:, varies] / np.sqrt(values[varies])))
 
 
-def _sums(white: FloatArray) -> FloatArray:
-    return np.cumsum(white, axis=0)
-
-
 def _statistics(white: FloatArray) -> FloatArray:
     """(n + 1,) the statistic of a step after each number of readings; infinite weights at the ends are zero."""
     n = len(white)
     before = np.arange(1, n)
-    inner = (_sums(white)[:-1] ** 2).sum(axis=1) * n / (before * (n - before))
+    inner = (np.cumsum(white, axis=0)[:-1] ** 2).sum(axis=1) * n / (before * (n - before))
     return np.concatenate([[0.0], inner, [0.0]])
 
 

@@ -136,15 +136,28 @@ def with_unlearned_terms(fit: IdentificationResult, terms: list[tuple[Term, floa
     prior[np.ix_(grows, grows)] = UNKNOWN_MATERIAL.covariance(len(grows))
     apart = np.zeros((len(added), first))
     sizes = Counter(term.group for term in added)
-    whole = replace(
-        fit,
-        perturbed_chain=PerturbedChain(fit.perturbed_chain.chain, (*fit.perturbed_chain.terms, *added)),
-        coefficients=np.concatenate([fit.coefficients, np.zeros(len(added))]),
-        covariance=np.block([[fit.covariance, apart.T], [apart, prior]]),
-        prior_std=np.concatenate([fit.prior_std, np.sqrt(prior.diagonal())]),
-        groups=(*fit.groups, *(TermGroupResult(f"{name}, not learned", n, 0.0, 1.0) for name, n in sizes.items())),
-    )
+    groups = (TermGroupResult(f"{name}, not learned", n, 0.0, 1.0) for name, n in sizes.items())
+    whole = _extended(fit, added, np.zeros(len(added)), np.sqrt(prior.diagonal()), apart.T, prior)
+    whole = replace(whole, groups=(*fit.groups, *groups))
     return _relative(whole, [(term, k, value) for k, (term, value) in enumerate(terms, first)])
+
+
+def _extended(
+    fit: IdentificationResult,
+    terms: list[Term],
+    x: FloatArray,
+    prior_std: FloatArray,
+    across: FloatArray,
+    covariance: FloatArray,
+) -> IdentificationResult:
+    """The fit with further terms; `across` is the covariance of its coefficients with theirs."""
+    return replace(
+        fit,
+        perturbed_chain=PerturbedChain(fit.perturbed_chain.chain, (*fit.perturbed_chain.terms, *terms)),
+        coefficients=np.concatenate([fit.coefficients, x]),
+        covariance=np.block([[fit.covariance, across], [across.T, covariance]]),
+        prior_std=np.concatenate([fit.prior_std, prior_std]),
+    )
 
 
 def _relative(
@@ -161,13 +174,8 @@ def _relative(
     of_own, x = fit.covariance[np.ix_(own, own)], fit.coefficients[own]
     below = np.outer(values, values) * of_own + u**2 * (of_own + np.outer(x, x))
     constants = [replace(term, name=f"{term.name}, from the training on", basis=Constant()) for term, _, _ in terms]
-    return replace(
-        fit,
-        perturbed_chain=PerturbedChain(fit.perturbed_chain.chain, (*fit.perturbed_chain.terms, *constants)),
-        coefficients=np.concatenate([fit.coefficients, -values * x]),
-        covariance=np.block([[fit.covariance, across], [across.T, below]]),
-        prior_std=np.concatenate([fit.prior_std, [np.hypot(value, u) * fit.prior_std[k] for _, k, value in terms]]),
-    )
+    prior_std = np.array([np.hypot(value, u) * fit.prior_std[k] for _, k, value in terms])
+    return _extended(fit, constants, -values * x, prior_std, across, below)
 
 
 def _coefficients_of_growth(chain: PerturbedChain) -> tuple[IntArray, list[Term]]:

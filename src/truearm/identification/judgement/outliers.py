@@ -190,8 +190,7 @@ def constraint_residuals(
         return None
     x, n = fit.parameters, len(fit.coefficients)
     problem, _ = initial_problem(fit.perturbed_chain, state, references)
-    names: list[str] = []
-    residuals, std, by, values = [], [], [], []
+    found, by = [], []
     with one_blas_thread():
         parts, whole = linearised(problem, x, [part.weights for part in fit.references])
         reduced = eliminate_unknowns(parts, whole, x)
@@ -208,22 +207,16 @@ def constraint_residuals(
         constraints = reference.constraints(np.concatenate([unknowns, additional]))
         if constraints is None:
             continue
-        names += constraints.names
         wide = np.zeros((len(constraints.residuals), len(x)))
         wide[:, problem.unknowns_of(i)] = constraints.by_unknown[:, : len(unknowns)]
-        residuals.append(constraints.residuals + wide @ step)
-        std.append(constraints.std)
+        found.append((constraints.residuals + wide @ step, constraints.std, constraints.values, constraints.names))
         by.append(wide)
-        values.append(constraints.values)
     J = np.concatenate(by)
-    of_kept, of_eliminated = (
-        J[:, reduced.kept] - J[:, reduced.eliminated] @ reduced.slope,
-        J[:, reduced.eliminated] @ reduced.root.T,
-    )
+    of_kept = J[:, reduced.kept] - J[:, reduced.eliminated] @ reduced.slope
+    of_eliminated = J[:, reduced.eliminated] @ reduced.root.T
     covariance = of_kept @ solution.covariance @ of_kept.T + of_eliminated @ of_eliminated.T
-    return ConstraintResiduals(
-        tuple(names), np.concatenate(residuals), np.concatenate(std), covariance, np.concatenate(values)
-    )
+    residuals, std, values, names = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    return ConstraintResiduals(tuple(names.tolist()), residuals, std, covariance, values)
 
 
 def _is_unconstrained(reference: Reference) -> bool:

@@ -162,13 +162,13 @@ def add_residual_process(
         With it; as given, and None, where it is not kept.
     """
     fit, held_out = found
-    sessions, robust = data.frames, data.robust
+    sessions = data.frames
     proposed = propose_process(fit, data.state)
     if proposed is None or proposed.gain <= 0:
         return found, None
     weights = np.ones(len(data.session))
     weights[excluded_readings(fit)] = 0.0
-    extended = _identify(data, fit, [*fit.perturbed_chain.terms, *proposed.terms], weights, robust=robust)
+    extended = _identify(data, fit, [*fit.perturbed_chain.terms, *proposed.terms], weights)
     columns = process_columns(extended)
     if not columns.any():
         return found, None
@@ -179,7 +179,7 @@ def add_residual_process(
     belongs_to = OF_SESSION if len(sessions) < 2 else OF_SESSIONS
     if named := _separable_sessions(data.session, sessions):
         folds = [named[first::MOST_FOLDS] for first in range(min(MOST_FOLDS, len(named)))]
-        between = [_held_out_sessions(data, fold, weights, (fit, extended), robust=robust) for fold in folds]
+        between = [_held_out_sessions(data, fold, weights, (fit, extended)) for fold in folds]
         gain, error = trimmed_mean(np.concatenate(between))
         if not gain > error:
             return found, None
@@ -250,7 +250,7 @@ def transfer_improvement(
 
 
 def _identify(
-    data: PreparedReadings, start: IdentificationResult, terms: list[Term], weights: FloatArray, *, robust: bool
+    data: PreparedReadings, start: IdentificationResult, terms: list[Term], weights: FloatArray
 ) -> IdentificationResult:
     """Identify terms from a start, with weights (n,) of the readings."""
     return identify(
@@ -258,7 +258,7 @@ def _identify(
         data.state,
         terms,
         data.references,
-        robust=robust,
+        robust=data.robust,
         reading_weights=weights,
         start=start,
     )
@@ -297,7 +297,7 @@ def _separable_sessions(readings: Session, sessions: Collection[str]) -> list[st
 
 
 def _held_out_sessions(
-    data: PreparedReadings, names: list[str], weights: FloatArray, fits: Iterable[IdentificationResult], *, robust: bool
+    data: PreparedReadings, names: list[str], weights: FloatArray, fits: Iterable[IdentificationResult]
 ) -> FloatArray:
     """By how much the readings of sessions are predicted better with the process of the others [mm], by group.
 
@@ -311,7 +311,7 @@ def _held_out_sessions(
     of_each = [np.flatnonzero(is_seen & (readings.session == name)) for name in names]
     means = []
     for fit in fits:
-        found = _identify(data, fit, list(fit.perturbed_chain.terms), others, robust=robust)
+        found = _identify(data, fit, list(fit.perturbed_chain.terms), others)
         of_fit = []
         for seen in of_each:
             tips, points = found.tips(data.state.rows(seen)), readings.points[seen]

@@ -214,7 +214,7 @@ def propose(
             hint=f"use --poses {2 * artefact.seats}, or fewer seats",
         )
     volume = volume or Sector()
-    report = progress or _silent
+    report = progress or (lambda _done, _note: None)
     report(0, "poses in the volume")
     there = volume_poses(arm, VOLUME_POSES, seed=seed + 1, sector=volume)
     report(0, "candidate poses")
@@ -251,6 +251,7 @@ class _Chooser:
 
     @property
     def per_seat(self) -> int:
+        """Poses in each seat, rounded up."""
         return ceil(self.n / self.artefact.seats)
 
     def pool(self, volume: Sector) -> Candidates:
@@ -415,7 +416,3 @@ def _shared_out(poses: Candidates, n: int) -> IntArray:
     _, seat = np.unique(poses.seat, return_inverse=True)
     turn = np.array([(seat[:row] == seat[row]).sum() for row in range(len(seat))])
     return np.sort(np.argsort(turn, kind="stable")[:n])
-
-
-def _silent(done: int, note: str) -> None:
-    """Report no progress."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import MISSING, Field, dataclass, field, fields, replace
+from dataclasses import Field, dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -33,8 +33,8 @@ CHOICE = "chosen: kept small beside the noise, since no linear term describes it
 PAPER = "Gao et al. 2017, Complexity 5156264, section 4: 0.4492 mm mean, 0.8978 mm maximum over 200 poses"
 
 
-def _magnitude(unit: str, source: str, *, default: float = 0.0) -> Any:
-    return field(default=default, metadata={"unit": unit, "source": source})
+def _magnitude(unit: str, source: str, *, default: float = 0.0, positive: bool = False) -> Any:
+    return field(default=default, metadata={"unit": unit, "source": source, "positive": positive})
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Preset:
 
     # Encoders: systematic, own axis.
     eccentricity_std_um: float = _magnitude("um, each direction", GRATING)
-    grating_diameter_mm: float = _magnitude("mm", GRATING, default=60.0)
+    grating_diameter_mm: float = _magnitude("mm", GRATING, default=60.0, positive=True)
     encoder_order2_std_arcsec: float = _magnitude("arcsec, cos and sin each", HARMONICS)
     encoder_order4_std_arcsec: float = _magnitude("arcsec, cos and sin each", HARMONICS)
 
@@ -80,7 +80,7 @@ class Preset:
     expansion_spread_per_K: float = _magnitude("1/K, from link to link", EXPANSION)
     temperature_degC: float = _magnitude("degC, mean of the air", "chosen", default=20.0)
     temperature_swing_K: float = _magnitude("K, amplitude of the air", "chosen")
-    temperature_period_s: float = _magnitude("s, of the air", "chosen", default=7200.0)
+    temperature_period_s: float = _magnitude("s, of the air", "chosen", default=7200.0, positive=True)
     reading_interval_s: float = _magnitude("s, between readings", "chosen", default=5.0)
     lag_s: float = _magnitude("s, time constant of the links behind the air", LAG)
 
@@ -99,11 +99,13 @@ class Preset:
     # Wear, which no term describes: spots, gears, slack, cables, and a base that moves.
     gear_spot_std_arcsec: float = _magnitude("arcsec, bumps about the axis; a few are large", WEAR)
     bearing_spot_std_arcsec: float = _magnitude("arcsec, tilts normal to the axis; a few are large", WEAR)
-    spot_width_deg: float = _magnitude("deg, standard deviation of a bump's Gaussian", "chosen", default=3.0)
+    spot_width_deg: float = _magnitude(
+        "deg, standard deviation of a bump's Gaussian", "chosen", default=3.0, positive=True
+    )
     gear_std_arcsec: float = _magnitude("arcsec, cos, sin and two sawteeth each", WEAR)
-    gear_ratio: float = _magnitude("periods of the gear in a turn of the joint", HUNTING, default=50.5)
+    gear_ratio: float = _magnitude("periods of the gear in a turn of the joint", HUNTING, default=50.5, positive=True)
     slack_std_arcsec: float = _magnitude("arcsec, half the gap about the axis, by the side of the load", WEAR)
-    slack_zone_Nm: float = _magnitude("N m, load that closes the gap", "chosen", default=0.5)
+    slack_zone_Nm: float = _magnitude("N m, load that closes the gap", "chosen", default=0.5, positive=True)
     cable_std_arcsec: float = _magnitude("arcsec about the axis, by a cable across this joint and the next", WEAR)
     base_settling_um: float = _magnitude("um, each coordinate, per session", WEAR)
     base_creep_um_per_sqrt_h: float = _magnitude("um/h^(1/2), each coordinate, random walk in a session", WEAR)
@@ -121,17 +123,17 @@ class Preset:
     nominal_max_tolerance_mm: float = _magnitude(
         "mm, on the maximum of each of thirty such tests", "chosen", default=0.04
     )
-    constraint_poses: int = field(default=200, metadata={"unit": "poses in one test", "source": PAPER})
+    constraint_poses: int = _magnitude("poses in one test", PAPER, default=200, positive=True)
     constraint_half_width_deg: float = _magnitude(
         "deg about the working pose", "chosen: the paper states no box; that of strategy `box`", default=20.0
     )
 
     def __post_init__(self) -> None:
-        for magnitude in magnitudes(self):
-            value = magnitude.value
-            if not (isinstance(value, int | float) and value >= 0 and magnitude.may_be(value)):
+        for part in fields(self):
+            value = getattr(self, part.name)
+            if part.metadata and not (isinstance(value, int | float) and _may_be(part, value)):
                 raise InputError(
-                    f"preset {self.name!r}: {magnitude.name} must be a number >= 0 [{magnitude.unit}], got {value!r}"
+                    f"preset {self.name!r}: {part.name} must be a number >= 0 [{part.metadata['unit']}], got {value!r}"
                 )
         if self.nominal_mean_mm > 0 and self.length_std_mm == self.angle_std_deg == 0:
             raise InputError(
@@ -145,14 +147,11 @@ class Preset:
             )
 
 
-_POSITIVE = (
-    "grating_diameter_mm",
-    "temperature_period_s",
-    "spot_width_deg",
-    "gear_ratio",
-    "slack_zone_Nm",
-    "constraint_poses",
-)
+def _may_be(part: Field[Any], value: float) -> bool:
+    """Whether a value is in the range of a magnitude."""
+    if part.name.endswith("stiffness_Nm2"):
+        return value > 0
+    return bool(0 < value < np.inf if part.metadata["positive"] else 0 <= value < np.inf)
 
 
 @dataclass(frozen=True)
@@ -164,28 +163,31 @@ class Magnitude:
     unit: str
     source: str
 
-    def may_be(self, value: float) -> bool:
-        """Whether a value is in the range of this magnitude."""
-        if self.name.endswith("stiffness_Nm2"):
-            return value > 0
-        if self.name in _POSITIVE:
-            return 0 < value < np.inf
-        return bool(value < np.inf)
-
 
 def magnitudes(preset: Preset) -> list[Magnitude]:
     """Every magnitude of a preset with its unit and source, in reading order."""
-    return [_as_magnitude(preset, f) for f in fields(preset) if f.metadata]
-
-
-def _as_magnitude(preset: Preset, entry: Field[Any]) -> Magnitude:
-    assert entry.default is not MISSING
-    return Magnitude(entry.name, getattr(preset, entry.name), entry.metadata["unit"], entry.metadata["source"])
+    return [
+        Magnitude(part.name, getattr(preset, part.name), part.metadata["unit"], part.metadata["source"])
+        for part in fields(preset)
+        if part.metadata
+    ]
 
 
 PERFECT = Preset(name="perfect", about="no errors and no noise: the nominal arm itself")
 
-RESEARCH = Preset(
+# What a hand-guided arm has in a laboratory as in a workshop.
+_HAND_GUIDED = Preset(
+    expansion_spread_per_K=1e-6,
+    lag_s=600.0,
+    tip_compliance_um_per_N=5.3,
+    force_mean_N=2.0,
+    force_tilt_deg=20.0,
+    encoder_counts=2**20,
+    seat_std_mm=0.003,
+)
+
+RESEARCH = replace(
+    _HAND_GUIDED,
     name="research",
     about="a research arm before identification, with the nominal error of the arm of Gao et al. 2017",
     length_std_mm=0.3,
@@ -200,25 +202,19 @@ RESEARCH = Preset(
     link_torsion_stiffness_Nm2=34e3,
     stiffness_spread=0.2,
     expansion_per_K=2e-6,
-    expansion_spread_per_K=1e-6,
     temperature_swing_K=1.5,
-    lag_s=600.0,
-    tip_compliance_um_per_N=5.3,
-    force_mean_N=2.0,
     force_std_N=0.4,
-    force_tilt_deg=20.0,
     hysteresis_std_arcsec=0.25,
     cage_tilt_std_arcsec=0.1,
     cage_runout_std_um=0.2,
-    encoder_counts=2**20,
     encoder_noise_arcsec=1.0,
     reference_std_mm=0.0068,
-    seat_std_mm=0.003,
     nominal_mean_mm=0.449,
     nominal_max_mm=0.898,
 )
 
-SHOP = Preset(
+SHOP = replace(
+    _HAND_GUIDED,
     name="shop",
     about="a good 2.5 m measuring arm in a workshop: compensated by its maker, temperature varying",
     # Calibrated arms keep 5 to 30 um and 1 to 3 arcsec, but correlated, so that the tip errs less. Independent draws
@@ -235,21 +231,14 @@ SHOP = Preset(
     link_torsion_stiffness_Nm2=34e4,
     stiffness_spread=0.5,
     expansion_per_K=1e-6,
-    expansion_spread_per_K=1e-6,
     temperature_degC=22.0,
     temperature_swing_K=3.0,
-    lag_s=600.0,
-    tip_compliance_um_per_N=5.3,
-    force_mean_N=2.0,
     force_std_N=0.7,
-    force_tilt_deg=20.0,
     hysteresis_std_arcsec=0.3,
     cage_tilt_std_arcsec=0.3,
     cage_runout_std_um=0.5,
-    encoder_counts=2**20,
     encoder_noise_arcsec=0.5,
     reference_std_mm=0.003,
-    seat_std_mm=0.003,
 )
 
 WORN = replace(
