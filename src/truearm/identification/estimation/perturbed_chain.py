@@ -11,17 +11,12 @@ from typing import Any
 import numpy as np
 
 from truearm.arm.chain import Chain, Pose, PoseDerivatives
-from truearm.identification.terms.basis import Basis, Constant, Harmonics, InSession, OfTip
-from truearm.identification.terms.kernel import InducedProcess
-from truearm.identification.terms.linear_axis import Travel, TravelHarmonics
+from truearm.identification.terms.basis import Basis, Constant
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
-from truearm.identification.terms.torque import GravityTorque
 from truearm.readings.readings import PAYLOAD
 from truearm.typing import FloatArray, IntArray
 
-# Bases that depend only on quantities that every reading states; gravity torques do without a payload (`input_bases`).
-OF_ANGLES = (Constant, GravityTorque, Harmonics, InducedProcess, InSession, OfTip, Travel, TravelHarmonics)
 CHUNK = 1024  # readings of a chunk: their narrow Jacobian stays in the cache of a core
 FEW = 64  # readings up to which the number of array operations counts, not their length
 MOST_NARROW = 24  # functions of a site up to which they are cheaper as columns of a Jacobian than by themselves
@@ -298,13 +293,13 @@ class PerturbedChain:
         """
         if state.links is None or PAYLOAD not in state.columns:
             return self._input_bases
-        gravity = (basis for _, basis in self._functions if isinstance(basis, GravityTorque))
-        return self._input_bases + tuple(dict.fromkeys(gravity))
+        by_gravity = (basis for _, basis in self._functions if "gravity torque" in (basis.inputs or ()))
+        return tuple(dict.fromkeys((*self._input_bases, *by_gravity)))
 
     @cached_property
     def _input_bases(self) -> tuple[Basis, ...]:
         bases = dict.fromkeys(basis for _, basis in self._functions)
-        return tuple(basis for basis in bases if not isinstance(basis, OF_ANGLES))
+        return tuple(basis for basis in bases if basis.has_stated_inputs)
 
     @cached_property
     def _of_place(self) -> list[slice]:

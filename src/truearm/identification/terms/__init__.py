@@ -10,6 +10,7 @@ from truearm.identification.terms.basis import (
     Column,
     Constant,
     Direction,
+    Formula,
     Harmonics,
     InSession,
     OfTip,
@@ -27,6 +28,7 @@ from truearm.identification.terms.catalogue import (
     constants,
     place_name,
 )
+from truearm.identification.terms.expression import Expression
 from truearm.identification.terms.gravity import GravityLoads, gravity_loads, gravity_torques, uniform_links
 from truearm.identification.terms.kernel import InducedProcess
 from truearm.identification.terms.state import ArmState
@@ -42,6 +44,8 @@ __all__ = [
     "Column",
     "Constant",
     "Direction",
+    "Expression",
+    "Formula",
     "GravityLoads",
     "GravityTorque",
     "Harmonics",

@@ -1,7 +1,9 @@
 """Basis functions: how a small motion depends on the state of the arm at a reading.
 
-A basis is a frozen dataclass with a few plain fields, which a model file can store; it evaluates its functions at a
-state. A user's own basis needs `labels`, `values` and the decorator `register_basis`.
+A basis is a frozen dataclass with a few plain fields, which a model file can store. It says once what its functions
+are, as expressions, from which evaluation and the exports of a whole model follow; it may evaluate them in a faster
+form. A user's own basis needs `labels`, `expressions` and the decorator `register_basis`; one without expressions needs
+`values`, and no export contains it.
 """
 
 from __future__ import annotations
@@ -10,25 +12,40 @@ import dataclasses
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache, cached_property
 from itertools import pairwise
-from typing import Any, Self, TypeVar
+from typing import Annotated, Any, Self, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import Field
 
 from truearm.arm.rigid_motions import cos_sin
 from truearm.errors import InputError
+from truearm.identification.terms.expression import AXES as AXES
+from truearm.identification.terms.expression import INPUTS, MOST_JOINTS, Expression, of_joint
 from truearm.identification.terms.state import ArmState
-from truearm.readings.thermal_expansion import REFERENCE_DEGC
 from truearm.typing import FloatArray
 
-AXES = "xyz"
 HIGHEST_ORDER = 1000
 """Harmonics of higher order have periods of less than 0.36 deg, which no session samples."""
+# Types of the fields of a basis: its constructor and the schema of JSON documents check them.
+JointNumber = Annotated[int, Field(ge=1, le=MOST_JOINTS)]
+JointOrBase = Annotated[int, Field(ge=0, le=MOST_JOINTS)]
+AxisNumber = Annotated[int, Field(ge=0, le=2)]
+Orders = Annotated[
+    tuple[Annotated[int, Field(ge=1, le=HIGHEST_ORDER)], ...], Field(min_length=1, max_length=HIGHEST_ORDER)
+]
+Name = Annotated[str, Field(min_length=1, max_length=1000)]
+Number = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class Basis(ABC):
     """Abstract base class. Subclasses are frozen dataclasses whose fields are numbers, strings or tuples."""
+
+    def __post_init__(self) -> None:
+        for field, form in _forms(type(self)).items():
+            object.__setattr__(self, field, _settled(field, getattr(self, field), form))
 
     @property
     def n_functions(self) -> int:
@@ -39,7 +56,10 @@ class Basis(ABC):
     def labels(self) -> tuple[str, ...]:
         """Return the name of every function."""
 
-    @abstractmethod
+    def expressions(self) -> tuple[Expression, ...] | None:
+        """What the functions are, in their order; None where expressions have no word for them."""
+        return None
+
     def values(self, state: ArmState) -> FloatArray:
         """Evaluate the functions at a state.
 
@@ -53,6 +73,25 @@ class Basis(ABC):
         InputError
             If the state lacks a quantity that they depend on.
         """
+        if self._expressions is None:
+            raise NotImplementedError(f"the basis {type(self).__name__} has neither expressions nor values")
+        return np.stack([one.values(state) for one in self._expressions])
+
+    @cached_property
+    def _expressions(self) -> tuple[Expression, ...] | None:
+        return self.expressions()
+
+    @cached_property
+    def inputs(self) -> frozenset[str] | None:
+        """Kinds of the inputs of its expressions; None where it has none."""
+        if self._expressions is None:
+            return None
+        return frozenset(one.operation for function in self._expressions for one in function.inputs)
+
+    @property
+    def has_stated_inputs(self) -> bool:
+        """Whether the functions may depend on what readings state beside angles and session: temperatures, loads."""
+        return self.inputs is None or any(INPUTS[kind].is_stated for kind in self.inputs)
 
     @classmethod
     def together(cls, bases: Sequence[Self]) -> Callable[[ArmState], FloatArray]:
@@ -147,12 +186,47 @@ def basis_from_data(data: Mapping[str, Any]) -> Basis:
 
 @register_basis
 @dataclass(frozen=True)
+class Formula(Basis):
+    """Functions by their expressions: those of a user's own, and in exported files those of a basis of any class.
+
+    Parameters
+    ----------
+    functions : tuple of Expression
+    """
+
+    functions: tuple[Expression, ...]
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.functions, tuple) or not self.functions:
+            raise InputError(f"expected a tuple of functions, got {_short(self.functions)}")
+        made = (one if isinstance(one, Expression) else Expression.from_data(one) for one in self.functions)
+        object.__setattr__(self, "functions", tuple(made))
+
+    def labels(self) -> tuple[str, ...]:
+        """The functions in words."""
+        return tuple(map(str, self.functions))
+
+    def expressions(self) -> tuple[Expression, ...]:
+        """The functions."""
+        return self.functions
+
+    def as_data(self) -> dict[str, Any]:
+        """As of any basis."""
+        return {"kind": "Formula", "functions": [one.as_data() for one in self.functions]}
+
+
+@register_basis
+@dataclass(frozen=True)
 class Constant(Basis):
     """One at every reading."""
 
     def labels(self) -> tuple[str, ...]:
         """One function."""
         return ("1",)
+
+    def expressions(self) -> tuple[Expression, ...]:
+        """One function."""
+        return (Expression.number(1),)
 
     def values(self, state: ArmState) -> FloatArray:
         """(1, n) ones."""
@@ -172,15 +246,11 @@ class Harmonics(Basis):
         The multiples k, rising, from 1 to 1000.
     """
 
-    joint: int
-    orders: tuple[int, ...]
+    joint: JointNumber
+    orders: Orders
 
     def __post_init__(self) -> None:
-        settle_whole(self, "joint", 1)
-        if not isinstance(self.orders, tuple) or not self.orders:
-            raise InputError(f"expected a tuple of orders, got {_short(self.orders)}")
-        orders = tuple(_whole("orders", order, 1, HIGHEST_ORDER) for order in self.orders)
-        object.__setattr__(self, "orders", orders)
+        super().__post_init__()
         if any(a >= b for a, b in pairwise(self.orders)):
             raise InputError(f"expected rising orders, got {_short(self.orders)}")
 
@@ -188,6 +258,11 @@ class Harmonics(Basis):
         """Two functions for each order."""
         multiples = [f"{k} J{self.joint}" if k > 1 else f"J{self.joint}" for k in self.orders]
         return tuple(f"{function} {of}" for of in multiples for function in ("cos", "sin"))
+
+    def expressions(self) -> tuple[Expression, ...]:
+        """Two functions for each order."""
+        turns = [k * Expression.angle(self.joint) for k in self.orders]
+        return tuple(function for turn in turns for function in (turn.cos(), turn.sin()))
 
     def values(self, state: ArmState) -> FloatArray:
         """(2 n_orders, n) cosines and sines.
@@ -256,30 +331,21 @@ class Temperature(Basis):
         0 is the stand, i the link that joint i moves. A single temperature of the state applies to every link.
     """
 
-    link: int = 0
-
-    def __post_init__(self) -> None:
-        settle_whole(self, "link", 0)
+    link: JointOrBase = 0
 
     def labels(self) -> tuple[str, ...]:
         """One function."""
         return (f"temperature of {f'link {self.link}' if self.link else 'the stand'} above 20 degC",)
 
-    def values(self, state: ArmState) -> FloatArray:
-        """(1, n) temperature differences [K]."""
-        if state.temperature_degC is None:
-            raise InputError("expected readings with a temperature, got none", column="temperature_degC")
-        if self.link > state.chain.n_joints:
-            raise InputError(f"expected a link from 0 to {state.chain.n_joints}, got {self.link}")
-        temperature = state.temperature_degC
-        own = temperature if temperature.ndim == 1 else temperature[:, self.link]
-        return np.asarray(own - REFERENCE_DEGC)[None]
+    def expressions(self) -> tuple[Expression, ...]:
+        """One function."""
+        return (Expression.temperature(self.link),)
 
 
 @register_basis
 @dataclass(frozen=True)
 class Direction(Basis):
-    """Sign of a joint's last movement.
+    """Sign of a joint's last movement: -1, 1, or 0 where it is unknown.
 
     Parameters
     ----------
@@ -287,20 +353,15 @@ class Direction(Basis):
         Counted from 1.
     """
 
-    joint: int
-
-    def __post_init__(self) -> None:
-        settle_whole(self, "joint", 1)
+    joint: JointNumber
 
     def labels(self) -> tuple[str, ...]:
         """One function."""
         return (f"direction of J{self.joint}",)
 
-    def values(self, state: ArmState) -> FloatArray:
-        """(1, n) signs."""
-        if state.directions is None:
-            raise InputError("expected readings with directions of movement, got none")
-        return of_joint(state.directions, self.joint)[None]
+    def expressions(self) -> tuple[Expression, ...]:
+        """One function."""
+        return (Expression.direction(self.joint),)
 
 
 @register_basis
@@ -314,19 +375,15 @@ class InSession(Basis):
         The session's name in the session file.
     """
 
-    name: str
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.name, str) or not self.name:
-            raise InputError(f"expected the name of a session, got {_short(self.name)}")
+    name: Name
 
     def labels(self) -> tuple[str, ...]:
         """One function."""
         return (f"session {self.name}",)
 
-    def values(self, state: ArmState) -> FloatArray:
-        """(1, n) ones and zeros."""
-        return np.zeros((1, len(state))) if state.session is None else (state.session == self.name)[None].astype(float)
+    def expressions(self) -> tuple[Expression, ...]:
+        """One function."""
+        return (Expression.session(self.name),)
 
 
 @register_basis
@@ -340,19 +397,15 @@ class OfTip(Basis):
         The tip's name in the session file.
     """
 
-    name: str
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.name, str) or not self.name:
-            raise InputError(f"expected the name of a tip, got {_short(self.name)}")
+    name: Name
 
     def labels(self) -> tuple[str, ...]:
         """One function."""
         return (f"tip {self.name}",)
 
-    def values(self, state: ArmState) -> FloatArray:
-        """(1, n) ones and zeros."""
-        return np.zeros((1, len(state))) if state.tip is None else (state.tip == self.name)[None].astype(float)
+    def expressions(self) -> tuple[Expression, ...]:
+        """One function."""
+        return (Expression.tip(self.name),)
 
 
 @register_basis
@@ -366,43 +419,46 @@ class Column(Basis):
         The column's name in the session file.
     """
 
-    name: str
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.name, str) or not self.name:
-            raise InputError(f"expected a column's name, got {_short(self.name)}")
+    name: Name
 
     def labels(self) -> tuple[str, ...]:
         """One function."""
         return (self.name,)
 
-    def values(self, state: ArmState) -> FloatArray:
-        """(1, n) the column's numbers."""
-        if self.name not in state.columns:
-            raise InputError(
-                f"expected readings with a column {self.name!r}, got {sorted(state.columns) or 'none'}",
-                column=self.name,
-            )
-        return np.ascontiguousarray(state.columns[self.name])[None]
+    def expressions(self) -> tuple[Expression, ...]:
+        """One function."""
+        return (Expression.column(self.name),)
 
 
-def of_joint(by_joint: FloatArray, joint: int) -> FloatArray:
-    """Column of a joint counted from 1, contiguous."""
-    if joint > by_joint.shape[1]:
-        raise InputError(f"expected a joint from 1 to {by_joint.shape[1]}, got {joint}")
-    return np.ascontiguousarray(by_joint[:, joint - 1])
+@cache
+def _forms(basis: type[Basis]) -> dict[str, Any]:
+    """Types of the fields that state what they may be, by name."""
+    try:
+        hints = get_type_hints(basis, include_extras=True)
+    except NameError:  # of a user's own class, types that only its function knows
+        return {}
+    return {name: form for name, form in hints.items() if get_origin(form) is Annotated}
 
 
-def settle_whole(basis: Basis, field: str, lowest: int, highest: int | None = None) -> None:
-    """Convert a field to a Python integer, which a file can store."""
-    object.__setattr__(basis, field, _whole(field, getattr(basis, field), lowest, highest))
-
-
-def _whole(what: str, value: object, lowest: int, highest: int | None = None) -> int:
+def _settled(field: str, value: object, form: Any) -> Any:
+    """The value of a field as a file can store it, checked against its type."""
+    kind, about = get_args(form)
+    if get_origin(kind) is tuple:
+        if not isinstance(value, tuple) or not value:
+            raise InputError(f"expected a tuple of {field}, got {_short(value)}")
+        return tuple(_settled(field, one, get_args(kind)[0]) for one in value)
     value = plain(value)
-    if not isinstance(value, int) or isinstance(value, bool) or value < lowest or (highest or value) < value:
-        upto = f" to {highest}" if highest is not None else " or more"
-        raise InputError(f"expected {what} as whole numbers, {lowest}{upto}, got {_short(value)}")
+    if kind is str:
+        if not isinstance(value, str) or not value:
+            raise InputError(f"expected a {field} as text, got {_short(value)}")
+        return value
+    if kind is float:
+        if not isinstance(value, int | float) or isinstance(value, bool) or not np.isfinite(value):
+            raise InputError(f"expected {field} as a finite number, got {_short(value)}")
+        return float(value)
+    lowest, highest = (dataclasses.astuple(limit)[0] for limit in about.metadata)
+    if not isinstance(value, int) or isinstance(value, bool) or not lowest <= value <= highest:
+        raise InputError(f"expected {field} as whole numbers, {lowest} to {highest}, got {_short(value)}")
     return value
 
 

@@ -87,6 +87,11 @@ class InducedProcess(Basis):
         return np.ascontiguousarray(solve_triangular(self._factor, across, lower=True, check_finite=False))
 
     @property
+    def has_stated_inputs(self) -> bool:
+        """False: it is of joint angles."""
+        return False
+
+    @property
     def is_approximate(self) -> bool:
         """True."""
         return True

@@ -9,12 +9,12 @@ Beside them the scale of the axis is a term of its own, since a rack or a warm s
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from truearm.errors import InputError
-from truearm.identification.terms.basis import Basis, Harmonics, plain, register_basis
+from truearm.identification.terms.basis import Basis, Harmonics, JointNumber, Number, Orders, register_basis
+from truearm.identification.terms.expression import Expression
 from truearm.identification.terms.harmonic_orders import count_apart
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
@@ -45,15 +45,16 @@ class Travel(Basis):
         The place.
     """
 
-    joint: int
-    from_mm: float
-
-    def __post_init__(self) -> None:
-        _settle(self, "from_mm")
+    joint: JointNumber
+    from_mm: Number
 
     def labels(self) -> tuple[str, ...]:
         """One function."""
         return (f"travel of J{self.joint} from {self.from_mm:g} mm",)
+
+    def expressions(self) -> tuple[Expression, ...]:
+        """One function."""
+        return (Expression.angle(self.joint) - self.from_mm,)
 
     def values(self, state: ArmState) -> FloatArray:
         """(1, n) displacements [mm]."""
@@ -75,20 +76,25 @@ class TravelHarmonics(Basis):
         The multiples k, rising, from 1 to 1000.
     """
 
-    joint: int
-    period_mm: float
-    orders: tuple[int, ...]
+    joint: JointNumber
+    period_mm: Number
+    orders: Orders
 
     def __post_init__(self) -> None:
-        _settle(self, "period_mm")
+        super().__post_init__()
         if self.period_mm <= 0:
             raise InputError(f"expected a period above 0 mm, got {self.period_mm:g}")
-        object.__setattr__(self, "orders", Harmonics(self.joint, self.orders).orders)
+        Harmonics(self.joint, self.orders)  # which refuses orders that do not rise
 
     def labels(self) -> tuple[str, ...]:
         """Two functions for each order."""
         names = [f"travel of J{self.joint}, period {self.period_mm / k:.4g} mm" for k in self.orders]
         return tuple(f"{function} of {name}" for name in names for function in ("cos", "sin"))
+
+    def expressions(self) -> tuple[Expression, ...]:
+        """Two functions for each order."""
+        turns = [k * (2 * np.pi / self.period_mm) * Expression.angle(self.joint) for k in self.orders]
+        return tuple(function for turn in turns for function in (turn.cos(), turn.sin()))
 
     def values(self, state: ArmState) -> FloatArray:
         """(2 n_orders, n) cosines and sines."""
@@ -148,11 +154,3 @@ def _slide(state: ArmState, joint: int) -> FloatArray:
     if not 1 <= joint <= state.chain.n_joints or not state.chain.is_prismatic[joint - 1]:
         raise InputError(f"expected a sliding joint, got J{joint}")
     return state.angles[:, joint - 1]
-
-
-def _settle(basis: Any, field: str) -> None:
-    """Convert a field to a Python float, which a file can store."""
-    value = plain(getattr(basis, field))
-    if not isinstance(value, int | float) or isinstance(value, bool) or not np.isfinite(value):
-        raise InputError(f"expected {field} as a finite number, got {value!r:.60}")
-    object.__setattr__(basis, field, float(value))

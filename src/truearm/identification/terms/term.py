@@ -10,7 +10,8 @@ import numpy as np
 
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
-from truearm.identification.terms.basis import Basis, basis_from_data, plain
+from truearm.identification.terms.basis import Basis, Formula, basis_from_data, plain
+from truearm.identification.terms.expression import Expression
 from truearm.typing import FloatArray
 
 
@@ -29,7 +30,8 @@ class Term:
     direction : tuple of 6 floats
         Rotation along the place's x, y, z, then translation along them. (0, 0, 1, 0, 0, 0) turns about z, and the
         coefficients are in rad per unit of the basis; (0, 0, 0, 1, 0, 0) shifts along x, in mm per unit.
-    basis : Basis
+    basis : Basis or Expression
+        An expression becomes a `Formula` of one function.
     group : str
         Terms of one group share the scale of their priors.
     prior_std : float or tuple of float
@@ -60,6 +62,9 @@ class Term:
             object.__setattr__(self, what, plain(getattr(self, what)))
         if not isinstance(self.place, int) or isinstance(self.place, bool) or self.place < 0:
             raise self._problem(f"expected a place of 0 or more, got {self.place!r:.60}")
+        basis: object = self.basis
+        if isinstance(basis, Expression):
+            object.__setattr__(self, "basis", Formula((basis,)))
         if not isinstance(self.basis, Basis):
             raise self._problem(f"expected a basis, got {type(self.basis).__name__}")
         if not isinstance(self.learn, bool):

@@ -8,10 +8,9 @@ from typing import Self
 
 import numpy as np
 
-from truearm.errors import InputError
-from truearm.identification.terms.basis import AXES, Basis, of_joint, plain, register_basis, settle_whole
+from truearm.identification.terms.basis import AxisNumber, Basis, JointOrBase, Number, register_basis
+from truearm.identification.terms.expression import AXES, Expression, of_joint
 from truearm.identification.terms.state import ArmState
-from truearm.readings.readings import PAYLOAD
 from truearm.typing import FloatArray
 
 
@@ -29,16 +28,16 @@ class GravityTorque(Basis):
         0, 1, 2 for x, y, z.
     """
 
-    joint: int
-    axis: int
-
-    def __post_init__(self) -> None:
-        settle_whole(self, "joint", 0)
-        settle_whole(self, "axis", 0, 2)
+    joint: JointOrBase
+    axis: AxisNumber
 
     def labels(self) -> tuple[str, ...]:
         """One function."""
         return (f"gravity torque about {AXES[self.axis]} of {f'J{self.joint}' if self.joint else 'the base'}",)
+
+    def expressions(self) -> tuple[Expression, ...]:
+        """One function."""
+        return (Expression.gravity_torque(self.joint, self.axis),)
 
     @classmethod
     def together(cls, bases: Sequence[Self]) -> Callable[[ArmState], FloatArray]:
@@ -57,12 +56,6 @@ class GravityTorque(Basis):
 
         return values
 
-    def values(self, state: ArmState) -> FloatArray:
-        """(1, n) torques [N m]."""
-        if self.joint > 0:
-            of_joint(state.angles, self.joint)
-        return _torque_at(state, state.gravity_torques, self.joint, self.axis)
-
 
 @register_basis
 @dataclass(frozen=True)
@@ -79,17 +72,9 @@ class PayloadTorque(Basis):
         The torque is that of the payload less this mass [kg].
     """
 
-    joint: int
-    axis: int
-    from_kg: float = 0.0
-
-    def __post_init__(self) -> None:
-        settle_whole(self, "joint", 0)
-        settle_whole(self, "axis", 0, 2)
-        from_kg = plain(self.from_kg)
-        if not isinstance(from_kg, int | float) or isinstance(from_kg, bool) or not np.isfinite(from_kg):
-            raise InputError(f"expected a mass in kg, got {from_kg!r:.60}")
-        object.__setattr__(self, "from_kg", float(from_kg))
+    joint: JointOrBase
+    axis: AxisNumber
+    from_kg: Number = 0.0
 
     def labels(self) -> tuple[str, ...]:
         """One function."""
@@ -97,23 +82,6 @@ class PayloadTorque(Basis):
         of = f"J{self.joint}" if self.joint else "the base"
         return (f"torque of the payload{above} about {AXES[self.axis]} of {of}",)
 
-    def values(self, state: ArmState) -> FloatArray:
-        """(1, n) torques [N m]."""
-        if PAYLOAD not in state.columns:
-            raise InputError("expected readings with a payload, got none", column=PAYLOAD)
-        if self.joint > 0:
-            of_joint(state.angles, self.joint)
-        per_kg = _torque_at(state, state.loads_per_kg.torque_in_joint, self.joint, self.axis)
-        return np.asarray((state.columns[PAYLOAD] - self.from_kg) * per_kg)
-
-
-def _torque_at(state: ArmState, torques: FloatArray, joint: int, axis: int) -> FloatArray:
-    """(1, n) torque about an axis of a joint's place; joint 0: of joint 1 on the base, about the axes of place 0."""
-    if joint > 0:
-        return np.ascontiguousarray(torques[None, :, joint - 1, axis])
-    torque = torques[:, 0]
-    if axis == 2 or state.chain.is_prismatic[0]:
-        return np.ascontiguousarray(torque[None, :, axis])
-    cos, sin = np.cos(state.angles[:, 0]), np.sin(state.angles[:, 0])
-    x, y = torque[:, 0], torque[:, 1]
-    return np.asarray(cos * x - sin * y if axis == 0 else sin * x + cos * y)[None]
+    def expressions(self) -> tuple[Expression, ...]:
+        """One function."""
+        return (Expression.payload_torque(self.joint, self.axis, self.from_kg),)

@@ -1,0 +1,403 @@
+"""Expressions: functions of the state of an arm by a closed set of operations, which every export can write.
+
+What a basis function is, is said once as an expression. The exports of a whole model follow from it; evaluation may be
+a faster form of the same, and a test holds the two equal.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property, reduce
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+
+from truearm.errors import InputError
+from truearm.identification.terms.state import ArmState
+from truearm.readings.readings import PAYLOAD
+from truearm.readings.thermal_expansion import REFERENCE_DEGC
+from truearm.typing import FloatArray
+
+AXES = "xyz"
+MOST_JOINTS = 100
+MOST_PARTS, DEEPEST = 1000, 30
+HIGHEST_POWER = 12
+
+
+class Input(NamedTuple):
+    """An input of expressions: checks of its arguments, its name, its values, and whether readings may lack it."""
+
+    arguments: tuple[Callable[[object], bool], ...]
+    name: str
+    values: Callable[..., FloatArray]
+    is_stated: bool
+
+
+def of_joint(by_joint: FloatArray, joint: int) -> FloatArray:
+    """Column of a joint counted from 1, contiguous."""
+    if joint > by_joint.shape[1]:
+        raise InputError(f"expected a joint from 1 to {by_joint.shape[1]}, got {joint}")
+    return np.ascontiguousarray(by_joint[:, joint - 1])
+
+
+def _torque_at(state: ArmState, torques: FloatArray, joint: int, axis: int) -> FloatArray:
+    """(n,) torque about an axis of a joint's place; joint 0: of joint 1 on the base, about the axes of place 0."""
+    if joint > 0:
+        return np.ascontiguousarray(torques[:, joint - 1, axis])
+    torque = torques[:, 0]
+    if axis == 2 or state.chain.is_prismatic[0]:
+        return np.ascontiguousarray(torque[:, axis])
+    cos, sin = np.cos(state.angles[:, 0]), np.sin(state.angles[:, 0])
+    x, y = torque[:, 0], torque[:, 1]
+    return np.asarray(cos * x - sin * y if axis == 0 else sin * x + cos * y)
+
+
+def _gravity_torque(state: ArmState, joint: int, axis: int) -> FloatArray:
+    if joint > 0:
+        of_joint(state.angles, joint)  # which refuses a joint beyond the last
+    return _torque_at(state, state.gravity_torques, joint, axis)
+
+
+def _payload_torque(state: ArmState, joint: int, axis: int, from_kg: float) -> FloatArray:
+    if PAYLOAD not in state.columns:
+        raise InputError("expected readings with a payload, got none", column=PAYLOAD)
+    if joint > 0:
+        of_joint(state.angles, joint)
+    per_kg = _torque_at(state, state.loads_per_kg.torque_in_joint, joint, axis)
+    return np.asarray((state.columns[PAYLOAD] - from_kg) * per_kg)
+
+
+def _temperature(state: ArmState, link: int) -> FloatArray:
+    if state.temperature_degC is None:
+        raise InputError("expected readings with a temperature, got none", column="temperature_degC")
+    if link > state.chain.n_joints:
+        raise InputError(f"expected a link from 0 to {state.chain.n_joints}, got {link}")
+    temperature = state.temperature_degC
+    own = temperature if temperature.ndim == 1 else temperature[:, link]
+    return np.asarray(own - REFERENCE_DEGC)
+
+
+def _direction(state: ArmState, joint: int) -> FloatArray:
+    if state.directions is None:
+        raise InputError("expected readings with directions of movement, got none")
+    return of_joint(state.directions, joint)
+
+
+def _column(state: ArmState, name: str) -> FloatArray:
+    if name not in state.columns:
+        raise InputError(
+            f"expected readings with a column {name!r}, got {sorted(state.columns) or 'none'}", column=name
+        )
+    return np.ascontiguousarray(state.columns[name])
+
+
+def _session(state: ArmState, name: str) -> FloatArray:
+    return np.zeros(len(state)) if state.session is None else (state.session == name).astype(float)
+
+
+def _tip(state: ArmState, name: str) -> FloatArray:
+    return np.zeros(len(state)) if state.tip is None else (state.tip == name).astype(float)
+
+
+def _whole(lowest: int, highest: int) -> Callable[[object], bool]:
+    return lambda value: type(value) is int and lowest <= value <= highest
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300
+
+
+def _is_name(value: object) -> bool:
+    return isinstance(value, str) and 0 < len(value) <= 1000
+
+
+_JOINT, _PLACE, _AXIS = _whole(1, MOST_JOINTS), _whole(0, MOST_JOINTS), _whole(0, 2)
+INPUTS: Mapping[str, Input] = {
+    "angle": Input((_JOINT,), "q{0}", lambda state, joint: of_joint(state.angles, joint), False),
+    "gravity torque": Input((_PLACE, _AXIS), "gravity torque about {axis} of J{0}", _gravity_torque, False),
+    "payload torque": Input(
+        (_PLACE, _AXIS, _is_number), "torque of the payload above {2:g} kg about {axis} of J{0}", _payload_torque, True
+    ),
+    "temperature": Input((_PLACE,), "temperature of link {0} above 20 degC", _temperature, True),
+    "direction": Input((_JOINT,), "direction of J{0}", _direction, True),
+    "column": Input((_is_name,), "{0}", _column, True),
+    "session": Input((_is_name,), "session {0}", _session, False),
+    "tip": Input((_is_name,), "tip {0}", _tip, False),
+}
+OPERATIONS = ("number", "sum", "product", "power", "cos", "sin")
+
+
+@dataclass(frozen=True)
+class Expression:
+    """A function of the state of an arm: an input, or an operation on other expressions.
+
+    Expressions are added, subtracted and multiplied with each other and with numbers, and raised to whole powers. As
+    the basis of a `Term` an expression is a cause of error that is identified, saved and exported as any other.
+
+    Parameters
+    ----------
+    operation : str
+        An input of `INPUTS`, or one of `OPERATIONS`.
+    arguments : tuple
+        What the input is of, the number, or expressions; of a power the base and the exponent.
+
+    Raises
+    ------
+    InputError
+        If the operation is unknown, or the arguments are not its own.
+
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> q3 = ta.Expression.angle(3)
+    >>> print((2 * q3).cos() + q3**2)
+    cos(2 * q3) + q3^2
+    """
+
+    operation: str
+    arguments: tuple[Any, ...]
+
+    def __post_init__(self) -> None:
+        given, kind = self.arguments, self.operation
+        parts = [one for one in given if isinstance(one, Expression)]
+        if isinstance(kind, str) and kind in INPUTS:
+            checks = INPUTS[kind].arguments
+            fits = len(given) == len(checks) and all(check(one) for check, one in zip(checks, given, strict=True))
+        elif kind == "number":
+            fits = len(given) == 1 and _is_number(given[0])
+        elif kind in ("sum", "product"):
+            fits = len(parts) == len(given) > 1
+        elif kind == "power":
+            fits = len(given) == 2 and parts == [given[0]] and _whole(2, HIGHEST_POWER)(given[1])
+        else:
+            fits = kind in ("cos", "sin") and len(given) == len(parts) == 1
+        if not fits:
+            raise InputError(
+                f"expected an expression among {', '.join([*INPUTS, *OPERATIONS])} with its arguments, "
+                f"got {kind!r:.40} of {given!r:.60}"
+            )
+        if self.n_parts > MOST_PARTS or self._depth > DEEPEST:
+            raise InputError(f"expected an expression of at most {MOST_PARTS} parts, {DEEPEST} deep")
+
+    # Inputs ----------------------------------------------------------------------------------------------------------
+
+    @classmethod
+    def number(cls, value: float) -> Self:
+        """A number, the same at every reading."""
+        return cls("number", (value,))
+
+    @classmethod
+    def angle(cls, joint: int) -> Self:
+        """Angle of a joint counted from 1 [rad]; of a sliding one its displacement [mm]."""
+        return cls("angle", (joint,))
+
+    @classmethod
+    def gravity_torque(cls, joint: int, axis: int) -> Self:
+        """Gravity torque at a joint about an axis (0, 1, 2) of its place [N m]; joint 0 is the base."""
+        return cls("gravity torque", (joint, axis))
+
+    @classmethod
+    def payload_torque(cls, joint: int, axis: int, from_kg: float = 0.0) -> Self:
+        """Torque by the weight of a payload less a mass [kg], otherwise as `gravity_torque`."""
+        return cls("payload torque", (joint, axis, from_kg))
+
+    @classmethod
+    def temperature(cls, link: int = 0) -> Self:
+        """Temperature of a link above 20 degC [K]; 0 is the stand."""
+        return cls("temperature", (link,))
+
+    @classmethod
+    def direction(cls, joint: int) -> Self:
+        """Sign of a joint's last movement."""
+        return cls("direction", (joint,))
+
+    @classmethod
+    def column(cls, name: str) -> Self:
+        """A column of the session, in its own unit."""
+        return cls("column", (name,))
+
+    @classmethod
+    def session(cls, name: str) -> Self:
+        """One at the readings of a session, zero at all others."""
+        return cls("session", (name,))
+
+    @classmethod
+    def tip(cls, name: str) -> Self:
+        """One at the readings of a tip, zero at all others."""
+        return cls("tip", (name,))
+
+    # Operations ------------------------------------------------------------------------------------------------------
+
+    def cos(self) -> Expression:
+        """Cosine."""
+        return self._folded("cos", np.cos)
+
+    def sin(self) -> Expression:
+        """Sine."""
+        return self._folded("sin", np.sin)
+
+    def __pow__(self, exponent: int) -> Expression:
+        if self.value is not None:
+            return Expression.number(self.value**exponent)
+        return self if exponent == 1 else Expression("power", (self, exponent))
+
+    def __add__(self, other: Expression | float) -> Expression:
+        parts = [*self._parts("sum"), *_expression(other)._parts("sum")]
+        total = sum(part.value for part in parts if part.value is not None)
+        parts = [part for part in parts if part.value is None]
+        return _joined("sum", parts + [Expression.number(total)] * (total != 0 or not parts))
+
+    def __mul__(self, other: Expression | float) -> Expression:
+        parts = [*self._parts("product"), *_expression(other)._parts("product")]
+        factor = math.prod(part.value for part in parts if part.value is not None)
+        parts = [part for part in parts if part.value is None]
+        if factor == 0:
+            return Expression.number(0)
+        return _joined("product", [Expression.number(factor)] * (factor != 1 or not parts) + parts)
+
+    def __neg__(self) -> Expression:
+        return self * -1
+
+    def __sub__(self, other: Expression | float) -> Expression:
+        return self + -_expression(other)
+
+    def __rsub__(self, other: float) -> Expression:
+        return -self + other
+
+    def __truediv__(self, other: float) -> Expression:
+        return self * (1 / other)
+
+    __radd__, __rmul__ = __add__, __mul__
+
+    # What it is ------------------------------------------------------------------------------------------------------
+
+    @property
+    def value(self) -> float | None:
+        """The number that it is; None if it is none."""
+        return self.arguments[0] if self.operation == "number" else None
+
+    @cached_property
+    def inputs(self) -> frozenset[Expression]:
+        """The inputs in it."""
+        if self.operation in INPUTS:
+            return frozenset([self])
+        return frozenset().union(*(one.inputs for one in self._expressions))
+
+    @property
+    def harmonic(self) -> tuple[int, int] | None:
+        """Joint and order k of ``cos k q`` or ``sin k q``; None of anything else."""
+        if self.operation not in ("cos", "sin"):
+            return None
+        factor, of = 1.0, self.arguments[0]
+        if of.operation == "product" and len(of.arguments) == 2 and of.arguments[0].value is not None:
+            factor, of = of.arguments[0].value, of.arguments[1]
+        is_whole = factor == int(factor) and factor >= 1
+        return (of.arguments[0], int(factor)) if of.operation == "angle" and is_whole else None
+
+    def values(self, state: ArmState) -> FloatArray:
+        """(n,) values at a state.
+
+        Raises
+        ------
+        InputError
+            If the state lacks an input.
+        """
+        if self.operation in INPUTS:
+            return INPUTS[self.operation].values(state, *self.arguments)
+        if self.operation == "number":
+            return np.full(len(state), float(self.arguments[0]))
+        of = [one.values(state) for one in self._expressions]
+        match self.operation:
+            case "sum":
+                return np.asarray(reduce(np.add, of))
+            case "product":
+                return np.asarray(reduce(np.multiply, of))
+            case "power":
+                return np.asarray(of[0] ** self.arguments[1])
+        return np.asarray(np.cos(of[0]) if self.operation == "cos" else np.sin(of[0]))
+
+    def with_inputs(self, values: Mapping[str, float]) -> Expression:
+        """The expression with numbers for all inputs of some kinds."""
+        if self.operation in INPUTS:
+            return Expression.number(values[self.operation]) if self.operation in values else self
+        of = [one.with_inputs(values) for one in self._expressions]
+        match self.operation:
+            case "sum":
+                return reduce(Expression.__add__, of)
+            case "product":
+                return reduce(Expression.__mul__, of)
+            case "power":
+                return of[0] ** int(self.arguments[1])
+            case "number":
+                return self
+        return of[0].cos() if self.operation == "cos" else of[0].sin()
+
+    def as_data(self) -> Any:
+        """The expression as plain data: a number, or a list of the operation and its arguments."""
+        if self.operation == "number":
+            return self.arguments[0]
+        return [self.operation, *(one.as_data() if isinstance(one, Expression) else one for one in self.arguments)]
+
+    @classmethod
+    def from_data(cls, data: object, _depth: int = 0) -> Expression:
+        """Create an expression from the data of `as_data`.
+
+        Raises
+        ------
+        InputError
+            If it is none.
+        """
+        if isinstance(data, int | float):
+            return cls("number", (data,))
+        if not isinstance(data, list | tuple) or not data or _depth > DEEPEST:
+            raise InputError(f"expected an expression as a number or a list, got {data!r:.60}")
+        kind, *arguments = data
+        if kind in OPERATIONS:
+            n_expressions = 1 if kind == "power" else len(arguments)
+            arguments[:n_expressions] = [cls.from_data(one, _depth + 1) for one in arguments[:n_expressions]]
+        return cls(kind, tuple(arguments))
+
+    def __str__(self) -> str:
+        of = self.arguments
+        if self.operation in INPUTS:
+            axis = AXES[of[1]] if len(of) > 1 else ""
+            return INPUTS[self.operation].name.format(*of, axis=axis)
+        match self.operation:
+            case "number":
+                return f"{of[0]:.6g}"
+            case "sum":
+                return " + ".join(map(str, of))
+            case "product":
+                return " * ".join(f"({one})" if one.operation == "sum" else str(one) for one in of)
+            case "power":
+                return f"({of[0]})^{of[1]}" if of[0].operation in OPERATIONS[:4] else f"{of[0]}^{of[1]}"
+        return f"{self.operation}({of[0]})"
+
+    @cached_property
+    def n_parts(self) -> int:
+        """Number of inputs, numbers and operations in it."""
+        return 1 + sum(one.n_parts for one in self._expressions)
+
+    @cached_property
+    def _depth(self) -> int:
+        return 1 + max((one._depth for one in self._expressions), default=0)
+
+    @property
+    def _expressions(self) -> tuple[Expression, ...]:
+        return tuple(one for one in self.arguments if isinstance(one, Expression))
+
+    def _parts(self, operation: str) -> tuple[Expression, ...]:
+        return self.arguments if self.operation == operation else (self,)
+
+    def _folded(self, operation: str, function: Callable[[float], float]) -> Expression:
+        return Expression(operation, (self,)) if self.value is None else Expression.number(float(function(self.value)))
+
+
+def _expression(value: Expression | float) -> Expression:
+    return value if isinstance(value, Expression) else Expression.number(value)
+
+
+def _joined(operation: str, parts: list[Expression]) -> Expression:
+    return parts[0] if len(parts) == 1 else Expression(operation, tuple(parts))
