@@ -3,7 +3,7 @@ A reader of exported models, without truearm
 ============================================
 
 Reads the JSON that `truearm export MODEL --out arm.json` writes and computes the tip. It needs NumPy only, and its
-some sixty lines of code can be written again in any language. Copy this file into your program.
+some seventy lines of code can be written again in any language. Copy this file into your program.
 """
 
 import json
@@ -31,7 +31,7 @@ def tip(model, q, state):
     joints, chain = model["arm"]["joints"], model["identified"]["chain"]
     motions, torques = np.zeros((len(q) + 2, 6)), gravity_torques(model["arm"], q)
     for term in model["identified"]["terms"]:
-        size = np.dot(term["coefficients"], basis_values(term["basis"], q, torques, state))
+        size = np.dot(term["coefficients"], [value(one, q, torques, state) for one in functions_of(term["basis"])])
         motions[term["place"]] += size * np.array(term["direction"])
     T = chain["fixed"][0] @ rigid_motion(motions[0])
     for joint, angle, motion, F in zip(joints, q, motions[1:-1], chain["fixed"][1:], strict=True):
@@ -39,20 +39,35 @@ def tip(model, q, state):
     return T[:3, :3] @ (chain["tip_in_flange_mm"] + motions[-1, 3:]) + T[:3, 3]
 
 
-def basis_values(basis, q, torques, state):
-    """Values of a term's functions at one reading."""
+def functions_of(basis):
+    """A term's functions as expressions: a number, or a list of an operation and what it is of."""
     kind = basis["kind"]
+    if kind == "Formula":
+        return basis["functions"]
     if kind == "Harmonics":
-        return [function(k * q[basis["joint"] - 1]) for k in basis["orders"] for function in (np.cos, np.sin)]
-    if kind == "GravityTorque":
-        return [torques[basis["joint"]][basis["axis"]]]
-    if kind == "Temperature":
-        return [state["temperature_degC"] - 20.0]
-    if kind == "Direction":
-        return [state["directions"][basis["joint"] - 1]]
-    if kind == "Column":
-        return [state["columns"][basis["name"]]]
-    return [{"Constant": 1.0, "InSession": 0.0}[kind]]  # points are in the frame of the first session
+        turns = [["product", k, ["angle", basis["joint"]]] for k in basis["orders"]]
+        return [[function, turn] for turn in turns for function in ("cos", "sin")]
+    inputs = {"GravityTorque": "gravity torque", "InSession": "session"}
+    return [1.0 if kind == "Constant" else [inputs.get(kind, kind.lower()), *list(basis.values())[1:]]]
+
+
+def value(expression, q, torques, state):
+    """Value of an expression at one reading."""
+    if not isinstance(expression, list):
+        return expression
+    kind, first, *more = expression
+    if kind in ("sum", "product", "power", "cos", "sin"):
+        x, *others = (value(one, q, torques, state) for one in (first, *more))
+        if kind in ("cos", "sin"):
+            return np.cos(x) if kind == "cos" else np.sin(x)
+        return x ** others[0] if kind == "power" else x + sum(others) if kind == "sum" else x * np.prod(others)
+    if kind in ("session", "tip"):
+        return 0.0  # points are in the frame of the first session
+    if kind == "temperature":
+        return state["temperature_degC"] - 20.0
+    if kind == "gravity torque":
+        return torques[first][more[0]]
+    return state["columns"][first] if kind == "column" else (q if kind == "angle" else state["directions"])[first - 1]
 
 
 def gravity_torques(arm, q):

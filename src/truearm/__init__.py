@@ -15,6 +15,7 @@ _HOMES = {
     "truearm.compensation.models.model_file": ("load_model",),
     "truearm.errors": ("InputError",),
     "truearm.files.xml_signatures": ("Signer", "read_signer"),
+    "truearm.identification.terms": ("Expression", "Term"),
     "truearm.identification.virtual": ("VirtualArm",),
     "truearm.readings": ("Lengths", "Session", "import_table", "read_lengths", "read_session"),
     "truearm.verification.certificate.administrative_data": ("AdministrativeData",),

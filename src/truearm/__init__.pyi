@@ -13,6 +13,8 @@ from truearm.compensation.models.model_file import load_model as load_model
 from truearm.errors import InputError as InputError
 from truearm.files.xml_signatures import Signer as Signer
 from truearm.files.xml_signatures import read_signer as read_signer
+from truearm.identification.terms import Expression as Expression
+from truearm.identification.terms import Term as Term
 from truearm.identification.virtual import VirtualArm as VirtualArm
 from truearm.readings import Lengths as Lengths
 from truearm.readings import Session as Session

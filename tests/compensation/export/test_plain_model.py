@@ -8,7 +8,8 @@ from scipy.spatial.transform import Rotation
 
 import truearm as ta
 from truearm.arm.masses import LinkMasses
-from truearm.compensation.export.plain_model import BasisFunction, PlainModel, plain_model
+from truearm.compensation.export.plain_model import PlainModel, plain_model
+from truearm.identification.terms import Expression
 from truearm.identification.terms.gravity import gravity_torques
 
 
@@ -17,19 +18,21 @@ def tip(plain: PlainModel, q: np.ndarray, degC: float) -> np.ndarray:
     links = LinkMasses(plain.mass_kg, plain.centre_in_joint_mm)
     torques = gravity_torques(plain.nominal_chain, q[None], links, gravity_in_base=plain.gravity_in_base)[0]
 
-    def value(function: BasisFunction) -> float:
-        j = function.joint - 1
-        match function.kind:
-            case "constant":
-                return 1.0
-            case "cos":
-                return float(np.cos(function.order * q[j]))
-            case "sin":
-                return float(np.sin(function.order * q[j]))
-            case "gravity" if function.joint:
-                return float(torques[j, function.axis])
-            case "gravity":
-                return float((Rotation.from_rotvec([0, 0, q[0]]).as_matrix() @ torques[0])[function.axis])
+    def value(function: Expression) -> float:
+        of = function.arguments
+        match function.operation:
+            case "number":
+                return of[0]
+            case "angle":
+                return q[of[0] - 1]
+            case "product":
+                return float(np.prod([value(one) for one in of]))
+            case "cos" | "sin":
+                return float(getattr(np, function.operation)(value(of[0])))
+            case "gravity torque" if of[0]:
+                return float(torques[of[0] - 1, of[1]])
+            case "gravity torque":
+                return float((Rotation.from_rotvec([0, 0, q[0]]).as_matrix() @ torques[0])[of[1]])
             case "temperature":
                 return degC - 20.0
         return 0.0

@@ -10,18 +10,20 @@ from planted_models import planted_model, rail_arm
 
 import truearm as ta
 from truearm.compensation.export import reduced_covariance as reduced
-from truearm.compensation.export.plain_model import BasisFunction, plain_model
+from truearm.compensation.export.plain_model import plain_model
 from truearm.compensation.export.value_tables import CovarianceRows, ValueLayout, ValueTables, runs_of
 from truearm.compensation.models.training_conditions import TOGETHER
+from truearm.identification.terms import Expression, Harmonics
 
 
 def harmonics(joint, orders):
-    return [BasisFunction(kind, joint, order=k) for k in orders for kind in ("cos", "sin")]
+    return list(Harmonics(joint, tuple(orders)).expressions()) if orders else []
 
 
 @given(st.lists(st.sets(st.integers(1, 60), max_size=30), min_size=1, max_size=3))
 def test_every_function_has_a_value_of_its_own(orders):
-    functions = [BasisFunction("constant"), BasisFunction("direction", 1), BasisFunction("gravity", 0, axis=2)]
+    functions = [Expression.number(1), Expression.direction(1), Expression.gravity_torque(0, 2)]
+    functions += [Expression.angle(1), Expression.angle(1) * Expression.direction(1)]
     functions += [f for joint, ks in enumerate(orders, 1) for f in harmonics(joint, sorted(ks))]
     layout = ValueLayout.of(functions, len(orders))
     indices = [layout.index(function) for function in functions]
@@ -34,7 +36,7 @@ def test_orders_are_computed_in_a_row_as_long_as_nearly_all_are_used():
     layout = ValueLayout.of(harmonics(1, [*range(1, 111), 128, 256]) + harmonics(2, [2, 4]), 2)
     assert layout.highest == (110, 0)
     assert [entry[:2] for entry in layout.further] == [(0, 128), (0, 256), (1, 2), (1, 4)]
-    assert layout.index(BasisFunction("sin", 1, order=7)) == layout.index(BasisFunction("cos", 1, order=7)) + 1
+    assert layout.index((7 * Expression.angle(1)).sin()) == layout.index((7 * Expression.angle(1)).cos()) + 1
 
 
 @given(st.sets(st.tuples(st.integers(0, 3), st.integers(0, 12))))

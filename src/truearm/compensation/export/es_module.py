@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 import json
-import shutil
-import subprocess
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from truearm.compensation.export.source_code import source_of
+from truearm.compensation.export.source_code import Language, joints_of_file, run_tool, write_source
 from truearm.compensation.models.compensator import Compensator
-from truearm.compensation.targets.manifest import MAX_BYTES, Manifest, read_manifest
-from truearm.errors import InputError, MissingTool
-from truearm.files.atomic_write import atomic_file
+from truearm.compensation.targets.manifest import MAX_BYTES, Manifest
+from truearm.errors import InputError
 from truearm.files.file_reading import read_limited
 from truearm.typing import FloatArray
 
 FORMAT = "js"
-MAX_SECONDS = 300
+ES2015 = Language("model.mjs.j2", "[]", "inputs.q[{}]", "Math.")
 # The module as a data URL: its file's name need not end in .mjs.
 _RUNNER = """
 import { readFileSync } from "node:fs";
@@ -38,25 +35,8 @@ process.stdout.write(JSON.stringify(rows.map(result)));
 
 
 def write(model: Compensator, manifest: Manifest, path: str | Path) -> None:
-    """Write a model as an ES module, which imports nothing.
-
-    Parameters
-    ----------
-    model : Compensator
-        Fitted: a nominal, kinematic or physical model.
-    manifest : Manifest
-        Goes into the first comment; its check poses are in the function ``check``.
-    path : path
-        Written whole or not at all.
-
-    Raises
-    ------
-    InputError
-        If the model is a network, or has terms of a basis of its user's own.
-    """
-    text = source_of(model, manifest, "model.mjs.j2", "[]")
-    with atomic_file(path) as beside:
-        beside.write_text(text, encoding="ascii")
+    """Write a model as an ES module, which imports nothing; see `write_source`."""
+    write_source(model, manifest, path, ES2015)
 
 
 def tips(path: str | Path, joints: npt.ArrayLike) -> FloatArray:
@@ -82,10 +62,7 @@ def tips(path: str | Path, joints: npt.ArrayLike) -> FloatArray:
     InputError
         If the module does not run, was not exported by truearm, or refuses joints.
     """
-    joints = np.asarray(joints, dtype=float)
-    n_joints = len(read_manifest(path).provenance.joint_names)
-    if joints.ndim != 2 or joints.shape[1] != n_joints:
-        raise InputError(f"expected joints of shape (n, {n_joints}), got {joints.shape}", file=path)
+    joints = joints_of_file(path, joints)
     results = run_module(path, "predictPoint", [[row] for row in joints.tolist()])
     for number, result in enumerate(results, 1):
         if isinstance(result, dict):
@@ -96,30 +73,13 @@ def tips(path: str | Path, joints: npt.ArrayLike) -> FloatArray:
 def run_module(path: str | Path, call: str, rows: list[list[Any]]) -> list[Any]:
     """Results of a function of a module, a call for each row of arguments; ``{"error": ...}`` where it throws.
 
-    Raises
-    ------
-    MissingTool
-        If Node.js is not installed.
-    InputError
-        If the module does not run.
+    Errors are those of `run_tool`.
     """
-    node = shutil.which("node")
-    if node is None:
-        raise MissingTool("an ES module is checked with Node.js, which is not installed", hint="apt install nodejs")
     source = read_limited(path, limit_bytes=MAX_BYTES).decode(errors="replace")
     job = json.dumps({"source": source, "call": call, "rows": rows})
-    command = [node, "--input-type=module", "--eval", _RUNNER]
+    printed = run_tool("node", "Node.js", "nodejs", ["--input-type=module", "--eval", _RUNNER], path, job)
     try:
-        done = subprocess.run(  # noqa: S603
-            command, input=job, capture_output=True, text=True, timeout=MAX_SECONDS, check=False
-        )
-    except subprocess.TimeoutExpired:
-        raise InputError(f"the module did not finish in {MAX_SECONDS} s", file=path) from None
-    if done.returncode:
-        first = next((line for line in done.stderr.splitlines() if "Error" in line), done.stderr[:200])
-        raise InputError(f"Node.js cannot run the module: {first}", file=path)
-    try:
-        results: list[Any] = json.loads(done.stdout)
+        results: list[Any] = json.loads(printed)
     except ValueError:
         raise InputError(
             "the module prints something of its own, so that its answer is unreadable", file=path

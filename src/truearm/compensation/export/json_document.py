@@ -8,13 +8,18 @@ from __future__ import annotations
 
 import base64
 import binascii
+import dataclasses
+import inspect
 import math
-from typing import Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, Union, get_type_hints
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, PlainValidator, WithJsonSchema, create_model, model_validator
 
 from truearm.compensation.targets.manifest import Manifest
+from truearm.identification import terms
+from truearm.identification.terms import Expression
+from truearm.identification.terms.expression import INPUTS, OPERATIONS
 from truearm.typing import FloatArray
 
 SCHEMA = "https://json-schema.org/draft/2020-12/schema"
@@ -39,6 +44,18 @@ ByJoint = Annotated[list[Finite], Field(min_length=1, max_length=100)]
 
 class _Strict(BaseModel):
     model_config = ConfigDict(extra="forbid")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _arrays_as_lists(cls, data: Any) -> Any:
+        if isinstance(data, dict):
+            return {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in data.items()}
+        return data
+
+    @classmethod
+    def of(cls, thing: object, **more: Any) -> Self:
+        """The form of a thing with attributes of the same names, but for those in `more`."""
+        return cls.model_validate({name: getattr(thing, name) for name in cls.model_fields if name not in more} | more)
 
 
 class Units(_Strict):
@@ -107,77 +124,37 @@ class Arm(_Strict):
     gravity_in_base_m_s2: Vector
 
 
-class Constant(_Strict):
-    """One at every reading."""
-
-    kind: Literal["Constant"]
-
-
-class Harmonics(_Strict):
-    """cos(k q), sin(k q) of a joint (counted from 1) for each order k."""
-
-    kind: Literal["Harmonics"]
-    joint: Annotated[int, Field(ge=1, le=100)]
-    orders: Annotated[list[Annotated[int, Field(ge=1, le=1000)]], Field(min_length=1, max_length=1000)]
+def _form_of(basis: type[terms.Basis], **fields: Any) -> type[BaseModel]:
+    """The form of a basis: its class as its kind, and the fields of the class, whose types say what they may be."""
+    hints = get_type_hints(basis, include_extras=True)
+    typed = {field.name: (fields.get(field.name, hints[field.name]), ...) for field in dataclasses.fields(basis)}  # type: ignore[arg-type]
+    kind: Any = Literal[basis.__name__]
+    return create_model(basis.__name__, __base__=_Strict, __doc__=inspect.getdoc(basis), kind=(kind, ...), **typed)  # type: ignore[call-overload, no-any-return]
 
 
-class GravityTorque(_Strict):
-    """Torque of the weight outward of a joint about an axis (0, 1, 2) of its place at the nominal pose [N m].
-
-    Joint 0 is the torque of joint 1 on the base, about the axes of place 0, which do not turn with joint 1.
-    """
-
-    kind: Literal["GravityTorque"]
-    joint: Annotated[int, Field(ge=0, le=100)]
-    axis: Annotated[int, Field(ge=0, le=2)]
-
-
-class Temperature(_Strict):
-    """Temperature of a link above 20 degC [K]; one temperature of the arm applies to all links."""
-
-    kind: Literal["Temperature"]
-    link: Annotated[int, Field(ge=0, le=100)]
-
-
-class Direction(_Strict):
-    """Sign of a joint's last movement: -1, 1, or 0 where it is unknown."""
-
-    kind: Literal["Direction"]
-    joint: Annotated[int, Field(ge=1, le=100)]
-
-
-class InSession(_Strict):
-    """One at the readings of the session of that name, else zero."""
-
-    kind: Literal["InSession"]
-    name: Name
-
-
-class Column(_Strict):
-    """A column of the session file, in the unit that its name states."""
-
-    kind: Literal["Column"]
-    name: Name
-
-
-class InducedProcess(_Strict):
-    """Functions that span a Gaussian process over all joints q, from inducing points z: L^-1 k(z, q).
-
-    k is the product over the joints of exp((cos(q - z) - 1) / l^2), of a sliding joint exp(-(q - z)^2 / 2 l^2), with
-    the joint's length scale l; L is the lower Cholesky factor of k among the inducing points, in their order. To the
-    variance along the term's direction add the prior variance times 1 less the sum of the squares of the functions.
-    """
-
-    kind: Literal["InducedProcess"]
-    angles: Annotated[list[Finite], Field(min_length=1, max_length=100_000)]
-    length_scales: Annotated[list[Positive], Field(min_length=1, max_length=100)]
-    sliding: Annotated[list[Annotated[int, Field(ge=1, le=100)]], Field(max_length=100)]
-
-
-Basis = Annotated[
-    Constant | Harmonics | GravityTorque | Temperature | Direction | InSession | Column | InducedProcess,
-    Field(discriminator="kind"),
+# A function of the state as `Expression.as_data` has it.
+_EXPRESSION = {
+    "anyOf": [
+        {"type": "number"},
+        {"type": "array", "prefixItems": [{"enum": [*INPUTS, *OPERATIONS[1:]]}], "minItems": 2},
+    ],
+    "description": "A number, or a list of an operation and what it is of: expressions, of a power also its exponent; "
+    "of an input its joint (from 1; of a torque 0 is the base), link, axis (0, 1, 2), mass in kg or name. Angles q are "
+    "in rad, of sliding joints in mm; torques in N m; temperatures in K above 20 degC; sessions and tips are 1 or 0.",
+}
+ExpressionForm = Annotated[
+    Any, PlainValidator(lambda data: Expression.from_data(data).as_data()), WithJsonSchema(_EXPRESSION)
 ]
+# Bases that readers know by name; any other is written as a Formula.
+NAMED: tuple[type[terms.Basis], ...] = (
+    *(terms.Constant, terms.Harmonics, terms.GravityTorque, terms.Temperature, terms.Direction, terms.InSession),
+    *(terms.Column, terms.InducedProcess),
+)
+_FORMS = (*map(_form_of, NAMED), _form_of(terms.Formula, functions=list[ExpressionForm]))
+if TYPE_CHECKING:
+    Basis = Any
+else:
+    Basis = Annotated[Union[_FORMS], Field(discriminator="kind")]  # noqa: UP007 (a union of what a tuple has)
 
 
 class Term(_Strict):

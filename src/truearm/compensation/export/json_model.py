@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, cast
 
@@ -16,12 +15,11 @@ from truearm.arm.chain import Chain
 from truearm.arm.masses import LinkMasses
 from truearm.arm.nearest_table import drawn_convention, drawn_table
 from truearm.compensation.export import json_document as form
-from truearm.compensation.export.plain_model import loaded_links, unknown_basis
+from truearm.compensation.export.plain_model import expressions_of, loaded_links
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.compensation.models.network import NetworkModel
 from truearm.compensation.models.provenance import stated_text
-from truearm.compensation.models.training_conditions import InputRange
 from truearm.compensation.nets.perceptron import Perceptron
 from truearm.compensation.nets.scaling import MinMaxScaler
 from truearm.compensation.targets.manifest import MARKER, Manifest
@@ -29,7 +27,7 @@ from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.file_reading import read_limited
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
-from truearm.identification.terms import ArmState, Term
+from truearm.identification.terms import ArmState, Formula, Term
 from truearm.identification.terms.gravity import uniform_links
 from truearm.identification.terms.torque import PayloadTorque
 from truearm.readings.readings import PAYLOAD
@@ -37,7 +35,6 @@ from truearm.typing import FloatArray
 
 # The physical model of a robot, 1,400 coefficients, has 10 MB; the manifest is read from files of up to this size.
 MAX_BYTES = 64 * 2**20
-BASES = ("Constant", "Harmonics", "GravityTorque", "Temperature", "Direction", "InSession", "Column", "InducedProcess")
 
 
 def write(model: Compensator, manifest: Manifest, path: str | Path) -> None:
@@ -54,7 +51,7 @@ def write(model: Compensator, manifest: Manifest, path: str | Path) -> None:
     Raises
     ------
     InputError
-        If a term has a basis of its user's own, or the model is larger than `MAX_BYTES`.
+        If a term has a basis without expressions, or the model is larger than `MAX_BYTES`.
     """
     document = document_of(model, manifest).model_dump(mode="json", by_alias=True)
     parts = [f" {json.dumps(key)}: {_layout(value, 2)}" for key, value in document.items() if key != MARKER]
@@ -148,18 +145,14 @@ def _arm_of(model: NetworkModel | IdentifiedModel) -> form.Arm:
         form.Joint(name=name, kind=kind, lower=_finite(lower), upper=_finite(upper), working=float(at))
         for name, kind, (lower, upper), at in zip(arm.joint_names, kinds, arm.limits, arm.working, strict=True)
     ]
-    return form.Arm(
-        name=stated_text(arm.name),
-        title=stated_text(arm.title),
-        serial_number=stated_text(arm.serial_number),
-        source=stated_text(arm.source),
+    return form.Arm.of(
+        links,
+        **{name: stated_text(getattr(arm, name)) for name in ("name", "title", "serial_number", "source")},
         joints=joints,
         chain=_chain_of(arm.chain),
         denavit_hartenberg=_table_of(arm.chain),
         masses_are_known=arm.masses is not None,
-        mass_kg=links.mass_kg.tolist(),
-        centre_in_joint_mm=links.centre_in_joint_mm.tolist(),
-        gravity_in_base_m_s2=state.gravity_in_base.tolist(),
+        gravity_in_base_m_s2=state.gravity_in_base,
     )
 
 
@@ -168,7 +161,7 @@ def _finite(value: float) -> float | None:
 
 
 def _chain_of(chain: Chain) -> form.Chain:
-    return form.Chain(fixed=chain.fixed.tolist(), tip_in_flange_mm=chain.tip_in_flange.tolist())
+    return form.Chain.of(chain, tip_in_flange_mm=chain.tip_in_flange)
 
 
 def _table_of(chain: Chain) -> form.DenavitHartenberg | None:
@@ -176,66 +169,43 @@ def _table_of(chain: Chain) -> form.DenavitHartenberg | None:
         table = drawn_table(chain, drawn_convention(chain))
     except InputError:  # frames that no row describes
         return None
-    return form.DenavitHartenberg(
-        convention=table.convention,
-        a_mm=table.a.tolist(),
-        d_mm=table.d.tolist(),
-        alpha_rad=table.alpha.tolist(),
-        theta_rad=table.theta.tolist(),
-        beta_rad=table.beta.tolist(),
-        b_mm=table.b.tolist(),
-        base=table.base.tolist(),
-        flange=table.flange.tolist(),
-        tip_mm=table.tip_in_flange.tolist(),
-    )
+    with_unit = {"a_mm": table.a, "d_mm": table.d, "alpha_rad": table.alpha, "theta_rad": table.theta}
+    with_unit |= {"beta_rad": table.beta, "b_mm": table.b, "tip_mm": table.tip_in_flange}
+    return form.DenavitHartenberg.of(table, **with_unit)
 
 
 def _identified_of(model: IdentifiedModel) -> form.Identified:
-    fit, share = model.fit_, model.variance_function_
-    of_coefficients = [term.basis for term in fit.perturbed_chain.terms for _ in range(term.n_coefficients)]
-    kept = [i for i, basis in enumerate(of_coefficients) if not isinstance(basis, PayloadTorque)]
+    fit, start = model.fit_, 0
+    terms: list[form.Term] = []
+    kept: list[int] = []
+    uncertainties = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
+    for term in fit.perturbed_chain.terms:
+        rows = range(start, start + term.n_coefficients)
+        start = rows.stop
+        if isinstance(term.basis, PayloadTorque):  # zero at the payload of the training
+            continue
+        kept += rows
+        is_named = isinstance(term.basis, form.NAMED)
+        terms.append(
+            form.Term.of(
+                term,
+                basis=(term.basis if is_named else Formula(expressions_of(term.basis))).as_data(),
+                functions=term.basis.labels(),
+                coefficients=fit.coefficients[rows],
+                standard_uncertainties=uncertainties[rows],
+                prior_standard_deviations=fit.prior_std[rows],
+                prior_is_scaled_by_evidence=term.learn,
+            )
+        )
     return form.Identified(
         chain=_chain_of(fit.perturbed_chain.chain),
-        terms=list(_terms_of(model)),
-        covariance=form.symmetric_matrix(fit.covariance[kept][:, kept]),
+        terms=terms,
+        covariance=form.symmetric_matrix(fit.covariance[np.ix_(kept, kept)]),
         residual_standard_deviation_mm=model.residual_std_,
-        variance_function=form.VarianceFunction(
-            centre=share.centre.tolist(),
-            spread=share.spread.tolist(),
-            slope=share.slope.tolist(),
-            curvature=share.curvature.tolist(),
-            mean=share.mean,
-        ),
+        variance_function=form.VarianceFunction.of(model.variance_function_),
         birge_ratio=model.birge_ratio_,
         skipped_terms={skipped.name: skipped.reason for skipped in model.excluded_terms_},
     )
-
-
-def _terms_of(model: IdentifiedModel) -> Iterator[form.Term]:
-    fit, start = model.fit_, 0
-    uncertainties = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
-    for term in fit.perturbed_chain.terms:
-        rows = slice(start, start + term.n_coefficients)
-        start += term.n_coefficients
-        if isinstance(term.basis, PayloadTorque):  # zero at the payload of the training
-            continue
-        data = term.as_data()
-        if data["basis"]["kind"] not in BASES:
-            raise unknown_basis(term.basis)
-        yield form.Term.model_validate(
-            {
-                "name": term.name,
-                "place": term.place,
-                "direction": data["direction"],
-                "basis": data["basis"],
-                "group": term.group,
-                "functions": list(term.basis.labels()),
-                "coefficients": fit.coefficients[rows].tolist(),
-                "standard_uncertainties": uncertainties[rows].tolist(),
-                "prior_standard_deviations": fit.prior_std[rows].tolist(),
-                "prior_is_scaled_by_evidence": term.learn,
-            }
-        )
 
 
 def _network_of(model: NetworkModel) -> form.Network:
@@ -246,36 +216,28 @@ def _network_of(model: NetworkModel) -> form.Network:
         )
         for member in model.members_
     ]
-    joints, points = model.angle_scale_, model.point_scale_
     return form.Network(
         activations=cast(Any, [*model.network_.hidden, "purelin"]),
-        joint_range=form.Range(lower=joints.lower.tolist(), upper=joints.upper.tolist()),
-        point_range_mm=form.Range(lower=points.lower.tolist(), upper=points.upper.tolist()),
+        joint_range=form.Range.of(model.angle_scale_),
+        point_range_mm=form.Range.of(model.point_scale_),
         members=members,
         residual_covariance_mm2=model.residual_covariance_.tolist(),
     )
 
 
 def _training_of(model: Compensator) -> form.Training:
-    training = model.training_
-    temperature = training.temperature_degC
-    return form.Training(
-        n_readings=training.n_readings,
-        joint_ranges=training.angle_ranges.tolist(),
+    training, stated = model.training_, form.StatedInput.of
+    return form.Training.of(
+        training,
+        joint_ranges=training.angle_ranges,
         joint_gaps=[
-            form.Gap(joint=int(joint) + 1, lower=float(lower), upper=float(upper))
-            for joint, lower, upper in training.angle_gaps
+            form.Gap(joint=int(joint) + 1, lower=lower, upper=upper) for joint, lower, upper in training.angle_gaps
         ],
-        temperature_degC=None if temperature is None else _stated(temperature),
-        columns={name: _stated(values) for name, values in training.columns.items()},
-        has_directions=training.has_directions,
-        free_parts=cast(Any, list(model.free_)),
+        temperature_degC=None if training.temperature_degC is None else stated(training.temperature_degC),
+        columns={name: stated(values) for name, values in training.columns.items()},
+        free_parts=model.free_,
         readings_sha256=training.fingerprint,
     )
-
-
-def _stated(values: InputRange) -> form.StatedInput:
-    return form.StatedInput(mean=values.mean, variance=values.variance, lower=values.lower, upper=values.upper)
 
 
 def _layout(value: object, indent: int) -> str:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import reduce
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -21,13 +22,14 @@ import numpy.typing as npt
 
 from truearm import __version__
 from truearm.arm.chain import Chain
-from truearm.compensation.export.plain_model import BasisFunction, PlainModel, plain_model
+from truearm.compensation.export.plain_model import ONE, PlainModel, plain_model
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.network import NetworkModel
 from truearm.compensation.targets.manifest import MARKER, Manifest
 from truearm.errors import InputError, MissingTool
 from truearm.files.atomic_write import atomic_file
 from truearm.files.file_reading import read_limited
+from truearm.identification.terms import Expression
 from truearm.identification.terms.thermal import link_vectors
 from truearm.readings.thermal_expansion import REFERENCE_DEGC
 from truearm.typing import FloatArray
@@ -71,7 +73,7 @@ def write(model: Compensator, manifest: Manifest, path: str | Path) -> None:
     MissingTool
         If the package onnx is not installed.
     InputError
-        If a term has a basis of its user's own.
+        If a term has a basis without expressions.
     """
     onnx = _package("onnx")
     graph = _Graph(onnx.helper, model.arm_.n_joints)
@@ -273,13 +275,15 @@ class _ChainGraph:
         turning = np.flatnonzero(~plain.chain.is_prismatic).tolist()
         self.cos = {i: graph.node("Cos", self.q[i]) for i in turning}
         self.sin = {i: graph.node("Sin", self.q[i]) for i in turning}
+        pairs = {function.harmonic for function in plain.functions} - {None}
         self.orders = {
-            joint: sorted({f.order for f in plain.functions if f.order and f.joint == joint})
+            joint: sorted(pair[1] for pair in pairs if pair and pair[0] == joint)
             for joint in range(1, plain.n_joints + 1)
         }
         self.harmonics = {joint: self._harmonics(joint, orders) for joint, orders in self.orders.items() if orders}
         self.torques = self._torques()
         self.states = self._states()
+        self.formulas: dict[Expression, str] = {}
 
     def tip(self) -> str:
         """(3, n) tips."""
@@ -343,7 +347,8 @@ class _ChainGraph:
         if not blocks:
             return None
         # A state may have one column for all poses; what follows from the joints has one for each.
-        wide = [name for name in blocks if name not in self.states.values()]
+        narrow = {*self.states.values(), *(node for one, node in self.formulas.items() if not _is_of_joints(one))}
+        wide = [name for name in blocks if name not in narrow]
         parts = [graph.node("MatMul", graph.constant(blocks[name]), name) for name in blocks if name not in wide]
         if wide:
             values = wide[0] if len(wide) == 1 else graph.node("Concat", *wide, axis=0)
@@ -357,31 +362,55 @@ class _ChainGraph:
         blocks: dict[str, FloatArray] = {}
         for row in np.flatnonzero(self.plain.place == place).tolist():
             function = self.plain.functions[row]
-            if function.kind != "constant":
+            if function != ONE:
                 name, at, n_rows = self._function_row(function)
                 blocks.setdefault(name, np.zeros((6, n_rows)))[:, at] += self.plain.motion_by_function[row]
         return blocks
 
     def _offset(self, place: int) -> FloatArray:
         """(6,) constant part of the motion of a place."""
-        constant = np.array([f.kind == "constant" for f in self.plain.functions], dtype=bool)
+        constant = np.array([function == ONE for function in self.plain.functions], dtype=bool)
         return np.asarray(self.plain.motion_by_function[constant & (self.plain.place == place)].sum(axis=0))
 
-    def _function_row(self, function: BasisFunction) -> tuple[str, int, int]:
+    def _function_row(self, function: Expression) -> tuple[str, int, int]:
         """The node that has a function, its row there, and the number of rows."""
-        joint = function.joint
-        match function.kind:
-            case "cos" | "sin":
-                orders = self.orders[joint]
-                at = orders.index(function.order) + (len(orders) if function.kind == "sin" else 0)
-                return self.harmonics[joint], at, 2 * len(orders)
-            case "gravity":
-                return self.torques[joint], function.axis, 3
+        of = function.arguments
+        if (pair := function.harmonic) is not None:
+            orders = self.orders[pair[0]]
+            at = orders.index(pair[1]) + (len(orders) if function.operation == "sin" else 0)
+            return self.harmonics[pair[0]], at, 2 * len(orders)
+        match function.operation:
+            case "gravity torque":
+                return self.torques[of[0]], of[1], 3
             case "direction":
-                return self.states["directions"], joint - 1, self.plain.n_joints
+                return self.states["directions"], of[0] - 1, self.plain.n_joints
             case "column":
-                return self.states[function.column], 0, 1
-        return self.states["temperature_degC"], 0, 1
+                return self.states[of[0]], 0, 1
+            case "temperature":
+                return self.states["temperature_degC"], 0, 1
+        if function not in self.formulas:
+            self.formulas[function] = self._formula(function)
+        return self.formulas[function], 0, 1
+
+    def _formula(self, expression: Expression) -> str:
+        """(1, n) values of an expression."""
+        graph, of = self.graph, expression.arguments
+        parts = [self._formula(one) for one in of if isinstance(one, Expression)]
+        match expression.operation:
+            case "number":
+                return graph.constant([[of[0]]])
+            case "angle":
+                return self.q[of[0] - 1]
+            case "sum":
+                return graph.sum(*parts)
+            case "product":
+                return str(reduce(graph.product, parts))
+            case "power":
+                return str(reduce(graph.product, parts * of[1]))
+            case "cos" | "sin":
+                return graph.node(expression.operation.capitalize(), parts[0])
+        name, at, n_rows = self._function_row(expression)
+        return name if n_rows == 1 else graph.rows(name, [at])
 
     def _harmonics(self, joint: int, orders: list[int]) -> str:
         """(2 n_orders, n) cosines, then sines."""
@@ -401,7 +430,7 @@ class _ChainGraph:
             doc = "-1 or 1, the sign of each joint's last movement, 0 where it is unknown; by default 0"
             name = graph.input("directions", (None, self.plain.n_joints), doc, np.zeros((1, self.plain.n_joints)))
             nodes[name] = graph.node("Transpose", name, perm=[1, 0])
-        for column in sorted({f.column for f in self.plain.functions if f.column}):
+        for column in self.plain.columns():
             mean = np.array([training.columns[column].mean])
             name = graph.input(column, [None], "in the unit of its name; by default the mean of the training", mean)
             nodes[name] = graph.row(name)
@@ -410,7 +439,7 @@ class _ChainGraph:
     def _torques(self) -> dict[int, str]:
         """(3, n) gravity torques [N m] at the nominal pose, by joint; 0 is the base. As `gravity_loads` has them."""
         graph, plain, chain = self.graph, self.plain, self.plain.nominal_chain
-        used = {f.joint for f in plain.functions if f.kind == "gravity"}
+        used = {one.arguments[0] for one in plain.inputs if one.operation == "gravity torque"}
         if not used:
             return {}
         n = chain.n_joints
@@ -443,6 +472,10 @@ class _ChainGraph:
             if chain.is_prismatic[0]:
                 torques[0] = torques[1]
         return torques
+
+
+def _is_of_joints(expression: Expression) -> bool:
+    return any(one.operation in ("angle", "gravity torque") for one in expression.inputs)
 
 
 def _network_tip(graph: _Graph, model: NetworkModel) -> str:

@@ -7,8 +7,6 @@ the sum of its functions' values times their rows of `motion_by_function`; it tu
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Literal
 
 import numpy as np
 
@@ -19,48 +17,17 @@ from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.compensation.models.training_conditions import TrainingConditions
 from truearm.errors import InputError
 from truearm.identification.estimation.residual_variance import VarianceFunction
-from truearm.identification.terms import Term
-from truearm.identification.terms.basis import Basis, Column, Constant, Direction, Harmonics, InSession, Temperature
+from truearm.identification.terms import Basis, Expression, Temperature, Term
 from truearm.identification.terms.gravity import uniform_links
-from truearm.identification.terms.kernel import InducedProcess
 from truearm.identification.terms.thermal import link_vectors
-from truearm.identification.terms.torque import GravityTorque, PayloadTorque
 from truearm.readings.readings import PAYLOAD
 from truearm.readings.session import Session
 from truearm.solve.square_roots import covariance_factor
 from truearm.typing import FloatArray, IntArray
 
-# Functions that are zero in the first session and at the payload of the training.
-NOT_EXPORTED = (InSession, PayloadTorque)
-
-FunctionKind = Literal["constant", "cos", "sin", "gravity", "temperature", "direction", "column"]
-
-
-@dataclass(frozen=True)
-class BasisFunction:
-    """One scalar function of the arm's state.
-
-    Attributes
-    ----------
-    kind : FunctionKind
-        ``cos`` and ``sin`` of ``order * q[joint]``; ``gravity`` torque [N m] at `joint` about `axis` of its place
-        (joint 0: torque of joint 1 on the base, about the axes of place 0); ``temperature`` of a link above 20 degC
-        [K]; ``direction`` of a joint's last movement, -1 to 1; a ``column`` of the session in its own unit.
-    joint : int
-        Counted from 1; of a temperature the link (0 is the stand); 0 where there is none.
-    order : int
-        Of a harmonic.
-    axis : int
-        0, 1, 2 for x, y, z, of a gravity torque.
-    column : str
-        Name of the session's column.
-    """
-
-    kind: FunctionKind
-    joint: int = 0
-    order: int = 0
-    axis: int = 0
-    column: str = ""
+# Inputs that are zero in the first session, of the model's one tip, and at the payload of the training.
+ZERO = {"session": 0.0, "tip": 0.0, "payload torque": 0.0}
+ONE = Expression.number(1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,14 +44,16 @@ class PlainModel:
         Masses of the links and their centres along the axes of their places.
     gravity_in_base : (3,) array
         Acceleration of free fall along the axes of the nominal arm's base frame [m/s^2].
-    functions : tuple of BasisFunction
-        Place by place; the same function may act at several places.
+    functions : tuple of Expression
+        Place by place; the same function may act at several places. Those of constants are `ONE`.
     place : (n_functions,) int array
         Where each acts, rising: 0 the base, i joint i, n_joints + 1 the tip.
     motion_by_function : (n_functions, 6) array
         Rotation vector [rad] and translation [mm] along the place's axes, by unit of the function.
+    coefficients : (p,) int array
+        The uncertain coefficients among those of the fit.
     coefficient_function : (p,) int array
-        The function of each uncertain coefficient.
+        The function of each.
     coefficient_direction : (p, 6) array
         Its direction: how the motion at the function's place changes by the coefficient and the function's value.
     covariance_root : (p, p) array
@@ -94,6 +63,8 @@ class PlainModel:
     variance_function : VarianceFunction
         Share of its square at given angles.
     training : TrainingConditions
+    grows : bool
+        Whether terms describe the growth of the links by temperature.
     reference_chain : Chain
         The nominal arm with base and tip identified from the same readings: the controller's view.
     lower, upper : (n_joints,) array
@@ -105,15 +76,17 @@ class PlainModel:
     mass_kg: FloatArray
     centre_in_joint_mm: FloatArray
     gravity_in_base: FloatArray
-    functions: tuple[BasisFunction, ...]
+    functions: tuple[Expression, ...]
     place: IntArray
     motion_by_function: FloatArray
+    coefficients: IntArray
     coefficient_function: IntArray
     coefficient_direction: FloatArray
     covariance_root: FloatArray
     residual_std_mm: float
     variance_function: VarianceFunction
     training: TrainingConditions
+    grows: bool
     reference_chain: Chain
     lower: FloatArray
     upper: FloatArray
@@ -123,18 +96,18 @@ class PlainModel:
         """Number of joints."""
         return self.chain.n_joints
 
-    @cached_property
-    def highest_orders(self) -> IntArray:
-        """(n_joints,) highest order of the harmonics of each joint; 0 without."""
-        out = np.zeros(self.n_joints, dtype=np.intp)
-        for function in self.functions:
-            if function.order:
-                out[function.joint - 1] = max(out[function.joint - 1], function.order)
-        return out
+    def columns(self) -> list[str]:
+        """Columns of a session that functions depend on."""
+        return sorted(one.arguments[0] for one in self.inputs if one.operation == "column")
 
-    def uses(self, kind: FunctionKind) -> bool:
-        """Whether a function of this kind is among the model's."""
-        return any(function.kind == kind for function in self.functions)
+    def uses(self, kind: str) -> bool:
+        """Whether a function depends on an input of this kind."""
+        return any(one.operation == kind for one in self.inputs)
+
+    @property
+    def inputs(self) -> frozenset[Expression]:
+        """The inputs of all functions."""
+        return frozenset().union(*(function.inputs for function in self.functions))
 
 
 def plain_model(model: Compensator) -> PlainModel:
@@ -143,8 +116,8 @@ def plain_model(model: Compensator) -> PlainModel:
     Raises
     ------
     InputError
-        If the model is a network, depends on a payload that varied in its training, or has terms of a basis of its
-        user's own.
+        If the model is a network, depends on a payload that varied in its training, or has terms of a basis without
+        expressions.
     """
     if not isinstance(model, IdentifiedModel):
         raise InputError(
@@ -154,7 +127,7 @@ def plain_model(model: Compensator) -> PlainModel:
     fit, arm = model.fit_, model.arm_
     state = model.state(Session(np.zeros((1, arm.n_joints))))
     links = loaded_links(model)
-    rows: dict[tuple[int, BasisFunction], int] = {}
+    rows: dict[tuple[int, Expression], int] = {}
     entries = list(_entries(fit.perturbed_chain.terms))
     for place, function, _, _ in sorted(entries, key=lambda entry: entry[0]):
         rows.setdefault((place, function), len(rows))
@@ -165,12 +138,10 @@ def plain_model(model: Compensator) -> PlainModel:
         motions[row] += fit.coefficients[column] * np.array(direction)
         function_of.append(row)
         directions.append(direction)
-    if unknown := sorted({function.column for _, function in rows} - {"", *model.training_.columns}):
-        raise InputError(f"the model has terms of a column that its training does not state: {unknown[0][:40]!r}")
     columns = np.array([column for *_, column in entries], dtype=np.intp)
     uncertain = fit.covariance.diagonal()[columns] > 0
     kept = columns[uncertain]
-    return PlainModel(
+    plain = PlainModel(
         chain=fit.perturbed_chain.chain,
         nominal_chain=state.chain,
         mass_kg=links.mass_kg,
@@ -179,16 +150,21 @@ def plain_model(model: Compensator) -> PlainModel:
         functions=tuple(function for _, function in rows),
         place=np.array([place for place, _ in rows], dtype=np.intp),
         motion_by_function=motions,
+        coefficients=kept,
         coefficient_function=np.array(function_of, dtype=np.intp)[uncertain],
         coefficient_direction=np.array(directions, dtype=float).reshape(-1, 6)[uncertain],
         covariance_root=covariance_factor(fit.covariance[np.ix_(kept, kept)]),
         residual_std_mm=model.residual_std_,
         variance_function=model.variance_function_,
         training=model.training_,
+        grows=any(isinstance(term.basis, Temperature) for term in fit.perturbed_chain.terms),
         reference_chain=model.nominal_.chain,
         lower=arm.limits[:, 0],
         upper=arm.limits[:, 1],
     )
+    if unknown := sorted(set(plain.columns()) - set(model.training_.columns)):
+        raise InputError(f"the model has terms of a column that its training does not state: {unknown[0][:40]!r}")
+    return plain
 
 
 def loaded_links(model: IdentifiedModel) -> LinkMasses:
@@ -202,8 +178,9 @@ def loaded_links(model: IdentifiedModel) -> LinkMasses:
     state, terms = model.state(Session(np.zeros((1, model.arm_.n_joints)))), model.fit_.perturbed_chain.terms
     links = uniform_links(state.chain, kg_per_m=1.0) if state.links is None else state.links
     known = model.training_.columns.get(PAYLOAD)
-    differences_from = {term.basis.from_kg for term in terms if isinstance(term.basis, PayloadTorque)}
-    by_gravity = state.links is not None and any(isinstance(term.basis, GravityTorque) for term in terms)
+    inputs = {one for term in terms for function in term.basis.expressions() or () for one in function.inputs}
+    differences_from = {one.arguments[2] for one in inputs if one.operation == "payload torque"}
+    by_gravity = state.links is not None and any(one.operation == "gravity torque" for one in inputs)
     if known is None or not (by_gravity or differences_from):
         return links
     kg = known.mean
@@ -220,42 +197,38 @@ def loaded_links(model: IdentifiedModel) -> LinkMasses:
     return LinkMasses(mass, centre)
 
 
-def unknown_basis(basis: Basis) -> InputError:
-    """That no format has the functions of a basis."""
-    return InputError(
-        f"the model has terms of the basis {type(basis).__name__}, which no export format contains",
-        hint="export the kinematic model of the same readings",
-    )
+def expressions_of(basis: Basis) -> tuple[Expression, ...]:
+    """What the functions of a basis are.
+
+    Raises
+    ------
+    InputError
+        If the basis does not say it.
+    """
+    expressions = basis.expressions()
+    if expressions is None and basis.is_approximate:
+        raise InputError(
+            "the model has a residual process, which of the formats of a whole model only JSON contains",
+            hint="export it as JSON, or fit the model without: --no-residual-process",
+        )
+    if expressions is None:
+        raise InputError(
+            f"the model has terms of the basis {type(basis).__name__}, which does not say what its functions are",
+            hint="give the basis a method expressions (see docs/terms.md), or export a model without these terms",
+        )
+    return expressions
 
 
-def _entries(terms: tuple[Term, ...]) -> list[tuple[int, BasisFunction, tuple[float, ...], int]]:
-    """Place, function, direction and coefficient, one for each function of each exported term."""
+def _entries(terms: tuple[Term, ...]) -> list[tuple[int, Expression, tuple[float, ...], int]]:
+    """Place, function, direction and coefficient, one for each function of each term that is not zero throughout."""
     entries, start = [], 0
     for term in terms:
-        if not isinstance(term.basis, NOT_EXPORTED):
-            for k, function in enumerate(_functions(term.basis)):
-                entries.append((term.place, function, term.direction, start + k))
+        for k, expression in enumerate(expressions_of(term.basis)):
+            function, direction = expression.with_inputs(ZERO), term.direction
+            if function.value is not None:
+                direction = tuple(function.value * share for share in direction)
+                function = ONE
+            if any(direction):
+                entries.append((term.place, function, direction, start + k))
         start += term.n_coefficients
     return entries
-
-
-def _functions(basis: Basis) -> list[BasisFunction]:
-    match basis:
-        case Constant():
-            return [BasisFunction("constant")]
-        case Harmonics():
-            return [BasisFunction(kind, basis.joint, order=k) for k in basis.orders for kind in ("cos", "sin")]
-        case GravityTorque():
-            return [BasisFunction("gravity", basis.joint, axis=basis.axis)]
-        case Temperature():
-            return [BasisFunction("temperature", basis.link)]
-        case Direction():
-            return [BasisFunction("direction", basis.joint)]
-        case Column():
-            return [BasisFunction("column", column=basis.name)]
-        case InducedProcess():
-            raise InputError(
-                "the model has a residual process, which of the formats of a whole model only JSON contains",
-                hint="export it as JSON, or fit the model without: --no-residual-process",
-            )
-    raise unknown_basis(basis)

@@ -10,14 +10,13 @@ tabulated over its angle, fitted to what remains, and the tip one of its own alo
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
 from scipy.sparse import csr_array, hstack
 from scipy.sparse.linalg import lsqr
 
-from truearm.compensation.export.plain_model import NOT_EXPORTED, PlainModel
+from truearm.compensation.export.plain_model import PlainModel
 from truearm.compensation.export.value_tables import CovarianceRows, Run, ValueLayout, runs_of
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.compensation.models.training_conditions import InputRange
@@ -157,7 +156,7 @@ class _Poses:
 
     @classmethod
     def of(cls, model: IdentifiedModel, plain: PlainModel, state: ArmState) -> _Poses:
-        n, kept, p = len(state), _coefficients(model), plain.covariance_root.shape[1]
+        n, kept, p = len(state), plain.coefficients, plain.covariance_root.shape[1]
         root = plain.covariance_root.T.astype(np.float32)
         spread, squares = np.empty((n, 3, len(root.T)), dtype=np.float32), np.zeros(p)
         for rows, _, columns in model.fit_.perturbed_chain.derivatives(state, model.fit_.coefficients):
@@ -327,13 +326,3 @@ def _rounded(
         remainder=remainder,
         largest_error=error,
     )
-
-
-def _coefficients(model: IdentifiedModel) -> IntArray:
-    """The coefficients of `PlainModel.covariance_root` among those of the fit."""
-    fit = model.fit_
-    starts = np.cumsum([0, *(term.n_coefficients for term in fit.perturbed_chain.terms)])
-    of_model = np.zeros(fit.perturbed_chain.n_coefficients, dtype=bool)
-    for term, (first, stop) in zip(fit.perturbed_chain.terms, pairwise(starts), strict=True):
-        of_model[first:stop] = not isinstance(term.basis, NOT_EXPORTED)
-    return np.flatnonzero(of_model & (fit.covariance.diagonal() > 0))

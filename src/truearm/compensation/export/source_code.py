@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import re
+import shutil
 import string
+import subprocess
 from collections.abc import Callable, Sequence
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import jinja2
 import numpy as np
@@ -15,15 +18,17 @@ from scipy.spatial.transform import Rotation
 from truearm.arm.chain import Chain
 from truearm.compensation.export.plain_model import PlainModel, plain_model
 from truearm.compensation.export.reduced_covariance import ReducedCovariance, reduced_covariance
-from truearm.compensation.export.value_tables import ValueTables
+from truearm.compensation.export.value_tables import ValueLayout, ValueTables
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.compensation.models.training_conditions import MOST_TURNS, TEMPERATURE_TOLERANCE_K
 from truearm.compensation.targets.configuration import MAX_CONDITION
 from truearm.compensation.targets.correction import CORRECTION_STEPS, MAX_CORRECTION, usual_change
 from truearm.compensation.targets.inverse import TOLERANCE_MM, TOLERANCE_RAD
-from truearm.compensation.targets.manifest import Manifest
-from truearm.errors import InputError
+from truearm.compensation.targets.manifest import Manifest, read_manifest
+from truearm.errors import InputError, MissingTool
+from truearm.files.atomic_write import atomic_file
+from truearm.identification.terms import Expression
 from truearm.identification.terms.thermal import UNKNOWN_MATERIAL, link_vectors
 from truearm.readings.checks import LIMIT_TOLERANCE, MAX_ANGLE
 from truearm.readings.readings import COLDEST_DEGC, LARGEST_LOAD, WARMEST_DEGC
@@ -54,27 +59,40 @@ RULES = {
 }
 
 
+# A compiler needs seconds for a file of 2 MB.
+MAX_SECONDS = 300
+
+
+class Language(NamedTuple):
+    """A language: its template in the folder ``templates``, and how it writes lists, joint angles and functions."""
+
+    template: str
+    brackets: str
+    angle: str
+    function: str
+
+
 class Code(str):
     """Text that a template prints as it is: code that truearm has made, no text from a model file."""
 
 
-def source_of(model: Compensator, manifest: Manifest, template: str, brackets: str) -> str:
-    """Source code of an identified model.
+def write_source(model: Compensator, manifest: Manifest, path: str | Path, language: Language) -> None:
+    """Write a model as source code that needs no other file.
 
     Parameters
     ----------
     model : Compensator
-        Nominal, kinematic or physical.
+        Fitted: a nominal, kinematic or physical model.
     manifest : Manifest
-    template : str
-        Its name in the folder ``templates``.
-    brackets : str
-        Opening and closing bracket of a list of numbers in the language.
+        Goes into the first comment; its check poses are in a function of the file.
+    path : path
+        Written whole or not at all.
+    language : Language
 
     Raises
     ------
     InputError
-        If the model is a network, or has terms of a basis of its user's own.
+        If the model is a network, or has terms of a basis without expressions.
     """
     if not isinstance(model, IdentifiedModel):
         raise InputError(
@@ -93,15 +111,58 @@ def source_of(model: Compensator, manifest: Manifest, template: str, brackets: s
         autoescape=False,  # noqa: S701 (source code: `_printed` escapes all that is not `Code`)
         finalize=_printed,
     )
-    environment.filters |= {"number": number, "table": _table_filter(brackets)}
+    environment.filters |= {"number": number, "table": _table_filter(language.brackets)}
     origin = {"manifest": _in_comment(manifest.line()), "sha256": manifest.provenance.model_sha256}
     checks = {"check_joints": manifest.joints.tolist(), "check_tips": manifest.tips.tolist()}
     usual = {
         "usual_command": usual_change(model, direction="command").T.tolist(),
         "usual_feedback": usual_change(model, direction="feedback").T.tolist(),
     }
-    context = RULES | origin | checks | usual | _mean(plain, values) | _uncertainty(plain, covariance)
-    return environment.get_template(template).render(context)
+    formulas = {"formulas": [[at, _code(one, values.layout, language)] for one, at in values.layout.formulas.items()]}
+    context = RULES | origin | checks | usual | _mean(plain, values) | _uncertainty(plain, covariance) | formulas
+    text = environment.get_template(language.template).render(context)
+    with atomic_file(path) as beside:
+        beside.write_text(text, encoding="ascii")
+
+
+def joints_of_file(path: str | Path, joints: npt.ArrayLike) -> FloatArray:
+    """Joints (n, n_joints) for a written file.
+
+    Raises
+    ------
+    InputError
+        If truearm did not write the file, or it is of another number of joints.
+    """
+    checked = np.ascontiguousarray(joints, dtype=float)
+    n_joints = len(read_manifest(path).provenance.joint_names)
+    if checked.ndim != 2 or checked.shape[1] != n_joints:
+        raise InputError(f"expected joints of shape (n, {n_joints}), got {checked.shape}", file=path)
+    return checked
+
+
+def run_tool(program: str, name: str, package: str, arguments: Sequence[str], path: str | Path, text: str = "") -> str:
+    """What a compiler or interpreter prints of a written file.
+
+    Raises
+    ------
+    MissingTool
+        If it is not installed.
+    InputError
+        If it refuses the file, or does not finish.
+    """
+    tool = shutil.which(program)
+    if tool is None:
+        raise MissingTool(f"such a file is checked with {name}, which is not installed", hint=f"apt install {package}")
+    try:
+        done = subprocess.run(  # noqa: S603
+            [tool, *arguments], input=text, capture_output=True, text=True, timeout=MAX_SECONDS, check=False
+        )
+    except subprocess.TimeoutExpired:
+        raise InputError(f"{name} did not finish the file in {MAX_SECONDS} s", file=path) from None
+    if done.returncode:
+        first = next((line for line in done.stderr.splitlines() if "error" in line.lower()), done.stderr[:200])
+        raise InputError(f"{name} refuses the file: {first}", file=path)
+    return done.stdout
 
 
 def _mean(plain: PlainModel, values: ValueTables) -> dict[str, Any]:
@@ -131,7 +192,7 @@ def _mean(plain: PlainModel, values: ValueTables) -> dict[str, Any]:
             [known.mean, known.std, known.lower, known.upper] for known in map(training.columns.__getitem__, names)
         ],
         "layout": layout,
-        "uses_harmonics": plain.uses("cos") or plain.uses("sin"),
+        "uses_harmonics": any(layout.highest) or bool(layout.further),
         "harmonics": [list(pair) for pair in zip(layout.harmonics, layout.highest, strict=True)],
         "further": [
             [joint, order, first, layout.first_of_order.get((joint, order / 2), -1)]
@@ -140,7 +201,7 @@ def _mean(plain: PlainModel, values: ValueTables) -> dict[str, Any]:
         "constant": values.constant_motions.tolist(),
         "runs": [list(run) for run in values.runs],
         "weights": values.weights.tolist(),
-        "uses_gravity": plain.uses("gravity"),
+        "uses_gravity": plain.uses("gravity torque"),
         "link_fixed": _rows(plain.nominal_chain),
         "load": values.load.tolist(),
         "mass_outward": values.mass_outward.tolist(),
@@ -158,7 +219,7 @@ def _uncertainty(plain: PlainModel, covariance: ReducedCovariance) -> dict[str, 
         "residual_variance": plain.residual_std_mm**2,
         "variance_share": np.stack([share.centre, share.spread, share.slope, share.curvature], axis=1).tolist(),
         "variance_share_mean": share.mean,
-        "expands": not plain.uses("temperature"),
+        "expands": not plain.grows,
         "links": link_vectors(plain.nominal_chain).tolist(),
         "expansion": UNKNOWN_MATERIAL.own_per_K,
         "common_expansion": UNKNOWN_MATERIAL.common_per_K / UNKNOWN_MATERIAL.own_per_K,
@@ -195,6 +256,24 @@ def macros_of(names: Sequence[str]) -> dict[str, Code]:
             macro, count = f"{_as_macro(name)}_{count}", count + 1
         macros[name] = Code(macro)
     return macros
+
+
+def _code(expression: Expression, layout: ValueLayout, language: Language) -> Code:
+    """An expression in the language, of angles and of values that stand before it."""
+    of = expression.arguments
+    parts = [_code(one, layout, language) for one in of if isinstance(one, Expression)]
+    match expression.operation:
+        case "number":
+            return Code(f"({number(float(of[0]))})")
+        case "angle":
+            return Code(language.angle.format(of[0] - 1))
+        case "sum" | "product":
+            return Code("(" + (" + " if expression.operation == "sum" else " * ").join(parts) + ")")
+        case "power":
+            return Code(f"{language.function}pow({parts[0]}, {of[1]})")
+        case "cos" | "sin":
+            return Code(f"{language.function}{expression.operation}({parts[0]})")
+    return Code(f"value[{layout.index(expression)}]")
 
 
 def _as_macro(name: str) -> str:

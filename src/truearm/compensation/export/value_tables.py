@@ -2,8 +2,8 @@
 
 All basis functions of an arm's state are values of one vector, each computed once whatever the places that it acts at:
 first the one of the constants, then temperature, directions, columns, gravity torques, and by joint the harmonics
-``cos k q, sin k q`` of orders 1 to K (by addition theorems) and some higher ones. A component of a place's motion is
-then a sum over runs of neighbouring values.
+``cos k q, sin k q`` of orders 1 to K (by addition theorems) and some higher ones; last all other functions, written out
+as their expressions. A component of a place's motion is then a sum over runs of neighbouring values.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from truearm.compensation.export.plain_model import BasisFunction, PlainModel
+from truearm.compensation.export.plain_model import ONE, PlainModel
+from truearm.identification.terms import Expression
 from truearm.identification.terms.thermal import link_vectors
 from truearm.typing import FloatArray
 
@@ -55,6 +56,8 @@ class ValueLayout:
         The highest of them; 0 where there are none.
     further : tuple of (int, int, int)
         Joint (counted from 0), order and first value of the orders above.
+    formulas : dict of Expression to int
+        All other functions and their values.
     n_values : int
     """
 
@@ -67,22 +70,25 @@ class ValueLayout:
     harmonics: tuple[int, ...]
     highest: tuple[int, ...]
     further: tuple[tuple[int, int, int], ...]
+    formulas: dict[Expression, int]
     n_values: int
 
     @classmethod
-    def of(cls, functions: Iterable[BasisFunction], n_joints: int) -> ValueLayout:
+    def of(cls, functions: Iterable[Expression], n_joints: int) -> ValueLayout:
         """Layout of distinct functions."""
-        distinct = set(functions)
-        kinds = {function.kind for function in distinct}
-        columns = tuple(sorted({function.column for function in distinct if function.kind == "column"}))
-        sizes = {"temperature": 1, "direction": n_joints, "column": len(columns), "gravity": 3 * (n_joints + 1)}
+        distinct = list(dict.fromkeys(functions))
+        inputs = {one for function in distinct for one in function.inputs}
+        kinds = {one.operation for one in inputs}
+        columns = tuple(sorted(one.arguments[0] for one in inputs if one.operation == "column"))
+        sizes = {"temperature": 1, "direction": n_joints, "column": len(columns), "gravity torque": 3 * (n_joints + 1)}
         first, size = {}, 1
         for kind, count in sizes.items():
-            first[kind] = size if kind in kinds else -1
+            first[kind.removesuffix(" torque")] = size if kind in kinds else -1
             size += count if kind in kinds else 0
         harmonics, highest, further = [], [], []
+        pairs = {function.harmonic for function in distinct}
         for joint in range(n_joints):
-            orders = sorted({f.order for f in distinct if f.order and f.joint == joint + 1})
+            orders = sorted(pair[1] for pair in pairs if pair and pair[0] == joint + 1)
             # Orders are computed in a row as long as nine in ten of them are used.
             top = max((k for n, k in enumerate(orders, 1) if 10 * n >= 9 * k), default=0)
             harmonics.append(size)
@@ -92,6 +98,9 @@ class ValueLayout:
                 if k > top:
                     further.append((joint, k, size))
                     size += 2
+        listed = {"number", *sizes}
+        others = [one for one in distinct if one.operation not in listed and one.harmonic is None]
+        formulas = {function: size + k for k, function in enumerate(others)}
         return cls(
             n_joints=n_joints,
             columns=columns,
@@ -99,23 +108,27 @@ class ValueLayout:
             harmonics=tuple(harmonics),
             highest=tuple(highest),
             further=tuple(further),
-            n_values=size,
+            formulas=formulas,
+            n_values=size + len(formulas),
         )
 
-    def index(self, function: BasisFunction) -> int:
+    def index(self, function: Expression) -> int:
         """The value of a function."""
-        match function.kind:
-            case "constant":
+        of = function.arguments
+        match function.operation:
+            case "number":
                 return 0
             case "temperature":
                 return self.temperature
             case "direction":
-                return self.direction + function.joint - 1
+                return self.direction + int(of[0]) - 1
             case "column":
-                return self.column + self.columns.index(function.column)
-            case "gravity":
-                return self.gravity + 3 * function.joint + function.axis
-        return self.first_of_order[function.joint - 1, function.order] + (function.kind == "sin")
+                return self.column + self.columns.index(of[0])
+            case "gravity torque":
+                return self.gravity + 3 * int(of[0]) + int(of[1])
+        if (pair := function.harmonic) is not None:
+            return self.first_of_order[pair[0] - 1, pair[1]] + (function.operation == "sin")
+        return self.formulas[function]
 
     @cached_property
     def first_of_order(self) -> dict[tuple[int, float], int]:
@@ -165,7 +178,7 @@ class ValueTables:
         motion: dict[tuple[int, int], float] = {}
         for function, place, row in zip(plain.functions, plain.place.tolist(), plain.motion_by_function, strict=True):
             value = layout.index(function)
-            if value == 0:
+            if function == ONE:
                 constant[place] += row
                 continue
             for axis in np.flatnonzero(row).tolist():

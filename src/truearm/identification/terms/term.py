@@ -44,6 +44,14 @@ class Term:
     ------
     InputError
         If a parameter is invalid.
+
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> q3, about_z = ta.Expression.angle(3), (0, 0, 1, 0, 0, 0)
+    >>> cable = ta.Term("J4 by its cable over J3", 4, about_z, 2 * q3 + q3**3, group="cable", prior_std=1e-5)
+    >>> cable.basis.labels()
+    ('2 * q3 + q3^3',)
     """
 
     name: str
