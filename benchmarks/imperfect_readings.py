@@ -18,8 +18,7 @@ from truearm import datasets
 from truearm.arm import Arm, load_arm
 from truearm.arm.chain import Chain
 from truearm.compensation.models import KinematicModel, PhysicalModel
-from truearm.compensation.models.identified_model import IdentifiedModel
-from truearm.compensation.models.selection import select_model
+from truearm.compensation.models.compensator import Compensator
 from truearm.errors import InputError
 from truearm.identification.judgement.outliers import outliers
 from truearm.identification.planning.sampling import STRATEGIES
@@ -62,7 +61,7 @@ def with_errors(session: Session, rows: IntArray, sizes_mm: FloatArray, seed: in
     return replace(session, points=points)
 
 
-def mean_error(model: IdentifiedModel, test: Session) -> float:
+def mean_error(model: Compensator, test: Session) -> float:
     """Mean distance from the reference points [mm]."""
     return float(np.linalg.norm(model.predict_readings(test) - test.points, axis=1).mean())
 
@@ -112,11 +111,11 @@ def model_kept(seeds: int = 4, arms: tuple[str, ...] = (ARM, "measuring7", "ur10
         for seed in range(seeds):
             virtual = virtual_arm(arm, preset, seed)
             session, test = measured(virtual, 100, seed), measured(virtual, N_TEST, TEST + seed)
-            clean, _, _ = select_model(virtual.nominal, session)
+            clean = ta.fit(virtual.nominal, session).model
             rng = np.random.default_rng(WRONG + seed)
             for k in (1, 5):
                 rows = rng.permutation(100)[:k]
-                model, _, _ = select_model(virtual.nominal, with_errors(session, rows, mixed_sizes(rng, k), seed))
+                model = ta.fit(virtual.nominal, with_errors(session, rows, mixed_sizes(rng, k), seed)).model
                 same += type(model) is type(clean)
                 worse += mean_error(model, test) > 1.2 * mean_error(clean, test)
         wrong = f"one or 5 % wrong by {SMALLEST_MM:g} to {LARGEST_MM:g} mm"
@@ -371,7 +370,7 @@ MARGIN = 1.02  # worse than the kinematic model
 ROBOTS = ("panda_1", "panda_2", "panda_3", "dinova_1")
 
 
-def at_other_places(model: IdentifiedModel, tests: Sequence[Session]) -> float:
+def at_other_places(model: Compensator, tests: Sequence[Session]) -> float:
     """Mean distance of the points to the mean of their seat, over all readings of some sessions [mm]."""
     means = []
     for part in tests:
@@ -383,7 +382,7 @@ def ratios(arm: Arm, learned: Session, lengths: Lengths, tests: Sequence[Session
     """Errors elsewhere of the physical model and of what `auto` keeps, over those of the kinematic model."""
     error = partial(at_other_places, tests=tests)
     kinematic = error(KinematicModel(arm).fit_readings(learned, lengths=lengths))
-    kept, _, _ = select_model(arm, learned, lengths=lengths)
+    kept = ta.fit(arm, learned, lengths=lengths).model
     physical = kept if isinstance(kept, PhysicalModel) else PhysicalModel(arm).fit_readings(learned, lengths=lengths)
     return {"physical": error(physical) / kinematic, "auto": error(kept) / kinematic, "kinematic_mm": kinematic}
 

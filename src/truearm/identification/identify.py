@@ -65,7 +65,7 @@ from truearm.identification.judgement.residual_process import ResidualProcess, a
 from truearm.identification.judgement.stated_uncertainty import check_stated_uncertainty
 from truearm.identification.judgement.tails import tail_freedom
 from truearm.identification.planning.sampling import uniform
-from truearm.identification.references.prepared_readings import PreparedReadings
+from truearm.identification.references.prepared_readings import MIN_ROWS, PreparedReadings
 from truearm.identification.references.reading_references import (
     roughly_aligned_chain,
     state_of,
@@ -79,11 +79,8 @@ from truearm.identification.terms import ArmState, Constant, InSession, SkippedT
 from truearm.identification.terms.basis import Temperature
 from truearm.identification.terms.catalogue import JOINT_COMPLIANCE, unlearned_terms
 from truearm.readings.reference_uncertainty import scale_errors
-from truearm.readings.session import Session
 from truearm.typing import FloatArray
 
-# Readings that determine base (6) and tip (3): 3 coordinates each, and one reading to spare.
-MIN_ROWS = 4
 # Share of the error at held-out readings of one place that all terms together may leave: with three quarters of its
 # variance explained, little remains that could be different elsewhere.
 MAX_SHARE_LEFT = 0.5
@@ -182,11 +179,11 @@ def place(readings: PreparedReadings) -> IdentificationResult:
     return fit_nominal(readings.references)
 
 
-def place_without_gross_errors(readings: PreparedReadings) -> IdentificationResult:
-    """Place the nominal arm, and judge readings that would draw it to themselves."""
+def place_without_gross_errors(readings: PreparedReadings) -> Found:
+    """Place the nominal arm, and judge readings that would draw it to themselves; none are held out if not robust."""
     nominal = place(readings)
     if not readings.robust:
-        return nominal
+        return Found(nominal, NONE_HELD_OUT)
     terms, n = _nominal_terms(readings), len(readings.session)
     weights = nearer_half(nominal, n)
     trimmed = nominal
@@ -194,23 +191,16 @@ def place_without_gross_errors(readings: PreparedReadings) -> IdentificationResu
         trimmed = _identify_terms(readings, terms, readings.references, weights=weights)
     if median_distance(trimmed) < MAX_TRIMMED_SHARE * median_distance(nominal):
         weights = nearer_half(trimmed, n)
-    elif has_gross_errors(nominal, cross_validate(readings, nominal)):
-        weights = np.ones(n)
     else:
-        return nominal
-    return estimate_without_gross_errors(readings, terms, Start(weights)).fit
+        held_out = cross_validate(readings, nominal)
+        if not has_gross_errors(nominal, held_out):
+            return Found(nominal, held_out)
+        weights = np.ones(n)
+    return estimate_without_gross_errors(readings, terms, Start(weights))
 
 
-def judge_description(given: Session, readings: PreparedReadings, nominal: IdentificationResult) -> NominalCheck:
-    """Refuse readings that no arm of these nominal kinematics can have made: a wrong unit, sign or arm.
-
-    Parameters
-    ----------
-    given : Session
-        The readings as they were given, named in messages.
-    readings : PreparedReadings
-    nominal : IdentificationResult
-        The arm placed.
+def judge_description(readings: PreparedReadings, nominal: IdentificationResult) -> NominalCheck:
+    """Refuse readings that no arm of these kinematics, placed as `nominal`, can have made: a wrong unit, sign or arm.
 
     Raises
     ------
@@ -227,18 +217,19 @@ def judge_description(given: Session, readings: PreparedReadings, nominal: Ident
         every,
         partial(_identify_terms, readings, references=references),
     )
-    refuse_implausible(check, readings.arm, given, nominal.tips(readings.state))
-    check_stated_uncertainty(given, nominal, references, partial(_identify_terms, readings, every))
+    refuse_implausible(check, readings.arm, readings.given, nominal.tips(readings.state))
+    check_stated_uncertainty(readings.given, nominal, references, partial(_identify_terms, readings, every))
     return check
 
 
 # The identified arms -------------------------------------------------------------------------------------------------
 
 
-def identify_nominal(readings: PreparedReadings, nominal: IdentificationResult) -> Identification:
+def identify_nominal(readings: PreparedReadings, placed: Found) -> Identification:
     """The nominal arm as it was placed, with what it leaves unexplained."""
-    readings = _at_mean_temperature(readings)
-    return _concluded(readings, Found(nominal, cross_validate(readings, nominal)), same_every_day=True)
+    if not len(placed.held_out.rows):
+        placed = Found(placed.fit, cross_validate(readings, placed.fit))
+    return _concluded(_at_mean_temperature(readings), placed, same_every_day=True)
 
 
 def identify_offered(

@@ -101,7 +101,8 @@ def evaluate(
     known, length_remarks = session_lengths(lengths, given, used)
     check_sessions(used, known, own_frame="base" not in fitted.free)
     known = expanded_lengths(known, used)
-    predicted = {"nominal": fitted.predict_nominal_readings(used), "model": fitted.predict_readings(used)}
+    at = fitted.at(used)
+    predicted = {"nominal": fitted.predict_nominal_readings(at), "model": fitted.predict_readings(at)}
     if isinstance(fitted, NominalModel):
         del predicted["nominal"]
     errors = {name: _errors(one, predicted.get("nominal", one), used, known) for name, one in predicted.items()}
@@ -109,7 +110,7 @@ def evaluate(
     coverage_99: float | None = None
     outliers: tuple[Outlier, ...] = ()
     if used.points is not None:
-        budget, far = uncertainty_budget(fitted, used)
+        budget, far = uncertainty_budget(fitted, at)
         coverage, coverage_99 = budget.n_covered / budget.n_points, budget.n_covered_99 / budget.n_points
         outliers = tuple(outlier.located(given, allowed.rows[rows]) for outlier in far)
     return Evaluation(
@@ -122,7 +123,7 @@ def evaluate(
         coverage_99=coverage_99,
         outliers=outliers,
         n_refit=len(allowed.rows) - len(rows),
-        remarks=(*allowed.remarks, *refit_remarks, *length_remarks, *evaluation_remarks(fitted, used)),
+        remarks=(*allowed.remarks, *refit_remarks, *length_remarks, *evaluation_remarks(fitted, at)),
     )
 
 

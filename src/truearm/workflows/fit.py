@@ -19,6 +19,7 @@ from truearm.compensation.models import (
     PhysicalModel,
 )
 from truearm.compensation.models.arm_check import with_serial_number
+from truearm.compensation.models.compensator import CheckedReadings
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.compensation.models.model_file import save_model
 from truearm.compensation.models.selection import ModelScore, select_model
@@ -29,13 +30,12 @@ from truearm.identification.judgement.gross_errors import excluded_readings
 from truearm.identification.judgement.outliers import Outlier, length_outliers, outliers
 from truearm.identification.judgement.stated_uncertainty import describe_stated_uncertainty
 from truearm.identification.references.distances import is_offset
+from truearm.identification.references.prepared_readings import PreparedReadings
 from truearm.identification.references.reading_references import (
     MIN_READINGS_ON,
     check_spread,
-    references_of,
     surfaces_with_too_few_readings,
 )
-from truearm.identification.references.session_frames import to_first_session_frame
 from truearm.readings import Lengths, Session, compare_errors, seat_errors
 from truearm.readings.anchors import LEAST_COMPARED, distance_errors, has_located_anchor
 from truearm.readings.distances import OFFSET_STD_MM, bars_without_certificate
@@ -137,18 +137,17 @@ def fit(
     known, length_remarks = session_lengths(lengths, given, used if len(used) < len(given) else None)
     if "base" in parts:
         check_spread(used, nominal_arm)
-    nominal = NominalModel(nominal_arm, free=parts).fit_readings(used, lengths=known)
+    nominal = NominalModel(nominal_arm, free=parts)
+    readings = (chosen or nominal).prepare(used, known)
+    nominal.learn(readings)
     comparison: tuple[ModelScore, ...] = ()
     why_no_hybrid: str | None = None
-    fitted: Compensator
+    fitted: Compensator = nominal
     if chosen is None:
-        fitted, comparison, why_no_hybrid = select_model(
-            nominal_arm, used, free=parts, lengths=known, progress=progress, nominal=nominal, **options
-        )
-    elif model == "nominal":
-        fitted = nominal
-    else:
-        fitted = chosen.fit_readings(used, lengths=known, progress=progress, nominal=nominal)
+        fitted, comparison, why_no_hybrid = select_model(nominal, readings, progress=progress, **options)
+    elif model != "nominal":
+        fitted = chosen.learn(readings, progress=progress, nominal=nominal)
+    at = fitted.at(used)
     changes = frame_changes(fitted, used)
     no_hybrid = () if why_no_hybrid is None else (f"The hybrid model was not compared: {why_no_hybrid}.",)
     said = *_remarks(fitted, used, known), *no_hybrid, *(str(change) for change in changes)
@@ -156,10 +155,10 @@ def fit(
         model=fitted,
         comparison=comparison,
         session=used,
-        training=_training_errors(fitted, used),
+        training=_training_errors(fitted, at),
         nominal=nominal,
         outliers=_outliers(fitted, given, checked.rows),
-        length_outliers=_length_outliers(fitted, used, known),
+        length_outliers=_length_outliers(fitted, at, readings),
         frame_changes=changes,
         remarks=(*checked.remarks, *length_remarks, *said),
     )
@@ -332,13 +331,13 @@ class FitResult(Record):
         )
 
 
-def _training_errors(model: Compensator, session: Session) -> Mapping[str, Any] | None:
+def _training_errors(model: Compensator, at: CheckedReadings) -> Mapping[str, Any] | None:
     """Errors of the readings that took part."""
     if isinstance(model, IdentifiedModel | HybridModel) and len(excluded := excluded_readings(model.fit_)):
-        session = session.rows(np.setdiff1d(np.arange(len(session)), excluded))
-    predicted = model.predict_readings(session)
+        at = at.rows(np.setdiff1d(np.arange(len(at.session)), excluded))
+    session, predicted = at.session, model.predict_readings(at)
     if session.points is not None:
-        return compare_errors(predicted, model.predict_nominal_readings(session), session.points)
+        return compare_errors(predicted, model.predict_nominal_readings(at), session.points)
     if has_repeated_seat(session):
         assert session.seat is not None
         return {name: value for name, value in seat_errors(predicted, session.seat).items() if name != "seats"}
@@ -355,11 +354,10 @@ def _outliers(model: Compensator, session: Session, rows: IntArray) -> tuple[Out
     )
 
 
-def _length_outliers(model: Compensator, session: Session, lengths: Lengths | None) -> tuple[Outlier, ...]:
+def _length_outliers(model: Compensator, at: CheckedReadings, readings: PreparedReadings) -> tuple[Outlier, ...]:
     if not isinstance(model, IdentifiedModel):
         return ()
-    session = to_first_session_frame(session, model.session_frames_)
-    return tuple(length_outliers(model.fit_, model.state(session), references_of(session, lengths)))
+    return tuple(length_outliers(model.fit_, at.state, readings.references))
 
 
 def _remarks(model: Compensator, session: Session, lengths: Lengths | None) -> Iterator[str]:

@@ -16,14 +16,14 @@ import numpy as np
 
 from truearm.arm import Arm, load_arm
 from truearm.compensation.models import Compensator
-from truearm.compensation.models.compensator import FREE_PARTS
+from truearm.compensation.models.compensator import FREE_PARTS, CheckedReadings
 from truearm.compensation.models.model_file import load_model
 from truearm.compensation.models.refit import used_in_refit
 from truearm.compensation.models.training_conditions import TrainingConditions
 from truearm.errors import InputError
-from truearm.identification.identify import MIN_ROWS
 from truearm.identification.judgement.description_check import explain_readings
 from truearm.identification.judgement.nominal_check import MAX_NOMINAL_ERROR
+from truearm.identification.references.prepared_readings import MIN_ROWS
 from truearm.identification.references.tips import tip_names
 from truearm.readings import (
     Lengths,
@@ -222,10 +222,8 @@ def within_limits(session: Session, arm: Arm, limits: Limits = "skip") -> Checke
         raise InputError(f"expected limits 'skip' or 'ignore', got {limits!r}")
     check_angles(session, n_joints=arm.n_joints, prismatic=arm.chain.is_prismatic)
     rows, unfilled = np.arange(len(session)), unfilled_remarks(session)
-    if limits == "ignore":
-        return CheckedSession(session, rows, unfilled)
     kept, skipped = skip_beyond_limits(session, arm.limits, prismatic=arm.chain.prismatic)
-    if not skipped:
+    if limits == "ignore" or not skipped:
         return CheckedSession(session, rows, unfilled)
     beyond = [excess.row for excess in skipped]
     remark = (
@@ -498,11 +496,12 @@ def frame_remarks(model: Compensator) -> tuple[str, ...]:
     )
 
 
-def evaluation_remarks(model: Compensator, session: Session) -> list[str]:
+def evaluation_remarks(model: Compensator, readings: Session | CheckedReadings) -> list[str]:
     """What a person must know of a model before the errors on these readings are believed."""
-    remarks = []
+    at, remarks = model.checked(readings), []
+    session = at.session
     if session.points is not None:
-        nominal = point_errors(model.predict_nominal_readings(session), session.points)["mean_mm"]
+        nominal = point_errors(model.predict_nominal_readings(at), session.points)["mean_mm"]
         if nominal > MAX_NOMINAL_ERROR * model.arm.chain.reach:
             remarks.append(
                 f"The nominal arm misses these points by {nominal:.0f} mm. If reference or base moved, transfer "
@@ -510,7 +509,7 @@ def evaluation_remarks(model: Compensator, session: Session) -> list[str]:
             )
             if (explained := explain_readings(model.arm_, session)) is not None:
                 remarks.append(f"{explained[0].upper()}{explained[1:]}.")
-    if inputs := model.inputs_outside_training(session):
+    if inputs := model.inputs_outside_training(at):
         remarks.append(f"{describe_outside(inputs, model.training_, session)}.")
     remarks += [*payload_remarks(model, session), *frame_remarks(model)]
     if model.is_trained_on(session):

@@ -75,9 +75,10 @@ def predict(model: ModelLike, session: SessionLike) -> Prediction:
     """
     fitted, readings = to_model_and_session(model, session)
     remarks = (*check_angles_fit(readings, fitted.arm), *payload_remarks(fitted, readings))
-    points, covariances = fitted.predict_readings(readings, return_cov=True)
-    unstated = fitted.unstated_input_covariances(readings) if isinstance(fitted, IdentifiedModel) else {}
-    inputs_outside = fitted.inputs_outside_training(readings)
+    at = fitted.at(readings)
+    points, covariances = fitted.predict_readings(at, return_cov=True)
+    unstated = fitted.unstated_input_covariances(at) if isinstance(fitted, IdentifiedModel) else {}
+    inputs_outside = fitted.inputs_outside_training(at)
     return Prediction(
         model=fitted,
         session=readings,
@@ -100,7 +101,7 @@ def _uncertainties_outside(
     for name, rows in inputs_outside.items():
         if name in ignored or JOINT.fullmatch(name) or name == TOGETHER:
             continue
-        nearest = model.training_.with_nearest(readings, name)
+        nearest = model.at(model.training_.with_nearest(readings, name))
         added = covariances - model.predict_readings(nearest, return_cov=True)[1]
         yield name, float(np.sqrt(max(np.trace(added[rows], axis1=1, axis2=2).mean() / 3, 0.0)))
 

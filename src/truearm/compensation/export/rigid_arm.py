@@ -21,8 +21,8 @@ from truearm.compensation.targets.manifest import ExportLoss
 from truearm.errors import InputError
 from truearm.identification.estimation.identification import identify
 from truearm.identification.estimation.identification_result import IdentificationResult
-from truearm.identification.identify import MIN_ROWS
 from truearm.identification.judgement.nominal_check import MAX_NOMINAL_ERROR
+from truearm.identification.references.prepared_readings import MIN_ROWS
 from truearm.identification.references.reading_references import roughly_aligned_chain
 from truearm.identification.references.references import Points
 from truearm.identification.terms import ArmState, Term, constants

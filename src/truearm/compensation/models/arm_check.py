@@ -11,7 +11,7 @@ from truearm.readings.session import Session
 
 
 def check_readings_of(arm: Arm, readings: Session) -> None:
-    """Refuse readings of another number or kind of joints, mostly outside their limits, or of another unit.
+    """Refuse readings of another number or kind of joints, mostly outside their limits, or in another unit.
 
     Raises
     ------
@@ -19,7 +19,6 @@ def check_readings_of(arm: Arm, readings: Session) -> None:
     """
     if readings.n_joints != arm.n_joints:
         raise InputError(f"expected readings of {arm.n_joints} joints for arm {arm.name!r}, got {readings.n_joints}")
-    with_serial_number(arm, readings)
     check_angles(readings, n_joints=arm.n_joints, prismatic=arm.chain.is_prismatic)
     skip_beyond_limits(readings, arm.limits, prismatic=arm.chain.prismatic)
 

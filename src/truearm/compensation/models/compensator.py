@@ -8,13 +8,13 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, ClassVar, Literal, Self, overload
+from typing import Any, ClassVar, Literal, NamedTuple, Self, overload
 
 import numpy as np
 import numpy.typing as npt
 
 from truearm.arm.arm import Arm
-from truearm.compensation.models.arm_check import check_readings_of
+from truearm.compensation.models.arm_check import check_readings_of, with_serial_number
 from truearm.compensation.models.estimator import Regressor
 from truearm.compensation.models.model_archive import save_model
 from truearm.compensation.models.training_conditions import TrainingConditions
@@ -22,11 +22,11 @@ from truearm.errors import InputError
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.residual_variance import NONE_HELD_OUT
 from truearm.identification.estimation.tip_offsets import of_one_tip
-from truearm.identification.identify import MIN_ROWS, judge_description, place
+from truearm.identification.identify import Found, Progress, judge_description, place
 from truearm.identification.judgement.description_check import explaining
 from truearm.identification.judgement.nominal_check import UNCHECKED
 from truearm.identification.judgement.tails import ellipsoid_factor
-from truearm.identification.references.prepared_readings import PreparedReadings
+from truearm.identification.references.prepared_readings import MIN_ROWS, PreparedReadings
 from truearm.identification.references.reading_references import (
     check_points_of_one_tip,
     state_of,
@@ -37,14 +37,25 @@ from truearm.identification.references.session_frames import (
     points_to_session_frames,
 )
 from truearm.identification.references.tips import check_tips
+from truearm.identification.terms import ArmState
 from truearm.identification.terms.thermal import UNKNOWN_MATERIAL, link_vectors
-from truearm.readings.checks import check_sessions
 from truearm.readings.lengths import Lengths
 from truearm.readings.session import Session
 from truearm.solve.threads import one_blas_thread
-from truearm.typing import BoolArray, FloatArray
+from truearm.typing import BoolArray, FloatArray, IntArray
 
 FREE_PARTS = ("base", "tip")
+
+
+class CheckedReadings(NamedTuple):
+    """Readings that a model can predict, checked once (see `Compensator.checked`), and the state of the arm at them."""
+
+    session: Session
+    state: ArmState
+
+    def rows(self, which: IntArray | BoolArray) -> CheckedReadings:
+        """Some of the readings."""
+        return CheckedReadings(self.session.rows(which), self.state.rows(which))
 
 
 class Compensator(Regressor, ABC):
@@ -95,8 +106,6 @@ class Compensator(Regressor, ABC):
 
     nominal_check_ = UNCHECKED
     held_out_ = NONE_HELD_OUT
-
-    _place = staticmethod(place)
 
     @one_blas_thread()
     def fit(self, X: npt.ArrayLike, y: npt.ArrayLike, sample_weight: npt.ArrayLike | None = None) -> Self:
@@ -158,25 +167,35 @@ class Compensator(Regressor, ABC):
             As `fit`; also if the readings have no reference, a known length or distance is far from that of the
             nominal arm (`check_sizes`), or `nominal` was fitted to something else.
         """
+        check_readings_of(self._checked_arm(), readings)
+        return self.learn(self.prepare(readings, lengths), progress=progress, nominal=nominal)
+
+    def prepare(self, readings: Session, lengths: Lengths | None = None) -> PreparedReadings:
+        """Readings whose angles were checked (`check_readings_of`), prepared to `learn` from; see `fit_readings`."""
         arm = self._checked_arm()
-        self._check_inputs(arm, readings)
-        if lengths is not None:
-            if readings.seat is None:
-                raise readings.error("lengths are between seats, and the readings name no seats", column="seat")
-            lengths = lengths.between(readings.seat)
-        check_sessions(readings, lengths, own_frame="base" not in self.free)
-        n_known = self._check_references(readings, lengths)
-        if n_known < MIN_ROWS:
-            raise readings.error(f"expected {MIN_ROWS} or more readings with a reference, got {n_known}")
+        with_serial_number(arm, readings)
+        self._check_references(readings, lengths)
+        return PreparedReadings.of(arm, readings, lengths, free=self.free, robust=self.robust)
+
+    @one_blas_thread()
+    def learn(
+        self,
+        readings: PreparedReadings,
+        *,
+        progress: Callable[[int, str], None] | None = None,
+        nominal: Compensator | None = None,
+    ) -> Self:
+        """Learn from readings that this or a simpler model has prepared; see `fit_readings`."""
         begun = time.perf_counter()
-        data = self._prepare(arm, readings, lengths)
+        self._set_conditions(readings)
         if nominal is None:
-            with explaining(arm, readings, lengths=lengths, free=data.free):
-                self.nominal_ = self._place(data)
-                self.nominal_check_ = judge_description(readings, data, self.nominal_)
+            with explaining(readings.arm, readings.given, lengths=readings.lengths, free=readings.free):
+                placed = self._place(readings)
+                self.nominal_check_ = judge_description(readings, placed.fit)
         else:
-            self.nominal_, self.nominal_check_ = self._nominal_of(nominal), nominal.nominal_check_
-        self._fit(data, nominal, progress or no_progress)
+            placed, self.nominal_check_ = Found(self._nominal_of(nominal), NONE_HELD_OUT), nominal.nominal_check_
+        self.nominal_ = placed.fit
+        self._fit(readings, placed, nominal, progress or no_progress)
         self.fit_seconds_ = time.perf_counter() - begun
         return self
 
@@ -209,22 +228,66 @@ class Compensator(Regressor, ABC):
         InputError
             If numbers are not finite, or most angles lie outside the limits of their joints.
         """
-        return self.predict_readings(Session(self._checked_angles(X)), return_cov=return_cov)
+        return self.predict_readings(self._checked_angles(X), return_cov=return_cov)
 
-    @overload
-    def predict_readings(self, readings: Session, *, return_cov: Literal[False] = False) -> FloatArray: ...
+    def checked(self, readings: Session | CheckedReadings) -> CheckedReadings:
+        """Readings of the arm that the model can predict; those that are checked already as they are.
 
-    @overload
-    def predict_readings(self, readings: Session, *, return_cov: Literal[True]) -> tuple[FloatArray, FloatArray]: ...
+        Every method below takes either. Checked once, they serve all of them.
+
+        Raises
+        ------
+        InputError
+            If the model is not fitted, or the readings are of another arm, mostly beyond the limits of a joint, far
+            outside the trained range, or of a tip that it does not know.
+        """
+        if isinstance(readings, CheckedReadings):
+            return readings
+        self._check_fitted()
+        check_readings_of(self.arm_, readings)
+        return self.at(readings)
+
+    def at(self, readings: Session) -> CheckedReadings:
+        """Readings whose angles were checked (`check_readings_of`), if the model can predict them; see `checked`."""
+        with_serial_number(self.arm_, readings)
+        check_tips(self.tips_, readings)
+        self.training_.refuse_far(readings, self.arm_.chain.is_prismatic)
+        return CheckedReadings(readings, self.state(readings))
+
+    def state(self, readings: Session) -> ArmState:
+        """State of the arm at readings, as far as the model's terms depend on it.
+
+        Temperatures and loads that the readings do not state are the mean of the training; directions of movement are
+        half way between the two. `unstated_input_covariances` has the uncertainty of that.
+        """
+        temperature = self.training_.temperature_degC
+        return state_of(
+            self.arm_,
+            # A model that was trained on one session knows no names of others.
+            readings if self.session_frames_ or readings.session is None else replace(readings, session=None),
+            temperature_degC=None if temperature is None else temperature.mean,
+            columns={name: known.mean for name, known in self.training_.columns.items()},
+            direction=0.0,
+        )
 
     @overload
     def predict_readings(
-        self, readings: Session, *, return_cov: bool
+        self, readings: Session | CheckedReadings, *, return_cov: Literal[False] = False
+    ) -> FloatArray: ...
+
+    @overload
+    def predict_readings(
+        self, readings: Session | CheckedReadings, *, return_cov: Literal[True]
+    ) -> tuple[FloatArray, FloatArray]: ...
+
+    @overload
+    def predict_readings(
+        self, readings: Session | CheckedReadings, *, return_cov: bool
     ) -> FloatArray | tuple[FloatArray, FloatArray]: ...
 
     @one_blas_thread()
     def predict_readings(
-        self, readings: Session, *, return_cov: bool = False
+        self, readings: Session | CheckedReadings, *, return_cov: bool = False
     ) -> FloatArray | tuple[FloatArray, FloatArray]:
         """Corrected coordinates at the readings of a session, with its temperatures, loads and directions of movement.
 
@@ -232,15 +295,15 @@ class Compensator(Regressor, ABC):
         in that of the first. `predict` uses the mean temperature and loads of the training, and the middle between the
         two directions of movement.
         """
-        self._check_session(readings)
-        points = points_to_session_frames(self._tips(readings), readings, self.session_frames_)
+        at = self.checked(readings)
+        points = points_to_session_frames(self._tips(at), at.session, self.session_frames_)
         if not return_cov:
             return points
-        of_parameters, unexplained = self.covariance_parts(readings)
+        of_parameters, unexplained = self.covariance_parts(at)
         return points, of_parameters + unexplained
 
     @one_blas_thread()
-    def covariance_parts(self, readings: Session) -> tuple[FloatArray, FloatArray]:
+    def covariance_parts(self, readings: Session | CheckedReadings) -> tuple[FloatArray, FloatArray]:
         """Covariance of predicted points in its two parts.
 
         Returns
@@ -251,16 +314,16 @@ class Compensator(Regressor, ABC):
         unexplained : (n, 3, 3) array
             From what the model does not explain [mm^2]: noise, effects without a term, inputs that are not stated.
         """
-        self._check_session(readings)
-        of_parameters, unexplained = self._covariance_parts(readings)
-        of_parameters = of_parameters + self.expansion_covariance(readings)
+        at = self.checked(readings)
+        of_parameters, unexplained = self._covariance_parts(at)
+        of_parameters = of_parameters + self.expansion_covariance(at)
         frames = self.session_frames_
-        return covariances_to_session_frames(of_parameters, readings, frames), covariances_to_session_frames(
-            unexplained, readings, frames
+        return covariances_to_session_frames(of_parameters, at.session, frames), covariances_to_session_frames(
+            unexplained, at.session, frames
         )
 
     @one_blas_thread()
-    def shared_displacements(self, readings: Session) -> FloatArray:
+    def shared_displacements(self, readings: Session | CheckedReadings) -> FloatArray:
         """Errors of predicted points that readings have in common, as far as the model knows them.
 
         The uncertainty of a distance between points, or of their scatter, needs the covariances between readings. The
@@ -272,9 +335,9 @@ class Compensator(Regressor, ABC):
         (k, n, 3) array
             Displacements of the points by k independent causes of variance one [mm]; k may be 0.
         """
-        self._check_session(readings)
-        displacements = [self._shared_displacements(readings), self._expansion_displacements(readings)]
-        return displacements_to_session_frames(np.concatenate(displacements), readings, self.session_frames_)
+        at = self.checked(readings)
+        displacements = [self._shared_displacements(at), self._expansion_displacements(at.session)]
+        return displacements_to_session_frames(np.concatenate(displacements), at.session, self.session_frames_)
 
     def ellipsoid_factor(self, level: float) -> float:
         """Half axis, in standard uncertainties, of the ellipsoid that contains a point with probability `level`.
@@ -283,7 +346,7 @@ class Compensator(Regressor, ABC):
         """
         return ellipsoid_factor(level, freedom=float("inf"))
 
-    def expansion_covariance(self, readings: Session) -> FloatArray:
+    def expansion_covariance(self, readings: Session | CheckedReadings) -> FloatArray:
         """Covariance of the tip from growth of the arm outside the trained temperatures, where no term describes it.
 
         Base and tip were identified with the arm as long as it is at the trained temperatures; dT beyond them each link
@@ -298,7 +361,7 @@ class Compensator(Regressor, ABC):
             [mm^2]; zeros inside the trained temperatures, where the session states none, and of a model with terms for
             growth.
         """
-        displacements = self._expansion_displacements(readings)
+        displacements = self._expansion_displacements(self.checked(readings).session)
         return np.asarray(np.einsum("lnx,lny->nxy", displacements, displacements))
 
     def _expansion_displacements(self, readings: Session) -> FloatArray:
@@ -317,14 +380,13 @@ class Compensator(Regressor, ABC):
 
     def predict_nominal(self, angles: npt.ArrayLike) -> FloatArray:
         """(n, 3) tips of the nominal arm, its free parts identified from the same training readings [mm]."""
-        return self.predict_nominal_readings(Session(self._checked_angles(angles)))
+        return self.predict_nominal_readings(self._checked_angles(angles))
 
     @one_blas_thread()
-    def predict_nominal_readings(self, readings: Session) -> FloatArray:
+    def predict_nominal_readings(self, readings: Session | CheckedReadings) -> FloatArray:
         """(n, 3) the same at the readings of a session, in the frames of `predict_readings` [mm]."""
-        self._check_session(readings)
-        tips = self.nominal_.tips(state_of(self.arm_, self._with_known_sessions(readings)))
-        return points_to_session_frames(tips, readings, self.session_frames_)
+        at = self.checked(readings)
+        return points_to_session_frames(self.nominal_.tips(at.state), at.session, self.session_frames_)
 
     def nominal_error(self) -> float:
         """Mean distance of the nominal arm from the references of its training [mm]; NaN after reading a file."""
@@ -332,21 +394,18 @@ class Compensator(Regressor, ABC):
         distances = np.concatenate(residuals)
         return float(distances.mean()) if len(distances) else float("nan")
 
-    def outside_training(self, X: Session | npt.ArrayLike) -> BoolArray:
+    def outside_training(self, X: Session | CheckedReadings | npt.ArrayLike) -> BoolArray:
         """(n,) True where an input of a session, or a joint angle (n, n_joints), lies outside the trained range."""
-        names = self.inputs_outside_training(X)
-        n = len(X) if isinstance(X, Session) else len(np.asarray(X))
-        return np.asarray(np.logical_or.reduce([np.zeros(n, dtype=bool), *names.values()]))
+        at = self._checked_input(X)
+        none = np.zeros(len(at.session), dtype=bool)
+        return np.asarray(np.logical_or.reduce([none, *self.inputs_outside_training(at).values()]))
 
-    def inputs_outside_training(self, X: Session | npt.ArrayLike) -> dict[str, BoolArray]:
+    def inputs_outside_training(self, X: Session | CheckedReadings | npt.ArrayLike) -> dict[str, BoolArray]:
         """Inputs outside the trained range, by name: J1 to Jn, temperature, further columns.
 
         See `TrainingConditions.outside`.
         """
-        if isinstance(X, Session):
-            self._check_session(X)
-            return self.training_.outside(X, self.arm_.chain.is_prismatic)
-        return self.training_.outside(Session(self._checked_angles(X)), self.arm_.chain.is_prismatic)
+        return self.training_.outside(self._checked_input(X).session, self.arm_.chain.is_prismatic)
 
     def is_trained_on(self, readings: Session) -> bool:
         """Whether these are the readings that the model was fitted to last."""
@@ -399,9 +458,13 @@ class Compensator(Regressor, ABC):
         tags.target_tags.single_output = False
         return tags
 
+    def _place(self, readings: PreparedReadings) -> Found:
+        """The nominal arm, placed; readings are held out where its gross errors are judged."""
+        return Found(place(readings), NONE_HELD_OUT)
+
     @abstractmethod
-    def _fit(self, data: PreparedReadings, simpler: Compensator | None, progress: Callable[[int, str], None]) -> None:
-        """Learn from readings in one frame; `nominal_` and `training_` are set. See `fit_readings`.
+    def _fit(self, readings: PreparedReadings, placed: Found, simpler: Compensator | None, progress: Progress) -> None:
+        """Learn from readings; `nominal_`, the arm `placed`, and `training_` are set. See `learn`.
 
         `simpler` is fitted to the same readings.
         """
@@ -411,16 +474,16 @@ class Compensator(Regressor, ABC):
         """Learn from readings with points whose variances are as one over `weight` (n,)."""
 
     @abstractmethod
-    def _tips(self, readings: Session) -> FloatArray:
-        """(n, 3) tips [mm] at checked readings."""
+    def _tips(self, at: CheckedReadings) -> FloatArray:
+        """(n, 3) tips [mm], in the frame of the first session."""
 
     @abstractmethod
-    def _covariance_parts(self, readings: Session) -> tuple[FloatArray, FloatArray]:
+    def _covariance_parts(self, at: CheckedReadings) -> tuple[FloatArray, FloatArray]:
         """See `covariance_parts`, without the expansion outside the trained temperatures."""
 
-    def _shared_displacements(self, readings: Session) -> FloatArray:
+    def _shared_displacements(self, at: CheckedReadings) -> FloatArray:
         """See `shared_displacements`, in the frame of the first session and without the expansion."""
-        return np.zeros((0, len(readings), 3))
+        return np.zeros((0, len(at.session), 3))
 
     def _has_thermal_terms(self) -> bool:
         """Whether the model has learned how the arm grows with temperature."""
@@ -432,29 +495,17 @@ class Compensator(Regressor, ABC):
         if unknown:
             raise InputError(f"expected free parts among {list(FREE_PARTS)}, got {sorted(unknown)}")
 
-    def _check_references(self, readings: Session, lengths: Lengths | None) -> int:
-        """Refuse readings from which this model cannot learn, and count those from which it can."""
+    def _check_references(self, readings: Session, lengths: Lengths | None) -> None:
+        """Refuse readings from which this model cannot learn."""
         del lengths
         check_points_of_one_tip(readings)
-        return len(readings)
 
-    def _prepare(self, arm: Arm, readings: Session, lengths: Lengths | None = None) -> PreparedReadings:
-        """What checked readings say before anything is identified from them."""
-        prepared = PreparedReadings.of(arm, readings, lengths, free=self.free, robust=self.robust)
-        self.arm_, self.n_features_in_ = arm, readings.n_joints
-        self.free_, self.session_frames_, self.tips_ = prepared.free, dict(prepared.frames), prepared.tips
-        self.training_ = TrainingConditions.of(readings, arm.chain.is_prismatic, lengths)
-        return prepared
-
-    def _check_inputs(self, arm: Arm, readings: Session) -> None:
-        """Refuse readings of another number or kind of joints, or mostly outside their limits."""
-        check_readings_of(arm, readings)
-
-    def _check_session(self, readings: Session) -> None:
-        self._check_fitted()
-        self._check_inputs(self.arm_, readings)
-        check_tips(self.tips_, readings)
-        self.training_.refuse_far(readings, self.arm_.chain.is_prismatic)
+    def _set_conditions(self, readings: PreparedReadings) -> None:
+        """Keep what is known of readings before anything is identified from them."""
+        arm = self.arm_ = readings.arm
+        self.n_features_in_, self.tips_ = arm.n_joints, readings.tips
+        self.free_, self.session_frames_ = readings.free, dict(readings.frames)
+        self.training_ = TrainingConditions.of(readings.given, arm.chain.is_prismatic, readings.lengths)
 
     def _checked_arm(self) -> Arm:
         if not isinstance(self.arm, Arm):
@@ -462,13 +513,12 @@ class Compensator(Regressor, ABC):
         self._check_options()
         return self.arm
 
-    def _checked_angles(self, angles: npt.ArrayLike) -> FloatArray:
-        self._check_fitted()
-        return self._checked_table(angles)
+    def _checked_input(self, X: Session | CheckedReadings | npt.ArrayLike) -> CheckedReadings:
+        return self.checked(X) if isinstance(X, Session | CheckedReadings) else self._checked_angles(X)
 
-    def _with_known_sessions(self, readings: Session) -> Session:
-        """Readings without the names of their sessions, if the model was trained on one."""
-        return readings if self.session_frames_ or readings.session is None else replace(readings, session=None)
+    def _checked_angles(self, angles: npt.ArrayLike) -> CheckedReadings:
+        self._check_fitted()
+        return self.checked(Session(self._checked_table(angles)))
 
     def _nominal_of(self, other: Compensator) -> IdentificationResult:
         """The nominal fit of another model of the same readings with the same options."""

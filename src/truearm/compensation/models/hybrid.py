@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 
 from truearm.arm.arm import Arm
-from truearm.compensation.models.compensator import Compensator
+from truearm.compensation.models.compensator import CheckedReadings, Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel, KinematicModel, NominalModel
 from truearm.compensation.models.residual_inputs import ResidualInputs
 from truearm.compensation.nets.committee import Committee, train_committee, train_member
@@ -23,13 +22,13 @@ from truearm.identification.estimation.residual_variance import (
     conformal_residual_variance,
     fit_variance_function,
 )
-from truearm.identification.identify import MIN_ROWS
+from truearm.identification.identify import Found, Progress
 from truearm.identification.judgement.gross_errors import LEAST_READINGS
 from truearm.identification.judgement.held_out_errors import HeldOutErrors
 from truearm.identification.judgement.tails import ellipsoid_factor, tail_freedom
-from truearm.identification.references.prepared_readings import PreparedReadings
+from truearm.identification.references.prepared_readings import MIN_ROWS, PreparedReadings
 from truearm.identification.references.reading_references import state_of
-from truearm.readings.lengths import Lengths
+from truearm.identification.terms import ArmState
 from truearm.readings.session import Session
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray, IntArray
@@ -128,25 +127,14 @@ class HybridModel(Compensator):
         self.seed = seed
         self.free = free
 
-    def fit_readings(
-        self,
-        readings: Session,
-        *,
-        lengths: Lengths | None = None,
-        progress: Callable[[int, str], None] | None = None,
-        nominal: Compensator | None = None,
+    def learn(
+        self, readings: PreparedReadings, *, progress: Progress | None = None, nominal: Compensator | None = None
     ) -> Self:
-        """Learn from a session with a reference point at every reading. See `Compensator.fit_readings`.
-
-        `nominal` may be the identified arm itself, already fitted to the same readings.
-        """
-        arm = self._checked_arm()
+        """See `Compensator.learn`; `nominal` may be the identified arm itself, fitted to the same readings."""
         begun = time.perf_counter()
         if not isinstance(nominal, ARM_MODELS[self.arm_model]):
-            self._check_inputs(arm, readings)
-            self._check_references(readings, lengths)
-            nominal = self._new_arm_model().fit_readings(readings, lengths=lengths, nominal=nominal)
-        super().fit_readings(readings, lengths=lengths, progress=progress, nominal=nominal)
+            nominal = ARM_MODELS[self.arm_model](self.arm, free=self.free).learn(readings, nominal=nominal)
+        super().learn(readings, progress=progress, nominal=nominal)
         self.fit_seconds_ = time.perf_counter() - begun
         return self
 
@@ -161,8 +149,7 @@ class HybridModel(Compensator):
 
     def member_scatter(self, readings: Session) -> FloatArray:
         """(n, 3, 3) covariance of the members' points about their mean [mm^2]."""
-        self._check_session(readings)
-        return _scatter(self._corrections(readings, self._temperature(readings)))
+        return _scatter(self._corrections(self.checked(readings).state))
 
     def held_out_by_first_member(self, readings: Session, arm_model: IdentifiedModel) -> HeldOutReadings:
         """The first fold of the readings, as predicted by the network that is trained without it.
@@ -187,13 +174,11 @@ class HybridModel(Compensator):
         held_out = learned.held_out.select(first)
         return replace(held_out, deviations=held_out.deviations + corrections)
 
-    def _new_arm_model(self) -> IdentifiedModel:
-        return ARM_MODELS[self.arm_model](self.arm, free=self.free)
-
-    def _fit(self, data: PreparedReadings, simpler: Compensator | None, progress: Callable[[int, str], None]) -> None:
-        assert isinstance(simpler, IdentifiedModel)  # see `fit_readings`
+    def _fit(self, readings: PreparedReadings, placed: Found, simpler: Compensator | None, progress: Progress) -> None:
+        del placed
+        assert isinstance(simpler, IdentifiedModel)  # see `learn`
         self.fit_ = simpler.fit_
-        learned = self._prepare_residuals(data.session, simpler)
+        learned = self._prepare_residuals(readings.session, simpler)
         self.inputs_, self.target_scale_mm_ = learned.of, learned.scale_mm
         n_folds = int(learned.fold.max()) + 1
         progress(0, f"network 1 of {n_folds}")
@@ -213,7 +198,7 @@ class HybridModel(Compensator):
         with one_blas_thread():
             corrections = learned.scale_mm * self.committee_.outputs(learned.inputs).transpose(0, 2, 1)
             self.fit_ = _with_noise_of(self.held_out_, simpler)
-            self._estimate_residual_variance(data.session, corrections, learned.fold)
+            self._estimate_residual_variance(readings.session, corrections, learned.fold)
 
     def _prepare_residuals(self, readings: Session, arm_model: IdentifiedModel) -> _Residuals:
         """What the networks learn from readings in one frame: all but those that are gross errors of the arm."""
@@ -260,46 +245,38 @@ class HybridModel(Compensator):
         enough = len(held_out.rows) >= LEAST_READINGS
         self.tail_freedom_ = tail_freedom(scaled, variance) if enough else float("inf")
 
-    def _tips(self, readings: Session) -> FloatArray:
-        tips = self.fit_.tips(state_of(self.arm_, self._with_known_sessions(readings)))
-        return np.asarray(tips + self._corrections(readings, self._temperature(readings)).mean(axis=0))
+    def _tips(self, at: CheckedReadings) -> FloatArray:
+        return np.asarray(self.fit_.tips(at.state) + self._corrections(at.state).mean(axis=0))
 
-    def _temperature(self, readings: Session) -> FloatArray | None:
-        """Temperatures of readings [degC]; the mean of the training where they state none."""
-        known = self.training_.temperature_degC
-        if readings.temperature_degC is not None or known is None:
-            return readings.temperature_degC
-        return np.full(len(readings), known.mean)
-
-    def _corrections(self, readings: Session, temperature_degC: FloatArray | None) -> FloatArray:
+    def _corrections(self, state: ArmState) -> FloatArray:
         """(k, n, 3) what each network adds to the tips [mm]."""
-        outputs = self.committee_.outputs(self.inputs_.scaled(readings.angles, temperature_degC))
+        outputs = self.committee_.outputs(self.inputs_.scaled(state.angles, state.temperature_degC))
         return self.target_scale_mm_ * outputs.transpose(0, 2, 1)
 
-    def _covariance_parts(self, readings: Session) -> tuple[FloatArray, FloatArray]:
+    def _covariance_parts(self, at: CheckedReadings) -> tuple[FloatArray, FloatArray]:
         """Uncertainty of the arm's constants and scatter of the networks; residual variance and unstated temperature.
 
         The members are trained on overlapping readings and err alike, so that the scatter of one of them counts, not
         that of their mean.
         """
-        temperature = self._temperature(readings)
-        of_arm = self.fit_.tip_covariance(state_of(self.arm_, self._with_known_sessions(readings)))
-        of_parameters = of_arm + _scatter(self._corrections(readings, temperature))
-        variance = self.residual_std_**2 * self.variance_function_.share(readings.angles)
+        state = at.state
+        of_parameters = self.fit_.tip_covariance(state) + _scatter(self._corrections(state))
+        variance = self.residual_std_**2 * self.variance_function_.share(state.angles)
         unexplained = variance[:, None, None] * np.eye(3)
         known = self.training_.temperature_degC
-        if self.inputs_.has_temperature and readings.temperature_degC is None and known is not None:
-            assert temperature is not None  # the mean of the training
+        if self.inputs_.has_temperature and at.session.temperature_degC is None and known is not None:
+            assert state.temperature_degC is not None  # the mean of the training
             low, high = (
-                self._corrections(readings, temperature + sign * known.std).mean(axis=0) for sign in (-1.0, 1.0)
+                self._corrections(state.at_temperature(state.temperature_degC + sign * known.std)).mean(axis=0)
+                for sign in (-1.0, 1.0)
             )
             half = (high - low) / 2
             unexplained = unexplained + half[:, :, None] * half[:, None, :]
         return of_parameters, unexplained
 
-    def _shared_displacements(self, readings: Session) -> FloatArray:
+    def _shared_displacements(self, at: CheckedReadings) -> FloatArray:
         # The networks' scatter counts as independent: it has no direction, and in the poses of a seat little in common.
-        return self.fit_.tip_displacements(state_of(self.arm_, self._with_known_sessions(readings)))
+        return self.fit_.tip_displacements(at.state)
 
     def _fit_weighted(self, readings: Session, weight: FloatArray) -> Self:
         if (weight == weight[0]).all():

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import ClassVar, Self
 
 import numpy as np
 
 from truearm.arm.arm import Arm
-from truearm.compensation.models.compensator import Compensator, no_progress
+from truearm.compensation.models.compensator import CheckedReadings, Compensator, no_progress
 from truearm.errors import InputError
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.propagation import direction_effects, half_tip_difference
@@ -19,7 +19,9 @@ from truearm.identification.estimation.residual_variance import (
     VarianceFunction,
 )
 from truearm.identification.identify import (
+    Found,
     Identification,
+    Progress,
     identify_nominal,
     identify_offered,
     identify_physical,
@@ -29,8 +31,7 @@ from truearm.identification.judgement.held_out_errors import HeldOutErrors
 from truearm.identification.judgement.residual_process import ResidualProcess
 from truearm.identification.judgement.tails import ellipsoid_factor
 from truearm.identification.references.prepared_readings import PreparedReadings
-from truearm.identification.references.reading_references import references_of, state_of
-from truearm.identification.terms import ArmState, SkippedTerm, Term, constants
+from truearm.identification.terms import SkippedTerm, Term, constants
 from truearm.identification.terms.basis import HIGHEST_ORDER, Temperature
 from truearm.identification.terms.catalogue import HIGHEST_ORDER_OFFERED
 from truearm.readings.lengths import Lengths
@@ -90,17 +91,18 @@ class IdentifiedModel(Compensator):
 
     terms: Sequence[Term] = ()
 
-    _place = staticmethod(place_without_gross_errors)
+    def _place(self, readings: PreparedReadings) -> Found:
+        return place_without_gross_errors(readings)
 
     @abstractmethod
     def _identify(
-        self, readings: PreparedReadings, simpler: Compensator | None, progress: Callable[[int, str], None]
+        self, readings: PreparedReadings, placed: Found, simpler: Compensator | None, progress: Progress
     ) -> Identification:
         """What the readings say of the arm, by the terms of this model."""
 
-    def _fit(self, data: PreparedReadings, simpler: Compensator | None, progress: Callable[[int, str], None]) -> None:
+    def _fit(self, readings: PreparedReadings, placed: Found, simpler: Compensator | None, progress: Progress) -> None:
         progress(0, "terms")
-        found = self._identify(data, simpler, progress)
+        found = self._identify(readings, placed, simpler, progress)
         self.fit_, self.excluded_terms_ = found.fit, found.excluded_terms
         self.held_out_, self.held_out_distances_ = found.held_out, found.held_out_distances
         self.held_out_errors_, self.birge_ratio_ = found.held_out_errors, found.birge_ratio
@@ -116,9 +118,14 @@ class IdentifiedModel(Compensator):
         for term in self.terms:
             term.check_place(self.arm.chain)
 
-    def _known(self, simpler: Compensator | None) -> list[IdentificationResult]:
+    def _known(self, placed: Found, simpler: Compensator | None) -> list[IdentificationResult]:
         """Arms that were identified from the same readings before."""
-        return [self.nominal_, *([simpler.fit_] if isinstance(simpler, IdentifiedModel) else [])]
+        return [placed.fit, *([simpler.fit_] if isinstance(simpler, IdentifiedModel) else [])]
+
+    @property
+    def n_effective_(self) -> float:
+        """Coefficients that the readings determine."""
+        return sum(group.effective for group in self.fit_.groups)
 
     def ellipsoid_factor(self, level: float) -> float:
         """See `Compensator.ellipsoid_factor`: beyond 95 % as much larger as the held-out readings scatter farther."""
@@ -138,45 +145,30 @@ class IdentifiedModel(Compensator):
             noise = np.sqrt((self.fit_.references[0].residuals ** 2 / (1 + excess))[:, used].mean())
             std = np.maximum(noise * np.sqrt(excess), LEAST_STD_MM)
             # Checked before: these uncertainties are stated by no person, and may exceed the scatter by far.
-            data = self._prepare(self.arm_, replace(readings, point_std=np.repeat(std[:, None], 3, axis=1)))
-            self.nominal_ = self._place(data)
-            self._fit(data, None, no_progress)
+            data = self.prepare(replace(readings, point_std=np.repeat(std[:, None], 3, axis=1)))
+            self._set_conditions(data)
+            placed = self._place(data)
+            self.nominal_ = placed.fit
+            self._fit(data, placed, None, no_progress)
         return self
-
-    def state(self, readings: Session) -> ArmState:
-        """State of the arm at readings, as far as the model's terms depend on it.
-
-        Temperatures and loads that the readings do not state are the mean of the training; directions of movement are
-        half way between the two. `unstated_input_covariances` has the uncertainty of that.
-        """
-        temperature = self.training_.temperature_degC
-        return state_of(
-            self.arm_,
-            self._with_known_sessions(readings),
-            temperature_degC=None if temperature is None else temperature.mean,
-            columns={name: known.mean for name, known in self.training_.columns.items()},
-            direction=0.0,
-        )
 
     def _has_thermal_terms(self) -> bool:
         return any(isinstance(term.basis, Temperature) for term in self.fit_.perturbed_chain.terms)
 
-    def _tips(self, readings: Session) -> FloatArray:
-        return self.fit_.tips(self.state(readings))
+    def _tips(self, at: CheckedReadings) -> FloatArray:
+        return self.fit_.tips(at.state)
 
-    def _covariance_parts(self, readings: Session) -> tuple[FloatArray, FloatArray]:
-        state = self.state(readings)
-        of_parameters = self.fit_.tip_covariance(state)
-        unexplained = self.residual_std_**2 * self.variance_function_.share(readings.angles)
-        return of_parameters, sum(
-            self._unstated_input_covariances(readings, state).values(), unexplained[:, None, None] * np.eye(3)
+    def _covariance_parts(self, at: CheckedReadings) -> tuple[FloatArray, FloatArray]:
+        unexplained = self.residual_std_**2 * self.variance_function_.share(at.session.angles)
+        return self.fit_.tip_covariance(at.state), sum(
+            self.unstated_input_covariances(at).values(), unexplained[:, None, None] * np.eye(3)
         )
 
-    def _shared_displacements(self, readings: Session) -> FloatArray:
-        return self.fit_.tip_displacements(self.state(readings))
+    def _shared_displacements(self, at: CheckedReadings) -> FloatArray:
+        return self.fit_.tip_displacements(at.state)
 
     @one_blas_thread()
-    def unstated_input_covariances(self, readings: Session) -> dict[str, FloatArray]:
+    def unstated_input_covariances(self, readings: Session | CheckedReadings) -> dict[str, FloatArray]:
         """Tip covariance from inputs of the terms that the readings do not state.
 
         Temperature and further columns have their mean and variance in training; directions of movement are one or the
@@ -187,9 +179,12 @@ class IdentifiedModel(Compensator):
         dict of str to (n, 3, 3) array
             By input the covariance of tips [mm^2], to first order.
         """
-        return self._unstated_input_covariances(readings, self.state(readings))
+        effects = self._unstated_input_effects(self.checked(readings))
+        return {
+            name: np.einsum("kni,knj->nij", effect, effect) for name, effect in sorted(effects.items()) if effect.any()
+        }
 
-    def condition_displacements(self, readings: Session) -> FloatArray:
+    def condition_displacements(self, readings: Session | CheckedReadings) -> FloatArray:
         """Errors of predicted points from conditions: growth beyond the trained temperatures, inputs not stated.
 
         Returns
@@ -198,20 +193,14 @@ class IdentifiedModel(Compensator):
             Displacements of the points by k independent causes of variance one, each the same at all readings [mm];
             directions of movement, which change from reading to reading, are not among them.
         """
-        self._check_session(readings)
-        effects = self._unstated_input_effects(readings, self.state(readings))
+        at = self.checked(readings)
+        effects = self._unstated_input_effects(at)
         del effects["directions of movement"]
-        return np.concatenate([self._expansion_displacements(readings), *effects.values()])
+        return np.concatenate([self._expansion_displacements(at.session), *effects.values()])
 
-    def _unstated_input_covariances(self, readings: Session, state: ArmState) -> dict[str, FloatArray]:
-        effects = self._unstated_input_effects(readings, state)
-        return {
-            name: np.einsum("kni,knj->nij", effect, effect) for name, effect in sorted(effects.items()) if effect.any()
-        }
-
-    def _unstated_input_effects(self, readings: Session, state: ArmState) -> dict[str, FloatArray]:
+    def _unstated_input_effects(self, at: CheckedReadings) -> dict[str, FloatArray]:
         """By input (k, n, 3) displacements by k independent causes of variance one [mm]."""
-        fit, training = self.fit_, self.training_
+        fit, training, (readings, state) = self.fit_, self.training_, at
         effects = {"directions of movement": direction_effects(fit, state)}
         if readings.temperature_degC is None and training.temperature_degC is not None:
             assert state.temperature_degC is not None  # the mean in training
@@ -224,8 +213,8 @@ class IdentifiedModel(Compensator):
             effects[name] = half_tip_difference(fit, low, high)[None]
         return effects
 
-    def _check_references(self, readings: Session, lengths: Lengths | None) -> int:
-        return len(np.unique(np.concatenate([reference.rows for reference in references_of(readings, lengths)])))
+    def _check_references(self, readings: Session, lengths: Lengths | None) -> None:
+        """Every reference serves."""
 
 
 class NominalModel(IdentifiedModel):
@@ -254,10 +243,10 @@ class NominalModel(IdentifiedModel):
         self.free = free
 
     def _identify(
-        self, readings: PreparedReadings, simpler: Compensator | None, progress: Callable[[int, str], None]
+        self, readings: PreparedReadings, placed: Found, simpler: Compensator | None, progress: Progress
     ) -> Identification:
         del simpler, progress
-        return identify_nominal(readings, self.nominal_)
+        return identify_nominal(readings, placed)
 
 
 class KinematicModel(IdentifiedModel):
@@ -303,10 +292,10 @@ class KinematicModel(IdentifiedModel):
         self.terms = terms
 
     def _identify(
-        self, readings: PreparedReadings, simpler: Compensator | None, progress: Callable[[int, str], None]
+        self, readings: PreparedReadings, placed: Found, simpler: Compensator | None, progress: Progress
     ) -> Identification:
         terms = [*constants(readings.state.chain, free=readings.free), *self.terms]
-        return identify_offered(readings, terms, (), self._known(simpler), progress)
+        return identify_offered(readings, terms, (), self._known(placed, simpler), progress)
 
 
 class PhysicalModel(IdentifiedModel):
@@ -355,11 +344,11 @@ class PhysicalModel(IdentifiedModel):
         self.terms = terms
 
     def _identify(
-        self, readings: PreparedReadings, simpler: Compensator | None, progress: Callable[[int, str], None]
+        self, readings: PreparedReadings, placed: Found, simpler: Compensator | None, progress: Progress
     ) -> Identification:
         return identify_physical(
             readings,
-            self._known(simpler),
+            self._known(placed, simpler),
             highest=int(self.highest),
             residual=bool(self.residual),
             further=self.terms,

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.arm.arm import Arm
-from truearm.compensation.models.compensator import Compensator
+from truearm.compensation.models.compensator import CheckedReadings, Compensator
 from truearm.compensation.nets.nguyen_widrow import nguyen_widrow
 from truearm.compensation.nets.normal_equations import FitProblem
 from truearm.compensation.nets.perceptron import Perceptron
@@ -22,8 +22,8 @@ from truearm.compensation.nets.traingdx import AdaptiveRecord, traingdx
 from truearm.compensation.nets.training import Epoch, TrainingRecord, dividerand
 from truearm.compensation.nets.trainlm import trainlm
 from truearm.errors import InputError
-from truearm.identification.identify import MIN_ROWS
-from truearm.identification.references.prepared_readings import PreparedReadings
+from truearm.identification.identify import Found, Progress
+from truearm.identification.references.prepared_readings import MIN_ROWS, PreparedReadings
 from truearm.readings.lengths import Lengths
 from truearm.readings.session import Session
 from truearm.solve.threads import one_blas_thread
@@ -165,18 +165,17 @@ class NetworkModel(Compensator):
 
         Small within the training readings, large where they do not determine the prediction.
         """
-        return self._scatter(self._checked_angles(angles))
+        return self._scatter(self._checked_angles(angles).session.angles)
 
-    def _check_references(self, readings: Session, lengths: Lengths | None) -> int:
+    def _check_references(self, readings: Session, lengths: Lengths | None) -> None:
         if lengths is not None:
             raise InputError(
                 "a network learns from points only, and lengths between seats were given",
                 hint="fit it without lengths, or fit a kinematic or physical model",
             )
-        n_points = super()._check_references(readings, lengths)
+        super()._check_references(readings, lengths)
         assert readings.points is not None  # checked
         _check_motion(self.arm, readings, readings.points)
-        return n_points
 
     def _fit_weighted(self, readings: Session, weight: FloatArray) -> Self:
         if (weight == weight[0]).all():
@@ -186,9 +185,11 @@ class NetworkModel(Compensator):
             hint="repeat readings, or weigh them in a kinematic or physical model",
         )
 
-    def _fit(self, data: PreparedReadings, simpler: Compensator | None, progress: Callable[[int, str], None]) -> None:
-        del simpler
-        readings = data.session
+    def _fit(self, readings: PreparedReadings, placed: Found, simpler: Compensator | None, progress: Progress) -> None:
+        del placed, simpler
+        self._train(readings.session, progress)
+
+    def _train(self, readings: Session, progress: Progress) -> None:
         if self.session_frames_:
             raise readings.error(
                 f"the readings are of {len(self.session_frames_)} sessions, each in its own frame, and a network "
@@ -224,7 +225,7 @@ class NetworkModel(Compensator):
         number: int,
         training: FitProblem,
         validation: FitProblem | None,
-        progress: Callable[[int, str], None],
+        progress: Progress,
     ) -> tuple[int, FloatArray, TrainingRecord]:
         """The best of a member's starts: its number, the weights and the record."""
         options = {"validation": validation, "epochs": self.epochs, "goal": self.goal}
@@ -245,7 +246,7 @@ class NetworkModel(Compensator):
         assert best is not None  # one start at least
         return best
 
-    def _epoch_callback(self, done: int, progress: Callable[[int, str], None]) -> Callable[[Epoch], None]:
+    def _epoch_callback(self, done: int, progress: Progress) -> Callable[[Epoch], None]:
         """Progress of a training after `done` others: errors in mm instead of scaled squares."""
         scale = float(np.sqrt(np.mean(self.point_scale_.half_range**2)))
         n_trainings = self.n_members * self.n_restarts
@@ -332,8 +333,8 @@ class NetworkModel(Compensator):
         """(n, 3) a member's points [mm] at scaled inputs (n_inputs, n)."""
         return np.asarray(self.point_scale_.unscale(self.network_.outputs(member.weights, inputs)).T)
 
-    def _tips(self, readings: Session) -> FloatArray:
-        return self._mean(readings.angles)
+    def _tips(self, at: CheckedReadings) -> FloatArray:
+        return self._mean(at.session.angles)
 
     def _mean(self, angles: FloatArray) -> FloatArray:
         """(n, 3) mean of the members' points [mm]."""
@@ -351,14 +352,14 @@ class NetworkModel(Compensator):
             out /= len(self.members_) - 1
         return out
 
-    def _covariance_parts(self, readings: Session) -> tuple[FloatArray, FloatArray]:
+    def _covariance_parts(self, at: CheckedReadings) -> tuple[FloatArray, FloatArray]:
         """Uncertainty of the weights, and the residual covariance of members.
 
         The first is the second, times the leverage of the last hidden layers, and the members' scatter. The leverage is
         that of a Bayesian linear output layer. Hidden units saturate, so that it does not grow without bound far
         outside; the scatter does not include the error that all members share. Such rows are flagged instead.
         """
-        angles = readings.angles
+        angles = at.session.angles
         inputs = self.angle_scale_.scale(angles.T)
         leverage = np.zeros(len(angles))
         for member in self.members_:

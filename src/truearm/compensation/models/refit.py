@@ -11,13 +11,13 @@ from typing import TypeVar
 
 import numpy as np
 
+from truearm.compensation.models.arm_check import check_readings_of, with_serial_number
 from truearm.compensation.models.compensator import FREE_PARTS, Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.errors import InputError
 from truearm.identification.estimation.consider_parameters import consider_update
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.residual_variance import NONE_HELD_OUT
-from truearm.identification.identify import MIN_ROWS
 from truearm.identification.judgement.description_check import explaining
 from truearm.identification.judgement.nominal_check import (
     NominalCheck,
@@ -27,6 +27,7 @@ from truearm.identification.judgement.nominal_check import (
 )
 from truearm.identification.judgement.residual_process import transfer_improvement, without_process
 from truearm.identification.references.alignment import align
+from truearm.identification.references.prepared_readings import check_enough, lengths_in_seats
 from truearm.identification.references.reading_references import check_spread, references_of, without_sizes
 from truearm.identification.references.session_frames import rough_session_frames, to_first_session_frame
 from truearm.identification.references.tips import check_tips, tip_names
@@ -154,19 +155,15 @@ def _checked(
     """The readings without orientations, what they can re-identify, their lengths, and whether the tip is a new one."""
     if not free or not set(free) <= set(FREE_PARTS):
         raise InputError(f"expected what to re-identify among {list(FREE_PARTS)}, got {list(free)}")
-    model._check_inputs(model.arm_, readings)
+    check_readings_of(model.arm_, readings)
+    with_serial_number(model.arm_, readings)
     is_new_tip = "tip" in free and len(model.tips_) == len(tip_names(readings)) == 1
     if not is_new_tip:
         check_tips(model.tips_, readings)
     readings = replace(readings, quaternion=None)
-    if lengths is not None:
-        if readings.seat is None:
-            raise readings.error("lengths are between seats, and the readings name no seats", column="seat")
-        lengths = lengths.between(readings.seat)
+    lengths = lengths_in_seats(readings, lengths)
     check_sessions(readings, lengths, own_frame=not {"base"} & {*free, *model.free})
-    n_known = model._check_references(readings, lengths)
-    if n_known < MIN_ROWS:
-        raise readings.error(f"expected {MIN_ROWS} or more readings with a reference, got {n_known}")
+    check_enough(references_of(readings, lengths), readings)
     if not readings.has_point.any():
         free = tuple(part for part in free if part != "base")
         if not free:

@@ -7,14 +7,13 @@ end, so that a few wrong readings decide nothing; the comparison omits readings 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from truearm.arm.arm import Arm
 from truearm.compensation.models.hybrid import HybridModel
 from truearm.compensation.models.identified_model import (
     IdentifiedModel,
@@ -25,19 +24,15 @@ from truearm.compensation.models.identified_model import (
 from truearm.compensation.models.residual_inputs import moves
 from truearm.errors import InputError
 from truearm.identification.estimation.residual_variance import HeldOutReadings
+from truearm.identification.identify import Progress
 from truearm.identification.judgement.gross_errors import excluded_readings
 from truearm.identification.judgement.paired_comparison import group_means, trimmed_mean
+from truearm.identification.references.prepared_readings import PreparedReadings
 from truearm.identification.terms import Term
-from truearm.readings.lengths import Lengths
-from truearm.readings.session import Session
 from truearm.typing import IntArray
 
-# The simplest first.
-CANDIDATES: dict[str, type[IdentifiedModel]] = {
-    "nominal": NominalModel,
-    "kinematic": KinematicModel,
-    "physical": PhysicalModel,
-}
+# Beside the nominal model, the simplest first.
+CANDIDATES: dict[str, type[IdentifiedModel]] = {"kinematic": KinematicModel, "physical": PhysicalModel}
 
 # What is selected.
 SelectedModel: TypeAlias = IdentifiedModel | HybridModel
@@ -94,17 +89,14 @@ class Selection(NamedTuple):
 
 
 def select_model(
-    arm: Arm,
-    readings: Session,
+    nominal: NominalModel,
+    readings: PreparedReadings,
     *,
-    free: tuple[str, ...] = ("base", "tip"),
-    lengths: Lengths | None = None,
-    progress: Callable[[int, str], None] | None = None,
-    nominal: NominalModel | None = None,
+    progress: Progress | None = None,
     residual: bool = True,
     terms: Sequence[Term] = (),
 ) -> Selection:
-    """Fit the nominal, the kinematic and the physical model, and the hybrid model if it may win, and keep one.
+    """Fit the kinematic and the physical model, and the hybrid model if it may win, and keep one or the nominal model.
 
     One standard error rule (L. Breiman and others, "Classification and Regression Trees", 1984, section 3.4.3) on
     paired differences: the simplest model is kept whose error on readings held out exceeds that of the best one by no
@@ -116,17 +108,12 @@ def select_model(
 
     Parameters
     ----------
-    arm : Arm
-    readings : Session
+    nominal : NominalModel
+        Fitted to the readings; the others have its arm and free parts.
+    readings : PreparedReadings
         With reference points, seats, or both.
-    free : tuple of str
-        See the models.
-    lengths : Lengths, optional
-        Known lengths between seats.
     progress : callable, optional
         Called with the steps done and a note.
-    nominal : NominalModel, optional
-        The first of the three, if it is already fitted to these readings with these options.
     residual : bool
         Whether the physical model may have a residual process.
     terms : sequence of Term
@@ -141,38 +128,45 @@ def select_model(
     InputError
         As `fit_readings`; also if no readings can be held out.
     """
-    models: dict[str, SelectedModel] = {} if nominal is None else {"nominal": nominal}
-    for number, (name, kind) in enumerate(CANDIDATES.items()):
-        if name in models:
-            continue
 
-        def report(_: int, note: str, number: int = number, name: str = name) -> None:
-            if progress is not None:
-                progress(number, f"{name}: {note}")
+    def report(name: str) -> Progress:
+        done = len(models)
+        return lambda _, note: None if progress is None else progress(done, f"{name}: {note}")
 
-        options: dict[str, Any] = {"residual": residual, "terms": terms} if kind is PhysicalModel else {}
-        model = kind(arm, free=free, **options)
-        simpler = models[list(models)[-1]] if models else None
-        models[name] = model.fit_readings(readings, lengths=lengths, progress=report, nominal=simpler)
+    models: dict[str, IdentifiedModel] = {"nominal": nominal}
+    for name, kind in CANDIDATES.items():
+        options: dict[str, Any] = {"residual": residual, "terms": terms} if name == "physical" else {}
+        model = kind(nominal.arm, free=nominal.free, **options)
+        models[name] = model.learn(readings, progress=report(name), nominal=list(models.values())[-1])
         if not len(models[name].held_out_.rows):
-            raise _nothing_held_out(readings)
-    hybrid, arm_model = HybridModel(arm, free=free), models.get("kinematic")
-    assert isinstance(arm_model, KinematicModel)
-    why_no_hybrid = _why_no_hybrid(hybrid, arm_model, readings, lengths, models)
-    if why_no_hybrid is None:
-        models["hybrid"] = hybrid.fit_readings(
-            readings,
-            nominal=arm_model,
-            progress=lambda _, note: None if progress is None else progress(len(CANDIDATES), f"hybrid: {note}"),
-        )
+            break
     common, n_excluded = _common_readings(models)
-    if not len(next(iter(common.values())).rows):
-        raise _nothing_held_out(readings)
+    if not len(common["nominal"].rows):
+        raise InputError(
+            "expected readings with points, seats of two readings or more, or distances to anchors, which the others "
+            "determine when they are held out: models are compared on these",
+            file=readings.given.file,
+            hint="name the model: --model kinematic, or --model physical",
+        )
+    compared: dict[str, SelectedModel] = {**models}
+    hybrid, arm_model = HybridModel(nominal.arm, free=nominal.free), models["kinematic"]
+    why_no_hybrid = _why_no_hybrid(hybrid, arm_model, readings, compared)
+    if why_no_hybrid is None:
+        compared["hybrid"] = hybrid.learn(readings, progress=report("hybrid"), nominal=arm_model)
+        common, n_excluded = _common_readings(compared)
+    table = _scores(compared, common, n_excluded)
+    return Selection(next(compared[score.name] for score in table if score.kept), table, why_no_hybrid)
+
+
+def _scores(
+    models: dict[str, SelectedModel], common: dict[str, HeldOutReadings], n_excluded: int
+) -> tuple[ModelScore, ...]:
+    """Errors on the readings that are held out of all models, by the one standard error rule."""
     errors = {name: group_means(part) for name, part in common.items()}
     best = min(errors, key=lambda name: trimmed_mean(errors[name])[0])
     excess = {name: trimmed_mean(of - errors[best]) for name, of in errors.items()}
     kept = next(name for name in models if excess[name][0] <= excess[name][1])
-    table = tuple(
+    return tuple(
         ModelScore(
             name,
             part.mean_mm,
@@ -181,48 +175,33 @@ def select_model(
             float(part.errors_mm.max()),
             *excess[name],
             n_excluded,
-            _n_effective(models[name]),
+            models[name].n_effective_,
             name == kept,
         )
         for name, part in common.items()
     )
-    return Selection(models[kept], table, why_no_hybrid)
-
-
-def _nothing_held_out(readings: Session) -> InputError:
-    return InputError(
-        "expected readings with points, seats of two readings or more, or distances to anchors, which the others "
-        "determine when they are held out: models are compared on these",
-        file=readings.file,
-        hint="name the model: --model kinematic, or --model physical",
-    )
 
 
 def _why_no_hybrid(
-    hybrid: HybridModel,
-    arm_model: KinematicModel,
-    readings: Session,
-    lengths: Lengths | None,
-    models: dict[str, SelectedModel],
+    hybrid: HybridModel, arm_model: IdentifiedModel, readings: PreparedReadings, models: dict[str, SelectedModel]
 ) -> str | None:
     """Why the hybrid model is not fitted; None if it applies and its first network is well ahead of the best model."""
-    n_weights = (2 * readings.n_joints + 1) * hybrid.hidden[0] + 3 * (hybrid.hidden[0] + 1)
-    held_out_rows = [model.held_out_.rows for model in models.values()]
+    session = readings.session
+    n_weights = (2 * session.n_joints + 1) * hybrid.hidden[0] + 3 * (hybrid.hidden[0] + 1)
     used = arm_model.held_out_
     for excludes, reason in (
-        (lengths is not None, "its networks do not learn from lengths"),
-        (not readings.has_point.all(), "its networks need a reference point at every reading"),
-        (bool(arm_model.session_frames_), "its networks learn in one frame, and the sessions have one each"),
-        (len(arm_model.tips_) > 1, "its networks learn one tip"),
+        (readings.lengths is not None, "its networks do not learn from lengths"),
+        (not session.has_point.all(), "its networks need a reference point at every reading"),
+        (bool(readings.frames), "its networks learn in one frame, and the sessions have one each"),
+        (len(readings.tips) > 1, "its networks learn one tip"),
         (3 * len(used.rows) < n_weights, f"{len(used.rows)} readings are too few for its {n_weights} weights"),
-        (not len(reduce(np.intersect1d, held_out_rows)), "no reading is held out of all models"),
         (len(np.unique(used.group)) < 2, "readings of one position cannot be held out"),
-        (not moves(readings.angles[used.rows], arm_model.arm_.chain.is_prismatic), "no joint moves"),
+        (not moves(session.angles[used.rows], readings.arm.chain.is_prismatic), "no joint moves"),
     ):
         if excludes:
             return reason
-    first = hybrid.held_out_by_first_member(readings, arm_model)
-    common = reduce(np.intersect1d, [first.rows, *held_out_rows])
+    first = hybrid.held_out_by_first_member(session, arm_model)
+    common = reduce(np.intersect1d, [first.rows, *(model.held_out_.rows for model in models.values())])
     if not len(common):
         return "no reading is held out of all models"
     held_out = {name: _on_rows(model.held_out_, common) for name, model in models.items()}
@@ -232,25 +211,16 @@ def _why_no_hybrid(
     return None if excess + error / np.sqrt(hybrid.n_members) < 0 else "its first network was no better"
 
 
-def _n_effective(model: SelectedModel) -> float:
-    if isinstance(model, HybridModel):
-        return model.n_effective_
-    return sum(group.effective for group in model.fit_.groups)
-
-
 def _on_rows(held_out: HeldOutReadings, rows: IntArray) -> HeldOutReadings:
     """Some held-out readings, sorted."""
     order = np.argsort(held_out.rows)
     return held_out.select(order[np.isin(held_out.rows[order], rows)])
 
 
-def _common_readings(models: dict[str, SelectedModel]) -> tuple[dict[str, HeldOutReadings], int]:
+def _common_readings(models: Mapping[str, SelectedModel]) -> tuple[dict[str, HeldOutReadings], int]:
     """Held-out readings that are gross errors of none of the models, sorted, and the number of the others."""
     rows = [model.held_out_.rows for model in models.values()]
     common = reduce(np.intersect1d, rows)
     found = {name: _on_rows(model.held_out_, common) for name, model in models.items()}
-    return found, len(np.unique(np.concatenate([*rows, *map(_excluded, models.values())]))) - len(common)
-
-
-def _excluded(model: SelectedModel) -> IntArray:
-    return excluded_readings(model.fit_)
+    excluded = [excluded_readings(model.fit_) for model in models.values()]
+    return found, len(np.unique(np.concatenate([*rows, *excluded]))) - len(common)

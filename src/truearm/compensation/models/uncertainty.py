@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from truearm.compensation.models.compensator import Compensator
+from truearm.compensation.models.compensator import CheckedReadings, Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.identification.estimation.propagation import relative_covariance
 from truearm.identification.judgement.outliers import Outlier
@@ -78,15 +78,16 @@ class UncertaintyBudget:
         return ELLIPSOID_FACTOR * self.combined_mm
 
 
-def uncertainty_budget(model: Compensator, readings: Session) -> tuple[UncertaintyBudget, tuple[Outlier, ...]]:
+def uncertainty_budget(
+    model: Compensator, readings: Session | CheckedReadings
+) -> tuple[UncertaintyBudget, tuple[Outlier, ...]]:
     """Uncertainty budget of a model at the readings of a session, and the readings that contradict it.
 
     Parameters
     ----------
     model : Compensator
         Fitted.
-    readings : Session
-        One or more.
+    readings : Session or CheckedReadings
 
     Returns
     -------
@@ -94,17 +95,19 @@ def uncertainty_budget(model: Compensator, readings: Session) -> tuple[Uncertain
     far : tuple of Outlier
         Those of more than eight standard deviations, the largest first.
     """
-    of_parameters, unexplained = model.covariance_parts(readings)
+    at = model.checked(readings)
+    readings = at.session
+    of_parameters, unexplained = model.covariance_parts(at)
     seen = np.flatnonzero(readings.has_point)
     is_relative = False
     if isinstance(model, IdentifiedModel) and not len(seen) and _frame_is_arbitrary(model):
         is_relative = True
-        of_parameters = relative_covariance(model.fit_, model.state(readings)) + model.expansion_covariance(readings)
+        of_parameters = relative_covariance(model.fit_, at.state) + model.expansion_covariance(at)
     combined = of_parameters + unexplained
     times, errors = np.zeros(0), np.zeros(0)
     if len(seen):
         assert readings.points is not None
-        deviations = model.predict_readings(readings)[seen] - readings.points[seen]
+        deviations = model.predict_readings(at)[seen] - readings.points[seen]
         spread = combined[seen] + _reference_covariance(readings, is_frame_free="base" in model.free_)[seen]
         times = np.sqrt((deviations[:, None] @ np.linalg.solve(spread, deviations[:, :, None]))[:, 0, 0])
         errors = np.linalg.norm(deviations, axis=1)

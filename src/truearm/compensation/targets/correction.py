@@ -294,7 +294,7 @@ def _judged(
     good = reasons == ""
     covariances = np.full((len(targets), 3, 3), np.nan)
     if uncertainty and good.any():
-        covariances[good] = model.predict_readings(readings.rows(good), return_cov=True)[1]
+        covariances[good] = model.predict_readings(model.at(readings.rows(good)), return_cov=True)[1]
     nominal = nominal_poses(model)
     every = np.arange(len(targets))
     there = nominal.pose(found.joints, every)

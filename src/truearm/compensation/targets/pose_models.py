@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from truearm.arm.chain import Chain, Pose
-from truearm.compensation.models.compensator import Compensator
+from truearm.compensation.models.compensator import CheckedReadings, Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.errors import InputError
 from truearm.identification.estimation.identification_result import IdentificationResult
@@ -79,13 +79,17 @@ class PredictedPoses:
 
     def pose(self, joints: FloatArray, rows: IntArray) -> Pose:
         """See `PoseModel`."""
-        # The checks of `predict` judge readings by their majority; steps of a search are none.
-        return Pose(self.nominal.pose(joints, rows).R_base_tip, self.model._tips(Session(joints)))
+        return Pose(self.nominal.pose(joints, rows).R_base_tip, self._tips(joints))
 
     def linearise(self, joints: FloatArray, rows: IntArray) -> tuple[Pose, FloatArray]:
         """See `PoseModel`."""
         nominal, jacobian = self.nominal.linearise(joints, rows)
-        return Pose(nominal.R_base_tip, self.model._tips(Session(joints))), jacobian
+        return Pose(nominal.R_base_tip, self._tips(joints)), jacobian
+
+    def _tips(self, joints: FloatArray) -> FloatArray:
+        # The checks of `predict` judge readings by their majority; steps of a search are none.
+        readings = Session(joints)
+        return self.model._tips(CheckedReadings(readings, self.model.state(readings)))
 
 
 def nominal_poses(model: Compensator) -> ChainPoses:

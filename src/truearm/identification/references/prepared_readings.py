@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple, Self
+
+import numpy as np
 
 from truearm.arm.arm import Arm
 from truearm.identification.references.reading_references import references_of, state_of
@@ -11,9 +13,13 @@ from truearm.identification.references.references import Reference
 from truearm.identification.references.session_frames import rough_session_frames, to_first_session_frame
 from truearm.identification.references.tips import free_tips
 from truearm.identification.terms import ArmState
+from truearm.readings.checks import check_sessions
 from truearm.readings.lengths import Lengths
 from truearm.readings.session import Session
 from truearm.typing import FloatArray
+
+# Readings that determine base (6) and tip (3): 3 coordinates each, and one reading to spare.
+MIN_ROWS = 4
 
 
 class PreparedReadings(NamedTuple):
@@ -22,8 +28,10 @@ class PreparedReadings(NamedTuple):
     Attributes
     ----------
     arm : Arm
+    given : Session
+        The readings as they were given, named in messages.
     session : Session
-        All readings in one frame.
+        All of them in one frame.
     state : ArmState
         State of the arm at them.
     references : list of Reference
@@ -41,6 +49,7 @@ class PreparedReadings(NamedTuple):
     """
 
     arm: Arm
+    given: Session
     session: Session
     state: ArmState
     references: list[Reference]
@@ -52,19 +61,24 @@ class PreparedReadings(NamedTuple):
 
     @classmethod
     def of(cls, arm: Arm, readings: Session, lengths: Lengths | None, *, free: tuple[str, ...], robust: bool) -> Self:
-        """Prepare checked readings of an arm, each session in its own frame (see `rough_session_frames`).
+        """Prepare readings of an arm whose angles were checked, each session in its own frame.
 
         Raises
         ------
         InputError
-            If the frames of sessions are not determined, several tips are not free, or there is no reference.
+            If a seat or a length is in two sessions, the frames of sessions are not determined (see
+            `rough_session_frames`), several tips are not free, or fewer than `MIN_ROWS` readings have a reference.
         """
+        lengths = lengths_in_seats(readings, lengths)
+        check_sessions(readings, lengths, own_frame="base" not in free)
         determined = free if readings.has_point.any() else tuple(part for part in free if part != "base")
         frames = rough_session_frames(arm, readings, determined)
         tips = free_tips(readings, free)
         session = to_first_session_frame(readings, frames)
-        state, references = state_of(arm, session), references_of(session, lengths)
-        return cls(arm, session, state, references, lengths, determined, frames, tips, robust)
+        references = references_of(session, lengths)
+        check_enough(references, readings)
+        state = state_of(arm, session)
+        return cls(arm, readings, session, state, references, lengths, determined, frames, tips, robust)
 
     def typical_state(self, angles: FloatArray) -> ArmState:
         """State of the arm at angles (n, n_joints), as warm and as loaded as at the readings on average."""
@@ -76,3 +90,19 @@ class PreparedReadings(NamedTuple):
             columns={name: float(values.mean()) for name, values in readings.columns.items()},
             direction=0.0,
         )
+
+
+def lengths_in_seats(readings: Session, lengths: Lengths | None) -> Lengths | None:
+    """The lengths between the seats of readings, which must name some if there are lengths."""
+    if lengths is None:
+        return None
+    if readings.seat is None:
+        raise readings.error("lengths are between seats, and the readings name no seats", column="seat")
+    return lengths.between(readings.seat)
+
+
+def check_enough(references: Sequence[Reference], readings: Session) -> None:
+    """Check that `MIN_ROWS` readings or more have a reference."""
+    n_known = len(np.unique(np.concatenate([reference.rows for reference in references])))
+    if n_known < MIN_ROWS:
+        raise readings.error(f"expected {MIN_ROWS} or more readings with a reference, got {n_known}")
