@@ -31,11 +31,13 @@ from truearm.verification.standards.specification import read_specification as r
 from truearm.verification.standards.verification_plan import VerificationPlan as VerificationPlan
 from truearm.verification.standards.verification_plan import load_verification_plan as load_verification_plan
 from truearm.workflows.certificate import CertificateResult as CertificateResult
+from truearm.workflows.certificate import ReadCertificate as ReadCertificate
 from truearm.workflows.certificate import certificate as certificate
+from truearm.workflows.certificate import read_certificate as read_certificate
 from truearm.workflows.check import CheckResult as CheckResult
+from truearm.workflows.check import WithdrawalResult as WithdrawalResult
 from truearm.workflows.check import check as check
-from truearm.workflows.check_export import ExportCheck as ExportCheck
-from truearm.workflows.check_export import check_export as check_export
+from truearm.workflows.check import withdraw_check as withdraw_check
 from truearm.workflows.compare import ModelChange as ModelChange
 from truearm.workflows.compare import compare as compare
 from truearm.workflows.correct import CorrectedTargets as CorrectedTargets
@@ -44,7 +46,9 @@ from truearm.workflows.diagnose import Diagnosis as Diagnosis
 from truearm.workflows.diagnose import diagnose as diagnose
 from truearm.workflows.evaluate import Evaluation as Evaluation
 from truearm.workflows.evaluate import evaluate as evaluate
+from truearm.workflows.export import ExportCheck as ExportCheck
 from truearm.workflows.export import ExportResult as ExportResult
+from truearm.workflows.export import check_export as check_export
 from truearm.workflows.export import export as export
 from truearm.workflows.fetch import PublishedReadings as PublishedReadings
 from truearm.workflows.fetch import fetch as fetch
@@ -54,18 +58,15 @@ from truearm.workflows.measure import MeasuredFeatures as MeasuredFeatures
 from truearm.workflows.measure import measure as measure
 from truearm.workflows.operator_sheet import OperatorSheetResult as OperatorSheetResult
 from truearm.workflows.operator_sheet import operator_sheet as operator_sheet
+from truearm.workflows.plan import CheckPlan as CheckPlan
 from truearm.workflows.plan import PlanResult as PlanResult
 from truearm.workflows.plan import plan as plan
-from truearm.workflows.plan_check import CheckPlan as CheckPlan
-from truearm.workflows.plan_check import plan_check as plan_check
+from truearm.workflows.plan import plan_check as plan_check
 from truearm.workflows.predict import Prediction as Prediction
 from truearm.workflows.predict import predict as predict
-from truearm.workflows.read_certificate import ReadCertificate as ReadCertificate
-from truearm.workflows.read_certificate import read_certificate as read_certificate
 from truearm.workflows.refit import RefitResult as RefitResult
 from truearm.workflows.refit import refit as refit
 from truearm.workflows.rehearse import rehearse as rehearse
-from truearm.workflows.rehearse_points import rehearse_points as rehearse_points
 from truearm.workflows.report import ReportResult as ReportResult
 from truearm.workflows.report import report as report
 from truearm.workflows.reproduce import ReproductionResult as ReproductionResult
@@ -78,7 +79,5 @@ from truearm.workflows.task import TaskResult as TaskResult
 from truearm.workflows.task import task as task
 from truearm.workflows.verify import VerificationResult as VerificationResult
 from truearm.workflows.verify import verify as verify
-from truearm.workflows.withdraw_check import WithdrawalResult as WithdrawalResult
-from truearm.workflows.withdraw_check import withdraw_check as withdraw_check
 
 __version__: str

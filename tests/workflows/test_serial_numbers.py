@@ -78,9 +78,8 @@ def test_the_points_of_a_verification_state_the_unit_of_the_model(tmp_path):
     plan = ta.load_verification_plan("asme-b89.4.22")
     sheet = ta.operator_sheet(plan.model_copy(update={"single_point": None, "volumetric": None}))
     sheet.save_points(tmp_path / "points.csv", tip_diameter_mm=6)
-    angles = ta.rehearse_points(
-        "measuring7", tmp_path / "points.csv", sheet.sheet.artefacts, preset="shop", arm_seed=1
-    ).session
+    artefacts = sheet.sheet.artefacts
+    angles = ta.rehearse("measuring7", tmp_path / "points.csv", artefacts=artefacts, preset="shop", arm_seed=1).session
     bare = replace(angles, serial_number=None)
     model = ta.fit("measuring7", readings(1), model="nominal").model
     (tmp_path / "again.csv").write_bytes((tmp_path / "points.csv").read_bytes())

@@ -22,10 +22,10 @@ from scipy.spatial.transform import Rotation
 
 from truearm.arm.chain import Chain
 from truearm.arm.rigid_motions import screw_x, screw_z
+from truearm.choices import Convention as Convention
 from truearm.errors import InputError
 from truearm.typing import BoolArray, FloatArray
 
-Convention = Literal["dh", "mdh"]
 Kind = Literal["revolute", "prismatic", "fixed"]
 
 # A table states where the common normal of two axes meets them, which goes to infinity as the axes become parallel. A

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from truearm.cli.console import Json, RuleOption, check_page_path, print_line, print_record
+from truearm.cli.console import Json, RuleOption, print_line, print_record
 
 if TYPE_CHECKING:
     from truearm.files.xml_signatures import Signer
@@ -74,7 +74,7 @@ def certificate(
         outputs = {"--out": out, "--html": html, "--pdf": pdf, "--logo": logo, "--sign": sign, "--signer": signer}
         others = {"--plan": plan or None, **inputs_of_a_new_one, **outputs, "--rule": rule}
         _check_reads_only(others | {"--unconfirmed": unconfirmed or None})
-        from truearm.workflows.read_certificate import read_certificate
+        from truearm.workflows.certificate import read_certificate
 
         print_record(read_certificate(read, trusted=trusted), as_json=as_json)
         return
@@ -82,22 +82,11 @@ def certificate(
     given = {"--points": points, "--artefacts": artefacts, "--mpe": mpe, "--about": about, "--out": out}
     points_file, artefacts_file, mpe_file, about_file, certificate_file = _needed({"--plan": plan or None}, given)
     from truearm.workflows.certificate import certificate as stated
-    from truearm.workflows.certificate import check_certificate_path, check_pdf_path
+    from truearm.workflows.certificate import check_certificate_paths
     from truearm.workflows.verify import verify
 
-    inputs = (
-        Path(plan),
-        points_file,
-        artefacts_file,
-        mpe_file,
-        about_file,
-        *(one for one in (logo, sign, signer) if one is not None),
-    )
-    check_certificate_path(certificate_file, *inputs)
-    if html is not None:
-        check_page_path(html, *inputs, certificate_file)
-    if pdf is not None:
-        check_pdf_path(pdf, *inputs, certificate_file)
+    inputs = (Path(plan), points_file, artefacts_file, mpe_file, about_file, logo, sign, signer)
+    check_certificate_paths(certificate_file, html, pdf, *inputs)
     signing = None if sign is None or signer is None else _signer(sign, signer)
     verification = verify(points_file, plan=plan, artefacts=artefacts_file, specification=mpe_file, rule=rule)
     result = stated(verification, about_file, unconfirmed=unconfirmed)

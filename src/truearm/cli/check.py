@@ -94,7 +94,7 @@ def _withdraw(
     report: Path | None,
     as_json: bool,
 ) -> None:
-    from truearm.workflows.withdraw_check import withdraw_check
+    from truearm.workflows.check import withdraw_check
 
     given: dict[str, object] = {"a session": session, **others}
     if unused := [name for name, value in given.items() if value is not None]:

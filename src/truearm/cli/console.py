@@ -13,9 +13,9 @@ from typing import Annotated, Any, Literal
 import typer
 
 from truearm.workflows.outputs import check_new_file as check_new_file
+from truearm.workflows.outputs import check_output as check_output
 from truearm.workflows.outputs import check_output_is_not_input as check_output_is_not_input
 from truearm.workflows.outputs import check_page_path as check_page_path
-from truearm.workflows.outputs import version_row as version_row
 from truearm.workflows.record import Record
 
 # Options and arguments that several commands have in common.

@@ -51,7 +51,7 @@ def export(
     content was not run).
     """
     from truearm.errors import InputError
-    from truearm.workflows.check_export import check_export
+    from truearm.workflows.export import check_export
     from truearm.workflows.export import export as export_model
 
     if (out is None) == (check is None):

@@ -143,7 +143,7 @@ def _check_is_of_a_check(context: typer.Context) -> None:
 
 def _plan_check(arm: str, out: Path, *, as_json: bool, **options: Any) -> None:
     from truearm.files.atomic_write import check_new_form
-    from truearm.workflows.plan_check import plan_check
+    from truearm.workflows.plan import plan_check
 
     check_new_form(out, holds="readings")
     result = plan_check(arm, **options)

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from truearm.cli.console import ARM_HELP, Force, Json, check_new_file, is_given, print_record, progress
+from truearm.cli.console import ARM_HELP, Force, Json, check_new_file, check_output, is_given, print_record, progress
 
 # Options that a plan states itself.
 STATED_BY_A_PLAN = ("poses", "strategy", "seats", "bars", "bar_mm", "anchors", "half_width_deg", "reference")
@@ -101,10 +101,9 @@ def simulate(
     if plan is not None:
         _check_leaves_to_plan(context)
         draws = {"preset": preset, "seed": seed, "arm_seed": arm_seed}
-        if artefacts is None:
-            _rehearse(arm, plan, out, lengths, moved=moved, force=force, as_json=as_json, **draws)
-        else:
-            _rehearse_points(arm, plan, artefacts, out, force=force, as_json=as_json, **draws)
+        _rehearse(
+            arm, plan, out, lengths=lengths, moved=moved, artefacts=artefacts, force=force, as_json=as_json, **draws
+        )
         return
     _check_outputs(out, lengths, bars, force=force, for_plans={"--moved": moved, "--artefacts": artefacts})
     with progress(f"measuring {poses} poses"):
@@ -156,38 +155,31 @@ def _check_leaves_to_plan(context: typer.Context) -> None:
 
 
 def _rehearse(
-    arm: str, plan: Path, out: Path, lengths: Path | None, *, moved: bool, force: bool, as_json: bool, **draws: Any
+    arm: str,
+    plan: Path,
+    out: Path,
+    *,
+    lengths: Path | None,
+    artefacts: Path | None,
+    force: bool,
+    as_json: bool,
+    **options: Any,
 ) -> None:
-    from truearm.cli.console import check_output_is_not_input
-    from truearm.files.atomic_write import check_writable
+    from truearm.errors import InputError
     from truearm.identification.planning.template import lengths_path
     from truearm.readings import check_session_path
     from truearm.workflows.rehearse import rehearse
 
+    if artefacts is not None and (lengths is not None or options["moved"]):
+        option = "--lengths" if lengths is not None else "--moved"
+        raise InputError(f"{option} does not apply to the points of a verification", hint="omit it")
     check_session_path(out)
-    beside = lengths_path(out) if lengths is None else lengths
-    for file in (out, beside):
-        check_output_is_not_input(file, plan, lengths_path(plan))
-        check_writable(file)
+    beside = lengths or lengths_path(out)
+    for file in (out,) if artefacts is not None else (out, beside):
+        check_output(file, plan, artefacts or lengths_path(plan))
         check_new_file(file, force=force)
-    with progress(f"carrying out {plan.name}"):
-        result = rehearse(arm, plan, moved=moved, **draws)
+    with progress(f"{'carrying out' if artefacts is None else 'taking the points of'} {plan.name}"):
+        result = rehearse(arm, plan, artefacts=artefacts, **options)
         written = None if result.lengths is None else beside
         result.save(out, lengths=written)
     print_record(result, as_json=as_json, files={"session": out, "lengths": written})
-
-
-def _rehearse_points(
-    arm: str, points: Path, artefacts: Path, out: Path, *, force: bool, as_json: bool, **draws: Any
-) -> None:
-    from truearm.cli.console import check_output_is_not_input
-    from truearm.readings import check_session_path
-    from truearm.workflows.rehearse_points import rehearse_points
-
-    check_session_path(out)
-    check_output_is_not_input(out, points, artefacts)
-    check_new_file(out, force=force)
-    with progress(f"taking the points of {points.name}"):
-        result = rehearse_points(arm, points, artefacts, **draws)
-        result.save(out)
-    print_record(result, as_json=as_json, files={"session": out})

@@ -139,7 +139,7 @@ def _source(what: str | None, spec: Path | None) -> str | Path:
 def _size(feature: str, sizes: dict[str, float | None]) -> float | None:
     """The size of a feature out of its options."""
     from truearm.errors import InputError
-    from truearm.workflows.task import SIZES
+    from truearm.verification.tasks.feature_postures import SIZES
 
     for name, value in sizes.items():
         if value is not None and name != SIZES[feature]:

@@ -10,9 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Drawing
 
+from truearm.choices import Strategy
 from truearm.identification.planning.candidates import Candidates
 from truearm.identification.planning.plan import SessionPlan
-from truearm.identification.planning.proposal import CalibrationPlan, Proposal, Strategy
+from truearm.identification.planning.proposal import CalibrationPlan, Proposal
 from truearm.identification.planning.sampling.workspace import joint_origins, stance
 from truearm.identification.planning.template import bars, place_names
 from truearm.number_format import format_count, format_mm, format_number

@@ -5,23 +5,23 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from truearm.arm import Arm, Chain, DHTable, list_arms, load_arm, nearest_table
 from truearm.arm.rigid_motions import xyz_rpy_from_frame
+from truearm.choices import Convention
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.errors import InputError
+from truearm.typing import FloatArray
 from truearm.workflows.inputs import ArmLike, ModelLike, is_model_file, to_arm, to_model, to_model_of_tip
 from truearm.workflows.outputs import PageRecord, version_row
-from truearm.workflows.record import Record, TextTable, format_fixed, to_plain
+from truearm.workflows.record import Record, TextTable, format_fixed
 
 if TYPE_CHECKING:
     from truearm.pages.page import Page
-
-Convention = Literal["dh", "mdh"]
 
 # Columns of parallel axes only.
 _IF_NOT_ZERO = ("beta_deg", "b_mm")
@@ -96,8 +96,7 @@ class Catalogue(Record):
         rows = [(arm.name, str(arm.n_joints), f"{arm.chain.reach:.0f}", arm.title) for arm in self.arms]
         yield TextTable(("name", "joints", "reach mm", "what it is"), rows, left_aligned=(0, 3))
 
-    def to_dict(self) -> dict[str, Any]:
-        """See `Record.to_dict`."""
+    def _json(self) -> object:
         return {
             arm.name: {"title": arm.title, "n_joints": arm.n_joints, "reach_mm": arm.chain.reach} for arm in self.arms
         }
@@ -131,26 +130,28 @@ class ArmDescription(PageRecord):
 
         return arm_page(self.arm, self.table, facts=[version_row()], is_identified=self.nominal is not None)
 
-    def to_dict(self) -> dict[str, Any]:
-        """See `Record.to_dict`: the fixed motions between joints, and a D-H table."""
+    def _json(self) -> object:
+        """The fixed motions between joints, and a D-H table."""
         arm = self.arm
         frames = [xyz_rpy_from_frame(frame) for frame in arm.chain.fixed]
-        facts: dict[str, Any] = {
+        return {
             "name": arm.name,
             "title": arm.title,
             "serial_number": arm.serial_number or None,
             "source": arm.source,
-            "joint_names": list(arm.joint_names),
+            "joint_names": arm.joint_names,
             "fixed_xyz_mm": [xyz for xyz, _ in frames],
             "fixed_rpy_deg": [np.degrees(rpy) for _, rpy in frames],
             "tip_in_flange_mm": arm.chain.tip_in_flange,
             "reach_mm": arm.chain.reach,
             "gravity_in_base": arm.gravity_direction,
+            **({} if arm.masses is None else {"mass_kg": arm.masses.mass_kg}),
+            self.convention: self._columns(),
         }
-        if arm.masses is not None:
-            facts["mass_kg"] = arm.masses.mass_kg
+
+    def _columns(self) -> dict[str, FloatArray]:
         table = self.table
-        facts[self.convention] = {
+        return {
             "a_mm": table.a,
             "d_mm": table.d,
             "alpha_deg": np.degrees(table.alpha),
@@ -158,14 +159,12 @@ class ArmDescription(PageRecord):
             "beta_deg": np.degrees(table.beta),
             "b_mm": table.b,
         }
-        plain: dict[str, Any] = to_plain(facts)
-        return plain
 
     def blocks(self) -> Iterator[str | TextTable]:
         """See `Record.blocks`."""
-        arm, facts, table = self.arm, self.to_dict(), self.table
+        arm, table = self.arm, self.table
         yield f"{arm.name}: {arm.title}"
-        yield self._table(facts[self.convention])
+        yield self._joint_table()
         for where, frame in (("before J1", table.base), (f"after J{arm.n_joints}", table.flange)):
             if np.abs(frame - np.eye(4)).max() > ROUNDING:
                 xyz, rpy = xyz_rpy_from_frame(frame)
@@ -180,8 +179,8 @@ class ArmDescription(PageRecord):
             yield f"serial number: {arm.serial_number}"
         yield f"source: {arm.source}"
 
-    def _table(self, columns: dict[str, list[float]]) -> TextTable:
-        shown = {head: column for head, column in columns.items() if head not in _IF_NOT_ZERO or any(column)}
+    def _joint_table(self) -> TextTable:
+        shown = {head: column for head, column in self._columns().items() if head not in _IF_NOT_ZERO or any(column)}
         rows = []
         for i, name in enumerate(self.arm.joint_names):
             slides = self.arm.chain.is_prismatic[i]

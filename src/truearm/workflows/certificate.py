@@ -1,4 +1,4 @@
-"""`certificate`: a verification as a calibration certificate, for machines (DCC) and for people."""
+"""`certificate`: a verification as a calibration certificate, for machines (DCC) and people; `read_certificate`."""
 
 from __future__ import annotations
 
@@ -7,10 +7,12 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 from truearm.errors import FaultCollector, InputError
-from truearm.files.atomic_write import atomic_file, check_writable
+from truearm.files.atomic_write import atomic_file
+from truearm.files.xml_signatures import Signature
+from truearm.show.certificate_page import CONFORMITY_WORDS, NOT_DECIDED
 from truearm.solve.threads import one_blas_thread
 from truearm.verification.certificate.administrative_data import AdministrativeData, read_administrative_data
 from truearm.verification.certificate.certificate import (
@@ -22,9 +24,10 @@ from truearm.verification.certificate.certificate import (
     make_certificate,
 )
 from truearm.verification.certificate.dcc import checked_dcc, dcc
-from truearm.verification.certificate.dcc_reader import parse_dcc_file
+from truearm.verification.certificate.dcc_reader import parse_dcc_file, read_dcc_file
 from truearm.verification.certificate.statements import NOT_FOR_CONFORMITY
-from truearm.workflows.outputs import PageRecord, check_output_is_not_input, check_page_path
+from truearm.workflows.outputs import PageRecord, check_output, check_page_path
+from truearm.workflows.record import Record
 from truearm.workflows.verify import VerificationResult, digests_of
 
 if TYPE_CHECKING:
@@ -93,12 +96,7 @@ class CertificateResult(PageRecord):
         MissingTool
             If there is a `pdf` and fpdf2 is not installed.
         """
-        read = (*self.input_files, *(() if logo is None else (logo,)))
-        check_certificate_path(path, *read)
-        if page is not None:
-            check_page_path(page, *read, path)
-        if pdf is not None:
-            check_pdf_path(pdf, *read, path)
+        check_certificate_paths(path, page, pdf, *self.input_files, logo)
         xml = checked_dcc(self.certificate, signer)
         # All are complete before any takes its name, the certificate first: no page without its certificate.
         with ExitStack() as files:
@@ -161,8 +159,7 @@ class CertificateResult(PageRecord):
                 "Compare it with the arm itself, or enter it into the column serial_number of the points."
             )
 
-    def to_dict(self) -> dict[str, Any]:
-        """See `Record`."""
+    def _json(self) -> object:
         return {
             "number": self.number,
             "conformity": self.certificate.conformity,
@@ -252,36 +249,105 @@ def certificate(
     return CertificateResult(made, verification, digests)
 
 
-def check_certificate_path(path: str | Path, *inputs: str | Path) -> None:
-    """Check, before long work, that a certificate can be written under a name that is not the name of an input file.
+def check_certificate_paths(
+    path: str | Path, page: str | Path | None, pdf: str | Path | None, *inputs: str | Path | None
+) -> None:
+    """Check, before long work, that a certificate, its page and its PDF can be written, over no input file.
 
     Raises
     ------
     InputError
-        If the name does not end in .xml, is one of `inputs`, or cannot be written.
-    """
-    path = Path(path)
-    if path.suffix != ".xml":
-        raise InputError(f"expected a file name that ends in .xml, got {path.name!r}", file=path)
-    check_output_is_not_input(path, *inputs)
-    check_writable(path)
-
-
-def check_pdf_path(path: str | Path, *inputs: str | Path) -> None:
-    """Check, before long work, that PDF files can be written, and this one under a name that is not an input file's.
-
-    Raises
-    ------
-    InputError
-        If the name does not end in .pdf, is one of `inputs`, or cannot be written.
+        If a name has another ending than .xml, .html or .pdf, is one of `inputs` or of the certificate, or cannot be
+        written.
     MissingTool
-        If fpdf2 is not installed.
+        If there is a `pdf` and fpdf2 is not installed.
     """
-    from truearm.pages.pdf import check_pdf_writer
+    check_output(path, *inputs, endings=(".xml",))
+    if page is not None:
+        check_page_path(page, *inputs, path)
+    if pdf is not None:
+        from truearm.pages.pdf import check_pdf_writer
 
-    path = Path(path)
-    if path.suffix != ".pdf":
-        raise InputError(f"expected a file name that ends in .pdf, got {path.name!r}", file=path)
-    check_output_is_not_input(path, *inputs)
-    check_writable(path)
-    check_pdf_writer()
+        check_output(pdf, *inputs, path, endings=(".pdf",))
+        check_pdf_writer()
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ReadCertificate(Record):
+    """A certificate that was read.
+
+    Attributes
+    ----------
+    certificate : Certificate
+        All that it states: `results`, `conformity`, `about` and so on.
+    signature : Signature or None
+        Who signed it, and whether with the certificate that the reader trusts; None if it is not signed.
+    """
+
+    certificate: Certificate
+    signature: Signature | None
+
+    def blocks(self) -> Iterator[str]:
+        """See `Record`."""
+        made, about = self.certificate, self.certificate.about
+        verdict = NOT_DECIDED[0] if made.conformity is None else CONFORMITY_WORDS[made.conformity][0]
+        if made.reservation is not None:
+            verdict = NOT_FOR_CONFORMITY
+        yield f"certificate {about.number}, {verdict}"
+        yield describe_signature(self.signature)
+        item = about.item
+        yield f"{item.name} {item.maker} {item.model}, serial number {item.serial_number}"
+        yield f"issued on {about.issued} by {about.laboratory.name}; measured from {made.begin} to {made.end}"
+        yield from (one.text for one in made.statements if one.kind in ("reservation", "decision"))
+
+    def _json(self) -> object:
+        made = self.certificate
+        return {
+            "number": made.about.number,
+            "issued": made.about.issued,
+            "serial_number": made.about.item.serial_number,
+            "conformity": made.conformity,
+            "reservation": made.reservation,
+            "signature": self.signature,
+        }
+
+
+@one_blas_thread()
+def read_certificate(path: str | Path, *, trusted: str | Path | None = None) -> ReadCertificate:
+    """Read a digital calibration certificate of this program and verify its signature.
+
+    Parameters
+    ----------
+    path : path
+    trusted : path, optional
+        Certificate (PEM) of the signer; a file that is not signed with its key is refused.
+
+    Raises
+    ------
+    InputError
+        If the file is no such certificate, or its signature is broken.
+    MissingTool
+        If the file is signed and signxml is not installed.
+
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> ta.read_certificate("certificate.xml", trusted="signer.pem")
+    Traceback (most recent call last):
+    truearm.errors.InputError: certificate.xml: the file does not exist
+    """
+    read = read_dcc_file(path, trusted=trusted)
+    return ReadCertificate(read.certificate, read.signature)
+
+
+def describe_signature(signature: Signature | None) -> str:
+    """Describe in a sentence who signed a file."""
+    if signature is None:
+        return "The file is not signed: anybody can have changed it."
+    known = (
+        "with the certificate that you trust"
+        if signature.trusted
+        else f"by its own certificate: compare the fingerprint with the signer's, SHA-256 {signature.fingerprint}"
+    )
+    issued = "" if signature.issuer == signature.signer else f", certificate issued by {signature.issuer}"
+    return f"The signature is good; signed by {signature.signer}{issued}; verified {known}."

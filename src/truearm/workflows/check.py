@@ -1,4 +1,4 @@
-"""`check`: an interim check in a history of checks, which shows whether the arm has changed."""
+"""`check`: an interim check in a history of checks, which shows whether the arm has changed; `withdraw_check`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from difflib import get_close_matches
 from hashlib import file_digest
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from truearm.compensation.models.arm_check import with_serial_number
 from truearm.compensation.models.model_file import save_model
 from truearm.compensation.models.training_conditions import fingerprint
 from truearm.errors import InputError
+from truearm.files.file_reading import check_readable
 from truearm.readings import Lengths, Session, check_sessions
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
@@ -26,6 +27,7 @@ from truearm.verification.monitor.assessment import (
     Assessment,
     RecalibrationAdvice,
     Trend,
+    assess,
     describe_assessment,
     describe_correlations,
     describe_missing_limits,
@@ -35,12 +37,13 @@ from truearm.verification.monitor.assessment import (
 )
 from truearm.verification.monitor.control_chart import CHECKS_NEEDED
 from truearm.verification.monitor.expected_values import PointErrors
-from truearm.verification.monitor.history import History, OtherModel
+from truearm.verification.monitor.history import MAX_BYTES, History, OtherModel
 from truearm.verification.monitor.interim_check import (
     CHECK_QUANTITIES,
     CheckReading,
     CheckValue,
     InterimCheck,
+    Withdrawal,
     artefacts_of,
     counted,
     interim_deviations,
@@ -57,12 +60,13 @@ from truearm.workflows.inputs import (
     to_model,
     to_session,
 )
-from truearm.workflows.outputs import PageRecord, check_output_is_not_input, input_files, version_row
-from truearm.workflows.record import TextTable, format_fixed, to_plain
+from truearm.workflows.outputs import PageRecord, arm_row, check_output_is_not_input, input_files, version_row
+from truearm.workflows.record import TextTable, format_fixed
 from truearm.workflows.sentences import agree, number_of
 from truearm.workflows.verify import SpecificationLike, to_specification
 
 if TYPE_CHECKING:
+    from truearm.arm import Arm
     from truearm.pages.page import Page
     from truearm.pages.plotting import Figure
 
@@ -84,12 +88,12 @@ class CheckResult(PageRecord):
         Its number of rows and its last checksum after this check.
     input_remarks : tuple of str
         What was ignored of session and lengths, and readings outside the trained range.
-    files : tuple of Path
-        The files that were read.
     readings : Session
         Those of this check.
     lengths : Lengths or None
         Known lengths between its seats.
+    files : tuple of Path
+        The files that were read.
     """
 
     record: RecordedCheck
@@ -98,9 +102,9 @@ class CheckResult(PageRecord):
     history: Path
     head: tuple[int, str]
     input_remarks: tuple[str, ...]
-    files: tuple[Path, ...]
     readings: Session
     lengths: Lengths | None
+    files: tuple[Path, ...] = ()
 
     @property
     def input_files(self) -> tuple[Path, ...]:
@@ -128,21 +132,15 @@ class CheckResult(PageRecord):
         from truearm.show.check_scene import check_section
         from truearm.show.interim_check_page import drift_page
 
-        arm, check = self.model.arm, self.record.check
-        facts = [
-            ("model", f"{self.model_name}, {self.model.n_train_} training readings, SHA-256 {check.model}"),
-            ("arm", f"{arm.name}: {arm.title}. {arm.source}"),
-            ("history", f"{self.history.name}: {self.head[0]} rows, last checksum {self.head[1]}"),
-            version_row(),
-        ]
+        model = f"{self.model_name}, {self.model.n_train_} training readings, SHA-256 {self.record.check.model}"
         section = check_section(self.model, self.readings, self.lengths)
         return drift_page(
             self.record.checks,
             self.assessment,
-            arm=arm.name,
+            arm=self.model.arm.name,
             remarks=self.record.remarks,
             more=() if section is None else (section,),
-            facts=facts,
+            facts=_page_facts(model, self.model.arm, self.history, self.head),
         )
 
     def figure(self) -> Figure | None:
@@ -169,20 +167,10 @@ class CheckResult(PageRecord):
                 "history already, and is not added again; the results are those of the last check"
             )
         current = [trend for trend in self.assessment.trends if trend.current]
-        heads = [
-            "value",
-            "result [mm]",
-            "model explains [mm]",
-            "mean before [mm]",
-            "limits of the chart [mm]",
-            "drift",
-            "MPE [mm]",
-            "state",
-        ]
         rows = [_cells(trend) for trend in current]
-        shown = [i for i in range(len(heads)) if i < 2 or any(row[i] for row in rows)]
-        words = (0, *(at for at, i in enumerate(shown) if heads[i] == "state"))
-        yield TextTable([heads[i] for i in shown], [[row[i] for i in shown] for row in rows], words)
+        heads = [head for head in _HEADS if head in _HEADS[:2] or any(row[head] for row in rows)]
+        words = (0, *(at for at, head in enumerate(heads) if head == "state"))
+        yield TextTable(heads, [[row[head] for head in heads] for row in rows], words)
         charts = [trend.chart for trend in current if trend.chart is not None and trend.chart.n_before[-1] > 1]
         if charts:
             yield (
@@ -195,8 +183,7 @@ class CheckResult(PageRecord):
         yield from self.remarks
         yield describe_next_step(self.assessment)
 
-    def to_dict(self) -> dict[str, Any]:
-        """See `Record`."""
+    def _json(self) -> object:
         record, assessment = self.record, self.assessment
         last, since = record.last, assessment.since
         return {
@@ -208,11 +195,11 @@ class CheckResult(PageRecord):
             "temperature_degC": last.temperature_degC,
             "n_checks": len(counted(record.checks)),
             "n_needed": CHECKS_NEEDED,
-            "recalibrate": assessment.recalibrate.value,
+            "recalibrate": assessment.recalibrate,
             "seen_mm": assessment.seen_mm,
             "since": None if since is None else {"check": since + 1, "date": format_date(record.checks[since].date)},
-            "reasons": list(assessment.reasons),
-            "remarks": list(self.remarks),
+            "reasons": assessment.reasons,
+            "remarks": self.remarks,
             "withdrawn": [
                 {
                     "check": number,
@@ -223,9 +210,9 @@ class CheckResult(PageRecord):
                 for number, one in enumerate(record.checks, start=1)
                 if one.withdrawn is not None
             ],
-            "history": {"rows": self.head[0], "sha256": self.head[1]},
-            "values": [_trend_to_dict(trend) for trend in assessment.trends],
-            "other_models": [_model_to_dict(*one) for one in record.other_models],
+            "history": dict(zip(("rows", "sha256"), self.head, strict=True)),
+            "values": [_trend_json(trend) for trend in assessment.trends],
+            "other_models": [_model_json(*one) for one in record.other_models],
         }
 
 
@@ -314,7 +301,7 @@ def check(
     record = record_check(
         kept, new, specification=limits, retired=retired, name=name, arm=fitted.arm.name, serial_number=unit
     )
-    return CheckResult(record, fitted, name, file, kept.head, tuple(remarks), files, readings, known)
+    return CheckResult(record, fitted, name, file, kept.head, tuple(remarks), readings, known, files)
 
 
 def single_reading_remarks(session: Session, lengths: Lengths | None) -> list[str]:
@@ -377,37 +364,36 @@ def model_file_fingerprint(model: ModelLike) -> str:
         return model_file_fingerprint(file)
 
 
-def _cells(trend: Trend) -> list[str]:
+# Columns of the table; those after the second are shown where one of the values has an entry.
+_HEADS = (
+    *("value", "result [mm]", "model explains [mm]", "mean before [mm]"),
+    *("limits of the chart [mm]", "drift", "MPE [mm]", "state"),
+)
+
+
+def _cells(trend: Trend) -> dict[str, str]:
+    """A row of the table."""
     chart, latest = trend.chart, trend.latest
-    limit = "" if trend.limit_mm is None else f"{trend.limit_mm:.4f}"
     sign, quantity = latest.quantity == "length error", CHECK_QUANTITIES[latest.quantity]
-    value = format_fixed(latest.value_mm, sign=sign)
     explained = "" if trend.explained_mm is None else f"{'up to ' if quantity.scale else '±'}{trend.explained_mm:.4f}"
-    if chart is None or np.isnan(chart.centre[-1]):
-        return [latest.label, value, explained, "", "", "", limit, "over MPE" if trend.over_limit else ""]
-    low, high = chart.lower[-1], format_fixed(chart.upper[-1], sign=sign)
-    limits = f"up to {high}" if np.isnan(low) else f"{format_fixed(low, sign=sign)} to {high}"
-    verdicts = {
-        "beyond": chart.out_of_limits[-1],
-        "drift": chart.signal_index is not None,
-        "over MPE": trend.over_limit,
-    }
-    return [
-        latest.label,
-        value,
-        explained,
-        format_fixed(chart.centre[-1], sign=sign),
-        limits if chart.shows_limits[-1] else "\u2013",
-        f"{chart.cusum[:, -1].max():.2f}",
-        limit,
-        ", ".join(verdict for verdict, applies in verdicts.items() if applies),
-    ]
+    verdicts, mean, limits, drift = {"over MPE": trend.over_limit}, "", "", ""
+    if chart is not None and not np.isnan(chart.centre[-1]):
+        mean = format_fixed(chart.centre[-1], sign=sign)
+        low, high = chart.lower[-1], format_fixed(chart.upper[-1], sign=sign)
+        limits = f"up to {high}" if np.isnan(low) else f"{format_fixed(low, sign=sign)} to {high}"
+        limits = limits if chart.shows_limits[-1] else "\u2013"
+        drift = f"{chart.cusum[:, -1].max():.2f}"
+        verdicts = {"beyond": chart.out_of_limits[-1], "drift": chart.signal_index is not None, **verdicts}
+    limit = "" if trend.limit_mm is None else f"{trend.limit_mm:.4f}"
+    state = ", ".join(verdict for verdict, applies in verdicts.items() if applies)
+    cells = (latest.label, format_fixed(latest.value_mm, sign=sign), explained, mean, limits, drift, limit, state)
+    return dict(zip(_HEADS, cells, strict=True))
 
 
-def _trend_to_dict(trend: Trend) -> dict[str, Any]:
+def _trend_json(trend: Trend) -> dict[str, object]:
     latest, chart = trend.latest, trend.chart
     row = {
-        "check": int(trend.checks[-1]) + 1,
+        "check": trend.checks[-1] + 1,
         "quantity": latest.quantity,
         "artefact": latest.artefact,
         "value_mm": latest.value_mm,
@@ -422,27 +408,175 @@ def _trend_to_dict(trend: Trend) -> dict[str, Any]:
     }
     if chart is None:
         return row
+    correlation = dict(zip(("mean", "low", "high"), chart.correlation, strict=True))
     return row | {
-        "n_before": int(chart.n_before[-1]),
-        "mean_before_mm": to_plain(chart.centre[-1]),
-        "lower_mm": to_plain(chart.lower[-1]),
-        "upper_mm": to_plain(chart.upper[-1]),
-        "beyond": bool(chart.out_of_limits[-1]),
-        "correlation": dict(zip(("mean", "low", "high"), chart.correlation, strict=True))
-        if chart.shows_correlation
-        else None,
-        "cusum_up": float(chart.cusum[0, -1]),
-        "cusum_down": float(chart.cusum[1, -1]),
+        "n_before": chart.n_before[-1],
+        "mean_before_mm": chart.centre[-1],
+        "lower_mm": chart.lower[-1],
+        "upper_mm": chart.upper[-1],
+        "beyond": chart.out_of_limits[-1],
+        "correlation": correlation if chart.shows_correlation else None,
+        "cusum_up": chart.cusum[0, -1],
+        "cusum_down": chart.cusum[1, -1],
         "decision_interval": chart.rules.decision_interval,
         "changed_since_check": None if trend.since is None else trend.since + 1,
     }
 
 
-def _model_to_dict(model: OtherModel, assessment: Assessment) -> dict[str, Any]:
+def _model_json(model: OtherModel, assessment: Assessment) -> dict[str, object]:
     return {
         "model": model.model,
         "name": model.name or None,
         "n_checks": len(counted(model.checks)),
         "last": format_date(model.last.date),
-        "recalibrate": assessment.recalibrate.value,
+        "recalibrate": assessment.recalibrate,
     }
+
+
+def _page_facts(model: str, arm: Arm, history: Path, head: tuple[int, str]) -> list[tuple[str, str]]:
+    """The sources of the charts."""
+    stored = f"{history.name}: {head[0]} rows, last checksum {head[1]}"
+    return [("model", model), arm_row(arm), ("history", stored), version_row()]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class WithdrawalResult(PageRecord):
+    """A check that no longer counts, and the assessment of the others.
+
+    Attributes
+    ----------
+    check : InterimCheck
+        With its withdrawal.
+    number : int
+        Counted from 1; other checks keep theirs.
+    checks : tuple of InterimCheck
+        All checks of the model.
+    assessment : Assessment or None
+        Of those that count; None where there is none.
+    model : model or path
+    history : Path
+        The file of the history.
+    head : (int, str)
+        Its number of rows and its last checksum after the withdrawal.
+    """
+
+    check: InterimCheck
+    number: int
+    checks: tuple[InterimCheck, ...]
+    assessment: Assessment | None
+    model: ModelLike
+    history: Path
+    head: tuple[int, str]
+
+    @property
+    def input_files(self) -> tuple[Path, ...]:
+        """See `PageRecord`."""
+        return (*input_files(self.model), self.history)
+
+    def page(self) -> Page:
+        """The control charts without the withdrawn check, which is struck through.
+
+        Raises
+        ------
+        InputError
+            If no check is left that counts.
+        """
+        from truearm.show.interim_check_page import drift_page
+
+        if self.assessment is None:
+            raise InputError("no check of this model is left that counts: there is nothing to draw")
+        arm = to_model(self.model).arm
+        facts = _page_facts(f"SHA-256 {self.check.model}", arm, self.history, self.head)
+        return drift_page(self.checks, self.assessment, arm=arm.name, facts=facts)
+
+    def blocks(self) -> Iterator[str]:
+        """See `Record`."""
+        assert self.check.withdrawn is not None
+        yield f"Check {self.number} of {format_date(self.check.date)} is withdrawn: {self.check.withdrawn.reason}"
+        yield "It stays in the history with the reason, and no longer counts."
+        if self.assessment is None:
+            yield "No check of this model is left that counts, and there is nothing to draw on a page."
+        else:
+            yield f"Without it: {describe_assessment(self.assessment, self.checks)}"
+
+    def _json(self) -> object:
+        assert self.check.withdrawn is not None
+        return {
+            "check": self.number,
+            "date": format_date(self.check.date),
+            "reason": self.check.withdrawn.reason,
+            "n_checks": len(counted(self.checks)),
+            "recalibrate": None if self.assessment is None else self.assessment.recalibrate,
+        }
+
+
+@one_blas_thread()
+def withdraw_check(
+    model: ModelLike, history: History | str | Path, which: str | int, *, reason: str
+) -> WithdrawalResult:
+    """Withdraw a wrong check: it stays in the history with the reason, and no longer counts.
+
+    Parameters
+    ----------
+    model : model or path
+    history : History or path
+        The file of its checks.
+    which : str or int
+        The number of the check, counted from 1, or its date.
+    reason : str
+        What was wrong with it.
+
+    Returns
+    -------
+    WithdrawalResult
+
+    Raises
+    ------
+    InputError
+        If there is no history, no such check or more than one, it is withdrawn already, or the reason is empty.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import truearm as ta
+    >>> readings = ta.simulate("gao2017", poses=30, preset="perfect").session
+    >>> model = ta.NominalModel(ta.load_arm("gao2017")).fit_readings(readings)
+    >>> in_seats = ta.simulate("gao2017", poses=8, strategy="seat", seats=2, preset="perfect", seed=1).session
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     _ = ta.check(model, in_seats, f"{folder}/history.sqlite")
+    ...     withdrawn = ta.withdraw_check(model, f"{folder}/history.sqlite", 1, reason="the seat was loose")
+    >>> withdrawn.check.withdrawn.reason
+    'the seat was loose'
+    """
+    kept = history if isinstance(history, History) else _existing(Path(history))
+    whose = model_file_fingerprint(model)
+    known = kept.checks(whose)
+    number = _number_of(str(which).strip(), known, kept.path)
+    withdrawal = Withdrawal(now(), reason)
+    kept.withdraw(known[number - 1], withdrawal)
+    checks = kept.checks(whose)
+    assessment = assess(checks) if counted(checks) else None
+    return WithdrawalResult(checks[number - 1], number, checks, assessment, model, kept.path, kept.head)
+
+
+def _existing(path: Path) -> History:
+    """The history in a file: a withdrawal creates none."""
+    check_readable(path, limit_bytes=MAX_BYTES, hint="name the file of the checks with --history")
+    return History(path)
+
+
+def _number_of(which: str, checks: Sequence[InterimCheck], file: Path) -> int:
+    """The number of the check that counts and has this number or date."""
+    counting = {i: one for i, one in enumerate(checks, start=1) if one.withdrawn is None}
+    listed = [f"{i} of {format_date(one.date)}" for i, one in counting.items()]
+    hint = f"use one of {', '.join(listed[-8:])}" if listed else "check the model file: each model has its own checks"
+    if which.isdecimal():
+        found = [int(which)] if int(which) in counting else []
+    else:
+        found = [
+            i for i, one in counting.items() if which.replace("T", " ") in (format_date(one.date), f"{one.date.date()}")
+        ]
+    if len(found) != 1:
+        what = "no check that counts has" if not found else f"checks {', '.join(map(str, found))} have"
+        raise InputError(f"{what} the number or date {which!r:.40}", file=file, hint=hint)
+    return found[0]

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from math import degrees
 from pathlib import Path
-from typing import Any
 
 from truearm.compensation.export.constants_change import FALSE_ALARM, ArmChange, ConstantChange, constants_change
 from truearm.compensation.export.rigid_arm import same_chain
@@ -206,29 +205,25 @@ class ModelChange(Record):
             shifts = ", ".join(format_fixed(value, 3, sign=True) for value in moved)
             yield f"Tip: {shifts} mm (x, y, z of the flange) from the old one; another tip is no change."
 
-    def to_dict(self) -> dict[str, Any]:
-        """See `Record.to_dict`; angles in rad, lengths in mm."""
-        plain: dict[str, Any] = to_plain(
-            {
-                "summary": self.summary(),
-                "arm": self.new.arm_.name,
-                "n_constants": len(self.constants),
-                "n_changed": len(self.changed),
-                "constants": [
-                    {**to_plain(one), "expanded_uncertainty": one.U, "is_changed": one.is_changed}
-                    for one in self.constants
-                ],
-                "displacement": {
-                    **to_plain(self.change.displacement),
-                    "is_significant": self.change.displacement.is_significant,
-                },
-                "base_shift_mm": self.change.base_shift_mm,
-                "base_turn_rad": self.change.base_turn_rad,
-                "tip_shift_mm": self.change.tip_shift_mm,
-                "remarks": self.remarks,
-            }
-        )
-        return plain
+    def _json(self) -> object:
+        """Angles in rad, lengths in mm."""
+        return {
+            "summary": self.summary(),
+            "arm": self.new.arm_.name,
+            "n_constants": len(self.constants),
+            "n_changed": len(self.changed),
+            "constants": [
+                {**to_plain(one), "expanded_uncertainty": one.U, "is_changed": one.is_changed} for one in self.constants
+            ],
+            "displacement": {
+                **to_plain(self.change.displacement),
+                "is_significant": self.change.displacement.is_significant,
+            },
+            "base_shift_mm": self.change.base_shift_mm,
+            "base_turn_rad": self.change.base_turn_rad,
+            "tip_shift_mm": self.change.tip_shift_mm,
+            "remarks": self.remarks,
+        }
 
 
 def _row(one: ConstantChange) -> tuple[str, ...]:

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any, TypeAlias, cast
 import numpy as np
 import numpy.typing as npt
 
+from truearm.choices import TargetDirection
 from truearm.compensation.models import Compensator
 from truearm.compensation.targets.correction import (
     JOINTS_OF_A_POSE,
     Correction,
     Untrained,
-    Way,
     correct_targets,
 )
 from truearm.compensation.targets.manifest import Frame, Manifest, TargetsManifest, check_joints
@@ -62,7 +62,7 @@ def correct(
     model: ModelLike,
     targets: TargetsLike,
     *,
-    direction: Way = "command",
+    direction: TargetDirection = "command",
     frame: Frame = "reference",
     tool: Sequence[float] | None = None,
     start: npt.ArrayLike | None = None,
@@ -178,7 +178,7 @@ class CorrectedTargets(Record):
     model: Compensator
     targets: Targets
     correction: Correction
-    direction: Way
+    direction: TargetDirection
     frame: Frame
     tool: tuple[float, ...] | None
     equipped: Compensator

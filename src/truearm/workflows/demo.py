@@ -257,8 +257,7 @@ class DemoResult(Record):
     def _numbers(self) -> dict[str, Any]:
         return self.experiment.summary()
 
-    def to_dict(self) -> dict[str, Any]:
-        """See `Record.to_dict`."""
+    def _json(self) -> object:
         return self._numbers
 
     def summary(self) -> str:

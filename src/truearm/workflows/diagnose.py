@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any
 
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
@@ -14,7 +13,7 @@ from truearm.readings import Lengths, read_lengths
 from truearm.readings.checks import check_angles
 from truearm.solve.threads import one_blas_thread
 from truearm.workflows.inputs import ArmLike, LengthsLike, SessionLike, to_arm, to_free_parts, to_session
-from truearm.workflows.record import Record, TextTable, to_plain
+from truearm.workflows.record import Record, TextTable
 from truearm.workflows.sentences import format_mm
 
 # Below this, errors of the constants move no reading against the others: rounding [mm].
@@ -161,20 +160,16 @@ class Diagnosis(Record):
             return "explains the readings"
         return "" if one.is_plausible else "contradicted"
 
-    def to_dict(self) -> dict[str, Any]:
-        """See `Record.to_dict`."""
+    def _json(self) -> object:
         check = self.check
-        plain: dict[str, Any] = to_plain(
-            {
-                "summary": self.summary(),
-                "arm": self.arm.name,
-                "references": "points" if self.has_points else "seats",
-                "is_contradicted": not check.stated.is_usual,
-                "stated": check.stated,
-                "findings": check.findings,
-                "others": check.others,
-                "n_readings": check.n_readings,
-                "n_tried": check.n_tried,
-            }
-        )
-        return plain
+        return {
+            "summary": self.summary(),
+            "arm": self.arm.name,
+            "references": "points" if self.has_points else "seats",
+            "is_contradicted": not check.stated.is_usual,
+            "stated": check.stated,
+            "findings": check.findings,
+            "others": check.others,
+            "n_readings": check.n_readings,
+            "n_tried": check.n_tried,
+        }

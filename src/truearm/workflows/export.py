@@ -1,71 +1,28 @@
-"""Export: the model as a file of another program."""
+"""`export`: the model as a file of another program; `check_export`: such a file compared with the model."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
+from truearm.choices import Convention, ExportFormat, Frame
+from truearm.compensation.export.file_check import Finding, compare_with_model
+from truearm.compensation.export.formats import FORMATS, format_of
 from truearm.compensation.models import Compensator
 from truearm.compensation.targets.manifest import Manifest, read_manifest
 from truearm.errors import InputError
-from truearm.files.atomic_write import check_writable
 from truearm.readings.checks import check_angles
 from truearm.readings.readings import PAYLOAD
 from truearm.solve.threads import one_blas_thread
 from truearm.workflows.inputs import ModelLike, SessionLike, to_model_of_tip, to_session
-from truearm.workflows.outputs import check_output_is_not_input, input_files
-from truearm.workflows.record import Record, format_fixed, to_plain
+from truearm.workflows.outputs import check_output, input_files
+from truearm.workflows.record import Record, TextTable, format_fixed
 
-Format = Literal["urdf", "constants", "deltas", "ur-kinematics", "joint-offsets", "c", "js", "onnx", "json"]
+Verdict = Literal["agrees", "not verified", "differs"]
 
-
-class FormatSpec(NamedTuple):
-    """One format of exported files.
-
-    Attributes
-    ----------
-    suffixes : tuple of str
-        Names of its files end in one of these.
-    module : str
-        In `truearm.compensation.export`; its `write` makes the file, its `tips` evaluates it.
-    options : tuple of str
-        Options of `export` that apply to it. Formats with a region hold constants only: no harmonics, deflection or
-        temperature.
-    content : str
-        In words.
-    is_code : bool
-        Whether `tips` runs the file's own code.
-    """
-
-    suffixes: tuple[str, ...]
-    module: str
-    options: tuple[str, ...]
-    content: str
-    is_code: bool = False
-
-    @property
-    def holds_constants(self) -> bool:
-        """Whether a file holds the constants of a rigid arm only."""
-        return bool(self.options)
-
-
-CONSTANTS = ("region", "frame")
-FORMATS: dict[str, FormatSpec] = {
-    "urdf": FormatSpec((".urdf",), "urdf", (*CONSTANTS, "source"), "URDF"),
-    "constants": FormatSpec((".csv",), "constants", (*CONSTANTS, "convention"), "Constants beside the nominal ones"),
-    "deltas": FormatSpec((".csv", ".json"), "deltas", (*CONSTANTS, "convention"), "Changes of constants"),
-    "ur-kinematics": FormatSpec((".yaml", ".yml"), "ur_kinematics", (*CONSTANTS, "source"), "UR kinematics file"),
-    "joint-offsets": FormatSpec((".yaml", ".yml"), "joint_offsets", CONSTANTS, "ROS joint offsets"),
-    "c": FormatSpec((".c",), "c_source", (), "C99 source", True),
-    "js": FormatSpec((".mjs", ".js"), "es_module", (), "ES module", True),
-    "onnx": FormatSpec((".onnx",), "onnx_graph", (), "ONNX graph"),
-    "json": FormatSpec((".json",), "json_model", (), "JSON document"),
-}
-# Formats that their suffix alone decides.
-BY_SUFFIX = {".urdf": "urdf", ".c": "c", ".mjs": "js", ".js": "js", ".onnx": "onnx", ".json": "json"}
+FRAMES = {"reference": "that of the reference instrument", "base": "the arm's own base"}
 
 
 @one_blas_thread()
@@ -73,11 +30,11 @@ def export(
     model: ModelLike,
     out: str | Path,
     *,
-    format: Format | None = None,
+    format: ExportFormat | None = None,
     region: SessionLike | None = None,
     source: str | Path | None = None,
-    frame: Literal["base", "reference"] | None = None,
-    convention: Literal["dh", "mdh"] | None = None,
+    frame: Frame | None = None,
+    convention: Convention | None = None,
     tip: str | None = None,
 ) -> ExportResult:
     """Write a model as a file of another program, with its origin, its loss and five check poses.
@@ -92,7 +49,7 @@ def export(
     out : str or Path
         File to write, whole or not at all.
     format : str, optional
-        One of `FORMATS`; by default that of the file's suffix.
+        One of `truearm.choices.ExportFormat`; by default that of the file's suffix.
     region : Session, DataFrame, str or Path, optional
         Joint angles at which a file of constants must be good, the poses of your task; by default a sample of the
         training readings.
@@ -124,10 +81,9 @@ def export(
     >>> ta.export(fit.model, "arm.urdf").format
     'urdf'
     """
-    name = _format_of(out, format)
+    name = format_of(out, format)
     spec, fitted = FORMATS[name], to_model_of_tip(model, tip)
-    check_output_is_not_input(out, *input_files(model, region, source))
-    check_writable(out)
+    check_output(out, *input_files(model, region, source))
     given = {"region": region, "source": source, "frame": frame, "convention": convention}
     options: dict[str, Any] = {option: value for option, value in given.items() if value is not None}
     if surplus := sorted(options.keys() - set(spec.options)):
@@ -135,37 +91,16 @@ def export(
             f"the option {surplus[0]} does not apply to the format {name}",
             hint=f"its options are {', '.join(spec.options)}" if spec.options else "leave it out: the model is whole",
         )
-    module = import_module(f"truearm.compensation.export.{spec.module}")
     if not spec.holds_constants:
-        module.write(fitted, Manifest.of(fitted, name), out)
+        spec.load().write(fitted, Manifest.of(fitted, name), out)
     else:
         if region is not None:
+            name_of_region = Path(region).name if isinstance(region, str | Path) else "the poses given"
             session = to_session(region, n_joints=fitted.arm.n_joints)
             check_angles(session, n_joints=fitted.arm.n_joints, prismatic=fitted.arm.chain.is_prismatic)
-            options |= {"angles": session.angles, "region": _region_name(region)}
-        module.write(fitted, out, **options)
+            options |= {"angles": session.angles, "region": name_of_region}
+        spec.load().write(fitted, out, **options)
     return ExportResult(fitted, Path(out), name, read_manifest(out))
-
-
-def _format_of(out: str | Path, format: str | None) -> str:
-    """The format that is asked for, or that of the suffix."""
-    suffix = Path(out).suffix.lower()
-    if format is None:
-        if suffix not in BY_SUFFIX:
-            several = [name for name, spec in FORMATS.items() if suffix in spec.suffixes]
-            problem = f"several formats end in {suffix}" if several else f"no format ends in {suffix!r}"
-            raise InputError(problem, file=out, hint=f"--as {' or '.join(several or FORMATS)}")
-        return BY_SUFFIX[suffix]
-    if format not in FORMATS:
-        raise InputError(f"expected a format among {', '.join(FORMATS)}, got {format!r}")
-    if suffix not in FORMATS[format].suffixes:
-        ends = " or ".join(FORMATS[format].suffixes)
-        raise InputError(f"a file of format {format} ends in {ends}, got {Path(out).name!r}", file=out)
-    return format
-
-
-def _region_name(region: SessionLike | None) -> str:
-    return Path(region).name if isinstance(region, str | Path) else "the poses given"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -183,7 +118,7 @@ class ExportResult(Record):
 
     model: Compensator
     path: Path
-    format: str
+    format: ExportFormat
     manifest: Manifest
 
     def blocks(self) -> Iterator[str]:
@@ -226,10 +161,88 @@ class ExportResult(Record):
             "json have them."
         )
 
-    def to_dict(self) -> dict[str, Any]:
-        """See `Record.to_dict`: the manifest."""
-        plain: dict[str, Any] = to_plain({"format": self.format, "manifest": self.manifest.model_dump(mode="json")})
-        return plain
+    def _json(self) -> object:
+        return {"format": self.format, "manifest": self.manifest.model_dump(mode="json")}
 
 
-FRAMES = {"reference": "that of the reference instrument", "base": "the arm's own base"}
+@one_blas_thread()
+def check_export(model: ModelLike, file: str | Path, *, tip: str | None = None) -> ExportCheck:
+    """Compare an exported file with the model.
+
+    Parameters
+    ----------
+    model : Compensator, str or Path
+        A fitted model or its file.
+    file : str or Path
+        A file of `export` or `correct`, of any format.
+    tip : str, optional
+        Name of the tip that the file is of, of a model with several.
+
+    Returns
+    -------
+    ExportCheck
+
+    Raises
+    ------
+    InputError
+        If the file has no check poses, or they are damaged.
+
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> session = ta.simulate("ur10", poses=60, seed=1).session
+    >>> fit = ta.fit("ur10", session, model="kinematic")
+    >>> _ = ta.export(fit.model, "arm.urdf")
+    >>> ta.check_export(fit.model, "arm.urdf").agrees
+    True
+    """
+    fitted, manifest = to_model_of_tip(model, tip), read_manifest(file)
+    return ExportCheck(Path(file), manifest, tuple(compare_with_model(fitted, manifest, Path(file))))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ExportCheck(Record):
+    """What the check of an exported file found.
+
+    Attributes
+    ----------
+    file : Path
+    manifest : Manifest
+    findings : tuple of Finding
+    """
+
+    file: Path
+    manifest: Manifest
+    findings: tuple[Finding, ...]
+
+    @property
+    def verdict(self) -> Verdict:
+        """``not verified`` if nothing differs, but not everything was run."""
+        outcomes = {finding.outcome for finding in self.findings}
+        return "differs" if "differs" in outcomes else "not verified" if "not run" in outcomes else "agrees"
+
+    @property
+    def agrees(self) -> bool:
+        """Whether everything was compared, and nothing differs."""
+        return self.verdict == "agrees"
+
+    def blocks(self) -> Iterator[str | TextTable]:
+        """See `Record.blocks`."""
+        if self.verdict == "agrees":
+            yield f"{self.file.name} agrees with the model ({self.manifest.format}, {self.manifest.direction})."
+        elif self.verdict == "not verified":
+            yield f"{self.file.name} is not verified: {self._those('not run')} not run, nothing else differs."
+        else:
+            yield (
+                f"{self.file.name} does not agree with the model: {self._those('differs')}. Do not use it; "
+                "export it again."
+            )
+        rows = [(finding.what, finding.outcome, finding.detail) for finding in self.findings]
+        yield TextTable(("comparison", "outcome", "detail"), rows, left_aligned=(0, 1, 2))
+
+    def _those(self, outcome: str) -> str:
+        return ", ".join(finding.what for finding in self.findings if finding.outcome == outcome)
+
+    def _json(self) -> object:
+        origin = {"format": self.manifest.format, "direction": self.manifest.direction}
+        return {**self.named("agrees", "verdict"), **origin, "findings": self.findings}

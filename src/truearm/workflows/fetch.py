@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from truearm import datasets
 from truearm.files.atomic_write import atomic_file
@@ -78,6 +77,10 @@ class PublishedReadings(Record):
         """What to cite."""
         return datasets.CITATION[self.entry.source]
 
+    @property
+    def _repository(self) -> str:
+        return f"github.com/{datasets.UPSTREAM[self.entry.source].rpartition('/')[0]}"
+
     def save(self, path: str | Path, *, lengths: str | Path | None = None) -> None:
         """Write the session, and the lengths to a file of their own: both or none."""
         with atomic_file(path) as beside:
@@ -94,17 +97,15 @@ class PublishedReadings(Record):
         yield self.summary()
         if self.lengths is not None:
             yield f"{len(self.lengths)} lengths between its seats; their uncertainty is our assumption."
-        repository = datasets.UPSTREAM[self.entry.source].rpartition("/")[0]
-        yield f"From github.com/{repository} (MIT licence). Cite: {self.citation}."
+        yield f"From {self._repository} (MIT licence). Cite: {self.citation}."
 
-    def to_dict(self) -> dict[str, Any]:
-        """See `Record.to_dict`."""
+    def _json(self) -> object:
         return {
             "name": self.name,
             "arm": self.arm,
             "n_readings": len(self.session),
             "n_joints": self.session.n_joints,
             "n_lengths": 0 if self.lengths is None else len(self.lengths),
-            "source": f"https://github.com/{datasets.UPSTREAM[self.entry.source].rpartition('/')[0]}",
+            "source": f"https://{self._repository}",
             "citation": self.citation,
         }

@@ -26,6 +26,7 @@ from truearm.compensation.models.selection import ModelScore, select_model
 from truearm.errors import InputError
 from truearm.identification.estimation.diagnostics import identifiability
 from truearm.identification.estimation.tip_offsets import describe_tips
+from truearm.identification.judgement.frame_changes import SessionChange, frame_changes
 from truearm.identification.judgement.gross_errors import excluded_readings
 from truearm.identification.judgement.outliers import Outlier, length_outliers, outliers
 from truearm.identification.judgement.stated_uncertainty import describe_stated_uncertainty
@@ -41,7 +42,6 @@ from truearm.readings.anchors import LEAST_COMPARED, distance_errors, has_locate
 from truearm.readings.distances import OFFSET_STD_MM, bars_without_certificate
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import IntArray
-from truearm.workflows.frame_changes import SessionChange, frame_changes
 from truearm.workflows.inputs import (
     ArmLike,
     LengthsLike,
@@ -148,7 +148,9 @@ def fit(
     elif model != "nominal":
         fitted = chosen.learn(readings, progress=progress, nominal=nominal)
     at = fitted.at(used)
-    changes = frame_changes(fitted, used)
+    changes: tuple[SessionChange, ...] = ()
+    if isinstance(fitted, IdentifiedModel):  # a network has no residuals of a rigid frame
+        changes = tuple(frame_changes(fitted.fit_, fitted.session_frames_, used))
     no_hybrid = () if why_no_hybrid is None else (f"The hybrid model was not compared: {why_no_hybrid}.",)
     said = *_remarks(fitted, used, known), *no_hybrid, *(str(change) for change in changes)
     return FitResult(

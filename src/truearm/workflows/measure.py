@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from math import isfinite
-from typing import Any, get_args
+from typing import get_args
 
 import numpy as np
 
+from truearm.choices import FeatureKind
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.errors import InputError
@@ -29,9 +30,8 @@ from truearm.workflows.inputs import (
     payload_remarks,
     to_model_and_session,
 )
-from truearm.workflows.record import Record, TextTable, format_fixed, to_plain
+from truearm.workflows.record import Record, TextTable, format_fixed
 from truearm.workflows.sentences import number_of
-from truearm.workflows.task import FeatureKind
 
 # Components of a normal are no lengths: one of 0.0001 is 0.1 mm over a metre.
 _NORMAL_DECIMALS = 6
@@ -195,20 +195,9 @@ class MeasuredFeatures(Record):
         yield "Coordinates are those of the tip's centre. The temperature of the part is not taken into account."
         yield from self.remarks
 
-    def to_dict(self) -> dict[str, Any]:
-        """See `Record.to_dict`."""
-        plain: dict[str, Any] = to_plain(
-            {
-                "features": self.features,
-                "tip_diameter_mm": self.tip_diameter_mm,
-                "repeatability_mm": self.repeatability_mm,
-                "n_arms": self.n_arms,
-                "seed": self.seed,
-                "model_trained_on": self.model.data_fingerprint_,
-                "remarks": self.remarks,
-            }
-        )
-        return plain
+    def _json(self) -> object:
+        named = self.named("features", "tip_diameter_mm", "repeatability_mm", "n_arms", "seed")
+        return {**named, "model_trained_on": self.model.data_fingerprint_, "remarks": self.remarks}
 
 
 def _called(feature: MeasuredFeature) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from truearm.solve.threads import one_blas_thread
 from truearm.verification.standards.artefacts import example_artefacts
@@ -47,12 +47,7 @@ class OperatorSheetResult(PageRecord):
 
     sheet: OperatorSheet
     examples: tuple[str, ...]
-    files: tuple[Path, ...]
-
-    @property
-    def input_files(self) -> tuple[Path, ...]:
-        """See `PageRecord`."""
-        return self.files
+    files: tuple[Path, ...] = ()
 
     @property
     def n_points(self) -> int:
@@ -94,13 +89,13 @@ class OperatorSheetResult(PageRecord):
         yield f"operator's sheet, {self.n_points} points of {self.sheet.plan.heading}"
         yield from self.remarks
 
-    def to_dict(self) -> dict[str, Any]:
-        """See `Record`."""
+    def _json(self) -> object:
+        sheet = self.sheet
         return {
-            "plan": self.sheet.plan.name,
+            "plan": sheet.plan.name,
             "points": self.n_points,
-            "measuring_range_mm": self.sheet.measuring_range_mm,
-            "examples": list(self.examples),
+            "measuring_range_mm": sheet.measuring_range_mm,
+            "examples": self.examples,
         }
 
 

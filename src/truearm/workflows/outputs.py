@@ -12,21 +12,42 @@ from truearm.files.atomic_write import check_writable, is_same_file
 from truearm.workflows.record import Record
 
 if TYPE_CHECKING:
+    from truearm.arm import Arm
     from truearm.pages.page import Page
 
 FIGURE_ENDINGS = (".svg", ".pdf", ".png")
 
 
-def check_output_is_not_input(out: str | Path, *inputs: str | Path) -> None:
+def check_output_is_not_input(out: str | Path, *inputs: str | Path | None) -> None:
     """Check that a file to write is none of those that are read: readings cannot be measured again.
 
     Raises
     ------
     InputError
-        If `out` is one of `inputs`.
+        If `out` is one of `inputs`; those that are None are not given.
     """
-    if any(is_same_file(out, path) for path in inputs):
+    if any(is_same_file(out, path) for path in inputs if path is not None):
         raise InputError("the output file is an input file and would be overwritten", file=out, hint="another name")
+
+
+def check_output(out: str | Path, *inputs: str | Path | None, endings: tuple[str, ...] = ()) -> None:
+    """Check, before long work, that a file can be written under a name that is not the name of an input file.
+
+    Raises
+    ------
+    InputError
+        If the name ends in none of `endings`, is one of `inputs`, or cannot be written.
+    """
+    out = Path(out)
+    if endings and out.suffix not in endings:
+        raise InputError(f"expected a file name that ends in {endings[0]}, got {out.name!r}", file=out)
+    check_output_is_not_input(out, *inputs)
+    check_writable(out)
+
+
+def check_page_path(page: str | Path, *inputs: str | Path | None) -> None:
+    """Check a page as `check_output` does."""
+    check_output(page, *inputs, endings=(".html", ".htm"))
 
 
 def check_new_file(out: str | Path, *, force: bool) -> None:
@@ -39,21 +60,6 @@ def check_new_file(out: str | Path, *, force: bool) -> None:
     """
     if not force and Path(out).exists():
         raise InputError("the file exists already", file=out, hint="--force to replace it, or another name")
-
-
-def check_page_path(page: str | Path, *inputs: str | Path) -> None:
-    """Check, before long work, that a page can be written under a name that is not the name of an input file.
-
-    Raises
-    ------
-    InputError
-        If the name does not end in .html, is one of `inputs`, or cannot be written.
-    """
-    page = Path(page)
-    if page.suffix not in (".html", ".htm"):
-        raise InputError(f"expected a file name that ends in .html, got {page.name!r}", file=page)
-    check_output_is_not_input(page, *inputs)
-    check_writable(page)
 
 
 def make_folder(folder: Path) -> None:
@@ -78,6 +84,11 @@ def input_files(*given: object) -> tuple[Path, ...]:
     return tuple(path for path in paths if path.is_file())
 
 
+def arm_row(arm: Arm) -> tuple[str, str]:
+    """The row of a page that names the nominal arm and the source of its numbers."""
+    return "arm", f"{arm.name}: {arm.title}. {arm.source}"
+
+
 def version_row() -> tuple[str, str]:
     """The row of a page that names the programs that calculated it."""
     import numpy
@@ -91,10 +102,12 @@ def version_row() -> tuple[str, str]:
 class PageRecord(Record):
     """A record that has a page of its own: `page` lays it out, `save_page` writes it as HTML."""
 
+    files: tuple[Path, ...] = ()
+
     @property
     def input_files(self) -> tuple[Path, ...]:
         """The files from which the result was calculated; no page is written over them."""
-        return ()
+        return self.files
 
     @abstractmethod
     def page(self) -> Page:

@@ -1,42 +1,37 @@
-"""`plan`: which poses to measure next, so that an arm is identified best."""
+"""`plan`: which poses to measure next, so that an arm is identified best; `plan_check`: the routine of a check."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from math import degrees, isfinite
+from math import degrees
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING, get_args
 from zipfile import is_zipfile
 
 from truearm.arm import Arm
+from truearm.choices import ArtefactKind, Strategy, Terms
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.compensation.models.model_file import load_model
 from truearm.errors import InputError
 from truearm.files.atomic_write import check_new_form
 from truearm.identification.planning.candidates import Candidates
+from truearm.identification.planning.check_routine import CheckRoutine, check_routine
 from truearm.identification.planning.plan import SessionPlan, plan_session, usual_places
-from truearm.identification.planning.prior import Terms
-from truearm.identification.planning.proposal import LENGTH_U_MM, Artefact, CalibrationPlan, Strategy
-from truearm.identification.planning.sampling import Sector
-from truearm.identification.planning.sampling.surroundings import Box, Surroundings
-from truearm.identification.planning.sampling.workspace import stance
-from truearm.identification.planning.template import (
-    lengths_path,
-    write_bar_lengths,
-    write_template,
-)
+from truearm.identification.planning.proposal import LENGTH_U_MM, Artefact, CalibrationPlan
+from truearm.identification.planning.sampling.surroundings import surroundings_of
+from truearm.identification.planning.sampling.workspace import sector_of
+from truearm.identification.planning.template import lengths_path, write_bar_lengths, write_template
+from truearm.identification.planning.tour import mean_joint_move
 from truearm.solve.threads import one_blas_thread
 from truearm.workflows.inputs import SessionLike, to_arm, to_model_of_tip, to_session, within_limits
-from truearm.workflows.outputs import PageRecord, input_files, version_row
-from truearm.workflows.record import TextTable
+from truearm.workflows.outputs import PageRecord, arm_row, input_files, version_row
+from truearm.workflows.record import Record, TextTable
 
 if TYPE_CHECKING:
     from truearm.pages.page import Page
     from truearm.pages.plotting import Figure
-
-ArtefactKind: TypeAlias = Literal["seat", "bar", "tracker"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -59,11 +54,6 @@ class PlanResult(PageRecord):
     session: str
     seed: int
     files: tuple[Path, ...] = ()
-
-    @property
-    def input_files(self) -> tuple[Path, ...]:
-        """See `PageRecord`."""
-        return self.files
 
     @property
     def plan(self) -> CalibrationPlan:
@@ -133,25 +123,14 @@ class PlanResult(PageRecord):
             f"before {planned.before_mm:.4g} mm (root mean square{without}; noise of a coordinate "
             f"{self.plan.prior.noise_mm:.4g} mm)"
         )
-        yield (
-            f"From pose to pose the joint that turns most turns by {degrees(planned.proposal.mean_move):.0f} deg on "
-            "average."
-        )
+        yield _mean_move(degrees(planned.proposal.mean_move))
         for sentence in self.limitations:
             yield f"- {sentence}"
-        rows = [
-            [
-                name,
-                f"{proposal.rms_mm[-1]:.4g}",
-                f"{degrees(proposal.mean_move):.0f}",
-                "chosen" if name == planned.strategy else "",
-            ]
-            for name, proposal in self.plan.proposals.items()
-        ]
+        numbers = ((name, one.rms_mm[-1], degrees(one.mean_move)) for name, one in self.plan.proposals.items())
+        rows = ((name, f"{u:.4g}", f"{move:.0f}", "chosen" * (name == planned.strategy)) for name, u, move in numbers)
         yield TextTable(["strategy", "after [mm]", "move [deg]", ""], rows)
 
-    def to_dict(self) -> dict[str, Any]:
-        """See `Record`."""
+    def _json(self) -> object:
         return self.session_plan.to_dict()
 
     def _facts(self) -> list[tuple[str, str]]:
@@ -159,7 +138,7 @@ class PlanResult(PageRecord):
         groups = ", ".join(dict.fromkeys(term.group for term in prior.perturbed_chain.terms))
         bar = f"{length} mm, standard uncertainty {LENGTH_U_MM:g} mm (assumed)"
         return [
-            ("arm", f"{arm.name}: {arm.title}. {arm.source}"),
+            arm_row(arm),
             ("known before", self.session_plan.known_before),
             *([("session measured already", self.session)] if self.session else []),
             ("groups of terms", groups),
@@ -247,9 +226,10 @@ def plan(
     measured_with = Artefact(artefact, usual_places(artefact, poses) if seats is None else seats, length_mm)
     subject, source = arm_or_model(arm)
     nominal = subject if isinstance(subject, Arm) else subject.arm_
-    measured = None
+    measured, name = None, ""
     if session is not None:
         measured = within_limits(to_session(session, n_joints=nominal.n_joints), nominal).session
+        name = measured.file.name if measured.file is not None else f"{len(measured)} readings"
     planned = plan_session(
         subject,
         measured_with,
@@ -258,16 +238,12 @@ def plan(
         terms=terms,
         noise_mm=noise_mm,
         measured=measured,
-        volume=None if volume is None else _sector(volume, nominal),
-        surroundings=to_surroundings(table, avoid),
+        volume=None if volume is None else sector_of(volume, nominal),
+        surroundings=surroundings_of(table, avoid),
         seed=seed,
         progress=progress,
     )
-    name = ""
-    if measured is not None:
-        name = measured.file.name if measured.file is not None else f"{len(measured)} readings"
-    if source:
-        planned = replace(planned, known_before=source)
+    planned = replace(planned, known_before=source or planned.known_before)
     return PlanResult(planned, name, seed, input_files(arm, session))
 
 
@@ -295,42 +271,90 @@ def arm_or_model(arm: Arm | Compensator | str | Path) -> tuple[Arm | IdentifiedM
     return model, f"a model of {model.n_train_} readings" if file is None else f"the model {file.name}"
 
 
-def to_surroundings(table: Sequence[float] | None, avoid: Sequence[Sequence[float]]) -> Surroundings:
-    """The table and the boxes from their numbers.
+@dataclass(frozen=True, eq=False, repr=False)
+class CheckPlan(Record):
+    """The poses of an interim check.
+
+    Attributes
+    ----------
+    routine : CheckRoutine
+    """
+
+    routine: CheckRoutine
+
+    def save(self, path: str | Path) -> tuple[Path, ...]:
+        """Write the session to fill in and, with a bar, the file of its length beside it; see `CheckRoutine.save`."""
+        return self.routine.save(path)
+
+    @property
+    def artefacts(self) -> tuple[str, ...]:
+        """Seats and sphere, in the order of the routine."""
+        names = [*self.routine.seat.tolist(), *self.routine.sphere.tolist()]
+        return tuple(dict.fromkeys(name for name in names if name))
+
+    def blocks(self) -> Iterator[str]:
+        """See `Record`."""
+        yield f"Interim check of {len(self.routine.angles)} readings: {', '.join(self.artefacts)}."
+        yield _mean_move(self._mean_move_deg)
+
+    def _json(self) -> object:
+        return {
+            "arm": self.routine.arm.name,
+            "n": len(self.routine.angles),
+            "artefacts": self.artefacts,
+            "mean_joint_move_deg": self._mean_move_deg,
+        }
+
+    @property
+    def _mean_move_deg(self) -> float:
+        return degrees(mean_joint_move(self.routine.arm, self.routine.angles))
+
+
+@one_blas_thread()
+def plan_check(
+    arm: Arm | Compensator | str | Path,
+    *,
+    length_mm: float | None = None,
+    sphere_mm: float | None = None,
+    table: Sequence[float] | None = None,
+    avoid: Sequence[Sequence[float]] = (),
+    seed: int = 0,
+) -> CheckPlan:
+    """Plan an interim check: ten poses in a cone, four in each seat of a bar, nine points on a sphere.
+
+    Parameters
+    ----------
+    arm : Arm, model, str or path
+        Name, arm file or URDF of an arm, or its model (file).
+    length_mm : float, optional
+        Length of a bar between its seats [mm]; without it the check has no bar.
+    sphere_mm : float, optional
+        Diameter of a sphere [mm]; without it the check has no sphere.
+    table, avoid
+        As of `plan`.
+    seed : int
+        Seed of all random numbers.
+
+    Returns
+    -------
+    CheckPlan
 
     Raises
     ------
     InputError
-        If a table has neither one nor five numbers, a box has not six, or a range is empty.
+        If the arm does not reach an artefact.
+
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> ta.plan_check("measuring7", length_mm=400).artefacts
+    ('cone', 'bar A', 'bar B')
     """
-    boxes = []
-    for box in avoid:
-        if len(box) != 6:
-            problem = f"a box needs six numbers X0,X1,Y0,Y1,Z0,Z1, got {len(box)}"
-            raise InputError(problem, hint="0,200,-300,300,0,900")
-        x0, x1, y0, y1, z0, z1 = map(float, box)
-        boxes.append(Box((x0, y0, z0), (x1, y1, z1)))
-    numbers = [0.0] if table is None else list(map(float, table))
-    if len(numbers) == 1:
-        return Surroundings(numbers[0], avoid=tuple(boxes))
-    if len(numbers) != 5:
-        raise InputError(
-            f"a table needs its height Z, or Z,X0,X1,Y0,Y1 with its extent, got {len(numbers)} numbers",
-            hint="-40,200,900,-400,400",
-        )
-    height, x0, x1, y0, y1 = numbers
-    return Surroundings(height, (x0, x1), (y0, y1), avoid=tuple(boxes))
+    subject, _ = arm_or_model(arm)
+    nominal = subject if isinstance(subject, Arm) else subject.arm_
+    around = surroundings_of(table, avoid)
+    return CheckPlan(check_routine(nominal, length_mm=length_mm, sphere_mm=sphere_mm, surroundings=around, seed=seed))
 
 
-def _sector(volume: Sequence[float], arm: Arm) -> Sector:
-    """A volume in mm as shares of the reach of an arm."""
-    numbers = tuple(map(float, volume))
-    near, far, low, high, half_angle_deg = numbers if len(numbers) == 5 else (0.0,) * 5
-    if not (all(map(isfinite, numbers)) and 0 <= near < far and low < high and 0 < half_angle_deg <= 180):
-        raise InputError(
-            "the volume needs five numbers NEAR,FAR,LOW,HIGH,HALF_ANGLE: distances and heights in mm, each the smaller "
-            f"first, and an angle in deg; got {','.join(f'{number:g}' for number in numbers)}",
-            hint="300,800,-200,400,60",
-        )
-    reach = stance(arm).reach_mm
-    return Sector(near / reach, far / reach, low / reach, high / reach, half_angle_deg)
+def _mean_move(move_deg: float) -> str:
+    return f"From pose to pose the joint that turns most turns by {move_deg:.0f} deg on average."

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields, is_dataclass
+from datetime import date
 from enum import Enum
 from html import escape
 from math import isfinite
@@ -69,19 +70,28 @@ class TextTable:
 
 
 class Record(ABC):
-    """Result of a verb. A subclass is a frozen dataclass and describes itself once, in `blocks`.
+    """Result of a verb. A subclass is a frozen dataclass and describes itself for people in `blocks`.
 
     ``print(record)`` prints what the command prints, a notebook shows the same sentences and tables and, where it
-    helps, a figure; `to_dict` is what ``--json`` prints.
+    helps, a figure; `to_dict` is what ``--json`` prints, from the values that a subclass names in ``_json``.
     """
 
     @abstractmethod
     def blocks(self) -> Iterable[str | TextTable]:
         """Sentences and tables in reading order; the first sentence is the answer that a person came for."""
 
-    @abstractmethod
     def to_dict(self) -> dict[str, Any]:
         """The result for machines: strings, numbers, lists and dictionaries only, ready for JSON."""
+        plain: dict[str, Any] = to_plain(self._json())
+        return plain
+
+    def _json(self) -> object:
+        """What `to_dict` makes plain: values by their names in JSON, or a dataclass."""
+        raise NotImplementedError
+
+    def named(self, *names: str) -> dict[str, Any]:
+        """The attributes of these names: those whose name in JSON is the same."""
+        return {name: getattr(self, name) for name in names}
 
     def figure(self) -> Figure | None:
         """The figure that a notebook shows below the text; none by default."""
@@ -127,13 +137,15 @@ class Record(ABC):
 
 
 def to_plain(value: Any) -> Any:
-    """A value for JSON: dataclasses and mappings as dictionaries, arrays as lists, NaN and infinities as None."""
+    """A value for JSON: dataclasses and mappings as dictionaries, arrays as lists, dates as ISO 8601, NaN as None."""
     if is_dataclass(value) and not isinstance(value, type):
         return {field.name: to_plain(getattr(value, field.name)) for field in fields(value)}
     if isinstance(value, Enum):
         return to_plain(value.value)
     if isinstance(value, Path):
         return str(value)
+    if isinstance(value, date):
+        return value.isoformat()
     if hasattr(value, "_asdict"):
         value = value._asdict()
     if isinstance(value, Mapping):

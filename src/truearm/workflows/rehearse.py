@@ -1,21 +1,19 @@
-"""`rehearse`: carry out a plan with a virtual arm before anyone touches a real one."""
+"""`rehearse`: a plan, or the points of a verification, with a virtual arm before anyone touches a real one."""
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from truearm.errors import InputError
-from truearm.identification.planning.planned_readings import PlannedReadings, read_planned
-from truearm.identification.planning.template import lengths_path
+from truearm.identification.planning.planned_readings import read_planned
 from truearm.identification.virtual import VirtualArm, load_preset
-from truearm.identification.virtual.rehearsal import carry_out, move_set_up
-from truearm.readings import Lengths, read_lengths
+from truearm.identification.virtual.rehearsal import carry_out, lengths_of, move_set_up
 from truearm.solve.threads import one_blas_thread
+from truearm.verification.standards.points_form import read_planned_points
+from truearm.verification.tasks.rehearsed_points import rehearse_points
 from truearm.workflows.inputs import ArmLike, to_arm
 from truearm.workflows.simulate import SimulationResult
+from truearm.workflows.verify import ArtefactsLike, to_artefacts
 
 
 @one_blas_thread()
@@ -28,28 +26,34 @@ def rehearse(
     arm_seed: int = 0,
     lengths: str | Path | None = None,
     moved: bool = False,
+    artefacts: ArtefactsLike | None = None,
 ) -> SimulationResult:
-    """Carry out a plan of `plan` with a virtual arm: the readings, and the lengths of the bar.
+    """Measure with a virtual arm what a plan of `plan` or the points of `operator_sheet` ask for.
 
     Seats, bar and sphere stand where the plan puts them, and the arm goes near the planned poses. What a person writes
-    down at a real arm (angles, names of seats and places) is in the session.
+    down at a real arm (angles, names of seats and places) is in the session. Of the points of a verification it has a
+    reading for each point, in the order of the file.
 
     Parameters
     ----------
     arm : Arm, str or Path
         The nominal arm that the plan was made for: an `Arm`, a name of `list_arms`, or an arm file or URDF.
     plan : path
-        File of the plan. Columns that were filled in already are not read.
+        File of the plan, of which columns that were filled in already are not read; or, with `artefacts`, the points to
+        measure of a verification, written by `OperatorSheetResult.save_points`.
     preset : {"research", "shop", "worn", "perfect"}
         How large the errors of the arm are.
     seed : int
-        Of the noise; another one for another day.
+        Of the noise, and of poses and artefacts of a verification; another one for another day.
     arm_seed : int
-        Of the arm's errors and of the errors of certificates.
+        Of the arm's errors and of the errors of a plan's certificates.
     lengths : path, optional
         Known lengths between seats; by default the file that `plan` wrote beside the plan, if there is one.
     moved : bool
         Whether the reference instrument stands elsewhere, to rehearse a `refit`; a plan with a tracker only.
+    artefacts : Artefacts or path, optional
+        Of the points of a verification: certificates of the artefacts; the virtual ones deviate within their
+        uncertainty and are at 20 degC.
 
     Returns
     -------
@@ -58,7 +62,8 @@ def rehearse(
     Raises
     ------
     InputError
-        If the plan is of another arm, the file of lengths is of another plan, or a plan with a bar has none.
+        If the plan is of another arm, the file of lengths is of another plan, a plan with a bar has none, an artefact
+        has no certificate, or the arm does not reach all points.
 
     Examples
     --------
@@ -67,40 +72,25 @@ def rehearse(
     >>> rehearsal = ta.rehearse("gao2017", "plan.csv", preset="shop")
     >>> len(rehearsal.session)
     4
+    >>> plan = ta.load_verification_plan("asme-b89.4.22")
+    >>> on_a_sphere = plan.model_copy(update={"single_point": None, "volumetric": None})
+    >>> sheet = ta.operator_sheet(on_a_sphere)
+    >>> sheet.save_points("points.csv")
+    >>> len(ta.rehearse("measuring7", "points.csv", artefacts=sheet.sheet.artefacts, preset="shop").session)
+    27
     """
     nominal = to_arm(arm)
-    planned = read_planned(plan, nominal)
     virtual = VirtualArm.draw(nominal, load_preset(preset), seed=arm_seed)
-    known = _lengths_of(planned, lengths)
+    if artefacts is not None:
+        if lengths is not None or moved:
+            raise InputError("lengths and moved are for a plan of readings, not for the points of a verification")
+        measured = rehearse_points(virtual, read_planned_points(plan), to_artefacts(artefacts), seed=seed)
+        return SimulationResult.of(virtual, measured, strategy=f"points of {Path(plan).name}", seed=seed)
+    planned = read_planned(plan, nominal)
+    known = lengths_of(planned, lengths)
     measured = carry_out(virtual, planned, seed=seed, lengths=known)
     if moved:
         measured = move_set_up(measured, seed=seed)
-    return SimulationResult(
-        virtual=virtual,
-        measurement=measured,
-        lengths=known,
-        strategy=f"plan {planned.file.name}",
-        seed=seed,
-        rejected={},
-        nominal_error=virtual.nominal_error(measured),
-        noise_floor=None if measured.readings.points is None or moved else virtual.noise_floor(measured),
+    return SimulationResult.of(
+        virtual, measured, lengths=known, strategy=f"plan {planned.file.name}", seed=seed, moved=moved
     )
-
-
-def _lengths_of(planned: PlannedReadings, given: str | Path | None) -> Lengths | None:
-    """The lengths between the seats of a plan, as certificates of virtual artefacts that do not expand."""
-    beside = lengths_path(planned.file)
-    file = given if given is not None else beside if beside.is_file() else None
-    if file is None:
-        if planned.position is not None and (planned.position != "").any():
-            raise InputError(
-                f"{beside.name} is missing beside the plan: a bar without its length",
-                file=planned.file,
-                hint="copy it there; truearm plan wrote it with the plan",
-            )
-        return None
-    if planned.seat is None:
-        raise InputError("lengths are between seats, and the plan has none", file=file, hint="omit them")
-    found = read_lengths(file, seats=[name for name in planned.seat.tolist() if name])
-    none = np.zeros(len(found))
-    return replace(found, expansion_per_K=none, u_expansion_per_K=none.copy(), file=None, numbers=None, by_line=False)

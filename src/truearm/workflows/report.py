@@ -39,7 +39,7 @@ from truearm.workflows.inputs import (
     without_refit_readings,
 )
 from truearm.workflows.outputs import PageRecord, check_page_path, input_files
-from truearm.workflows.record import TextTable, to_plain
+from truearm.workflows.record import TextTable
 from truearm.workflows.regressors import AnyModelLike, Regressors, is_regressor, regressor_remark
 from truearm.workflows.sentences import number_of
 
@@ -68,10 +68,10 @@ class ReportResult(PageRecord):
         Title of the page.
     input_remarks : tuple of str
         What was ignored of session and lengths.
-    files : tuple of Path
-        The files that were read.
     comparison : ModelComparison or SeatComparison
         Points of the readings by the reference and by every model.
+    files : tuple of Path
+        The files that were read.
     """
 
     models: Mapping[str, Compensator]
@@ -81,13 +81,8 @@ class ReportResult(PageRecord):
     errors: Mapping[str, Mapping[str, float]]
     title: str
     input_remarks: tuple[str, ...]
-    files: tuple[Path, ...]
     comparison: ModelComparison | SeatComparison
-
-    @property
-    def input_files(self) -> tuple[Path, ...]:
-        """See `PageRecord`."""
-        return self.files
+    files: tuple[Path, ...] = ()
 
     @property
     def page_remarks(self) -> list[str]:
@@ -135,14 +130,9 @@ class ReportResult(PageRecord):
         yield f"{n} model{'s' * (n > 1)} compared on {len(self.session)} readings"
         yield from self.remarks
 
-    def to_dict(self) -> dict[str, Any]:
-        """See `Record`."""
-        return {
-            "arm": one_arm(dict(self.models)).arm.name,
-            "n_readings": len(self.session),
-            "errors": to_plain(self.errors),
-            "remarks": list(self.remarks),
-        }
+    def _json(self) -> object:
+        arm = one_arm(dict(self.models)).arm.name
+        return {"arm": arm, "n_readings": len(self.session), **self.named("errors", "remarks")}
 
 
 def _constants_sections(models: Mapping[str, Compensator]) -> list[Section]:
@@ -254,8 +244,8 @@ def report(
         _errors(comparison),
         title,
         (*remarks, *skipped, *of_refit, *of_lengths),
-        files,
         comparison,
+        files,
     )
     if path is not None:
         result.save_page(path)

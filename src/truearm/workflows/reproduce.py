@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file, check_writable
@@ -17,7 +17,7 @@ from truearm.papers.gao2017.results import FinalTestResult, Reproduction, RowRes
 from truearm.papers.gao2017.training_plan import PARTS
 from truearm.solve.threads import one_blas_thread
 from truearm.workflows.outputs import PageRecord
-from truearm.workflows.record import TextTable, to_plain
+from truearm.workflows.record import TextTable
 
 if TYPE_CHECKING:
     from truearm.pages.page import Page
@@ -104,10 +104,8 @@ class ReproductionResult(PageRecord):
         for part in results.skipped:
             yield f"skipped: {part}"
 
-    def to_dict(self) -> dict[str, Any]:
-        """See `Record`."""
-        numbers: dict[str, Any] = to_plain(self.results)
-        return numbers
+    def _json(self) -> object:
+        return self.results
 
 
 @one_blas_thread()

@@ -2,32 +2,21 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from difflib import get_close_matches
-from math import radians
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-
-from truearm.arm import Arm
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
-from truearm.identification.planning.candidates import bar_places
-from truearm.identification.planning.sampling import STRATEGIES, Poses, seat
 from truearm.identification.planning.sampling.measuring import describe_rejections
 from truearm.identification.virtual import Measurement, VirtualArm, load_preset
 from truearm.identification.virtual.arm import measure_distances, place_anchors
+from truearm.identification.virtual.session_poses import bar_certificate, poses_with_bars, strategy_poses
 from truearm.readings import Lengths, PointErrors, Session, write_lengths, write_session
 from truearm.solve.threads import one_blas_thread
 from truearm.workflows.inputs import ArmLike, to_arm
-from truearm.workflows.record import Record, to_plain
+from truearm.workflows.record import Record
 from truearm.workflows.sentences import number_of
-
-# Standard uncertainty that the certificate of a bar states for its length [mm].
-BAR_U_MM = 0.005
 
 
 @one_blas_thread()
@@ -97,24 +86,18 @@ def simulate(
     nominal, magnitudes = to_arm(arm), load_preset(preset)
     virtual = VirtualArm.draw(nominal, magnitudes, seed=arm_seed)
     if bars:
-        taken = _poses_with_bars(nominal, strategy, poses, seed=seed, seats=seats, bars=bars, bar_mm=bar_mm)
+        taken = poses_with_bars(nominal, strategy, poses, seed=seed, seats=seats, bars=bars, bar_mm=bar_mm)
     else:
-        taken = _poses(nominal, strategy, poses, seed=seed, seats=seats, half_width_deg=half_width_deg)
+        taken = strategy_poses(nominal, strategy, poses, seed=seed, seats=seats, half_width_deg=half_width_deg)
     measured = virtual.measure(
         taken.angles, seed=seed, seat=taken.seat, seat_points=taken.seat_points, reference=reference
     )
     if anchors:
         places = place_anchors(anchors, reach=nominal.chain.reach)
         measured = measure_distances(measured, places, seed=seed)
-    return SimulationResult(
-        virtual=virtual,
-        measurement=measured,
-        lengths=_certificate(bars, bar_mm, seed=arm_seed) if bars else None,
-        strategy=strategy,
-        seed=seed,
-        rejected=dict(taken.rejected),
-        nominal_error=virtual.nominal_error(measured),
-        noise_floor=None if measured.readings.points is None else virtual.noise_floor(measured),
+    lengths = bar_certificate(bars, bar_mm, seed=arm_seed) if bars else None
+    return SimulationResult.of(
+        virtual, measured, lengths=lengths, strategy=strategy, seed=seed, rejected=dict(taken.rejected)
     )
 
 
@@ -155,6 +138,31 @@ class SimulationResult(Record):
     rejected: dict[str, int]
     nominal_error: PointErrors
     noise_floor: PointErrors | None
+
+    @classmethod
+    def of(
+        cls,
+        virtual: VirtualArm,
+        measurement: Measurement,
+        *,
+        strategy: str,
+        seed: int,
+        lengths: Lengths | None = None,
+        rejected: Mapping[str, int] | None = None,
+        moved: bool = False,
+    ) -> SimulationResult:
+        """The result of a measurement, with its errors; `moved` where its points are not in the base frame."""
+        has_floor = measurement.readings.points is not None and not moved
+        return cls(
+            virtual=virtual,
+            measurement=measurement,
+            lengths=lengths,
+            strategy=strategy,
+            seed=seed,
+            rejected=dict(rejected or {}),
+            nominal_error=virtual.nominal_error(measurement),
+            noise_floor=virtual.noise_floor(measurement) if has_floor else None,
+        )
 
     @property
     def session(self) -> Session:
@@ -201,76 +209,14 @@ class SimulationResult(Record):
                 f"u = {self.lengths.u_mm[0]:g} mm, at {n} place{'s' * (n > 1)}"
             )
 
-    def to_dict(self) -> dict[str, Any]:
-        """See `Record.to_dict`."""
-        plain: dict[str, Any] = to_plain(
-            {
-                "summary": self.summary(),
-                "arm": self.virtual.nominal.name,
-                "preset": self.virtual.preset.name,
-                "arm_seed": self.virtual.seed,
-                "strategy": self.strategy,
-                "seed": self.seed,
-                "n": len(self.measurement),
-                "rejected": self.rejected,
-                "nominal_error": self.nominal_error,
-                "noise_floor": self.noise_floor,
-            }
-        )
-        return plain
-
-
-def _poses(arm: Arm, strategy: str, n: int, *, seed: int, seats: int | None, half_width_deg: float | None) -> Poses:
-    if strategy not in STRATEGIES:
-        close = get_close_matches(strategy, STRATEGIES, n=1)
-        raise InputError(
-            f"expected a strategy out of {', '.join(STRATEGIES)}, got {strategy!r}",
-            hint=f"strategy {close[0]}" if close else None,
-        )
-    options: dict[str, Any] = {}
-    if half_width_deg is not None:
-        if not strategy.endswith("box"):
-            raise InputError(f"a half width is for the strategies box and sobol-box, not for {strategy}")
-        options["half_width"] = radians(half_width_deg)
-    if seats is not None:
-        if strategy != "seat":
-            raise InputError(f"seats are for the strategy seat, not for {strategy}", hint="strategy seat")
-        options["seats"] = seats
-    return STRATEGIES[strategy](arm, n, seed=seed, **options)
-
-
-def _poses_with_bars(
-    arm: Arm, strategy: str, n: int, *, seed: int, seats: int | None, bars: int, bar_mm: float
-) -> Poses:
-    """Poses in single seats and in both seats of a bar at its places, as many in each seat."""
-    if strategy != "seat":
-        raise InputError(f"bars are for the strategy seat, not for {strategy}", hint="strategy seat")
-    single = 3 if seats is None else seats
-    each = n // (single + 2 * bars)
-    if single < 1 or each < 1:
-        raise InputError(f"expected at least one pose a seat, got {n} poses for {single} seats and {bars} bars")
-    on_bars = bar_places(arm, bars, length_mm=bar_mm, poses=each, seed=seed)
-    in_seats = seat(arm, n - len(on_bars.angles), seed=seed, seats=single)
-    parts = (in_seats, on_bars)
-    assert all(part.seat is not None and part.seat_points is not None for part in parts)
-    return Poses(
-        np.concatenate([part.angles for part in parts]),
-        dict(Counter(in_seats.rejected) + Counter(on_bars.rejected)),
-        np.concatenate([part.seat for part in parts if part.seat is not None]),
-        np.concatenate([part.seat_points for part in parts if part.seat_points is not None]),
-    )
-
-
-def _certificate(bars: int, bar_mm: float, *, seed: int) -> Lengths:
-    """What is stated for the length of the bar, the same at all its places; it does not expand."""
-    stated = round(bar_mm + BAR_U_MM * np.random.default_rng([seed, *b"bar"]).standard_normal(), 4)
-    ends = [np.array([f"B{place}{end}" for place in range(1, bars + 1)]) for end in "ab"]
-    return Lengths(
-        ends[0],
-        ends[1],
-        np.full(bars, stated),
-        np.full(bars, BAR_U_MM),
-        artefact=np.full(bars, f"bar {bar_mm:g}"),
-        expansion_per_K=np.zeros(bars),
-        u_expansion_per_K=np.zeros(bars),
-    )
+    def _json(self) -> object:
+        return {
+            "summary": self.summary(),
+            "arm": self.virtual.nominal.name,
+            "preset": self.virtual.preset.name,
+            "arm_seed": self.virtual.seed,
+            "strategy": self.strategy,
+            "seed": self.seed,
+            "n": len(self.measurement),
+            **self.named("rejected", "nominal_error", "noise_floor"),
+        }

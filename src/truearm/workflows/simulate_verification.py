@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil, floor
 from pathlib import Path
-from typing import Any
 
 from truearm.arm import Arm
 from truearm.compensation.models import Compensator
@@ -130,8 +129,7 @@ class SimulatedVerification(Record):
         )
         yield from self.remarks
 
-    def to_dict(self) -> dict[str, Any]:
-        """See `Record`."""
+    def _json(self) -> object:
         return {
             "simulated": self.source,
             "arm": self.arms.arm.name,
@@ -142,22 +140,10 @@ class SimulatedVerification(Record):
             "specification": self.specification.name,
             "artefacts": self.artefacts_source,
             "rule": self.rule,
-            "rows": [
-                {
-                    "label": row.label,
-                    "unit": row.unit,
-                    "median": row.median,
-                    "quantile_95": row.high,
-                    "limit": row.limit,
-                    "conform": row.conform,
-                    "not_conform": row.not_conform,
-                    "undecided": row.undecided,
-                }
-                for row in self.rows
-            ],
+            "rows": [row.to_dict() for row in self.rows],
             "all": {verdict.value.replace(" ", "_"): share for verdict, share in self.shares.items()},
-            "conform_interval_95": list(self.conform_interval),
-            "remarks": list(self.remarks),
+            "conform_interval_95": self.conform_interval,
+            "remarks": self.remarks,
         }
 
 

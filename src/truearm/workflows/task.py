@@ -6,42 +6,38 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING, TypeAlias
 from zipfile import is_zipfile
 
-import numpy as np
 import numpy.typing as npt
 
 from truearm.arm import Arm, list_arms
+from truearm.choices import FeatureKind
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.model_file import load_model
 from truearm.errors import InputError
 from truearm.identification.virtual.presets import PRESETS, Preset, load_preset
 from truearm.solve.threads import one_blas_thread
 from truearm.verification.standards.specification import Specification, read_specification
-from truearm.verification.tasks import features
 from truearm.verification.tasks.estimate import Estimate
-from truearm.verification.tasks.feature_postures import middle_of
+from truearm.verification.tasks.feature_postures import place_feature
 from truearm.verification.tasks.features import Feature
 from truearm.verification.tasks.fitness import Fitness, describe_fitness
 from truearm.verification.tasks.sampled_arms import ArmDistribution, PosteriorDistribution, PresetDistribution
 from truearm.verification.tasks.specification_sheet import SpecificationDistribution
 from truearm.verification.tasks.task import TaskAssessment, assess_task
 from truearm.workflows.inputs import ArmLike, to_arm, to_model_of_tip
-from truearm.workflows.outputs import PageRecord, input_files, version_row
+from truearm.workflows.outputs import PageRecord, arm_row, input_files, version_row
 from truearm.workflows.record import TextTable, format_fixed
 
 if TYPE_CHECKING:
     from truearm.pages.page import Page
     from truearm.pages.plotting import Figure
 
-FeatureKind: TypeAlias = Literal["length", "sphere", "plane", "circle"]
 ArmSource: TypeAlias = Compensator | Preset | Specification | str | Path
 
 # The generic measuring arm, of the size that the presets are made for.
 NOMINAL_ARM = "measuring7"
-# The size of each kind of feature.
-SIZES = {"length": "length", "sphere": "diameter", "plane": "size", "circle": "diameter"}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -69,11 +65,6 @@ class TaskResult(PageRecord):
     files: tuple[Path, ...] = ()
 
     @property
-    def input_files(self) -> tuple[Path, ...]:
-        """See `PageRecord`."""
-        return self.files
-
-    @property
     def fitness(self) -> Fitness | None:
         """The comparison with the tolerance; None without one."""
         return self.assessment.fitness
@@ -95,7 +86,7 @@ class TaskResult(PageRecord):
         result = self.assessment.result
         facts = [
             ("source of the errors", self.source),
-            ("arm", f"{self.arm.name}: {self.arm.title}. {self.arm.source}"),
+            arm_row(self.arm),
             ("arms drawn", f"{result.n_arms}, seed {self.seed}"),
             ("sets of postures", str(len(result.angles))),
             version_row(),
@@ -127,8 +118,7 @@ class TaskResult(PageRecord):
         yield self.assessment.advice
         yield from self.remarks
 
-    def to_dict(self) -> dict[str, Any]:
-        """See `Record`."""
+    def _json(self) -> object:
         return {"source": self.source, **self.assessment.to_dict()}
 
 
@@ -210,49 +200,6 @@ def task(
         feature = place_feature(feature, size_mm, arms.arm, at=at, along=along, n_points=n_points)
     assessment = assess_task(arms, feature, tolerance_mm=tolerance_mm, n_arms=n_arms, seed=seed, progress=progress)
     return TaskResult(assessment, arms.arm, about, seed, input_files(source, arm))
-
-
-def place_feature(
-    kind: FeatureKind,
-    size_mm: float | None,
-    arm: Arm,
-    *,
-    at: npt.ArrayLike | None = None,
-    along: npt.ArrayLike | None = None,
-    n_points: int | None = None,
-) -> Feature:
-    """A feature in front of an arm; parameters as of `task`.
-
-    Raises
-    ------
-    InputError
-        If a parameter is missing, or does not apply to the feature.
-    """
-    if kind not in get_args(FeatureKind):
-        raise InputError(f"expected a feature out of {', '.join(get_args(FeatureKind))}, got {kind!r}")
-    place = None if at is None else np.asarray(at, dtype=float)
-    seats = kind == "length" and place is not None and place.shape == (2, 3)
-    if place is not None and not seats and place.shape != (3,):
-        raise InputError(f"expected one place X,Y,Z, for a length one or two; got shape {place.shape}")
-    what = "a length between two seats" if seats else f"a {kind}"
-    if along is not None and (seats or kind == "sphere"):
-        raise InputError(f"a direction does not apply to {what}", hint="omit it")
-    n = (2 if kind == "length" else 25) if n_points is None else n_points
-    if seats:
-        assert place is not None
-        if size_mm is not None:
-            raise InputError(f"a size does not apply to {what}: it is the distance of the seats", hint="omit it")
-        return features.length(place, points=n)
-    if size_mm is None:
-        raise InputError(f"the size of the {kind} is missing", hint=f"its {SIZES[kind]} in mm: 100")
-    middle, across = middle_of(arm)
-    place = middle if place is None else place
-    if kind == "sphere":
-        return features.sphere(place, size_mm, points=n)
-    if kind == "length":
-        return features.length_at(place, across if along is None else along, size_mm, points=n)
-    make = features.plane if kind == "plane" else features.circle
-    return make(place, features.UP if along is None else along, size_mm, points=n)
 
 
 def to_arm_distribution(

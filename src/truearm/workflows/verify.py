@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import file_digest
-from math import isinf
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 from truearm.solve.threads import one_blas_thread
 from truearm.verification.standards.artefacts import Artefacts, read_artefacts
@@ -136,27 +135,27 @@ class VerificationResult(PageRecord):
         value = format_fixed(row.value, sign=True)
         return [row.label, value, f"{row.uncertainty:.4f}", limit, verdict, row.where]
 
-    def to_dict(self) -> dict[str, Any]:
-        """See `Record`."""
+    def _json(self) -> object:
+        of = self.verification
         return {
-            "plan": self.verification.plan.name,
-            "standard": self.verification.plan.standard,
-            "specification": self.verification.specification.name,
+            "plan": of.plan.name,
+            "standard": of.plan.standard,
+            "specification": of.specification.name,
             "serial_number": self.serial_number or None,
-            "rule": self.verification.rule,
-            "verdict": self.verdict.value,
+            "rule": of.rule,
+            "verdict": self.verdict,
             "rated_conditions": [
                 {
                     "condition": one.name,
                     "unit": one.unit,
                     "rated": [one.rated.min, one.rated.max],
-                    "measured": None if one.measured is None else list(one.measured),
+                    "measured": one.measured,
                     "met": one.met,
                 }
-                for one in self.verification.conditions
+                for one in of.conditions
             ],
-            "rows": [_row_to_dict(row, self.verification.describe_row(row)) for row in self.rows],
-            "remarks": list(self.remarks),
+            "rows": [_row_json(row, of.describe_row(row)) for row in self.rows],
+            "remarks": self.remarks,
         }
 
 
@@ -246,21 +245,17 @@ def digests_of(files: Sequence[Path]) -> dict[Path, str]:
     return digests
 
 
-def _row_to_dict(row: ConformityResult, verdict: str | None) -> dict[str, Any]:
-    dof = row.budget.dof
+def _row_json(row: ConformityResult, verdict: str | None) -> dict[str, object]:
     return {
         "label": row.label,
         "value": row.value,
         "unit": row.unit,
         "uncertainty": row.uncertainty,
         "coverage_factor": row.budget.coverage_factor,
-        "degrees_of_freedom": None if isinf(dof) else dof,
+        "degrees_of_freedom": row.budget.dof,
         "limit": row.limit,
         "conformance_probability": row.conformance_probability,
         "verdict": verdict,
         "where": row.where,
-        "budget": [
-            {"label": one.label, "u": one.u, "degrees_of_freedom": None if isinf(one.dof) else one.dof}
-            for one in row.budget.contributions
-        ],
+        "budget": [{"label": one.label, "u": one.u, "degrees_of_freedom": one.dof} for one in row.budget.contributions],
     }

@@ -21,8 +21,7 @@ from truearm.compensation.export.rigid_arm import best_rigid_arm
 from truearm.compensation.targets.manifest import read_manifest
 from truearm.errors import InputError
 from truearm.identification.references.alignment import align
-from truearm.workflows.check_export import check_export
-from truearm.workflows.export import export
+from truearm.workflows.export import check_export, export
 
 HASH = "calib_3437785250745286433"
 

@@ -12,9 +12,8 @@ from truearm.errors import InputError
 from truearm.identification.planning.candidates import bar_places, seat_poses, tracker_poses
 from truearm.identification.planning.prior import nominal_prior
 from truearm.identification.planning.proposal import Artefact, propose
-from truearm.identification.planning.sampling.surroundings import Box, Surroundings
+from truearm.identification.planning.sampling.surroundings import Box, Surroundings, surroundings_of
 from truearm.identification.planning.sampling.workspace import joint_origins
-from truearm.workflows.plan import to_surroundings
 
 POST = Box((300.0, -80.0, 0.0), (420.0, 80.0, 500.0))
 
@@ -104,6 +103,6 @@ def test_a_table_out_of_reach_is_refused():
 )
 def test_ranges_the_wrong_way_round_are_refused(table, avoid, message):
     with pytest.raises(InputError, match=message):
-        to_surroundings(table, avoid)
+        surroundings_of(table, avoid)
     with pytest.raises(InputError, match="an extent in x and y"):
         Surroundings(0.0, (0.0, 1.0))

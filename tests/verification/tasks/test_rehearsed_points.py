@@ -34,7 +34,7 @@ def perfect(plan, artefacts, tmp_path_factory):
     """A form, and the readings of a perfect arm."""
     form = tmp_path_factory.mktemp("form") / "points.csv"
     ta.operator_sheet(plan, artefacts=artefacts).save_points(form, tip_diameter_mm=TIP_MM)
-    return form, ta.rehearse_points("measuring7", form, artefacts, preset="perfect")
+    return form, ta.rehearse("measuring7", form, artefacts=artefacts, preset="perfect")
 
 
 def test_the_readings_have_the_order_of_the_file(plan, artefacts, perfect):
@@ -63,4 +63,4 @@ def test_a_perfect_arm_finds_the_artefacts_through_the_tip_of_its_stylus(plan, a
 def test_an_artefact_without_certificate_is_refused(perfect, artefacts):
     none = Artefacts(spheres=artefacts.spheres, bars=(), seats=artefacts.seats)
     with pytest.raises(InputError, match="the file of artefacts has no"):
-        ta.rehearse_points("measuring7", perfect[0], none, preset="perfect")
+        ta.rehearse("measuring7", perfect[0], artefacts=none, preset="perfect")

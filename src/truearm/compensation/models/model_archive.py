@@ -23,7 +23,7 @@ from dataclasses import Field as DataclassField
 from functools import cache
 from inspect import get_annotations
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, Protocol, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, ClassVar, Protocol, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 import numpy.typing as npt
@@ -31,6 +31,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from truearm import __version__
 from truearm.arm.arm import NOT_KEPT
+from truearm.choices import ModelKind
 from truearm.compensation.nets.training import TrainingRecord
 from truearm.errors import InputError, TruearmError
 from truearm.files.atomic_write import atomic_file
@@ -40,7 +41,6 @@ from truearm.identification.judgement.outliers import MIN_ROBUST_WEIGHT
 from truearm.identification.terms import SkippedTerm, Term
 from truearm.typing import BoolArray, FloatArray, IntArray
 
-Kind = Literal["nominal", "kinematic", "physical", "network", "hybrid"]
 FORMAT = 1
 # A 50-50 network and a 7-axis chain need well under a megabyte, a member of 1000 units 8.
 MAX_BYTES = 256 * 2**20
@@ -68,7 +68,7 @@ class Header(BaseModel):
     model_config = ConfigDict(extra="forbid")
     format: Annotated[int, Field(strict=True, ge=FORMAT, le=FORMAT)]
     truearm: str
-    model: Kind
+    model: ModelKind
     options: dict[str, Any]
     learned: dict[str, Any]
     arrays: dict[str, _ArrayEntry] = Field(max_length=MAX_ARRAYS)
@@ -96,7 +96,7 @@ def save_model(model: SavedModel, path: str | Path) -> None:
     Raises
     ------
     InputError
-        If the model is not fitted or not of a `Kind`.
+        If the model is not fitted or not of a `ModelKind`.
     TruearmError
         If it is larger than a model file may be.
     """
@@ -108,8 +108,8 @@ def save_model(model: SavedModel, path: str | Path) -> None:
 def model_bytes(model: SavedModel) -> bytes:
     """The content of the model's file: the same for the same model. Errors as in `save_model`."""
     kind = vars(type(model)).get("kind")  # a subclass of a user's own predicts by code that no file has
-    if kind not in get_args(Kind):
-        raise InputError(f"expected a model among {', '.join(get_args(Kind))}, got {type(model).__name__}")
+    if kind not in get_args(ModelKind):
+        raise InputError(f"expected a model among {', '.join(get_args(ModelKind))}, got {type(model).__name__}")
     if not hasattr(model, "fit_seconds_"):
         raise InputError(
             f"expected a fitted model, got a {type(model).__name__} that is not fitted", hint="fit it first"

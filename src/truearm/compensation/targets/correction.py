@@ -10,11 +10,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from truearm.arm.chain import Pose
+from truearm.choices import TargetDirection
+from truearm.choices import Untrained as Untrained
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.training_conditions import TOGETHER
 from truearm.compensation.targets.configuration import MAX_CONDITION, follow, keeps_configuration
@@ -34,9 +36,6 @@ from truearm.errors import InputError
 from truearm.readings.checks import LIMIT_TOLERANCE
 from truearm.readings.session import Session
 from truearm.typing import BoolArray, FloatArray, IntArray
-
-Way = Literal["command", "feedback"]
-Untrained = Literal["refuse", "accept"]
 
 # Joints of fewer are too few for a position and an orientation.
 JOINTS_OF_A_POSE = 6
@@ -114,7 +113,7 @@ def correct_targets(
     model: Compensator,
     targets: Targets,
     *,
-    direction: Way = "command",
+    direction: TargetDirection = "command",
     frame: Frame = "reference",
     untrained: Untrained = "refuse",
     uncertainty: bool = True,
@@ -247,7 +246,13 @@ def _in_reference(model: Compensator, targets: Targets, at_start: Pose, frame: F
 
 
 def _judged(
-    model: Compensator, targets: Targets, solved: _Solved, *, direction: Way, untrained: Untrained, uncertainty: bool
+    model: Compensator,
+    targets: Targets,
+    solved: _Solved,
+    *,
+    direction: TargetDirection,
+    untrained: Untrained,
+    uncertainty: bool,
 ) -> Correction:
     """Every target with its figures, and the reasons of those that are refused."""
     found, machine, arm = solved.solution, solved.machine_joints, model.arm_
@@ -313,7 +318,7 @@ def _judged(
     )
 
 
-def _angle(model: Compensator, readings: Session, solved: _Solved, *, direction: Way) -> FloatArray:
+def _angle(model: Compensator, readings: Session, solved: _Solved, *, direction: TargetDirection) -> FloatArray:
     """(n,) rotation of the flange from the target [rad]; on arms of fewer than six joints it was not solved for."""
     found = solved.solution
     if model.arm_.n_joints >= JOINTS_OF_A_POSE:
@@ -323,7 +328,7 @@ def _angle(model: Compensator, readings: Session, solved: _Solved, *, direction:
     return np.asarray(np.linalg.norm(turn_between(there.R_base_tip, solved.target.R_base_tip), axis=1))
 
 
-def _excess(model: Compensator, change: FloatArray, *, direction: Way) -> FloatArray:
+def _excess(model: Compensator, change: FloatArray, *, direction: TargetDirection) -> FloatArray:
     """(n, n_joints) size of the change of turning joints, beyond what is usual where it is large [rad].
 
     Usual is the middle 90 % at training poses: an arm with a large joint offset is corrected by as much everywhere.
@@ -336,7 +341,7 @@ def _excess(model: Compensator, change: FloatArray, *, direction: Way) -> FloatA
     return np.asarray(np.minimum(size, np.maximum(low - change, change - high) * turning))
 
 
-def usual_change(model: Compensator, *, direction: Way) -> FloatArray:
+def usual_change(model: Compensator, *, direction: TargetDirection) -> FloatArray:
     """(2, n_joints) ends of the middle 90 % of the changes of joints at training poses [rad, or mm]; zeros without."""
     sample = model.training_.angle_sample
     trained = check_joints(model) if sample is None else sample

@@ -17,6 +17,7 @@ from typing import Annotated, Literal, Self
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from truearm.choices import Frame as Frame
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.provenance import Finite, Provenance, Text, provenance_of
 from truearm.errors import InputError
@@ -38,7 +39,6 @@ Direction = Literal["predict", "command", "feedback"]
 """``predict``: from encoder angles to the true tip. ``command``: from planned joints to those to send, so that the arm
 goes there. ``feedback``: from encoder angles to those with which the nominal arm shows the true tip."""
 
-Frame = Literal["reference", "base"]
 """The frame of the reference instrument, or the arm's own base frame."""
 
 Numbers = Annotated[tuple[Finite, ...], Field(max_length=100)]

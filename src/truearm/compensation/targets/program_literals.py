@@ -18,15 +18,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import get_args
 
 import numpy as np
 
+from truearm.choices import FanucJ3 as FanucJ3
 from truearm.errors import InputError
 from truearm.typing import BoolArray, FloatArray
 
 N_JOINTS = 6
-FanucJ3 = Literal["coupled", "independent"]
 """How a Fanuc controller counts J3: from the horizontal, so that it is coupled with J2, or from the link before."""
 
 # Cosine of the angle between the axes of J2 and J3: real arms are a milliradian off parallel.

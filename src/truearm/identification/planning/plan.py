@@ -11,6 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from truearm.arm.arm import Arm
+from truearm.choices import Strategy
 from truearm.errors import InputError
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.planning.candidates import ON_A_TABLE, Candidates
@@ -22,7 +23,6 @@ from truearm.identification.planning.proposal import (
     CalibrationPlan,
     Progress,
     Proposal,
-    Strategy,
     information_rows,
     propose,
 )

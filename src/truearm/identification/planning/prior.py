@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
 from truearm.arm.arm import Arm
 from truearm.arm.inverse_kinematics import solve_inverse_kinematics
+from truearm.choices import Terms as Terms
 from truearm.errors import InputError
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
@@ -24,8 +24,6 @@ from truearm.identification.terms.term import Term
 from truearm.readings.checks import check_sessions
 from truearm.readings.session import Session
 from truearm.typing import FloatArray
-
-Terms = Literal["physical", "constants"]
 
 HIGHEST_ORDER = 4
 """Highest order of the harmonics about a joint's own axis in a plan for a nominal arm.

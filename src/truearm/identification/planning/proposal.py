@@ -6,11 +6,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import ceil, degrees
-from typing import Any, Literal
+from typing import Any, get_args
 
 import numpy as np
 
 from truearm.arm.arm import Arm
+from truearm.choices import ArtefactKind, Strategy
 from truearm.errors import InputError
 from truearm.identification.planning.candidates import (
     ON_A_TABLE,
@@ -36,9 +37,8 @@ from truearm.identification.references.alignment import rigid_motions
 from truearm.typing import FloatArray, IntArray
 
 Progress = Callable[[int, str], None]
-Strategy = Literal["i-optimal", "d-optimal", "technician", "random"]
 
-STRATEGIES: tuple[Strategy, ...] = ("i-optimal", "d-optimal", "technician", "random")
+STRATEGIES: tuple[Strategy, ...] = get_args(Strategy)
 """Smallest uncertainty in the volume; smallest confidence ellipsoid; poses of a person who measures; random poses."""
 
 OPTIMAL: tuple[Strategy, ...] = ("i-optimal", "d-optimal")
@@ -77,7 +77,7 @@ class Artefact:
         If a bar has no length, or another artefact has one.
     """
 
-    kind: Literal["tracker", "seat", "bar"]
+    kind: ArtefactKind
     places: int = 0
     length_mm: float | None = None
 

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
 from truearm.identification.planning.planned_readings import PlannedReadings
+from truearm.identification.planning.template import lengths_path
 from truearm.identification.virtual.arm import Measurement, VirtualArm
 from truearm.identification.virtual.state import random_stream
-from truearm.readings.lengths import Lengths
+from truearm.readings.lengths import Lengths, read_lengths
 from truearm.readings.session import Session
 from truearm.typing import FloatArray, NameArray
 
@@ -61,6 +63,37 @@ def carry_out(
     places = touched_points(virtual.nominal.chain, planned, _true_lengths(lengths, seed=virtual.seed))
     measured = virtual.measure(planned.angles, seed=seed, seat=planned.seat, seat_points=places, reference=False)
     return replace(measured, readings=replace(measured.readings, sphere=planned.sphere, position=planned.position))
+
+
+def lengths_of(planned: PlannedReadings, given: str | Path | None) -> Lengths | None:
+    """The lengths between the seats of a plan, as certificates of virtual artefacts that do not expand.
+
+    Parameters
+    ----------
+    planned : PlannedReadings
+    given : path or None
+        Their file; by default the one beside the plan, if there is one.
+
+    Raises
+    ------
+    InputError
+        If a bar has no length, or the plan has no seats.
+    """
+    beside = lengths_path(planned.file)
+    file = given if given is not None else beside if beside.is_file() else None
+    if file is None:
+        if planned.position is not None and (planned.position != "").any():
+            raise InputError(
+                f"{beside.name} is missing beside the plan: a bar without its length",
+                file=planned.file,
+                hint="copy it there; truearm plan wrote it with the plan",
+            )
+        return None
+    if planned.seat is None:
+        raise InputError("lengths are between seats, and the plan has none", file=file, hint="omit them")
+    found = read_lengths(file, seats=[name for name in planned.seat.tolist() if name])
+    none = np.zeros(len(found))
+    return replace(found, expansion_per_K=none, u_expansion_per_K=none.copy(), file=None, numbers=None, by_line=False)
 
 
 def touched_points(chain: Chain, planned: PlannedReadings, lengths: Lengths | None = None) -> FloatArray:

@@ -12,14 +12,14 @@ from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import cached_property
 from math import erf, hypot, inf, isfinite, isinf, sqrt
-from typing import Literal
+from typing import get_args
 
 from scipy.special import stdtr, stdtrit
 
+from truearm.choices import DecisionRule as DecisionRule
 from truearm.errors import InputError
 
-DecisionRule = Literal["iso14253-1:2013", "iso14253-1:2017", "simple"]
-DECISION_RULES: tuple[DecisionRule, ...] = ("iso14253-1:2013", "iso14253-1:2017", "simple")
+DECISION_RULES: tuple[DecisionRule, ...] = get_args(DecisionRule)
 
 # Two-sided, of a normal distribution within two standard deviations: k = 2 for infinite degrees of freedom.
 COVERAGE_PROBABILITY = erf(2 / sqrt(2))

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from importlib.resources import files
-from typing import Literal
 
-TemplateKind = Literal["artefacts", "mpe"]
+from truearm.choices import TemplateKind
 
 
 def template(kind: TemplateKind) -> str:

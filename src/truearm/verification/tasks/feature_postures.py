@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
+from typing import get_args
 
 import numpy as np
+import numpy.typing as npt
 
 from truearm.arm.arm import Arm
+from truearm.choices import FeatureKind
 from truearm.errors import InputError
 from truearm.identification.planning.sampling.measuring import (
     check_five_rotary_joints,
@@ -16,7 +19,10 @@ from truearm.identification.planning.sampling.measuring import (
 )
 from truearm.identification.planning.sampling.workspace import Stance, azimuth_of, stance, within_cone
 from truearm.typing import FloatArray
-from truearm.verification.tasks.features import Feature
+from truearm.verification.tasks.features import UP, Feature, circle, length, length_at, plane, sphere
+
+# The size of each kind of feature.
+SIZES = {"length": "length", "sphere": "diameter", "plane": "size", "circle": "diameter"}
 
 # A working model, as hardly anything has been published: from one measurement of the feature to the next the elbow
 # swings by N(0, 35 deg), as in `truearm.identification.planning.sampling.measuring`, and the stylus leans within 30
@@ -97,6 +103,62 @@ def middle_of(arm: Arm) -> tuple[FloatArray, FloatArray]:
     where = stance(arm)
     front = np.array([np.cos(where.front_rad), np.sin(where.front_rad), 0.0])
     return where.shoulder_in_base + where.reach_mm * (0.6 * front + [0.0, 0.0, 0.05]), np.cross(front, [0.0, 0.0, -1.0])
+
+
+def place_feature(
+    kind: FeatureKind,
+    size_mm: float | None,
+    arm: Arm,
+    *,
+    at: npt.ArrayLike | None = None,
+    along: npt.ArrayLike | None = None,
+    n_points: int | None = None,
+) -> Feature:
+    """A feature in front of an arm.
+
+    Parameters
+    ----------
+    kind : {"length", "sphere", "plane", "circle"}
+    size_mm : float or None
+        Length, diameter, or side of a square plane [mm]; None of a length between two seats.
+    arm : Arm
+    at : (3,) or (2, 3) array, optional
+        Middle of the feature, or the two seats of a length [mm], in the base frame; by default the middle of the volume
+        in which a person works.
+    along : (3,) array, optional
+        Direction of a length, normal of a plane or circle.
+    n_points : int, optional
+
+    Raises
+    ------
+    InputError
+        If a parameter is missing, or does not apply to the feature.
+    """
+    if kind not in get_args(FeatureKind):
+        raise InputError(f"expected a feature out of {', '.join(get_args(FeatureKind))}, got {kind!r}")
+    place = None if at is None else np.asarray(at, dtype=float)
+    seats = kind == "length" and place is not None and place.shape == (2, 3)
+    if place is not None and not seats and place.shape != (3,):
+        raise InputError(f"expected one place X,Y,Z, for a length one or two; got shape {place.shape}")
+    what = "a length between two seats" if seats else f"a {kind}"
+    if along is not None and (seats or kind == "sphere"):
+        raise InputError(f"a direction does not apply to {what}", hint="omit it")
+    n = (2 if kind == "length" else 25) if n_points is None else n_points
+    if seats:
+        assert place is not None
+        if size_mm is not None:
+            raise InputError(f"a size does not apply to {what}: it is the distance of the seats", hint="omit it")
+        return length(place, points=n)
+    if size_mm is None:
+        raise InputError(f"the size of the {kind} is missing", hint=f"its {SIZES[kind]} in mm: 100")
+    middle, across = middle_of(arm)
+    place = middle if place is None else place
+    if kind == "sphere":
+        return sphere(place, size_mm, points=n)
+    if kind == "length":
+        return length_at(place, across if along is None else along, size_mm, points=n)
+    make = plane if kind == "plane" else circle
+    return make(place, UP if along is None else along, size_mm, points=n)
 
 
 def _postures(arm: Arm, tips: FloatArray, where: Stance, swing: FloatArray, rng: np.random.Generator) -> FloatArray:

@@ -123,3 +123,30 @@ class Surroundings:
         for box in self._obstacles:
             free &= ~box.cuts(line[:, :-1], line[:, 1:]).any(axis=1)
         return free
+
+
+def surroundings_of(table: Sequence[float] | None, avoid: Sequence[Sequence[float]]) -> Surroundings:
+    """The table and the boxes from their numbers [mm]: Z or Z, X0, X1, Y0, Y1; six of each box.
+
+    Raises
+    ------
+    InputError
+        If a table has neither one nor five numbers, a box has not six, or a range is empty.
+    """
+    boxes = []
+    for box in avoid:
+        if len(box) != 6:
+            problem = f"a box needs six numbers X0,X1,Y0,Y1,Z0,Z1, got {len(box)}"
+            raise InputError(problem, hint="0,200,-300,300,0,900")
+        x0, x1, y0, y1, z0, z1 = map(float, box)
+        boxes.append(Box((x0, y0, z0), (x1, y1, z1)))
+    numbers = [0.0] if table is None else list(map(float, table))
+    if len(numbers) == 1:
+        return Surroundings(numbers[0], avoid=tuple(boxes))
+    if len(numbers) != 5:
+        raise InputError(
+            f"a table needs its height Z, or Z,X0,X1,Y0,Y1 with its extent, got {len(numbers)} numbers",
+            hint="-40,200,900,-400,400",
+        )
+    height, x0, x1, y0, y1 = numbers
+    return Surroundings(height, (x0, x1), (y0, y1), avoid=tuple(boxes))

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from math import isfinite
 
 import numpy as np
 
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
+from truearm.errors import InputError
 from truearm.identification.terms import link_vectors
 from truearm.typing import BoolArray, FloatArray
 
@@ -116,3 +119,23 @@ def within_cone(axes: FloatArray, *, half_angle_rad: float, rng: np.random.Gener
         cosine[:, None] * axes + (sine * np.cos(turn))[:, None] * first + (sine * np.sin(turn))[:, None] * second
     )
     return out
+
+
+def sector_of(volume_mm: Sequence[float], arm: Arm) -> Sector:
+    """The sector of an arm from nearest and farthest distance, lowest and highest height [mm] and half angle [deg].
+
+    Raises
+    ------
+    InputError
+        If these are not five numbers of a volume.
+    """
+    numbers = tuple(map(float, volume_mm))
+    near, far, low, high, half_angle_deg = numbers if len(numbers) == 5 else (0.0,) * 5
+    if not (all(map(isfinite, numbers)) and 0 <= near < far and low < high and 0 < half_angle_deg <= 180):
+        raise InputError(
+            "the volume needs five numbers NEAR,FAR,LOW,HIGH,HALF_ANGLE: distances and heights in mm, each the smaller "
+            f"first, and an angle in deg; got {','.join(f'{number:g}' for number in numbers)}",
+            hint="300,800,-200,400,60",
+        )
+    reach = stance(arm).reach_mm
+    return Sector(near / reach, far / reach, low / reach, high / reach, half_angle_deg)

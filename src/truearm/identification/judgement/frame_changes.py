@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from truearm.compensation.models.compensator import Compensator
-from truearm.compensation.models.identified_model import IdentifiedModel
+from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.judgement.change_point import FrameChange, frame_change
 from truearm.identification.references.session_frames import to_first_session_frame
 from truearm.readings.session import Session
+from truearm.typing import FloatArray
 
 
 @dataclass(frozen=True)
@@ -52,24 +52,23 @@ class SessionChange:
         )
 
 
-def frame_changes(model: Compensator, session: Session) -> tuple[SessionChange, ...]:
-    """Test every session of the training readings of a model for a change of its frame.
+def frame_changes(
+    fit: IdentificationResult, session_frames: Mapping[str, FloatArray], session: Session
+) -> Iterator[SessionChange]:
+    """Test every session of the readings of a fit for a change of its frame.
 
     Parameters
     ----------
-    model : Compensator
-        Of a network, which has no residuals of a rigid frame, nothing is tested.
+    fit : IdentificationResult
+    session_frames : mapping of str to (4, 4) array
+        Frames of the sessions, as of the model.
     session : Session
-        Its training readings, in the order in which they were measured.
+        The readings, in the order in which they were measured; without points nothing is tested.
     """
-    if not isinstance(model, IdentifiedModel) or not session.has_point.any():
-        return ()
-    return tuple(_changes(model, session))
-
-
-def _changes(model: IdentifiedModel, session: Session) -> Iterator[SessionChange]:
-    part = next(one for one in model.fit_.references if one.kind == "point")
-    points = to_first_session_frame(session, model.session_frames_).points
+    if not session.has_point.any():
+        return
+    part = next(one for one in fit.references if one.kind == "point")
+    points = to_first_session_frame(session, session_frames).points
     assert points is not None
     names = np.full(len(session), "") if session.session is None else session.session
     order = np.argsort(part.rows)

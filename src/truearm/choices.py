@@ -1,0 +1,30 @@
+"""The words that parameters of the verbs and options of the commands take, each list once.
+
+The file imports nothing: the commands list these words in their help, which comes without NumPy and its like.
+"""
+
+from typing import Literal
+
+ModelKind = Literal["nominal", "kinematic", "physical", "network", "hybrid"]
+ModelName = Literal["auto", ModelKind]
+Trainer = Literal["varpro", "trainlm", "trainbr", "traingd", "traingdx"]
+Limits = Literal["skip", "ignore"]  # of readings beyond a joint limit
+
+ArtefactKind = Literal["seat", "bar", "tracker"]
+Strategy = Literal["i-optimal", "d-optimal", "technician", "random"]
+Terms = Literal["physical", "constants"]
+
+Convention = Literal["dh", "mdh"]
+ExportFormat = Literal["urdf", "constants", "deltas", "ur-kinematics", "joint-offsets", "c", "js", "onnx", "json"]
+Frame = Literal["reference", "base"]
+
+RobotLanguage = Literal["urscript", "rapid", "krl", "fanuc"]
+FanucJ3 = Literal["coupled", "independent"]
+TargetDirection = Literal["command", "feedback"]
+Untrained = Literal["refuse", "accept"]
+
+DecisionRule = Literal["iso14253-1:2013", "iso14253-1:2017", "simple"]
+TemplateKind = Literal["artefacts", "mpe"]
+FeatureKind = Literal["length", "sphere", "plane", "circle"]
+
+FigureFormat = Literal["svg", "pdf", "png"]
