@@ -130,7 +130,7 @@ def test_the_points_of_a_sheet_are_filled_in_by_a_model(truearm, made, tmp_path)
     [
         ([], "expected --out or --into"),
         (["--out", "a.csv", "--into", "b.csv"], "expected --out or --into"),
-        (["--out", "a.csv", "--date", "2026-10-20"], "apply to --into only"),
+        (["--out", "a.csv", "--date", "2026-10-20"], "applies to --into only"),
     ],
 )
 def test_predict_writes_a_table_or_fills_in_points(truearm, made, options, says):
@@ -201,7 +201,7 @@ def test_an_export_that_does_not_fit_fills_in_nothing(truearm, form, change, opt
         ([], "expected --out or --into"),
         (["--out", "s.csv"], "a session file needs --angles"),
         (["--out", "s.csv", "--angles", "1"], "a session file needs --angle-unit"),
-        (["--out", "s.csv", "--date", "2026-10-20"], "apply to --into only"),
+        (["--out", "s.csv", "--date", "2026-10-20"], "applies to --into only"),
     ],
 )
 def test_import_writes_a_session_file_or_fills_in_points(truearm, form, options, says):

@@ -3,45 +3,30 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
-from truearm.cli.console import (
-    ARM_HELP,
-    Json,
-    check_output_is_not_input,
-    check_page_path,
-    free_parts,
-    print_line,
-    print_record,
-)
+from truearm.choices import Convention
+from truearm.cli.console import check_output_is_not_input, check_page_path, print_line, print_record
+from truearm.cli.options import ARM_HELP, Json, free_parts
 
 
 def arms(
-    arm: Annotated[
-        str,
-        typer.Argument(metavar="[ARM]", help=f"{ARM_HELP} Or a model file.", show_default=False),
-    ] = "",
+    arm: Annotated[str, Argument(metavar="[ARM]", help=f"{ARM_HELP} Or a model file.", show_default=False)] = "",
     out: Annotated[
-        Path | None,
-        typer.Option("--out", help="Write it as an arm file, .toml or .urdf; with --page: the page, .html."),
+        Path | None, Option(help="Write it as an arm file, .toml or .urdf; with --page: the page, .html.")
     ] = None,
     page: Annotated[
-        bool, typer.Option("--page", help="Write a page: a drawing to turn, a slider a joint, the tip's coordinates.")
+        bool, Option("--page", help="Write a page: a drawing to turn, a slider a joint, the tip's coordinates.")
     ] = False,
-    convention: Annotated[
-        Literal["dh", "mdh"], typer.Option("--convention", help="Convention of the table that is printed or written.")
-    ] = "dh",
+    convention: Annotated[Convention, Option(help="Convention of the table that is printed or written.")] = "dh",
     readings: Annotated[
-        Path | None,
-        typer.Option("--readings", help="A session: say which mistake in the arm file or the readings explains it."),
+        Path | None, Option(help="A session: say which mistake in the arm file or the readings explains it.")
     ] = None,
-    lengths: Annotated[
-        Path | None, typer.Option("--lengths", help="Known lengths between seats of the session.")
-    ] = None,
+    lengths: Annotated[Path | None, Option(help="Known lengths between seats of the session.")] = None,
     free: Annotated[
-        str, typer.Option("--free", help="With --readings: what is unknown of the arm's placement, as in fit.")
+        str, Option(help="With --readings: what is unknown of the arm's placement, as in fit.")
     ] = "base,tip",
     as_json: Json = False,
 ) -> None:

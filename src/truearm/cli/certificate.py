@@ -6,55 +6,49 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Option
 
-from truearm.cli.console import Json, RuleOption, print_line, print_record
+from truearm.cli.console import print_line, print_record
+from truearm.cli.options import ArtefactsFile, Json, MpeFile, RuleOption, refuse_typed, typed_options
 
 if TYPE_CHECKING:
     from truearm.files.xml_signatures import Signer
 
 
 def certificate(
-    plan: Annotated[str, typer.Option("--plan", help="Test plan, as of truearm verify.")] = "",
-    points: Annotated[Path | None, typer.Option("--points", help="Measured points, .csv.")] = None,
-    artefacts: Annotated[Path | None, typer.Option("--artefacts", help="Certificates of the artefacts, .toml.")] = None,
-    mpe: Annotated[Path | None, typer.Option("--mpe", help="The arm's specification: its limits, .toml.")] = None,
+    context: typer.Context,
+    plan: Annotated[str, Option(help="Test plan, as of truearm verify.")] = "",
+    points: Annotated[Path | None, Option(help="Measured points, .csv.")] = None,
+    artefacts: ArtefactsFile = None,
+    mpe: MpeFile = None,
     about: Annotated[
-        Path | None, typer.Option("--about", help="Number, dates, arm, laboratory, customer, persons, room, .toml.")
+        Path | None, Option(help="Number, dates, arm, laboratory, customer, persons, room, .toml.")
     ] = None,
-    out: Annotated[Path | None, typer.Option("--out", help="Certificate to write, .xml.")] = None,
-    html: Annotated[Path | None, typer.Option("--html", help="The same for people, .html.")] = None,
-    pdf: Annotated[
-        Path | None, typer.Option("--pdf", help="The same for paper, .pdf: PDF/A-3 with the XML file inside.")
-    ] = None,
-    logo: Annotated[
-        Path | None, typer.Option("--logo", help="With --pdf: the laboratory's logo, .png or .svg.")
-    ] = None,
+    out: Annotated[Path | None, Option(help="Certificate to write, .xml.")] = None,
+    html: Annotated[Path | None, Option(help="The same for people, .html.")] = None,
+    pdf: Annotated[Path | None, Option(help="The same for paper, .pdf: PDF/A-3 with the XML file inside.")] = None,
+    logo: Annotated[Path | None, Option(help="With --pdf: the laboratory's logo, .png or .svg.")] = None,
     sign: Annotated[
         Path | None,
-        typer.Option(
-            "--sign",
+        Option(
             help="Private key to sign the XML file with, .pem: RSA of 2048 bits or more, or an elliptic curve of 256 "
-            "bits or more.",
+            "bits or more."
         ),
     ] = None,
-    signer: Annotated[Path | None, typer.Option("--signer", help="With --sign: the key's certificate, .pem.")] = None,
+    signer: Annotated[Path | None, Option(help="With --sign: the key's certificate, .pem.")] = None,
     rule: RuleOption = None,
     unconfirmed: Annotated[
         bool,
-        typer.Option(
+        Option(
             "--unconfirmed",
             help="Certify although numbers of the plan are not confirmed: marked 'not for conformity decisions'.",
         ),
     ] = False,
     template: Annotated[
-        bool, typer.Option("--template", help="Print a file to fill in for --about, and nothing else.")
+        bool, Option("--template", help="Print a file to fill in for --about, and nothing else.")
     ] = False,
-    read: Annotated[
-        Path | None, typer.Option("--read", help="Read a certificate, .xml, and verify its signature.")
-    ] = None,
-    trusted: Annotated[
-        Path | None, typer.Option("--trusted", help="With --read: the signer's certificate that you trust, .pem.")
-    ] = None,
+    read: Annotated[Path | None, Option(help="Read a certificate, .xml, and verify its signature.")] = None,
+    trusted: Annotated[Path | None, Option(help="With --read: the signer's certificate that you trust, .pem.")] = None,
     as_json: Json = False,
 ) -> None:
     """State a verification as a calibration certificate.
@@ -70,15 +64,15 @@ def certificate(
         print_line(template_text().rstrip("\n"))
         return
     if read is not None:
-        inputs_of_a_new_one = {"--points": points, "--artefacts": artefacts, "--mpe": mpe, "--about": about}
-        outputs = {"--out": out, "--html": html, "--pdf": pdf, "--logo": logo, "--sign": sign, "--signer": signer}
-        others = {"--plan": plan or None, **inputs_of_a_new_one, **outputs, "--rule": rule}
-        _check_reads_only(others | {"--unconfirmed": unconfirmed or None})
+        _check_reads_only(context)
         from truearm.workflows.certificate import read_certificate
 
         print_record(read_certificate(read, trusted=trusted), as_json=as_json)
         return
-    _check_options({"--pdf": pdf, "--logo": logo, "--sign": sign, "--signer": signer, "--trusted": trusted})
+    for option, other, value in (("logo", "pdf", pdf), ("sign", "signer", signer), ("signer", "sign", sign)):
+        if value is None:
+            refuse_typed(context, [option], f"applies to --{other} only", hint=f"add --{other}")
+    refuse_typed(context, ["trusted"], "applies to --read only", hint="add --read")
     given = {"--points": points, "--artefacts": artefacts, "--mpe": mpe, "--about": about, "--out": out}
     points_file, artefacts_file, mpe_file, about_file, certificate_file = _needed({"--plan": plan or None}, given)
     from truearm.workflows.certificate import certificate as stated
@@ -105,23 +99,15 @@ def _needed(plan: dict[str, str | None], files: dict[str, Path | None]) -> tuple
     return tuple(file for file in files.values() if file is not None)
 
 
-def _check_reads_only(others: dict[str, object]) -> None:
+def _check_reads_only(context: typer.Context) -> None:
     """Check that no option of a new certificate is given with --read: it would have no effect."""
     from truearm.errors import InputError
 
-    if given := [option for option, value in others.items() if value is not None]:
+    typed = typed_options(context)
+    if surplus := [option for name, option in typed.items() if name not in ("read", "trusted", "as_json")]:
         raise InputError(
-            f"{', '.join(given)} has no effect with --read", hint="use --read with --trusted or --json only"
+            f"{', '.join(surplus)} has no effect with --read", hint="use --read with --trusted or --json only"
         )
-
-
-def _check_options(options: dict[str, Path | None]) -> None:
-    """Check that no option is given without the one that it belongs to."""
-    from truearm.errors import InputError
-
-    for option, other in (("--logo", "--pdf"), ("--sign", "--signer"), ("--signer", "--sign"), ("--trusted", "--read")):
-        if options[option] is not None and options.get(other) is None:
-            raise InputError(f"{option} applies to {other} only", hint=f"add {other}")
 
 
 def _signer(key: Path, certificate: Path) -> Signer:

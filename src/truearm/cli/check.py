@@ -2,50 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
 
 import typer
+from typer import Argument, Option
 
-from truearm.cli.console import (
-    Json,
-    ModelFile,
-    check_output_is_not_input,
-    check_page_path,
-    print_record,
-    progress,
-)
+from truearm.cli.console import check_output_is_not_input, check_page_path, print_record, progress
+from truearm.cli.options import Json, LengthsFile, ModelFile, refuse_typed
 from truearm.errors import InputError
 
 
 def check(
+    context: typer.Context,
     model: ModelFile,
-    history: Annotated[
-        Path, typer.Option("--history", help="File of the checks so far, .sqlite; the first check creates it.")
-    ],
+    history: Annotated[Path, Option(help="File of the checks so far, .sqlite; the first check creates it.")],
     session: Annotated[
-        Path | None, typer.Argument(metavar="SESSION", help="Session file, .csv or .parquet; none with --withdraw.")
+        Path | None, Argument(metavar="SESSION", help="Session file, .csv or .parquet; none with --withdraw.")
     ] = None,
-    lengths: Annotated[
-        Path | None, typer.Option("--lengths", help="File of known lengths between the session's seats, .csv.")
-    ] = None,
+    lengths: LengthsFile = None,
     retired: Annotated[
-        list[str] | None,
-        typer.Option("--retired", help="Artefact that was repaired or replaced, and is no longer assessed."),
+        list[str] | None, Option(help="Artefact that was repaired or replaced, and is no longer assessed.")
     ] = None,
-    mpe: Annotated[
-        Path | None, typer.Option("--mpe", help="The arm's specification: limits for the values, .toml.")
-    ] = None,
+    mpe: Annotated[Path | None, Option(help="The arm's specification: limits for the values, .toml.")] = None,
     date: Annotated[
-        str | None, typer.Option("--date", help="Date of the check: 2026-11-03 or 2026-11-03T08:30; now by default.")
+        str | None, Option(help="Date of the check: 2026-11-03 or 2026-11-03T08:30; now by default.")
     ] = None,
-    report: Annotated[Path | None, typer.Option("--report", help="Page with the trend charts to write, .html.")] = None,
+    report: Annotated[Path | None, Option(help="Page with the trend charts to write, .html.")] = None,
     withdrawn: Annotated[
-        str | None,
-        typer.Option("--withdraw", metavar="NUMBER|DATE", help="Withdraw a wrong check; it stays in the history."),
+        str | None, Option("--withdraw", metavar="NUMBER|DATE", help="Withdraw a wrong check; it stays in the history.")
     ] = None,
-    reason: Annotated[str | None, typer.Option("--reason", help="With --withdraw: what was wrong with it.")] = None,
+    reason: Annotated[str | None, Option(help="With --withdraw: what was wrong with it.")] = None,
     as_json: Json = False,
 ) -> None:
     """Check whether the arm is still as it was identified.
@@ -60,18 +47,17 @@ def check(
 
     Exit code 0: no need; 1: recalibrate; 3: undecided (repeat the check), or not enough checks.
     """
-    others = {"--lengths": lengths, "--retired": retired, "--mpe": mpe, "--date": date}
     if withdrawn is not None:
-        _withdraw(model, history, withdrawn, reason, session=session, others=others, report=report, as_json=as_json)
+        refuse_typed(context, ("session", "lengths", "retired", "mpe", "date"), "does not apply to --withdraw")
+        _withdraw(model, history, withdrawn, reason, report=report, as_json=as_json)
         return
-    if reason is not None:
-        raise InputError("--reason applies to --withdraw only", hint="omit it")
+    refuse_typed(context, ["reason"], "applies to --withdraw only")
     if session is None:
         raise InputError("the session is missing", hint="truearm check MODEL SESSION --history HISTORY")
     from truearm.verification.monitor.assessment import RecalibrationAdvice
     from truearm.workflows.check import check as checked
 
-    files = [model, session, *(path for path in (lengths, mpe) if path is not None)]
+    files = (model, session, lengths, mpe)
     check_output_is_not_input(history, *files)
     if report is not None:
         check_page_path(report, *files, history)
@@ -84,21 +70,10 @@ def check(
 
 
 def _withdraw(
-    model: Path,
-    history: Path,
-    which: str,
-    reason: str | None,
-    *,
-    session: Path | None,
-    others: Mapping[str, object],
-    report: Path | None,
-    as_json: bool,
+    model: Path, history: Path, which: str, reason: str | None, *, report: Path | None, as_json: bool
 ) -> None:
     from truearm.workflows.check import withdraw_check
 
-    given: dict[str, object] = {"a session": session, **others}
-    if unused := [name for name, value in given.items() if value is not None]:
-        raise InputError(f"{unused[0]} does not apply to --withdraw", hint="omit it")
     if reason is None:
         raise InputError("--withdraw needs --reason as well", hint='--reason "the ball was dirty"')
     if report is not None:

@@ -5,15 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
-from truearm.cli.console import Json, print_record, progress
+from truearm.cli.console import print_record, progress
+from truearm.cli.options import Json
 
 
 def compare(
-    old: Annotated[Path, typer.Argument(metavar="OLD", help="Model file of the arm before.")],
-    new: Annotated[Path, typer.Argument(metavar="NEW", help="Model file of the same arm, fitted again.")],
-    tip: Annotated[str | None, typer.Option("--tip", help="Name of the tip, of models with several.")] = None,
+    old: Annotated[Path, Argument(metavar="OLD", help="Model file of the arm before.")],
+    new: Annotated[Path, Argument(metavar="NEW", help="Model file of the same arm, fitted again.")],
+    tip: Annotated[str | None, Option(help="Name of the tip, of models with several.")] = None,
     as_json: Json = False,
 ) -> None:
     """Compare two models of one arm: which constants changed.

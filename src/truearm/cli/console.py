@@ -1,4 +1,4 @@
-"""Output of the commands: results on standard output, progress on standard error; options that they share."""
+"""Output of the commands: results on standard output, progress on standard error."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any
 
 import typer
 
@@ -17,24 +17,6 @@ from truearm.workflows.outputs import check_output as check_output
 from truearm.workflows.outputs import check_output_is_not_input as check_output_is_not_input
 from truearm.workflows.outputs import check_page_path as check_page_path
 from truearm.workflows.record import Record
-
-# Options and arguments that several commands have in common.
-Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON for machines.")]
-ARM_HELP = "A name from `truearm arms`, an arm file (.toml), or a URDF with its links: r.urdf, r.urdf:BASE:TIP."
-ArmOption = Annotated[str, typer.Option("--arm", help=ARM_HELP)]
-ModelFile = Annotated[Path, typer.Argument(metavar="MODEL", help="Model file.")]
-SessionFile = Annotated[Path, typer.Argument(metavar="SESSION", help="Session file, .csv or .parquet.")]
-LengthsFile = Annotated[
-    Path | None, typer.Option("--lengths", help="File of known lengths between the session's seats, .csv.")
-]
-Force = Annotated[bool, typer.Option("--force", help="Replace files that exist already.")]
-RuleOption = Annotated[
-    Literal["iso14253-1:2013", "iso14253-1:2017", "simple"] | None,
-    typer.Option("--rule", help="Decision rule; by default that of the plan. simple ignores a small uncertainty."),
-]
-LimitsOption = Annotated[
-    Literal["skip", "ignore"], typer.Option("--limits", help="Readings beyond a joint limit: skip them, or use them.")
-]
 
 
 def print_line(text: str) -> None:
@@ -81,46 +63,6 @@ def print_record(record: Record, *, as_json: bool = False, files: Mapping[str, P
     print_line(str(record))
     for what, path in files.items():
         print_line(f"{what.replace('_', ' ')} written to {path}")
-
-
-def is_given(context: typer.Context, name: str) -> bool:
-    """Whether a person typed the option or argument of this name; else it has its default."""
-    source = context.get_parameter_source(name)
-    return source is not None and source.name == "COMMANDLINE"
-
-
-def free_parts(text: str) -> tuple[str, ...]:
-    """The free parts that --free names.
-
-    Raises
-    ------
-    InputError
-        If one of them is neither base nor tip.
-    """
-    from truearm.errors import InputError
-
-    parts = () if text.strip() == "none" else tuple(part.strip() for part in text.split(","))
-    if not set(parts) <= {"base", "tip"}:
-        raise InputError(f"--free expects base, tip, base,tip or none, got {text!r}", hint="--free base,tip")
-    return parts
-
-
-def numbers_of(text: str, option: str, example: str) -> list[float]:
-    """The numbers of an option, separated by commas.
-
-    Raises
-    ------
-    InputError
-        If one of them is no number.
-    """
-    from truearm.errors import InputError
-
-    try:
-        return [float(part) for part in text.split(",")]
-    except ValueError:
-        raise InputError(
-            f"{option} expects numbers separated by commas, got {text!r}", hint=f"{option} {example}"
-        ) from None
 
 
 @contextmanager

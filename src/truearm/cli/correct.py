@@ -4,68 +4,56 @@ from __future__ import annotations
 
 from math import radians
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
+from typer import Argument, Option
 
-from truearm.cli.console import (
-    Json,
-    ModelFile,
-    check_output_is_not_input,
-    numbers_of,
-    print_line,
-    print_record,
-    progress,
-)
+from truearm.choices import FanucJ3, Frame, RobotLanguage, TargetDirection, Untrained
+from truearm.cli.console import check_output as check_file
+from truearm.cli.console import print_line, print_record, progress
+from truearm.cli.options import Json, ModelFile, TipName, numbers_of
 
 
 def correct(
     model: ModelFile,
     targets: Annotated[
-        Path,
-        typer.Argument(
-            metavar="TARGETS", help="Table of targets, .csv: joints, or poses of the tip with start joints."
-        ),
+        Path, Argument(metavar="TARGETS", help="Table of targets, .csv: joints, or poses of the tip with start joints.")
     ],
-    out: Annotated[Path, typer.Option("--out", help="File to write: .csv, or by --as .script, .mod, .dat, .ls.")],
+    out: Annotated[Path, Option(help="File to write: .csv, or by --as .script, .mod, .dat, .ls.")],
     direction: Annotated[
-        Literal["command", "feedback"],
-        typer.Option("--direction", help="command: what to send to the controller; feedback: what its encoders mean."),
+        TargetDirection,
+        Option(help="command: what to send to the controller; feedback: what its encoders mean."),
     ] = "command",
     language: Annotated[
-        Literal["urscript", "rapid", "krl", "fanuc"] | None,
-        typer.Option("--as", help="Write the targets in a robot language instead of a table."),
+        RobotLanguage | None,
+        Option("--as", help="Write the targets in a robot language instead of a table."),
     ] = None,
     fanuc_j3: Annotated[
-        Literal["coupled", "independent"] | None,
-        typer.Option(
-            "--fanuc-j3",
-            help="With --as fanuc: J3 as the teach pendant shows it (coupled with J2), or as in the model.",
-        ),
+        FanucJ3 | None,
+        Option(help="With --as fanuc: J3 as the teach pendant shows it (coupled with J2), or as in the model."),
     ] = None,
     frame: Annotated[
-        Literal["reference", "base"],
-        typer.Option("--frame", help="Frame of poses: that of the model's points, or the arm's own base frame."),
+        Frame,
+        Option(help="Frame of poses: that of the model's points, or the arm's own base frame."),
     ] = "reference",
     tool: Annotated[
         str | None,
-        typer.Option(
-            "--tool",
+        Option(
             metavar="X,Y,Z[,R,P,Y]",
             help="Tip in the flange [mm] and roll, pitch, yaw [deg], in place of the tip in the readings.",
         ),
     ] = None,
     start: Annotated[
-        str | None,
-        typer.Option("--start", metavar="Q1,Q2,..", help="Start joints [deg, mm] of all poses, if the table has none."),
+        str | None, Option(metavar="Q1,Q2,..", help="Start joints [deg, mm] of all poses, if the table has none.")
     ] = None,
-    tip: Annotated[str | None, typer.Option("--tip", help="Name of the tip, of a model with several.")] = None,
+    tip: TipName = None,
     untrained: Annotated[
-        Literal["refuse", "accept"],
-        typer.Option("--untrained", help="Targets outside the trained range: refuse them, or correct and flag them."),
+        Untrained,
+        Option(help="Targets outside the trained range: refuse them, or correct and flag them."),
     ] = "refuse",
     uncertainty: Annotated[
-        bool, typer.Option(help="Compute the uncertainty of the tip; without it correction is faster.")
+        bool, Option(help="Compute the uncertainty of the tip; without it correction is faster.")
     ] = True,
     as_json: Json = False,
 ) -> None:
@@ -79,14 +67,12 @@ def correct(
 
     Exit code 0: all targets corrected; 1: some refused; 3: none corrected, nothing written.
     """
-    from truearm.files.atomic_write import check_writable
     from truearm.workflows.correct import FANUC_J3_TEXT, check_output
     from truearm.workflows.correct import correct as correct_targets
     from truearm.workflows.inputs import to_model_of_tip
 
     check_output(out, language, fanuc_j3)
-    check_output_is_not_input(out, model, targets)
-    check_writable(out)
+    check_file(out, model, targets)
     with progress(f"correcting {targets.name}"):
         fitted = to_model_of_tip(model, tip)
         corrected = correct_targets(

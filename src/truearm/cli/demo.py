@@ -5,17 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Option
 
-from truearm.cli.console import Json, print_json, print_line, progress
+from truearm.cli.console import print_json, print_line, progress
+from truearm.cli.options import Json
 
 
 def demo(
-    out: Annotated[Path, typer.Option("--out", help="Folder for the report, a picture and the numbers.")] = Path(
-        "truearm-demo"
-    ),
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Another arm, other poses, other noise.")] = 0,
-    quick: Annotated[bool, typer.Option("--quick", help="Half of the poses and a smaller network.")] = False,
+    out: Annotated[Path, Option(help="Folder for the report, a picture and the numbers.")] = Path("truearm-demo"),
+    seed: Annotated[int, Option(min=0, help="Another arm, other poses, other noise.")] = 0,
+    quick: Annotated[bool, Option("--quick", help="Half of the poses and a smaller network.")] = False,
     as_json: Json = False,
 ) -> None:
     """See an arm's error before and after compensation.

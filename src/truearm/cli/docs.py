@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from typer import Argument, Option
 
 from truearm.cli.console import print_line
 
@@ -17,10 +18,8 @@ LAYOUT_PAGES = ("index", "start/index", "guide", "files", "reference", "changelo
 
 
 def docs(
-    topic: Annotated[
-        str | None, typer.Argument(metavar="[TOPIC]", help="Name of a page; all are listed without.")
-    ] = None,
-    open_page: Annotated[bool, typer.Option("--open", help="Open the page in the browser instead.")] = False,
+    topic: Annotated[str | None, Argument(metavar="[TOPIC]", help="Name of a page; all are listed without.")] = None,
+    open_page: Annotated[bool, Option("--open", help="Open the page in the browser instead.")] = False,
 ) -> None:
     """Print a page of the guide.
 

@@ -5,18 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument
 
-from truearm.cli.console import Json, LengthsFile, LimitsOption, ModelFile, print_record, progress
+from truearm.cli.console import print_record, progress
+from truearm.cli.options import Json, LengthsFile, LimitsOption, ModelFile
 
 
 def evaluate(
     model: ModelFile,
     session: Annotated[
-        Path,
-        typer.Argument(
-            metavar="SESSION", help="Session file with reference points or seats, not the training session."
-        ),
+        Path, Argument(metavar="SESSION", help="Session file with reference points or seats, not the training session.")
     ],
     lengths: LengthsFile = None,
     limits: LimitsOption = "skip",

@@ -3,44 +3,38 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
+from typer import Option
 
-from truearm.cli.console import Json, ModelFile, print_record, progress
+from truearm.choices import Convention, ExportFormat, Frame
+from truearm.cli.console import print_record, progress
+from truearm.cli.options import Json, ModelFile, TipName
 
 
 def export(
     model: ModelFile,
-    out: Annotated[Path | None, typer.Option("--out", help="File to write; its ending states the format.")] = None,
+    out: Annotated[Path | None, Option(help="File to write; its ending states the format.")] = None,
     format: Annotated[
-        Literal["urdf", "constants", "deltas", "ur-kinematics", "joint-offsets", "c", "js", "onnx", "json"] | None,
-        typer.Option("--as", help="The format, where the ending leaves it open.", show_default=False),
+        ExportFormat | None,
+        Option("--as", help="The format, where the ending leaves it open.", show_default=False),
     ] = None,
     region: Annotated[
         Path | None,
-        typer.Option(
-            "--region", help="Session or targets: the poses at which a file of constants must be good; training poses."
-        ),
+        Option(help="Session or targets: the poses at which a file of constants must be good; training poses."),
     ] = None,
-    source: Annotated[
-        str,
-        typer.Option("--source", help="The robot's own URDF or UR kinematics file, of which all else is kept."),
-    ] = "",
+    source: Annotated[str, Option(help="The robot's own URDF or UR kinematics file, of which all else is kept.")] = "",
     frame: Annotated[
-        Literal["base", "reference"] | None,
-        typer.Option("--frame", help="Root of a file of constants: the arm's own base (default), or the reference's."),
+        Frame | None,
+        Option(help="Root of a file of constants: the arm's own base (default), or the reference's."),
     ] = None,
     convention: Annotated[
-        Literal["dh", "mdh"] | None,
-        typer.Option(
-            "--convention", help="Convention of constants and deltas: D-H or modified D-H; that of the arm's file."
-        ),
+        Convention | None,
+        Option(help="Convention of constants and deltas: D-H or modified D-H; that of the arm's file."),
     ] = None,
-    tip: Annotated[str | None, typer.Option("--tip", help="Name of the tip, of a model with several.")] = None,
-    check: Annotated[
-        Path | None, typer.Option("--check", help="An exported file to compare with the model, in place of --out.")
-    ] = None,
+    tip: TipName = None,
+    check: Annotated[Path | None, Option(help="An exported file to compare with the model, in place of --out.")] = None,
     as_json: Json = False,
 ) -> None:
     """Write a model as a file of another program.

@@ -5,15 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
 from truearm.cli.console import print_line, print_record, progress
 
 
 def fetch(
-    name: Annotated[str, typer.Argument(metavar="[NAME]", help="A name from the list.", show_default=False)] = "",
-    out: Annotated[Path | None, typer.Option("--out", help="Session file to write; NAME.csv by default.")] = None,
-    show: Annotated[bool, typer.Option("--list", help="List the sets, and stop; so does no NAME.")] = False,
+    name: Annotated[str, Argument(metavar="[NAME]", help="A name from the list.", show_default=False)] = "",
+    out: Annotated[Path | None, Option(help="Session file to write; NAME.csv by default.")] = None,
+    show: Annotated[bool, Option("--list", help="List the sets, and stop; so does no NAME.")] = False,
 ) -> None:
     """Get the published readings of a real arm.
 

@@ -6,17 +6,11 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
+from typer import Argument, Option
 
-from truearm.cli.console import (
-    ArmOption,
-    Json,
-    LengthsFile,
-    LimitsOption,
-    check_output_is_not_input,
-    free_parts,
-    print_record,
-    progress,
-)
+from truearm.choices import ModelName, Trainer
+from truearm.cli.console import check_output, print_record, progress
+from truearm.cli.options import ArmOption, Json, LengthsFile, LimitsOption, ModelOut, free_parts, refuse_typed
 
 # The models that have an option.
 MODELS_OF: dict[str, tuple[str, ...]] = {
@@ -35,61 +29,38 @@ MODELS_OF: dict[str, tuple[str, ...]] = {
 
 def fit(
     context: typer.Context,
-    session: Annotated[Path, typer.Argument(metavar="SESSION", help="Session file with reference points or seats.")],
+    session: Annotated[Path, Argument(metavar="SESSION", help="Session file with reference points or seats.")],
     arm: ArmOption,
-    out: Annotated[Path, typer.Option("--out", help="Model file to write; the usual ending is .truearm.")],
-    model: Annotated[
-        Literal["auto", "nominal", "kinematic", "physical", "network", "hybrid"],
-        typer.Option("--model", help="What to fit: see above."),
-    ] = "auto",
+    out: ModelOut,
+    model: Annotated[ModelName, Option(help="What to fit: see above.")] = "auto",
     lengths: LengthsFile = None,
-    free: Annotated[
-        str, typer.Option("--free", help="What is unknown of the nominal arm's placement: base,tip or none.")
-    ] = "base,tip",
+    free: Annotated[str, Option(help="What is unknown of the nominal arm's placement: base,tip or none.")] = "base,tip",
     limits: LimitsOption = "skip",
     no_residual_process: Annotated[
-        bool,
-        typer.Option("--no-residual-process", help="Physical: without smooth errors that no term describes."),
+        bool, Option("--no-residual-process", help="Physical: without smooth errors that no term describes.")
     ] = False,
     hidden: Annotated[
-        str | None,
-        typer.Option("--hidden", help="Network, hybrid: units of the hidden layers; default 30,30 and 15."),
+        str | None, Option(help="Network, hybrid: units of the hidden layers; default 30,30 and 15.")
     ] = None,
     trainer: Annotated[
-        Literal["varpro", "trainlm", "trainbr", "traingd", "traingdx"],
-        typer.Option(
-            "--trainer",
-            help="Network: variable projection, or as in MATLAB (trainbr: few readings, after Foresee and Hagan).",
-        ),
+        Trainer,
+        Option(help="Network: variable projection, or as in MATLAB (trainbr: few readings, after Foresee and Hagan)."),
     ] = "varpro",
     epochs: Annotated[
-        int | None,
-        typer.Option("--epochs", min=1, help="Network, hybrid: maximum epochs per training run; default 200 and 30."),
+        int | None, Option(min=1, help="Network, hybrid: maximum epochs per training run; default 200 and 30.")
     ] = None,
-    goal: Annotated[
-        float, typer.Option("--goal", min=0, help="Network: mean squared error of scaled outputs at which to stop.")
-    ] = 0.0,
+    goal: Annotated[float, Option(min=0, help="Network: mean squared error of scaled outputs at which to stop.")] = 0.0,
     validation: Annotated[
-        float,
-        typer.Option("--validation", min=0, max=1, help="Network: share of the readings held out to stop in time."),
+        float, Option(min=0, max=1, help="Network: share of the readings held out to stop in time.")
     ] = 0.15,
-    restarts: Annotated[
-        int, typer.Option("--restarts", min=1, help="Network: starts of each training run; the best is kept.")
-    ] = 1,
+    restarts: Annotated[int, Option(min=1, help="Network: starts of each training run; the best is kept.")] = 1,
     members: Annotated[
         int | None,
-        typer.Option(
-            "--members",
-            min=1,
-            help="Network, hybrid: number of networks, the mean of which predicts; default 1 and 5.",
-        ),
+        Option(min=1, help="Network, hybrid: number of networks, the mean of which predicts; default 1 and 5."),
     ] = None,
-    seed: Annotated[
-        int, typer.Option("--seed", min=0, help="Network, hybrid: of the starts and the splits of the readings.")
-    ] = 0,
+    seed: Annotated[int, Option(min=0, help="Network, hybrid: of the starts and the splits of the readings.")] = 0,
     arm_model: Annotated[
-        Literal["kinematic", "nominal"],
-        typer.Option("--arm-model", help="Hybrid: the arm whose residuals the networks learn."),
+        Literal["kinematic", "nominal"], Option(help="Hybrid: the arm whose residuals the networks learn.")
     ] = "kinematic",
     as_json: Json = False,
 ) -> None:
@@ -110,12 +81,10 @@ def fit(
     """
     from truearm.arm.catalogue import arm_path
     from truearm.errors import InputError
-    from truearm.files.atomic_write import check_writable
     from truearm.workflows.fit import fit as fit_model
 
     check_options(context, model)
-    check_output_is_not_input(out, session, arm_path(arm), *([] if lengths is None else [lengths]))
-    check_writable(out)
+    check_output(out, session, arm_path(arm), lengths)
     options: dict[str, Any] = {}
     total = 4 if model == "auto" else None
     if model == "network":
@@ -142,16 +111,11 @@ def fit(
 
 def check_options(context: typer.Context, model: str) -> None:
     """Refuse options that the model does not have: it would not follow them."""
-    from truearm.errors import InputError
-
     for name, models in MODELS_OF.items():
-        source = context.get_parameter_source(name)
-        if source is not None and source.name == "COMMANDLINE" and model not in models:
+        if model not in models:
             option = "--" + name.replace("_", "-")
-            raise InputError(
-                f"{option} is of {' and '.join(models)} models, got --model {model}",
-                hint=f"--model {models[0]}, or leave {option} out",
-            )
+            rule = f"is of {' and '.join(models)} models, got --model {model}"
+            refuse_typed(context, [name], rule, hint=f"--model {models[0]}, or leave {option} out")
 
 
 def layer_sizes(text: str) -> tuple[int, ...]:

@@ -6,69 +6,60 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
+from typer import Argument, Option
 
 from truearm.cli.console import check_output_is_not_input, print_line, progress
+from truearm.cli.options import FormDate, FormTemperature, IntoForm, numbers_of, refuse_typed
 
 if TYPE_CHECKING:
     from truearm.readings import JointScale, Session
+    from truearm.typing import FloatArray
 
+# Options of points to measure, and of sessions, that the other does not take.
+FOR_FORMS = ("date", "artefact_temperature", "serial_number")
+NOT_FOR_FORMS = (
+    *("out", "angles", "angle_unit", "counts_per_turn", "sign", "zero", "point_std", "orientation", "orientation_unit"),
+    *("temperature", "seat", "position", "session", "session_name"),
+)
 _ONE_EACH = "one, or one a joint, separated by commas"
 
 
 def import_table(
-    table: Annotated[Path, typer.Argument(metavar="TABLE", help="Delimited text: CSV, TSV, ..")],
-    out: Annotated[Path | None, typer.Option("--out", help="Session file to write, .csv or .parquet.")] = None,
-    into: Annotated[
-        Path | None,
-        typer.Option("--into", help="Points to measure (truearm verify --sheet), .csv: fill in their coordinates."),
-    ] = None,
-    angles: Annotated[str, typer.Option("--angles", help="Columns of the joints, base to tip: names or numbers.")] = "",
-    angle_unit: Annotated[
-        str, typer.Option("--angle-unit", help=f"deg, rad, counts, or mm (sliding): {_ONE_EACH}.")
-    ] = "",
-    counts_per_turn: Annotated[
-        str, typer.Option("--counts-per-turn", help=f"Counts of an encoder in a full turn: {_ONE_EACH}.")
-    ] = "",
-    sign: Annotated[str, typer.Option("--sign", help="+ or - for each joint, as +,-,+; all + by default.")] = "",
+    context: typer.Context,
+    table: Annotated[Path, Argument(metavar="TABLE", help="Delimited text: CSV, TSV, ..")],
+    out: Annotated[Path | None, Option(help="Session file to write, .csv or .parquet.")] = None,
+    into: IntoForm = None,
+    angles: Annotated[str, Option(help="Columns of the joints, base to tip: names or numbers.")] = "",
+    angle_unit: Annotated[str, Option(help=f"deg, rad, counts, or mm (sliding): {_ONE_EACH}.")] = "",
+    counts_per_turn: Annotated[str, Option(help=f"Counts of an encoder in a full turn: {_ONE_EACH}.")] = "",
+    sign: Annotated[str, Option(help="+ or - for each joint, as +,-,+; all + by default.")] = "",
     zero: Annotated[
-        str,
-        typer.Option("--zero", help="Each joint's value where its angle is zero, in the table's unit; 0 by default."),
+        str, Option(help="Each joint's value where its angle is zero, in the table's unit; 0 by default.")
     ] = "",
-    points: Annotated[
-        str, typer.Option("--points", help="Columns x,y,z of the reference point; with --into of the point.")
-    ] = "",
-    point_std: Annotated[str, typer.Option("--point-std", help="Columns of its three standard uncertainties.")] = "",
-    point_unit: Annotated[
-        str, typer.Option("--point-unit", help="Unit of the point and its uncertainties: mm, m, um or in.")
-    ] = "mm",
+    points: Annotated[str, Option(help="Columns x,y,z of the reference point; with --into of the point.")] = "",
+    point_std: Annotated[str, Option(help="Columns of its three standard uncertainties.")] = "",
+    point_unit: Annotated[str, Option(help="Unit of the point and its uncertainties: mm, m, um or in.")] = "mm",
     orientation: Annotated[
         str,
-        typer.Option(
-            "--orientation",
+        Option(
             help="Columns of the flange's orientation in the frame of the points: 3 of a rotation vector, 4 of a "
-            "quaternion (w first), 9, 12 or 16 of a matrix row by row; 12 and 16 have the point too.",
+            "quaternion (w first), 9, 12 or 16 of a matrix row by row; 12 and 16 have the point too."
         ),
     ] = "",
-    orientation_unit: Annotated[
-        str, typer.Option("--orientation-unit", help="Unit of a rotation vector: deg or rad.")
-    ] = "",
-    temperature: Annotated[str, typer.Option("--temperature", help="Column of the temperature [degC].")] = "",
-    seat: Annotated[str, typer.Option("--seat", help="Column that names the seat.")] = "",
-    position: Annotated[str, typer.Option("--position", help="Columns that name the position aimed at.")] = "",
-    session: Annotated[str, typer.Option("--session", help="Column that names the session.")] = "",
-    session_name: Annotated[str, typer.Option("--session-name", help="Name of the session of all readings.")] = "",
-    separator: Annotated[str, typer.Option("--separator", help="One character, TAB, or SPACE: one or more.")] = ",",
-    decimal: Annotated[str, typer.Option("--decimal", help="Decimal sign, . or ,")] = ".",
-    no_header: Annotated[bool, typer.Option("--no-header", help="The first line is a reading.")] = False,
-    skip_lines: Annotated[int, typer.Option("--skip-lines", min=0, help="Lines above the header to skip.")] = 0,
-    encoding: Annotated[str, typer.Option("--encoding", help="utf-8, cp1252, utf-16, ..")] = "utf-8",
-    date: Annotated[
-        str | None, typer.Option("--date", help="With --into: day of the measurement, 2026-11-03; today by default.")
-    ] = None,
-    artefact_temperature: Annotated[
-        float | None, typer.Option("--artefact-temperature", help="With --into: temperature of the artefacts.")
-    ] = None,
-    serial_number: Annotated[str, typer.Option("--serial-number", help="With --into: serial number of the arm.")] = "",
+    orientation_unit: Annotated[str, Option(help="Unit of a rotation vector: deg or rad.")] = "",
+    temperature: Annotated[str, Option(help="Column of the temperature [degC].")] = "",
+    seat: Annotated[str, Option(help="Column that names the seat.")] = "",
+    position: Annotated[str, Option(help="Columns that name the position aimed at.")] = "",
+    session: Annotated[str, Option(help="Column that names the session.")] = "",
+    session_name: Annotated[str, Option(help="Name of the session of all readings.")] = "",
+    separator: Annotated[str, Option(help="One character, TAB, or SPACE: one or more.")] = ",",
+    decimal: Annotated[str, Option(help="Decimal sign, . or ,")] = ".",
+    no_header: Annotated[bool, Option("--no-header", help="The first line is a reading.")] = False,
+    skip_lines: Annotated[int, Option(min=0, help="Lines above the header to skip.")] = 0,
+    encoding: Annotated[str, Option(help="utf-8, cp1252, utf-16, ..")] = "utf-8",
+    date: FormDate = None,
+    artefact_temperature: FormTemperature = None,
+    serial_number: Annotated[str, Option(help="With --into: serial number of the arm.")] = "",
 ) -> None:
     """Turn a table of another program into a session file.
 
@@ -88,19 +79,10 @@ def import_table(
         "encoding": encoding,
     }
     if into is not None:
-        given = {
-            "--out": out, "--angles": angles, "--angle-unit": angle_unit, "--point-std": point_std, "--seat": seat,
-            "--orientation": orientation, "--temperature": temperature, "--position": position, "--session": session,
-            "--session-name": session_name, "--counts-per-turn": counts_per_turn, "--sign": sign, "--zero": zero,
-        }  # fmt: skip
-        if unused := [name for name, value in given.items() if value]:
-            raise InputError(f"{unused[0]} does not apply to --into", hint="omit it")
+        refuse_typed(context, NOT_FOR_FORMS, "does not apply to --into")
         _fill(table, into, _listed(points), point_unit, layout, date, artefact_temperature, serial_number)
         return
-    if date is not None or artefact_temperature is not None or serial_number:
-        raise InputError(
-            "--date, --artefact-temperature and --serial-number apply to --into only", hint="omit them, or use --into"
-        )
+    refuse_typed(context, FOR_FORMS, "applies to --into only", hint="omit it, or use --into")
     if out is None:
         raise InputError("expected --out or --into", hint="--out session.csv")
     for name, value in (("--angles", angles), ("--angle-unit", angle_unit)):
@@ -163,10 +145,8 @@ def _fill(
         found = import_points(table, columns, point_unit=cast(Any, point_unit), **layout)
         n = fill_points_form(into, found, day=moment.date(), artefact_degC=artefact_degC, serial_number=serial_number)
     print_line(f"{into}: {n} points from {table.name}")
-    rows = [
-        [axis, f"{values.min():.3f}", f"{values.max():.3f}", "mm"] for axis, values in zip("xyz", found.T, strict=True)
-    ]
-    print_line(str(TextTable(["", "min", "max", "unit"], rows, left_aligned=(0,))))
+    rows = [[axis, *_range(values, "mm")] for axis, values in zip("xyz", found.T, strict=True)]
+    print_line(str(TextTable(["", "min", "max", "unit"], rows)))
 
 
 def _print_ranges(readings: Session, scale: JointScale) -> None:
@@ -177,23 +157,25 @@ def _print_ranges(readings: Session, scale: JointScale) -> None:
 
     rows = []
     for i, unit in enumerate(scale.units(readings.n_joints)):
-        values = readings.angles[:, i] if unit == "mm" else readings.angles[:, i] * 57.29577951308232
+        values = readings.angles[:, i] if unit == "mm" else np.degrees(readings.angles[:, i])
         name = readings.angle_columns[i] if readings.angle_columns else ""
-        rows.append([f"J{i + 1}", name, f"{values.min():.3f}", f"{values.max():.3f}", "mm" if unit == "mm" else "deg"])
+        rows.append([f"J{i + 1}", name, *_range(values, "mm" if unit == "mm" else "deg")])
     if readings.points is not None:
-        for axis, values in zip("xyz", readings.points.T, strict=True):
-            rows.append([axis, "reference", f"{values.min():.3f}", f"{values.max():.3f}", "mm"])
+        rows += [[axis, "reference", *_range(at, "mm")] for axis, at in zip("xyz", readings.points.T, strict=True)]
     if readings.quaternion is not None:
         # The angle between each flange and the first one: a wrong unit or order of columns shows.
-        turned = 114.59155902616465 * np.arccos(np.clip(np.abs(readings.quaternion @ readings.quaternion[0]), 0.0, 1.0))
-        rows.append(["turned", "from the first flange", f"{turned.min():.3f}", f"{turned.max():.3f}", "deg"])
+        half = np.arccos(np.clip(np.abs(readings.quaternion @ readings.quaternion[0]), 0.0, 1.0))
+        rows.append(["turned", "from the first flange", *_range(np.degrees(2 * half), "deg")])
     if readings.temperature_degC is not None:
-        degC = readings.temperature_degC
-        rows.append(["temperature", "", f"{degC.min():.2f}", f"{degC.max():.2f}", "degC"])
+        rows.append(["temperature", "", *_range(readings.temperature_degC, "degC", decimals=2)])
     print_line(str(TextTable(["", "column", "min", "max", "unit"], rows, left_aligned=(0, 1))))
     for name in ("position", "seat", "session"):
         if (names := getattr(readings, name)) is not None:
             print_line(f"{name}s: {len(set(names.tolist()))}")
+
+
+def _range(values: FloatArray, unit: str, *, decimals: int = 3) -> list[str]:
+    return [f"{values.min():.{decimals}f}", f"{values.max():.{decimals}f}", unit]
 
 
 def _listed(text: str) -> tuple[str, ...]:
@@ -201,14 +183,7 @@ def _listed(text: str) -> tuple[str, ...]:
 
 
 def _numbers(text: str, option: str) -> tuple[float, ...] | None:
-    from truearm.errors import InputError
-
-    try:
-        return tuple(float(part) for part in _listed(text)) or None
-    except ValueError:
-        raise InputError(
-            f"{option} expects numbers separated by commas, got {text!r}", hint=f"{option} 1.5,-2,0"
-        ) from None
+    return tuple(numbers_of(text, option, "1.5,-2,0")) if text.strip() else None
 
 
 def _signs(text: str) -> tuple[float, ...] | None:

@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from typing import NoReturn, Protocol, runtime_checkable
 
 import typer
+from typer import Option
 
 from truearm import __version__
 from truearm.cli.console import printable
@@ -60,7 +61,7 @@ def _version(wanted: bool) -> None:
 
 
 def _about(
-    version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Print the version."),
+    version: bool = Option(False, "--version", callback=_version, is_eager=True, help="Print the version."),
 ) -> None:
     """True coordinates from the joint angles of an articulated arm.
 

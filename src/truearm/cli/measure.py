@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated
 
-import typer
+from typer import Option
 
-from truearm.cli.console import Json, ModelFile, SessionFile, print_record, progress
+from truearm.choices import FeatureKind
+from truearm.cli.console import print_record, progress
+from truearm.cli.options import DrawnArms, Json, ModelFile, Seed, SessionFile
 from truearm.cli.task import millimetres
 
 
 def measure(
     model: ModelFile,
     session: SessionFile,
-    feature: Annotated[
-        Literal["length", "sphere", "plane", "circle"], typer.Option("--feature", help="What the points lie on.")
-    ] = "sphere",
+    feature: Annotated[FeatureKind, Option(help="What the points lie on.")] = "sphere",
     tip: Annotated[
         float,
-        typer.Option(
+        Option(
             "--tip-diameter",
             parser=millimetres,
             help="Diameter of the stylus tip [mm], which enlarges a sphere and narrows a circle (bore).",
@@ -26,15 +26,14 @@ def measure(
     ] = 0.0,
     repeatability: Annotated[
         float | None,
-        typer.Option(
-            "--repeatability",
+        Option(
             parser=millimetres,
             help="Measured standard deviation of a coordinate when a point is measured again in the same pose [mm]. "
             "Without it the uncertainty of means is overestimated.",
         ),
     ] = None,
-    arms: Annotated[int, typer.Option("--arms", help="Number of arms to draw.")] = 1000,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of all random numbers.")] = 0,
+    arms: DrawnArms = 1000,
+    seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
     """Measure a length, sphere, plane or circle.

@@ -3,73 +3,61 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 import typer
+from typer import Argument, Option
 
-from truearm.cli.console import ARM_HELP, Json, check_page_path, is_given, numbers_of, print_record, progress
+from truearm.choices import ArtefactKind, Strategy, Terms
+from truearm.cli.console import check_page_path, print_record, progress
+from truearm.cli.options import ARM_HELP, Json, Seed, numbers_of, refuse_typed
 
-# What the plan of an interim check takes; all else belongs to calibrations.
-FOR_CHECKS = ("arm", "artefact", "out", "length", "sphere", "table", "avoid", "seed", "as_json")
+# Options of a calibration that the plan of an interim check does not take.
+NOT_FOR_CHECKS = ("poses", "page", "seats", "noise", "strategy", "terms", "session", "volume")
 
 
 def plan(
     context: typer.Context,
-    arm: Annotated[str, typer.Argument(metavar="ARM|MODEL", help=f"{ARM_HELP} Or a model file.")],
+    arm: Annotated[str, Argument(metavar="ARM|MODEL", help=f"{ARM_HELP} Or a model file.")],
     artefact: Annotated[
-        Literal["seat", "bar", "tracker", "check"],
-        typer.Option("--artefact", help="What the poses are measured with; check: the routine of an interim check."),
+        Literal[ArtefactKind, "check"],
+        Option(help="What the poses are measured with; check: the routine of an interim check."),
     ],
-    out: Annotated[Path, typer.Option("--out", help="Session file to fill in, .csv; must be new.")],
-    poses: Annotated[int, typer.Option("--poses", min=1, max=500, help="Number of readings.")] = 50,
-    page: Annotated[Path | None, typer.Option("--page", help="Page with pictures to write, .html.")] = None,
+    out: Annotated[Path, Option(help="Session file to fill in, .csv; must be new.")],
+    poses: Annotated[int, Option(min=1, max=500, help="Number of readings.")] = 50,
+    page: Annotated[Path | None, Option(help="Page with pictures to write, .html.")] = None,
     seats: Annotated[
-        int | None,
-        typer.Option("--seats", min=1, max=200, help="Number of seats, or of places of the bar (one for 10 poses)."),
+        int | None, Option(min=1, max=200, help="Number of seats, or of places of the bar (one for 10 poses).")
     ] = None,
-    length: Annotated[float | None, typer.Option("--length", help="Length of the bar, between its seats [mm].")] = None,
-    sphere: Annotated[
-        float | None, typer.Option("--sphere", help="With --artefact check: diameter of a sphere [mm].")
-    ] = None,
+    length: Annotated[float | None, Option(help="Length of the bar, between its seats [mm].")] = None,
+    sphere: Annotated[float | None, Option(help="With --artefact check: diameter of a sphere [mm].")] = None,
     noise: Annotated[
-        float | None,
-        typer.Option("--noise", help="Standard deviation of a coordinate [mm] (that of the model, or 0.02)."),
+        float | None, Option(help="Standard deviation of a coordinate [mm] (that of the model, or 0.02).")
     ] = None,
-    strategy: Annotated[
-        Literal["i-optimal", "d-optimal", "technician", "random"],
-        typer.Option("--strategy", help="How the poses are chosen."),
-    ] = "i-optimal",
+    strategy: Annotated[Strategy, Option(help="How the poses are chosen.")] = "i-optimal",
     terms: Annotated[
-        Literal["physical", "constants"] | None,
-        typer.Option("--terms", help="What is to be identified of an arm (physical). A model has its own terms."),
+        Terms | None,
+        Option(help="What is to be identified of an arm (physical). A model has its own terms."),
     ] = None,
     session: Annotated[
-        Path | None,
-        typer.Option("--session", help="Session measured already that is not the training session of the model."),
+        Path | None, Option(help="Session measured already that is not the training session of the model.")
     ] = None,
     volume: Annotated[
         str | None,
-        typer.Option(
-            "--volume",
-            help="Where the arm is to be used: NEAR,FAR,LOW,HIGH [mm] from its shoulder and HALF_ANGLE [deg].",
-        ),
+        Option(help="Where the arm is to be used: NEAR,FAR,LOW,HIGH [mm] from its shoulder and HALF_ANGLE [deg]."),
     ] = None,
     table: Annotated[
         str | None,
-        typer.Option(
-            "--table",
-            help="Where seats and bars can stand: height Z of the table above the base (0), or Z,X0,X1,Y0,Y1 [mm].",
-        ),
+        Option(help="Where seats and bars can stand: height Z of the table above the base (0), or Z,X0,X1,Y0,Y1 [mm]."),
     ] = None,
     avoid: Annotated[
         list[str] | None,
-        typer.Option(
-            "--avoid",
+        Option(
             help="Box X0,X1,Y0,Y1,Z0,Z1 [mm] in which neither arm nor artefact is in any pose; between poses nothing "
-            "is checked; repeatable.",
+            "is checked; repeatable."
         ),
     ] = None,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of all random numbers.")] = 0,
+    seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
     """Plan the poses that determine an arm best.
@@ -87,9 +75,7 @@ def plan(
     each seat of a bar, with --sphere nine on a sphere.
     """
     from truearm.arm.catalogue import arm_path
-    from truearm.errors import InputError
     from truearm.files.atomic_write import check_new_form
-    from truearm.identification.planning.proposal import STRATEGIES
     from truearm.workflows.plan import plan as planned
     from truearm.workflows.plan import template_files
 
@@ -98,16 +84,16 @@ def plan(
         "avoid": [numbers_of(box, "--avoid", "0,200,-300,300,0,900") for box in avoid or ()],
     }
     if artefact == "check":
-        _check_is_of_a_check(context)
+        refuse_typed(context, NOT_FOR_CHECKS, "does not apply to --artefact check")
         _plan_check(arm, out, length_mm=length, sphere_mm=sphere, seed=seed, as_json=as_json, **around)
         return
-    if sphere is not None:
-        raise InputError("--sphere applies to --artefact check only", hint="omit it")
+    refuse_typed(context, ["sphere"], "applies to --artefact check only")
     for file in template_files(out, artefact):
         check_new_form(file, holds="readings")
     if page is not None:
-        check_page_path(page, arm_path(arm), *([] if session is None else [session]))
-    with progress("planning", total=len(STRATEGIES)) as tell:
+        check_page_path(page, arm_path(arm), session)
+    n_strategies = len(get_args(Strategy))
+    with progress("planning", total=n_strategies) as tell:
         result = planned(
             arm,
             artefact,
@@ -124,21 +110,10 @@ def plan(
             progress=tell,
         )
         if page is not None:
-            tell(len(STRATEGIES), "drawing the page")
+            tell(n_strategies, "drawing the page")
             result.save_page(page)
-        files = dict(zip(("session", "lengths"), result.save(out), strict=False)) | (
-            {} if page is None else {"page": page}
-        )
-    print_record(result, as_json=as_json, files=files)
-
-
-def _check_is_of_a_check(context: typer.Context) -> None:
-    """Refuse options that a routine of an interim check has not."""
-    from truearm.errors import InputError
-
-    for parameter in context.command.params:
-        if is_given(context, parameter.name or "") and parameter.name not in FOR_CHECKS:
-            raise InputError(f"{parameter.opts[0]} does not apply to --artefact check", hint="omit it")
+        files = dict(zip(("session", "lengths"), result.save(out), strict=False))
+    print_record(result, as_json=as_json, files={**files, "page": page})
 
 
 def _plan_check(arm: str, out: Path, *, as_json: bool, **options: Any) -> None:

@@ -6,30 +6,26 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from typer import Argument, Option
 
-from truearm.cli.console import Json, ModelFile, check_output_is_not_input, print_record, progress
+from truearm.cli.console import check_output, check_output_is_not_input, print_record, progress
+from truearm.cli.options import FormDate, FormTemperature, IntoForm, Json, ModelFile, refuse_typed
 
 
 def predict(
+    context: typer.Context,
     model: ModelFile,
     session: Annotated[
         Path,
-        typer.Argument(
+        Argument(
             metavar="SESSION",
             help="Session file; its angles, and temperature, payload_kg, loads, directions and tip if there, are used.",
         ),
     ],
-    out: Annotated[Path | None, typer.Option("--out", help="Table of points to write, .csv.")] = None,
-    into: Annotated[
-        Path | None,
-        typer.Option("--into", help="Points to measure (truearm verify --sheet), .csv: fill in their coordinates."),
-    ] = None,
-    date: Annotated[
-        str | None, typer.Option("--date", help="With --into: day of the measurement, 2026-11-03; today by default.")
-    ] = None,
-    artefact_temperature: Annotated[
-        float | None, typer.Option("--artefact-temperature", help="With --into: temperature of the artefacts.")
-    ] = None,
+    out: Annotated[Path | None, Option(help="Table of points to write, .csv.")] = None,
+    into: IntoForm = None,
+    date: FormDate = None,
+    artefact_temperature: FormTemperature = None,
     as_json: Json = False,
 ) -> None:
     """Compensate: turn joint angles into corrected coordinates.
@@ -42,18 +38,16 @@ def predict(
     --into fills in a file of points to measure instead, a reading for each row without coordinates, in their order.
     """
     from truearm.errors import InputError
-    from truearm.files.atomic_write import check_writable
     from truearm.workflows.predict import check_table_path
     from truearm.workflows.predict import predict as predict_points
 
     if (out is None) == (into is None):
         raise InputError("expected --out or --into", hint="--out points.csv")
-    if into is None and (date is not None or artefact_temperature is not None):
-        raise InputError("--date and --artefact-temperature apply to --into only", hint="omit them")
+    if into is None:
+        refuse_typed(context, ("date", "artefact_temperature"), "applies to --into only")
     if out is not None:
         check_table_path(out)
-        check_output_is_not_input(out, model, session)
-        check_writable(out)
+        check_output(out, model, session)
     with progress(f"predicting {session.name}"):
         prediction = predict_points(model, session)
         if out is not None:

@@ -5,33 +5,23 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
-from truearm.cli.console import (
-    Json,
-    LengthsFile,
-    LimitsOption,
-    ModelFile,
-    check_output_is_not_input,
-    free_parts,
-    print_record,
-    progress,
-)
+from truearm.cli.console import check_output, print_record, progress
+from truearm.cli.options import Json, LengthsFile, LimitsOption, ModelFile, ModelOut, free_parts
 
 
 def refit(
     model: ModelFile,
     session: Annotated[
-        Path, typer.Argument(metavar="SESSION", help="Session file of the new set-up, with reference points or seats.")
+        Path, Argument(metavar="SESSION", help="Session file of the new set-up, with reference points or seats.")
     ],
-    out: Annotated[Path, typer.Option("--out", help="Model file to write; the usual ending is .truearm.")],
-    free: Annotated[str, typer.Option("--free", help="What is new: base, tip or base,tip.")] = "base,tip",
-    rows: Annotated[
-        int | None, typer.Option("--rows", min=1, help="Number of readings to use; all by default.")
-    ] = None,
+    out: ModelOut,
+    free: Annotated[str, Option(help="What is new: base, tip or base,tip.")] = "base,tip",
+    rows: Annotated[int | None, Option(min=1, help="Number of readings to use; all by default.")] = None,
     lengths: LengthsFile = None,
     limits: LimitsOption = "skip",
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the choice of readings.")] = 0,
+    seed: Annotated[int, Option(min=0, help="Seed of the choice of readings.")] = 0,
     as_json: Json = False,
 ) -> None:
     """Transfer a model to a new set-up of its arm.
@@ -43,12 +33,10 @@ def refit(
     evaluate skips them in the same session and tests on the others. --free tip: only the probe is new, as with a
     session that has seats and no reference points.
     """
-    from truearm.files.atomic_write import check_writable
     from truearm.workflows.refit import refit as refit_model
 
     parts = free_parts(free)
-    check_output_is_not_input(out, session, *([] if lengths is None else [lengths]))
-    check_writable(out)
+    check_output(out, session, lengths)
     with progress(f"refitting {model.name}") as report:
         result = refit_model(
             model, session, free=parts, n_readings=rows, seed=seed, lengths=lengths, limits=limits, progress=report

@@ -3,27 +3,28 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
+from typer import Argument, Option
 
+from truearm.choices import FigureFormat
 from truearm.cli.console import check_page_path, print_record, progress
+from truearm.cli.options import refuse_typed
 
 
 def report(
-    files: Annotated[list[Path], typer.Argument(metavar="MODEL... SESSION", help="Model files, then a session file.")],
-    out: Annotated[Path, typer.Option("--out", help="Page to write, .html.")],
-    title: Annotated[str, typer.Option("--title", help="Title of the page.")] = "",
+    context: typer.Context,
+    files: Annotated[list[Path], Argument(metavar="MODEL... SESSION", help="Model files, then a session file.")],
+    out: Annotated[Path, Option(help="Page to write, .html.")],
+    title: Annotated[str, Option(help="Title of the page.")] = "",
     lengths: Annotated[
-        Path | None,
-        typer.Option("--lengths", help="File of known lengths between the seats of a session without points, .csv."),
+        Path | None, Option(help="File of known lengths between the seats of a session without points, .csv.")
     ] = None,
-    figures: Annotated[
-        Path | None, typer.Option("--figures", help="Folder for every figure of the page as a file of its own.")
-    ] = None,
+    figures: Annotated[Path | None, Option(help="Folder for every figure of the page as a file of its own.")] = None,
     form: Annotated[
-        Literal["svg", "pdf", "png"] | None,
-        typer.Option("--figures-as", help="What the files of --figures are; svg by default."),
+        FigureFormat | None,
+        Option("--figures-as", help="What the files of --figures are; svg by default."),
     ] = None,
 ) -> None:
     """Compare models on readings, as a page to show.
@@ -48,9 +49,9 @@ def report(
         raise InputError(
             "expected one or more model files, then a session file", hint="truearm report MODEL SESSION --out FILE"
         )
-    if form is not None and figures is None:
-        raise InputError("--figures-as is for the files of --figures", hint="--figures FOLDER")
-    check_page_path(out, *files, *([] if lengths is None else [lengths]))
+    if figures is None:
+        refuse_typed(context, ["form"], "is for the files of --figures", hint="--figures FOLDER")
+    check_page_path(out, *files, lengths)
     if figures is not None:
         make_folder(figures)
     with progress("drawing the report"):

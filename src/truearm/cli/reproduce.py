@@ -5,32 +5,27 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
-import typer
+from typer import Argument, Option
 
-from truearm.cli.console import Json, print_json, print_line, print_status, progress
+from truearm.cli.console import print_json, print_line, print_status, progress
+from truearm.cli.options import Json
 
 STEPS = 10_000  # of the bar
 
 
 def reproduce(
-    paper: Annotated[Literal["gao2017"], typer.Argument(metavar="PAPER", help="The paper: gao2017.")],
-    table: Annotated[int | None, typer.Option("--table", metavar="2|3|4", help="One table only.")] = None,
-    figure: Annotated[
-        int | None, typer.Option("--figure", metavar="1..8", help="One figure only, also as figure-N.png.")
-    ] = None,
-    everything: Annotated[bool, typer.Option("--all", help="All of it: an hour and a quarter on two cores.")] = False,
+    paper: Annotated[Literal["gao2017"], Argument(metavar="PAPER", help="The paper: gao2017.")],
+    table: Annotated[int | None, Option(metavar="2|3|4", help="One table only.")] = None,
+    figure: Annotated[int | None, Option(metavar="1..8", help="One figure only, also as figure-N.png.")] = None,
+    everything: Annotated[bool, Option("--all", help="All of it: an hour and a quarter on two cores.")] = False,
     quick: Annotated[
-        bool, typer.Option("--quick", help="One start a row, long trainings skipped: minutes; alone: --all.")
+        bool, Option("--quick", help="One start a row, long trainings skipped: minutes; alone: --all.")
     ] = False,
     time_limit: Annotated[
         float | None,
-        typer.Option(
-            "--time-limit",
-            metavar="SECONDS",
-            help="CPU time of one training, 400 by default; inf: no limit, many hours.",
-        ),
+        Option(metavar="SECONDS", help="CPU time of one training, 400 by default; inf: no limit, many hours."),
     ] = None,
-    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the page and the trainings.")] = Path(
+    out: Annotated[Path, Option(metavar="DIR", help="Folder for the page and the trainings.")] = Path(
         "truearm-gao2017"
     ),
     as_json: Json = False,

@@ -5,18 +5,19 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, cast
 
-import typer
+from typer import Option
 
-from truearm.cli.console import Force, SessionFile, check_new_file, check_output_is_not_input, print_line, progress
+from truearm.cli.console import check_new_file, check_output_is_not_input, print_line, progress
+from truearm.cli.options import Force, SessionFile
 
 
 def split(
     session: SessionFile,
-    train: Annotated[Path, typer.Option("--train", help="Session file to write the training readings to.")],
-    test: Annotated[Path, typer.Option("--test", help="Session file to write the held-out readings to.")],
-    by: Annotated[str, typer.Option("--by", help="What stays together: position, seat, session or row.")] = "position",
-    share: Annotated[float, typer.Option("--hold-out", help="Share of the groups to hold out.")] = 0.3,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="The same seed gives the same split.")] = 0,
+    train: Annotated[Path, Option(help="Session file to write the training readings to.")],
+    test: Annotated[Path, Option(help="Session file to write the held-out readings to.")],
+    by: Annotated[str, Option(help="What stays together: position, seat, session or row.")] = "position",
+    share: Annotated[float, Option("--hold-out", help="Share of the groups to hold out.")] = 0.3,
+    seed: Annotated[int, Option(min=0, help="The same seed gives the same split.")] = 0,
     force: Force = False,
 ) -> None:
     """Split a session into training and test readings.

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
+from typer import Argument, Option
 
-from truearm.cli.console import Json, check_page_path, numbers_of, print_record, progress
+from truearm.choices import FeatureKind
+from truearm.cli.console import check_page_path, print_record, progress
+from truearm.cli.options import DrawnArms, Json, Seed, numbers_of
 
 CODES = {"yes": 0, "no": 1, "only with guard bands": 3}
 
@@ -31,62 +34,43 @@ def _number(text: str, expected: str) -> float:
 
 def task(
     what: Annotated[
-        str | None,
-        typer.Argument(metavar="MODEL|PRESET", help="A model file, or a preset of virtual arms: shop, research."),
+        str | None, Argument(metavar="MODEL|PRESET", help="A model file, or a preset of virtual arms: shop, research.")
     ] = None,
-    feature: Annotated[
-        Literal["length", "sphere", "plane", "circle"], typer.Option("--feature", help="What is measured.")
-    ] = "length",
-    length: Annotated[
-        float | None, typer.Option("--length", parser=millimetres, help="Nominal size of a length [mm].")
-    ] = None,
+    feature: Annotated[FeatureKind, Option(help="What is measured.")] = "length",
+    length: Annotated[float | None, Option(parser=millimetres, help="Nominal size of a length [mm].")] = None,
     diameter: Annotated[
-        float | None,
-        typer.Option("--diameter", parser=millimetres, help="Nominal diameter of a sphere or circle (bore) [mm]."),
+        float | None, Option(parser=millimetres, help="Nominal diameter of a sphere or circle (bore) [mm].")
     ] = None,
-    size: Annotated[
-        float | None, typer.Option("--size", parser=millimetres, help="Side of a square plane [mm].")
-    ] = None,
+    size: Annotated[float | None, Option(parser=millimetres, help="Side of a square plane [mm].")] = None,
     at: Annotated[
         list[str] | None,
-        typer.Option(
-            "--at",
+        Option(
             help="Middle of the feature, X,Y,Z [mm] in the arm's base frame (the middle of the usual working volume). "
-            "Given twice: the two seats of a length.",
+            "Given twice: the two seats of a length."
         ),
     ] = None,
     along: Annotated[
-        str | None,
-        typer.Option(
-            "--along", help="Direction X,Y,Z of a length (across the front), normal of a plane or circle (up)."
-        ),
+        str | None, Option(help="Direction X,Y,Z of a length (across the front), normal of a plane or circle (up).")
     ] = None,
-    points: Annotated[
-        int | None, typer.Option("--points", help="Points in all: 25; of a length 2, half of them at each end.")
-    ] = None,
+    points: Annotated[int | None, Option(help="Points in all: 25; of a length 2, half of them at each end.")] = None,
     tolerance: Annotated[
-        float | None,
-        typer.Option("--tolerance", parser=width, help="Width of the tolerance zone [mm]: 0.1 for +-0.05 mm."),
+        float | None, Option(parser=width, help="Width of the tolerance zone [mm]: 0.1 for +-0.05 mm.")
     ] = None,
-    spec: Annotated[
-        Path | None, typer.Option("--spec", help="An arm's specification instead of a model or preset, .toml.")
-    ] = None,
+    spec: Annotated[Path | None, Option(help="An arm's specification instead of a model or preset, .toml.")] = None,
     arm: Annotated[
-        str | None,
-        typer.Option("--arm", help="Nominal arm of a preset or a specification: a name or a file (measuring7)."),
+        str | None, Option(help="Nominal arm of a preset or a specification: a name or a file (measuring7).")
     ] = None,
     repeatability: Annotated[
         float | None,
-        typer.Option(
-            "--repeatability",
+        Option(
             parser=millimetres,
             help="With a model: measured standard deviation of a coordinate when a point is measured again in the same "
             "pose [mm]. Without it no error counts as random, and the uncertainty of means is overestimated.",
         ),
     ] = None,
-    arms: Annotated[int, typer.Option("--arms", help="Number of arms to draw.")] = 1000,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of all random numbers.")] = 0,
-    report: Annotated[Path | None, typer.Option("--report", help="Page to write, .html.")] = None,
+    arms: DrawnArms = 1000,
+    seed: Seed = 0,
+    report: Annotated[Path | None, Option(help="Page to write, .html.")] = None,
     as_json: Json = False,
 ) -> None:
     """Estimate the uncertainty of measuring a length or a shape.
@@ -101,7 +85,7 @@ def task(
     from truearm.workflows.task import task as estimated
 
     if report is not None:
-        check_page_path(report, *[Path(path) for path in (what, spec, arm) if path is not None])
+        check_page_path(report, what, spec, arm)
     with progress(f"measuring a {feature}", total=arms) as tell:
         result = estimated(
             _source(what, spec),

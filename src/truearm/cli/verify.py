@@ -2,82 +2,62 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated
 
 import typer
+from typer import Option
 
-from truearm.cli.console import Json, RuleOption, check_page_path, print_line, print_record, progress
+from truearm.choices import DecisionRule, TemplateKind
+from truearm.cli.console import check_page_path, print_line, print_record, progress
+from truearm.cli.options import ArtefactsFile, Json, MpeFile, RuleOption, refuse_typed, typed_options
 
-if TYPE_CHECKING:
-    from truearm.verification.standards.decision import DecisionRule
-
-# What each way to use the command needs, and what else applies to it.
-NEEDS = {
-    "--points": ("--plan", "--artefacts", "--mpe"),
-    "--simulate": (),
-    "--sheet": ("--out",),
-    "--print-plan": (),
-    "--template": (),
-}
-TAKES = {
-    "--points": ("--rule", "--report", "--json"),
-    "--simulate": ("--plan", "--artefacts", "--mpe", "--rule", "--arm", "--arms", "--seed", "--json"),
-    "--sheet": ("--artefacts", "--mpe", "--points", "--tip-diameter"),
-    "--print-plan": (),
-    "--template": (),
+# The ways to use the command: the options that each needs, and those that it takes beside them.
+WAYS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "points": (("plan", "artefacts", "mpe"), ("rule", "report", "as_json")),
+    "simulate": ((), ("plan", "artefacts", "mpe", "rule", "arm", "arms", "seed", "as_json")),
+    "sheet": (("out",), ("artefacts", "mpe", "points", "tip_diameter")),
+    "print_plan": ((), ()),
+    "template": ((), ()),
 }
 
 
 def verify(
+    context: typer.Context,
     plan: Annotated[
-        str | None, typer.Option("--plan", help="Test plan: iso10360-12, asme-b89.4.22, or a file of your own, .toml.")
+        str | None, Option(help="Test plan: iso10360-12, asme-b89.4.22, or a file of your own, .toml.")
     ] = None,
     points: Annotated[
-        Path | None, typer.Option("--points", help="Measured points, .csv; with --sheet: points to measure, to write.")
+        Path | None, Option(help="Measured points, .csv; with --sheet: points to measure, to write.")
     ] = None,
-    artefacts: Annotated[Path | None, typer.Option("--artefacts", help="Certificates of the artefacts, .toml.")] = None,
-    mpe: Annotated[
-        Path | None, typer.Option("--mpe", help="The arm's specification: its limits and measuring range, .toml.")
-    ] = None,
+    artefacts: ArtefactsFile = None,
+    mpe: MpeFile = None,
     rule: RuleOption = None,
-    report: Annotated[
-        Path | None, typer.Option("--report", help="Page to write, .html: values, budgets, artefacts, decision.")
-    ] = None,
+    report: Annotated[Path | None, Option(help="Page to write, .html: values, budgets, artefacts, decision.")] = None,
     simulate: Annotated[
         str | None,
-        typer.Option(
-            "--simulate",
+        Option(
             metavar="MODEL|PRESET",
             help="Simulate the test with virtual arms: a model file, or research, shop, worn or perfect.",
         ),
     ] = None,
-    arm: Annotated[
-        str | None, typer.Option("--arm", help="With --simulate PRESET: the nominal arm (measuring7).")
-    ] = None,
-    arms: Annotated[
-        int | None, typer.Option("--arms", min=1, max=100_000, help="With --simulate: number of arms (100).")
-    ] = None,
-    seed: Annotated[
-        int | None, typer.Option("--seed", min=0, help="With --simulate: seed of arms, poses and noise (0).")
-    ] = None,
+    arm: Annotated[str | None, Option(help="With --simulate PRESET: the nominal arm (measuring7).")] = None,
+    arms: Annotated[int | None, Option(min=1, max=100_000, help="With --simulate: number of arms (100).")] = None,
+    seed: Annotated[int | None, Option(min=0, help="With --simulate: seed of arms, poses and noise (0).")] = None,
     sheet: Annotated[
-        str | None,
-        typer.Option(
-            "--sheet", metavar="PLAN", help="Write the operator's sheet of a plan: places, directions, order."
-        ),
+        str | None, Option(metavar="PLAN", help="Write the operator's sheet of a plan: places, directions, order.")
     ] = None,
-    out: Annotated[Path | None, typer.Option("--out", help="With --sheet: page to write, .html.")] = None,
+    out: Annotated[Path | None, Option(help="With --sheet: page to write, .html.")] = None,
     tip_diameter: Annotated[
-        float | None,
-        typer.Option("--tip-diameter", min=0, help="With --sheet --points: diameter of the stylus tip [mm]."),
+        float | None, Option(min=0, help="With --sheet --points: diameter of the stylus tip [mm].")
     ] = None,
     print_plan: Annotated[
-        str | None, typer.Option("--print-plan", metavar="NAME", help="Print a test plan, to edit: > my-plan.toml.")
+        str | None, Option(metavar="NAME", help="Print a test plan, to edit: > my-plan.toml.")
     ] = None,
     template: Annotated[
-        Literal["artefacts", "mpe"] | None,
-        typer.Option("--template", help="Print an empty file for --artefacts or --mpe, to fill in: > mpe.toml."),
+        TemplateKind | None,
+        Option(help="Print an empty file for --artefacts or --mpe, to fill in: > mpe.toml."),
     ] = None,
     as_json: Json = False,
 ) -> None:
@@ -94,30 +74,7 @@ def verify(
     --points then writes the points to measure, a row for each with all names filled in; truearm predict --into enters
     the coordinates.
     """
-    modes = {
-        "--points": points,
-        "--simulate": simulate,
-        "--sheet": sheet,
-        "--print-plan": print_plan,
-        "--template": template,
-    }
-    if sheet is not None:
-        del modes["--points"]
-    others: dict[str, object] = {
-        "--points": points if sheet is not None else None,
-        "--tip-diameter": tip_diameter,
-        "--plan": plan,
-        "--artefacts": artefacts,
-        "--mpe": mpe,
-        "--rule": rule,
-        "--report": report,
-        "--arm": arm,
-        "--arms": arms,
-        "--seed": seed,
-        "--out": out,
-        "--json": as_json or None,
-    }
-    _check_together([name for name, value in modes.items() if value is not None], others)
+    _check_together(context)
     if print_plan is not None:
         from truearm.verification.standards.verification_plan import plan_text
 
@@ -150,18 +107,12 @@ def verify(
 
 
 def _write_sheet(
-    plan: str,
-    out: Path,
-    points: Path | None,
-    *,
-    artefacts: Path | None,
-    mpe: Path | None,
-    tip_diameter: float | None,
+    plan: str, out: Path, points: Path | None, *, artefacts: Path | None, mpe: Path | None, tip_diameter: float | None
 ) -> None:
     from truearm.files.atomic_write import check_new_form
     from truearm.workflows.operator_sheet import operator_sheet
 
-    check_page_path(out, *(file for file in (Path(plan), artefacts, mpe) if file is not None))
+    check_page_path(out, plan, artefacts, mpe)
     if points is not None:
         check_new_form(points, holds="points")
     laid_out = operator_sheet(plan, artefacts=artefacts, specification=mpe)
@@ -187,7 +138,7 @@ def _verify_points(
     from truearm.workflows.verify import verify as verified
 
     if report is not None:
-        check_page_path(report, Path(plan), points, artefacts, mpe)
+        check_page_path(report, plan, points, artefacts, mpe)
     result = verified(points, plan=plan, artefacts=artefacts, specification=mpe, rule=rule)
     if report is not None:
         result.save_page(report)
@@ -195,15 +146,19 @@ def _verify_points(
     raise typer.Exit({Verdict.CONFORM: 0, Verdict.NOT_CONFORM: 1}.get(result.verdict, 3))
 
 
-def _check_together(modes: list[str], others: dict[str, object]) -> None:
+def _check_together(context: typer.Context) -> None:
     """Check that exactly one way to use the command is asked for, with all options it needs and no other."""
     from truearm.errors import InputError
 
-    if len(modes) != 1:
-        raise InputError(f"expected one of {', '.join(NEEDS)}", hint="truearm verify --help")
-    (mode,) = modes
-    given = [name for name, value in others.items() if value is not None]
-    if missing := [name for name in NEEDS[mode] if name not in given]:
-        raise InputError(f"{mode} needs {' and '.join(missing)} as well", hint="truearm verify --help")
-    if unused := [name for name in given if name not in (*NEEDS[mode], *TAKES[mode])]:
-        raise InputError(f"{unused[0]} does not apply to {mode}", hint="omit it")
+    def options(names: Iterable[str]) -> list[str]:
+        return ["--" + name.replace("_", "-") for name in names]
+
+    typed = typed_options(context)
+    ways = [way for way in WAYS if way in typed and not (way == "points" and "sheet" in typed)]
+    if len(ways) != 1:
+        raise InputError(f"expected one of {', '.join(options(WAYS))}", hint="truearm verify --help")
+    (way,) = ways
+    needs, takes = WAYS[way]
+    if missing := options(name for name in needs if name not in typed):
+        raise InputError(f"--{way} needs {' and '.join(missing)} as well", hint="truearm verify --help")
+    refuse_typed(context, typed.keys() - {way, *needs, *takes}, f"does not apply to {options([way])[0]}")

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import datetime
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 from hashlib import file_digest
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -19,7 +17,6 @@ from truearm.compensation.models.arm_check import with_serial_number
 from truearm.compensation.models.model_file import save_model
 from truearm.compensation.models.training_conditions import fingerprint
 from truearm.errors import InputError
-from truearm.files.file_reading import check_readable
 from truearm.readings import Lengths, Session, check_sessions
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
@@ -37,7 +34,7 @@ from truearm.verification.monitor.assessment import (
 )
 from truearm.verification.monitor.control_chart import CHECKS_NEEDED
 from truearm.verification.monitor.expected_values import PointErrors
-from truearm.verification.monitor.history import MAX_BYTES, History, OtherModel
+from truearm.verification.monitor.history import History, OtherModel, existing_history, number_of_check
 from truearm.verification.monitor.interim_check import (
     CHECK_QUANTITIES,
     CheckReading,
@@ -48,6 +45,7 @@ from truearm.verification.monitor.interim_check import (
     counted,
     interim_deviations,
     interim_values,
+    single_reading_remarks,
 )
 from truearm.verification.monitor.recorded_check import RecordedCheck, record_check
 from truearm.verification.standards.dates import format_date, now, parse_moment
@@ -286,7 +284,7 @@ def check(
             hint="use readings measured since",
         )
     known, ignored = session_lengths(lengths, readings)
-    remarks += [*ignored, *single_reading_remarks(readings, known)]
+    remarks += [*ignored, *single_reading_remarks(readings.seat, known)]
     check_sessions(readings, known, own_frame="base" not in fitted.free)
     if outside := int(fitted.outside_training(readings.angles).sum()):
         have = agree(outside, "have")
@@ -302,20 +300,6 @@ def check(
         kept, new, specification=limits, retired=retired, name=name, arm=fitted.arm.name, serial_number=unit
     )
     return CheckResult(record, fitted, name, file, kept.head, tuple(remarks), readings, known, files)
-
-
-def single_reading_remarks(session: Session, lengths: Lengths | None) -> list[str]:
-    """Name seats with a single reading, which have no scatter: they are often misspelled names of other seats."""
-    if session.seat is None:
-        return []
-    counts = Counter(name for name in session.seat.tolist() if name)
-    ends = set() if lengths is None else {*lengths.seat_a.tolist(), *lengths.seat_b.tolist()}
-    remarks = []
-    for name in sorted(name for name, count in counts.items() if count == 1 and name not in ends):
-        close = get_close_matches(name, [other for other, count in counts.items() if count > 1], n=1)
-        meant = f"; is it {close[0]!r}, misspelled?" if close else ""
-        remarks.append(f"Seat {name!r} has a single reading; ignored{meant}")
-    return remarks
 
 
 def readings_to_compare(model: Compensator, points: FloatArray, session: Session) -> tuple[CheckReading, ...]:
@@ -548,35 +532,12 @@ def withdraw_check(
     >>> withdrawn.check.withdrawn.reason
     'the seat was loose'
     """
-    kept = history if isinstance(history, History) else _existing(Path(history))
+    kept = history if isinstance(history, History) else existing_history(Path(history))
     whose = model_file_fingerprint(model)
     known = kept.checks(whose)
-    number = _number_of(str(which).strip(), known, kept.path)
+    number = number_of_check(str(which).strip(), known, kept.path)
     withdrawal = Withdrawal(now(), reason)
     kept.withdraw(known[number - 1], withdrawal)
     checks = kept.checks(whose)
     assessment = assess(checks) if counted(checks) else None
     return WithdrawalResult(checks[number - 1], number, checks, assessment, model, kept.path, kept.head)
-
-
-def _existing(path: Path) -> History:
-    """The history in a file: a withdrawal creates none."""
-    check_readable(path, limit_bytes=MAX_BYTES, hint="name the file of the checks with --history")
-    return History(path)
-
-
-def _number_of(which: str, checks: Sequence[InterimCheck], file: Path) -> int:
-    """The number of the check that counts and has this number or date."""
-    counting = {i: one for i, one in enumerate(checks, start=1) if one.withdrawn is None}
-    listed = [f"{i} of {format_date(one.date)}" for i, one in counting.items()]
-    hint = f"use one of {', '.join(listed[-8:])}" if listed else "check the model file: each model has its own checks"
-    if which.isdecimal():
-        found = [int(which)] if int(which) in counting else []
-    else:
-        found = [
-            i for i, one in counting.items() if which.replace("T", " ") in (format_date(one.date), f"{one.date.date()}")
-        ]
-    if len(found) != 1:
-        what = "no check that counts has" if not found else f"checks {', '.join(map(str, found))} have"
-        raise InputError(f"{what} the number or date {which!r:.40}", file=file, hint=hint)
-    return found[0]

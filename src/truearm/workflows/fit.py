@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from truearm.choices import ModelName
 from truearm.compensation.models import (
     MODELS,
     Compensator,
@@ -60,8 +61,6 @@ from truearm.workflows.sentences import compare_with_nominal, format_mm, listed
 
 if TYPE_CHECKING:
     from truearm.pages.plotting import Figure
-
-ModelName = Literal["auto", "nominal", "kinematic", "physical", "network", "hybrid"]
 
 # With fewer readings the training error of a kinematic model says little: it determines some 27 constants.
 FEW_READINGS = 50

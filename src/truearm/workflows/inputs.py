@@ -9,12 +9,13 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from math import ceil
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 from zipfile import is_zipfile
 
 import numpy as np
 
 from truearm.arm import Arm, load_arm
+from truearm.choices import Limits as Limits
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.compensator import FREE_PARTS, CheckedReadings
 from truearm.compensation.models.model_file import load_model
@@ -57,7 +58,6 @@ ArmLike: TypeAlias = "Arm | str | Path"
 SessionLike: TypeAlias = "Session | pd.DataFrame | str | Path"
 ModelLike: TypeAlias = "Compensator | str | Path"
 LengthsLike: TypeAlias = "Lengths | str | Path"
-Limits: TypeAlias = Literal["skip", "ignore"]
 
 # A length with a larger relative uncertainty does not determine the size of an arm, or its uncertainty is in um.
 MAX_RELATIVE_U = 0.005

@@ -5,8 +5,9 @@ from __future__ import annotations
 import re
 from abc import abstractmethod
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, get_args
 
+from truearm.choices import FigureFormat
 from truearm.errors import InputError
 from truearm.files.atomic_write import check_writable, is_same_file
 from truearm.workflows.record import Record
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
     from truearm.arm import Arm
     from truearm.pages.page import Page
 
-FIGURE_ENDINGS = (".svg", ".pdf", ".png")
+FIGURE_ENDINGS = tuple(f".{form}" for form in get_args(FigureFormat))
 
 
 def check_output_is_not_input(out: str | Path, *inputs: str | Path | None) -> None:

@@ -372,6 +372,35 @@ class History:
         )
 
 
+def existing_history(path: Path) -> History:
+    """The history in a file that exists: a withdrawal creates none."""
+    check_readable(path, limit_bytes=MAX_BYTES, hint="name the file of the checks with --history")
+    return History(path)
+
+
+def number_of_check(which: str, checks: Sequence[InterimCheck], file: Path) -> int:
+    """The number, counted from 1, of the check that counts and has this number or date.
+
+    Raises
+    ------
+    InputError
+        If there is none, or more than one.
+    """
+    counting = {i: one for i, one in enumerate(checks, start=1) if one.withdrawn is None}
+    listed = [f"{i} of {format_date(one.date)}" for i, one in counting.items()]
+    hint = f"use one of {', '.join(listed[-8:])}" if listed else "check the model file: each model has its own checks"
+    if which.isdecimal():
+        found = [int(which)] if int(which) in counting else []
+    else:
+        found = [
+            i for i, one in counting.items() if which.replace("T", " ") in (format_date(one.date), f"{one.date.date()}")
+        ]
+    if len(found) != 1:
+        what = "no check that counts has" if not found else f"checks {', '.join(map(str, found))} have"
+        raise InputError(f"{what} the number or date {which!r:.40}", file=file, hint=hint)
+    return found[0]
+
+
 def _checksum(before: str, text: str) -> str:
     return sha256(f"{before}\n{text}".encode()).hexdigest()
 

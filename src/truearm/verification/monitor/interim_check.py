@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import datetime
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 
 import numpy as np
 import numpy.typing as npt
@@ -363,6 +365,20 @@ def interim_values(
     return tuple(
         replace(value, largest_expected_mm=largest.get((value.quantity, value.artefact)) or None) for value in values
     )
+
+
+def single_reading_remarks(seat: NameArray | None, lengths: Lengths | None) -> list[str]:
+    """Name seats with a single reading, which have no scatter: they are often misspelled names of other seats."""
+    if seat is None:
+        return []
+    counts = Counter(name for name in seat.tolist() if name)
+    ends = set() if lengths is None else {*lengths.seat_a.tolist(), *lengths.seat_b.tolist()}
+    remarks = []
+    for name in sorted(name for name, count in counts.items() if count == 1 and name not in ends):
+        close = get_close_matches(name, [other for other, count in counts.items() if count > 1], n=1)
+        meant = f"; is it {close[0]!r}, misspelled?" if close else ""
+        remarks.append(f"Seat {name!r} has a single reading; ignored{meant}")
+    return remarks
 
 
 def _expected_scatter(errors: PointErrors, probability: float) -> float | None:

@@ -1,0 +1,95 @@
+"""Options and arguments that several commands share, and what their texts mean."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from typer import Argument, Option
+
+from truearm.choices import DecisionRule, Limits
+
+Json = Annotated[bool, Option("--json", help="Print the result as JSON for machines.")]
+ARM_HELP = "A name from `truearm arms`, an arm file (.toml), or a URDF with its links: r.urdf, r.urdf:BASE:TIP."
+ArmOption = Annotated[str, Option("--arm", help=ARM_HELP)]
+ModelFile = Annotated[Path, Argument(metavar="MODEL", help="Model file.")]
+ModelOut = Annotated[Path, Option("--out", help="Model file to write; the usual ending is .truearm.")]
+SessionFile = Annotated[Path, Argument(metavar="SESSION", help="Session file, .csv or .parquet.")]
+LengthsFile = Annotated[Path | None, Option(help="File of known lengths between the session's seats, .csv.")]
+TipName = Annotated[str | None, Option(help="Name of the tip, of a model with several.")]
+ArtefactsFile = Annotated[Path | None, Option(help="Certificates of the artefacts, .toml.")]
+MpeFile = Annotated[Path | None, Option(help="The arm's specification: its limits and measuring range, .toml.")]
+Force = Annotated[bool, Option("--force", help="Replace files that exist already.")]
+Seed = Annotated[int, Option(min=0, help="Seed of all random numbers.")]
+DrawnArms = Annotated[int, Option("--arms", help="Number of arms to draw.")]
+RuleOption = Annotated[
+    DecisionRule | None, Option(help="Decision rule; by default that of the plan. simple ignores a small uncertainty.")
+]
+LimitsOption = Annotated[Limits, Option(help="Readings beyond a joint limit: skip them, or use them.")]
+
+# Of the commands that fill in points to measure.
+IntoForm = Annotated[
+    Path | None, Option(help="Points to measure (truearm verify --sheet), .csv: fill in their coordinates.")
+]
+FormDate = Annotated[str | None, Option(help="With --into: day of the measurement, 2026-11-03; today by default.")]
+FormTemperature = Annotated[float | None, Option(help="With --into: temperature of the artefacts.")]
+
+
+def typed_options(context: typer.Context) -> dict[str, str]:
+    """The options and arguments that a person typed, by the names of their parameters; others have their default."""
+    sources = {one: context.get_parameter_source(one.name or "") for one in context.command.params}
+    return {
+        one.name or "": one.opts[0] if one.opts[0].startswith("-") else f"a {one.name}"
+        for one, source in sources.items()
+        if source is not None and source.name == "COMMANDLINE"
+    }
+
+
+def refuse_typed(context: typer.Context, names: Iterable[str], rule: str, *, hint: str = "omit it") -> None:
+    """Refuse the options of these parameters: they would have no effect.
+
+    Raises
+    ------
+    InputError
+        If a person typed one: its name and the rule, such as ``applies to --into only``.
+    """
+    from truearm.errors import InputError
+
+    if typed := [option for name, option in typed_options(context).items() if name in set(names)]:
+        raise InputError(f"{typed[0]} {rule}", hint=hint)
+
+
+def free_parts(text: str) -> tuple[str, ...]:
+    """The free parts that --free names.
+
+    Raises
+    ------
+    InputError
+        If one of them is neither base nor tip.
+    """
+    from truearm.errors import InputError
+
+    parts = () if text.strip() == "none" else tuple(part.strip() for part in text.split(","))
+    if not set(parts) <= {"base", "tip"}:
+        raise InputError(f"--free expects base, tip, base,tip or none, got {text!r}", hint="--free base,tip")
+    return parts
+
+
+def numbers_of(text: str, option: str, example: str) -> list[float]:
+    """The numbers of an option, separated by commas.
+
+    Raises
+    ------
+    InputError
+        If one of them is no number.
+    """
+    from truearm.errors import InputError
+
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise InputError(
+            f"{option} expects numbers separated by commas, got {text!r}", hint=f"{option} {example}"
+        ) from None
