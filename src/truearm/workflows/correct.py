@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias, cast
+from typing import TYPE_CHECKING, TypeAlias, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -38,7 +38,7 @@ from truearm.solve.threads import one_blas_thread
 from truearm.typing import BoolArray, FloatArray
 from truearm.workflows.inputs import ModelLike, is_model_file, to_model_of_tip
 from truearm.workflows.predict import check_table_path
-from truearm.workflows.record import Record, format_fixed, to_plain
+from truearm.workflows.record import Record, format_fixed
 from truearm.workflows.sentences import format_mm, listed
 
 if TYPE_CHECKING:
@@ -344,33 +344,29 @@ class CorrectedTargets(Record):
             yield f"{n} corrected targets are outside the trained range: their errors may be larger than stated."
         yield from self._remarks()
 
-    def to_dict(self) -> dict[str, Any]:
-        """See `Record.to_dict`: the summary; `to_frame` has the joints."""
+    def _json(self) -> object:
         good = ~self.refused
         done = self.correction
-        plain: dict[str, Any] = to_plain(
-            {
-                "summary": self.summary(),
-                "direction": self.direction,
-                "kind": self.targets.kind,
-                "frame": self.frame,
-                "tool": self.tool,
-                "n_targets": len(self.targets),
-                "n_corrected": int(good.sum()),
-                "refused": [
-                    {"target": row + 1, "name": self.targets.label(row), "reason": reason}
-                    for row, reason in enumerate(self.reasons)
-                    if reason
-                ],
-                "max_change": np.abs(done.change[good]).max(axis=0) if good.any() else None,
-                "mean_shift_mm": float(done.shift_mm[good].mean()) if good.any() else None,
-                "max_steps": int(done.steps[good].max()) if good.any() else None,
-                "median_u_mm": float(np.median(self.u_mm[good])) if good.any() else None,
-                "n_outside_training": int(done.outside.sum()),
-                "remarks": list(self._remarks()),
-            }
-        )
-        return plain
+        return {
+            "summary": self.summary(),
+            "direction": self.direction,
+            "kind": self.targets.kind,
+            "frame": self.frame,
+            "tool": self.tool,
+            "n_targets": len(self.targets),
+            "n_corrected": int(good.sum()),
+            "refused": [
+                {"target": row + 1, "name": self.targets.label(row), "reason": reason}
+                for row, reason in enumerate(self.reasons)
+                if reason
+            ],
+            "max_change": np.abs(done.change[good]).max(axis=0) if good.any() else None,
+            "mean_shift_mm": float(done.shift_mm[good].mean()) if good.any() else None,
+            "max_steps": int(done.steps[good].max()) if good.any() else None,
+            "median_u_mm": float(np.median(self.u_mm[good])) if good.any() else None,
+            "n_outside_training": int(done.outside.sum()),
+            "remarks": list(self._remarks()),
+        }
 
     @property
     def _joint_columns(self) -> tuple[str, ...]:

@@ -38,7 +38,7 @@ from truearm.workflows.inputs import (
     within_limits,
     without_refit_readings,
 )
-from truearm.workflows.record import Record, TextTable, format_fixed, to_plain
+from truearm.workflows.record import Record, TextTable, format_fixed
 from truearm.workflows.regressors import AnyModelLike, RegressorLike, is_regressor, predict_points, regressor_remark
 from truearm.workflows.sentences import compare_with_nominal, format_mm, listed
 
@@ -211,20 +211,11 @@ class Evaluation(Record):
         yield from listed("outlier", self.outliers, "readings")
         yield from self.remarks
 
-    def to_dict(self) -> dict[str, Any]:
-        """See `Record.to_dict`: the model's errors by their names, and those of the nominal arm under ``nominal``."""
-        found = {
-            "summary": self.summary(),
-            **self.errors["model"],
-            "nominal": self.errors.get("nominal"),
-            "coverage": self.coverage,
-            "coverage_99": self.coverage_99,
-            "n_refit": self.n_refit,
-            "outliers": self.outliers,
-            "remarks": self.remarks,
-        }
-        plain: dict[str, Any] = to_plain(found)
-        return plain
+    def _json(self) -> object:
+        """The model's errors by their names, and those of the nominal arm under ``nominal``."""
+        errors = {**self.errors["model"], "nominal": self.errors.get("nominal")}
+        others = self.named("coverage", "coverage_99", "n_refit", "outliers", "remarks")
+        return {"summary": self.summary(), **errors, **others}
 
     def figure(self) -> Figure | None:
         """Distribution of the distances from the reference points."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -56,7 +56,7 @@ from truearm.workflows.inputs import (
     to_session,
     within_limits,
 )
-from truearm.workflows.record import Record, TextTable, format_fixed, to_plain
+from truearm.workflows.record import Record, TextTable, format_fixed
 from truearm.workflows.sentences import compare_with_nominal, format_mm, listed
 
 if TYPE_CHECKING:
@@ -288,8 +288,7 @@ class FitResult(Record):
     def _without_scatter(self) -> str:
         return "; the scatter of its networks comes on top" if isinstance(self.model, HybridModel) else ""
 
-    def to_dict(self) -> dict[str, Any]:
-        """See `Record.to_dict`."""
+    def _json(self) -> object:
         found: dict[str, Any] = {
             "summary": self.summary(),
             "model": self.model_name,
@@ -297,13 +296,8 @@ class FitResult(Record):
             "n_readings": len(self.session),
             "fit_seconds": self.model.fit_seconds_,
             "held_out": None,
-            "held_out_distances": self.held_out_distances,
-            "training": self.training,
-            "comparison": [asdict(score) for score in self.comparison],
-            "outliers": [asdict(outlier) for outlier in self.outliers],
-            "length_outliers": [asdict(outlier) for outlier in self.length_outliers],
-            "frame_changes": [asdict(change) for change in self.frame_changes],
-            "remarks": list(self.remarks),
+            **self.named("held_out_distances", "training", "comparison", "outliers", "length_outliers"),
+            **self.named("frame_changes", "remarks"),
         }
         if self.held_out_mm is not None:
             found["held_out"] = dict(zip(("mean_mm", "nominal_mean_mm"), self.held_out_mm, strict=True))
@@ -314,12 +308,11 @@ class FitResult(Record):
         if isinstance(self.model, IdentifiedModel | HybridModel):
             found["residual_std_mm"] = self.model.residual_std_
         if isinstance(self.model, IdentifiedModel):
-            found["residual_process"] = None if (process := self.model.residual_process_) is None else asdict(process)
-            found["groups"] = [asdict(group) for group in self.model.fit_.groups]
-            found["skipped_terms"] = [term._asdict() for term in self.model.excluded_terms_]
-            found["identifiability"] = asdict(identifiability(self.model.fit_))
-        plain: dict[str, Any] = to_plain(found)
-        return plain
+            found["residual_process"] = self.model.residual_process_
+            found["groups"] = self.model.fit_.groups
+            found["skipped_terms"] = self.model.excluded_terms_
+            found["identifiability"] = identifiability(self.model.fit_)
+        return found
 
     def figure(self) -> Figure | None:
         """Distribution of the errors on held-out readings, of the model and of the nominal arm."""

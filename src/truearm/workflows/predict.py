@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -31,7 +31,7 @@ from truearm.workflows.inputs import (
     payload_remarks,
     to_model_and_session,
 )
-from truearm.workflows.record import Record, format_fixed, to_plain
+from truearm.workflows.record import Record, format_fixed
 from truearm.workflows.sentences import agree, number_of
 
 if TYPE_CHECKING:
@@ -239,24 +239,20 @@ class Prediction(Record):
             yield f"There these inputs add to the standard uncertainty (root mean square): {sizes}."
         yield from self.remarks
 
-    def to_dict(self) -> dict[str, Any]:
-        """See `Record.to_dict`: the summary; `to_frame` has the points."""
+    def _json(self) -> object:
         outside = self.outside_training
-        plain: dict[str, Any] = to_plain(
-            {
-                "summary": self.summary(),
-                "n_readings": len(self.points),
-                "median_u_mm": float(np.median(self.u_mm)),
-                "unstated_u_mm": self.unstated_u_mm,
-                "n_outside_training": int(outside.sum()),
-                "inputs_outside_training": {name: int(rows.sum()) for name, rows in self.inputs_outside.items()},
-                "outside_u_mm": self.outside_u_mm,
-                "median_u_outside_training_mm": float(np.median(self.u_mm[outside])) if outside.any() else None,
-                "n_in_unknown_session": int(self._in_unknown_session.sum()),
-                "remarks": self.remarks,
-            }
-        )
-        return plain
+        return {
+            "summary": self.summary(),
+            "n_readings": len(self.points),
+            "median_u_mm": float(np.median(self.u_mm)),
+            "unstated_u_mm": self.unstated_u_mm,
+            "n_outside_training": int(outside.sum()),
+            "inputs_outside_training": {name: int(rows.sum()) for name, rows in self.inputs_outside.items()},
+            "outside_u_mm": self.outside_u_mm,
+            "median_u_outside_training_mm": float(np.median(self.u_mm[outside])) if outside.any() else None,
+            "n_in_unknown_session": int(self._in_unknown_session.sum()),
+            "remarks": self.remarks,
+        }
 
     @property
     def _in_unknown_session(self) -> BoolArray:

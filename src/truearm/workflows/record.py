@@ -85,9 +85,9 @@ class Record(ABC):
         plain: dict[str, Any] = to_plain(self._json())
         return plain
 
+    @abstractmethod
     def _json(self) -> object:
         """What `to_dict` makes plain: values by their names in JSON, or a dataclass."""
-        raise NotImplementedError
 
     def named(self, *names: str) -> dict[str, Any]:
         """The attributes of these names: those whose name in JSON is the same."""

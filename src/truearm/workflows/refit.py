@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -27,7 +26,7 @@ from truearm.workflows.inputs import (
     to_model_and_session,
     within_limits,
 )
-from truearm.workflows.record import Record, format_fixed, to_plain
+from truearm.workflows.record import Record, format_fixed
 from truearm.workflows.sentences import format_mm, listed
 
 
@@ -178,21 +177,17 @@ class RefitResult(Record):
         yield from listed("outlier", self.outliers, "readings")
         yield from self.remarks
 
-    def to_dict(self) -> dict[str, Any]:
-        """See `Record.to_dict`."""
-        plain: dict[str, Any] = to_plain(
-            {
-                "summary": self.summary(),
-                "free": self.model.free_,
-                "n_used": self.n_used,
-                "n_readings": len(self.session),
-                "fit_seconds": self.model.fit_seconds_,
-                "residual_std_mm": self.model.residual_std_,
-                "residual_std_before_mm": self.residual_std_before_mm,
-                "median_u_mm": self.median_u_mm,
-                "residual_process": None if (process := self.model.residual_process_) is None else asdict(process),
-                "outliers": [asdict(outlier) for outlier in self.outliers],
-                "remarks": self.remarks,
-            }
-        )
-        return plain
+    def _json(self) -> object:
+        return {
+            "summary": self.summary(),
+            "free": self.model.free_,
+            "n_used": self.n_used,
+            "n_readings": len(self.session),
+            "fit_seconds": self.model.fit_seconds_,
+            "residual_std_mm": self.model.residual_std_,
+            "residual_std_before_mm": self.residual_std_before_mm,
+            "median_u_mm": self.median_u_mm,
+            "residual_process": self.model.residual_process_,
+            "outliers": self.outliers,
+            "remarks": self.remarks,
+        }
