@@ -22,7 +22,7 @@ from truearm.verification.monitor import history as truearm_history
 from truearm.verification.monitor.assessment import RecalibrationAdvice, assess
 from truearm.verification.monitor.history import History
 from truearm.verification.monitor.interim_check import InterimCheck, interim_values
-from truearm.workflows.check import readings_to_compare
+from truearm.verification.tasks.model_check import readings_to_compare
 
 PAGE = Path(__file__).parents[2] / "docs" / "interim-check.md"
 TYPED = (1, 10, 11, 18, 26)

@@ -59,8 +59,7 @@ def check(
 
     files = (model, session, lengths, mpe)
     check_output_is_not_input(history, *files)
-    if report is not None:
-        check_page_path(report, *files, history)
+    check_page_path(report, *files, history)
     with progress(f"checking {session.name}"):
         result = checked(model, session, history, lengths=lengths, specification=mpe, retired=retired or (), date=date)
         if report is not None:
@@ -76,8 +75,7 @@ def _withdraw(
 
     if reason is None:
         raise InputError("--withdraw needs --reason as well", hint='--reason "the ball was dirty"')
-    if report is not None:
-        check_page_path(report, model, history)
+    check_page_path(report, model, history)
     result = withdraw_check(model, history, which, reason=reason)
     if report is not None and result.assessment is not None:
         result.save_page(report)

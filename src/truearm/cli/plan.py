@@ -90,8 +90,7 @@ def plan(
     refuse_typed(context, ["sphere"], "applies to --artefact check only")
     for file in template_files(out, artefact):
         check_new_form(file, holds="readings")
-    if page is not None:
-        check_page_path(page, arm_path(arm), session)
+    check_page_path(page, arm_path(arm), session)
     n_strategies = len(get_args(Strategy))
     with progress("planning", total=n_strategies) as tell:
         result = planned(

@@ -84,8 +84,7 @@ def task(
     """
     from truearm.workflows.task import task as estimated
 
-    if report is not None:
-        check_page_path(report, what, spec, arm)
+    check_page_path(report, what, spec, arm)
     with progress(f"measuring a {feature}", total=arms) as tell:
         result = estimated(
             _source(what, spec),

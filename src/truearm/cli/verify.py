@@ -137,8 +137,7 @@ def _verify_points(
     from truearm.verification.standards.decision import Verdict
     from truearm.workflows.verify import verify as verified
 
-    if report is not None:
-        check_page_path(report, plan, points, artefacts, mpe)
+    check_page_path(report, plan, points, artefacts, mpe)
     result = verified(points, plan=plan, artefacts=artefacts, specification=mpe, rule=rule)
     if report is not None:
         result.save_page(report)

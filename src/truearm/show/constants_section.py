@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
-from truearm.compensation.export.constants_table import NOMINAL, ConstantsTable
+from collections.abc import Mapping
+
+from truearm.compensation.export.constants_table import NOMINAL, ConstantsTable, constants_table
+from truearm.compensation.export.rigid_arm import best_rigid_arm
+from truearm.compensation.models import Compensator
+from truearm.compensation.models.identified_model import IdentifiedModel, NominalModel
 from truearm.compensation.targets.manifest import ExportLoss
 from truearm.number_format import RoundedNumber, format_number
 from truearm.pages.page import Cell, Column, Section, Table
@@ -88,3 +93,23 @@ def _changed(table: ConstantsTable, reach_mm: float) -> list[int]:
         if one.place not in ("base", "tip") and one.std > 0 and abs(one.change) > SIGNIFICANT * one.std
     }
     return sorted(effect, key=lambda i: -effect[i])
+
+
+def constants_sections(models: Mapping[str, Compensator]) -> list[Section]:
+    """Constants beside the drawing of every identified arm whose file keeps poses of its training."""
+    identified = {
+        name: model
+        for name, model in models.items()
+        if isinstance(model, IdentifiedModel)
+        and not isinstance(model, NominalModel)
+        and model.training_.angle_sample is not None
+    }
+    sections = []
+    for name, model in identified.items():
+        rigid = best_rigid_arm(model)
+        title = name if len(identified) > 1 else ""
+        table, reach = constants_table(model, rigid), model.arm.chain.reach
+        sections.append(
+            constants_section(table, rigid.loss, reach_mm=reach, name=title, folded=name != list(identified)[-1])
+        )
+    return sections

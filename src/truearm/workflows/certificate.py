@@ -263,8 +263,7 @@ def check_certificate_paths(
         If there is a `pdf` and fpdf2 is not installed.
     """
     check_output(path, *inputs, endings=(".xml",))
-    if page is not None:
-        check_page_path(page, *inputs, path)
+    check_page_path(page, *inputs, path)
     if pdf is not None:
         from truearm.pages.pdf import check_pdf_writer
 

@@ -15,11 +15,9 @@ import numpy as np
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.arm_check import with_serial_number
 from truearm.compensation.models.model_file import save_model
-from truearm.compensation.models.training_conditions import fingerprint
 from truearm.errors import InputError
 from truearm.readings import Lengths, Session, check_sessions
 from truearm.solve.threads import one_blas_thread
-from truearm.typing import FloatArray
 from truearm.verification.monitor.assessment import (
     Assessment,
     RecalibrationAdvice,
@@ -33,22 +31,17 @@ from truearm.verification.monitor.assessment import (
     describe_withdrawals,
 )
 from truearm.verification.monitor.control_chart import CHECKS_NEEDED
-from truearm.verification.monitor.expected_values import PointErrors
 from truearm.verification.monitor.history import History, OtherModel, existing_history, number_of_check
 from truearm.verification.monitor.interim_check import (
     CHECK_QUANTITIES,
-    CheckReading,
-    CheckValue,
     InterimCheck,
     Withdrawal,
-    artefacts_of,
     counted,
-    interim_deviations,
-    interim_values,
     single_reading_remarks,
 )
 from truearm.verification.monitor.recorded_check import RecordedCheck, record_check
 from truearm.verification.standards.dates import format_date, now, parse_moment
+from truearm.verification.tasks.model_check import check_of_model
 from truearm.workflows.inputs import (
     LengthsLike,
     ModelLike,
@@ -289,52 +282,13 @@ def check(
     if outside := int(fitted.outside_training(readings.angles).sum()):
         have = agree(outside, "have")
         remarks.append(f"{outside} of {number_of(len(readings))} {have} a joint outside the trained range.")
-    temperature = None if readings.temperature_degC is None else float(readings.temperature_degC.mean())
-    points = fitted.predict_readings(readings)
-    values = _values(fitted, points, readings, known, temperature)
-    compared = readings_to_compare(fitted, points, readings)
-    new = InterimCheck(moment, model_file_fingerprint(model), fingerprint(readings), temperature, values, compared)
+    new = check_of_model(fitted, readings, known, date=moment, model_sha256=model_file_fingerprint(model))
     name = Path(model).name if isinstance(model, str | Path) else type(fitted).__name__
     unit = with_serial_number(fitted.arm_, readings).serial_number
     record = record_check(
         kept, new, specification=limits, retired=retired, name=name, arm=fitted.arm.name, serial_number=unit
     )
     return CheckResult(record, fitted, name, file, kept.head, tuple(remarks), readings, known, files)
-
-
-def readings_to_compare(model: Compensator, points: FloatArray, session: Session) -> tuple[CheckReading, ...]:
-    """What a later check compares its readings with; a nanometre and a second of arc are enough."""
-    poses = np.where(model.arm.chain.is_prismatic, session.angles / 1000, session.angles).round(5)
-    deviation = interim_deviations(points, seat=session.seat, sphere=session.sphere).round(6)
-    artefacts = artefacts_of(session.seat, session.sphere, len(session))
-    return tuple(
-        CheckReading(artefact, tuple(pose), tuple(away))
-        for artefact, pose, away in zip(artefacts, poses.tolist(), deviation.tolist(), strict=True)
-        if not np.isnan(away).any()
-    )
-
-
-def _values(
-    model: Compensator, points: FloatArray, session: Session, lengths: Lengths | None, temperature_degC: float | None
-) -> tuple[CheckValue, ...]:
-    """The test values of the points that the model predicts."""
-    # Unexplained by the model: the other part of its uncertainty is the same in every check.
-    of_parameters, unexplained = model.covariance_parts(session)
-    shared = model.shared_displacements(session)
-    own = of_parameters - np.einsum("kni,knj->nij", shared, shared) + unexplained
-    try:
-        return interim_values(
-            points,
-            std_mm=np.sqrt(np.trace(unexplained, axis1=1, axis2=2) / 3),
-            # A difference of nothing may be below zero by rounding.
-            errors=PointErrors(np.sqrt(np.maximum(np.trace(own, axis1=1, axis2=2) / 3, 0.0)), shared),
-            seat=session.seat,
-            sphere=session.sphere,
-            lengths=lengths,
-            temperature_degC=temperature_degC,
-        )
-    except InputError as error:
-        raise (error.in_file(session.file) if session.file is not None and error.file is None else error) from None
 
 
 def model_file_fingerprint(model: ModelLike) -> str:

@@ -107,10 +107,8 @@ def measure(
     if inputs := fitted.inputs_outside_training(readings):
         remarks.append(f"{describe_outside(inputs, fitted.training_, readings)}; errors may be larger there.")
     groups, unnamed = _by_seat(readings)
-    readings = _in_one_frame(readings)
-    # A direction of 0 is not known: no direction of that session is relied on.
-    directed = readings.directions is not None and bool((readings.directions != 0).all())
-    readings = readings if directed else replace(readings, directions=None)
+    readings = _with_known_directions(_in_one_frame(readings))
+    directed = readings.directions is not None
     errors = PosteriorDistribution(fitted, repeatability_mm, directions_given=directed, readings=readings)
     assert isinstance(fitted, IdentifiedModel)  # others are refused by then
     try:
@@ -133,6 +131,12 @@ def measure(
     return MeasuredFeatures(
         fitted, readings, tuple(found), tip_diameter_mm, repeatability_mm, n_arms, seed, (*unnamed, *remarks)
     )
+
+
+def _with_known_directions(readings: Session) -> Session:
+    """The readings without directions where one is 0, not known: no direction of that session is relied on."""
+    known = readings.directions is not None and bool((readings.directions != 0).all())
+    return readings if known else replace(readings, directions=None)
 
 
 def _in_one_frame(readings: Session) -> Session:

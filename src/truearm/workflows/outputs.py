@@ -46,9 +46,10 @@ def check_output(out: str | Path, *inputs: str | Path | None, endings: tuple[str
     check_writable(out)
 
 
-def check_page_path(page: str | Path, *inputs: str | Path | None) -> None:
-    """Check a page as `check_output` does."""
-    check_output(page, *inputs, endings=(".html", ".htm"))
+def check_page_path(page: str | Path | None, *inputs: str | Path | None) -> None:
+    """Check a page, if there is to be one, as `check_output` does."""
+    if page is not None:
+        check_output(page, *inputs, endings=(".html", ".htm"))
 
 
 def check_new_file(out: str | Path, *, force: bool) -> None:

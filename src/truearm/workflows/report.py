@@ -7,12 +7,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from truearm.compensation.export.constants_table import constants_table
-from truearm.compensation.export.rigid_arm import best_rigid_arm
 from truearm.compensation.models import Compensator
-from truearm.compensation.models.identified_model import IdentifiedModel, NominalModel
 from truearm.errors import InputError
-from truearm.pages.page import Page, Section
+from truearm.pages.page import Page
 from truearm.readings import Lengths, Session, seat_errors
 from truearm.show.comparison_page import (
     ModelComparison,
@@ -20,7 +17,7 @@ from truearm.show.comparison_page import (
     comparison_verdict,
     improvement_sentence,
 )
-from truearm.show.constants_section import constants_section
+from truearm.show.constants_section import constants_sections
 from truearm.show.identification_sections import identification_sections, identified_budgets
 from truearm.show.seat_page import SeatComparison, seats_page
 from truearm.solve.threads import one_blas_thread
@@ -106,7 +103,7 @@ class ReportResult(PageRecord):
             "remarks": self.page_remarks,
         }
         both = identified_budgets(models, session)
-        layout["more"] = [*_constants_sections(models), *identification_sections(models, session, both)]
+        layout["more"] = [*constants_sections(models), *identification_sections(models, session, both)]
         if isinstance(self.comparison, SeatComparison):
             return seats_page(self.comparison, **layout)
         budgets = {name: budget for name, (budget, _) in both.items()}
@@ -133,26 +130,6 @@ class ReportResult(PageRecord):
     def _json(self) -> object:
         arm = one_arm(dict(self.models)).arm.name
         return {"arm": arm, "n_readings": len(self.session), **self.named("errors", "remarks")}
-
-
-def _constants_sections(models: Mapping[str, Compensator]) -> list[Section]:
-    """Constants beside the drawing of every identified arm whose file keeps poses of its training."""
-    identified = {
-        name: model
-        for name, model in models.items()
-        if isinstance(model, IdentifiedModel)
-        and not isinstance(model, NominalModel)
-        and model.training_.angle_sample is not None
-    }
-    sections = []
-    for name, model in identified.items():
-        rigid = best_rigid_arm(model)
-        title = name if len(identified) > 1 else ""
-        table, reach = constants_table(model, rigid), model.arm.chain.reach
-        sections.append(
-            constants_section(table, rigid.loss, reach_mm=reach, name=title, folded=name != list(identified)[-1])
-        )
-    return sections
 
 
 @one_blas_thread()
@@ -204,8 +181,7 @@ def report(
     """
     given = _by_name(models)
     files = input_files(*given.values(), session, lengths)
-    if path is not None:
-        check_page_path(path, *files)
+    check_page_path(path, *files)
     regressors = {name: one for name, one in given.items() if is_regressor(one)}
     own = [(name, one) for name, one in given.items() if name not in regressors]
     if not own:

@@ -7,22 +7,17 @@ from dataclasses import dataclass
 from math import ceil, floor
 from pathlib import Path
 
-from truearm.arm import Arm
 from truearm.compensation.models import Compensator
-from truearm.errors import InputError
-from truearm.identification.planning.sampling.measuring import check_five_rotary_joints
-from truearm.identification.planning.sampling.workspace import stance
 from truearm.identification.virtual.presets import Preset
 from truearm.solve.threads import one_blas_thread
-from truearm.verification.standards.artefacts import Artefacts, example_artefacts
+from truearm.verification.standards.artefacts import Artefacts
 from truearm.verification.standards.decision import DecisionRule, Verdict
-from truearm.verification.standards.layout import lay_out_tests
 from truearm.verification.standards.measured_points import MeasuredPoints
-from truearm.verification.standards.specification import Specification, example_specification
+from truearm.verification.standards.specification import Specification
 from truearm.verification.standards.verification import Verification
 from truearm.verification.standards.verification_plan import VerificationPlan
 from truearm.verification.tasks import simulated_verification as simulation
-from truearm.verification.tasks.posed_test import PosedTest, pose
+from truearm.verification.tasks.posed_test import PosedTest, pose_test
 from truearm.verification.tasks.sampled_arms import ArmDistribution
 from truearm.workflows.inputs import ArmLike
 from truearm.workflows.record import Record, TextTable
@@ -35,9 +30,6 @@ from truearm.workflows.verify import (
     to_plan,
     to_specification,
 )
-
-# Without a specification, the measuring range is the largest of these shares of the links' length that is reached.
-RANGE_SHARES = (1.0, 0.9, 0.8, 0.7, 0.6)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -201,7 +193,7 @@ def simulate_verification(
     planned = to_plan(plan)
     arms, about = to_arm_distribution(source, arm)
     tell(0, "finding poses")
-    limits, certified, posed = _posed_test(
+    limits, certified, posed = pose_test(
         arms.arm,
         planned,
         artefacts=None if artefacts is None else to_artefacts(artefacts),
@@ -223,38 +215,6 @@ def simulate_verification(
     return SimulatedVerification(
         about, arms, posed, planned, certified, where, limits, rule or planned.decision_rule, tuple(verifications), seed
     )
-
-
-def _posed_test(
-    arm: Arm,
-    plan: VerificationPlan,
-    *,
-    artefacts: Artefacts | None,
-    specification: Specification | None,
-    seed: int,
-) -> tuple[Specification, Artefacts, PosedTest]:
-    """The test with poses for an arm, with examples for what is not given.
-
-    The measuring range is that of the specification; without one, the largest in which the arm reaches all points.
-    """
-    check_five_rotary_joints(arm)
-    where = stance(arm)
-    for share in RANGE_SHARES:
-        whole = 2 * share * where.reach_mm
-        # In round numbers, as on data sheets.
-        limits = specification or example_specification(100 * int(whole / 100) or whole)
-        certified = artefacts or example_artefacts(limits.measuring_range_mm)
-        shoulder_mm = float(where.shoulder_in_base[2])
-        layout = lay_out_tests(plan, certified, limits.measuring_range_mm, shoulder_mm=shoulder_mm)
-        try:
-            return limits, certified, pose(layout, arm, seed=seed)
-        except InputError as error:
-            if specification is not None:
-                hint = f"{error.hint}; without a specification, truearm looks for a range that the arm reaches"
-                raise InputError(error.problem, hint=hint) from None
-            if share == RANGE_SHARES[-1] or where.reach_mm == 0:
-                raise
-    raise AssertionError("the last share returns or raises")
 
 
 _VERDICTS = (Verdict.CONFORM, Verdict.NOT_CONFORM, Verdict.UNDECIDED)

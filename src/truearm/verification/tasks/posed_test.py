@@ -14,7 +14,10 @@ from truearm.identification.planning.sampling.measuring import check_five_rotary
 from truearm.identification.planning.sampling.seat import farthest_points
 from truearm.identification.planning.sampling.workspace import azimuth_of, stance, within_cone
 from truearm.typing import BoolArray, FloatArray, IntArray
-from truearm.verification.standards.layout import Placement
+from truearm.verification.standards.artefacts import Artefacts, example_artefacts
+from truearm.verification.standards.layout import Placement, lay_out_tests
+from truearm.verification.standards.specification import Specification, example_specification
+from truearm.verification.standards.verification_plan import VerificationPlan
 
 # Spread of the postures from group to group, and within a group: swing of the elbow, roll of the handle.
 SWING_DEG, ROLL_DEG, WITHIN_DEG, NEAR_DEG = 35.0, 60.0, 3.0, 45.0
@@ -22,6 +25,8 @@ SWING_DEG, ROLL_DEG, WITHIN_DEG, NEAR_DEG = 35.0, 60.0, 3.0, 45.0
 LEANS_DEG = (0.0,) * 6 + (15.0,) * 6 + (30.0,) * 6 + (45.0,) * 6 + (60.0,) * 12
 # In a seat: angle of the stylus, distance of postures from the working pose per joint; candidates per point, tries.
 SEAT_LEAN_DEG, SEAT_SWING_DEG, SEAT_POOL, SEAT_TRIES = 60.0, 100.0, 10, 10
+# Without a specification, the measuring range is the largest of these shares of the links' length that is reached.
+RANGE_SHARES = (1.0, 0.9, 0.8, 0.7, 0.6)
 # First word of the stream, different from those of the arms' own errors.
 _POSES = 4
 
@@ -97,6 +102,51 @@ def pose(layout: Sequence[Placement], arm: Arm, *, seed: int) -> PosedTest:
             "your own (--print-plan) without these places: fewer positions, or required = false",
         )
     return PosedTest(arm, layout, angles, placement)
+
+
+def pose_test(
+    arm: Arm,
+    plan: VerificationPlan,
+    *,
+    artefacts: Artefacts | None,
+    specification: Specification | None,
+    seed: int,
+) -> tuple[Specification, Artefacts, PosedTest]:
+    """The test with poses for an arm, with examples for what is not given.
+
+    The measuring range is that of the specification; without one, the largest in which the arm reaches all points.
+
+    Parameters
+    ----------
+    arm : Arm
+    plan : VerificationPlan
+    artefacts : Artefacts or None
+    specification : Specification or None
+    seed : int
+
+    Raises
+    ------
+    InputError
+        If the arm does not reach all points.
+    """
+    check_five_rotary_joints(arm)
+    where = stance(arm)
+    for share in RANGE_SHARES:
+        whole = 2 * share * where.reach_mm
+        # In round numbers, as on data sheets.
+        limits = specification or example_specification(100 * int(whole / 100) or whole)
+        certified = artefacts or example_artefacts(limits.measuring_range_mm)
+        shoulder_mm = float(where.shoulder_in_base[2])
+        layout = lay_out_tests(plan, certified, limits.measuring_range_mm, shoulder_mm=shoulder_mm)
+        try:
+            return limits, certified, pose(layout, arm, seed=seed)
+        except InputError as error:
+            if specification is not None:
+                hint = f"{error.hint}; without a specification, truearm looks for a range that the arm reaches"
+                raise InputError(error.problem, hint=hint) from None
+            if share == RANGE_SHARES[-1] or where.reach_mm == 0:
+                raise
+    raise AssertionError("the last share returns or raises")
 
 
 def _unreached(layout: Sequence[Placement], unreached: Mapping[tuple[int, str], int]) -> str:
