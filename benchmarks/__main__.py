@@ -116,7 +116,7 @@ def print_row(name: str, row: Row, options: dict[str, Any], found: Found, second
 def said(options: dict[str, Any]) -> str:
     """Options as they are typed."""
     values = {o: " ".join(map(str, v)) if isinstance(v, tuple | list) else v for o, v in options.items()}
-    return " ".join(f"--{o.replace('_', '-')} {v}" for o, v in values.items() if v not in (None, False))
+    return " ".join(f"--{o.replace('_', '-')} {v}" for o, v in values.items() if v or type(v) is int)
 
 
 def print_table(rows: Any) -> None:

@@ -127,7 +127,9 @@ def pybotics(seed: int = 0, runs: int = 21, peer: str | None = None) -> Found:
     if peer:
         given = {"table": UR10_MDH, "angles": task.angles, "positions": task.positions, "n_train": N_TRAIN}
         answer = answer_of(peer, "pybotics", given)
-        if "failed" not in answer:
+        if "failed" in answer:
+            answer["see"] = "--help, how to install it"
+        else:
             answer["largest offset error [rad]"] = offset_error(np.array(answer.pop("offsets_rad")), task)
             answer["times as long"] = answer["seconds"] / times.median
         notes.append(f"pybotics: {answer}")
@@ -219,7 +221,7 @@ def robotkinecal_answer(python: str, task: PoseTask) -> dict[str, Any]:
     readings = {"angles": task.angles, "R": task.R @ to_link8, "points": task.points / 1e3, "full": task.full}
     answer = answer_of(python, "robotkinecal", readings | {"test": task.test})
     if "failed" in answer:
-        return {"readings": f"  robotkinecal: {answer['failed']}"}
+        return {"readings": f"  robotkinecal: {answer['failed']}; --help says how to install it"}
     error = 1e3 * np.array(answer["test_points"]) - task.truth.tip_in_base(task.test)
     return {
         "readings": f"  robotkinecal {answer['version']}",
