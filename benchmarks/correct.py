@@ -53,7 +53,7 @@ def measured_points(model: str | None = None) -> Found:
     there = chain.tip_in_base(joints)
     nominal = solve_poses(task_of(fitted, nominal_poses(fitted), Pose(R, test.points)), start)
     table = []
-    for name, solved in (("corrected", found.joints), ("nominal arm's inverse kinematics", nominal.joints)):
+    for name, solved in (("corrected", found.joints), ("nominal arm's inverse kinematics", nominal.angles)):
         errors = np.linalg.norm(chain.tip_in_base(solved[good]) - there[good], axis=1)
         spread = {"mean [mm]": errors.mean(), "95 % [mm]": np.quantile(errors, 0.95), "max [mm]": errors.max()}
         table.append({"joints": name, "n": len(test), "refused": int(found.refused.sum()), **spread})
@@ -76,7 +76,7 @@ def steps(targets: int = 10_000, model: str | None = None) -> Found:
         everyday = good & (found.condition < EVERYDAY)
         nominal = nominal_poses(fitted).pose(joints, np.arange(len(joints)))
         task = task_of(fitted, poses_of(fitted, given.session(joints)), nominal)
-        after_4 = np.abs(solve_poses(task, joints, max_steps=4).joints - found.joints).max(axis=1) <= 1e-9
+        after_4 = np.abs(solve_poses(task, joints, max_steps=4).angles - found.joints).max(axis=1) <= 1e-9
         back = correct_targets(fitted, Targets.of_joints(found.joints[everyday]), direction="feedback", **SILENT)
         table.append({
             "targets": what,

@@ -9,6 +9,7 @@ and rises when it does not (Levenberg, Marquardt), so that the last steps are Ne
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -43,23 +44,47 @@ class InverseKinematicsResult:
         From the tip to the target [mm].
     angle_rad : (n,) array
         Between the probe axis, or the flange, and its target [rad]; zero if only the tip was requested.
+    steps : (n,) int array
+    jacobian : (n, 3, 5 or 6, n_joints) array
+        Of the pose by the joints, both as lengths: a radian counts as the usual lever of a joint [mm].
     """
 
     angles: FloatArray
     reached: BoolArray
     distance_mm: FloatArray
     angle_rad: FloatArray
+    steps: IntArray
+    jacobian: FloatArray
+
+    @classmethod
+    def joined(cls, parts: Sequence[InverseKinematicsResult]) -> InverseKinematicsResult:
+        """The targets of several results, one after the other."""
+        return cls(*(np.concatenate([getattr(part, name.name) for part in parts]) for name in fields(cls)))
 
     def rows(self, which: IntArray | BoolArray) -> InverseKinematicsResult:
         """Some of the targets."""
         return InverseKinematicsResult(*(getattr(self, field.name)[which] for field in fields(self)))
 
     def replaced(self, rows: IntArray, others: InverseKinematicsResult) -> InverseKinematicsResult:
-        """The same with other solutions in some rows."""
+        """The same with other solutions in some rows; their steps are added."""
         parts = [getattr(self, field.name).copy() for field in fields(self)]
         for field, part in zip(fields(self), parts, strict=True):
             part[rows] = getattr(others, field.name)
-        return InverseKinematicsResult(*parts)
+        found = InverseKinematicsResult(*parts)
+        found.steps[rows] += self.steps[rows]
+        return found
+
+    @property
+    def condition(self) -> FloatArray:
+        """(n,) largest by smallest singular value of the Jacobian."""
+        values = np.linalg.svd(self.jacobian, compute_uv=False)
+        return np.asarray(values[:, 0] / np.maximum(values[:, -1], 1e-300))
+
+
+def within_longest_step(step: FloatArray, scale: FloatArray | float) -> FloatArray:
+    """Steps (n, n_joints) [mm], none longer than half a radian: beyond it a linearisation is worth little."""
+    longest = np.maximum(np.abs(step).max(axis=1), 1e-300)
+    return np.asarray(step * np.minimum(1.0, _LONGEST_STEP * scale / longest)[:, None])
 
 
 def solve_inverse_kinematics(
@@ -111,16 +136,13 @@ def solve_inverse_kinematics(
     problem = _problem(chain, tips_in_base, start, posture, lower, upper)
     axes, rotations = _orientations(probe_axis_in_base, R_base_tip, len(problem.targets))
     problem = replace(problem, axes=axes, rotations=rotations, tolerance_mm=tolerance_mm, tolerance_rad=tolerance_rad)
-    angles = np.empty_like(problem.start)
-    distance, angle = np.empty(len(angles)), np.empty(len(angles))
-    for first in range(0, len(angles), _ROWS):
-        rows = slice(first, first + _ROWS)
-        part = problem.rows(rows)
+    parts = []
+    for first in range(0, max(len(problem.targets), 1), _ROWS):
+        part = problem.rows(slice(first, first + _ROWS))
         q = part.start if part.posture is None else _pulled(part)
-        angles[rows], missing, *_ = levenberg_marquardt_by_row(part, q, damping=_DAMPING, max_epochs=max_steps)
-        distance[rows], angle[rows] = part.errors(missing)
-    reached = (distance <= tolerance_mm) & (angle <= tolerance_rad)
-    return InverseKinematicsResult(angles, reached, distance, angle)
+        q, missing, J, steps = levenberg_marquardt_by_row(part, q, damping=_DAMPING, max_epochs=max_steps)
+        parts.append(InverseKinematicsResult(q, part.has_converged(missing), *part.errors(missing), steps, J))
+    return InverseKinematicsResult.joined(parts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,9 +213,7 @@ class _Problem:
         for _ in range(3):  # the others take over the share of a joint at its limit
             step = _damped_step(missing, J * free[:, None], damping, pull * free)
             free &= ~(((q <= self.lower) & (step < 0)) | ((q >= self.upper) & (step > 0)))
-        step = step * free
-        longest = np.maximum(np.abs(step).max(axis=1), 1e-300)
-        step *= np.minimum(1.0, _LONGEST_STEP * self.scale / longest)[:, None]
+        step = within_longest_step(step * free, self.scale)
         return np.clip(q + step / self.mm_per_unit, self.lower, self.upper)
 
 

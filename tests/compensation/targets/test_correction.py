@@ -259,7 +259,7 @@ def test_continuation_finds_the_configuration_that_newton_leaves(ur10):
     start = joints + rng.uniform(-1.0, 1.0, joints.shape)
     pose = nominal_of(ur10.model, joints)
     task = task_of(ur10.model, nominal, pose)
-    rows = np.flatnonzero(~keeps_configuration(task, start, solve_poses(task, start).joints))
+    rows = np.flatnonzero(~keeps_configuration(task, start, solve_poses(task, start).angles))
     found, kept = follow(task.rows(rows), start[rows], Pose(*(p[rows] for p in nominal_of(ur10.model, start))))
     assert kept.any()
     there = nominal_of(ur10.model, found.joints[kept])

@@ -13,7 +13,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from truearm.arm.chain import Pose
-from truearm.compensation.targets.inverse import InverseSolution, PoseTask, scaled_jacobian, solve_poses, turn_between
+from truearm.arm.inverse_kinematics import InverseKinematicsResult
+from truearm.compensation.targets.inverse import PoseTask, scaled_jacobian, solve_poses, turn_between
 from truearm.typing import BoolArray, FloatArray
 
 # The condition of the Jacobian in everyday poses is 5 to 100. Above this one a micrometre at the tip is half a degree.
@@ -35,12 +36,12 @@ def keeps_configuration(task: PoseTask, start: FloatArray, joints: FloatArray) -
     return kept
 
 
-def follow(task: PoseTask, start: FloatArray, at_start: Pose) -> tuple[InverseSolution, BoolArray]:
+def follow(task: PoseTask, start: FloatArray, at_start: Pose) -> tuple[InverseKinematicsResult, BoolArray]:
     """Solve a task by continuation: along poses between those at the start and the target.
 
     Returns
     -------
-    InverseSolution
+    InverseKinematicsResult
     (n,) bool array
         Whether the path arrived without meeting a singular pose, so that the configuration is that of the start.
     """
@@ -52,8 +53,8 @@ def follow(task: PoseTask, start: FloatArray, at_start: Pose) -> tuple[InverseSo
         found = solve_poses(
             replace(task, target=Pose(R, at_start.tip_in_base + share * shift)), joints, max_steps=_STEPS
         )
-        kept &= found.reached & keeps_configuration(task, joints, found.joints)
-        joints = found.joints
+        kept &= found.reached & keeps_configuration(task, joints, found.angles)
+        joints = found.angles
     return found, kept
 
 

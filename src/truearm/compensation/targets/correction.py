@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from truearm.arm.chain import Pose
+from truearm.arm.inverse_kinematics import InverseKinematicsResult
 from truearm.choices import TargetDirection
 from truearm.choices import Untrained as Untrained
 from truearm.compensation.models.compensator import Compensator
@@ -22,7 +23,6 @@ from truearm.compensation.models.training_conditions import TOGETHER
 from truearm.compensation.targets.configuration import MAX_CONDITION, follow, keeps_configuration
 from truearm.compensation.targets.inverse import (
     MAX_STEPS,
-    InverseSolution,
     PoseTask,
     freedom,
     scaled_jacobian,
@@ -102,7 +102,7 @@ class Correction:
 class _Solved(NamedTuple):
     """Solutions with what they are compared with: joints of the machine, and joints before the correction."""
 
-    solution: InverseSolution
+    solution: InverseKinematicsResult
     target: Pose
     machine_joints: FloatArray
     before: FloatArray
@@ -176,19 +176,19 @@ def _command(model: Compensator, targets: Targets, *, frame: Frame) -> _Solved:
     found = solve_poses(task, before, max_steps=CORRECTION_STEPS)
     if task.hold is not None:
         found = _within_limits(model, task, found)
-    return _Solved(found, target, found.joints, before, another)
+    return _Solved(found, target, found.angles, before, another)
 
 
 def _nominal_joints(task: PoseTask, start: FloatArray, at_start: Pose) -> tuple[FloatArray, BoolArray]:
     """Joints of the nominal arm in the configuration and turns of the start; whether only another one was found."""
     found = solve_poses(task, start, max_steps=MAX_STEPS)
-    joints = _turns_kept(task, start, found.joints)
+    joints = _turns_kept(task, start, found.angles)
     another = found.reached & ~keeps_configuration(task, start, joints)
     rows = np.flatnonzero(another)
     if len(rows):
         again, kept = follow(task.rows(rows), start[rows], Pose(*(part[rows] for part in at_start)))
         good = rows[kept]
-        joints[good] = _turns_kept(task, start[good], again.joints[kept])
+        joints[good] = _turns_kept(task, start[good], again.angles[kept])
         another[good] = False
     return joints, another
 
@@ -210,22 +210,22 @@ def _feedback(model: Compensator, targets: Targets) -> _Solved:
     return _Solved(found, target, encoder, encoder, np.zeros(len(targets), dtype=bool))
 
 
-def _within_limits(model: Compensator, task: PoseTask, found: InverseSolution) -> InverseSolution:
+def _within_limits(model: Compensator, task: PoseTask, found: InverseKinematicsResult) -> InverseKinematicsResult:
     """Solve targets of a redundant arm beyond a limit again, with those joints at their limits, where that is possible.
 
     A rail at its end stays there; the other joints take over its share.
     """
     lower, upper = model.arm_.limits.T
-    beyond = (found.joints < lower - LIMIT_TOLERANCE) | (found.joints > upper + LIMIT_TOLERANCE)
+    beyond = (found.angles < lower - LIMIT_TOLERANCE) | (found.angles > upper + LIMIT_TOLERANCE)
     rows = np.flatnonzero(beyond.any(axis=1) & found.reached)
     if not len(rows):
         return found
     part = task.rows(rows)
     assert part.hold is not None  # the task of a redundant arm
-    at_limits = np.clip(found.joints[rows], lower, upper)
+    at_limits = np.clip(found.angles[rows], lower, upper)
     part = replace(part, hold=np.where(beyond[rows], at_limits, part.hold), locked=beyond[rows])
     again = solve_poses(part, at_limits, max_steps=CORRECTION_STEPS)
-    inside = (again.joints >= lower - LIMIT_TOLERANCE) & (again.joints <= upper + LIMIT_TOLERANCE)
+    inside = (again.angles >= lower - LIMIT_TOLERANCE) & (again.angles <= upper + LIMIT_TOLERANCE)
     good = again.reached & inside.all(axis=1)
     return found.replaced(rows[good], again.rows(good))
 
@@ -258,13 +258,13 @@ def _judged(
     found, machine, arm = solved.solution, solved.machine_joints, model.arm_
     lower, upper = arm.limits.T
     margins = np.minimum(machine - lower, upper - machine)
-    change, condition = found.joints - solved.before, found.condition
+    change, condition = found.angles - solved.before, found.condition
     readings = targets.session(machine)
     # A correction of some mrad does not lead out of the training: joints at the edge of the range are inside.
     # Programs go to places between the training poses: there the stated uncertainty says what is known.
     slides = arm.chain.is_prismatic
     planned = model.training_.outside(
-        targets.session(solved.before if direction == "command" else found.joints), slides
+        targets.session(solved.before if direction == "command" else found.angles), slides
     )
     inputs = {
         name: rows & planned[name]
@@ -302,9 +302,9 @@ def _judged(
         covariances[good] = model.predict_readings(model.at(readings.rows(good)), return_cov=True)[1]
     nominal = nominal_poses(model)
     every = np.arange(len(targets))
-    there = nominal.pose(found.joints, every)
+    there = nominal.pose(found.angles, every)
     return Correction(
-        joints=np.where(good[:, None], found.joints, np.nan),
+        joints=np.where(good[:, None], found.angles, np.nan),
         reasons=tuple(reasons.tolist()),
         distance_mm=found.distance_mm,
         angle_rad=angle,
@@ -324,7 +324,7 @@ def _angle(model: Compensator, readings: Session, solved: _Solved, *, direction:
     if model.arm_.n_joints >= JOINTS_OF_A_POSE:
         return found.angle_rad
     poses = nominal_poses(model) if direction == "feedback" else poses_of(model, readings)
-    there = poses.pose(found.joints, np.arange(len(found.joints)))
+    there = poses.pose(found.angles, np.arange(len(found.angles)))
     return np.asarray(np.linalg.norm(turn_between(there.R_base_tip, solved.target.R_base_tip), axis=1))
 
 
@@ -350,10 +350,10 @@ def usual_change(model: Compensator, *, direction: TargetDirection) -> FloatArra
     reached = there.solution.reached
     if not reached.any():
         return np.zeros((2, model.arm_.n_joints))
-    return np.asarray(np.quantile((there.solution.joints - there.before)[reached], (0.05, 0.95), axis=0))
+    return np.asarray(np.quantile((there.solution.angles - there.before)[reached], (0.05, 0.95), axis=0))
 
 
-def _unreached(found: InverseSolution, bad: BoolArray) -> list[str]:
+def _unreached(found: InverseKinematicsResult, bad: BoolArray) -> list[str]:
     return [
         f"out of reach{f' or singular (condition {condition:.2g})' if condition > NEAR_SINGULAR else ''}: "
         f"{distance:.3g} mm and {np.degrees(angle):.2g} deg remain"

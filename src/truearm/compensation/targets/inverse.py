@@ -13,13 +13,12 @@ directions, compensation of commands and of feedback remain inverse to each othe
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from truearm.arm.chain import Pose
+from truearm.arm.inverse_kinematics import InverseKinematicsResult, within_longest_step
 from truearm.compensation.targets.pose_models import PoseModel
 from truearm.solve import MarquardtDamping, RowsResult, levenberg_marquardt_by_row
 from truearm.typing import BoolArray, FloatArray, IntArray
@@ -28,60 +27,10 @@ from truearm.typing import BoolArray, FloatArray, IntArray
 TOLERANCE_MM = 1e-7
 TOLERANCE_RAD = 1e-10
 MAX_STEPS = 100
-_LONGEST_STEP = 0.5  # [rad]; sliding joints: that times the length scale [mm]
 _DAMPING = MarquardtDamping(mu=1e-10, decrease=0.1, increase=100.0, maximum=1e5, minimum=1e-12)
 _ROWS = 16384  # targets that are solved together
 # Smaller singular values of the scaled Jacobian, relative to the largest, are directions that the arm cannot move in.
 _RANK = 1e-8
-
-
-@dataclass(frozen=True, eq=False)
-class InverseSolution:
-    """Joints that bring the tip to poses, and what remains.
-
-    Attributes
-    ----------
-    joints : (n, n_joints) array
-        [rad, or mm].
-    distance_mm, angle_rad : (n,) array
-        From the pose, before the last step; the angle is zero where no orientation was asked for.
-    steps : (n,) int array
-    jacobian : (n, 3 or 6, n_joints) array
-        Of the pose by the joints at the solution, scaled to lengths: a radian counts as the length scale.
-    """
-
-    joints: FloatArray
-    distance_mm: FloatArray
-    angle_rad: FloatArray
-    steps: IntArray
-    jacobian: FloatArray
-
-    @property
-    def reached(self) -> BoolArray:
-        """(n,) whether the tip is at its pose."""
-        return np.asarray((self.distance_mm <= TOLERANCE_MM) & (self.angle_rad <= TOLERANCE_RAD))
-
-    def replaced(self, rows: IntArray, others: InverseSolution) -> InverseSolution:
-        """The same with other solutions in some rows; their steps are added."""
-        mine = InverseSolution(*(part.copy() for part in self._parts))
-        for part, other in zip(mine._parts, others._parts, strict=True):
-            part[rows] = other
-        mine.steps[rows] += self.steps[rows]
-        return mine
-
-    def rows(self, which: IntArray | BoolArray) -> InverseSolution:
-        """Some of the targets."""
-        return InverseSolution(*(part[which] for part in self._parts))
-
-    @property
-    def _parts(self) -> tuple[npt.NDArray[Any], ...]:
-        return self.joints, self.distance_mm, self.angle_rad, self.steps, self.jacobian
-
-    @property
-    def condition(self) -> FloatArray:
-        """(n,) largest by smallest singular value of the scaled Jacobian."""
-        values = np.linalg.svd(self.jacobian, compute_uv=False)
-        return np.asarray(values[:, 0] / np.maximum(values[:, -1], 1e-300))
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,10 +101,8 @@ class PoseTask:
         """Take one damped step, (J^T J + mu)^-1 J^T missing, not longer than half a radian."""
         JT = J.transpose(0, 2, 1)
         gram = JT @ J + mu[:, None, None] * np.eye(J.shape[2])
-        step = np.linalg.solve(gram, JT @ missing[:, :, None])[:, :, 0]
-        longest = np.maximum(np.abs(step).max(axis=1), 1e-300)
-        step *= np.minimum(1.0, _LONGEST_STEP * self.scale / longest)[:, None]
-        return np.asarray(joints + step / self.unit)
+        step = np.asarray(np.linalg.solve(gram, JT @ missing[:, :, None])[:, :, 0], dtype=float)
+        return np.asarray(joints + within_longest_step(step, self.scale) / self.unit)
 
     def polished(self, found: RowsResult) -> FloatArray:
         """Joints after one more step where the search has ended, without another evaluation of the model."""
@@ -175,12 +122,15 @@ class PoseTask:
             & (np.abs(held).max(axis=1, initial=0.0) <= TOLERANCE_MM)
         )
 
-    def solution(self, joints: FloatArray, missing: FloatArray, J: FloatArray, steps: IntArray) -> InverseSolution:
-        """What was found, in words of poses."""
+    def solution(
+        self, joints: FloatArray, missing: FloatArray, J: FloatArray, steps: IntArray
+    ) -> InverseKinematicsResult:
+        """What was found, in words of poses; the errors are those before the last step."""
         width = self._width
         distance = np.linalg.norm(missing[:, :3], axis=1)
         angle = np.linalg.norm(missing[:, 3:width], axis=1) / self.scale
-        return InverseSolution(joints, distance, angle, steps, J[:, :width])
+        reached = (distance <= TOLERANCE_MM) & (angle <= TOLERANCE_RAD)
+        return InverseKinematicsResult(joints, np.asarray(reached), distance, angle, steps, J[:, :width])
 
     @property
     def _width(self) -> int:
@@ -199,7 +149,7 @@ class PoseTask:
         return J
 
 
-def solve_poses(task: PoseTask, start: FloatArray, *, max_steps: int = MAX_STEPS) -> InverseSolution:
+def solve_poses(task: PoseTask, start: FloatArray, *, max_steps: int = MAX_STEPS) -> InverseKinematicsResult:
     """Solve a task from start joints (n, n_joints) [rad, or mm].
 
     A local method: it finds the solution of the start's configuration. What it does not reach stays at the nearest
@@ -211,11 +161,11 @@ def solve_poses(task: PoseTask, start: FloatArray, *, max_steps: int = MAX_STEPS
         part = task.rows(rows)
         found = levenberg_marquardt_by_row(part, start[rows], damping=_DAMPING, max_epochs=max_steps)
         parts.append(part.solution(part.polished(found), *found[1:]))
-    return InverseSolution(*map(np.concatenate, zip(*(part._parts for part in parts), strict=True)))
+    return InverseKinematicsResult.joined(parts)
 
 
 def scaled_jacobian(task: PoseTask, joints: FloatArray) -> FloatArray:
-    """(n, 3 or 6, n_joints) derivatives of a task's poses by the joints, scaled as in `InverseSolution`."""
+    """(n, 3 or 6, n_joints) derivatives of a task's poses by the joints, scaled as in `InverseKinematicsResult`."""
     return replace(task, hold=None).linearise(joints)[1]
 
 
