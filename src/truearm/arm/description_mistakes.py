@@ -26,7 +26,8 @@ _NO_CHANGE = 1e-9
 # Units in which lengths are entered as if they were mm.
 ARM_UNITS_MM = {"m": 1e3, "cm": 10.0, "inch": 25.4}
 POINT_UNITS_MM = {"m": 1e3, "cm": 10.0, "inch": 25.4, "ft": 304.8, "um": 1e-3}
-LENGTH_UNITS_MM = {"m": 1e3, "cm": 10.0, "inch": 25.4}
+# What is read as degrees was divided by 57.3.
+_ANGLE_UNITS = ((180 / np.pi, "in rad, stated in deg"), (np.pi / 180, "in deg, stated in rad"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,12 +73,11 @@ class Interpretation:
         plain = ("point_factor", "length_factor", "shift")
         if any(getattr(self, name) != getattr(other, name) for name in plain):
             return False
-        arrays = [
-            (getattr(self, name), getattr(other, name)) for name in ("angle_matrix", "angle_offset", "points_turn")
-        ]
-        fixed = [(self.table.chain().fixed, other.table.chain().fixed)]
-        tips = [(self.table.tip_in_flange, other.table.tip_in_flange)]
-        return all(np.abs(a - b).max() < _NO_CHANGE for a, b in (*arrays, *fixed, *tips))
+        mine, theirs = (
+            (one.angle_matrix, one.angle_offset, one.points_turn, one.table.chain().fixed, one.table.tip_in_flange)
+            for one in (self, other)
+        )
+        return all(np.abs(a - b).max() < _NO_CHANGE for a, b in zip(mine, theirs, strict=True))
 
 
 @dataclass(frozen=True)
@@ -120,8 +120,10 @@ def likely_mistakes(
     if has_points:
         found += _of_points(base_is_known)
     if has_lengths:
-        found += _of_lengths()
-    found += [Mistake(_SHIFTED[step], _with(shift=step), "rows") for step in (1, -1)]
+        for unit, mm in ARM_UNITS_MM.items():
+            found.append(Mistake(f"known lengths are in {unit}, stated in mm", _with(length_factor=mm), "length unit"))
+    for step, where in ((1, "later"), (-1, "earlier")):
+        found.append(Mistake(f"references stand one row {where} than their readings", _with(shift=step), "rows"))
     return tuple(mistake for mistake in found if _changes(mistake, stated))
 
 
@@ -142,12 +144,6 @@ def _stated_table(arm: Arm) -> DHTable:
         if off < _NO_CHANGE:
             return table
     return drawn_table(arm.chain, drawn_convention(arm.chain))
-
-
-_SHIFTED = {
-    1: "references stand one row later than their readings",
-    -1: "references stand one row earlier than their readings",
-}
 
 
 def _with(**changes: object) -> Callable[[Interpretation], Interpretation]:
@@ -187,21 +183,15 @@ def _of_joints(arm: Arm) -> Iterator[Mistake]:
         name = f"J{j + 1}"
         yield Mistake(f"sign of {name} reversed", _of_stated_angles(_scaled(n, [j], -1.0)), f"sign {j}")
         if arm.chain.is_prismatic[j]:
-            for unit in ("m", "cm", "inch"):
-                matrix = _scaled(n, [j], ARM_UNITS_MM[unit])
+            for unit, mm in ARM_UNITS_MM.items():
+                matrix = _scaled(n, [j], mm)
                 yield Mistake(f"{name} is in {unit}, stated in mm", _of_stated_angles(matrix), f"unit {j}")
             continue
         for degrees in (90, -90, 180):
             mend = _of_offset(j, np.radians(degrees))
             yield Mistake(f"zero of {name} off by {degrees} deg: add {degrees} deg to its theta", mend, f"zero {j}")
-        for matrix, says in _angle_units(n, [j]):
-            yield Mistake(f"{name} is {says}", _of_stated_angles(matrix), f"unit {j}")
-
-
-def _angle_units(n: int, joints: list[int]) -> Iterator[tuple[FloatArray, str]]:
-    # What is read as degrees was divided by 57.3.
-    yield _scaled(n, joints, 180 / np.pi), "in rad, stated in deg"
-    yield _scaled(n, joints, np.pi / 180), "in deg, stated in rad"
+        for factor, says in _ANGLE_UNITS:
+            yield Mistake(f"{name} is {says}", _of_stated_angles(_scaled(n, [j], factor)), f"unit {j}")
 
 
 def _of_pairs(arm: Arm) -> Iterator[Mistake]:
@@ -228,8 +218,8 @@ def _of_all_angles(arm: Arm) -> Iterator[Mistake]:
     if not slides.any():
         yield Mistake("joints in reverse order", _of_stated_angles(np.eye(n)[::-1]), "order")
     yield Mistake("signs of all joints reversed", _of_stated_angles(-np.eye(n)), "all signs")
-    for matrix, says in _angle_units(n, turning):
-        yield Mistake(f"all angles are {says}", _of_stated_angles(matrix), "all units")
+    for factor, says in _ANGLE_UNITS:
+        yield Mistake(f"all angles are {says}", _of_stated_angles(_scaled(n, turning, factor)), "all units")
 
 
 def _of_rows(arm: Arm, table: DHTable) -> Iterator[Mistake]:
@@ -257,7 +247,7 @@ def _of_rows(arm: Arm, table: DHTable) -> Iterator[Mistake]:
     other: Convention = "mdh" if table.convention == "dh" else "dh"
     says = f'the table is of convention "{other}", stated "{table.convention}"'
     yield Mistake(says, _of_table(lambda one: replace(one, convention=other)), "convention")
-    for factor, says in ((180 / np.pi, "in rad, stated in deg"), (np.pi / 180, "in deg, stated in rad")):
+    for factor, says in _ANGLE_UNITS:
         mend = _of_table(lambda one, f=factor: replace(one, alpha=f * one.alpha, theta=f * one.theta))  # type: ignore[misc]
         yield Mistake(f"alpha and theta of the arm are {says}", mend, "table angles")
 
@@ -297,8 +287,3 @@ def _of_points(base_is_known: bool) -> Iterator[Mistake]:
         order[i], order[j] = j, i
         says = f"{'xyz'[i]} and {'xyz'[j]} of the reference points exchanged"
         yield Mistake(says, _with(points_turn=np.eye(3)[order]), "handedness")
-
-
-def _of_lengths() -> Iterator[Mistake]:
-    for unit, mm in LENGTH_UNITS_MM.items():
-        yield Mistake(f"known lengths are in {unit}, stated in mm", _with(length_factor=mm), "length unit")

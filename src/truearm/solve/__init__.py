@@ -1,18 +1,16 @@
 """Nonlinear least squares and evidence, assembled from parts; independent of arms and networks."""
 
-from truearm.solve.damping import Damping, MarquardtDamping, NielsenDamping, StepHalving
-from truearm.solve.gradient_descent import DescentState, DifferentiableProblem, LearningRate, gradient_descent
+from truearm.solve.damping import MarquardtDamping, NielsenDamping, StepHalving
+from truearm.solve.gradient_descent import LearningRate, gradient_descent
 from truearm.solve.least_squares import (
     UNSOLVED,
-    LeastSquaresResult,
     RowsResult,
     damped_step,
     gauss_newton,
     levenberg_marquardt,
     levenberg_marquardt_by_row,
-    minimise,
 )
-from truearm.solve.least_squares_problem import DenseProblem, KnownStep, Linearisation, NormalEquations, Problem
+from truearm.solve.least_squares_problem import DenseProblem, KnownStep, NormalEquations
 from truearm.solve.stop_criteria import (
     BestPoint,
     CostConverged,
@@ -32,15 +30,10 @@ __all__ = [
     "BestPoint",
     "CostConverged",
     "CostGoal",
-    "Damping",
     "DampingLimit",
     "DenseProblem",
-    "DescentState",
-    "DifferentiableProblem",
     "KnownStep",
     "LearningRate",
-    "LeastSquaresResult",
-    "Linearisation",
     "MarquardtDamping",
     "MaxEpochs",
     "MaxSeconds",
@@ -48,7 +41,6 @@ __all__ = [
     "NielsenDamping",
     "NormalEquations",
     "OptimizerState",
-    "Problem",
     "RowsResult",
     "StepHalving",
     "StopCriterion",
@@ -59,5 +51,4 @@ __all__ = [
     "gradient_descent",
     "levenberg_marquardt",
     "levenberg_marquardt_by_row",
-    "minimise",
 ]

@@ -248,57 +248,35 @@ def reduced_covariance(model: IdentifiedModel, plain: PlainModel, layout: ValueL
     judges = _Poses.of(model, plain, sample_trained_region(model, N_JUDGES, np.random.default_rng(2)))
     directions = _leading_directions(poses, weight)
     nodes = JointVariances.nodes(*_wider_ranges(model), plain.chain.is_prismatic, layout.highest)
-    fit = _RemainderFit.of(nodes, poses, judges, directions, weight)
+    leading = directions[:, :MAX_RANK].astype(np.float32)
+    squares, judged_squares = (np.asarray((one.spread @ leading) ** 2, dtype=np.float32) for one in (poses, judges))
+    design, judged_design = (nodes.design(one.angles, one.levers) for one in (poses, judges))
+    weight = weight / poses.total
+
+    def remaining(rank: int) -> tuple[JointVariances, float]:
+        """Variances that remain after the leading directions, and the largest error of a standard uncertainty."""
+        rest = poses.own - squares[:, :rank].sum(axis=1, dtype=float)
+        remainder = nodes.with_values(_ridge_solution(design, rest, weight))
+        kept = judged_squares[:, :rank].sum(axis=1, dtype=float) + judged_design @ remainder.values
+        ratio = (kept + judges.unexplained) / judges.total
+        return remainder, float(np.abs(np.sqrt(ratio) - 1).max())
+
     ranks = [*range(RANK_STEP, min(p, MAX_RANK) + 1, RANK_STEP)]
     low, high = 0, len(ranks) - 1  # the error falls with the rank, up to chance
     while low < high:
         middle = (low + high) // 2
-        low, high = (low, middle) if fit.at(ranks[middle])[1] <= TOLERANCE else (middle + 1, high)
-    remainder, error = fit.at(ranks[low])
+        low, high = (low, middle) if remaining(ranks[middle])[1] <= TOLERANCE else (middle + 1, high)
+    remainder, error = remaining(ranks[low])
     return _rounded(rows, plain.covariance_root.T @ directions[:, : ranks[low]], judges, remainder, error)
 
 
-@dataclass(frozen=True, eq=False)
-class _RemainderFit:
-    """Remaining variances at any rank: cumulative squares (3 n, ranks) of both sets of poses, and the designs."""
-
-    nodes: JointVariances
-    poses: _Poses
-    judges: _Poses
-    squares: npt.NDArray[np.float32]
-    judged_squares: npt.NDArray[np.float32]
-    design: csr_array
-    judged_design: csr_array
-    weight: FloatArray
-
-    @classmethod
-    def of(
-        cls, nodes: JointVariances, poses: _Poses, judges: _Poses, directions: FloatArray, weight: FloatArray
-    ) -> _RemainderFit:
-        leading = directions[:, :MAX_RANK].astype(np.float32)
-        return cls(
-            nodes,
-            poses,
-            judges,
-            np.asarray((poses.spread @ leading) ** 2, dtype=np.float32),
-            np.asarray((judges.spread @ leading) ** 2, dtype=np.float32),
-            nodes.design(poses.angles, poses.levers),
-            nodes.design(judges.angles, judges.levers),
-            weight,
-        )
-
-    def at(self, rank: int) -> tuple[JointVariances, float]:
-        """Variances that remain after the leading directions, and the largest error of a standard uncertainty."""
-        weight = self.weight / self.poses.total
-        rest = self.poses.own - self.squares[:, :rank].sum(axis=1, dtype=float)
-        weighted = self.design.multiply(weight[:, None]).tocsc()
-        scale = np.sqrt(np.asarray(weighted.multiply(weighted).sum(axis=0)).ravel())
-        scale = np.where(scale > 0, scale, 1.0)
-        solved = lsqr(weighted.multiply(1 / scale[None, :]).tocsr(), rest * weight, damp=RIDGE, iter_lim=MAX_ITERATIONS)
-        remainder = self.nodes.with_values(solved[0] / scale)
-        kept = self.judged_squares[:, :rank].sum(axis=1, dtype=float) + self.judged_design @ remainder.values
-        ratio = (kept + self.judges.unexplained) / self.judges.total
-        return remainder, float(np.abs(np.sqrt(ratio) - 1).max())
+def _ridge_solution(design: csr_array, values: FloatArray, weight: FloatArray) -> FloatArray:
+    """Weighted least squares with columns of one size."""
+    weighted = design.multiply(weight[:, None]).tocsc()
+    scale = np.sqrt(np.asarray(weighted.multiply(weighted).sum(axis=0)).ravel())
+    scale = np.where(scale > 0, scale, 1.0)
+    solved = lsqr(weighted.multiply(1 / scale[None, :]).tocsr(), values * weight, damp=RIDGE, iter_lim=MAX_ITERATIONS)
+    return np.asarray(solved[0] / scale)
 
 
 def _leading_directions(poses: _Poses, weight: FloatArray) -> FloatArray:

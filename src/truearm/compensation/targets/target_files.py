@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -48,14 +47,8 @@ EXPECTED = (
 )
 
 
-class _Problem(Protocol):
-    """Makes an error with the place of the fault."""
-
-    def __call__(
-        self, text: str, column: str | None = None, hint: str | None = None, row: int | None = None
-    ) -> InputError:
-        """An error that says what is wrong; in a column, at a row, with what to do."""
-        ...
+_Problem = Callable[..., InputError]
+"""Makes an error that says what is wrong; in a column, at a row, with what to do."""
 
 
 def read_targets(path: str | Path, *, start: npt.ArrayLike | None = None) -> Targets:
@@ -83,8 +76,7 @@ def read_targets(path: str | Path, *, start: npt.ArrayLike | None = None) -> Tar
     )
     columns = dict(zip(numbers, values.T, strict=True))
     named = dict(zip(words, texts, strict=True))
-    found = _targets(columns, _without_notes(named), start=start, file=path, first_line=sheet.first_line)
-    return replace(found, given={name: columns[name] if name in columns else named[name] for name in sheet.names})
+    return _targets(columns, named, sheet.names, start=start, file=path, first_line=sheet.first_line)
 
 
 def targets_from_frame(frame: pd.DataFrame, *, start: npt.ArrayLike | None = None) -> Targets:
@@ -97,16 +89,11 @@ def targets_from_frame(frame: pd.DataFrame, *, start: npt.ArrayLike | None = Non
         raise InputError("expected at least one target, got none")
     columns = {name: frame_numbers(frame[name], name) for name in numbers}
     texts = {name: _remarks(frame[name]) if _is_note(name) else frame_words(frame[name], name) for name in words}
-    found = _targets(columns, _without_notes(texts), start=start, file=None, first_line=None)
-    return replace(found, given={name: columns[name] if name in columns else texts[name] for name in frame.columns})
+    return _targets(columns, texts, list(frame.columns), start=start, file=None, first_line=None)
 
 
 def _is_note(name: str) -> bool:
     return name.startswith("note")
-
-
-def _without_notes(words: dict[str, NameArray]) -> dict[str, NameArray]:
-    return {name: texts for name, texts in words.items() if not _is_note(name)}
 
 
 def _remarks(column: pd.Series[Any]) -> NameArray:
@@ -159,6 +146,7 @@ def _meant(name: str) -> str:
 def _targets(
     columns: dict[str, FloatArray],
     words: dict[str, NameArray],
+    names: Sequence[str],
     *,
     start: npt.ArrayLike | None,
     file: Path | None,
@@ -199,10 +187,11 @@ def _targets(
         tips,
         rotations,
         joint_columns=joint_columns or None,
-        words=words,
+        words={name: texts for name, texts in words.items() if not _is_note(name)},
         temperature_degC=columns.get(TEMPERATURE),
         directions=directions,
         loads={name: values for name, values in columns.items() if LOAD.fullmatch(name)},
+        given={name: (columns | words)[name] for name in names},
         file=file,
         first_line=first_line,
     )
