@@ -11,7 +11,7 @@ import pytest
 from truearm.arm import load_arm
 from truearm.arm.chain import Chain
 from truearm.identification.planning import coordinate_exchange
-from truearm.identification.planning.candidates import ON_A_TABLE, seat_poses, tracker_poses
+from truearm.identification.planning.candidates import ON_A_TABLE, NearbyPoses, seat_poses, tracker_poses
 from truearm.identification.planning.coordinate_exchange import (
     ENOUGH_RAD,
     MOST_UNCERTAINTY,
@@ -20,7 +20,6 @@ from truearm.identification.planning.coordinate_exchange import (
     wanted_angles,
 )
 from truearm.identification.planning.exchange import DesignProblem
-from truearm.identification.planning.nearby_poses import NearbyPoses
 from truearm.identification.planning.prior import nominal_prior
 from truearm.identification.planning.proposal import Artefact, propose
 from truearm.identification.planning.sampling.measuring import inner_limits

@@ -25,9 +25,8 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from truearm.arm.arm import Arm
-from truearm.identification.planning.candidates import Candidates
+from truearm.identification.planning.candidates import Candidates, NearbyPoses
 from truearm.identification.planning.exchange import DesignProblem
-from truearm.identification.planning.nearby_poses import NearbyPoses
 from truearm.identification.planning.tour import joint_moves, mean_joint_move, order_of_few_moves
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import BoolArray, FloatArray, IntArray

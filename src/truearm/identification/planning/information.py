@@ -95,22 +95,11 @@ def design_problem(
     shared |= {end for one, other, _ in bars if one in shared or other in shared for end in (one, other)}
     p, q = jacobian.shape[2], 3 * len(shared) + bar
     column = {number: p + 3 * place for place, number in enumerate(sorted(shared))}
-    factors = []
-    for place in range(len(candidates)):
-        rows = candidates.readings([place])
-        own = [number for number in dict.fromkeys(seat[rows].tolist()) if number >= 0 and number not in shared]
-        lengths = [bar for bar in bars if bar[0] in own and bar[1] in own]
-        J = np.zeros((3 * len(rows) + len(lengths), p + q))
-        B = np.zeros((len(J), 3 * len(own)))
-        J[: 3 * len(rows), :p] = jacobian[rows].reshape(-1, p) / noise_mm
-        for reading, number in enumerate(seat[rows].tolist()):
-            if number >= 0:
-                part = J[:, column[number] :] if number in shared else B[:, 3 * own.index(number) :]
-                part[3 * reading :][:3, :3] = -np.eye(3) / noise_mm
-        for at, (one, other, along) in zip(range(3 * len(rows), len(J)), lengths, strict=True):
-            B[at, 3 * own.index(one) :][:3], B[at, 3 * own.index(other) :][:3] = -along, along
-            J[at, -1] = -1 / PLACE_U_MM
-        factors.append(project_out(J, B))
+    by_noise = jacobian / noise_mm
+    factors = [
+        _factor(candidates.readings([place]), seat, by_noise, noise_mm, column, bars, p + q)
+        for place in range(len(candidates))
+    ]
     prior, target = np.diag(np.full(p + q, SEAT_STD_MM**-2.0)), np.zeros((p + q, p + q))
     prior[:p, :p] = prior_precision
     if bar:
@@ -122,6 +111,34 @@ def design_problem(
             prior += np.outer(row, row)
     target[:p, :p] = moment_matrix(jacobian_there, tips_there, scale=scale)
     return DesignProblem(stack_factors(factors), prior, target)
+
+
+def _factor(
+    rows: IntArray,
+    seat: IntArray,
+    jacobian: FloatArray,
+    noise_mm: float,
+    column: dict[int, int],
+    bars: list[tuple[int, int, FloatArray]],
+    n_parameters: int,
+) -> FloatArray:
+    """Information of a candidate's readings `rows`, (k, n_parameters), without the positions of its own seats.
+
+    `jacobian` (m, 3, p) is over the noise; `column` has the parameters of the seats that candidates share.
+    """
+    own = [number for number in dict.fromkeys(seat[rows].tolist()) if number >= 0 and number not in column]
+    lengths = [bar for bar in bars if bar[0] in own and bar[1] in own]
+    J = np.zeros((3 * len(rows) + len(lengths), n_parameters))
+    B = np.zeros((len(J), 3 * len(own)))
+    J[: 3 * len(rows), : jacobian.shape[2]] = jacobian[rows].reshape(3 * len(rows), -1)
+    for reading, number in enumerate(seat[rows].tolist()):
+        if number >= 0:
+            part = J[:, column[number] :] if number in column else B[:, 3 * own.index(number) :]
+            part[3 * reading :][:3, :3] = -np.eye(3) / noise_mm
+    for at, (one, other, along) in zip(range(3 * len(rows), len(J)), lengths, strict=True):
+        B[at, 3 * own.index(one) :][:3], B[at, 3 * own.index(other) :][:3] = -along, along
+        J[at, -1] = -1 / PLACE_U_MM
+    return project_out(J, B)
 
 
 def _seats(candidates: Candidates) -> tuple[int, IntArray]:

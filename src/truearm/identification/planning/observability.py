@@ -122,7 +122,7 @@ def observability(jacobian: FloatArray, *, n_poses: int) -> Observability:
     """
     m, p = jacobian.shape
     # The triangular factor has the same singular values.
-    J = np.linalg.qr(jacobian, mode="r") if m > p else jacobian
+    J = np.asarray(np.linalg.qr(jacobian, mode="r")) if m > p else jacobian
     length = np.linalg.norm(J, axis=0)
     rank, gap = rank_and_gap(_singular_values(J / np.where(length > 0, length, 1.0)))
     return Observability(_singular_values(J), rank, gap, n_poses)

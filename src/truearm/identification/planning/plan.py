@@ -167,22 +167,7 @@ def plan_session(
         If terms are given with a model, the model was identified from `measured`, the arm cannot take a technician's
         poses, or as `propose`.
     """
-    if isinstance(arm, Arm):
-        nominal = arm
-        prior = nominal_prior(arm, terms=terms or "physical", noise_mm=NOISE_MM if noise_mm is None else noise_mm)
-        known_before, seats = "the nominal arm, with the priors of its terms", []
-    else:
-        if terms is not None:
-            raise InputError("terms are chosen for a nominal arm only; a model has its own terms", hint="omit --terms")
-        nominal, prior = _of_model(arm, noise_mm)
-        known_before, seats = "the model", _seats_of(arm.fit_)
-    if measured is not None:
-        check_angles(measured, n_joints=nominal.n_joints, prismatic=nominal.chain.is_prismatic)
-        measured, _ = skip_beyond_limits(measured, nominal.limits, prismatic=nominal.chain.prismatic)
-        if not isinstance(arm, Arm) and arm.is_trained_on(measured):
-            raise measured.error("the model was identified from these readings; they are already taken into account")
-        prior = prior.after(measured)
-        seats += [] if measured.seat is None else measured.seat.tolist()
+    nominal, prior, seats = _known_before(arm, terms, noise_mm, measured)
     plan = propose(
         nominal,
         prior,
@@ -200,6 +185,7 @@ def plan_session(
             hint="--strategy i-optimal",
         )
     poses = continue_seat_numbers(plan.proposals[strategy].poses, seats)
+    known_before = "the nominal arm, with the priors of its terms" if isinstance(arm, Arm) else "the model"
     return SessionPlan(plan, strategy, poses, known_before)
 
 
@@ -211,13 +197,29 @@ def usual_places(kind: str, n: int) -> int:
     return max(1, min(round(n / each), MAX_SEATS))
 
 
-def _of_model(model: IdentifiedArm, noise_mm: float | None) -> tuple[Arm, Prior]:
-    return identified_prior(
-        model.arm_,
-        model.fit_,
-        noise_mm=model.residual_std_ if noise_mm is None else noise_mm,
-        state=lambda angles: model.state(Session(angles)),
-    )
+def _known_before(
+    arm: Arm | IdentifiedArm, terms: Terms | None, noise_mm: float | None, measured: Session | None
+) -> tuple[Arm, Prior, list[str]]:
+    """The arm, the knowledge of it before the session, and the seats that were used; see `plan_session`."""
+    if isinstance(arm, Arm):
+        noise_mm = NOISE_MM if noise_mm is None else noise_mm
+        nominal, prior, seats = arm, nominal_prior(arm, terms=terms or "physical", noise_mm=noise_mm), []
+    else:
+        if terms is not None:
+            raise InputError("terms are chosen for a nominal arm only; a model has its own terms", hint="omit --terms")
+        noise_mm = arm.residual_std_ if noise_mm is None else noise_mm
+        nominal, prior = identified_prior(
+            arm.arm_, arm.fit_, noise_mm=noise_mm, state=lambda angles: arm.state(Session(angles))
+        )
+        seats = _seats_of(arm.fit_)
+    if measured is not None:
+        check_angles(measured, n_joints=nominal.n_joints, prismatic=nominal.chain.is_prismatic)
+        measured, _ = skip_beyond_limits(measured, nominal.limits, prismatic=nominal.chain.prismatic)
+        if not isinstance(arm, Arm) and arm.is_trained_on(measured):
+            raise measured.error("the model was identified from these readings; they are already taken into account")
+        prior = prior.after(measured)
+        seats += [] if measured.seat is None else measured.seat.tolist()
+    return nominal, prior, seats
 
 
 def _seats_of(fit: IdentificationResult) -> list[str]:

@@ -16,6 +16,7 @@ from truearm.errors import InputError
 from truearm.identification.planning.candidates import (
     ON_A_TABLE,
     Candidates,
+    NearbyPoses,
     bar_places,
     seat_poses,
     supports_technician_poses,
@@ -26,7 +27,6 @@ from truearm.identification.planning.coordinate_exchange import shorten_path
 from truearm.identification.planning.exchange import DesignProblem, select_candidates
 from truearm.identification.planning.factors import project_out
 from truearm.identification.planning.information import design_problem, tip_jacobian
-from truearm.identification.planning.nearby_poses import NearbyPoses
 from truearm.identification.planning.observability import Observability, observability
 from truearm.identification.planning.prior import Prior
 from truearm.identification.planning.sampling.poses import checked_count, checked_seed
