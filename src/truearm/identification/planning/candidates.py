@@ -44,7 +44,7 @@ from truearm.identification.planning.sampling.workspace import (
 )
 from truearm.typing import BoolArray, FloatArray, IntArray, NameArray
 
-OUTSIDE, UNDER_TABLE, NO_ROOM = "tip outside the volume", "joint below the table", "bar not inside the volume"
+NO_ROOM = "bar not inside the volume"
 IN_A_BOX, NO_TABLE = "arm in a box to avoid or in the table", "artefact not on the table, or in a box to avoid"
 ON_A_TABLE = Surroundings()
 """The arm's base is on the table that carries the artefacts."""
@@ -78,7 +78,7 @@ class Candidates:
         Poses as a person chooses them who measures parts (`sampling.measuring`). This is the strategy of Gao et al.
         2017: data "according to the actual measurement behaviour in the joint space".
     rejected : mapping of str to int
-        Number of rejected poses and places, by reason.
+        Number of rejected poses in seats and of places, by reason.
     """
 
     angles: FloatArray
@@ -252,10 +252,10 @@ def tracker_poses(arm: Arm, n: int, *, seed: int, sector: Sector | None = None) 
     """
     sector = sector or Sector()
     of_technician = checked_count(n) // 2 if supports_technician_poses(arm) else 0
-    angles, rejected = _spread(arm, n - of_technician, sector, np.random.default_rng(checked_seed(seed)))
+    angles = _spread(arm, n - of_technician, sector, np.random.default_rng(checked_seed(seed)))
     if of_technician:
         angles = np.concatenate([volume_poses(arm, of_technician, seed=seed, sector=sector), angles])
-    return Candidates(angles, np.arange(n), technician=np.arange(n) < of_technician, rejected=dict(+rejected))
+    return Candidates(angles, np.arange(n), technician=np.arange(n) < of_technician)
 
 
 def volume_poses(arm: Arm, n: int, *, seed: int, sector: Sector | None = None) -> FloatArray:
@@ -266,7 +266,7 @@ def volume_poses(arm: Arm, n: int, *, seed: int, sector: Sector | None = None) -
     sector = sector or Sector()
     if supports_technician_poses(arm):
         return within_a_turn(arm, measuring_poses(arm, n, seed=seed, sector=sector).angles)
-    return _spread(arm, checked_count(n), sector, np.random.default_rng(checked_seed(seed)))[0]
+    return _spread(arm, checked_count(n), sector, np.random.default_rng(checked_seed(seed)))
 
 
 def supports_technician_poses(arm: Arm) -> bool:
@@ -384,27 +384,24 @@ def _drawn(draw: Callable[[], FloatArray], n: int, times: int) -> FloatArray:
     return found[:n]
 
 
-def _spread(arm: Arm, n: int, sector: Sector, rng: np.random.Generator) -> tuple[FloatArray, Counter[str]]:
+def _spread(arm: Arm, n: int, sector: Sector, rng: np.random.Generator) -> FloatArray:
     """Draw uniform joint angles with the tip in the sector and no joint below the table, (n, n_joints)."""
     where = stance(arm)
     (lower, upper), (low, high) = joint_travel_limits(arm), inner_limits(arm)
     lower, upper = np.maximum(lower, low), np.minimum(upper, high)
-    rejected: Counter[str] = Counter()
 
     def draw() -> FloatArray:
         angles = within_a_turn(arm, rng.uniform(lower, upper, (50 * n, arm.n_joints)))
         tips = arm.chain.tip_in_base(angles)
         inside = in_sector(tips, where, sector)
-        above = is_above_table(arm.chain, angles[inside], tips[inside])
-        rejected.update({OUTSIDE: int((~inside).sum()), UNDER_TABLE: int((~above).sum())})
-        return angles[inside][above]
+        return angles[inside][is_above_table(arm.chain, angles[inside], tips[inside])]
 
     if len(found := _drawn(draw, n, _DRAWS // 50)) < n:
         raise InputError(
             f"found only {len(found)} of {n} poses of arm {arm.name!r} with the tip in the volume",
             hint="use a larger sector",
         )
-    return found, rejected
+    return found
 
 
 def within_a_turn(arm: Arm, angles: FloatArray) -> FloatArray:
