@@ -42,7 +42,10 @@ def stack_factors(factors: Sequence[FloatArray]) -> FloatArray:
     factors : sequence of (k_i, p) arrays
         One with more rows than parameters is replaced by its triangular factor, which has the same information.
     """
-    reduced = [np.linalg.qr(factor, mode="r") if factor.shape[0] > factor.shape[1] else factor for factor in factors]
+    reduced = [
+        np.asarray(np.linalg.qr(factor, mode="r")) if factor.shape[0] > factor.shape[1] else factor
+        for factor in factors
+    ]
     out = np.zeros((len(reduced), max(1, *map(len, reduced)), reduced[0].shape[1]))
     for place, factor in zip(out, reduced, strict=True):
         place[: len(factor)] = factor
