@@ -13,6 +13,7 @@ from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.planning.sampling.poses import checked_seed
 from truearm.identification.terms import ArmState, directions
 from truearm.identification.virtual.constrained import constrain_geometry
+from truearm.identification.virtual.error_model import SystematicErrors, draw_systematic_errors
 from truearm.identification.virtual.presets import ARCSEC, Preset, load_preset
 from truearm.identification.virtual.state import (
     air_temperatures,
@@ -25,7 +26,6 @@ from truearm.identification.virtual.state import (
     virtual_state,
     with_force,
 )
-from truearm.identification.virtual.systematic_errors import SystematicErrors, draw_systematic_errors
 from truearm.readings.point_errors import PointErrors, point_errors
 from truearm.readings.session import Session
 from truearm.typing import FloatArray

@@ -13,10 +13,9 @@ import numpy as np
 
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
-from truearm.identification.virtual.error_model import draw_geometry, error_model, geometry_stream
+from truearm.identification.virtual.error_model import SystematicErrors, draw_geometry, error_model, geometry_stream
 from truearm.identification.virtual.presets import Preset
 from truearm.identification.virtual.state import virtual_state
-from truearm.identification.virtual.systematic_errors import SystematicErrors
 from truearm.typing import FloatArray
 
 TESTS = 30  # all must agree, since the maximum over 200 random poses scatters by some per cent
