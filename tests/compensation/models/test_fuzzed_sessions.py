@@ -52,7 +52,7 @@ def session(rng: np.random.Generator) -> tuple[Session, Lengths | None]:
     return Session(angles, **given), lengths
 
 
-@pytest.mark.parametrize(("kind", "examples"), [(NominalModel, 30), (KinematicModel, 20), (PhysicalModel, 10)])
+@pytest.mark.parametrize(("kind", "examples"), [(NominalModel, 10), (KinematicModel, 15), (PhysicalModel, 10)])
 def test_a_session_is_learned_from_or_refused(kind, examples, tmp_path):
     @settings(max_examples=examples)
     @given(st.integers(0, 2**32), st.sampled_from([(), ("base",), ("tip",), ("base", "tip")]))

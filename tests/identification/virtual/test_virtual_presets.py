@@ -17,6 +17,12 @@ def arm(request) -> VirtualArm:
     return VirtualArm.draw(load_arm("gao2017"), RESEARCH, seed=request.param)
 
 
+@pytest.fixture(scope="module")
+def taken(arm):
+    """3000 readings in the paper's box."""
+    return arm.measure(box(arm, 3000, 0), seed=1)
+
+
 def box(arm: VirtualArm, n: int, seed: int) -> np.ndarray:
     return arm.nominal.working + np.random.default_rng(seed).uniform(-1, 1, (n, 6)) * np.radians(20)
 
@@ -29,15 +35,14 @@ def test_the_nominal_model_errs_as_the_papers_does(arm, poses_seed):
     assert 0.85 <= error["max_abs_coordinate_mm"] <= 0.95
 
 
-def test_the_noise_floor_of_research_is_6_8_um(arm):
+def test_the_noise_floor_of_research_is_6_8_um(arm, taken):
     # 9000 coordinates: their mean is known to 0.8 %, 0.05 um.
-    floor = arm.noise_floor(arm.measure(box(arm, 3000, 0), seed=1))
+    floor = arm.noise_floor(taken)
     assert floor["mean_abs_coordinate_mm"] == pytest.approx(0.0068, abs=0.0003)
 
 
-def test_a_perfect_model_of_linear_terms_comes_within_3_per_cent_of_the_floor(arm):
+def test_a_perfect_model_of_linear_terms_comes_within_3_per_cent_of_the_floor(arm, taken):
     """It knows all but hysteresis, ball cages and lag, and takes the air's temperature for that of the links."""
-    taken = arm.measure(box(arm, 3000, 0), seed=1)
     perfect = replace(arm, systematic=arm.systematic.scaled({"hysteresis": 0.0, "ball cages": 0.0}))
     air = np.repeat(taken.readings.temperature_degC[:, None], 7, axis=1)
     state = replace(arm.resting(taken.readings.angles), temperature_degC=air)
