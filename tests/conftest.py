@@ -32,7 +32,9 @@ def rng() -> np.random.Generator:
     return np.random.default_rng(20170101)
 
 
-@pytest.fixture(autouse=True)
-def _dates_of_tests_have_come(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture(scope="session", autouse=True)
+def _dates_of_tests_have_come():
     """A day on which the made-up points have been measured, whatever the clock of this machine shows."""
-    monkeypatch.setattr("truearm.verification.standards.dates.now", lambda: datetime.datetime(2026, 12, 1, 12, 0))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("truearm.verification.standards.dates.now", lambda: datetime.datetime(2026, 12, 1, 12, 0))
+        yield

@@ -6,8 +6,6 @@ import ast
 import re
 from pathlib import Path
 
-import pytest
-
 import truearm
 
 HOUSE = Path(truearm.__file__).parent
@@ -44,9 +42,9 @@ def dialect_in(texts: list[tuple[int, str]]) -> list[str]:
     ]
 
 
-@pytest.mark.parametrize("path", sorted(HOUSE.rglob("*.py")), ids=lambda path: str(path.relative_to(HOUSE)))
-def test_a_module_speaks_the_language_of_the_field(path):
-    assert not dialect_in(text_of_module(path))
+def test_modules_speak_the_language_of_the_field():
+    found = {str(path.relative_to(HOUSE)): dialect_in(text_of_module(path)) for path in HOUSE.rglob("*.py")}
+    assert not {path: said for path, said in found.items() if said}
 
 
 PAGES = [
@@ -58,9 +56,9 @@ PAGES = [path for path in PAGES if path.name not in ("api.md", "commands.md")]  
 PAGES += sorted(HOUSE.rglob("*.toml")) + sorted(HOUSE.rglob("*.j2"))
 
 
-@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
-def test_a_page_speaks_the_language_of_the_field(path):
-    assert not dialect_in(list(enumerate(path.read_text(encoding="utf-8").splitlines(), 1)))
+def test_pages_speak_the_language_of_the_field():
+    found = {path.name: dialect_in(list(enumerate(path.read_text("utf-8").splitlines(), 1))) for path in PAGES}
+    assert not {name: said for name, said in found.items() if said}
 
 
 def test_the_dialect_is_recognised():
