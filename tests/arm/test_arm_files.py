@@ -257,12 +257,8 @@ def random_arm(seed: int) -> Arm:
 
 
 def assert_same_arm(one: Arm, other: Arm) -> None:
-    assert (one.name, one.title, one.source, one.joint_names) == (
-        other.name,
-        other.title,
-        other.source,
-        other.joint_names,
-    )
+    for name in ("name", "title", "source", "joint_names"):
+        assert getattr(one, name) == getattr(other, name)
     np.testing.assert_array_equal(one.chain.is_prismatic, other.chain.is_prismatic)
     # degrees are written to twelve decimals: 1.7e-14 rad
     np.testing.assert_allclose(one.limits, other.limits, rtol=0, atol=2e-14)
@@ -306,63 +302,36 @@ BROKEN = {
     "convention": (changed('"dh"', '"hayati"'), "convention: expected 'dh' or 'mdh', got 'hayati'"),
     "no joints": ('name = "x"\nconvention = "dh"\n', "the key joints is missing"),
     "empty joints": ('name = "x"\nconvention = "dh"\njoints = []\n', "joints: expected 1 entries or more"),
-    "unknown key": (
-        changed("convention", 'colour = "red"\nconvention'),
-        "unknown key colour. Try: use one of name, title",
-    ),
+    "unknown key": (changed("convention", 'colour = "red"\nconvention'), "unknown key colour. Try: use one of name"),
     "unknown unit": (changed("a_mm = 400", "a_inch = 15.7"), r"unknown key joints\[1\].a_inch.* a_mm, a_m,"),
     "no unit": (changed("alpha_deg = 0", "alpha = 0"), r"unknown key joints\[2\].alpha"),
-    "two units": (
-        changed("a_mm = 400", "a_mm = 400\na_m = 0.4"),
-        r"joints\[1\]: expected one of a_m and a_mm, got both",
-    ),
+    "two units": (changed("a_mm = 400", "a_mm = 400\na_m = 0.4"), r"joints\[1\]: expected one of a_m and a_mm"),
     "two units of tip": (changed("tip_mm", "tip_m = [0, 0, 1]\ntip_mm"), "expected one of tip_m and tip_mm, got both"),
     "two units of base": (
         GOOD + "[base]\nrpy_deg = [0, 0, 0]\nrpy_rad = [0, 0, 0]",
-        "base: expected one of rpy_deg and rpy_",
+        "expected one of rpy_deg and rpy_",
     ),
     "missing a": (changed("a_mm = 400\n", ""), r"joints\[1\]: the key a_mm or a_m is missing"),
     "missing alpha": (changed("alpha_deg = 0\n", ""), r"joints\[2\]: the key alpha_deg or alpha_rad is missing"),
-    "text": (
-        changed("a_mm = 400", 'a_mm = "400"'),
-        r"joints\[1\].a_mm: expected a number, got '400'. Try: remove the quotes",
-    ),
+    "text": (changed("a_mm = 400", 'a_mm = "400"'), r"joints\[1\].a_mm: expected a number, got '400'. Try: remove"),
     "yes": (changed("a_mm = 400", "a_mm = true"), r"joints\[1\].a_mm: expected a number, got true"),
     "nan": (changed("a_mm = 400", "a_mm = nan"), r"joints\[1\].a_mm: expected a finite number, got nan"),
     "inf": (changed("max_deg = 170", "max_deg = inf"), r"joints\[1\].max_deg: expected a finite number, got inf"),
     "tip of two": (changed("[0, 0, 50]", "[0, 50]"), "tip_mm: expected 3 entries or more"),
-    "type": (
-        changed('"revolute"', '"hinge"'),
-        r"joints\[1\].type: expected 'revolute', 'prismatic' or 'fixed', got 'hinge'",
-    ),
-    "angle of a slide": (
-        changed("min_mm = -5", "min_deg = -5"),
-        r"joints\[2\]: a prismatic joint needs min_mm or min_m",
-    ),
-    "length of a hinge": (
-        changed("max_deg = 170", "max_mm = 1"),
-        r"joints\[1\]: a revolute joint needs max_deg or max_rad",
-    ),
-    "limits of a fixed joint": (
-        changed('"revolute"', '"fixed"'),
-        r"joints\[1\]: a fixed joint has no (min|max|working)_deg",
-    ),
+    "type": (changed('"revolute"', '"hinge"'), r"joints\[1\].type: expected 'revolute', .* or 'fixed', got 'hinge'"),
+    "angle of a slide": (changed("min_mm = -5", "min_deg = -5"), r"joints\[2\]: a prismatic joint needs min_mm or"),
+    "length of a hinge": (changed("max_deg = 170", "max_mm = 1"), r"joints\[1\]: a revolute joint needs max_deg or"),
+    "limits of a fixed joint": (changed('"revolute"', '"fixed"'), r"joints\[1\]: a fixed joint has no (min|max)_deg"),
     "crossed limits": (changed("min_deg = -170", "min_deg = 175"), "lower limit of J1 must be below"),
     "pose outside": (changed("working_deg = 30", "working_deg = 171"), "working pose of J1 is outside its limits"),
     "one name twice": (changed('"slide"', '"J1"'), "different names"),
-    "gravity of two": (
-        changed("convention", "gravity_in_base = [0, -1]\nconvention"),
-        "gravity_in_base: expected 3 entries or more",
-    ),
+    "gravity of two": (changed("convention", "gravity_in_base = [0, -1]\nconvention"), "expected 3 entries or more"),
     "no gravity": (changed("convention", "gravity_in_base = [0, 0, 0]\nconvention"), "gravity as a direction"),
     "mass below zero": (
         changed("a_mm = 400", "a_mm = 400\nmass_kg = -1\ncentre_of_mass_mm = [0, 0, 0]"),
         r"joints\[1\].mass_kg: expected 0 or more",
     ),
-    "mass nowhere": (
-        changed("a_mm = 400", "a_mm = 400\nmass_kg = 1"),
-        r"joints\[1\]: mass_kg needs the key centre_of_",
-    ),
+    "mass nowhere": (changed("a_mm = 400", "a_mm = 400\nmass_kg = 1"), r"joints\[1\]: mass_kg needs the key centre"),
     "centre of nothing": (
         changed("a_mm = 400", "a_mm = 400\ncentre_of_mass_mm = [0, 0, 0]"),
         r"joints\[1\]: a centre of mass without the key mass_kg",

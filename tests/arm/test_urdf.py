@@ -172,12 +172,8 @@ def test_any_arm_goes_there_and_back(tmp_path, seed):
 
 
 def assert_same_arm(one: Arm, other: Arm) -> None:
-    assert (one.name, one.title, one.source, one.joint_names) == (
-        other.name,
-        other.title,
-        other.source,
-        other.joint_names,
-    )
+    for name in ("name", "title", "source", "joint_names"):
+        assert getattr(one, name) == getattr(other, name)
     np.testing.assert_array_equal(one.chain.is_prismatic, other.chain.is_prismatic)
     np.testing.assert_allclose(one.limits, other.limits, rtol=1e-15)
     np.testing.assert_allclose(one.working, other.working, rtol=1e-15)
@@ -288,11 +284,15 @@ def test_a_file_may_state_its_links_itself(tmp_path):
 # What it refuses
 
 TURN = joint("q", "continuous", "a", "b")
+
+
+def hinge(more: str, kind: str = "continuous") -> str:
+    """A robot of one joint, with more in it."""
+    return robot(joint("q", kind, "a", "b", more), links="a b")
+
+
 BROKEN = {
-    "doctype": (
-        '<!DOCTYPE r [<!ENTITY x "y">]><robot name="r"/>',
-        "line 1: truearm reads no XML with a DOCTYPE or ENTITY",
-    ),
+    "doctype": ('<!DOCTYPE r [<!ENTITY x "y">]><robot name="r"/>', "line 1: truearm reads no XML with a DOCTYPE"),
     "bomb": (
         '<?xml version="1.0"?>\n<!DOCTYPE r [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;">]>\n<robot name="&b;"/>',
         "line 2: truearm reads no XML with a DOCTYPE or ENTITY",
@@ -316,7 +316,7 @@ BROKEN = {
     "unknown type": (robot(joint("q", "hinge", "a", "b")), "unknown type 'hinge'.*revolute, continuous, prismatic"),
     "floating": (robot(joint("q", "floating", "a", "b"), links="a b"), "joint 'q' is floating"),
     "planar": (robot(joint("q", "planar", "a", "b"), links="a b"), "joint 'q' is planar"),
-    "mimic": (robot(joint("q", "continuous", "a", "b", '<mimic joint="x"/>'), links="a b"), "joint 'q' mimics"),
+    "mimic": (hinge('<mimic joint="x"/>'), "joint 'q' mimics"),
     "no parent": (
         '<robot name="r"><link name="a"/><joint name="q" type="fixed"><child link="a"/></joint></robot>',
         "joint 'q' has no <parent>",
@@ -324,7 +324,7 @@ BROKEN = {
     "unknown link": (robot(joint("q", "fixed", "a", "x")), "has the child 'x', but there is no such link"),
     "two parents": (
         robot(joint("q", "fixed", "a", "c"), joint("p", "fixed", "b", "c")),
-        "child of two joints, 'q' and 'p'",
+        "child of two joints, 'q' and",
     ),
     "circle": (robot(joint("q", "fixed", "a", "b"), joint("p", "fixed", "b", "a"), links="a b"), "form a loop"),
     "circle beside": (
@@ -336,40 +336,22 @@ BROKEN = {
     "two tips": (robot(joint("q", "fixed", "a", "b"), joint("p", "fixed", "a", "c")), "2 links could be the tip.*b, c"),
     "two bases": (robot(TURN), "2 links could be the base.*a, c"),
     "nothing moves": (robot(joint("q", "fixed", "a", "b"), links="a b"), "no moving joint"),
-    "endless axis": (
-        robot(joint("q", "continuous", "a", "b", '<axis xyz="1e200 0 0"/>'), links="a b"),
-        "axis of joint 'q' is no direction",
-    ),
-    "endless link": (
-        robot(joint("q", "continuous", "a", "b", '<origin xyz="1e30 0 0"/>'), links="a b"),
-        "check their units",
-    ),
-    "zero axis": (
-        robot(joint("q", "continuous", "a", "b", '<axis xyz="0 0 0"/>'), links="a b"),
-        "axis of joint 'q' is no direction",
-    ),
+    "endless axis": (hinge('<axis xyz="1e200 0 0"/>'), "axis of joint 'q' is no direction"),
+    "endless link": (hinge('<origin xyz="1e30 0 0"/>'), "check their units"),
+    "zero axis": (hinge('<axis xyz="0 0 0"/>'), "axis of joint 'q' is no direction"),
     "text": (
-        robot(joint("q", "continuous", "a", "b", '<origin xyz="0 zero 0"/>'), links="a b"),
+        hinge('<origin xyz="0 zero 0"/>'),
         "origin of joint 'q': expected 3 finite numbers in xyz, got '0 zero 0'",
     ),
-    "two numbers": (robot(joint("q", "continuous", "a", "b", '<axis xyz="0 1"/>'), links="a b"), "expected 3 finite"),
-    "nan": (robot(joint("q", "continuous", "a", "b", '<origin rpy="nan 0 0"/>'), links="a b"), "expected 3 finite"),
-    "limit": (
-        robot(joint("q", "revolute", "a", "b", '<limit lower="1" upper="0"/>'), links="a b"),
-        "lower limit of q must be below",
-    ),
+    "two numbers": (hinge('<axis xyz="0 1"/>'), "expected 3 finite"),
+    "nan": (hinge('<origin rpy="nan 0 0"/>'), "expected 3 finite"),
+    "limit": (hinge('<limit lower="1" upper="0"/>', "revolute"), "lower limit of q must be below"),
     "limit text": (
-        robot(joint("q", "revolute", "a", "b", '<limit lower="x"/>'), links="a b"),
+        hinge('<limit lower="x"/>', "revolute"),
         "limit of joint 'q': expected a finite number in lower, got 'x'",
     ),
-    "two origins": (
-        robot(joint("q", "continuous", "a", "b", "<origin/><origin/>"), links="a b"),
-        "expected one <origin>",
-    ),
-    "working": (
-        robot(TURN, '<truearm><working joint="x" position="0"/></truearm>', links="a b"),
-        "joint 'x' that is not",
-    ),
+    "two origins": (hinge("<origin/><origin/>"), "expected one <origin>"),
+    "working": (robot(TURN, '<truearm><working joint="x" position="0"/></truearm>', links="a b"), "joint 'x' that"),
 }
 
 
@@ -383,7 +365,7 @@ def test_a_broken_file_is_refused_with_its_name_and_the_reason(tmp_path, case):
 
 
 def test_the_line_of_a_wrong_number_is_named(tmp_path):
-    text = robot(joint("q", "continuous", "a", "b", '\n\n<origin xyz="1 2"/>'), links="a b")
+    text = hinge('\n\n<origin xyz="1 2"/>')
     with pytest.raises(InputError, match="line 3: the origin"):
         read_urdf(write(tmp_path, text))
 

@@ -94,10 +94,7 @@ def test_seats_and_a_bar_serve_the_command(truearm, tmp_path, monkeypatch):
     ("arguments", "says"),
     [
         (["arms", "gao2017", "--lengths", "x.csv"], "--lengths needs --readings"),
-        (
-            ["arms", "gao2017", "--readings", "x.csv", "--out", "a.toml"],
-            "--readings needs a nominal arm",
-        ),
+        (["arms", "gao2017", "--readings", "x.csv", "--out", "a.toml"], "--readings needs a nominal arm"),
         (["arms", "gao2017", "--readings", "x.csv", "--page"], "--readings needs a nominal arm"),
         (["arms", "gao2017", "--readings", "x.csv"], "x.csv"),
     ],

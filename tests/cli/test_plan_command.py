@@ -190,10 +190,7 @@ def test_unsuitable_models_and_sessions_are_refused(truearm, made, snapshot, tmp
     for arguments, said in (
         ([made / "network.truearm", *out], "a network has no terms"),
         ([made / "kinematic.truearm", *QUICK, *out], "a model has its own"),
-        (
-            [made / "kinematic.truearm", "--session", made / "train.csv", *out],
-            "identified from these readings",
-        ),
+        ([made / "kinematic.truearm", "--session", made / "train.csv", *out], "identified from these readings"),
         ([made / "kinematic.truearm", "--session", made / "angles.csv", *out], "points or seats"),
         ([made / "kinematic.truearm", "--session", made / "wam.csv", *out], "expected 6 joints"),
     ):

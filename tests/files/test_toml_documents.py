@@ -74,10 +74,7 @@ def test_a_repeated_key_has_a_remedy_of_its_own():
         ("size_mm = 1\ngood = 'yes'", "best.good: expected true or false, got 'yes'. Try: remove the quotes"),
         ("size_mm = 1\nnote = 3", "best.note: expected text in quotes, got 3. Try: write it in quotes"),
         ("size_mm = 1\nnote = ''", "best.note: expected text that is not empty, got ''. Try: fill it in"),
-        (
-            "size_mm = 1\nnote = 'longer'",
-            "best.note: expected 5 characters or fewer, got 'longer'. Try: shorten",
-        ),
+        ("size_mm = 1\nnote = 'longer'", "best.note: expected 5 characters or fewer, got 'longer'. Try: shorten"),
         ("size_mm = 1\ncolour = 'green'", "best.colour: expected 'red' or 'blue', got 'green'"),
         ("points = 1", "the key best.size_mm is missing. Try: add the key"),
         ("size = 1", "unknown key best.size. Try: use one of size_mm, points, date"),

@@ -118,10 +118,7 @@ def wrapped(text):
             lambda text: re.sub("(<ds:Signature.*</ds:Signature>)", r"<f>\1</f>", text, flags=re.S),
             "expected one signature",
         ),
-        (
-            lambda text: re.sub("(<ds:Signature.*</ds:Signature>)", r"\1\1", text, flags=re.S),
-            "expected one signature",
-        ),
+        (lambda text: re.sub("(<ds:Signature.*</ds:Signature>)", r"\1\1", text, flags=re.S), "expected one signature"),
         (wrapped, "the signature is broken"),
         (lambda text: "<!DOCTYPE a [<!ENTITY b 'c'>]>" + text.partition("?>")[2], "DOCTYPE"),
         (lambda text: text[:200], "not valid XML"),

@@ -97,10 +97,7 @@ def test_lengths_come_back_from_their_frame():
     [
         ({"seat_a": ["A"], "seat_b": ["B"], "length_mm": [1.0]}, "the column u_mm is missing"),
         ({"seat_a": ["A"], "seat_b": ["B"], "length_mm": [1.0], "u_mm": [1.0], "u": [1]}, "unknown column 'u'"),
-        (
-            {"seat_a": ["A"], "seat_b": ["B"], "length_mm": [-1.0], "u_mm": [1.0]},
-            "length 1, .*expected a positive",
-        ),
+        ({"seat_a": ["A"], "seat_b": ["B"], "length_mm": [-1.0], "u_mm": [1.0]}, "length 1, .*expected a positive"),
     ],
 )
 def test_a_frame_that_is_no_table_of_lengths_is_refused(frame, said):
