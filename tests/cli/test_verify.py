@@ -335,10 +335,7 @@ def first_column(name, after):
 
 POINTS = {
     "no probing": (without("probing"), ["points of test 'probing' are missing", "Try: measure them"]),
-    "no position 2": (
-        without("probing,ball,2026-11-03,2"),
-        ["line 2", "the plan asks for 2 positions, got 1: '1'. Try: measure"],
-    ),
+    "no position 2": (without("probing,ball,2026-11-03,2"), ["line 2", "asks for 2 positions, got 1: '1'. Try:"]),
     "a point less": (one_less("probing"), ["the plan asks for 25 points at position 1, got 24"]),
     "a group less": (without(",,,,D,"), ["the plan asks for 5 groups at position 1, got 4: 'A', 'B', 'C', 'E'."]),
     "group of four": (one_less(",,,,B,"), ["the plan asks for 5 points at position 1, group B, got 4"]),
@@ -352,14 +349,11 @@ POINTS = {
     "metres": (scaled(1e-3), ["measured 0.02499", "convert the points to mm: they seem to be in metres"]),
     "centimetres": (scaled(0.1), ["measured 2.49", "convert the points to mm: they seem to be in centimetres"]),
     "inches": (scaled(1 / 25.4), ["measured 0.98", "convert the points to mm: they seem to be in inches"]),
-    "unit in the head": (
-        first_column("x_mm", "x_inch"),
-        ["line 1, column 'x_inch'", "Try: x_mm, with coordinates in mm"],
-    ),
+    "unit in the head": (first_column("x_mm", "x_inch"), ["line 1, column 'x_inch'", "Try: x_mm, with coordinates"]),
     "no x": (first_column("x_mm", "note_x"), ["the column x_mm is missing"]),
     "empty column": (
-        lambda text: text.replace("\n", ",1\n").replace(",1\n", ",\n", 1),
-        ["line 1, column 13: the column has no name", "delete the"],
+        lambda text: text.replace("\n", ",1\n").replace("1\n", "\n", 1),
+        ["column 13: the column has no name"],
     ),
     "unknown column": (first_column("group", "gruppe"), ["unknown column 'gruppe'", "Try: test, artefact"]),
     "column twice": (first_column("repeat", "length"), ["column 'length'", "two columns have this name"]),
@@ -367,22 +361,16 @@ POINTS = {
     "another standard's": (first("uni", "uni", "volumetric"), ["has no 'repeat'", "leave the cell empty"]),
     "unknown artefact": (
         lambda text: text.replace("ing,ball", "ing,bal"),
-        ["has no sphere 'bal'", "Try: use one of 'ball'"],
+        ["has no sphere 'bal'", "use one of 'ball'"],
     ),
-    "unknown length": (
-        lambda text: text.replace(",150,", ",160,"),
-        ["'bar' has no length '160'", "Try: use one of '150'"],
-    ),
+    "unknown length": (lambda text: text.replace(",150,", ",160,"), ["has no length '160'", "Try: use one of '150'"]),
     "days to come": (
         lambda text: text.replace("2026", "2027"),
         ["line 2, column 'date': the date 2027-11-03 is in the future. Try: write year, month, day"],
     ),
     "too early": (lambda text: text.replace("2026", "2025"), ["calibrated on 2026-01-15, after points were measured"]),
     "no date": (first("uni", "2026-11-03", ""), ["column 'date'", "needs 'date', got an empty cell"]),
-    "odd date": (
-        lambda text: text.replace("2026-11-03", "3/11/2026"),
-        ["expected a date, got '3/11/2026'", "Try: write year"],
-    ),
+    "odd date": (lambda text: text.replace("2026-11-03", "3/11/2026"), ["a date, got '3/11/2026'", "Try: write"]),
     "no temperature": (first("probing", ",20.0", ","), ["column 'artefact_degC'", "needs the temperature"]),
     "end B warmer": (
         first(",1,150,1,B,", ",20.0", ",25.0"),
@@ -624,37 +612,17 @@ def test_groups_of_two_places_are_not_taken_for_one(truearm, bench):
 @pytest.mark.parametrize(
     ("file", "before", "after", "phrases"),
     [
-        (
-            "artefacts.toml",
-            "expires = 2028-01-15",
-            "expires = 2026-06-30",
-            ["points.csv, line 2", "expired on 2026-06-30"],
-        ),
-        (
-            "artefacts.toml",
-            "expires = 2028-01-15",
-            "expires = 2025-01-15",
-            ["artefacts.toml", "not after its calibration"],
-        ),
+        ("artefacts.toml", "expires = 2028-01-15", "expires = 2026-06-30", ["csv, line 2", "expired on 2026-06-30"]),
+        ("artefacts.toml", "expires = 2028-01-15", "expires = 2025-01-15", ["cts.toml", "not after its calibration"]),
         ("artefacts.toml", "diameter_mm = 25.0004", "diameter_mm = 0.98427", ["calibrated 0.98427 mm, nominal 25 mm"]),
         ("artefacts.toml", '"ball"', '"bar"', ["the artefact 'bar' is given twice"]),
-        (
-            "artefacts.toml",
-            "[[seats]]",
-            "[[seat]]",
-            ["artefacts.toml: unknown key seat", "Try: use one of spheres, bars, seats"],
-        ),
+        ("artefacts.toml", "[[seats]]", "[[seat]]", ["unknown key seat", "Try: use one of spheres, bars, seats"]),
         ("mpe.toml", "measuring_range_mm = 2500", "measuring_range_mm = 4000", ["the longest length is 1700", "66%"]),
         ("mpe.toml", "arm 2.5 m", "arm \\u001b]0;title\\u0007", ["name: expected plain text in one line", r"'\x1b'"]),
         ("artefacts.toml", '"K-101"', '"K\\n101"', ["certificate: expected plain text in one line", r"'\n'"]),
         ("mpe.toml", "measuring_range_mm", "measuring_range_m", ["mpe.toml: unknown key measuring_range_m"]),
         ("mpe.toml", "E_Uni = {", "E_uni = {", ["unknown symbol 'E_uni'", "Try: use E_Uni"]),
-        (
-            "mpe.toml",
-            "{ B_um = 15 }",
-            "{ A_um = 1, K_mm_per_um = 5 }",
-            ["limits.P_Size.Sph.1x25: this test has no length"],
-        ),
+        ("mpe.toml", "{ B_um = 15 }", "{ A_um = 1, K_mm_per_um = 5 }", ["P_Size.Sph.1x25: this test has no length"]),
     ],
 )
 def test_wrong_certificates_and_limits_are_refused(truearm, bench, file, before, after, phrases):

@@ -281,16 +281,12 @@ DAMAGES = {
     "a link more": (["identified", "chain", "fixed"], lambda fixed: [*fixed, fixed[0]], "chains of 6 joints"),
     "not rigid": (["identified", "chain", "fixed", 1, 0, 0], 2.0, "not a rigid motion"),
     "a place beyond the tip": (["identified", "terms", 0, "place"], 9, "place from 0"),
-    "a joint beyond the last": (
-        ["identified", "terms", -1, "basis"],
-        {"kind": "Direction", "joint": 7},
-        "joint from 1",
-    ),
+    "a joint beyond the last": (["identified", "terms", -1, "basis"], {"kind": "Direction", "joint": 7}, "joint from"),
     "an unknown basis": (["identified", "terms", 0, "basis"], {"kind": "Spline"}, "basis"),
     "falling orders": (
         ["identified", "terms", 0, "basis"],
         {"kind": "Harmonics", "joint": 1, "orders": [2, 1]},
-        "rising orders",
+        "rising",
     ),
     "other functions": (
         ["identified", "terms", 0, "basis"],
