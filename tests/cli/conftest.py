@@ -22,8 +22,15 @@ class Ran:
     err: str
 
 
-def truearm_run(*arguments: object) -> Ran:
-    out, err = io.StringIO(), io.StringIO()
+class Terminal(io.StringIO):
+    """A stream that says it is a terminal."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def truearm_run(*arguments: object, terminal: bool = False) -> Ran:
+    out, err = io.StringIO(), Terminal() if terminal else io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), pytest.raises(SystemExit) as ended:
         run([str(a) for a in arguments])
     assert isinstance(ended.value.code, int)

@@ -31,20 +31,10 @@ for verb in sys.argv[1:]:
 def test_without_papers_every_other_module_imports_and_every_other_command_starts(tmp_path):
     shutil.copytree(Path(truearm.__file__).parent, tmp_path / "truearm", ignore=shutil.ignore_patterns("papers"))
 
-    def python(code, *arguments):
-        environment = os.environ | {"PYTHONPATH": str(tmp_path)}
-        ran = subprocess.run(
-            [sys.executable, "-B", "-c", code, *arguments],
-            env=environment,
-            cwd=tmp_path,
-            capture_output=True,
-            text=True,
-        )
-        assert ran.returncode == 0, ran.stderr
-        return ran.stdout
-
-    python(IMPORT_ALL)
-    python(START_ALL, *(verb for verb, _ in VERBS if verb != "reproduce"))
+    command = [sys.executable, "-B", "-c", IMPORT_ALL + START_ALL, *(verb for verb, _ in VERBS if verb != "reproduce")]
+    environment = os.environ | {"PYTHONPATH": str(tmp_path)}
+    ran = subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True)
+    assert ran.returncode == 0, ran.stderr
 
 
 def test_no_source_outside_the_papers_folder_imports_it_but_the_reproduce_verb():
