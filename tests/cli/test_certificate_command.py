@@ -309,27 +309,12 @@ def test_the_template_names_what_is_to_be_filled_in(truearm, bench):
 @pytest.mark.parametrize(
     ("file", "before", "after", "told"),
     [
-        (
-            "about.toml",
-            'name = "Example Laboratory"',
-            'name = ""',
-            "laboratory.name: the text is empty. Try: fill it in",
-        ),
+        ("about.toml", 'name = "Example Laboratory"', 'name = ""', "laboratory.name: the text is empty. Try: fill"),
         ("about.toml", 'city = "Exampletown"\n', "", "the key laboratory.city is missing"),
         ("about.toml", 'country = "FR"', 'country = "France"', "customer.country: expected two capital letters"),
-        (
-            "about.toml",
-            "main_signer = true",
-            "main_signer = false",
-            "no person signs the certificate. Try: write main_signer = true",
-        ),
+        ("about.toml", "main_signer = true", "main_signer = false", "no person signs the certificate. Try: write"),
         ("about.toml", "issued = 2026-11-05", "issued = 2026-11-02", "issued on 2026-11-02, before the last points"),
-        (
-            "about.toml",
-            "received = 2026-11-02",
-            "received = 2026-11-04",
-            "the arm was received on 2026-11-04, after points",
-        ),
+        ("about.toml", "received = 2026-11-02", "received = 2026-11-04", "was received on 2026-11-04, after points"),
         ("about.toml", "issued = 2026-11-05", 'issued = "soon"', "issued: expected a date as 2026-01-15"),
         ("about.toml", "issued = 2026-11-05", "issued = 2027-11-05", "issued: the date 2027-11-05 is in the future"),
         ("about.toml", 'serial_number = "10017"', "serial_number = 10017", "item.serial_number: "),
