@@ -2,10 +2,9 @@
 
 import pytest
 
-from truearm.pages.plotting import styles_of
+from truearm.papers.gao2017.claim_figures import experiment_box_figure
 from truearm.papers.gao2017.experiment_box import BoxRun, ExperimentBoxStudy, load_experiment_box, widths_at
-from truearm.papers.gao2017.experiment_box_figure import experiment_box_figure
-from truearm.papers.gao2017.results import GOAL_MET, METHODS, TIME_OVER
+from truearm.papers.gao2017.results import GOAL_MET, TIME_OVER
 from truearm.papers.gao2017.tables import TABLES
 from truearm.papers.gao2017.training_plan import EXPERIMENT
 
@@ -48,6 +47,6 @@ def test_the_figure_counts_the_trainings_that_met_the_goal():
         *made_up([20.0], [0.03], stop=MOST_EPOCHS),
         *made_up([10.0, 20.0], [0.007, 0.008], method="varpro", stop=MOST_EPOCHS),
     ]
-    figure = experiment_box_figure(ExperimentBoxStudy("", tuple(runs)), chosen=12.0, styles=styles_of(METHODS))
+    figure = experiment_box_figure(ExperimentBoxStudy("", tuple(runs)), chosen=12.0)
     assert "2 of 3 trainings by trainlm met the goal" in " ".join(figure.alt.split())
     assert "\u00b112 deg" in figure.caption

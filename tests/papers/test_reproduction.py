@@ -411,17 +411,8 @@ def test_a_finished_training_does_not_run_again(tmp_path):
         lambda kept: kept | {"fingerprint": "0" * 64},
         lambda kept: kept | {"weights": kept["weights"][:-1]},
         lambda kept: kept | {"weights": [*kept["weights"][:-1], None]},
-        lambda kept: kept | {"weights": [*kept["weights"][:-1], 1e300]},
         lambda kept: kept | {"angle_range": kept["angle_range"][::-1]},
         lambda kept: kept | {"point_range": [[0.0], [1.0]]},
-        lambda kept: kept | {"epochs": -1},
-        lambda kept: kept | {"epochs": 10**6},
-        lambda kept: kept | {"epochs": "3"},
-        lambda kept: kept | {"reached": [[1.0, 1, 0.0]]},
-        lambda kept: kept | {"curve": [[10**6, 1.0, 1.0]]},
-        lambda kept: kept | {"curve": [[1, 1.0, -1.0]]},
-        lambda kept: kept | {"machine": {}},
-        lambda kept: kept | {"more": 1},
         lambda kept: {key: value for key, value in kept.items() if key != "stop"},
         lambda kept: [],
     ],
@@ -477,11 +468,11 @@ def test_half_a_file_and_one_that_is_too_large_are_refused(tmp_path, monkeypatch
         run_training(training, tmp_path, lambda share, note: None)
     file.write_text(text)
     monkeypatch.setattr("truearm.papers.gao2017.training.LARGEST_FILE", 100)
-    with pytest.raises(InputError, match="at most 100 bytes"):
+    with pytest.raises(InputError, match="larger than 0.0001 MB"):
         run_training(training, tmp_path, lambda share, note: None)
     file.unlink()
     file.mkdir()
-    with pytest.raises(InputError, match="expected a regular file"):
+    with pytest.raises(InputError, match="expected a file, got a folder"):
         run_training(training, tmp_path, lambda share, note: None)
 
 

@@ -9,7 +9,7 @@ from matplotlib.patches import Circle, Rectangle
 
 from truearm.arm.rigid_motions import screw_x, screw_z
 from truearm.compensation.nets.perceptron import Perceptron
-from truearm.pages.plotting import figure_style, styles_of, svg_element
+from truearm.pages.plotting import figure_style, svg_element
 from truearm.papers.gao2017.claim_figures import (
     box_figure,
     crossings,
@@ -21,10 +21,8 @@ from truearm.papers.gao2017.claim_figures import (
 )
 from truearm.papers.gao2017.network_drawing import network_layers
 from truearm.papers.gao2017.results import BoxStudy, LearningRate, OutsideErrors, Predictions, Scatter
-from truearm.papers.gao2017.table_figure import PAPER_STYLE, TableFigureRow, table_figure
+from truearm.papers.gao2017.table_figure import STYLES, TableFigureRow, table_figure
 from truearm.show.arm_drawing import arm_figure, frame_figure, project
-
-STYLES = {**styles_of(("trainlm", "varpro", "nominal", "row 1")), "paper": PAPER_STYLE}
 
 PARAMETERS = np.array([[0, 376, -90], [62, 0, -90], [0, 751, -90], [62, 0, -90], [0, 500, -90], [0, 15, 90.0]])
 
@@ -58,13 +56,13 @@ def every_figure():
         "frames": frame_figure(frames, tip),
         "network": network_layers([6, 30, 30, 3]),
         "rows": table_figure([row, row], headings=("row", "units")),
-        "scatter": scatter_figure(scatter, style=STYLES["trainlm"]),
-        "rate": learning_rate_figure(LearningRate((0.1, 1.0), (1, 8), 8.2, (8.5, 8.0)), style=STYLES["trainlm"]),
-        "box": box_figure(BoxStudy((20.0, 40.0), {1: (1.0, 4.0)}, {1: 2.0}), chosen=38.0, styles=STYLES),
-        "outside": outside_figure(outside, styles=STYLES),
-        "share": share_figure({"nominal": 0.45, "varpro": 0.01}, before="nominal", styles=STYLES),
+        "scatter": scatter_figure(scatter),
+        "rate": learning_rate_figure(LearningRate((0.1, 1.0), (1, 8), 8.2, (8.5, 8.0))),
+        "box": box_figure(BoxStudy((20.0, 40.0), {1: (1.0, 4.0)}, {1: 2.0}), chosen=38.0),
+        "outside": outside_figure(outside),
+        "share": share_figure({"nominal": 0.45, "varpro": 0.01}, before="nominal"),
         "poses": predictions_figure(
-            Predictions(np.zeros((len(truth), 6)), truth, {"trainlm": truth + 0.1, "varpro": truth}), styles=STYLES
+            Predictions(np.zeros((len(truth), 6)), truth, {"trainlm": truth + 0.1, "varpro": truth})
         ),
     }
 
@@ -150,9 +148,13 @@ def test_the_network_is_drawn_with_its_units_biases_and_weights(sizes):
 def test_every_start_the_median_and_the_papers_value_are_drawn():
     rows = [
         TableFigureRow(
-            ("1", "10"), 8.5, 124.0, {"a": [8.0, 9.0, 10.0], "b": [5.0]}, {"a": [None, 3.0, None], "b": [1.0]}
+            ("1", "10"),
+            8.5,
+            124.0,
+            {"trainlm": [8.0, 9.0, 10.0], "varpro": [5.0]},
+            {"trainlm": [None, 3.0, None], "varpro": [1.0]},
         ),
-        TableFigureRow(("2", "50"), 2.5, 21.0, {"a": [2.0, 3.0]}, {"a": [7.0, 8.0]}),
+        TableFigureRow(("2", "50"), 2.5, 21.0, {"trainlm": [2.0, 3.0]}, {"trainlm": [7.0, 8.0]}),
     ]
     figure = table_figure(rows, headings=("row", "units"))
     errors, times = (np.concatenate([line.get_xdata() for line in panel.axes[0].lines]) for panel in figure.panels)
@@ -165,11 +167,10 @@ def test_every_start_the_median_and_the_papers_value_are_drawn():
 
 def test_a_trainer_keeps_its_colour_in_figures_without_the_other():
     row = TableFigureRow(("1",), 8.5, 124.0, {"varpro": [5.0]}, {"varpro": [1.0]})
-    styles = styles_of(("trainlm", "varpro"))
-    figure = table_figure([row], headings=("row",), styles=styles)
+    figure = table_figure([row], headings=("row",))
     colours = {to_hex(line.get_color()) for line in figure.panels[0].axes[0].lines}
-    assert styles["varpro"].colour in colours
-    assert styles["trainlm"].colour not in colours
+    assert STYLES["varpro"].colour in colours
+    assert STYLES["trainlm"].colour not in colours
 
 
 # Claims --------------------------------------------------------------------------------------------------------------
@@ -204,7 +205,7 @@ def test_figures_of_claims_show_the_data_they_are_given():
 
 
 def test_the_upper_scale_of_the_share_is_the_share():
-    figure = share_figure({"nominal": 0.5, "varpro": 0.005}, before="nominal", styles=STYLES)
+    figure = share_figure({"nominal": 0.5, "varpro": 0.005}, before="nominal")
     (top,) = figure.panels[0].axes[0].child_axes
     ticks = dict(zip([label.get_text() for label in top.get_xticklabels()], top.get_xticks(), strict=True))
     assert ticks["0 %"] == pytest.approx(0.5)
@@ -214,9 +215,7 @@ def test_the_upper_scale_of_the_share_is_the_share():
 
 def test_true_and_predicted_coordinates_and_their_differences_are_drawn():
     truth = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]])
-    figure = predictions_figure(
-        Predictions(np.zeros((len(truth), 6)), truth, {"varpro": truth + [0.1, -0.2, 0.3]}), styles=STYLES
-    )
+    figure = predictions_figure(Predictions(np.zeros((len(truth), 6)), truth, {"varpro": truth + [0.1, -0.2, 0.3]}))
     for k, (panel, error) in enumerate(zip(figure.panels, (0.1, -0.2, 0.3), strict=True)):
         above, below = panel.axes
         assert holds([line.get_xydata() for line in above.lines], (1.0, truth[0, k]))

@@ -5,39 +5,45 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Drawing
 
 from truearm.number_format import capitalize, format_count, format_exact, format_in_text, format_number
-from truearm.pages.palette import INK, LIMIT
+from truearm.pages.palette import INK, LIMIT, PAPER
 from truearm.pages.plotting import (
     LEFT_IN,
     Figure,
-    Style,
     figure_style,
     join_phrases,
     make_panel,
     set_log_scale,
     shorten,
 )
-from truearm.papers.gao2017.results import BoxStudy, LearningRate, OutsideErrors, Predictions, Scatter
-from truearm.papers.gao2017.table_figure import PAPER_STYLE
+from truearm.papers.gao2017.experiment_box import BoxRun, ExperimentBoxStudy, crossings
+from truearm.papers.gao2017.results import (
+    GOAL_MET,
+    METHODS,
+    BoxStudy,
+    LearningRate,
+    OutsideErrors,
+    Predictions,
+    Scatter,
+)
+from truearm.papers.gao2017.table_figure import PAPER_STYLE, STYLES
+from truearm.papers.gao2017.tables import FINAL_TEST, TABLES
 from truearm.typing import FloatArray
 
 _WIDTH_IN = 5.2
 
 
-def scatter_figure(claim: Scatter, *, style: Style) -> Figure:
+def scatter_figure(claim: Scatter) -> Figure:
     """Draw the errors of one training from many starts, and the paper's values that differ by a setting.
 
     Parameters
     ----------
     claim : Scatter
-    style : Style
-        Of the starts.
     """
-    starts, published = np.array(claim.mean_mm), np.array(claim.paper_rows_mean_mm)
+    style, starts, published = STYLES["trainlm"], np.array(claim.mean_mm), np.array(claim.paper_rows_mean_mm)
     summary = (
         f"{format_count(len(starts), 'start')} {_from_to(starts)}, "
         f"{format_count(len(published), 'published value')} {_from_to(published)}"
@@ -63,13 +69,13 @@ def scatter_figure(claim: Scatter, *, style: Style) -> Figure:
     )
 
 
-def learning_rate_figure(claim: LearningRate, *, style: Style) -> Figure:
+def learning_rate_figure(claim: LearningRate) -> Figure:
     """Draw the paper's errors against the learning rate, and the error of the one training that they share."""
     rates, published = np.array(claim.rates), np.array(claim.paper_mean_mm)
     with figure_style():
         drawing, (axes,) = make_panel(_WIDTH_IN, 2.5, top_in=0.32)
         axes.plot(rates, published, "D", color=PAPER_STYLE.colour, markersize=5, label="paper")
-        axes.axhline(claim.mean_mm, color=style.colour, linewidth=1.4, label="here, median of the starts")
+        axes.axhline(claim.mean_mm, color=STYLES["trainlm"].colour, linewidth=1.4, label="here, median of the starts")
         set_log_scale(axes, "x", rates.min() / 2, rates.max() * 2)
         axes.set_ylim(0, 1.15 * max(claim.mean_mm, published.max()))
         axes.set(xlabel="learning rate", ylabel="mean error [mm]")
@@ -80,7 +86,7 @@ def learning_rate_figure(claim: LearningRate, *, style: Style) -> Figure:
     )
 
 
-def box_figure(claim: BoxStudy, *, chosen: float, styles: Mapping[str, Style]) -> Figure:
+def box_figure(claim: BoxStudy, *, chosen: float) -> Figure:
     """Draw the error of networks against the half-width of their box, and the paper's values.
 
     Parameters
@@ -88,8 +94,6 @@ def box_figure(claim: BoxStudy, *, chosen: float, styles: Mapping[str, Style]) -
     claim : BoxStudy
     chosen : float
         The half-width of the reproduction [deg].
-    styles : mapping of str to Style
-        For ``row 1`` and so on.
     """
     order = np.argsort(claim.half_width_deg)
     widths = np.array(claim.half_width_deg)[order]
@@ -100,8 +104,8 @@ def box_figure(claim: BoxStudy, *, chosen: float, styles: Mapping[str, Style]) -
         drawing, (axes,) = make_panel(_WIDTH_IN, 3.1, top_in=0.32)
         drawing.subplots_adjust(right=1 - 0.62 / _WIDTH_IN)
         for name, values in errors.items():
-            _curve(axes, widths, values, styles[name], name)
-            axes.axhline(published[name], color=styles[name].colour, linewidth=1.0, linestyle=(0, (1.5, 2)))
+            _curve(axes, widths, values, name)
+            axes.axhline(published[name], color=STYLES[name].colour, linewidth=1.0, linestyle=(0, (1.5, 2)))
             at = [published[name]] * len(met[name])
             axes.plot(met[name], at, "D", color=PAPER_STYLE.colour, markersize=5.5, zorder=5)
             axes.annotate(
@@ -131,29 +135,84 @@ def box_figure(claim: BoxStudy, *, chosen: float, styles: Mapping[str, Style]) -
     )
 
 
-def crossings(x: npt.ArrayLike, y: npt.ArrayLike, level: float) -> list[float]:
-    """Every x where a curve through points crosses a level, interpolated linearly in the logarithm of y."""
-    x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
-    order = np.argsort(x)
-    x, height = x[order], np.log(y[order] / level)
-    places = [float(x[i]) for i in np.flatnonzero(height == 0)]
-    for i in np.flatnonzero(height[:-1] * height[1:] < 0):
-        places.append(float(x[i] + (x[i + 1] - x[i]) * height[i] / (height[i] - height[i + 1])))
-    return sorted(places)
+def experiment_box_figure(study: ExperimentBoxStudy, *, chosen: float) -> Figure:
+    """Draw the error of every training against the half-width of its box, and the paper's values as lines.
+
+    Parameters
+    ----------
+    study : ExperimentBoxStudy
+    chosen : float
+        The half-width of the reproduction [deg].
+    """
+    published = {"Table 4": TABLES[4][-1].mean_mm, "final test": FINAL_TEST.network_mean_mm}
+    errors = [run.mean_mm for run in study.runs]
+    with figure_style():
+        drawing, (axes,) = make_panel(_WIDTH_IN, 3.1, top_in=0.32)
+        drawing.subplots_adjust(left=0.8 / _WIDTH_IN, right=1 - 1.05 / _WIDTH_IN)
+        for method in METHODS:
+            medians, style = study.median_mm(method), STYLES[method]
+            axes.plot([*medians], [*medians.values()], color=style.colour, linestyle=style.dash, label=method)
+            for run in (run for run in study.runs if run.method == method):
+                met = run.stop == GOAL_MET
+                axes.plot(
+                    [run.half_width_deg],
+                    [run.mean_mm],
+                    style.marker,
+                    color=style.colour,
+                    markersize=6,
+                    markerfacecolor=style.colour if met or method == "varpro" else PAPER,
+                )
+        for k, (name, value) in enumerate(published.items()):
+            axes.axhline(value, color=INK, linewidth=1.0, linestyle=(0, (1.5, 2)))
+            axes.annotate(
+                f"{name} {format_exact(value)}",
+                xy=(1.01, value),
+                xycoords=axes.get_yaxis_transform(),
+                xytext=(0, 5 - 10 * k),
+                textcoords="offset points",
+                va="center",
+                fontsize="small",
+            )
+        axes.axvline(chosen, color=LIMIT, linewidth=1.0, linestyle=(0, (4, 3)))
+        set_log_scale(axes, "y", min(errors) / 1.5, max([*errors, *published.values()]) * 1.5)
+        axes.set(xlabel="half-width of the box of joint angles [deg]", ylabel="mean error [mm]")
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.99), ncols=2, handlelength=1.8, borderpad=0.2)
+    faithful = [run for run in study.runs if run.method == "trainlm"]
+    n_met = sum(run.stop == GOAL_MET for run in faithful)
+    summary = (
+        f"trainlm {_over_widths(study, 'trainlm')}; varpro {_over_widths(study, 'varpro')}; "
+        f"{n_met} of {format_count(len(faithful), 'training')} by trainlm met the goal"
+    )
+    return Figure(
+        (drawing,),
+        caption="Row 4 of Table 4, trained and tested in boxes of several half-widths. A filled mark of trainlm is a "
+        "training that met the paper's goal, an open one ended otherwise; dotted lines are the paper's values, the "
+        f"dashed line is the box of this reproduction, \u00b1{format_exact(chosen)} deg. {capitalize(summary)}.",
+        alt=f"Mean error against the half-width of the box: {summary}.",
+    )
 
 
-def outside_figure(claim: OutsideErrors, *, styles: Mapping[str, Style]) -> Figure:
+def _over_widths(study: ExperimentBoxStudy, method: str) -> str:
+    runs: list[BoxRun] = sorted((r for r in study.runs if r.method == method), key=lambda run: run.half_width_deg)
+    first, last = runs[0], runs[-1]
+    return (
+        f"{format_number(first.mean_mm)} mm at \u00b1{format_exact(first.half_width_deg)} deg to "
+        f"{format_number(last.mean_mm)} mm at \u00b1{format_exact(last.half_width_deg)} deg"
+    )
+
+
+def outside_figure(claim: OutsideErrors) -> Figure:
     """Draw the errors of the network and of other models against the distance outside the box of the training."""
     order = np.argsort(claim.distance_deg)
     distance, p95 = np.array(claim.distance_deg)[order], np.array(claim.varpro_p95_mm)[order]
     medians = {name: np.array(values)[order] for name, values in claim.median_mm.items()}
-    colour = styles["varpro"].colour
+    colour = STYLES["varpro"].colour
     with figure_style():
         drawing, (axes,) = make_panel(_WIDTH_IN, 3.0, top_in=0.32)
         axes.fill_between(distance, medians["varpro"], p95, color=colour, alpha=0.15, linewidth=0)
         axes.plot(distance, p95, color=colour, linewidth=0.8, linestyle=(0, (4, 2)))
         for name, values in medians.items():
-            _curve(axes, distance, values, styles[name], name)
+            _curve(axes, distance, values, name)
         _error_scale(axes, [p95, *medians.values()])
         axes.set(xlabel="farthest joint outside the box [deg]", ylabel="error [mm]")
         _key(axes)
@@ -171,7 +230,7 @@ def outside_figure(claim: OutsideErrors, *, styles: Mapping[str, Style]) -> Figu
     )
 
 
-def share_figure(errors: Mapping[str, float], *, before: str, styles: Mapping[str, Style]) -> Figure:
+def share_figure(errors: Mapping[str, float], *, before: str) -> Figure:
     """Draw mean errors on a logarithmic scale with, above it, the share of one of them that is removed.
 
     Parameters
@@ -180,7 +239,6 @@ def share_figure(errors: Mapping[str, float], *, before: str, styles: Mapping[st
         Mean error of each model [mm], and the noise floor.
     before : str
         The model before compensation, among them.
-    styles : mapping of str to Style
     """
     first = errors[before]
     with figure_style():
@@ -189,7 +247,7 @@ def share_figure(errors: Mapping[str, float], *, before: str, styles: Mapping[st
         low, high = min(errors.values()) / 1.6, max(errors.values()) * 4
         heights = range(len(errors) - 1, -1, -1)
         for height, (name, value) in zip(heights, errors.items(), strict=True):
-            axes.plot([value], [height], styles[name].marker, color=styles[name].colour, markersize=7)
+            axes.plot([value], [height], STYLES[name].marker, color=STYLES[name].colour, markersize=7)
             text = f"{format_number(value)} mm"
             axes.annotate(text, xy=(value, height), xytext=(8, 0), textcoords="offset points", va="center")
         set_log_scale(axes, "x", low, high)
@@ -226,11 +284,11 @@ def _share_scale(axes: Axes, first: float, low: float, high: float) -> None:
     top.spines["top"].set_color(LIMIT)
 
 
-def predictions_figure(poses: Predictions, *, styles: Mapping[str, Style]) -> Figure:
+def predictions_figure(poses: Predictions) -> Figure:
     """Draw true and predicted coordinates pose by pose, and below them the errors, as in Figure 4 of the paper."""
     errors = poses.deviations()
     with figure_style():
-        panels = tuple(_coordinate_panel(poses, errors, styles, coordinate) for coordinate in range(3))
+        panels = tuple(_coordinate_panel(poses, errors, coordinate) for coordinate in range(3))
     summary = join_phrases(
         f"{name} {format_number(float(np.abs(values).mean()), digits=2)} mm on average and "
         f"{format_number(float(np.abs(values).max()), digits=2)} mm at most"
@@ -246,16 +304,14 @@ def predictions_figure(poses: Predictions, *, styles: Mapping[str, Style]) -> Fi
     )
 
 
-def _coordinate_panel(
-    poses: Predictions, errors: Mapping[str, FloatArray], styles: Mapping[str, Style], coordinate: int
-) -> Drawing:
+def _coordinate_panel(poses: Predictions, errors: Mapping[str, FloatArray], coordinate: int) -> Drawing:
     drawing, (above, below) = make_panel(3.0, 3.4, rows=2, top_in=0.44)
     numbers, letter = np.arange(1, len(poses.points_mm) + 1), "xyz"[coordinate]
     true = poses.points_mm[:, coordinate]
     above.plot(numbers, true, "x", color=INK, markersize=7, markeredgewidth=1.0, zorder=2, label="true")
     shifts = 0.24 * (np.arange(len(errors)) - (len(errors) - 1) / 2)
     for shift, (name, points) in zip(shifts, poses.predicted_mm.items(), strict=True):
-        style, values = styles[name], errors[name][:, coordinate]
+        style, values = STYLES[name], errors[name][:, coordinate]
         below.vlines(numbers + shift, 0, values, color=style.colour, linewidth=1.2)
         for axes, y in ((above, points[:, coordinate]), (below, values)):
             axes.plot(
@@ -287,7 +343,8 @@ def _coordinate_panel(
     return drawing
 
 
-def _curve(axes: Axes, x: FloatArray, y: FloatArray, style: Style, name: str) -> None:
+def _curve(axes: Axes, x: FloatArray, y: FloatArray, name: str) -> None:
+    style = STYLES[name]
     axes.plot(x, y, style.marker, linestyle=style.dash, color=style.colour, markersize=5, label=name)
 
 

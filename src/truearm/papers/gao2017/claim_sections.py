@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from statistics import median
 
 import numpy as np
@@ -15,17 +15,16 @@ from truearm.number_format import (
     format_percent,
 )
 from truearm.pages.page import Cell, Column, Section, Table
-from truearm.pages.plotting import Figure, Style, join_phrases
+from truearm.pages.plotting import Figure, join_phrases
 from truearm.papers.gao2017.claim_figures import (
     box_figure,
-    crossings,
+    experiment_box_figure,
     learning_rate_figure,
     outside_figure,
     scatter_figure,
     share_figure,
 )
-from truearm.papers.gao2017.experiment_box import load_experiment_box, widths_at
-from truearm.papers.gao2017.experiment_box_figure import experiment_box_figure
+from truearm.papers.gao2017.experiment_box import crossings, load_experiment_box, widths_at
 from truearm.papers.gao2017.phrases import (
     SHARES_NOTE,
     MissingPart,
@@ -52,18 +51,18 @@ from truearm.typing import FloatArray
 # The final test ------------------------------------------------------------------------------------------------------
 
 
-def final_test_section(results: Reproduction, *, styles: Mapping[str, Style]) -> Section | MissingPart:
+def final_test_section(results: Reproduction) -> Section | MissingPart:
     """The final test beside the paper's, with Figures 6 to 8."""
     title = "Error before and after (Figures 6 to 8)"
     data, test = results.figures, results.final_test
     figures: list[Figure] = []
     if data.figure_6 is not None:
-        figures.append(with_figure_number(6, errors_by_reading(data.figure_6.deviations(), styles=styles)))
+        figures.append(with_figure_number(6, errors_by_reading(data.figure_6.deviations())))
     if data.figure_7 is not None:
         points, predicted = data.figure_7.points_mm, data.figure_7.predicted_mm
-        figures.append(with_figure_number(7, coordinates_by_reading(points, predicted, styles=styles)))
+        figures.append(with_figure_number(7, coordinates_by_reading(points, predicted)))
     if data.figure_8 is not None:
-        figures.append(with_figure_number(8, errors_by_reading(data.figure_8.deviations(), styles=styles)))
+        figures.append(with_figure_number(8, errors_by_reading(data.figure_8.deviations())))
     made = {6: data.figure_6, 7: data.figure_7, 8: data.figure_8}
     missing = [str(MissingPart(f"Figure {k}", f"--figure {k}")) for k, part in made.items() if part is None]
     if test is None:
@@ -127,7 +126,7 @@ def _final_table(test: FinalTestResult) -> Table:
     )
 
 
-def share_section(results: Reproduction, *, styles: Mapping[str, Style]) -> Section | MissingPart:
+def share_section(results: Reproduction) -> Section | MissingPart:
     """What the removed share means."""
     test = results.final_test
     if test is None or not test.of("varpro"):
@@ -151,14 +150,14 @@ def share_section(results: Reproduction, *, styles: Mapping[str, Style]) -> Sect
     return Section(
         f"What {format_percent(test.paper['network'].removed_percent / 100)} means",
         text,
-        figures=(share_figure(drawn, before="nominal", styles=styles),),
+        figures=(share_figure(drawn, before="nominal"),),
     )
 
 
 # The claims ----------------------------------------------------------------------------------------------------------
 
 
-def learning_rate_section(results: Reproduction, *, styles: Mapping[str, Style]) -> Section | MissingPart:
+def learning_rate_section(results: Reproduction) -> Section | MissingPart:
     """The learning rate has no effect."""
     claim = results.claims.learning_rate
     if claim is None:
@@ -171,12 +170,10 @@ def learning_rate_section(results: Reproduction, *, styles: Mapping[str, Style])
         f"the paper's values range from {format_mm(min(claim.paper_mean_mm))} to "
         f"{format_mm(max(claim.paper_mean_mm))}.{cut_note(claim.n_cut)}"
     )
-    return Section(
-        "The learning rate", text, figures=(learning_rate_figure(claim, style=styles["trainlm"]),), folded=True
-    )
+    return Section("The learning rate", text, figures=(learning_rate_figure(claim),), folded=True)
 
 
-def scatter_section(results: Reproduction, *, styles: Mapping[str, Style]) -> Section | MissingPart:
+def scatter_section(results: Reproduction) -> Section | MissingPart:
     """The spread of the paper's values beside that of random starts."""
     claim = results.claims.scatter
     if claim is None:
@@ -192,12 +189,10 @@ def scatter_section(results: Reproduction, *, styles: Mapping[str, Style]) -> Se
         f"{format_mm(min(many))} to {format_mm(max(many))}; the choice of ten test poses causes the rest."
         f"{cut_note(claim.n_cut)}"
     )
-    return Section(
-        "The scatter of starts", text, figures=(scatter_figure(claim, style=styles["trainlm"]),), folded=True
-    )
+    return Section("The scatter of starts", text, figures=(scatter_figure(claim),), folded=True)
 
 
-def joint_ranges_section(results: Reproduction, *, styles: Mapping[str, Style]) -> Section:
+def joint_ranges_section(results: Reproduction) -> Section:
     """How the joint ranges were chosen, and the consequences if they are wrong."""
     title = "The joint ranges"
     boxes, claim = results.boxes, results.claims.boxes
@@ -229,8 +224,8 @@ def joint_ranges_section(results: Reproduction, *, styles: Mapping[str, Style]) 
         )
     if claim.n_cut:
         text.append(cut_note(claim.n_cut).strip())
-    simulation = box_figure(claim, chosen=boxes.simulation_deg, styles=styles)
-    experiment = experiment_box_figure(study, chosen=boxes.experiment_deg, styles=styles)
+    simulation = box_figure(claim, chosen=boxes.simulation_deg)
+    experiment = experiment_box_figure(study, chosen=boxes.experiment_deg)
     return Section(title, "\n\n".join(text), figures=(simulation, experiment), folded=True)
 
 
@@ -260,7 +255,7 @@ def _nearby_errors(widths: Sequence[float], errors: Sequence[float], chosen: flo
     return f" The error is {', '.join(parts)}." if parts else ""
 
 
-def outside_section(results: Reproduction, *, styles: Mapping[str, Style]) -> Section | MissingPart:
+def outside_section(results: Reproduction) -> Section | MissingPart:
     """The errors of the direct network outside its box."""
     claim = results.claims.outside
     if claim is None:
@@ -283,7 +278,7 @@ def outside_section(results: Reproduction, *, styles: Mapping[str, Style]) -> Se
         )
         + cut_note(claim.n_cut)
     )
-    return Section("Outside the box", text, figures=(outside_figure(claim, styles=styles),))
+    return Section("Outside the box", text, figures=(outside_figure(claim),))
 
 
 def _pair(values: FloatArray) -> str:

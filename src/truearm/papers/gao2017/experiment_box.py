@@ -18,6 +18,7 @@ from pathlib import Path
 from statistics import median
 
 import numpy as np
+import numpy.typing as npt
 
 from truearm.papers.gao2017.results import METHODS, Method
 
@@ -83,6 +84,15 @@ def load_experiment_box() -> ExperimentBoxStudy:
 def widths_at(study: ExperimentBoxStudy, level_mm: float) -> list[float]:
     """Half-widths [deg] at which the median error of trainlm is `level_mm`, interpolated in its logarithm."""
     medians = study.median_mm("trainlm")
-    x, y = np.array([*medians]), np.log(np.array([*medians.values()]) / level_mm)
-    places = [float(x[i] - y[i] * (x[i + 1] - x[i]) / (y[i + 1] - y[i])) for i in np.flatnonzero(y[:-1] * y[1:] < 0)]
-    return sorted([*places, *x[y == 0].tolist()])
+    return crossings([*medians], [*medians.values()], level_mm)
+
+
+def crossings(x: npt.ArrayLike, y: npt.ArrayLike, level: float) -> list[float]:
+    """Every x where a curve through points crosses a level, interpolated linearly in the logarithm of y."""
+    x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
+    order = np.argsort(x)
+    x, height = x[order], np.log(y[order] / level)
+    places = [float(x[i]) for i in np.flatnonzero(height == 0)]
+    for i in np.flatnonzero(height[:-1] * height[1:] < 0):
+        places.append(float(x[i] + (x[i + 1] - x[i]) * height[i] / (height[i] - height[i + 1])))
+    return sorted(places)

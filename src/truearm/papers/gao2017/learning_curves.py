@@ -9,13 +9,14 @@ from matplotlib.figure import Figure as Drawing
 from truearm.number_format import format_in_text
 from truearm.pages.page import Section
 from truearm.pages.palette import PAPER
-from truearm.pages.plotting import Figure, Style, figure_style, join_phrases, make_panel, set_log_scale
+from truearm.pages.plotting import Figure, figure_style, join_phrases, make_panel, set_log_scale
 from truearm.papers.gao2017.results import METHODS, Reproduction, RowResult, Run
+from truearm.papers.gao2017.table_figure import STYLES
 
 _SHORTEST_S = 1e-3
 
 
-def learning_curves_section(results: Reproduction, *, styles: Mapping[str, Style]) -> Section | None:
+def learning_curves_section(results: Reproduction) -> Section | None:
     """How the error falls while networks are trained, for the row of each table with the longest training.
 
     None where no training has a curve: none was run, or all are results of earlier versions, which kept none.
@@ -31,22 +32,20 @@ def learning_curves_section(results: Reproduction, *, styles: Mapping[str, Style
         "Learning curves",
         "The error on the fitted poses while a network is trained, in each table for the row with the longest training "
         "in the paper. Time is CPU time, without the evaluation on further poses.",
-        figures=(learning_curves_figure(longest, styles=styles),),
+        figures=(learning_curves_figure(longest),),
     )
 
 
-def learning_curves_figure(rows: Mapping[int, RowResult], *, styles: Mapping[str, Style]) -> Figure:
+def learning_curves_figure(rows: Mapping[int, RowResult]) -> Figure:
     """Draw the root mean square error on the fitted poses against the time, a line a start, a panel a row.
 
     Parameters
     ----------
     rows : mapping of int to RowResult
         By the number of their table; all with curves.
-    styles : mapping of str to Style
-        For ``trainlm`` and ``varpro``.
     """
     with figure_style():
-        panels = tuple(_panel(number, row, styles) for number, row in rows.items())
+        panels = tuple(_panel(number, row) for number, row in rows.items())
     ends = join_phrases(
         f"Table {number}, row {row.paper.row}: "
         + ", ".join(
@@ -76,11 +75,11 @@ def _has_curves(row: RowResult) -> bool:
     return row.timed and bool(_runs(row))
 
 
-def _panel(number: int, row: RowResult, styles: Mapping[str, Style]) -> Drawing:
+def _panel(number: int, row: RowResult) -> Drawing:
     drawing, (axes,) = make_panel(3.2, 2.7, top_in=0.46)
     seconds, errors = [], []
     for name, runs in _runs(row).items():
-        style = styles[name]
+        style = STYLES[name]
         for k, run in enumerate(runs):
             x = [max(at, _SHORTEST_S) for _, at, _ in run.curve]
             y = [max(error, 1e-12) for _, _, error in run.curve]

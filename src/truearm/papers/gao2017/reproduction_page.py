@@ -5,11 +5,15 @@ Every number in a sentence comes from the results; a part that was not run is li
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
+from truearm.arm import load_arm
 from truearm.number_format import format_count, format_in_text
 from truearm.pages.page import Cell, Column, LabelledValue, Page, PageVerdict, Section, Table
-from truearm.pages.plotting import Figure, Style, styles_of
+from truearm.pages.plotting import Figure
+from truearm.pages.scene import PointCloud, PointColumn, Scene
 from truearm.papers.gao2017.claim_figures import predictions_figure
 from truearm.papers.gao2017.claim_sections import (
     final_test_section,
@@ -23,13 +27,16 @@ from truearm.papers.gao2017.claim_sections import (
 from truearm.papers.gao2017.learning_curves import learning_curves_section
 from truearm.papers.gao2017.network_drawing import network_layers
 from truearm.papers.gao2017.phrases import COMMAND, MissingPart, as_count, format_degrees, mark_cut, with_figure_number
-from truearm.papers.gao2017.results import METHODS, MODELS, ArmPose, Reproduction
-from truearm.papers.gao2017.space import IN_SPACE, arm_scene, tested_poses_section
-from truearm.papers.gao2017.table_figure import PAPER_STYLE
+from truearm.papers.gao2017.results import METHODS, ArmPose, Predictions, Reproduction
 from truearm.papers.gao2017.table_sections import count_cut, count_verdicts, describe_accuracy, speedups, table_section
 from truearm.papers.gao2017.tables import TABLE_1
+from truearm.papers.gao2017.training import ARM
 from truearm.show.arm_drawing import arm_figure, frame_figure
+from truearm.show.arm_scene import arm_mechanism
+from truearm.show.workspace_figures import error_in_workspace
+from truearm.typing import FloatArray
 
+IN_SPACE = "Where the networks err"
 TITLE = "Gao et al. 2017, reproduced"
 CITATION = (
     "Gao, Zhang, San, Wu, Wang: Modeling and Error Compensation of Robotic Articulated Arm Coordinate Measuring "
@@ -41,26 +48,21 @@ _PURPOSE = (
     "their documentation (two rows of Table 3 use gradient descent), with the settings and stops of each row. varpro "
     "is the trainer of truearm: it solves the output layer exactly at every step, with the damping of Nielsen's rule."
 )
-_STYLES: dict[str, Style] = {
-    **styles_of((*METHODS, *MODELS, "noise floor", "nominal")),
-    "paper": PAPER_STYLE,
-    **styles_of(("row 1", "row 15")),
-}
 
 
 def reproduction_page(results: Reproduction) -> Page:
     """Make the page of a reproduction."""
     parts: list[Section | MissingPart | None] = [
         _answer(results),
-        tested_poses_section(results),
-        *(table_section(number, rows, results.rule, styles=_STYLES) for number, rows in results.tables.items()),
-        learning_curves_section(results, styles=_STYLES),
-        final_test_section(results, styles=_STYLES),
-        share_section(results, styles=_STYLES),
-        learning_rate_section(results, styles=_STYLES),
-        scatter_section(results, styles=_STYLES),
-        joint_ranges_section(results, styles=_STYLES),
-        outside_section(results, styles=_STYLES),
+        _in_space(results),
+        *(table_section(number, rows, results.rule) for number, rows in results.tables.items()),
+        learning_curves_section(results),
+        final_test_section(results),
+        share_section(results),
+        learning_rate_section(results),
+        scatter_section(results),
+        joint_ranges_section(results),
+        outside_section(results),
         _arm(results),
         _network(results),
         _ten_poses(results),
@@ -174,6 +176,49 @@ def _verdict_table(results: Reproduction) -> Table:
     )
 
 
+def _in_space(results: Reproduction) -> Section | None:
+    """The test poses in space: those of the final test, else those of Figure 4; None where neither was run."""
+    figures = results.figures
+    final = [one for one in (figures.figure_6, figures.figure_7) if one is not None]
+    tested = final or [one for one in (figures.figure_4,) if one is not None]
+    if not tested:
+        return None
+    what = "the final test on a virtual arm" if final else "the test of Table 2, row 1"
+    poses = tested[0]
+    distances = {name: np.linalg.norm(values, axis=1) for each in tested for name, values in each.deviations().items()}
+    return Section(
+        IN_SPACE,
+        f"Error in space, predicted to true point, at {format_count(len(poses.points_mm), 'pose')} of {what}.",
+        scenes=(_errors_scene(poses, distances),),
+    )
+
+
+def _errors_scene(poses: Predictions, distances: dict[str, FloatArray]) -> Scene:
+    arm = load_arm(ARM)
+    shown = next((name for name in reversed(METHODS) if name in distances), next(iter(distances)))
+    points, errors = poses.points_mm, distances[shown]
+    worst = int(np.argmax(errors))
+    cloud = PointCloud(
+        points,
+        [f"pose {number}" for number in range(1, len(points) + 1)],
+        [PointColumn(f"error, {name}", "mm", values) for name, values in distances.items()],
+        [PointColumn(f"J{i}", "deg", column) for i, column in enumerate(poses.angles_deg.T, start=1)],
+        noun="pose",
+        shown=list(distances).index(shown),
+        marked={worst: f"pose {worst + 1}"},
+    )
+    label = f"{format_count(len(points), 'pose')} in space, coloured by error; the arm goes to the one pointed at"
+    still = error_in_workspace(points, errors, name=shown)
+    caption = still.caption.partition(" Clusters of large errors")[0]
+    return Scene(
+        label,
+        "mm",
+        replace(still, caption=f"{caption} On a screen a ring marks the largest."),
+        cloud=cloud,
+        mechanism=arm_mechanism(arm, start=np.radians(poses.angles_deg[worst]), follows=[*range(arm.n_joints)]),
+    )
+
+
 def _arm(results: Reproduction) -> Section | MissingPart:
     arm = results.figures.arm
     if arm is None:
@@ -185,7 +230,14 @@ def _arm(results: Reproduction) -> Section | MissingPart:
         "angles: "
         f"{angles}. The paper gives no such pose; it was chosen here.",
         tables=(_parameter_table(arm),),
-        scenes=(arm_scene(with_figure_number(1, arm_figure(arm.frames, arm.tip_mm))),),
+        scenes=(
+            Scene(
+                "The paper's arm in space: links, joint axes and tip",
+                "mm",
+                with_figure_number(1, arm_figure(arm.frames, arm.tip_mm)),
+                mechanism=arm_mechanism(load_arm(ARM), controls=True),
+            ),
+        ),
         figures=(with_figure_number(2, frame_figure(arm.frames, arm.tip_mm)),),
         folded=bool(results.rows()),
     )
@@ -216,7 +268,7 @@ def _ten_poses(results: Reproduction) -> Section | MissingPart:
     poses = results.figures.figure_4
     if poses is None:
         return MissingPart("Figure 4", "--figure 4")
-    figure = with_figure_number(4, predictions_figure(poses, styles=_STYLES))
+    figure = with_figure_number(4, predictions_figure(poses))
     return Section("Some poses in detail (Figure 4)", figures=(figure,), folded=bool(results.rows()))
 
 

@@ -12,11 +12,16 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Drawing
 from matplotlib.lines import Line2D
 
-from truearm.errors import InputError
 from truearm.pages.palette import FAINT, INK, PAPER, SOFT
 from truearm.pages.plotting import Figure, Style, figure_style, set_log_scale, shorten, styles_of
+from truearm.papers.gao2017.results import METHODS, MODELS
 
 PAPER_STYLE = Style(INK, "D", ":")  # the paper's own numbers, in every figure
+STYLES: dict[str, Style] = {
+    **styles_of((*METHODS, *MODELS, "noise floor", "nominal")),
+    "paper": PAPER_STYLE,
+    **styles_of(("row 1", "row 15")),
+}
 _WIDTH_IN, _ROW_IN, _HEAD_IN, _FOOT_IN = 4.7, 0.25, 0.52, 0.44
 _LETTER_IN = 0.082
 
@@ -44,9 +49,7 @@ class TableFigureRow:
     seconds: Mapping[str, Sequence[float | None]]
 
 
-def table_figure(
-    rows: Sequence[TableFigureRow], *, headings: Sequence[str], styles: Mapping[str, Style] | None = None
-) -> Figure:
+def table_figure(rows: Sequence[TableFigureRow], *, headings: Sequence[str]) -> Figure:
     """Draw the mean error of every start beside the paper's, and the time until it reached the paper's mean error.
 
     Parameters
@@ -54,17 +57,8 @@ def table_figure(
     rows : sequence of TableFigureRow
     headings : sequence of str
         Of the cells of the labels.
-    styles : mapping of str to Style, optional
-        From `styles_of`.
     """
-    rows = list(rows)
-    if not rows:
-        raise InputError("expected at least one row of the paper, got none")
-    for row in rows:
-        if len(row.label) != len(headings):
-            raise InputError(f"expected a label of {len(headings)} cells for every row, got {row.label}")
-    trainers = list(dict.fromkeys(trainer for row in rows for trainer in row.errors_mm))
-    pens = styles_of(trainers, styles)
+    pens = {trainer: STYLES[trainer] for row in rows for trainer in row.errors_mm}
     with figure_style():
         panels = (_errors(rows, headings, pens), _times(rows, headings[:1], pens))
     return Figure(

@@ -10,7 +10,7 @@ import numpy as np
 
 from truearm.number_format import capitalize, format_count, format_exact, format_in_text, format_number
 from truearm.pages.page import Cell, Column, Section, Table
-from truearm.pages.plotting import Figure, Style, join_phrases
+from truearm.pages.plotting import Figure, join_phrases
 from truearm.papers.gao2017.phrases import SHARES_NOTE, MissingPart, format_row_numbers, mark_cut, range_cell
 from truearm.papers.gao2017.results import CUT_SHORT, FITTED_BOX, METHODS, Method, RowResult, TrainerResult, trained
 from truearm.papers.gao2017.table_figure import TableFigureRow, table_figure
@@ -22,9 +22,7 @@ _SUBJECT = {
 }
 
 
-def table_section(
-    number: int, rows: Sequence[RowResult] | None, rule: str, *, styles: Mapping[str, Style]
-) -> Section | MissingPart:
+def table_section(number: int, rows: Sequence[RowResult] | None, rule: str) -> Section | MissingPart:
     """A table of the paper beside the reproduction: accuracy, effort, and a figure of both.
 
     Parameters
@@ -35,8 +33,6 @@ def table_section(
         None if the table was not run.
     rule : str
         Of the verdicts.
-    styles : mapping of str to Style
-        For ``trainlm`` and ``varpro``.
     """
     title = f"Table {number}"
     if not rows:
@@ -52,12 +48,12 @@ def table_section(
         title,
         "\n\n".join(part for part in parts if part),
         tables=(_accuracy(number, rows), _effort(number, rows)),
-        figures=(_figure(rows, styles=styles),),
+        figures=(_figure(rows),),
     )
 
 
-def _figure(rows: Sequence[RowResult], *, styles: Mapping[str, Style]) -> Figure:
-    figure = table_figure([_figure_row(row) for row in rows], headings=("row", "poses", "units"), styles=styles)
+def _figure(rows: Sequence[RowResult]) -> Figure:
+    figure = table_figure([_figure_row(row) for row in rows], headings=("row", "poses", "units"))
     if not any(count_cut(rows, name) for name in METHODS):
         return figure
     return replace(figure, caption=f"{figure.caption} * Our time limit ended a training of this row.")
