@@ -71,7 +71,6 @@ def test_no_card_is_broken_between_sheets(tmp_path):
 @pytest.mark.parametrize(
     ("lines", "problem"),
     [
-        (np.zeros((1, 4, 2)), "expected 2 lines"),
         (np.full((2, 4, 2), np.nan), "line of the card"),
         (np.zeros((2, 4, 3)), "line of the card"),
     ],
@@ -79,11 +78,6 @@ def test_no_card_is_broken_between_sheets(tmp_path):
 def test_lines_that_cannot_be_drawn_are_refused(lines, problem):
     with pytest.raises(InputError, match=problem):
         CardSet("Cards", "", VIEWS, [Card("Step 1", "", "", [], lines)]).drawings()
-
-
-def test_empty_sets_are_refused():
-    with pytest.raises(InputError, match="a card at least"):
-        CardSet("Cards", "", VIEWS, [])
 
 
 def test_a_line_of_one_point_is_drawn():

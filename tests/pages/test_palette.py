@@ -8,7 +8,7 @@ from test_html import made_up_page
 
 from truearm.pages.html import render
 from truearm.pages.page import Page
-from truearm.pages.palette import PALETTE, contrast, filtered, style_rules, with_variables
+from truearm.pages.palette import PALETTE, channels, filtered, style_rules, with_variables
 from truearm.pages.plotting import svg_element
 from truearm.show.workspace_figures import error_in_workspace, workspace
 
@@ -20,6 +20,17 @@ LINES = ("limit", "orange", "navy", "purple", "teal", "grey", "olive", "good", "
 
 def of(name, scheme):
     return getattr(COLOURS[name], scheme)
+
+
+def contrast(one, other):
+    """Contrast ratio of two colours, 1 to 21 (WCAG 2.2, relative luminance)."""
+    low, high = sorted(map(luminance, (one, other)))
+    return (high + 0.05) / (low + 0.05)
+
+
+def luminance(colour):
+    shares = np.array(channels(colour)) / 255
+    return np.where(shares <= 0.04045, shares / 12.92, ((shares + 0.055) / 1.055) ** 2.4) @ (0.2126, 0.7152, 0.0722)
 
 
 def test_contrast_is_that_of_wcag():

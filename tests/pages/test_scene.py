@@ -161,8 +161,6 @@ def test_a_page_of_12000_points_stays_small():
 @pytest.mark.parametrize(
     ("make", "problem"),
     [
-        (lambda: Scene(" ", "mm", STILL, cloud=made_up_cloud()), "a label for every scene"),
-        (lambda: Scene("empty", "mm", STILL), "points, lines or a mechanism in the scene 'empty', got none"),
         (lambda: PointCloud(np.zeros((2, 3)), ["a"], [PointColumn("e", "mm", [1, 2])]).to_json(), "expected 2 names"),
         (lambda: PointCloud(np.zeros((2, 3)), ["a", "b"], []).to_json(), "at least one value"),
         (lambda: PointCloud(np.zeros((1, 3)), ["a"], [PointColumn("e", "mm", [1, 2])]).to_json(), "expected 1 values"),

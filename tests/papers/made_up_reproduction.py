@@ -11,7 +11,6 @@ from truearm.papers.gao2017.results import (
     FinalTestResult,
     FinalTestRun,
     LearningRate,
-    ModelErrors,
     OutsideErrors,
     Predictions,
     Reproduction,
@@ -20,7 +19,7 @@ from truearm.papers.gao2017.results import (
     Scatter,
     TrainerResult,
 )
-from truearm.papers.gao2017.tables import FINAL_TEST, TABLES
+from truearm.papers.gao2017.tables import FINAL_TEST, TABLES, ModelErrors
 
 
 def made_up_trainer(random, trainer, seeds, paper_mm, paper_s, *, factor):
@@ -78,8 +77,8 @@ def made_up_final_test(seeds):
         "kinematic": (0.0078, 0.034, 98.3, 0.4),
     }
     paper = {
-        "nominal": ModelErrors(FINAL_TEST.nominal_mean_mm, FINAL_TEST.nominal_max_mm, {}, 0.0),
-        "network": ModelErrors(FINAL_TEST.network_mean_mm, FINAL_TEST.network_max_mm, FINAL_TEST.over_mm, 97),
+        "nominal": FINAL_TEST["nominal"],
+        "network": FINAL_TEST["network"],
     }
     runs = [
         FinalTestRun(

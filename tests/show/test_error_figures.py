@@ -11,7 +11,7 @@ from matplotlib.colors import to_hex
 from matplotlib.image import imread
 
 from truearm.errors import InputError
-from truearm.pages.plotting import Figure, Style, save_figure, styles_of, svg_element
+from truearm.pages.plotting import Style, save_figure, styles_of, svg_element
 from truearm.show import error_figures as figures
 from truearm.show import joint_figures
 from truearm.show.joint_figures import running_median
@@ -190,19 +190,12 @@ def test_more_models_than_pens_are_drawn():
             lambda: joint_figures.error_against_joint(np.ones((3, 0)), {"a": np.ones(3)}),
             r"joints\), got the shape \(3, 0\)",
         ),
-        (lambda: joint_figures.joint_ranges(np.ones((3, 2)), names=["a"]), "2 joint names, got 1"),
-        (lambda: joint_figures.joint_ranges(np.ones((3, 2)), lower=[0.0]), "expected 2 lower limits"),
-        (lambda: joint_figures.joint_ranges(np.ones((3, 1)), lower=[2.0], upper=[1.0]), "limit 1 is above the upper"),
-        (lambda: joint_figures.joint_ranges(np.ones((3, 2)), sliding=[True]), "sliding for each of 2 joints, got 1"),
         (lambda: error_in_workspace(np.ones((3, 3)), np.ones(2)), "got 3 points and 2 errors"),
         (
             lambda: figures.coordinates_by_reading(np.ones((3, 3)), {"a": np.ones((2, 3))}),
             "3 readings as the truth, got 2",
         ),
         (lambda: figures.before_after({"m": [1.0]}, styles={}), "a style for every series, got none for 'm'"),
-        (lambda: Figure((), "c", "a"), "at least one panel"),
-        (lambda: Figure((object(),), "c", " "), "caption and an alternative text"),
-        (lambda: Figure((object(),), "c", "a", columns=4), "1, 2 or 3 columns of panels, got 4"),
     ],
 )
 def test_bad_arrays_are_refused_with_what_came_and_where(draw, told):

@@ -14,13 +14,12 @@ from confirmed_plan import confirmed
 from html_outline import Outline
 from truearm.errors import InputError
 from truearm.number_format import RoundedNumber
-from truearm.pages.html import format_cell, grid_of_table, render
-from truearm.pages.page import Column, Table
+from truearm.pages.html import render
+from truearm.pages.page import Column, Table, format_cell
 from truearm.pages.palette import BAD
 from truearm.show.limits_figure import limits_figure
 from truearm.show.verification_page import verification_page
-from truearm.show.where_figure import where_figure
-from truearm.show.where_scene import where_scene
+from truearm.show.where_scene import where_figure, where_scene
 from truearm.verification.standards.artefacts import Artefacts
 from truearm.verification.standards.decision import (
     DECISION_RULES,
@@ -76,8 +75,7 @@ def row(value, limit=0.05, *, label="E_Uni, 900", budget=BUDGET, rule="iso14253-
 
 def table(page, title, number=0):
     section = next(one for one in page.sections if one.title == title)
-    grid = grid_of_table(section.tables[number])
-    return [[cell.text for cell in line] for line in grid.rows]
+    return [[cell.text for cell in line] for line in section.tables[number].cells]
 
 
 # Numbers -------------------------------------------------------------------------------------------------------------

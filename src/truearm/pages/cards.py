@@ -12,7 +12,6 @@ import numpy as np
 import numpy.typing as npt
 from markupsafe import Markup
 
-from truearm.errors import InputError
 from truearm.pages.figures import finite_array
 from truearm.typing import FloatArray
 
@@ -62,13 +61,6 @@ class CardSet:
     caption: str
     views: Sequence[str]
     cards: Sequence[Card]
-
-    def __post_init__(self) -> None:
-        if not self.cards or not self.views or not self.title.strip():
-            raise InputError(f"expected a title, a view and a card at least in the cards {self.title!r}")
-        for card in self.cards:
-            if len(card.lines) != len(self.views):
-                raise InputError(f"expected {len(self.views)} lines on the card {card.title!r}, got {len(card.lines)}")
 
     def drawings(self) -> list[Markup]:
         """The drawings of the cards as SVG elements; nothing in them but numbers of ours and escaped titles.

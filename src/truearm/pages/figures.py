@@ -77,8 +77,8 @@ def range_figure(
     *,
     names: Sequence[str],
     units: Sequence[str],
-    lower: npt.ArrayLike | None = None,
-    upper: npt.ArrayLike | None = None,
+    lower: FloatArray,
+    upper: FloatArray,
     label: str,
     caption: str,
 ) -> Figure:
@@ -90,7 +90,7 @@ def range_figure(
         A column for each quantity, in its unit.
     names, units : sequences of str
         Of the k quantities.
-    lower, upper : (k,) arrays, optional
+    lower, upper : (k,) arrays
         Limits; an infinite one is no limit.
     label : str
         Of the scale, without the unit.
@@ -100,20 +100,20 @@ def range_figure(
     Raises
     ------
     InputError
-        If the arrays do not fit together, or a lower limit is above the upper one.
+        If a value is not finite.
     """
     values = finite_array(values, f"{label}s", width=len(names))
-    low, high = _limits(lower, upper, len(names))
     with figure_style():
         panels = tuple(
-            _range_panel(values[:, k], [names[i] for i in k], low[k], high[k], f"{label} [{unit}]", unit)
+            _range_panel(values[:, k], [names[i] for i in k], lower[k], upper[k], f"{label} [{unit}]", unit)
             for unit in dict.fromkeys(units)
             for k in [[i for i, other in enumerate(units) if other == unit]]
         )
     ranges = "; ".join(
         f"{shorten(name)} {_span(column)} {unit}" for name, unit, column in zip(names, units, values.T, strict=True)
     )
-    limits = "the grey bar is the range within its limits" if np.isfinite([low, high]).any() else "no limits are given"
+    limited = np.isfinite([lower, upper]).any()
+    limits = "the grey bar is the range within its limits" if limited else "no limits are given"
     return Figure(
         panels,
         caption=f"{caption} The histogram shows how often each value occurred; {limits}.",
@@ -166,15 +166,3 @@ def _view(values: FloatArray, low: FloatArray, high: FloatArray, *, usual: float
 
 def _span(values: FloatArray) -> str:
     return f"{format_number(round(values.min()))} to {format_number(round(values.max()))}"
-
-
-def _limits(lower: npt.ArrayLike | None, upper: npt.ArrayLike | None, count: int) -> tuple[FloatArray, FloatArray]:
-    low = np.full(count, -np.inf) if lower is None else np.array(lower, dtype=np.float64)
-    high = np.full(count, np.inf) if upper is None else np.array(upper, dtype=np.float64)
-    for what, limit in (("lower", low), ("upper", high)):
-        if limit.shape != (count,) or np.isnan(limit).any():
-            raise InputError(f"expected {count} {what} limits, got {limit.tolist()}")
-    if (low > high).any():
-        worst = int(np.argmax(low > high))
-        raise InputError(f"lower limit {worst + 1} is above the upper limit, {low[worst]:g} and {high[worst]:g}")
-    return low, high

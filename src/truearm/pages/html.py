@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -14,8 +13,8 @@ from markupsafe import Markup
 from matplotlib.figure import Figure as Drawing
 
 from truearm.files.atomic_write import atomic_file
-from truearm.number_format import RoundedNumber, format_exact, format_number, format_uncertainty
-from truearm.pages.page import Cell, Column, LabelledValue, Page, Section, State, Table
+from truearm.number_format import format_exact, format_uncertainty
+from truearm.pages.page import EMPTY_CELL, Page, Section, format_cell, table_of_rows
 from truearm.pages.palette import style_rules
 from truearm.pages.plotting import Figure, svg_element
 from truearm.pages.scene import Scene, scene_script, script_hash
@@ -87,117 +86,6 @@ def with_places(figures: Sequence[Figure]) -> list[tuple[Figure, str]]:
     return places
 
 
-# Cells ---------------------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class FormattedCell:
-    """A cell as the page shows it; a number is split at its decimal point."""
-
-    text: str
-    whole: str = ""
-    fraction: str = ""
-
-    @property
-    def is_number(self) -> bool:
-        """Whether the cell is aligned with the numbers of its column."""
-        return bool(self.whole)
-
-
-EMPTY_CELL = FormattedCell("\u2013")
-
-
-@dataclass(frozen=True)
-class FormattedTable:
-    """Cells in rows under their column heads."""
-
-    heads: tuple[Column, ...]
-    rows: tuple[tuple[FormattedCell, ...], ...]
-    caption: str = ""
-    fillable: bool = False
-    states: tuple[State, ...] = ()
-    folded: bool = False
-
-    @property
-    def title(self) -> str:
-        """The first sentence of the caption, which a folded table shows."""
-        return self.caption.partition(". ")[0]
-
-    @property
-    def note(self) -> str:
-        """The caption after its first sentence."""
-        return self.caption.partition(". ")[2]
-
-    @property
-    def has_head(self) -> bool:
-        """Whether any column has a heading."""
-        return any(head.heading for head in self.heads)
-
-    @property
-    def numeric(self) -> tuple[bool, ...]:
-        """For each column, whether it has a number."""
-        return tuple(any(row[k].is_number for row in self.rows) for k in range(len(self.heads)))
-
-    @property
-    def groups(self) -> tuple[tuple[Column, int], ...]:
-        """Heads in a row, each with the number of columns below it."""
-        heads: list[tuple[Column, int]] = []
-        for head in self.heads:
-            if heads and head.group and heads[-1][0].group == head.group:
-                heads[-1] = (heads[-1][0], heads[-1][1] + 1)
-            else:
-                heads.append((head, 1))
-        return tuple(heads)
-
-    @property
-    def decimal_widths(self) -> tuple[int, ...]:
-        """For each column, the room right of the decimal point, in characters."""
-        return tuple(max((len(row[k].fraction) for row in self.rows), default=0) for k in range(len(self.heads)))
-
-
-def format_cell(value: Cell, *, uncertainty: float | None = None, digits: int = 3) -> FormattedCell:
-    """A cell as the page shows it; an empty one is a dash."""
-    if value is None:
-        return EMPTY_CELL
-    if isinstance(value, str):
-        return FormattedCell(value)
-    if isinstance(value, RoundedNumber):
-        uncertainty, value = value.uncertainty, value.value
-    return _split(format_number(value, uncertainty=uncertainty, digits=digits))
-
-
-def grid_of_table(table: Table) -> FormattedTable:
-    """Format the cells of a table, each with the digits of its column."""
-    rows = tuple(
-        tuple(format_cell(cell, digits=column.digits) for column, cell in zip(table.columns, row, strict=True))
-        for row in table.rows
-    )
-    return FormattedTable(table.columns, rows, table.caption, table.fillable, table.states, table.folded)
-
-
-def grid_of_rows(rows: Sequence[LabelledValue]) -> FormattedTable:
-    """Format rows as a table: quantity, value, uncertainty and limit if any row has one, unit."""
-    columns = {
-        "quantity": [FormattedCell(row.label) for row in rows],
-        "value": [format_cell(row.value, uncertainty=row.uncertainty) for row in rows],
-        "standard uncertainty": [
-            EMPTY_CELL if row.uncertainty is None else _split(format_uncertainty(row.uncertainty)) for row in rows
-        ],
-        "limit": [EMPTY_CELL if row.limit is None else _split(format_exact(row.limit)) for row in rows],
-        "unit": [FormattedCell(row.unit or "") for row in rows],
-    }
-    for optional in ("standard uncertainty", "limit"):
-        if all(cell == EMPTY_CELL for cell in columns[optional]):
-            del columns[optional]
-    states = tuple(row.state for row in rows)
-    return FormattedTable(tuple(map(Column, columns)), tuple(zip(*columns.values(), strict=True)), states=states)
-
-
-def _split(number: str) -> FormattedCell:
-    whole, point, fraction = number.partition(".")
-    return FormattedCell(number, whole, point + fraction)
-
-
 # The template --------------------------------------------------------------------------------------------------------
 
 
@@ -235,7 +123,6 @@ def _template() -> jinja2.Template:
         empty=EMPTY_CELL,
         exact=format_exact,
         uncertainty=format_uncertainty,
-        grid_of_table=grid_of_table,
-        grid_of_rows=grid_of_rows,
+        table_of_rows=table_of_rows,
     )
     return environment.from_string(_package_text("page.html.j2"))

@@ -3,18 +3,38 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
 
 from truearm.errors import InputError
-from truearm.number_format import RoundedNumber
+from truearm.number_format import RoundedNumber, format_exact, format_number, format_uncertainty
 from truearm.pages.cards import CardSet
 from truearm.pages.plotting import Figure
 from truearm.pages.scene import Scene
 
-Cell = str | int | float | RoundedNumber | None
+
+@dataclass(frozen=True)
+class FormattedCell:
+    """A cell as the page shows it; a number is split at its decimal point."""
+
+    text: str
+    whole: str = ""
+    fraction: str = ""
+
+    @property
+    def is_number(self) -> bool:
+        """Whether the cell is aligned with the numbers of its column."""
+        return bool(self.whole)
+
+
+EMPTY_CELL = FormattedCell("\u2013")
+
+
+Cell = str | int | float | RoundedNumber | FormattedCell | None
 State = Literal["good", "doubtful", "bad", "withdrawn", "none"]
 
 
@@ -35,10 +55,6 @@ class PageVerdict:
     sentence: str
     state: State = "none"
     detail: str = ""
-
-    def __post_init__(self) -> None:
-        if not self.sentence.strip():
-            raise InputError("expected a verdict in words, got an empty sentence")
 
 
 @dataclass(frozen=True)
@@ -69,13 +85,9 @@ class LabelledValue:
     state: State = "none"
 
     def __post_init__(self) -> None:
-        if not self.label.strip():
-            raise InputError("expected a label for every row, got an empty one")
         _check(self.value, f"row {self.label!r}")
         _check(self.uncertainty, f"uncertainty of row {self.label!r}")
         _check(self.limit, f"limit of row {self.label!r}")
-        if self.uncertainty is not None and self.uncertainty < 0:
-            raise InputError(f"expected an uncertainty of zero or more in row {self.label!r}, got {self.uncertainty}")
 
 
 @dataclass(frozen=True)
@@ -89,6 +101,12 @@ class Column:
     unit: str = ""
     digits: int = 3
     group: str = ""
+
+    @staticmethod
+    def of(*heads: str | Column) -> tuple[Column, ...]:
+        """Columns of headings with their units in brackets, such as ``mean error [mm]``; columns stay as they are."""
+        split = (head if isinstance(head, Column) else head.rstrip("]").partition(" [") for head in heads)
+        return tuple(one if isinstance(one, Column) else Column(one[0], one[2]) for one in split)
 
 
 @dataclass(frozen=True)
@@ -108,15 +126,6 @@ class Table:
     folded: bool = False
 
     def __post_init__(self) -> None:
-        if not self.columns:
-            raise InputError(f"expected a table with at least one column, got none in {self.caption!r}")
-        if self.states and len(self.states) != len(self.rows):
-            raise InputError(
-                f"expected a state for each of {len(self.rows)} rows of the table {self.caption!r}, "
-                f"got {len(self.states)}"
-            )
-        if self.folded and not self.caption.strip():
-            raise InputError("expected a caption for a folded table, got an empty one")
         for number, row in enumerate(self.rows, start=1):
             if len(row) != len(self.columns):
                 raise InputError(
@@ -124,6 +133,45 @@ class Table:
                 )
             for column, cell in zip(self.columns, row, strict=True):
                 _check(cell, f"row {number} of the table {self.caption!r}", column=column.heading)
+
+    @property
+    def title(self) -> str:
+        """The first sentence of the caption, which a folded table shows."""
+        return self.caption.partition(". ")[0]
+
+    @property
+    def note(self) -> str:
+        """The caption after its first sentence."""
+        return self.caption.partition(". ")[2]
+
+    @property
+    def groups(self) -> tuple[tuple[Column, int], ...]:
+        """Heads in a row, each with the number of columns below it."""
+        heads: list[tuple[Column, int]] = []
+        for head in self.columns:
+            if heads and head.group and heads[-1][0].group == head.group:
+                heads[-1] = (heads[-1][0], heads[-1][1] + 1)
+            else:
+                heads.append((head, 1))
+        return tuple(heads)
+
+    @cached_property
+    def cells(self) -> tuple[tuple[FormattedCell, ...], ...]:
+        """The cells as the page shows them, each with the digits of its column."""
+        return tuple(
+            tuple(format_cell(cell, digits=column.digits) for column, cell in zip(self.columns, row, strict=True))
+            for row in self.rows
+        )
+
+    @property
+    def numeric(self) -> tuple[bool, ...]:
+        """For each column, whether it has a number."""
+        return tuple(any(row[k].is_number for row in self.cells) for k in range(len(self.columns)))
+
+    @property
+    def decimal_widths(self) -> tuple[int, ...]:
+        """For each column, the room right of the decimal point, in characters."""
+        return tuple(max((len(row[k].fraction) for row in self.cells), default=0) for k in range(len(self.columns)))
 
 
 @dataclass(frozen=True)
@@ -179,10 +227,46 @@ def _check(cell: object, place: str, *, column: str | None = None) -> None:
     if isinstance(cell, RoundedNumber):
         _check(cell.uncertainty, place, column=column)
         cell = cell.value
-    if cell is None or isinstance(cell, str | int | np.integer):
+    if cell is None or isinstance(cell, str | int | np.integer | FormattedCell):
         return
     if isinstance(cell, float | np.floating) and math.isfinite(cell):
         return
     raise InputError(
         f"expected a finite number or text in {place}, got {cell!r}", column=column, hint="use None for no value"
     )
+
+
+def format_cell(value: Cell, *, uncertainty: float | None = None, digits: int = 3) -> FormattedCell:
+    """A cell as the page shows it; an empty one is a dash."""
+    if value is None:
+        return EMPTY_CELL
+    if isinstance(value, FormattedCell):
+        return value
+    if isinstance(value, str):
+        return FormattedCell(value)
+    if isinstance(value, RoundedNumber):
+        uncertainty, value = value.uncertainty, value.value
+    return _split(format_number(value, uncertainty=uncertainty, digits=digits))
+
+
+def table_of_rows(rows: Sequence[LabelledValue]) -> Table:
+    """Rows as a table: quantity, value, uncertainty and limit if any row has one, unit."""
+    columns: dict[str, list[Cell]] = {
+        "quantity": [row.label for row in rows],
+        "value": [format_cell(row.value, uncertainty=row.uncertainty) for row in rows],
+        "standard uncertainty": [
+            EMPTY_CELL if row.uncertainty is None else _split(format_uncertainty(row.uncertainty)) for row in rows
+        ],
+        "limit": [EMPTY_CELL if row.limit is None else _split(format_exact(row.limit)) for row in rows],
+        "unit": [row.unit for row in rows],
+    }
+    for optional in ("standard uncertainty", "limit"):
+        if all(cell == EMPTY_CELL for cell in columns[optional]):
+            del columns[optional]
+    states = tuple(row.state for row in rows)
+    return Table(Column.of(*columns), tuple(zip(*columns.values(), strict=True)), "", states=states)
+
+
+def _split(number: str) -> FormattedCell:
+    whole, point, fraction = number.partition(".")
+    return FormattedCell(number, whole, point + fraction)

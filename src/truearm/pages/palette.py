@@ -22,7 +22,7 @@ class Colour:
 
 def filtered(light: str) -> str:
     """The colour that ``filter: invert(1) hue-rotate(180deg)`` makes of another one, both ``#rrggbb``."""
-    red, green, blue = (255 - value for value in _channels(light))
+    red, green, blue = (255 - value for value in channels(light))
     # The matrix of hue-rotate(180deg) in CSS Filter Effects, 12.1.
     turned = (
         -0.574 * red + 1.430 * green + 0.144 * blue,
@@ -32,22 +32,9 @@ def filtered(light: str) -> str:
     return "#" + "".join(f"{min(max(round(value), 0), 255):02x}" for value in turned)
 
 
-def contrast(one: str, other: str) -> float:
-    """Contrast ratio of two colours, 1 to 21 (WCAG 2.2, relative luminance)."""
-    low, high = sorted((_luminance(one), _luminance(other)))
-    return (high + 0.05) / (low + 0.05)
-
-
-def _channels(colour: str) -> tuple[int, int, int]:
+def channels(colour: str) -> tuple[int, int, int]:
+    """Red, green and blue of a colour ``#rrggbb``, 0 to 255."""
     return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:7], 16)
-
-
-def _luminance(colour: str) -> float:
-    linear = (
-        value / 12.92 if value <= 0.04045 else ((value + 0.055) / 1.055) ** 2.4
-        for value in (channel / 255 for channel in _channels(colour))
-    )
-    return sum(weight * value for weight, value in zip((0.2126, 0.7152, 0.0722), linear, strict=True))
 
 
 # Of figures -----------------------------------------------------------------------------------------------------------

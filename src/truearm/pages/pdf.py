@@ -22,9 +22,19 @@ import numpy.typing as npt
 
 from truearm.errors import InputError, MissingTool
 from truearm.files.atomic_write import atomic_file
-from truearm.pages.html import FormattedTable, format_cell, grid_of_rows, grid_of_table, paragraphs
-from truearm.pages.page import Column, LabelledValue, Page, PageVerdict, Section, State
-from truearm.pages.palette import BAD, DOUBTFUL, FAINT, GOOD, INK, PAPER, SOFT
+from truearm.pages.html import paragraphs
+from truearm.pages.page import (
+    Column,
+    LabelledValue,
+    Page,
+    PageVerdict,
+    Section,
+    State,
+    Table,
+    format_cell,
+    table_of_rows,
+)
+from truearm.pages.palette import BAD, DOUBTFUL, FAINT, GOOD, INK, PAPER, SOFT, channels
 from truearm.pages.paper import Paper
 from truearm.pages.plotting import Figure, pixels_of
 
@@ -91,10 +101,9 @@ def pdf_bytes(page: Page, paper: Paper) -> bytes:
             sheets.section(section)
         if page.facts:
             # Names of files are not the author's to change: characters that the font lacks are escaped.
-            facts = (map(sheets.escaped, fact) for fact in page.facts)
-            cells = tuple((format_cell(name), format_cell(value)) for name, value in facts)
-            sheets.heading("Files and programs", kept_mm=min(WHOLE_MM, 12.0 + 5.0 * len(cells)))
-            sheets.table(FormattedTable((Column(""), Column("")), cells), size=SMALL)
+            facts = tuple(tuple(map(sheets.escaped, fact)) for fact in page.facts)
+            sheets.heading("Files and programs", kept_mm=min(WHOLE_MM, 12.0 + 5.0 * len(facts)))
+            sheets.table(Table((Column(""), Column("")), facts, ""), size=SMALL)
         sheets.waiting_figures()
         sheets.signatures()
         sheets.stamp()
@@ -203,15 +212,15 @@ class _Sheets:
         for paragraph in paragraphs(section.text):
             self.text(paragraph)
         if section.rows:
-            self.table(grid_of_rows(section.rows))
+            self.table(table_of_rows(section.rows))
         for table in section.tables:
-            self.table(grid_of_table(table))
+            self.table(table)
         for figure in section.figures:
             self._figure(figure)
 
     def _beginning_of(self, section: Section) -> float:
         """Height that a section's heading needs below it [mm]: its text and a table that is not divided, if short."""
-        tables = [*([grid_of_rows(section.rows)] if section.rows else []), *map(grid_of_table, section.tables)]
+        tables = [*([table_of_rows(section.rows)] if section.rows else []), *section.tables]
         if section.figures and not (section.text or tables or section.verdict):
             return 14.0 + SMALLEST_SHARE * _height(pixels_of(section.figures[0], dpi=20))
         if section.verdict is not None or not tables:
@@ -221,7 +230,7 @@ class _Sheets:
         height = 10.0 + sum(texts) * self._line(TEXT) + 1.6 * len(texts) + self._layout(tables[0], 8.0).kept_mm
         return height if height <= WHOLE_MM else KEPT_MM
 
-    def table(self, grid: FormattedTable, *, size: float = 8.0) -> None:
+    def table(self, grid: Table, *, size: float = 8.0) -> None:
         """A table that continues on the next sheet, with its heads again, unless it is short."""
         layout = self._layout(grid, size)
         self.keep(layout.kept_mm)
@@ -243,14 +252,14 @@ class _Sheets:
             if layout.heads:
                 layout.fill(table.row(), layout.heads)
             for cells, state in layout.rows:
-                colour = _rgb(_STATES[state][0] if state in ("bad", "doubtful") else INK)
+                colour = channels(_STATES[state][0] if state in ("bad", "doubtful") else INK)
                 layout.fill(table.row(style=self._face(color=colour)), cells)
         self.pdf.set_y(self.pdf.get_y() + 2.5)
 
-    def _layout(self, grid: FormattedTable, size: float) -> _TableLayout:
+    def _layout(self, grid: Table, size: float) -> _TableLayout:
         """Measure a table; rows higher than a sheet are divided into several."""
-        rows = [[self._cell(grid, row, at) for at in range(len(grid.heads))] for row in grid.rows]
-        heads = [self.known(f"{head.heading} [{head.unit}]" if head.unit else head.heading) for head in grid.heads]
+        rows = [[self._cell(grid, row, at) for at in range(len(grid.columns))] for row in grid.cells]
+        heads = [self.known(f"{head.heading} [{head.unit}]" if head.unit else head.heading) for head in grid.columns]
         if not any(heads) and len(heads) == 2:
             heads = []
         states: Sequence[State] = grid.states or ["none"] * len(rows)
@@ -302,7 +311,7 @@ class _Sheets:
             top = self.pdf.get_y()
             for at, lines in enumerate(pair):
                 left, y = MARGIN_MM + half * at, top + 16.0
-                self.pdf.set_draw_color(*_rgb(INK))
+                self.pdf.set_draw_color(*channels(INK))
                 self.pdf.line(left, y, left + half - 12.0, y)
                 self._style(SMALL, colour=SOFT)
                 self.pdf.set_xy(left, y + 1.0)
@@ -369,7 +378,7 @@ class _Sheets:
         bottom = self.pdf.get_y()
         if self.paper.logo is not None:
             bottom = max(bottom, self._logo(top))
-        self.pdf.set_draw_color(*_rgb(INK))
+        self.pdf.set_draw_color(*channels(INK))
         self.pdf.line(MARGIN_MM, bottom + 2.0, MARGIN_MM + WIDTH_MM, bottom + 2.0)
         self.pdf.set_y(bottom + 6.0)
 
@@ -399,9 +408,9 @@ class _Sheets:
             height += more * self._line(TEXT) + 0.8
         self.keep(height + 8.0)
         top = self.pdf.get_y()
-        self.pdf.set_fill_color(*_rgb(_WASH[verdict.state]))
+        self.pdf.set_fill_color(*channels(_WASH[verdict.state]))
         self.pdf.rect(MARGIN_MM, top, WIDTH_MM, height + 6.0, style="F")
-        self.pdf.set_fill_color(*_rgb(colour))
+        self.pdf.set_fill_color(*channels(colour))
         self.pdf.rect(MARGIN_MM, top, 1.4, height + 6.0, style="F")
         self._style(HEADING, bold=True, colour=colour)
         self.pdf.set_xy(MARGIN_MM + 4.5, top + 3.0)
@@ -463,7 +472,7 @@ class _Sheets:
             with pdf.rotation(54.7, 105.0, 148.5):
                 pdf.text(105.0 - pdf.get_string_width(text) / 2, 152.0, text)
 
-    def _cell(self, grid: FormattedTable, row: tuple[Any, ...], at: int) -> str:
+    def _cell(self, grid: Table, row: tuple[Any, ...], at: int) -> str:
         """A cell as text; spaces as wide as digits bring decimal points below each other."""
         cell = row[at]
         text = self.known(cell.text)
@@ -522,9 +531,9 @@ class _Sheets:
 
     def _style(self, size: float, *, bold: bool = False, colour: str = INK) -> None:
         self.pdf.set_font(_FONT, "B" if bold else "", size)
-        self.pdf.set_text_color(*_rgb(colour))
-        self.pdf.set_draw_color(*_rgb(FAINT))
-        self.pdf.set_fill_color(*_rgb(PAPER))
+        self.pdf.set_text_color(*channels(colour))
+        self.pdf.set_draw_color(*channels(FAINT))
+        self.pdf.set_fill_color(*channels(PAPER))
 
     @staticmethod
     def _line(size: float) -> float:
@@ -570,7 +579,3 @@ def _metadata(title: str, author: str, subject: str, issued: datetime.datetime) 
     </rdf:Description>
   </rdf:RDF>
 </x:xmpmeta>"""
-
-
-def _rgb(colour: str) -> tuple[int, int, int]:
-    return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:7], 16)

@@ -90,14 +90,6 @@ class Figure:
     columns: int = 1
     light_paper: bool = False
 
-    def __post_init__(self) -> None:
-        if not self.panels:
-            raise InputError("expected a figure with at least one panel, got none")
-        if not self.alt.strip() or not self.caption.strip():
-            raise InputError("expected a caption and an alternative text for every figure, got an empty one")
-        if self.columns not in (1, 2, 3):
-            raise InputError(f"expected 1, 2 or 3 columns of panels, got {self.columns}")
-
     def _repr_html_(self) -> str:
         """The panels and their caption, as notebooks show them."""
         drawings = (svg_element(panel, f"{id(self)}-{i}-") for i, panel in enumerate(self.panels))
@@ -163,7 +155,6 @@ def figure_style() -> Iterator[None]:
 def make_panel(width_in: float, height_in: float, *, rows: int = 1, top_in: float = 0.26) -> tuple[Drawing, list[Axes]]:
     """Panel with `rows` axes one above the other; the margins are the same in every panel."""
     drawing = Drawing(figsize=(width_in, height_in))
-    FigureCanvasAgg(drawing)
     axes = drawing.subplots(rows, 1, sharex=True, squeeze=False, subplot_kw={"axes_class": PanelAxes})[:, 0]
     drawing.subplots_adjust(
         left=LEFT_IN / width_in,

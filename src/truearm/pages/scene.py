@@ -260,12 +260,6 @@ class Scene:
     mechanism: Mechanism | None = None
     lines: Sequence[npt.ArrayLike] = ()
 
-    def __post_init__(self) -> None:
-        if not self.label.strip():
-            raise InputError("expected a label for every scene, got an empty one")
-        if self.cloud is None and self.mechanism is None and not self.lines:
-            raise InputError(f"expected points, lines or a mechanism in the scene {self.label!r}, got none")
-
     def to_json(self) -> str:
         """The data block of the page. No text in it can end the block: ``<`` is written as an escape."""
         data = {

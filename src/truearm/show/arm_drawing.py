@@ -13,7 +13,6 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Drawing
 
 from truearm.number_format import format_in_text, format_number
@@ -266,7 +265,6 @@ def _paper(
     )
     height_in = (high[1] - low[1]) / per_in + 2 * margin_in + top_in + foot_in
     drawing = Drawing(figsize=(width_in, height_in))
-    FigureCanvasAgg(drawing)
     axes = drawing.add_axes((0, foot_in / height_in, 1, 1 - (top_in + foot_in) / height_in))
     middle = (low + high) / 2
     span = np.array([width_in, height_in - top_in - foot_in]) * per_in / 2

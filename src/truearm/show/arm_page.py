@@ -96,7 +96,7 @@ def _limits(arm: Arm) -> Table:
         ends = [f"{format_in_text(end, digits=4)} {unit}" if np.isfinite(end) else "none" for end in (low, high)]
         joint = f"J{i + 1}" if name == f"J{i + 1}" else f"J{i + 1} {name}"
         rows.append((joint, "slides" if slides else "turns", *ends, f"{format_in_text(working, digits=4)} {unit}"))
-    heads = (Column("joint"), Column("kind"), Column("lower limit"), Column("upper limit"), Column("working pose"))
+    heads = Column.of("joint", "kind", "lower limit", "upper limit", "working pose")
     return Table(heads, tuple(rows), "Joints")
 
 

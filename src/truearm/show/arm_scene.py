@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
-from truearm.pages.scene import Mechanism
+from truearm.pages.scene import Mechanism, PointColumn
 from truearm.typing import FloatArray
 
 # What a slider spans of a joint that turns without limit; of one that slides, this share of the reach to each side.
@@ -63,6 +63,14 @@ def arm_mechanism(
         controls=controls,
         follows=follows,
     )
+
+
+def joint_columns(angles: FloatArray, sliding: npt.ArrayLike, names: Sequence[str] | None = None) -> list[PointColumn]:
+    """Joint angles (n, n_joints) [rad, or mm] as columns of a cloud [deg, or mm]; J1, J2, ... by default."""
+    values = np.where(sliding, angles, np.degrees(angles)).T
+    names = [f"J{i}" for i in range(1, len(values) + 1)] if names is None else names
+    units = ["mm" if slides else "deg" for slides in np.asarray(sliding)]
+    return [PointColumn(*one) for one in zip(names, units, values, strict=True)]
 
 
 def joint_frames(chain: Chain, angles: npt.ArrayLike) -> FloatArray:

@@ -10,14 +10,8 @@ import numpy as np
 from truearm.compensation.models.uncertainty import COVERAGE_FACTOR, LEVEL, UncertaintyBudget
 from truearm.number_format import format_count, format_mm, format_percent, format_uncertainty
 from truearm.pages.page import Column, LabelledValue, Page, PageVerdict, Section, State, Table
-from truearm.pages.plotting import styles_of
 from truearm.pages.scene import Mechanism
-from truearm.show.error_figures import (
-    before_after,
-    coordinates_by_reading,
-    error_distribution,
-    errors_by_reading,
-)
+from truearm.show.error_figures import before_after, coordinates_by_reading, error_distribution, errors_by_reading
 from truearm.show.joint_figures import error_against_joint, joint_ranges
 from truearm.show.readings_scene import readings_scene
 from truearm.show.workspace_figures import error_in_workspace, workspace
@@ -37,20 +31,16 @@ ERROR_COLUMNS = (
 )
 
 
-@dataclass(frozen=True, eq=False)
-class ModelComparison:
-    """Points of a session by the reference and by several models.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ComparedReadings:
+    """Readings of a session, and their points by several models.
 
     Attributes
     ----------
     angles : (n, n_joints) array
         [rad], or [mm] for sliding joints.
-    points : (n, 3) array
-        By the reference [mm].
     predicted : mapping of str to (n, 3) array
         By each model [mm]; the first is the state before compensation.
-    errors : mapping of str to mapping
-        The figures of `ERROR_COLUMNS` for each model, and its number of readings `n`.
     joint_names : sequence of str
     lower, upper : (n_joints,) array
         Joint limits, infinite where there is none.
@@ -59,20 +49,78 @@ class ModelComparison:
         Of the readings, such as their lines in the file; numbers by default.
     mechanism : Mechanism, optional
         The arm that the interactive view brings to a reading.
-    std_mm : mapping of str to (n,) array
-        Standard uncertainty of a coordinate at each reading, of the models that state one.
     """
 
     angles: FloatArray
-    points: FloatArray
     predicted: Mapping[str, FloatArray]
-    errors: Mapping[str, Mapping[str, float]]
     joint_names: Sequence[str]
     lower: FloatArray
     upper: FloatArray
     sliding: Sequence[bool]
     reading_names: Sequence[str] = ()
     mechanism: Mechanism | None = None
+
+    def in_space(
+        self,
+        title: str,
+        points: FloatArray,
+        distances: Mapping[str, FloatArray],
+        *,
+        shown: str,
+        what: str,
+        names: Sequence[str],
+        std_mm: FloatArray | None = None,
+    ) -> Section:
+        """The section with the readings as a scene, see `readings_scene`; `names` are those of readings without any."""
+        scene = readings_scene(
+            points,
+            distances,
+            self.angles,
+            what=what,
+            names=self.reading_names or names,
+            joint_names=self.joint_names,
+            sliding=self.sliding,
+            still=error_in_workspace(points, distances[shown], name=shown),
+            shown=shown,
+            std_mm=std_mm,
+            mechanism=self.mechanism,
+        )
+        return Section(title, scenes=(scene,))
+
+    def measured_range(self, points: FloatArray) -> Section:
+        """The section with the ranges of the joints and of the tip."""
+        ranges = joint_ranges(
+            self.angles, names=self.joint_names, lower=self.lower, upper=self.upper, sliding=self.sliding
+        )
+        return Section(
+            "Measured range",
+            "Joint positions and tip positions of the readings. A model is valid only in the range it was trained on.",
+            figures=(ranges, workspace(points)),
+            folded=True,
+        )
+
+    def by_joint(self, distances: Mapping[str, FloatArray], text: str) -> Section:
+        """The section with the errors against the position of each joint."""
+        figure = error_against_joint(self.angles, distances, names=self.joint_names, sliding=self.sliding)
+        return Section("Errors by joint position", text, figures=(figure,), folded=True)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ModelComparison(ComparedReadings):
+    """Points of a session by the reference and by several models.
+
+    Attributes
+    ----------
+    points : (n, 3) array
+        By the reference [mm].
+    errors : mapping of str to mapping
+        The figures of `ERROR_COLUMNS` for each model, and its number of readings `n`.
+    std_mm : mapping of str to (n,) array
+        Standard uncertainty of a coordinate at each reading, of the models that state one.
+    """
+
+    points: FloatArray
+    errors: Mapping[str, Mapping[str, float]]
     std_mm: Mapping[str, FloatArray] = field(default_factory=dict)
 
 
@@ -113,9 +161,11 @@ def comparison_page(
             _in_space(compared),
             _result(compared, remarks, floor),
             *more,
-            _measured(compared),
+            compared.measured_range(compared.points),
             _by_coordinate(compared),
-            _by_cause(compared),
+            compared.by_joint(
+                _distances(compared), "Distances have no sign: a periodic error shows twice its frequency."
+            ),
         ),
         facts=tuple(facts),
     )
@@ -125,10 +175,8 @@ def error_table(errors: Mapping[str, Mapping[str, float]], *, caption: str) -> T
     """The error figures of several models, a row each."""
     first = next(iter(errors))
     return Table(
-        columns=(
-            Column("model"),
-            *(Column(heading, unit, 4 if unit == "%" else 3) for _, heading, unit in ERROR_COLUMNS),
-            Column("readings"),
+        columns=Column.of(
+            "model", *(Column(heading, unit, 4 if unit == "%" else 3) for _, heading, unit in ERROR_COLUMNS), "readings"
         ),
         rows=tuple(
             (
@@ -203,22 +251,16 @@ def comparison_verdict(
 
 
 def _in_space(compared: ModelComparison) -> Section:
-    distances = _distances(compared)
     best = _best(compared)
-    scene = readings_scene(
+    return compared.in_space(
+        "Where the errors are",
         compared.points,
-        distances,
-        compared.angles,
-        what="error",
-        names=compared.reading_names or [f"reading {i + 1}" for i in range(len(compared.points))],
-        joint_names=compared.joint_names,
-        sliding=compared.sliding,
-        still=error_in_workspace(compared.points, distances[best], name=best),
+        _distances(compared),
         shown=best,
+        what="error",
+        names=[f"reading {i + 1}" for i in range(len(compared.points))],
         std_mm=compared.std_mm.get(best),
-        mechanism=compared.mechanism,
     )
-    return Section("Where the errors are", scenes=(scene,))
 
 
 def improvement_sentence(what: str, before_mm: float, after_mm: float) -> str:
@@ -247,64 +289,27 @@ def _result(compared: ModelComparison, remarks: Sequence[str], floor: Mapping[st
         {**compared.errors, **({} if floor is None else {"noise floor": floor})},
         caption="Errors on the readings of this page",
     )
-    styles = styles_of(distances)
+    text = (
+        "An error is the difference between a model's point and the reference point of the same reading. Distances "
+        "are in space; a coordinate is one of x, y, z. The reduction is that of the nominal arm's mean absolute "
+        "coordinate error."
+    )
     return Section(
         "Error before and after",
-        "\n\n".join(remarks)
-        + ("\n\n" if remarks else "")
-        + "An error is the difference between a model's point and the reference point of the same reading. Distances "
-        "are in space; a coordinate is one of x, y, z. The reduction is that of the nominal arm's mean absolute "
-        "coordinate error.",
-        figures=(before_after(distances, styles=styles),),
+        "\n\n".join([*remarks, text]),
+        figures=(before_after(distances),),
         tables=(table,),
-    )
-
-
-def _measured(compared: ModelComparison) -> Section:
-    return Section(
-        "Measured range",
-        "Joint positions and tip positions of the readings. A model is valid only in the range it was trained on.",
-        figures=(
-            joint_ranges(
-                compared.angles,
-                names=compared.joint_names,
-                lower=compared.lower,
-                upper=compared.upper,
-                sliding=compared.sliding,
-            ),
-            workspace(compared.points),
-        ),
-        folded=True,
     )
 
 
 def _by_coordinate(compared: ModelComparison) -> Section:
     errors = {name: points - compared.points for name, points in compared.predicted.items()}
-    styles = styles_of(errors)
     return Section(
         "Distribution and coordinates",
         figures=(
-            error_distribution(_distances(compared), styles=styles),
-            errors_by_reading(errors, styles=styles),
-            coordinates_by_reading(compared.points, compared.predicted, styles=styles),
-        ),
-        folded=True,
-    )
-
-
-def _by_cause(compared: ModelComparison) -> Section:
-    distances = _distances(compared)
-    return Section(
-        "Errors by joint position",
-        "Distances have no sign: a periodic error shows twice its frequency.",
-        figures=(
-            error_against_joint(
-                compared.angles,
-                distances,
-                names=compared.joint_names,
-                sliding=compared.sliding,
-                styles=styles_of(distances),
-            ),
+            error_distribution(_distances(compared)),
+            errors_by_reading(errors),
+            coordinates_by_reading(compared.points, compared.predicted),
         ),
         folded=True,
     )

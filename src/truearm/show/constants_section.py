@@ -45,14 +45,14 @@ def constants_section(
             identified, change = (RoundedNumber(factor * value, u) for value in (one.identified, one.change))
             values = (identified, change, u or None)
         rows.append((f"{one.place} {one.name}", drawn, *values, unit, one.status))
-    columns = (
-        Column("constant"),
+    columns = Column.of(
+        "constant",
         Column("nominal", digits=7),
         Column("identified", digits=7),
         Column("change", digits=3),
         Column("standard uncertainty", digits=2),
-        Column("unit"),
-        Column("status"),
+        "unit",
+        "status",
     )
     changed = _changed(table, reach_mm)
     short = Table(

@@ -161,9 +161,9 @@ def terms_section(found: Sequence[Effect], *, name: str = "") -> Section | None:
         return None
     pruned = [effect.group for effect in found if effect.determined < LEAST_DETERMINED]
     table = Table(
-        columns=(
-            Column("group of terms"),
-            Column("offered"),
+        columns=Column.of(
+            "group of terms",
+            "offered",
             Column("determined", digits=2),
             Column("rotation", "arcsec", 2),
             Column("shift", "mm", 2),
@@ -242,10 +242,10 @@ def unidentifiable_section(
     tables = []
     if unidentifiable:
         rows = tuple((", ".join(names), known) for names, known in unidentifiable)
-        tables.append(Table((Column("constants"), Column("known")), rows, "Constants that are not identifiable"))
+        tables.append(Table(Column.of("constants", "known"), rows, "Constants that are not identifiable"))
     if excluded:
         rows = tuple((term, reason) for term, reason in excluded)
-        tables.append(Table((Column("term"), Column("reason")), rows, "Terms that were not offered"))
+        tables.append(Table(Column.of("term", "reason"), rows, "Terms that were not offered"))
     if not tables:
         return None
     return Section(

@@ -10,7 +10,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Drawing
 from matplotlib.ticker import FixedLocator, MaxNLocator
 
-from truearm.errors import InputError
 from truearm.identification.estimation.diagnostics import JointError
 from truearm.number_format import format_number
 from truearm.pages.palette import LIMIT
@@ -45,30 +44,21 @@ def joint_error_figure(
     Parameters
     ----------
     errors : mapping of str to sequence of JointError
-        For each model; joints without a significant error are not drawn.
+        For each model, at least one of them significant; joints without a significant error are not drawn.
     angles : (n, joints) array
         Joint angles of the readings, to show their distribution [rad].
     names : sequence of str, optional
         Of the joints; J1, J2, ... by default.
     styles : mapping of str to Style, optional
         From `styles_of`.
-
-    Raises
-    ------
-    InputError
-        If no joint has a significant error, or an error is of a joint without angles.
     """
     read = joint_matrix(angles)
     names = joint_names(names, read.shape[1])
     by_joint: dict[int, dict[str, JointError]] = {}
     for model, found in errors.items():
         for error in found:
-            if not 1 <= error.joint <= len(names):
-                raise InputError(f"expected errors of joints 1 to {len(names)}, got one of joint {error.joint}")
             if any(other.is_significant for every in errors.values() for other in every if other.joint == error.joint):
                 by_joint.setdefault(error.joint, {})[model] = error
-    if not by_joint:
-        raise InputError("expected a joint with a significant error, got none")
     pens = styles_of(errors, styles)
     several = len(errors) > 1
     with figure_style():

@@ -23,7 +23,7 @@ from truearm.pages.plotting import (
     shorten,
     styles_of,
 )
-from truearm.typing import BoolArray, FloatArray
+from truearm.typing import FloatArray
 
 
 def joint_ranges(
@@ -48,15 +48,15 @@ def joint_ranges(
         Which joints slide; none by default.
     """
     angles = joint_matrix(angles)
-    slides = _slides(sliding, angles.shape[1])
+    slides = np.zeros(angles.shape[1], dtype=bool) if sliding is None else np.array(sliding, dtype=bool)
     scale = np.where(slides, 1.0, np.degrees(1.0))
-    low, high = (None if ends is None else np.asarray(ends, dtype=float) for ends in (lower, upper))
+    low, high = -np.inf if lower is None else np.asarray(lower), np.inf if upper is None else np.asarray(upper)
     return range_figure(
         angles * scale,
         names=joint_names(names, len(slides)),
         units=["mm" if slide else "deg" for slide in slides],
-        lower=low if low is None or low.shape != scale.shape else low * scale,
-        upper=high if high is None or high.shape != scale.shape else high * scale,
+        lower=low * scale,
+        upper=high * scale,
         label="joint position",
         caption=f"Range of each joint over {format_count(len(angles), 'reading')}; positions outside are not tested.",
     )
@@ -87,7 +87,7 @@ def error_against_joint(
     count = len(next(iter(by_name.values())))
     angles = joint_matrix(angles, readings=count)
     names = joint_names(names, angles.shape[1])
-    slides = _slides(sliding, angles.shape[1])
+    slides = np.zeros(angles.shape[1], dtype=bool) if sliding is None else np.array(sliding, dtype=bool)
     pens = styles_of(by_name, styles)
     with figure_style():
         panels = tuple(
@@ -164,8 +164,6 @@ def joint_names(names: Sequence[str] | None, joints: int) -> list[str]:
     """Names of the joints: `names`, or J1, J2, ... by default."""
     if names is None:
         return [f"J{i + 1}" for i in range(joints)]
-    if len(names) != joints:
-        raise InputError(f"expected {joints} joint names, got {len(names)}")
     return [str(name) for name in names]
 
 
@@ -178,10 +176,3 @@ def joint_matrix(angles: npt.ArrayLike, *, readings: int | None = None) -> Float
     if readings is not None and len(array) != readings:
         raise InputError(f"expected angles of the same {readings} readings as the errors, got {len(array)}")
     return array
-
-
-def _slides(sliding: Sequence[bool] | None, joints: int) -> BoolArray:
-    slides = np.zeros(joints, dtype=bool) if sliding is None else np.array(sliding, dtype=bool)
-    if slides.shape != (joints,):
-        raise InputError(f"expected sliding for each of {joints} joints, got {slides.size}")
-    return slides

@@ -7,7 +7,6 @@ from math import inf
 
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Drawing
 from matplotlib.patches import Rectangle
 
@@ -42,7 +41,6 @@ def limits_figure(rows: Sequence[ConformityResult], *, rule: DecisionRule, decid
     height_in = _HEAD_IN + _ROW_IN * len(shown) + _FOOT_IN
     with figure_style():
         drawing = Drawing(figsize=(_WIDTH_IN, height_in))
-        FigureCanvasAgg(drawing)
         axes = drawing.add_axes(
             (
                 _LABELS_IN / _WIDTH_IN,

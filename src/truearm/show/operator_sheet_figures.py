@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Drawing
 from matplotlib.patches import Circle
 
@@ -167,7 +166,6 @@ def bars_figure(sheet: OperatorSheet) -> Figure:
         panels = []
         for test, position, _, start, end in bar_positions(sheet):
             drawing = Drawing(figsize=(2.9, 1.75))
-            FigureCanvasAgg(drawing)
             for i, view in enumerate((_ABOVE, _SIDE)):
                 axes = drawing.add_axes((0.01 + 0.5 * i, 0.01, 0.48, 0.85))
                 _disc(axes, sheet, view=view)
@@ -282,7 +280,6 @@ def _flat(point: FloatArray, *, view: _View) -> tuple[float, float]:
 def _space(sheet: OperatorSheet, width_in: float, height_in: float, *, view: _View) -> tuple[Drawing, Axes]:
     """Axes with the measuring volume."""
     drawing = Drawing(figsize=(width_in, height_in))
-    FigureCanvasAgg(drawing)
     axes = drawing.add_axes((0.78 / width_in, 0.46 / height_in, 1 - 0.94 / width_in, 1 - 0.74 / height_in))
     _disc(axes, sheet, view=view)
     across, up = (f"{_AXES[i]} [mm]" for i in view)
@@ -293,7 +290,6 @@ def _space(sheet: OperatorSheet, width_in: float, height_in: float, *, view: _Vi
 def _ball(height_in: float, *, across: tuple[float, float], up: tuple[float, float]) -> tuple[Drawing, Axes]:
     """Axes with a ball of radius 1 about the origin, and nothing else."""
     drawing = Drawing(figsize=(3.2, height_in))
-    FigureCanvasAgg(drawing)
     axes = drawing.add_axes((0.02, 0.02, 0.96, 0.88))
     axes.set(aspect="equal", xlim=across, ylim=up)
     axes.set_axis_off()

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Drawing
 
 from truearm.choices import Strategy
@@ -144,7 +143,7 @@ def poses_figure(plan: CalibrationPlan, angles: FloatArray) -> Figure:
 
 def _gain(plan: CalibrationPlan, apart: str) -> Section:
     rows = tuple((name, CRITERIA[name], float(proposal.rms_mm[-1])) for name, proposal in plan.proposals.items())
-    columns = (Column("strategy"), Column("criterion"), Column("uncertainty after", "mm"))
+    columns = Column.of("strategy", "criterion", "uncertainty after [mm]")
     return Section(
         "What these poses bring",
         "truearm predicts the uncertainty of a point from the nominal arm, the prior knowledge of its terms and the "
@@ -161,7 +160,7 @@ def _observability(plan: CalibrationPlan) -> Section:
         result = proposal.observability
         indices = [getattr(result, f"o{number}") for number in range(1, 6)]
         rows.append((name, *indices, f"{result.rank}\u00a0of\u00a0{result.n_parameters}"))
-    columns = (Column("strategy"), *(Column(f"O{number}") for number in range(1, 6)), Column("rank"))
+    columns = Column.of("strategy", *(Column(f"O{number}") for number in range(1, 6)), "rank")
     return Section(
         "Observability indices",
         "O1 to O5 are the observability indices of the terms, from the new poses alone; each coefficient is scaled by "
@@ -197,7 +196,7 @@ def _places_table(poses: Candidates) -> Table:
         here = poses.seat == name
         x, y, z = poses.seat_points[int(np.argmax(here))].round().astype(int).tolist()
         rows.append((name, x, y, z, int(here.sum())))
-    columns = (Column("seat"), Column("x", "mm"), Column("y", "mm"), Column("z", "mm"), Column("poses"))
+    columns = Column.of("seat", "x [mm]", "y [mm]", "z [mm]", "poses")
     return Table(columns, tuple(rows), "Seats in the base frame, in the order of use.")
 
 
@@ -245,7 +244,6 @@ def _view(plan: CalibrationPlan, points: FloatArray, *, side: bool) -> tuple[Dra
     """Axes of equal scale with a margin about the points, the base and the working pose."""
     flat = _Flat(plan, side=side)
     drawing = Drawing(figsize=(_WIDTH_IN, _HEIGHT_IN))
-    FigureCanvasAgg(drawing)
     width, height = 3.66, 3.16
     axes = drawing.add_axes((0.78 / _WIDTH_IN, 0.46 / _HEIGHT_IN, width / _WIDTH_IN, height / _HEIGHT_IN))
     working = joint_origins(plan.arm.chain, plan.arm.working[None])[0]

@@ -16,7 +16,7 @@ from truearm.pages.cards import Card, CardSet
 from truearm.pages.page import Cell, Column, Section, Table
 from truearm.pages.plotting import Figure
 from truearm.pages.scene import PointCloud, PointColumn, Scene
-from truearm.show.arm_scene import arm_mechanism
+from truearm.show.arm_scene import arm_mechanism, joint_columns
 from truearm.typing import FloatArray
 
 _MINUS = "\N{MINUS SIGN}"
@@ -31,7 +31,7 @@ def poses_section(arm: Arm, poses: Candidates) -> Section:
         for number, (what, aim) in enumerate(zip(notes(poses), _aims(arm, poses), strict=True), start=1)
     )
     table = Table(
-        (Column("done"), Column("pose"), Column("instruction"), *joints),
+        Column.of("done", "pose", "instruction", *joints),
         tuple(rows),
         "In the order of measurement; tick each reading that is written down.",
     )
@@ -71,17 +71,13 @@ def pose_cards(arm: Arm, poses: Candidates) -> CardSet:
 
 def poses_scene(arm: Arm, poses: Candidates, still: Figure) -> Scene:
     """The tips in space, coloured by how far the joints turn; the arm goes to the pose that a reader points at."""
-    slides, n = arm.chain.is_prismatic, len(poses.angles)
+    n = len(poses.angles)
     moves = joint_moves(arm, poses.angles[:-1], poses.angles[1:])
-    columns = np.where(slides, poses.angles, np.degrees(poses.angles)).T
     cloud = PointCloud(
         arm.chain.tip_in_base(poses.angles),
         [f"pose {number}" for number in range(1, n + 1)],
         [PointColumn("largest turn of a joint since the pose before", "deg", np.degrees([0.0, *moves]))],
-        [
-            PointColumn(f"J{i}", unit, column)
-            for i, (unit, column) in enumerate(zip(_units(arm), columns, strict=True), 1)
-        ],
+        joint_columns(poses.angles, arm.chain.is_prismatic),
         noun="pose",
     )
     follows = [*range(arm.n_joints)]

@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.identification.references.tips import tip_names
 from truearm.pages.plotting import Figure
 from truearm.pages.scene import Mechanism, PointCloud, PointColumn, Scene
 from truearm.readings import Session
-from truearm.show.arm_scene import arm_mechanism
+from truearm.show.arm_scene import arm_mechanism, joint_columns
 from truearm.typing import FloatArray
 
 
@@ -75,16 +73,11 @@ def readings_scene(
     marked : mapping of int to str, optional
         Labels of readings that have a ring.
     """
-    shift = np.where(sliding, 1.0, np.degrees(1.0))
-    axes = [
-        PointColumn(name, "mm" if slides else "deg", column)
-        for name, slides, column in zip(joint_names, sliding, (angles * shift).T, strict=True)
-    ]
     cloud = PointCloud(
         points,
         names,
         [PointColumn(_of(what, name), "mm", values) for name, values in errors.items()],
-        axes,
+        joint_columns(angles, sliding, joint_names),
         [] if std_mm is None else [PointColumn(_of("u of a coordinate", shown), "mm", std_mm)],
         noun="reading",
         shown=list(errors).index(shown),

@@ -9,56 +9,28 @@ import numpy as np
 
 from truearm.number_format import format_count, format_mm
 from truearm.pages.page import Cell, Column, LabelledValue, Page, PageVerdict, Section, Table
-from truearm.pages.plotting import Style, styles_of
-from truearm.pages.scene import Mechanism
-from truearm.show.comparison_page import improvement_sentence
-from truearm.show.error_figures import (
-    before_after,
-    error_distribution,
-)
-from truearm.show.joint_figures import error_against_joint, joint_ranges
-from truearm.show.readings_scene import readings_scene
-from truearm.show.workspace_figures import error_in_workspace, workspace
+from truearm.show.comparison_page import ComparedReadings, improvement_sentence
+from truearm.show.error_figures import before_after, error_distribution
 from truearm.typing import FloatArray, NameArray
 
 
-@dataclass(frozen=True, eq=False)
-class SeatComparison:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SeatComparison(ComparedReadings):
     """Points of readings in seats by several models.
 
     Attributes
     ----------
-    angles : (n, n_joints) array
-        [rad], or [mm] for sliding joints.
     seat : (n,) array of str
         The seat of each reading; in every seat there are two readings or more.
-    predicted : mapping of str to (n, 3) array
-        By each model [mm]; the first is the state before compensation.
     lengths : sequence of (str, str, float, float)
         Known lengths: seat, seat, length and its standard uncertainty [mm].
     length_errors : mapping of str to (m,) array
         Of each model: its length less the known one [mm].
-    joint_names : sequence of str
-    lower, upper : (n_joints,) array
-        Joint limits, infinite where there is none.
-    sliding : sequence of bool
-    reading_names : sequence of str
-        Of the readings, such as their lines in the file; numbers by default.
-    mechanism : Mechanism, optional
-        The arm that the interactive view brings to a reading.
     """
 
-    angles: FloatArray
     seat: NameArray
-    predicted: Mapping[str, FloatArray]
     lengths: Sequence[tuple[str, str, float, float]]
     length_errors: Mapping[str, FloatArray]
-    joint_names: Sequence[str]
-    lower: FloatArray
-    upper: FloatArray
-    sliding: Sequence[bool]
-    reading_names: Sequence[str] = ()
-    mechanism: Mechanism | None = None
 
 
 def seats_page(
@@ -80,43 +52,25 @@ def seats_page(
     """
     distances = {name: _from_mean(points, seated.seat) for name, points in seated.predicted.items()}
     best = min(distances, key=lambda name: float(distances[name].mean()))
-    styles = styles_of(distances)
     return Page(
         title=title,
         subtitle=subtitle,
         verdict=_verdict(distances, best),
         summary=_summary(seated, distances, best),
         sections=(
-            _in_space(seated, distances, best),
-            _agreement(seated, distances, remarks, styles),
+            seated.in_space(
+                "Where the points disagree",
+                seated.predicted[best],
+                distances,
+                shown=best,
+                what="distance from the seat's mean",
+                names=[f"seat {name}" for name in seated.seat],
+            ),
+            _agreement(seated, distances, remarks),
             *_lengths(seated),
             *more,
-            Section(
-                "Measured range",
-                "Joint positions and tip positions of the readings. A model is valid only in the range it was trained "
-                "on.",
-                figures=(
-                    joint_ranges(
-                        seated.angles,
-                        names=seated.joint_names,
-                        lower=seated.lower,
-                        upper=seated.upper,
-                        sliding=seated.sliding,
-                    ),
-                    workspace(seated.predicted[best]),
-                ),
-                folded=True,
-            ),
-            Section(
-                "Errors by joint position",
-                "Distances have no sign, so a periodic error shows twice its frequency.",
-                figures=(
-                    error_against_joint(
-                        seated.angles, distances, names=seated.joint_names, sliding=seated.sliding, styles=styles
-                    ),
-                ),
-                folded=True,
-            ),
+            seated.measured_range(seated.predicted[best]),
+            seated.by_joint(distances, "Distances have no sign, so a periodic error shows twice its frequency."),
         ),
         facts=tuple(facts),
     )
@@ -131,23 +85,6 @@ def _verdict(distances: Mapping[str, FloatArray], best: str) -> PageVerdict:
         "none" if after < before else "bad",
         "This shows how well points of one seat agree. An error that shifts all of them alike does not show.",
     )
-
-
-def _in_space(seated: SeatComparison, distances: Mapping[str, FloatArray], best: str) -> Section:
-    points = seated.predicted[best]
-    scene = readings_scene(
-        points,
-        distances,
-        seated.angles,
-        what="distance from the seat's mean",
-        names=seated.reading_names or [f"seat {name}" for name in seated.seat],
-        joint_names=seated.joint_names,
-        sliding=seated.sliding,
-        still=error_in_workspace(points, distances[best], name=best),
-        shown=best,
-        mechanism=seated.mechanism,
-    )
-    return Section("Where the points disagree", scenes=(scene,))
 
 
 def _from_mean(points: FloatArray, seat: NameArray) -> FloatArray:
@@ -172,52 +109,40 @@ def _summary(seated: SeatComparison, distances: Mapping[str, FloatArray], best: 
     return tuple(rows)
 
 
-def _agreement(
-    seated: SeatComparison,
-    distances: Mapping[str, FloatArray],
-    remarks: Sequence[str],
-    styles: Mapping[str, Style],
-) -> Section:
+def _agreement(seated: SeatComparison, distances: Mapping[str, FloatArray], remarks: Sequence[str]) -> Section:
     names, index, counts = np.unique(seated.seat, return_inverse=True, return_counts=True)
     of_models = Table(
-        (
-            Column("model"),
-            Column("mean distance", "mm"),
-            Column("rms distance", "mm"),
-            Column("95 % of distances below", "mm"),
-            Column("largest distance", "mm"),
-            Column("readings"),
+        Column.of(
+            "model",
+            "mean distance [mm]",
+            "rms distance [mm]",
+            "95 % of distances below [mm]",
+            "largest distance [mm]",
+            "readings",
         ),
         tuple(
-            (
-                name,
-                float(d.mean()),
-                float(np.sqrt((d**2).mean())),
-                float(np.quantile(d, 0.95)),
-                float(d.max()),
-                len(d),
-            )
+            (name, *map(float, (d.mean(), np.sqrt((d**2).mean()), np.quantile(d, 0.95), d.max())), len(d))
             for name, d in distances.items()
         ),
         "Distances from the mean point of the seat",
     )
     of_seats = Table(
-        (Column("seat"), Column("readings"), *(Column(name, "mm", group="mean distance") for name in distances)),
+        Column.of("seat", "readings", *(Column(name, "mm", group="mean distance") for name in distances)),
         tuple(
             (str(name), int(counts[i]), *(float(d[index == i].mean()) for d in distances.values()))
             for i, name in enumerate(names)
         ),
         "Each seat",
     )
-    clouds = before_after(distances, styles=styles)
-    spread = error_distribution(distances, styles=styles)
+    clouds, spread = before_after(distances), error_distribution(distances)
+    text = (
+        f"The tip was in {format_count(len(names), 'seat')}, each in several poses. An arm without errors gives the "
+        "same point in all poses of a seat, so distances from the mean point show its errors and noise. An error that "
+        "shifts all points of a seat alike does not show, nor does an error of scale: that needs known lengths."
+    )
     return Section(
         "Agreement in the seats",
-        "\n\n".join(remarks)
-        + ("\n\n" if remarks else "")
-        + f"The tip was in {format_count(len(names), 'seat')}, each in several poses. An arm without errors gives the "
-        "same point in all poses of a seat, so distances from the mean point show its errors and noise. An error that "
-        "shifts all points of a seat alike does not show, nor does an error of scale: that needs known lengths.",
+        "\n\n".join([*remarks, text]),
         tables=(of_models, of_seats),
         figures=(clouds, replace(spread, caption=spread.caption.replace("the reference's", "the mean of its seat"))),
     )
@@ -233,9 +158,9 @@ def _lengths(seated: SeatComparison) -> tuple[Section, ...]:
     worst = {name: float(np.abs(errors).max()) for name, errors in seated.length_errors.items()}
     largest = ", ".join(f"{name} {format_mm(error)}" for name, error in worst.items())
     table = Table(
-        (
-            Column("seat"),
-            Column("seat"),
+        Column.of(
+            "seat",
+            "seat",
             Column("length", "mm", 7),
             Column("its u", "mm", 2),
             *(Column(name, "mm", 2, group="error") for name in seated.length_errors),

@@ -14,7 +14,7 @@ from truearm.pages.page import Column, LabelledValue, Page, PageVerdict, Section
 from truearm.pages.palette import LIMIT, NAVY, ORANGE
 from truearm.pages.plotting import Figure, figure_style, make_panel
 from truearm.pages.scene import PointCloud, PointColumn, Scene
-from truearm.show.arm_scene import arm_mechanism
+from truearm.show.arm_scene import arm_mechanism, joint_columns
 from truearm.show.workspace_figures import error_in_workspace
 from truearm.verification.tasks.estimate import Estimate
 from truearm.verification.tasks.fitness import Fitness, FitnessDecision, describe_fitness
@@ -115,11 +115,11 @@ def _between(estimate: Estimate) -> str:
 
 
 def _table(task: TaskEstimates) -> Table:
-    columns = (
-        Column("quantity"),
-        Column("nominal", "mm"),
-        Column("bias", "mm"),
-        Column("u", "mm"),
+    columns = Column.of(
+        "quantity",
+        "nominal [mm]",
+        "bias [mm]",
+        "u [mm]",
         Column("systematic", "mm", group="u"),
         Column("random", "mm", group="u"),
         Column("from", "mm", group="95 % of the errors"),
@@ -154,14 +154,12 @@ def task_scene(task: TaskEstimates, arm: Arm) -> Scene:
     points, n = task.feature.points, len(task.feature.points)
     u = np.linalg.norm(task.point_u_mm, axis=1)
     worst = int(np.argmax(u))
-    slides, postures = arm.chain.is_prismatic, task.angles[0]
-    joints = np.where(slides, postures, np.degrees(postures)).T
-    units = ["mm" if one else "deg" for one in slides]
+    postures = task.angles[0]
     cloud = PointCloud(
         points,
         [f"point {number}" for number in range(1, n + 1)],
         [PointColumn("standard uncertainty u of the point", "mm", u)],
-        [PointColumn(f"J{i}", unit, column) for i, (unit, column) in enumerate(zip(units, joints, strict=True), 1)],
+        joint_columns(postures, arm.chain.is_prismatic),
         [PointColumn(f"u of {axis}", "mm", column) for axis, column in zip("xyz", task.point_u_mm.T, strict=True)],
         marked={worst: f"u = {format_mm(float(u[worst]))}"},
     )

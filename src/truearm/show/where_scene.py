@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure as Drawing
 
 from truearm.number_format import format_count
-from truearm.pages.plotting import shorten
+from truearm.pages.palette import BAD, DOUBTFUL, INK, LIMIT, PAPER
+from truearm.pages.plotting import Figure, figure_style, join_phrases, shorten
 from truearm.pages.scene import PointCloud, PointColumn, Scene
-from truearm.show.where_figure import where_figure
 from truearm.typing import FloatArray
-from truearm.verification.standards.decision import ConformityResult
+from truearm.verification.standards.decision import ConformityResult, Verdict
 from truearm.verification.standards.measured_places import MeasuredPlace, measured_places, share_of_limit
 from truearm.verification.standards.measured_points import PointGroup
 
@@ -76,3 +78,93 @@ def _origin(places: Sequence[MeasuredPlace]) -> list[FloatArray]:
     seen = np.concatenate([*(place.ends for place in places), np.zeros((1, 3))])
     arm = _CROSS_OF_EXTENT * max(float(np.ptp(seen, axis=0).max()), 1.0)
     return [np.stack([-arm * axis, arm * axis]) for axis in np.eye(3)]
+
+
+# The figure on paper -------------------------------------------------------------------------------------------------
+
+_VIEWS = (("from above", 0, 1), ("from the front", 0, 2))
+_WIDTH_IN, _HEIGHT_IN = 4.6, 3.2
+_ACROSS_IN, _UP_IN = 3.74, 2.44  # of the axes
+# Names of marked places [points]: width of a bold letter, height of a line, and distances above the place to try.
+_LETTER_PT, _LINE_PT = 6.2, 11.0
+_LABEL_UPS = [6 + sign * step * 11 for step in range(8) for sign in ((1,) if step == 0 else (1, -1))]
+_PENS = {Verdict.NOT_CONFORM: (BAD, "X"), Verdict.UNDECIDED: (DOUBTFUL, "D")}
+
+
+def where_figure(places: Sequence[MeasuredPlace]) -> Figure:
+    """Draw where artefacts were measured, and at which places a value is beyond its limit or undecided.
+
+    Parameters
+    ----------
+    places : sequence of MeasuredPlace
+        At least one.
+    """
+    marked = [place for place in places if place.decisive is not None]
+    with figure_style():
+        panels = tuple(_panel(places, view) for view in _VIEWS)
+    names = join_phrases(dict.fromkeys(place.decisive.name for place in marked if place.decisive is not None))
+    verdicts = (
+        f"On paper red with a cross: beyond the limit; amber with a diamond: undecided; grey: the others. {names}."
+    )
+    return Figure(
+        panels,
+        caption="Where the arm was tested, in the frame of the points: dots are balls and seats, lines are lengths. "
+        "On a screen the colour shows how much of its limit a value takes with its uncertainty, of several values the "
+        f"nearest to its limit; a ring marks the nearest of all and what is named here. "
+        f"{verdicts if marked else 'Every value of a single place is within its limit.'}",
+        alt=f"{format_count(len(places), 'measured place')} from above and from the front"
+        f"{f'; marked: {names}' if marked else ''}.",
+        columns=2,
+    )
+
+
+def _panel(places: Sequence[MeasuredPlace], view: tuple[str, int, int]) -> Drawing:
+    title, across, up = view
+    drawing = Drawing(figsize=(_WIDTH_IN, _HEIGHT_IN))
+    axes = drawing.add_axes((0.72 / _WIDTH_IN, 0.46 / _HEIGHT_IN, _ACROSS_IN / _WIDTH_IN, _UP_IN / _HEIGHT_IN))
+    axes.plot(0, 0, marker="+", markersize=8, markeredgewidth=1.2, color=INK, zorder=5)
+    seen = np.concatenate([*(place.ends[:, [across, up]] for place in places), np.zeros((1, 2))])
+    middle, spans = (seen.max(axis=0) + seen.min(axis=0)) / 2, np.ptp(seen, axis=0)
+    scale = 1.12 * max(float(spans[0]) / _ACROSS_IN, float(spans[1]) / _UP_IN, 1.0)  # [mm per inch], the same for both
+    half = scale * np.array([_ACROSS_IN, _UP_IN]) / 2
+    axes.set(xlabel=f"{'xyz'[across]} [mm]", ylabel=f"{'xyz'[up]} [mm]", title=title)
+    axes.set_xlim(middle[0] - half[0], middle[0] + half[0])
+    axes.set_ylim(middle[1] - half[1], middle[1] + half[1])
+    axes.locator_params(nbins=6)
+    for place in sorted(places, key=lambda one: one.verdict is not None):
+        _draw(axes, place.ends[:, [across, up]], place)
+    _label(axes, [place for place in places if place.decisive is not None], [across, up], mm_per_pt=scale / 72)
+    return drawing
+
+
+def _draw(axes: Axes, ends: FloatArray, place: MeasuredPlace) -> None:
+    """Draw a place."""
+    marked = place.verdict is not None
+    colour, marker = (LIMIT, "o") if place.verdict is None else _PENS[place.verdict]
+    if len(ends) > 1:
+        axes.plot(*ends.T, color=colour, linewidth=2.6 if marked else 1.0, zorder=4 if marked else 2)
+    at = ends.mean(axis=0)
+    if marked or len(ends) == 1:
+        axes.plot(*at, marker, color=colour, markersize=9 if marked else 6, markeredgecolor=PAPER, zorder=5)
+
+
+def _label(axes: Axes, places: Sequence[MeasuredPlace], view: list[int], *, mm_per_pt: float) -> None:
+    """Name places, each on the side that has more room, above or below the names that are there already."""
+    left_half, taken = sum(axes.get_xlim()) / 2, list[FloatArray]()
+    for place in places:
+        assert place.decisive is not None
+        at = place.ends[:, view].mean(axis=0)
+        name = shorten(place.decisive.name.partition(", position")[0], longest=20)
+        side = 1 if at[0] < left_half else -1
+        for up in _LABEL_UPS:
+            start = at / mm_per_pt + [7 * side, up]
+            box = np.array([min(start[0], start[0] + side * _LETTER_PT * len(name)), start[1]])
+            box = np.concatenate([box, box + [_LETTER_PT * len(name), _LINE_PT]])
+            if not any((box[:2] < other[2:]).all() and (other[:2] < box[2:]).all() for other in taken):
+                break
+        taken.append(box)
+        axes.annotate(
+            name, at, xytext=(7 * side, up), color=INK, textcoords="offset points",
+            ha="left" if side > 0 else "right", weight="bold", zorder=6,
+            arrowprops=None if up == _LABEL_UPS[0] else {"arrowstyle": "-", "color": LIMIT, "linewidth": 0.7},
+        )  # fmt: skip

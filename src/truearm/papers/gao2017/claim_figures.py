@@ -144,7 +144,7 @@ def experiment_box_figure(study: ExperimentBoxStudy, *, chosen: float) -> Figure
     chosen : float
         The half-width of the reproduction [deg].
     """
-    published = {"Table 4": TABLES[4][-1].mean_mm, "final test": FINAL_TEST.network_mean_mm}
+    published = {"Table 4": TABLES[4][-1].mean_mm, "final test": FINAL_TEST["network"].mean_mm}
     errors = [run.mean_mm for run in study.runs]
     with figure_style():
         drawing, (axes,) = make_panel(_WIDTH_IN, 3.1, top_in=0.32)

@@ -40,11 +40,11 @@ from truearm.papers.gao2017.results import (
     FITTED_BOX,
     METHODS,
     FinalTestResult,
-    ModelErrors,
     Reproduction,
     RowResult,
 )
-from truearm.papers.gao2017.tables import TABLES
+from truearm.papers.gao2017.table_figure import STYLES
+from truearm.papers.gao2017.tables import TABLES, ModelErrors
 from truearm.show.error_figures import coordinates_by_reading, errors_by_reading
 from truearm.typing import FloatArray
 
@@ -57,12 +57,12 @@ def final_test_section(results: Reproduction) -> Section | MissingPart:
     data, test = results.figures, results.final_test
     figures: list[Figure] = []
     if data.figure_6 is not None:
-        figures.append(with_figure_number(6, errors_by_reading(data.figure_6.deviations())))
+        figures.append(with_figure_number(6, errors_by_reading(data.figure_6.deviations(), styles=STYLES)))
     if data.figure_7 is not None:
         points, predicted = data.figure_7.points_mm, data.figure_7.predicted_mm
-        figures.append(with_figure_number(7, coordinates_by_reading(points, predicted)))
+        figures.append(with_figure_number(7, coordinates_by_reading(points, predicted, styles=STYLES)))
     if data.figure_8 is not None:
-        figures.append(with_figure_number(8, errors_by_reading(data.figure_8.deviations())))
+        figures.append(with_figure_number(8, errors_by_reading(data.figure_8.deviations(), styles=STYLES)))
     made = {6: data.figure_6, 7: data.figure_7, 8: data.figure_8}
     missing = [str(MissingPart(f"Figure {k}", f"--figure {k}")) for k, part in made.items() if part is None]
     if test is None:
@@ -111,15 +111,15 @@ def _final_table(test: FinalTestResult) -> Table:
         ("noise floor", *spread([run.noise_floor_mm for run in test.runs]), *[None] * 6),
     ]
     return Table(
-        (
-            Column("model"),
+        Column.of(
+            "model",
             Column("median", "mm", group="mean error"),
             Column("range", "mm", group="mean error"),
             Column("median", "mm", group="largest error"),
             Column("range", "mm", group="largest error"),
             *(Column(f"> {level:g}\u00a0mm", group=f"of {3 * test.poses} coordinates") for level in levels),
-            Column("removed", "%"),
-            Column("fit", "s"),
+            "removed [%]",
+            "fit [s]",
         ),
         tuple(rows),
         f"The final test on {format_count(len(test.runs), 'virtual arm')}: medians and ranges",

@@ -16,11 +16,10 @@ from truearm.papers.gao2017.results import (
     FinalTestResult,
     FinalTestRun,
     Method,
-    ModelErrors,
     OutsideErrors,
     Predictions,
 )
-from truearm.papers.gao2017.tables import FINAL_TEST, TABLES
+from truearm.papers.gao2017.tables import FINAL_TEST, N_FINAL_TEST, TABLES, ModelErrors
 from truearm.papers.gao2017.training import (
     ARM,
     FINAL_TEST_STREAM,
@@ -69,21 +68,15 @@ def final_test(effort: Effort, results: Results) -> FinalTestResult | None:
     seeds = sorted(set().union(*networks.values()))
     if not seeds:
         return None
-    paper = {
-        "nominal": ModelErrors(FINAL_TEST.nominal_mean_mm, FINAL_TEST.nominal_max_mm, {}, 0.0),
-        "network": ModelErrors(
-            FINAL_TEST.network_mean_mm, FINAL_TEST.network_max_mm, FINAL_TEST.over_mm, FINAL_TEST.removed_percent
-        ),
-    }
     runs = tuple(
         _final_test_run(seed, {method: found[seed] for method, found in networks.items() if seed in found})
         for seed in seeds
     )
-    return FinalTestResult(FINAL_TEST.poses, paper, runs)
+    return FinalTestResult(N_FINAL_TEST, FINAL_TEST, runs)
 
 
 def _final_test_run(seed: int, networks: Mapping[Method, TrainingResult]) -> FinalTestRun:
-    measurement = EXPERIMENT.measurement(FINAL_TEST.poses, seed=seed, stream=FINAL_TEST_STREAM)
+    measurement = EXPERIMENT.measurement(N_FINAL_TEST, seed=seed, stream=FINAL_TEST_STREAM)
     angles, points = measurement.readings.angles, measurement.readings.points
     assert points is not None  # a virtual reference measures every pose
     models = _models(TABLES[4][-1].n_train, seed)
@@ -94,7 +87,7 @@ def _final_test_run(seed: int, networks: Mapping[Method, TrainingResult]) -> Fin
         return ModelErrors(
             float(errors.mean()),
             float(errors.max()),
-            {level: int((errors > level).sum()) for level in FINAL_TEST.over_mm},
+            {level: int((errors > level).sum()) for level in FINAL_TEST["network"].over_mm},
             100 * (1 - float(errors.mean()) / nominal),
             seconds,
             was_cut,
@@ -119,7 +112,7 @@ def _final_test_run(seed: int, networks: Mapping[Method, TrainingResult]) -> Fin
 
 def final_test_predictions(effort: Effort, results: Results) -> dict[str, Predictions]:
     """Predictions of the nominal arm, and of varpro where it was run, on the poses of the final test of seed 0."""
-    angles, points = EXPERIMENT.data(FINAL_TEST.poses, seed=0, stream=FINAL_TEST_STREAM)
+    angles, points = EXPERIMENT.data(N_FINAL_TEST, seed=0, stream=FINAL_TEST_STREAM)
     predicted = {"nominal": load_arm(ARM).chain.tip_in_base(angles)}
     network = networks_by_seed(effort, results, "varpro").get(0)
     if network is not None:

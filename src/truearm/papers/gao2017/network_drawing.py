@@ -7,7 +7,6 @@ from itertools import pairwise
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure as Drawing
 from matplotlib.patches import Circle, Rectangle
@@ -55,7 +54,6 @@ def _draw_network(sizes: Sequence[int], activation: str) -> Drawing:
     # One place more for the bias below each layer but the last.
     height_in = _HEAD_IN + _STEP_IN * (rows + 1) + _FOOT_IN
     drawing = Drawing(figsize=(width_in, height_in))
-    FigureCanvasAgg(drawing)
     axes = drawing.add_axes((0, 0, 1, 1))
     axes.set(xlim=(0, width_in), ylim=(0, height_in))
     axes.axis("off")

@@ -165,7 +165,7 @@ def _answer(results: Reproduction) -> Section:
 def _verdict_table(results: Reproduction) -> Table:
     heads = [(name, verdict) for name in METHODS for verdict in count_verdicts(results.rows(), name)]
     return Table(
-        (Column("table"), Column("rows"), *(Column(verdict, group=f"{name}, rows") for name, verdict in heads)),
+        Column.of("table", "rows", *(Column(verdict, group=f"{name}, rows") for name, verdict in heads)),
         tuple(
             (f"Table {number}", len(rows), *(count_verdicts(rows, name)[verdict] for name, verdict in heads))
             for number, rows in results.tables.items()
@@ -249,7 +249,7 @@ def _parameter_table(arm: ArmPose) -> Table:
         numbers = joint.a_mm, joint.d_mm, joint.theta_deg + float(angle), joint.alpha_deg
         rows.append((f"J{i}", *(as_count(round(float(number), 6) + 0.0) for number in numbers)))
     return Table(
-        (Column("joint"), Column("a", "mm"), Column("d", "mm"), Column("theta", "deg"), Column("alpha", "deg")),
+        Column.of("joint", "a [mm]", "d [mm]", "theta [deg]", "alpha [deg]"),
         tuple(rows),
         "Denavit-Hartenberg parameters of each joint at this pose (the paper's Table 1 has theta at zero joint angles)",
     )

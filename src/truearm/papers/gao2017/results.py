@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from statistics import median
 from typing import Literal
 
-from truearm.papers.gao2017.tables import PaperRow
+from truearm.papers.gao2017.tables import ModelErrors, PaperRow
 from truearm.typing import FloatArray
 
 Method = Literal["trainlm", "varpro"]
@@ -148,31 +148,6 @@ class RowResult:
     def timed(self) -> bool:
         """Whether a time to the paper's error is meaningful: gradient descent does not come near it."""
         return self.paper.trainer == "trainlm"
-
-
-@dataclass(frozen=True)
-class ModelErrors:
-    """Absolute errors of coordinates of one model on the poses of the final test.
-
-    Attributes
-    ----------
-    mean_mm, max_mm : float
-    over_mm : dict of float to int
-        Number of coordinates with an error above each length [mm].
-    removed_percent : float
-        Share of the nominal mean error that the model removes.
-    seconds : float or None
-        CPU time of the fit.
-    was_cut : bool
-        Whether the time limit ended the training of the network.
-    """
-
-    mean_mm: float
-    max_mm: float
-    over_mm: dict[float, int]
-    removed_percent: float
-    seconds: float | None = None
-    was_cut: bool = False
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Drawing
 from matplotlib.lines import Line2D
 
@@ -150,7 +149,6 @@ def _sheet(
     left_in = 0.06 + sum(widths)
     height_in = _HEAD_IN + _FOOT_IN + _ROW_IN * len(rows)
     drawing = Drawing(figsize=(_WIDTH_IN, height_in))
-    FigureCanvasAgg(drawing)
     axes = drawing.add_axes(
         (
             left_in / _WIDTH_IN,
