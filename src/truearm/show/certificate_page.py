@@ -22,7 +22,6 @@ Entries = Sequence[tuple[str, str | None]]
 CONFORMITY_WORDS: dict[str | None, tuple[str, State]] = {
     "pass": ("conform", "good"),
     "conditionalPass": ("undecided, within the limit", "doubtful"),
-    "noPass": ("not decided", "doubtful"),
     "conditionalFail": ("undecided, beyond the limit", "doubtful"),
     "fail": ("not conform", "bad"),
     None: ("", "none"),
@@ -185,15 +184,9 @@ def _text(value: Decimal) -> str:
 
 def _item(certificate: Certificate) -> Section:
     item, set_up = certificate.about.item, certificate.about.set_up
-    entries: list[tuple[str, str | None]] = [
-        ("name", item.name),
-        ("maker", item.maker),
-        ("model", item.model),
-        ("serial number", item.serial_number),
-        ("inventory number", item.inventory_number),
-    ]
-    if set_up is not None:
-        entries += [("stylus", set_up.stylus), ("mounting", set_up.mounting), ("software", set_up.software)]
+    of_item = ("name", "maker", "model", "serial number", "inventory number")
+    parts: Sequence[tuple[object, Sequence[str]]] = ((item, of_item), (set_up, ("stylus", "mounting", "software")))
+    entries = [(what, getattr(of, what.replace(" ", "_"))) for of, names in parts for what in names]
     return Section("Arm", tables=(_entries(entries),))
 
 
@@ -240,14 +233,7 @@ def _traceability(certificate: Certificate) -> Section:
         for quantity in one.quantities:
             size = f"{one.name}, {quantity.name}"
             cells.append((size, _number(quantity), _uncertainty(quantity), *names))
-    columns = (
-        Column("artefact"),
-        Column("calibrated", "mm"),
-        Column("u (k = 1)", "mm"),
-        Column("certificate"),
-        Column("issued by"),
-        Column("dates"),
-    )
+    columns = Column.of("artefact", "calibrated [mm]", "u (k = 1) [mm]", "certificate", "issued by", "dates")
     table = Table(columns, tuple(cells), "Artefacts and their certificates.")
     return Section("Traceability", "\n\n".join(certificate.texts("traceability")), tables=(table,))
 
@@ -277,7 +263,7 @@ def _side_by_side(listed: StatedList) -> Table:
     quantities, u = listed.quantities, listed.quantities[0].expanded
     same = u is not None and all(one.expanded == u for one in quantities)
     width = 2 if same else 3
-    columns = (Column("where"), Column("value", "mm"), Column("U", "mm"))[:width]
+    columns = Column.of("where", "value [mm]", "U [mm]")[:width]
     cells: list[tuple[Cell, ...]] = [(one.name, _number(one), _uncertainty(one))[:width] for one in quantities]
     beside = (3 if same else 2) if len(cells) > MOST_IN_ONE_COLUMN else 1
     height = -(-len(cells) // beside)
@@ -304,7 +290,7 @@ def _budget(listed: StatedList) -> Table:
             rows[-1].dof = _text(one.value)
         else:
             rows.append(_Line(one.name, RoundedNumber(float(one.value), float(one.value))))
-    columns = (Column("contribution"), Column("u", "mm"), Column("degrees of freedom"))
+    columns = Column.of("contribution", "u [mm]", "degrees of freedom")
     return Table(columns, tuple((row.name, row.u, row.dof) for row in rows), f"{listed.name}.")
 
 

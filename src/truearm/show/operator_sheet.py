@@ -62,9 +62,7 @@ def _preparation(sheet: OperatorSheet) -> Section:
         ("probe, its tip", _BLANK, "air at the start [degC]", _BLANK),
         ("place", _BLANK, "air at the end [degC]", _BLANK),
     )
-    known = {
-        one.name: one for kind in (sheet.artefacts.spheres, sheet.artefacts.bars, sheet.artefacts.seats) for one in kind
-    }
+    known = {one.name: one for one in sheet.artefacts.all}
     used = [known[name] for name in dict.fromkeys(one.artefact for one in sheet.layout)]
     artefacts = tuple((one.name, one.certificate, str(one.expires), _BLANK, _BLANK) for one in used)
     columns = ("artefact", "certificate", "valid until", "serial number", "thermometer")
@@ -101,13 +99,7 @@ def _positions(sheet: OperatorSheet) -> Section:
     )
     tables: tuple[Table, ...] = ()
     if rows:
-        columns = (
-            Column("position"),
-            Column("artefact"),
-            Column("ahead", "mm"),
-            Column("left", "mm"),
-            Column("up", "mm"),
-        )
+        columns = Column.of("position", "artefact", "ahead [mm]", "left [mm]", "up [mm]")
         tables = (Table(columns, tuple(rows), "Centres of balls and seats, from the centre of the arm's base."),)
     return Section(
         "Positions",
@@ -157,7 +149,7 @@ def _probing(sheet: OperatorSheet) -> Section:
         rows = tuple((name, capitalize(describe_direction(direction, 0.0))) for name, direction in groups.items())
         tables.append(
             Table(
-                (Column("group"), Column("direction of the stylus")),
+                Column.of("group", "direction of the stylus"),
                 rows,
                 "Beyond is the side of the ball away from the arm; left and right are as seen from the arm.",
             )
@@ -169,13 +161,7 @@ def _steps(sheet: OperatorSheet) -> Section:
     rows = tuple(
         (number, what, points, _BLANK, _BLANK) for number, (what, points) in enumerate(_rows_of_steps(sheet), start=1)
     )
-    columns = (
-        Column("step"),
-        Column("action"),
-        Column("points"),
-        Column("artefact", "degC"),
-        Column("time, remarks"),
-    )
+    columns = Column.of("step", "action", "points", "artefact [degC]", "time, remarks")
     return Section(
         "Step by step",
         tables=(Table(columns, rows, "In the order to measure.", fillable=True),),

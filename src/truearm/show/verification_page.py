@@ -17,7 +17,6 @@ from truearm.number_format import (
 from truearm.pages.page import Cell, Column, LabelledValue, Page, PageVerdict, Section, State, Table
 from truearm.show.limits_figure import limits_figure
 from truearm.show.where_scene import where_scene
-from truearm.verification.standards.artefacts import CalibratedBar, CalibratedSphere
 from truearm.verification.standards.decision import Budget, ConformityResult, Verdict
 from truearm.verification.standards.measured_places import share_of_limit
 from truearm.verification.standards.verification import Verification
@@ -109,14 +108,7 @@ def _values(verification: Verification) -> Section:
                 row.where,
             )
         )
-    columns = (
-        Column("test"),
-        Column("value", "mm"),
-        Column("U", "mm"),
-        Column("limit", "mm"),
-        Column("verdict"),
-        Column("where"),
-    )
+    columns = Column.of("test", "value [mm]", "U [mm]", "limit [mm]", "verdict", "where")
     return Section(
         "Values against limits",
         f"U is the expanded uncertainty of the test value from artefact and set-up, for a level of {LEVEL_TEXT}; it "
@@ -144,26 +136,13 @@ def _artefacts(verification: Verification) -> Section:
     cells: list[tuple[Cell, ...]] = []
     for one in verification.used_artefacts:
         dates = (one.certificate, str(one.date), str(one.expires))
-        if isinstance(one, CalibratedSphere):
-            u = one.u_diameter_mm
-            cells.append((f"{one.name}, sphere", RoundedNumber(one.diameter_mm, u), RoundedNumber(u, u), *dates))
-        elif isinstance(one, CalibratedBar):
-            measured = verification.measured_lengths(one.name)
-            for length in one.lengths:
-                if length.name in measured:
-                    size = RoundedNumber(length.length_mm, length.u_mm)
-                    cells.append(
-                        (f"{one.name}, length {length.name}", size, RoundedNumber(length.u_mm, length.u_mm), *dates)
-                    )
-        else:
-            cells.append((f"{one.name}, seat", None, None, *dates))
-    columns = (
-        Column("artefact"),
-        Column("calibrated at 20 °C", "mm"),
-        Column("u (k = 1)", "mm"),
-        Column("certificate"),
-        Column("calibrated on"),
-        Column("valid until"),
+        if not (sizes := verification.sizes(one)):
+            cells.append((f"{one.name}, {one.kind}", None, None, *dates))
+        for name, size, u in sizes:
+            what = one.kind if one.kind == "sphere" else name
+            cells.append((f"{one.name}, {what}", RoundedNumber(size, u), RoundedNumber(u, u), *dates))
+    columns = Column.of(
+        "artefact", "calibrated at 20 °C [mm]", "u (k = 1) [mm]", "certificate", "calibrated on", "valid until"
     )
     return Section(
         "Artefacts",
@@ -195,12 +174,7 @@ def _budget(budget: Budget, rows: Sequence[ConformityResult]) -> Table:
     cells.append(("combined standard uncertainty u", RoundedNumber(total, total), _dof(budget.dof), None))
     expanded = f"expanded uncertainty U, k = {budget.coverage_factor:.2f}"
     cells.append((expanded, RoundedNumber(budget.expanded, budget.expanded), None, None))
-    columns = (
-        Column("contribution"),
-        Column("u", "mm"),
-        Column("degrees of freedom"),
-        Column("share of u²", "%"),
-    )
+    columns = Column.of("contribution", "u [mm]", "degrees of freedom", "share of u² [%]")
     return Table(columns, tuple(cells), f"{'; '.join(dict.fromkeys(row.name for row in rows))}.")
 
 
@@ -218,7 +192,7 @@ def _to_check(verification: Verification) -> Section | None:
         f"{CHECK_STANDARD}.",
         tables=(
             Table(
-                (Column("test"), Column("number"), Column("in the plan"), Column("source")),
+                Column.of("test", "number", "in the plan", "source"),
                 tuple(cells),
                 f"Numbers of the plan {verification.plan.name} that are not confirmed.",
             ),

@@ -132,7 +132,7 @@ class SimulatedVerification(Record):
             "specification": self.specification.name,
             "artefacts": self.artefacts_source,
             "rule": self.rule,
-            "rows": [row.to_dict() for row in self.rows],
+            "rows": self.rows,
             "all": {verdict.value.replace(" ", "_"): share for verdict, share in self.shares.items()},
             "conform_interval_95": self.conform_interval,
             "remarks": self.remarks,
@@ -224,7 +224,7 @@ def _cells(row: simulation.ResultDistribution) -> list[str]:
     digits = ".4f" if row.unit == "mm" else "g"  # else a count
     limit = "" if row.limit is None else format(row.limit, digits)
     shares = [""] * 3 if row.limit is None else _percent([row.conform, row.not_conform, row.undecided])
-    return [row.label, format(row.median, digits), format(row.high, digits), limit, *shares]
+    return [row.label, format(row.median, digits), format(row.quantile_95, digits), limit, *shares]
 
 
 def _percent(shares: Sequence[float]) -> list[str]:

@@ -16,7 +16,7 @@ from truearm.verification.standards.artefacts import (
     Seat,
 )
 from truearm.verification.standards.file_templates import template
-from truearm.verification.standards.rated_conditions import CONDITIONS
+from truearm.verification.standards.measured_points import CONDITIONS
 from truearm.verification.standards.specification import SYMBOLS, Specification, read_specification
 
 

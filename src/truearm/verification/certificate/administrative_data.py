@@ -13,7 +13,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator
 
-from truearm.errors import InputError
+from truearm.errors import InputError, joined
 from truearm.files.toml_documents import Document, Real, read_document
 from truearm.verification.standards.dates import check_past
 
@@ -129,7 +129,7 @@ class AdministrativeData(Document):
     persons : tuple of Person
     conditions : Conditions
     set_up : SetUp
-        Stylus, mounting and software of the arm; None in certificates of earlier versions.
+        Stylus, mounting and software of the arm.
 
     Examples
     --------
@@ -147,7 +147,7 @@ class AdministrativeData(Document):
     customer: Contact
     persons: Annotated[tuple[Person, ...], Field(min_length=1, max_length=100)]
     conditions: Conditions
-    set_up: SetUp | None = None
+    set_up: SetUp
 
     @field_validator("issued")
     @classmethod
@@ -174,82 +174,6 @@ class AdministrativeData(Document):
             raise InputError("no person signs the certificate", hint="write main_signer = true for one of the persons")
         return persons
 
-    def check_complete(self) -> None:
-        """Check that what results depend on is stated; certificates of earlier versions, which are read, lack it.
-
-        Raises
-        ------
-        InputError
-            If the set-up is missing.
-        """
-        if self.set_up is None:
-            raise InputError(
-                "a certificate states the stylus, the mounting and the software of the arm",
-                hint="add [set_up] with stylus, mounting and software; truearm certificate --template shows it",
-            )
-
-    def check_serial_number(self, measured: str) -> None:
-        """Check that the certificate is of the arm that was measured.
-
-        Parameters
-        ----------
-        measured : str
-            Serial number that the points state; empty if they state none.
-
-        Raises
-        ------
-        InputError
-            If it is another one.
-        """
-        if measured and xml_text(measured) != self.item.serial_number:
-            raise InputError(
-                "item.serial_number: the certificate is of the arm with serial number "
-                f"{self.item.serial_number!r:.80}, the points are of {measured!r:.80}",
-                hint="give the points of this arm, or correct the number that is wrong",
-            )
-
-    def check_issued(self, end: datetime.date) -> None:
-        """Check that the certificate is issued after the measurement.
-
-        Raises
-        ------
-        InputError
-            If not.
-        """
-        if self.issued < end:
-            raise InputError(
-                f"issued on {self.issued}, before the last points were measured on {end}",
-                hint="correct the date issued",
-            )
-
-    def check_received(self, begin: datetime.date) -> None:
-        """Check that the arm was received before the measurement.
-
-        Raises
-        ------
-        InputError
-            If not.
-        """
-        if self.received is not None and self.received > begin:
-            raise InputError(
-                f"the arm was received on {self.received}, after points were measured on {begin}",
-                hint="correct the date received",
-            )
-
-    def check_confirmation(self, day: datetime.date) -> None:
-        """Check that the numbers of the test plan were confirmed by the day of issue.
-
-        Raises
-        ------
-        InputError
-            If not.
-        """
-        if self.issued < day:
-            raise InputError(
-                f"issued on {self.issued}, before the numbers of the test plan were confirmed on {day}",
-                hint="correct the date issued, or date under [confirmation] of the plan",
-            )
-
     @property
     def room(self) -> dict[str, tuple[float, float]]:
         """Lowest and highest value of the conditions that may be rated, by their names there."""
@@ -259,20 +183,57 @@ class AdministrativeData(Document):
         }
         return {key: pair for key, pair in stated.items() if pair is not None}
 
-    def check_room(self, coldest_degC: float, warmest_degC: float) -> None:
-        """Check that the artefacts had about the temperature of the room.
+    def check_fits(
+        self,
+        *,
+        serial_number: str,
+        measured: tuple[datetime.date, datetime.date],
+        confirmed: datetime.date | None,
+        artefact_degC: tuple[float, float] | None,
+    ) -> None:
+        """Check that the data fit the measurement; all contradictions are raised at once.
+
+        Parameters
+        ----------
+        serial_number : str
+            That the points state; empty if they state none.
+        measured : (date, date)
+            First and last day of the measurement.
+        confirmed : date or None
+            Day on which the numbers of the test plan were confirmed.
+        artefact_degC : (float, float) or None
+            Lowest and highest temperature of the artefacts, which after some hours is about that of the room.
 
         Raises
         ------
         InputError
-            If not.
+            If they do not.
         """
+        begin, end = measured
         low, high = self.conditions.temperature_degC
-        if coldest_degC < low - MOST_K_FROM_ROOM or warmest_degC > high + MOST_K_FROM_ROOM:
-            raise InputError(
-                f"the room was at {low:g} to {high:g} degC, artefacts at {coldest_degC:g} to {warmest_degC:g} degC",
-                hint="correct temperature_degC under [conditions], or artefact_degC of the points",
+        faults = []
+        if serial_number and xml_text(serial_number) != self.item.serial_number:
+            problem = (
+                "item.serial_number: the certificate is of the arm with serial number "
+                f"{self.item.serial_number!r:.80}, the points are of {serial_number!r:.80}"
             )
+            faults.append((problem, "give the points of this arm, or correct the number that is wrong"))
+        if self.issued < end:
+            faults.append(
+                (f"issued on {self.issued}, before the last points were measured on {end}", "correct the date issued")
+            )
+        if self.received is not None and self.received > begin:
+            problem = f"the arm was received on {self.received}, after points were measured on {begin}"
+            faults.append((problem, "correct the date received"))
+        if confirmed is not None and self.issued < confirmed:
+            problem = f"issued on {self.issued}, before the numbers of the test plan were confirmed on {confirmed}"
+            faults.append((problem, "correct the date issued, or date under [confirmation] of the plan"))
+        coldest, warmest = artefact_degC or (low, high)
+        if coldest < low - MOST_K_FROM_ROOM or warmest > high + MOST_K_FROM_ROOM:
+            problem = f"the room was at {low:g} to {high:g} degC, artefacts at {coldest:g} to {warmest:g} degC"
+            faults.append((problem, "correct temperature_degC under [conditions], or artefact_degC of the points"))
+        if error := joined([InputError(problem, hint=hint) for problem, hint in faults]):
+            raise error
 
 
 def read_administrative_data(path: str | Path) -> AdministrativeData:
@@ -283,14 +244,7 @@ def read_administrative_data(path: str | Path) -> AdministrativeData:
     InputError
         If the file is missing or breaks a rule of its format; the message names all faults.
     """
-    read = read_document(path, _NewFile)
-    return AdministrativeData.model_validate({key: getattr(read, key) for key in AdministrativeData.model_fields})
-
-
-class _NewFile(AdministrativeData):
-    """The file of a new certificate, in which nothing may be missing."""
-
-    set_up: SetUp
+    return read_document(path, AdministrativeData)
 
 
 def template() -> str:

@@ -8,10 +8,10 @@ from decimal import Decimal
 from math import isfinite
 
 from truearm import __version__
-from truearm.errors import FaultCollector, InputError
+from truearm.errors import InputError
 from truearm.verification.certificate.administrative_data import AdministrativeData, xml_text
 from truearm.verification.certificate.statements import Statement, make_statements
-from truearm.verification.standards.artefacts import Artefact, CalibratedBar, CalibratedSphere
+from truearm.verification.standards.artefacts import Artefact
 from truearm.verification.standards.decision import COVERAGE_PROBABILITY, Budget, ConformityResult, Verdict
 from truearm.verification.standards.verification import Verification
 from truearm.verification.standards.verification_plan import PLANS, load_verification_plan
@@ -21,8 +21,8 @@ SOFTWARE = "truearm"
 DEGREES_OF_FREEDOM = "degrees of freedom"
 # The non-binary rule with guard bands of ILAC-G8:09/2019 [recalled, not confirmed]: undecided values within their limit
 # are a conditional pass, those beyond it a conditional fail. Nothing is stated of a value that was measured outside the
-# rated conditions of its limit; earlier versions wrote "noPass", which a machine can take for a rejection.
-CONFORMITIES = ("pass", "conditionalPass", "noPass", "conditionalFail", "fail")
+# rated conditions of its limit: a machine can take "noPass" for a rejection.
+CONFORMITIES = ("pass", "conditionalPass", "conditionalFail", "fail")
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ class Equipment:
     description: str
     certificate: str
     quantities: tuple[StatedQuantity, ...]
-    issued_by: str | None = None
+    issued_by: str
 
 
 @dataclass(frozen=True)
@@ -157,8 +157,8 @@ def make_certificate(
     Raises
     ------
     InputError
-        If the software of the arm, the stylus or the mounting is not stated, serial number, dates or temperatures of
-        `about` contradict those of the points, or as `check_plan`, `check_artefacts` and `check_uncertainties`.
+        If serial number, dates or temperatures of `about` contradict those of the points, or as
+        `check_plan`, `check_artefacts` and `check_uncertainties`.
     """
     verification = verification.in_room(about.room)
     gap = verification.gap
@@ -205,30 +205,20 @@ def make_certificate(
 
 
 def check_about(about: AdministrativeData, verification: Verification) -> None:
-    """Check that the administrative data are complete and fit the verification; all faults are raised at once.
+    """Check that the administrative data fit the verification; all faults are raised at once.
 
     Raises
     ------
     InputError
-        If the set-up is missing, or serial number, dates or temperatures contradict those of the points.
+        If serial number, dates or temperatures contradict those of the points.
     """
-    found = FaultCollector()
-    with found.collect():
-        about.check_complete()
-    with found.collect():
-        about.check_serial_number(verification.measured.serial_number)
-    days = [group.date for group in verification.groups]
-    with found.collect():
-        about.check_issued(max(days))
-    with found.collect():
-        about.check_received(min(days))
-    if verification.plan.confirmation is not None:
-        with found.collect():
-            about.check_confirmation(verification.plan.confirmation.date)
-    if (degC := verification.temperatures) is not None:
-        with found.collect():
-            about.check_room(*degC)
-    found.raise_any()
+    days, confirmation = [group.date for group in verification.groups], verification.plan.confirmation
+    about.check_fits(
+        serial_number=verification.measured.serial_number,
+        measured=(min(days), max(days)),
+        confirmed=None if confirmation is None else confirmation.date,
+        artefact_degC=verification.temperatures,
+    )
 
 
 def check_plan(verification: Verification) -> None:
@@ -367,20 +357,16 @@ def _budget(budget: Budget) -> tuple[StatedQuantity, ...]:
 
 
 def _equipment(one: Artefact, verification: Verification) -> Equipment:
-    kind, sizes = "seat", []
-    if isinstance(one, CalibratedSphere):
-        kind, sizes = "sphere", [("diameter at 20 degC", one.diameter_mm, one.u_diameter_mm)]
-    elif isinstance(one, CalibratedBar):
-        measured = verification.measured_lengths(one.name)
-        kind = "bar"
-        lengths = [length for length in one.lengths if length.name in measured]
-        sizes = [(f"length {length.name} at 20 degC", length.length_mm, length.u_mm) for length in lengths]
+    sizes = verification.sizes(one)
     return Equipment(
-        xml_text(f"{kind} {one.name}"),
+        xml_text(f"{one.kind} {one.name}"),
         f"Calibrated on {one.date}, certificate valid until {one.expires}.",
         xml_text(one.certificate),
-        tuple(StatedQuantity(xml_text(name), _rounded(v, u), "mm", standard=_rounded(u, u)) for name, v, u in sizes),
-        None if one.issued_by is None else xml_text(one.issued_by),
+        tuple(
+            StatedQuantity(xml_text(f"{name} at 20 degC"), _rounded(value, u), "mm", standard=_rounded(u, u))
+            for name, value, u in sizes
+        ),
+        xml_text(one.issued_by or ""),  # `check_artefacts` asks for it
     )
 
 

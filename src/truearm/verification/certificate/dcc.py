@@ -10,13 +10,11 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from decimal import Decimal
-from pathlib import Path
 
 from truearm.errors import TruearmError
-from truearm.files.atomic_write import atomic_file
 from truearm.files.xml_signatures import Signer, sign_xml
 from truearm.verification.certificate.administrative_data import Contact
-from truearm.verification.certificate.certificate import Certificate, StatedList, StatedQuantity
+from truearm.verification.certificate.certificate import Certificate, StatedQuantity
 from truearm.verification.certificate.dcc_reader import (
     ADDRESS,
     AMBIENT,
@@ -41,19 +39,6 @@ from truearm.verification.certificate.dcc_reader import (
     Element,
     parse_dcc,
 )
-
-
-def write_dcc(certificate: Certificate, path: str | Path) -> None:
-    """Write a certificate, whole or not at all; it is read back and compared first.
-
-    Raises
-    ------
-    InputError
-        If the folder does not exist or is not writable.
-    """
-    content = checked_dcc(certificate)
-    with atomic_file(path) as beside:
-        beside.write_bytes(content)
 
 
 def checked_dcc(certificate: Certificate, signer: Signer | None = None) -> bytes:
@@ -86,8 +71,7 @@ def _administrative(parent: Element, certificate: Certificate) -> None:
     _in(core, "usedLangCodeISO639_1", LANGUAGE)
     _in(core, "mandatoryLangCodeISO639_1", LANGUAGE)
     _in(core, "uniqueIdentifier", about.number)
-    if about.received is not None:
-        _in(core, "receiptDate", about.received.isoformat())
+    _if_known(core, "receiptDate", None if about.received is None else about.received.isoformat())
     _in(core, "beginPerformanceDate", certificate.begin.isoformat())
     _in(core, "endPerformanceDate", certificate.end.isoformat())
     _in(core, "performanceLocation", about.place)
@@ -101,15 +85,13 @@ def _administrative(parent: Element, certificate: Certificate) -> None:
     if about.item.inventory_number is not None:
         _identification(known, "customer", about.item.inventory_number, "inventory number")
     laboratory = _in(parent, "calibrationLaboratory")
-    if about.laboratory.code is not None:
-        _in(laboratory, "calibrationLaboratoryCode", about.laboratory.code)
+    _if_known(laboratory, "calibrationLaboratoryCode", about.laboratory.code)
     _contact(_in(laboratory, "contact"), about.laboratory)
     persons = _in(parent, "respPersons")
     for person in about.persons:
         one = _in(persons, "respPerson")
         _text(_in(one, "person"), "name", person.name)
-        if person.role is not None:
-            _in(one, "role", person.role)
+        _if_known(one, "role", person.role)
         _in(one, "mainSigner", "true" if person.main_signer else "false")
     _contact(_in(parent, "customer"), about.customer)
     statements = _in(parent, "statements")
@@ -128,8 +110,7 @@ def _measured(parent: Element, certificate: Certificate) -> None:
         one = _in(methods, "usedMethod", **({} if number else {"refType": "basic_uncertainty"}))
         _text(one, "name", method.name)
         _text(one, "description", method.description)
-        if method.norm is not None:
-            _in(one, "norm", method.norm)
+        _if_known(one, "norm", method.norm)
     _software(_in(parent, "usedSoftware"), certificate)
     equipments = _in(parent, "measuringEquipments")
     for equipment in certificate.equipment:
@@ -138,8 +119,7 @@ def _measured(parent: Element, certificate: Certificate) -> None:
         _text(one, "description", equipment.description)
         known = _in(one, "identifications")
         _identification(known, "other", equipment.certificate, "certificate", CERTIFICATE)
-        if equipment.issued_by is not None:
-            _identification(known, "other", equipment.issued_by, "laboratory that issued the certificate", ISSUER)
+        _identification(known, "other", equipment.issued_by, "laboratory that issued the certificate", ISSUER)
         if equipment.quantities:
             sizes = _in(one, "measuringEquipmentQuantities")
             for quantity in equipment.quantities:
@@ -152,11 +132,11 @@ def _measured(parent: Element, certificate: Certificate) -> None:
         _condition(conditions, HUMIDITY, _decimal(low) / 100, _decimal(high) / 100, "1")
     if certificate.artefact_degC is not None:
         _condition(conditions, ARTEFACT, *certificate.artefact_degC, "degC")
-    if (set_up := certificate.about.set_up) is not None:
-        for kind, words in ((STYLUS, set_up.stylus), (MOUNTING, set_up.mounting), (ARM_SOFTWARE, set_up.software)):
-            one = _in(conditions, "influenceCondition", refType=kind)
-            _text(one, "name", CONDITIONS[kind])
-            _text(_in(one, "data"), "text", words)
+    set_up = certificate.about.set_up
+    for kind, words in ((STYLUS, set_up.stylus), (MOUNTING, set_up.mounting), (ARM_SOFTWARE, set_up.software)):
+        one = _in(conditions, "influenceCondition", refType=kind)
+        _text(one, "name", CONDITIONS[kind])
+        _text(_in(one, "data"), "text", words)
     results = _in(parent, "results")
     for result in certificate.results:
         one = _in(results, "result")
@@ -166,20 +146,20 @@ def _measured(parent: Element, certificate: Certificate) -> None:
         if result.limit is not None:
             kind = LIMIT if result.conformity is None else CONFORMITY
             statement = _in(_in(value, "measurementMetaData"), "metaData", refType=kind)
-            if result.conformity is not None:
-                _in(statement, "conformity", result.conformity)
+            _if_known(statement, "conformity", result.conformity)
             _quantity(_in(_in(statement, "data"), "quantity", refType=LIMIT), result.limit)
     for kind, lists in ((INDIVIDUAL, certificate.individual), (BUDGET, certificate.budgets)):
         for listed in lists:
-            _list(results, kind, listed)
+            one = _in(results, "result", refType=kind)
+            _text(one, "name", listed.name)
+            quantities = _in(_in(one, "data"), "list")
+            for quantity in listed.quantities:
+                _quantity(_in(quantities, "quantity"), quantity)
 
 
-def _list(parent: Element, kind: str, listed: StatedList) -> None:
-    one = _in(parent, "result", refType=kind)
-    _text(one, "name", listed.name)
-    quantities = _in(_in(one, "data"), "list")
-    for quantity in listed.quantities:
-        _quantity(_in(quantities, "quantity"), quantity)
+def _if_known(parent: Element, tag: str, text: str | None) -> None:
+    if text is not None:
+        _in(parent, tag, text)
 
 
 def _in(parent: Element, tag: str, text: str | None = None, **attributes: str) -> Element:
@@ -209,15 +189,11 @@ def _identification(parent: Element, issuer: str, value: str, name: str, kind: s
 
 def _contact(parent: Element, contact: Contact) -> None:
     _text(parent, "name", contact.name)
-    if contact.email is not None:
-        _in(parent, "eMail", contact.email)
-    if contact.phone is not None:
-        _in(parent, "phone", contact.phone)
+    _if_known(parent, "eMail", contact.email)
+    _if_known(parent, "phone", contact.phone)
     location = _in(parent, "location")
     for key, tag in (*ADDRESS, ("country", "countryCode")):
-        value = getattr(contact, key)
-        if value is not None:
-            _in(location, tag, value)
+        _if_known(location, tag, getattr(contact, key))
 
 
 def _condition(parent: Element, kind: str, low: Decimal, high: Decimal, unit: str) -> None:

@@ -86,14 +86,7 @@ class CertificateFile:
 
 
 def read_dcc(path: str | Path) -> Certificate:
-    """Read a certificate of this program, and verify its signature if it has one.
-
-    Raises
-    ------
-    InputError
-        If the file is missing, too long, not such a certificate, breaks a rule of its content, or its signature is
-        broken.
-    """
+    """Read a certificate of this program, see `read_dcc_file`."""
     return read_dcc_file(path).certificate
 
 
@@ -109,7 +102,8 @@ def read_dcc_file(path: str | Path, *, trusted: str | Path | None = None) -> Cer
     Raises
     ------
     InputError
-        As `read_dcc`, and if the signer's certificate was not valid on the day of issue.
+        If the file is missing, too long, not such a certificate, breaks a rule of its content, its signature is broken,
+        or the signer's certificate was not valid on the day of issue.
     """
     try:
         return parse_dcc_file(read_limited(path, limit_bytes=MAX_BYTES), trusted=trusted)
@@ -118,7 +112,7 @@ def read_dcc_file(path: str | Path, *, trusted: str | Path | None = None) -> Cer
 
 
 def parse_dcc(content: bytes) -> Certificate:
-    """Read the content of a certificate, see `read_dcc`."""
+    """Read the content of a certificate, see `read_dcc_file`."""
     return parse_dcc_file(content).certificate
 
 
@@ -168,7 +162,7 @@ def _certificate_of(content: bytes) -> Certificate:
                     _quantity_of(size)
                     for size in one.findall("dcc:measuringEquipmentQuantities/dcc:measuringEquipmentQuantity", SPACES)
                 ),
-                _maybe(one, f"identifications/identification[@refType='{ISSUER}']/value"),
+                _text(_one(one, f"identifications/identification[@refType='{ISSUER}']/value")),
             )
             for one in _all(measured, "measuringEquipments/measuringEquipment")
         ),
@@ -243,16 +237,15 @@ def _condition_of(measured: Element, kind: str) -> tuple[Decimal, Decimal] | Non
     return ends[0].value, ends[1].value
 
 
-def _set_up_of(measured: Element) -> dict[str, str] | None:
-    """Stylus, mounting and software of the arm; None in certificates of earlier versions."""
+def _set_up_of(measured: Element) -> dict[str, str]:
+    """Stylus, mounting and software of the arm."""
     path = "influenceConditions/influenceCondition[@refType='{}']/data/text/content"
     kinds = {"stylus": STYLUS, "mounting": MOUNTING, "software": ARM_SOFTWARE}
-    found = {key: _maybe(measured, path.format(kind)) for key, kind in kinds.items()}
-    return {key: value or "" for key, value in found.items()} if any(found.values()) else None
+    return {key: _text(_one(measured, path.format(kind))) for key, kind in kinds.items()}
 
 
 def _statements_of(administrative: Element) -> tuple[Statement, ...]:
-    """The statements; those of unknown kind are remarks, as all but the decision are in files of earlier versions."""
+    """The statements; those of unknown kind are remarks."""
     kinds = {kind: name for name, kind in STATEMENTS.items()} | {NOT_DECIDED: "decision"}
     return tuple(
         Statement(kinds.get(one.get("refType", ""), "remark"), _content(one, "declaration"))

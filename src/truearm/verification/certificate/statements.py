@@ -11,23 +11,11 @@ from truearm.verification.standards.verification import Verification
 from truearm.verification.standards.verification_text import LEVEL_TEXT, describe_decision, describe_rule
 
 NOT_FOR_CONFORMITY = Verdict.NOT_FOR_DECISIONS.value
-KINDS = (
-    "reservation",
-    "decision",
-    "decision rule",
-    "uncertainty",
-    "traceability",
-    "rated conditions",
-    "limits of use",
-    "item",
-    "reproduction",
-    "remark",
-)
 
 
 @dataclass(frozen=True)
 class Statement:
-    """A statement of a certificate; `kind` is one of `KINDS`."""
+    """A statement of a certificate; `kind` is one of `STATEMENTS` of the reader."""
 
     kind: str
     text: str

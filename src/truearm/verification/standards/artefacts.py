@@ -9,7 +9,7 @@ from __future__ import annotations
 import datetime
 from math import inf, sqrt
 from pathlib import Path
-from typing import Annotated, Any, Self, TypeVar
+from typing import Annotated, Any, ClassVar, Self, TypeVar
 
 from pydantic import Field, field_validator, model_validator
 
@@ -70,6 +70,7 @@ class Artefact(_WithUncertainties):
     form_mm: NotNegative
     u_form_mm: NotNegative = 0.0
     u_fixture_mm: NotNegative
+    kind: ClassVar = "seat"
 
     @field_validator("form_mm", "u_form_mm", "u_fixture_mm")
     @classmethod
@@ -166,6 +167,7 @@ class CalibratedSphere(_Expanding):
     diameter_mm: Positive
     u_diameter_mm: Positive
     nominal_mm: Positive | None = None
+    kind: ClassVar = "sphere"
 
     @model_validator(mode="after")
     def _plausible(self) -> Self:
@@ -197,6 +199,7 @@ class CalibratedBar(_Expanding):
 
     u_alignment_mm: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=20)] | None = None
     lengths: Annotated[tuple[CalibratedLength, ...], Field(min_length=1, max_length=1000)]
+    kind: ClassVar = "bar"
 
     @model_validator(mode="after")
     def _plausible(self) -> Self:
@@ -243,7 +246,7 @@ class Artefacts(Document):
 
     @model_validator(mode="after")
     def _each_once(self) -> Self:
-        names = [one.name for kind in (self.spheres, self.bars, self.seats) for one in kind]
+        names = [one.name for one in self.all]
         if not names:
             raise InputError(
                 "expected an artefact under [[spheres]], [[bars]] or [[seats]], got none",
@@ -251,6 +254,11 @@ class Artefacts(Document):
             )
         _check_once(names, "artefact")
         return self
+
+    @property
+    def all(self) -> tuple[CalibratedSphere | CalibratedBar | Seat, ...]:
+        """The artefacts of every kind."""
+        return (*self.spheres, *self.bars, *self.seats)
 
     def sphere(self, name: str) -> CalibratedSphere:
         """Look a sphere up; an InputError lists the known ones."""

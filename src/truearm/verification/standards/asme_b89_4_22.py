@@ -21,7 +21,7 @@ from truearm.verification.standards.decision import (
     assess_conformity,
     worst_result,
 )
-from truearm.verification.standards.measurands import LengthMeasurement, SphereMeasurement
+from truearm.verification.standards.measurands import LengthMeasurement, SphereMeasurement, worst_size_error
 from truearm.verification.standards.specification import Specification
 
 
@@ -56,21 +56,7 @@ def effective_diameter(
     specification : Specification
     rule : {"iso14253-1:2013", "iso14253-1:2017", "simple"}
     """
-    corrected = specification.corrected_to_20_degC
-    limit = specification.limit("EffectiveDiameter")
-    return worst_result(
-        [
-            assess_conformity(
-                "EffectiveDiameter",
-                one.size_error(corrected=corrected),
-                one.size_budget(corrected=corrected),
-                limit,
-                rule=rule,
-                where=one.where,
-            )
-            for one in runs
-        ]
-    )
+    return worst_size_error("EffectiveDiameter", runs, specification, rule=rule)
 
 
 def single_point(

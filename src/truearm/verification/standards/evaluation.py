@@ -50,32 +50,33 @@ class Evaluation:
     def rows_of(self, name: str, test: PlannedTest) -> list[ConformityResult]:
         """Evaluate one test; return its test values with their verdicts."""
         groups = self.measured.tests[name]
-        if isinstance(test, Probing):
-            self._checks.check_positions(name, groups, "position", test.positions.value)
-            spheres = [self._checks.sphere(name, group, test) for group in groups]
-            self._checks.check_no_copies(name, [[group] for group in groups])
-            self._checks.check_apart(name, groups, sphere_centres(spheres), spheres[0].sphere.diameter_mm)
-            size = iso10360_12.p_size(spheres, self.specification, rule=self.rule)
-            form = iso10360_12.p_form(spheres, self.specification, rule=self.rule)
-            if self._suspect([size, form]):
-                self.remarks.extend(blunders.on_spheres(name, groups, spheres, size))
-            return [size, form]
+        if isinstance(test, Probing | EffectiveDiameter):
+            return self._sizes(name, groups, test)
         if isinstance(test, Articulation):
             return self._articulation(name, groups, test)
-        if isinstance(test, EffectiveDiameter):
-            self._checks.check_positions(name, groups, "repeat", test.repeats.value)
-            spheres = [self._checks.sphere(name, group, test) for group in groups]
-            self._checks.check_no_copies(name, [[group] for group in groups])
-            size = asme_b89_4_22.effective_diameter(spheres, self.specification, rule=self.rule)
-            if self._suspect([size]):
-                self.remarks.extend(blunders.on_spheres(name, groups, spheres, size))
-            return [size]
         if isinstance(test, SinglePoint):
             return self._single_point(name, groups, test)
         if isinstance(test, LengthTest):
             return self._lengths(name, groups, test)
         assert isinstance(test, Volumetric)
         return self._volumetric(name, groups, test)
+
+    def _sizes(
+        self, name: str, groups: Sequence[PointGroup], test: Probing | EffectiveDiameter
+    ) -> list[ConformityResult]:
+        key, planned = ("position", test.positions) if isinstance(test, Probing) else ("repeat", test.repeats)
+        self._checks.check_positions(name, groups, key, planned.value)
+        spheres = [self._checks.sphere(name, group, test) for group in groups]
+        self._checks.check_no_copies(name, [[group] for group in groups])
+        if isinstance(test, Probing):
+            self._checks.check_apart(name, groups, sphere_centres(spheres), spheres[0].sphere.diameter_mm)
+            size = iso10360_12.p_size(spheres, self.specification, rule=self.rule)
+            rows = [size, iso10360_12.p_form(spheres, self.specification, rule=self.rule)]
+        else:
+            rows = [asme_b89_4_22.effective_diameter(spheres, self.specification, rule=self.rule)]
+        if self._suspect(rows):
+            self.remarks.extend(blunders.on_spheres(name, groups, spheres, rows[0]))
+        return rows
 
     def _articulation(self, name: str, groups: Sequence[PointGroup], test: Articulation) -> list[ConformityResult]:
         positions = split_groups(groups, "position")

@@ -20,7 +20,7 @@ from truearm.verification.standards.decision import (
     assess_conformity,
     worst_result,
 )
-from truearm.verification.standards.measurands import LengthMeasurement, SphereMeasurement
+from truearm.verification.standards.measurands import LengthMeasurement, SphereMeasurement, worst_size_error
 from truearm.verification.standards.specification import Specification
 
 
@@ -43,21 +43,7 @@ def p_size(
     -------
     ConformityResult
     """
-    corrected = specification.corrected_to_20_degC
-    limit = specification.limit("P_Size.Sph.1x25")
-    return worst_result(
-        [
-            assess_conformity(
-                "P_Size.Sph.1x25",
-                one.size_error(corrected=corrected),
-                one.size_budget(corrected=corrected),
-                limit,
-                rule=rule,
-                where=one.where,
-            )
-            for one in spheres
-        ]
-    )
+    return worst_size_error("P_Size.Sph.1x25", spheres, specification, rule=rule)
 
 
 def p_form(

@@ -6,6 +6,7 @@ recalled): ``u^2 = u_cal^2 + (L alpha u_T)^2 + (L (T - 20) u_alpha)^2 + u_fixtur
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -16,8 +17,16 @@ from truearm.typing import FloatArray
 from truearm.verification.shapes.plane import fit_plane
 from truearm.verification.shapes.sphere import Sphere, fit_sphere
 from truearm.verification.standards.artefacts import CalibratedBar, CalibratedLength, CalibratedSphere
-from truearm.verification.standards.decision import Budget, Contribution
+from truearm.verification.standards.decision import (
+    Budget,
+    ConformityResult,
+    Contribution,
+    DecisionRule,
+    assess_conformity,
+    worst_result,
+)
 from truearm.verification.standards.positions import hemisphere
+from truearm.verification.standards.specification import Specification
 
 # Fewer points on a ball leave no degree of freedom.
 LEAST_ON_BALL = 5
@@ -248,3 +257,23 @@ class LengthMeasurement:
         single = opposite and len(self.start) == len(self.end) == 1
         slant = (Contribution("alignment of opposite points", self.alignment_mm),) if single else ()
         return Budget((calibration, *thermal, *bar.form_and_fixture(ends=2), *slant))
+
+
+def worst_size_error(
+    symbol: str, spheres: Sequence[SphereMeasurement], specification: Specification, *, rule: DecisionRule
+) -> ConformityResult:
+    """Return the decisive one of the errors of size of some spheres."""
+    corrected, limit = specification.corrected_to_20_degC, specification.limit(symbol)
+    return worst_result(
+        [
+            assess_conformity(
+                symbol,
+                one.size_error(corrected=corrected),
+                one.size_budget(corrected=corrected),
+                limit,
+                rule=rule,
+                where=one.where,
+            )
+            for one in spheres
+        ]
+    )

@@ -10,19 +10,10 @@ import numpy as np
 from truearm.typing import FloatArray
 from truearm.verification.standards.decision import ConformityResult, Verdict
 from truearm.verification.standards.measured_points import PointGroup
+from truearm.verification.standards.specification import SYMBOLS
 
-# The test of each symbol of a test value.
-_TESTS = {
-    "P_Size.Sph.1x25": "probing",
-    "P_Form.Sph.1x25": "probing",
-    "L_Dia.5x5": "articulation",
-    "E_Uni": "uni",
-    "E_Bi": "bi",
-    "EffectiveDiameter": "effective_diameter",
-    "SPAT.Max": "single_point",
-    "SPAT.2s": "single_point",
-    "Volumetric.Max": "volumetric",
-}
+# Values of all lengths together, which are measured at no single place.
+_OF_ALL = ("Volumetric.2s", "Volumetric.2RMS")
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +99,7 @@ _UNMET: list[Verdict | None] = [Verdict.NOT_CONFORM, Verdict.UNDECIDED]
 def _was_measured(row: ConformityResult, test: str, group: PointGroup) -> bool:
     """Whether the value of a row comes from the place of a group."""
     symbol, _, length = row.label.partition(", ")
-    if row.limit is None or _TESTS.get(symbol) != test:
+    if row.limit is None or symbol in _OF_ALL or SYMBOLS.get(symbol, (None,))[0] != test:
         return False
     if "length" in group.keys and group.keys["length"] != (length or row.where.partition(", position ")[0]):
         return False

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import datetime
 import difflib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -19,8 +20,10 @@ from truearm.files.delimited import Sheet, check_names, quoted_cell, read_column
 from truearm.files.spreadsheet_forms import read_form
 from truearm.files.toml_documents import reject_control_characters
 from truearm.readings.thermal_expansion import COLDEST_DEGC, WARMEST_DEGC
-from truearm.typing import FloatArray, NameArray
+from truearm.typing import BoolArray, FloatArray, IntArray, NameArray
 from truearm.verification.standards.dates import parse_day
+
+T = TypeVar("T")
 
 # The columns that identify a group of points in a test, outermost first.
 KEY_COLUMNS: dict[str, tuple[str, ...]] = {
@@ -43,8 +46,15 @@ FARTHEST_MM = 1e6
 
 POINT = ("x_mm", "y_mm", "z_mm")
 TEMPERATURE, TIP = "artefact_degC", "tip_diameter_mm"
-# Conditions of the measurement that a specification may rate, in any row of a group.
-CONDITION_COLUMNS = ("air_degC", "air_K_per_h", "air_K_per_m", "warm_up_min", "humidity_percent")
+# Conditions of the measurement that a specification may rate, in any row of a group: words and unit, and the least and
+# the largest possible value; others are in another unit.
+CONDITIONS: Mapping[str, tuple[str, str, float, float]] = {
+    "air_degC": ("temperature of the air", "degC", COLDEST_DEGC, WARMEST_DEGC),
+    "air_K_per_h": ("change of the air's temperature", "K/h", 0.0, 100.0),
+    "air_K_per_m": ("gradient of the air's temperature", "K/m", 0.0, 100.0),
+    "warm_up_min": ("warm-up time", "min", 0.0, 1e5),
+    "humidity_percent": ("relative humidity", "%", 0.0, 100.0),
+}
 # The greatest number of names in a message.
 MOST_NAMED = 12
 REQUIRED_COLUMNS = ("test", "artefact", "date", *POINT)
@@ -79,7 +89,7 @@ class PointGroup:
     lines : tuple of int
         Lines of its points in the file, counted from 1; empty for points from a program.
     conditions : dict of str to (float, float)
-        The lowest and the highest value of each of `CONDITION_COLUMNS` that is stated.
+        The lowest and the highest value of each of `CONDITIONS` that is stated.
     """
 
     artefact: str
@@ -172,18 +182,17 @@ def read_points(path: str | Path) -> MeasuredPoints:
     """
     path = Path(path)
     sheet = read_form(path)
-    check_names(sheet, REQUIRED_COLUMNS, (*OPTIONAL_COLUMNS, *CONDITION_COLUMNS, SERIAL_NUMBER), meant=_in_mm)
+    check_names(sheet, REQUIRED_COLUMNS, (*OPTIONAL_COLUMNS, *CONDITIONS, SERIAL_NUMBER), meant=_in_mm)
     columns = _columns(sheet)
     tests = {}
     for test in dict.fromkeys(columns.words["test"].tolist()):
         if test not in KEY_COLUMNS:
             close = difflib.get_close_matches(test, KEY_COLUMNS, n=1)
-            raise columns.error(
-                f"unknown test {quoted_cell(test)}",
+            row, hint = (
                 int(np.argmax(columns.words["test"] == test)),
-                "test",
-                hint=f"use {close[0] if close else ', '.join(KEY_COLUMNS)}",
+                f"use {close[0] if close else ', '.join(KEY_COLUMNS)}",
             )
+            raise columns.error(f"unknown test {quoted_cell(test)}", row, "test", hint=hint)
         tests[test] = tuple(_groups(columns, test))
     return MeasuredPoints(tests, path, _serial_number(columns))
 
@@ -199,6 +208,24 @@ class _Columns:
     def error(self, problem: str, row: int, column: str, *, hint: str | None = None) -> InputError:
         return InputError(problem, file=self.sheet.file, line=self.sheet.first_line + row, column=column, hint=hint)
 
+    def refuse(
+        self, wrong: BoolArray, rows: Sequence[int] | IntArray, column: str, problem: str, hint: str | None = None
+    ) -> None:
+        """Refuse the first of some rows that is wrong; ``{cell}`` in the problem is its cell."""
+        if wrong.any():
+            row = int(rows[int(np.argmax(wrong))])
+            cell = (
+                quoted_cell(str(self.words[column][row])) if column in self.words else f"{self.numbers[column][row]:g}"
+            )
+            raise self.error(problem.replace("{cell}", cell), row, column, hint=hint)
+
+    def parsed(self, parse: Callable[[str], T], row: int, column: str) -> T:
+        """What the text of a cell means; an error of `parse` gets its place."""
+        try:
+            return parse(str(self.words[column][row]))
+        except InputError as error:
+            raise self.error(error.problem, row, column, hint=error.hint) from None
+
 
 def _in_mm(column: str) -> str | None:
     """The correct name of a coordinate in another unit, or in none."""
@@ -207,7 +234,7 @@ def _in_mm(column: str) -> str | None:
 
 
 def _columns(sheet: Sheet) -> _Columns:
-    numbers = [*POINT, *(name for name in (TEMPERATURE, TIP, *CONDITION_COLUMNS) if name in sheet.names)]
+    numbers = [*POINT, *(name for name in (TEMPERATURE, TIP, *CONDITIONS) if name in sheet.names)]
     texts_of = (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS, SERIAL_NUMBER)
     words = [name for name in texts_of if name in sheet.names and name not in numbers]
     index = sheet.names.index
@@ -218,7 +245,7 @@ def _columns(sheet: Sheet) -> _Columns:
     return _Columns(
         {
             name: found[:, numbers.index(name)] if name in numbers else np.full(len(found), np.nan)
-            for name in (*POINT, TEMPERATURE, TIP, *CONDITION_COLUMNS)
+            for name in (*POINT, TEMPERATURE, TIP, *CONDITIONS)
         },
         {name: by_name.get(name, empty) for name in (*REQUIRED_COLUMNS[:3], *OPTIONAL_COLUMNS[:5], SERIAL_NUMBER)},
         sheet,
@@ -231,19 +258,14 @@ def _serial_number(columns: _Columns) -> str:
     stated = np.flatnonzero(cells != "")
     if not len(stated):
         return ""
-    number = str(cells[stated[0]])
-    try:
-        reject_control_characters(number)
-    except InputError as error:
-        raise columns.error(error.problem, int(stated[0]), SERIAL_NUMBER, hint=error.hint) from None
-    if (others := cells[stated] != number).any():
-        row = int(stated[np.argmax(others)])
-        raise columns.error(
-            f"expected points of one arm, got serial numbers {quoted_cell(number)} and {quoted_cell(str(cells[row]))}",
-            row,
-            SERIAL_NUMBER,
-            hint="one file of points for each arm",
-        )
+    number = columns.parsed(reject_control_characters, int(stated[0]), SERIAL_NUMBER)
+    columns.refuse(
+        cells[stated] != number,
+        stated,
+        SERIAL_NUMBER,
+        f"expected points of one arm, got serial numbers {quoted_cell(number)} and {{cell}}",
+        "one file of points for each arm",
+    )
     return number
 
 
@@ -253,34 +275,19 @@ def _groups(columns: _Columns, test: str) -> Iterator[PointGroup]:
     rows = np.flatnonzero(columns.words["test"] == test)
     for key in ("artefact", "date", *keys):
         cells = columns.words[key][rows]
-        if (cells == "").any():
-            row = int(rows[np.argmax(cells == "")])
-            raise columns.error(
-                f"a point of test {test!r} needs {key!r}, got an empty cell", row, key, hint="fill the cell in"
-            )
-        for cell in np.unique(cells):
-            try:
-                reject_control_characters(str(cell))
-            except InputError as error:
-                raise columns.error(error.problem, int(rows[np.argmax(cells == cell)]), key) from None
-        if key == "repeat" and not np.char.isdecimal(cells).all():
-            row = int(rows[np.argmin(np.char.isdecimal(cells))])
-            raise columns.error(
-                f"expected a whole number 1, 2, .., got {quoted_cell(str(columns.words[key][row]))}", row, key
-            )
-        if key == "end" and not np.isin(cells, ENDS).all():
-            row = int(rows[np.argmin(np.isin(cells, ENDS))])
-            raise columns.error(f"expected A or B, got {quoted_cell(str(columns.words[key][row]))}", row, key)
+        needed = f"a point of test {test!r} needs {key!r}, got an empty cell"
+        columns.refuse(cells == "", rows, key, needed, "fill the cell in")
+        for at in np.unique(cells, return_index=True)[1]:
+            columns.parsed(reject_control_characters, int(rows[at]), key)
+        if key == "repeat":
+            columns.refuse(~np.char.isdecimal(cells), rows, key, "expected a whole number 1, 2, .., got {cell}")
+        if key == "end":
+            columns.refuse(~np.isin(cells, ENDS), rows, key, "expected A or B, got {cell}")
     for key in ("position", "length", "repeat", "end", "group"):
-        cells = columns.words[key][rows]
-        if key not in keys and (cells != "").any():
-            row = int(rows[np.argmax(cells != "")])
-            raise columns.error(
-                f"a point of test {test!r} has no {key!r}, got {quoted_cell(str(columns.words[key][row]))}",
-                row,
-                key,
-                hint=f"leave the cell empty: this test uses artefact, {', '.join(keys)}",
-            )
+        if key not in keys:
+            hint = f"leave the cell empty: this test uses artefact, {', '.join(keys)}"
+            stated = columns.words[key][rows] != ""
+            columns.refuse(stated, rows, key, f"a point of test {test!r} has no {key!r}, got {{cell}}", hint)
     members: dict[tuple[str, ...], list[int]] = {}
     for row in rows.tolist():
         identity = tuple(str(columns.words[key][row]) for key in ("artefact", *keys))
@@ -291,48 +298,43 @@ def _groups(columns: _Columns, test: str) -> Iterator[PointGroup]:
 
 def _group(columns: _Columns, test: str, identity: tuple[str, ...], rows: list[int]) -> PointGroup:
     days = columns.words["date"][rows]
-    if (days != days[0]).any():
-        row = rows[int(np.argmax(days != days[0]))]
+    if (others := days != days[0]).any():
+        row = rows[int(np.argmax(others))]
         raise columns.error(
             f"points of one group were measured on {days[0]} and on {columns.words['date'][row]}",
             row,
             "date",
             hint="measure a group on one day; correct the date if it is mistyped",
         )
-    try:
-        day = parse_day(str(days[0]))
-    except InputError as error:
-        raise columns.error(error.problem, rows[0], "date", hint=error.hint) from None
+    day = columns.parsed(parse_day, rows[0], "date")
     degC = columns.numbers[TEMPERATURE][rows]
-    if test in SIZE_TESTS and np.isnan(degC).any():
-        raise columns.error(
-            f"a point of test {test!r} needs the temperature of the artefact, to compare with its size at 20 degC",
-            rows[int(np.argmax(np.isnan(degC)))],
-            TEMPERATURE,
-            hint="enter the temperature that the thermometer on the artefact showed",
-        )
-    if (absurd := (degC < COLDEST_DEGC) | (degC > WARMEST_DEGC)).any():
-        row = rows[int(np.argmax(absurd))]
-        raise columns.error(
-            f"expected the temperature of the artefact in degC, got {columns.numbers[TEMPERATURE][row]:g}",
-            row,
-            TEMPERATURE,
-            hint="convert from Fahrenheit: (F - 32) / 1.8",
-        )
+    columns.refuse(
+        np.isnan(degC) & (test in SIZE_TESTS),
+        rows,
+        TEMPERATURE,
+        f"a point of test {test!r} needs the temperature of the artefact, to compare with its size at 20 degC",
+        "enter the temperature that the thermometer on the artefact showed",
+    )
+    columns.refuse(
+        (degC < COLDEST_DEGC) | (degC > WARMEST_DEGC),
+        rows,
+        TEMPERATURE,
+        "expected the temperature of the artefact in degC, got {cell}",
+        "convert from Fahrenheit: (F - 32) / 1.8",
+    )
     tip = np.nan_to_num(columns.numbers[TIP][rows])
-    if (tip != tip[0]).any() or tip[0] < 0:
-        row = rows[int(np.argmax(tip != tip[0]))]
-        raise columns.error(
-            f"expected one tip diameter of 0 or more for the group, got {tip.min():g} to {tip.max():g} mm",
-            row,
-            TIP,
-            hint="write the same diameter in all rows of the group",
-        )
+    columns.refuse(
+        np.asarray(tip != tip[0] if np.ptp(tip) else tip < 0),
+        rows,
+        TIP,
+        f"expected one tip diameter of 0 or more for the group, got {tip.min():g} to {tip.max():g} mm",
+        "write the same diameter in all rows of the group",
+    )
     points = np.column_stack([columns.numbers[name][rows] for name in POINT])
-    if (np.abs(points) > FARTHEST_MM).any():
-        row, axis = (int(i) for i in np.argwhere(np.abs(points) > FARTHEST_MM)[0])
-        problem = f"expected a coordinate within {FARTHEST_MM:g} mm, got {points[row, axis]:g} mm"
-        raise columns.error(problem, rows[row], POINT[axis], hint="write coordinates in mm")
+    far = np.abs(points) > FARTHEST_MM
+    first = np.argmax(far.any(axis=1))
+    problem = f"expected a coordinate within {FARTHEST_MM:g} mm, got {{cell}} mm"
+    columns.refuse(far.max(axis=1), rows, POINT[int(np.argmax(far[first]))], problem, "write coordinates in mm")
     known = degC[~np.isnan(degC)]
     if len(known) and np.ptp(known) > MAX_TEMPERATURE_SPREAD_K:
         raise columns.error(
@@ -357,27 +359,16 @@ def _group(columns: _Columns, test: str, identity: tuple[str, ...], rows: list[i
 def _conditions(columns: _Columns, rows: list[int]) -> dict[str, tuple[float, float]]:
     """The conditions that some of the rows state."""
     stated = {}
-    for name in CONDITION_COLUMNS:
+    for name, (_, _, least, most) in CONDITIONS.items():
         values = columns.numbers[name][rows]
-        least, most = _POSSIBLE[name]
-        if (absurd := (values < least) | (values > most)).any():
-            row = rows[int(np.argmax(absurd))]
-            raise columns.error(
-                f"expected {name} from {least:g} to {most:g}, got {columns.numbers[name][row]:g}",
-                row,
-                name,
-                hint="check the unit, which is in the name of the column",
-            )
+        problem = f"expected {name} from {least:g} to {most:g}, got {{cell}}"
+        columns.refuse(
+            (values < least) | (values > most),
+            rows,
+            name,
+            problem,
+            "check the unit, which is in the name of the column",
+        )
         if not np.isnan(values).all():
             stated[name] = (float(np.nanmin(values)), float(np.nanmax(values)))
     return stated
-
-
-# Other values are in another unit.
-_POSSIBLE = {
-    "air_degC": (COLDEST_DEGC, WARMEST_DEGC),
-    "air_K_per_h": (0.0, 100.0),
-    "air_K_per_m": (0.0, 100.0),
-    "warm_up_min": (0.0, 1e5),
-    "humidity_percent": (0.0, 100.0),
-}

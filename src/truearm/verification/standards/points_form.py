@@ -20,7 +20,7 @@ from truearm.typing import FloatArray, IntArray
 from truearm.verification.standards.dates import check_past
 from truearm.verification.standards.layout import Placement
 from truearm.verification.standards.measured_points import (
-    CONDITION_COLUMNS,
+    CONDITIONS,
     KEY_COLUMNS,
     OPTIONAL_COLUMNS,
     POINT,
@@ -227,7 +227,7 @@ def _planned(sheet: Sheet, numbers: FloatArray, identity: tuple[str, ...], rows:
 
 
 def _check_form(sheet: Sheet) -> None:
-    check_names(sheet, REQUIRED_COLUMNS, (*OPTIONAL_COLUMNS, *CONDITION_COLUMNS, SERIAL_NUMBER))
+    check_names(sheet, REQUIRED_COLUMNS, (*OPTIONAL_COLUMNS, *CONDITIONS, SERIAL_NUMBER))
     for name in OPTIONAL_COLUMNS:
         if name not in sheet.names:
             raise sheet.error(f"the column {name} is missing", hint="give the file of truearm verify --sheet")

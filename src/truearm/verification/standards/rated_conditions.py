@@ -17,17 +17,7 @@ from pydantic import model_validator
 
 from truearm.errors import InputError
 from truearm.files.toml_documents import Document, Real
-from truearm.verification.standards.measured_points import CONDITION_COLUMNS, PointGroup
-
-# Name and unit of each condition that may be rated.
-CONDITIONS: Mapping[str, tuple[str, str]] = {
-    "air_degC": ("temperature of the air", "degC"),
-    "air_K_per_h": ("change of the air's temperature", "K/h"),
-    "air_K_per_m": ("gradient of the air's temperature", "K/m"),
-    "warm_up_min": ("warm-up time", "min"),
-    "humidity_percent": ("relative humidity", "%"),
-}
-assert tuple(CONDITIONS) == CONDITION_COLUMNS
+from truearm.verification.standards.measured_points import CONDITIONS, PointGroup
 
 
 class RatedRange(Document):
@@ -105,7 +95,7 @@ def compare_conditions(
     """
     results = []
     for key, limits in rated.items():
-        name, unit = CONDITIONS[key]
+        name, unit, *_ = CONDITIONS[key]
         stated = [group.conditions[key] for group in groups if key in group.conditions]
         if key in room:
             stated.append(room[key])

@@ -7,6 +7,7 @@ The file (TOML, docs/verification.md) states limits in micrometres with the leng
 from __future__ import annotations
 
 import difflib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Self
 
@@ -14,22 +15,24 @@ from pydantic import Field, field_validator, model_validator
 
 from truearm.errors import InputError
 from truearm.files.toml_documents import Document, Name, NotNegative, Positive, read_document
-from truearm.verification.standards.rated_conditions import CONDITIONS, RatedRange
+from truearm.verification.standards.measured_points import CONDITIONS
+from truearm.verification.standards.rated_conditions import RatedRange
 
-# The names of the results of the tests, without the index that standards add (":0:Tact.AArm").
-SYMBOLS = (
-    "P_Size.Sph.1x25",
-    "P_Form.Sph.1x25",
-    "L_Dia.5x5",
-    "E_Uni",
-    "E_Bi",
-    "EffectiveDiameter",
-    "SPAT.Max",
-    "SPAT.2s",
-    "Volumetric.Max",
-    "Volumetric.2s",
-    "Volumetric.2RMS",
-)
+# The names of the results of the tests, without the index that standards add (":0:Tact.AArm"); each with its test, and
+# the example limit of an arm with a measuring range of 2.5 m, chosen here [um].
+SYMBOLS: Mapping[str, tuple[str, float]] = {
+    "P_Size.Sph.1x25": ("probing", 25.0),
+    "P_Form.Sph.1x25": ("probing", 40.0),
+    "L_Dia.5x5": ("articulation", 50.0),
+    "E_Uni": ("uni", 60.0),
+    "E_Bi": ("bi", 70.0),
+    "EffectiveDiameter": ("effective_diameter", 25.0),
+    "SPAT.Max": ("single_point", 40.0),
+    "SPAT.2s": ("single_point", 50.0),
+    "Volumetric.Max": ("volumetric", 60.0),
+    "Volumetric.2s": ("volumetric", 60.0),
+    "Volumetric.2RMS": ("volumetric", 60.0),
+}
 
 # Smaller numbers are in another unit: limits [um], K [mm/um] (1 is a millimetre per metre), measuring range [mm].
 LEAST_UM = 0.5
@@ -111,7 +114,7 @@ class Specification(Document):
     corrected_to_20_degC : bool
         Whether the limits apply to lengths corrected to 20 degC by the artefact's temperature, as usual.
     rated_conditions : dict of str to RatedRange
-        Outside which the limits do not apply, by the names of `CONDITION_COLUMNS`; empty where none are stated.
+        Outside which the limits do not apply, by the names of `CONDITIONS`; empty where none are stated.
     limits : dict of str to Limit
         By symbol.
 
@@ -203,25 +206,12 @@ def read_specification(path: str | Path) -> Specification:
 
 
 def example_specification(measuring_range_mm: float) -> Specification:
-    """Return example limits, chosen here and proportional to the measuring range."""
+    """Return example limits, proportional to the measuring range."""
     share = measuring_range_mm / 2500.0
-    micrometres = {
-        "P_Size.Sph.1x25": 25.0,
-        "P_Form.Sph.1x25": 40.0,
-        "L_Dia.5x5": 50.0,
-        "E_Uni": 60.0,
-        "E_Bi": 70.0,
-        "EffectiveDiameter": 25.0,
-        "SPAT.Max": 40.0,
-        "SPAT.2s": 50.0,
-        "Volumetric.Max": 60.0,
-        "Volumetric.2s": 60.0,
-        "Volumetric.2RMS": 60.0,
-    }
     return Specification(
         name=f"example, measuring range {measuring_range_mm:.5g} mm",
         source="example limits of truearm",
         measuring_range_mm=measuring_range_mm,
         rated_conditions={"air_degC": RatedRange(min=15.0, max=25.0)},
-        limits={symbol: Limit(B_um=round(share * limit, 1)) for symbol, limit in micrometres.items()},
+        limits={symbol: Limit(B_um=round(share * limit, 1)) for symbol, (_, limit) in SYMBOLS.items()},
     )

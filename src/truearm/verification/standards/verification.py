@@ -8,7 +8,7 @@ from functools import cached_property
 from math import isnan
 
 from truearm.errors import InputError
-from truearm.verification.standards.artefacts import Artefact, Artefacts
+from truearm.verification.standards.artefacts import Artefact, Artefacts, CalibratedBar, CalibratedSphere
 from truearm.verification.standards.decision import (
     SIMPLE_RATIO,
     ConformityResult,
@@ -110,12 +110,16 @@ class Verification:
     def used_artefacts(self) -> tuple[Artefact, ...]:
         """The artefacts that were measured, in the order of the file of artefacts."""
         names = {group.artefact for group in self.groups}
-        kinds = (self.artefacts.spheres, self.artefacts.bars, self.artefacts.seats)
-        return tuple(one for kind in kinds for one in kind if one.name in names)
+        return tuple(one for one in self.artefacts.all if one.name in names)
 
-    def measured_lengths(self, bar: str) -> set[str]:
-        """Return the names of a bar's lengths that were measured."""
-        return {group.keys["length"] for group in self.groups if group.artefact == bar}
+    def sizes(self, artefact: Artefact) -> list[tuple[str, float, float]]:
+        """Return the measured ones of an artefact's calibrated sizes: what it is, value and u at 20 degC [mm]."""
+        if isinstance(artefact, CalibratedSphere):
+            return [("diameter", artefact.diameter_mm, artefact.u_diameter_mm)]
+        if not isinstance(artefact, CalibratedBar):
+            return []
+        measured = {group.keys["length"] for group in self.groups if group.artefact == artefact.name}
+        return [(f"length {one.name}", one.length_mm, one.u_mm) for one in artefact.lengths if one.name in measured]
 
     @property
     def conditions(self) -> tuple[ConditionResult, ...]:

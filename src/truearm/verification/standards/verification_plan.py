@@ -12,9 +12,9 @@ from collections.abc import Collection, Iterator
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Self
+from typing import Annotated, Generic, Self, TypeVar
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from truearm.errors import InputError
 from truearm.files.toml_documents import Document, Name, NotNegative, Positive, parse_toml, read_document
@@ -25,42 +25,27 @@ CHECK_STANDARD = "check against your copy of the standard"
 PLANS = ("iso10360-12", "asme-b89.4.22")
 
 
-class _Sourced(Document):
+def _at_most_whole(share: float) -> float:
+    if share > 1:
+        raise InputError(f"expected a share of 1 or less, got {share:g}", hint="write 0.66 for 66 %")
+    return share
+
+
+V = TypeVar("V", bound=float)
+
+
+class PlanNumber(Document, Generic[V]):
     """A number of a plan with its source; `confirmed` if it was read in a published text, otherwise recalled."""
 
     confirmed: Annotated[bool, Field(strict=True)]
     source: Name
+    value: V
 
 
-class Count(_Sourced):
-    """A whole number."""
-
-    value: Annotated[int, Field(strict=True, ge=1, le=1000)]
-
-
-class Tolerated(_Sourced):
-    """A whole number that may be 0."""
-
-    value: Annotated[int, Field(strict=True, ge=0, le=1000)]
-
-
-class Size(_Sourced):
-    """A length [mm]."""
-
-    value: Positive
-
-
-class Share(_Sourced):
-    """A share of a length; 0.66 is 66 %."""
-
-    value: NotNegative
-
-    @field_validator("value")
-    @classmethod
-    def _at_most_whole(cls, given: float) -> float:
-        if given > 1:
-            raise InputError(f"expected a share of 1 or less, got {given:g}", hint="write 0.66 for 66 %")
-        return given
+Count = PlanNumber[Annotated[int, Field(strict=True, ge=1, le=1000)]]
+Tolerated = PlanNumber[Annotated[int, Field(strict=True, ge=0, le=1000)]]
+Size = PlanNumber[Positive]  # [mm]
+Share = PlanNumber[Annotated[NotNegative, AfterValidator(_at_most_whole)]]  # of a length; 0.66 is 66 %
 
 
 class PlannedTest(Document):
@@ -246,8 +231,8 @@ class VerificationPlan(Document):
         for name, test in self.tests.items():
             for key in type(test).model_fields:
                 number = getattr(test, key)
-                if isinstance(number, _Sourced) and not number.confirmed:
-                    yield f"{name}.{key}", number.value, number.source  # type: ignore[attr-defined]
+                if isinstance(number, PlanNumber) and not number.confirmed:
+                    yield f"{name}.{key}", number.value, number.source
 
     def changed_numbers(self) -> Iterator[tuple[str, float, float]]:
         """Yield the numbers that differ from truearm's plan after the same standard: key, value, value there."""
@@ -255,10 +240,8 @@ class VerificationPlan(Document):
         for name, test in self.tests.items():
             for key in type(test).model_fields:
                 number, other = getattr(test, key), getattr(there.get(name), key, None)
-                if isinstance(number, _Sourced) and isinstance(other, _Sourced):
-                    value, coming_value = number.value, other.value  # type: ignore[attr-defined]
-                    if value != coming_value:
-                        yield f"{name}.{key}", value, coming_value
+                if isinstance(number, PlanNumber) and isinstance(other, PlanNumber) and number.value != other.value:
+                    yield f"{name}.{key}", number.value, other.value
 
 
 TESTS = tuple(

@@ -76,23 +76,13 @@ class Estimate:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the numbers as plain data [mm]."""
-        of_draws = self.standard_errors
         return {
             "name": self.quantity.name,
             "nominal_mm": self.quantity.nominal_mm,
-            "bias_mm": self.bias_mm,
-            "u_mm": self.u_mm,
-            "u_systematic_mm": self.u_systematic_mm,
-            "u_random_mm": self.u_random_mm,
+            **{key: getattr(self, key) for key in ("bias_mm", "u_mm", "u_systematic_mm", "u_random_mm")},
             "interval_mm": list(self.interval_mm),
             "expanded_mm": self.expanded_mm,
-            "standard_errors_mm": {
-                "bias": of_draws.bias_mm,
-                "u": of_draws.u_mm,
-                "low": of_draws.low_mm,
-                "high": of_draws.high_mm,
-                "expanded": of_draws.expanded_mm,
-            },
+            "standard_errors_mm": {key.removesuffix("_mm"): u for key, u in vars(self.standard_errors).items()},
         }
 
     @cached_property

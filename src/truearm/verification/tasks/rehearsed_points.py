@@ -63,7 +63,7 @@ def rehearse_points(
 
 def _placement(one: PlannedPoints, artefacts: Artefacts) -> Placement:
     """The group as a layout has it: with the centre of its ball and the normals of the surface."""
-    known = {a.name: a for a in (*artefacts.spheres, *artefacts.bars, *artefacts.seats)}
+    known = {a.name: a for a in artefacts.all}
     if one.artefact not in known:
         raise InputError(
             f"the file of artefacts has no {one.artefact!r}", hint=f"one of {', '.join(known)}, or --artefacts FILE"

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -101,7 +100,7 @@ def simulate_points(sample: ArmSample, posed: PosedTest, artefacts: Artefacts, *
     true = true_points(posed.placements, artefacts, rng)
     shown = np.concatenate(true) + sample.systematic(posed.angles) + sample.random(posed.angles, rng)
     each = np.split(shown, np.cumsum([len(one) for one in true])[:-1])
-    dates = {one.name: one.date for one in _all(artefacts)}
+    dates = {one.name: one.date for one in artefacts.all}
     return MeasuredPoints.of(
         (
             one.test,
@@ -120,7 +119,7 @@ def simulate_points(sample: ArmSample, posed: PosedTest, artefacts: Artefacts, *
 
 def true_points(placements: Sequence[Placement], artefacts: Artefacts, rng: np.random.Generator) -> list[FloatArray]:
     """True points of each placement, (k, 3) [mm]: artefacts deviate within their certificates."""
-    known = {one.name: one for one in _all(artefacts)}
+    known = {one.name: one for one in artefacts.all}
     growth = {
         name: 0.0 if isinstance(one, Seat) else one.expansion_per_K * one.u_temperature_K * rng.standard_normal()
         for name, one in known.items()
@@ -159,10 +158,6 @@ def _pair(one: Placement) -> tuple[str, ...]:
     return (one.test, one.artefact, *(value for key, value in one.keys.items() if key != "end"))
 
 
-def _all(artefacts: Artefacts) -> tuple[CalibratedSphere | CalibratedBar | Seat, ...]:
-    return (*artefacts.spheres, *artefacts.bars, *artefacts.seats)
-
-
 @dataclass(frozen=True)
 class ResultDistribution:
     """Distribution of one row of the test over the arms.
@@ -171,7 +166,7 @@ class ResultDistribution:
     ----------
     label : str
     unit : str
-    median, high : float
+    median, quantile_95 : float
         Median and 95 % quantile of the magnitude of the test value.
     limit : float or None
     conform, not_conform, undecided : float
@@ -181,24 +176,11 @@ class ResultDistribution:
     label: str
     unit: str
     median: float
-    high: float
+    quantile_95: float
     limit: float | None
     conform: float
     not_conform: float
     undecided: float
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the numbers as plain data."""
-        return {
-            "label": self.label,
-            "unit": self.unit,
-            "median": self.median,
-            "quantile_95": self.high,
-            "limit": self.limit,
-            "conform": self.conform,
-            "not_conform": self.not_conform,
-            "undecided": self.undecided,
-        }
 
 
 def result_distributions(verifications: Sequence[Verification]) -> tuple[ResultDistribution, ...]:

@@ -50,8 +50,8 @@ from truearm.typing import FloatArray
 from truearm.verification.standards.artefacts import Artefacts
 from truearm.verification.standards.layout import Placement, lay_out_tests
 from truearm.verification.standards.positions import ZONES
-from truearm.verification.standards.specification import Specification
-from truearm.verification.standards.verification_plan import VerificationPlan, load_verification_plan
+from truearm.verification.standards.specification import SYMBOLS, Specification
+from truearm.verification.standards.verification_plan import PLANS, VerificationPlan, load_verification_plan
 from truearm.verification.tasks.first_order_results import FirstOrderResults
 from truearm.verification.tasks.posed_test import PosedTest, pose
 from truearm.verification.tasks.sampled_arms import ArmSample, PresetDistribution, PresetSample
@@ -69,20 +69,6 @@ CLASSES: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "hysteresis and ball cages": ((HYSTERESIS, CAGES), ()),
     "encoder noise": ((), ("encoder_noise_arcsec",)),
     "hand and contact": ((DEFLECTION,), ("tip_compliance_um_per_N", "seat_std_mm")),
-}
-_TESTS = {
-    "P_Size.Sph.1x25": ("iso10360-12", "probing"),
-    "P_Form.Sph.1x25": ("iso10360-12", "probing"),
-    "L_Dia.5x5": ("iso10360-12", "articulation"),
-    "E_Uni": ("iso10360-12", "uni"),
-    # The stylus of a virtual arm has its qualified diameter, so both ways of probing have the same errors.
-    "E_Bi": ("iso10360-12", "uni"),
-    "EffectiveDiameter": ("asme-b89.4.22", "effective_diameter"),
-    "SPAT.Max": ("asme-b89.4.22", "single_point"),
-    "SPAT.2s": ("asme-b89.4.22", "single_point"),
-    "Volumetric.Max": ("asme-b89.4.22", "volumetric"),
-    "Volumetric.2s": ("asme-b89.4.22", "volumetric"),
-    "Volumetric.2RMS": ("asme-b89.4.22", "volumetric"),
 }
 # Largest reach of an arm of the sheet, over half the measuring range.
 _MOST_REACH = 1.8
@@ -127,8 +113,11 @@ class SpecificationDistribution:
         """The tests of all limits, with joint angles for each point."""
         range_mm, shoulder = self.specification.measuring_range_mm, float(stance(self.arm).shoulder_in_base[2])
         placements: list[Placement] = []
-        for name in dict.fromkeys(_TESTS[symbol][0] for symbol in self.specification.limits):
-            plan = _required(load_verification_plan(name), {_TESTS[symbol] for symbol in self.specification.limits})
+        plans = {test: name for name in PLANS for test in load_verification_plan(name).tests}
+        # The stylus of a virtual arm has its qualified diameter, so both ways of probing have the same errors.
+        tests = ["uni" if symbol == "E_Bi" else SYMBOLS[symbol][0] for symbol in self.specification.limits]
+        for name in dict.fromkeys(plans[test] for test in tests):
+            plan = _required(load_verification_plan(name), set(tests))
             placements += lay_out_tests(plan, _perfect(plan, range_mm), range_mm, shoulder_mm=shoulder)
         return pose(placements, self.arm, seed=0)
 
@@ -205,10 +194,10 @@ def share_of_limit(drawn: ArmSample) -> float:
     return max(drawn.results.values())
 
 
-def _required(plan: VerificationPlan, wanted: set[tuple[str, str]]) -> VerificationPlan:
+def _required(plan: VerificationPlan, wanted: set[str]) -> VerificationPlan:
     """A plan with the wanted tests only, all of them required."""
     tests = {
-        name: test.model_copy(update={"required": True}) if (plan.name, name) in wanted else None
+        name: test.model_copy(update={"required": True}) if name in wanted else None
         for name, test in plan.tests.items()
     }
     return plan.model_copy(update=tests)
