@@ -232,17 +232,6 @@ def test_a_record_that_is_no_withdrawal_is_refused_though_its_checksum_matches(f
         History(filled)
 
 
-def test_a_history_of_the_first_version_is_read_and_gets_its_head_with_the_next_check(filled):
-    execute(filled, "DROP TABLE head", "PRAGMA user_version = 1")
-    history = History(filled)
-    assert [one.date.day for one in history.checks(MODEL)] == [1, 2, 3]
-    assert history.append(check(4))
-    assert [one.date.day for one in history.checks(MODEL)] == [1, 2, 3, 4]
-    execute(filled, "DELETE FROM checks WHERE id = 4")
-    with pytest.raises(InputError, match="last rows are missing"):
-        History(filled)
-
-
 @pytest.mark.parametrize(
     ("number", "changed"),
     [

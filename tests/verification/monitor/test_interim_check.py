@@ -161,9 +161,7 @@ def test_points_without_an_artefact_are_ignored_and_artefacts_keep_the_order_of_
         (POLES[:4], {"sphere": ["ball"] * 4}, "5 readings or more"),
         (POLES * [1, 1, 0], {"sphere": ["ball"] * 6}, "sphere 'ball'"),
         (POLES * [1, 1, 1.4], {"sphere": ["ball"] * 6}, "too far for one sphere"),
-        (POLES, {"seat": ["A"] * 5}, "a name for each"),
         (POLES * np.nan, {"seat": ["A"] * 6}, "finite"),
-        (POLES[:, :2], {"seat": ["A"] * 6}, "shapes"),
     ],
 )
 def test_points_that_are_no_check_are_refused(points, named, phrase):

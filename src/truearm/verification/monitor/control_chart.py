@@ -26,7 +26,6 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import ndtri
 
-from truearm.errors import InputError
 from truearm.typing import BoolArray, FloatArray, IntArray
 from truearm.verification.monitor.serial_correlation import (
     CORRELATIONS,
@@ -104,14 +103,8 @@ def control_rules(n_sides: int) -> ControlRules:
     Parameters
     ----------
     n_sides : int
-
-    Raises
-    ------
-    InputError
-        If there is no side.
+        One or more.
     """
-    if n_sides < 1:
-        raise InputError(f"expected one chart or more, got {n_sides} sides")
     rate = FALSE_ALARMS / n_sides  # of each side; Bonferroni: the sum is the rate of all, or more than it
     return ControlRules(-float(ndtri(rate)), _decision_interval(1 / rate))
 
@@ -239,12 +232,6 @@ def control_chart(
     correlations : (k,) array
         Possible correlations of consecutive values, see `serial_correlation`.
 
-    Raises
-    ------
-    InputError
-        If there are no values, they are not finite, a scatter is negative, or an uncertainty is; if there are not as
-        many rules as values.
-
     Notes
     -----
     A value beyond its limits does not enter the baseline, nor does any after the signal of a cumulative sum: the
@@ -257,15 +244,7 @@ def control_chart(
     belong to a change, and a step looks like a large correlation, which would hide it.
     """
     given, floor = np.array(values, dtype=float), np.array(u, dtype=float)
-    if given.ndim != 1 or not len(given) or floor.shape != given.shape:
-        raise InputError(f"expected values (n,) and their uncertainties, got shapes {given.shape} and {floor.shape}")
-    if not (np.isfinite(given).all() and np.isfinite(floor).all() and (floor >= 0).all()):
-        raise InputError("expected finite values and uncertainties of 0 or more")
-    if scale and (given < 0).any():
-        raise InputError(f"expected scatters of 0 or more, got {given.min():g} mm")
     each = (rules,) * len(given) if isinstance(rules, ControlRules) else tuple(rules)
-    if len(each) != len(given):
-        raise InputError(f"expected rules for {len(given)} values, got {len(each)}")
     sides = (1.0,) if upper_only else (1.0, -1.0)
     n, gradual = len(given), False
     gaps = np.ones(n) if days is None else _gaps(np.array(days, dtype=float))

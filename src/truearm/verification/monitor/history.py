@@ -50,8 +50,6 @@ MAX_BYTES = 256 * 2**20
 
 _TABLE = "CREATE TABLE checks (id INTEGER PRIMARY KEY, record TEXT NOT NULL, sha256 TEXT NOT NULL)"
 _HEAD = "CREATE TABLE head (id INTEGER PRIMARY KEY CHECK (id = 1), rows INTEGER NOT NULL, sha256 TEXT NOT NULL)"
-# Version 1 had no head, and no row withdrew a check.
-_TABLES = {1: {_TABLE}, VERSION: {_TABLE, _HEAD}}
 # Tables that ANALYZE, run by a database tool, adds.
 _STATISTICS = {
     "CREATE TABLE sqlite_stat1(tbl,idx,stat)",
@@ -338,7 +336,7 @@ class History:
                 file=self.path,
                 hint="update truearm to read it",
             )
-        if made - _STATISTICS != _TABLES.get(version):
+        if version != VERSION or made - _STATISTICS != {_TABLE, _HEAD}:
             raise self._damaged("its tables are not those of a history")
         if (state := _pragma(database, "quick_check(1)")) != "ok":
             raise self._damaged(str(state))
@@ -353,7 +351,7 @@ class History:
                 rows.append(decode_row(text, rows))
             except (ValueError, TypeError, LookupError, AttributeError, RecursionError, OverflowError) as error:
                 raise self._damaged(f"row {number} is not a check: {error!s:.200}") from None
-        if version > 1 and database.execute("SELECT rows, sha256 FROM head").fetchall() != [(len(rows), checksum)]:
+        if database.execute("SELECT rows, sha256 FROM head").fetchall() != [(len(rows), checksum)]:
             raise self._damaged("the last rows are missing, or were added by another program")
         return HistoryRows(tuple(rows), checksum)
 
@@ -412,16 +410,12 @@ def _insert(database: sqlite3.Connection, text: str, contents: HistoryRows) -> N
 
 
 def _create_tables(database: sqlite3.Connection) -> None:
-    """Create the tables in an empty file, or the head of a file of version 1, within the transaction of a row."""
+    """Create the tables in an empty file, within the transaction of its first row."""
     if _pragma(database, "application_id") == _pragma(database, "schema_version") == 0:
+        for statement in (_TABLE, _HEAD, "INSERT INTO head VALUES (1, 0, '')"):
+            database.execute(statement)
         database.execute(f"PRAGMA application_id = {APPLICATION_ID}")
-        database.execute(_TABLE)
-    elif _pragma(database, "user_version") != 1:
-        return
-    database.execute(_HEAD)
-    texts = database.execute("SELECT sha256 FROM checks ORDER BY id").fetchall()
-    database.execute("INSERT INTO head VALUES (1, ?, ?)", (len(texts), texts[-1][0] if texts else ""))
-    database.execute(f"PRAGMA user_version = {VERSION}")
+        database.execute(f"PRAGMA user_version = {VERSION}")
 
 
 def _pragma(database: sqlite3.Connection, name: str) -> Any:

@@ -330,17 +330,13 @@ def interim_values(
     Raises
     ------
     InputError
-        If there is no value to calculate, shapes do not match, a sphere has too few points, or points cannot belong to
-        one artefact.
+        If there is no value to calculate, a point is not finite, a sphere has too few points, or points cannot belong
+        to one artefact.
     """
     points, std = np.asarray(points, dtype=float), np.asarray(std_mm, dtype=float)
-    if points.ndim != 2 or points.shape[1] != 3 or std.shape != points.shape[:1]:
-        raise InputError(
-            f"expected points (n, 3) and a standard deviation of each, got shapes {points.shape} and {std.shape}"
-        )
     if not (np.isfinite(points).all() and np.isfinite(std).all() and (std >= 0).all()):
         raise InputError("expected finite points and standard deviations of 0 or more")
-    seats, spheres = _groups(seat, len(points)), _groups(sphere, len(points))
+    seats, spheres = _groups(seat), _groups(sphere)
     values = [value for name, rows in seats.items() for value in _of_seat(name, points[rows], std[rows])]
     known = None if lengths is None else lengths.between(seats)
     if known is not None:
@@ -435,10 +431,10 @@ def interim_deviations(
         [mm]; NaN where nothing can be said: no artefact, or a single point in a seat.
     """
     deviation = np.full(points.shape, np.nan)
-    for rows in _groups(seat, len(points)).values():
+    for rows in _groups(seat).values():
         if len(rows) > 1:
             deviation[rows] = points[rows] - points[rows].mean(axis=0)
-    for rows in _groups(sphere, len(points)).values():
+    for rows in _groups(sphere).values():
         fit = fit_sphere(points[rows], std_mm=1.0)
         away = points[rows] - fit.centre
         deviation[rows] = away * (1 - fit.radius_mm / np.linalg.norm(away, axis=1, keepdims=True))
@@ -455,12 +451,10 @@ def artefacts_of(seat: NameArray | None, sphere: NameArray | None, n: int) -> li
     ]
 
 
-def _groups(names: NameArray | None, n: int) -> dict[str, IntArray]:
+def _groups(names: NameArray | None) -> dict[str, IntArray]:
     """Rows of each name, in the order of first appearance."""
     if names is None:
         return {}
-    if names.shape != (n,):
-        raise InputError(f"expected a name for each of {n} points, got shape {names.shape}")
     return {name: np.flatnonzero(names == name) for name in dict.fromkeys(names.tolist()) if name}
 
 
