@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from decimal import Decimal
 
 from truearm.number_format import RoundedNumber, capitalize
@@ -284,23 +283,14 @@ def _budgets(certificate: Certificate) -> Section:
 
 
 def _budget(listed: StatedList) -> Table:
-    rows: list[_Line] = []
+    rows: list[list[Cell]] = []
     for one in listed.quantities:
-        if one.unit == "1" and rows:  # the degrees of freedom of the line before
-            rows[-1].dof = _text(one.value)
+        if one.unit == "1" and rows:  # the degrees of freedom of the line before; infinite without a number
+            rows[-1][2] = _text(one.value)
         else:
-            rows.append(_Line(one.name, RoundedNumber(float(one.value), float(one.value))))
+            rows.append([one.name, RoundedNumber(float(one.value), float(one.value)), "∞"])
     columns = Column.of("contribution", "u [mm]", "degrees of freedom")
-    return Table(columns, tuple((row.name, row.u, row.dof) for row in rows), f"{listed.name}.")
-
-
-@dataclass
-class _Line:
-    """A line of a budget; degrees of freedom without a number are infinite."""
-
-    name: str
-    u: RoundedNumber
-    dof: str = "∞"
+    return Table(columns, tuple(map(tuple, rows)), f"{listed.name}.")
 
 
 def _entries(entries: Entries, caption: str = "") -> Table:

@@ -196,10 +196,8 @@ def _rows_of_steps(sheet: OperatorSheet) -> Iterator[tuple[str, int]]:
     done: set[tuple[str, str]] = set()
     for one in sheet.layout:
         k = len(one.points)
-        if one.test == "probing":
-            yield f"Ball {balls[place_of(one)]}, all over the upper half: test 'probing', {_keys(one)}", k
-        elif one.test == "effective_diameter":
-            yield f"Ball {balls[place_of(one)]}, all over the upper half: test 'effective_diameter', {_keys(one)}", k
+        if one.test in ("probing", "effective_diameter"):
+            yield f"Ball {balls[place_of(one)]}, all over the upper half: test '{one.test}', {_keys(one)}", k
         elif one.test == "articulation":
             direction = describe_direction(one.approach[0], float(np.arctan2(one.at[1], one.at[0])))
             yield f"Ball {balls[place_of(one)]}, the stylus {direction}: test 'articulation', {_keys(one)}", k

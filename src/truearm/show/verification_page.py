@@ -93,21 +93,13 @@ def _values(verification: Verification) -> Section:
     cells: list[tuple[Cell, ...]] = []
     rows = sorted(verification.rows, key=_urgency)
     for row in rows:
+        u, limit = row.uncertainty, None
+        if row.limit is not None:
+            limit = RoundedNumber(row.limit, limit_uncertainty(row.limit))
+        numbers: tuple[Cell, ...] = (RoundedNumber(row.value, u), RoundedNumber(u, u), limit)
         if row.unit != "mm":  # a count
-            cells.append((row.label, format_number(row.value), None, None, verification.describe_row(row), row.where))
-            continue
-        u = row.uncertainty
-        limit = None if row.limit is None else RoundedNumber(row.limit, limit_uncertainty(row.limit))
-        cells.append(
-            (
-                row.label,
-                RoundedNumber(row.value, u),
-                RoundedNumber(u, u),
-                limit,
-                verification.describe_row(row),
-                row.where,
-            )
-        )
+            numbers = (format_number(row.value), None, None)
+        cells.append((row.label, *numbers, verification.describe_row(row), row.where))
     columns = Column.of("test", "value [mm]", "U [mm]", "limit [mm]", "verdict", "where")
     return Section(
         "Values against limits",

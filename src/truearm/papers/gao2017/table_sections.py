@@ -72,8 +72,7 @@ def _accuracy(number: int, rows: Sequence[RowResult]) -> Table:
             rows, name, lambda one: range_cell(one.range_mm if len(one.runs) > 1 else (0.0,))
         )
     columns[Column("paper", "mm", group="largest error")] = [row.paper.max_mm for row in rows]
-    for name in METHODS:
-        columns[Column(name, "mm", group="largest error")] = _cells(rows, name, lambda one: one.median["max_mm"])
+    columns |= _by_method(rows, "mm", "largest error", lambda one: one.median["max_mm"])
     for name in METHODS:
         columns[Column(name, group="mean / paper's", digits=2)] = [row.ratio[name] for row in rows]
     for name in METHODS:
@@ -109,11 +108,9 @@ def _effort(number: int, rows: Sequence[RowResult]) -> Table:
     columns |= {Column(name): cells for name, cells in settings.items() if len(set(cells)) > 1}
     fixed = "".join(f", {name} {cells[0]}" for name, cells in settings.items() if len(set(cells)) == 1)
     columns[Column("paper", group="epochs")] = [row.paper.epochs for row in rows]
-    for name in METHODS:
-        columns[Column(name, group="epochs")] = _cells(rows, name, lambda one: round(one.median["epochs"]))
+    columns |= _by_method(rows, "", "epochs", lambda one: round(one.median["epochs"]))
     columns[Column("paper", "s", group="training time")] = [row.paper.seconds for row in rows]
-    for name in METHODS:
-        columns[Column(name, "s", group="training time")] = _cells(rows, name, lambda one: one.median["seconds"])
+    columns |= _by_method(rows, "s", "training time", lambda one: one.median["seconds"])
     group = "time to the paper's mean error"
     timed = [row for row in rows if row.timed]
     for name in METHODS:
@@ -123,10 +120,8 @@ def _effort(number: int, rows: Sequence[RowResult]) -> Table:
         columns[Column(f"{name}, starts", "s", group=group)] = _cells(
             rows, name, lambda one: f"{len(one.seconds_to_paper)}/{len(one.runs)}", only=timed
         )
-    for name in METHODS:
-        columns[Column(name, group="starts cut by our time limit")] = _cells(
-            rows, name, lambda one: f"{one.n_cut}/{len(one.runs)}" if one.n_cut else None
-        )
+    cut = "starts cut by our time limit"
+    columns |= _by_method(rows, "", cut, lambda one: f"{one.n_cut}/{len(one.runs)}" if one.n_cut else None)
     columns[Column("trainlm stopped by")] = _cells(rows, "trainlm", _stops)
     return _table(
         columns,
@@ -152,6 +147,13 @@ def _cells(
     """A value of each row's result by a trainer; None where it was not run or is not among `only`."""
     results = [row.results[name] if only is None or row in only else None for row in rows]
     return [None if result is None else value(result) for result in results]
+
+
+def _by_method(
+    rows: Sequence[RowResult], unit: str, group: str, value: Callable[[TrainerResult], Cell]
+) -> dict[Column, list[Cell]]:
+    """A column of `_cells` for each method."""
+    return {Column(name, unit, group=group): _cells(rows, name, value) for name in METHODS}
 
 
 def _stops(result: TrainerResult) -> str:

@@ -64,26 +64,24 @@ class FirstOrderResults:
         limit = self.specification.limit(symbol, length_mm)
         return np.inf if limit is None else value / limit
 
-    def _over_limits(self, **values: float) -> dict[str, float]:
-        """Values that have a limit, over their limit; symbols have dots instead of underscores."""
-        named = {name.replace("_", "."): value for name, value in values.items()}
-        return {s: self._over(s, value) for s, value in named.items() if s in self.specification.limits}
+    def _over_limits(self, values: dict[str, float]) -> dict[str, float]:
+        """Values that have a limit, over their limit."""
+        return {s: self._over(s, value) for s, value in values.items() if s in self.specification.limits}
 
     def _probing(self, placed: list[tuple[Placement, slice]]) -> Judge:
         spheres = [(_SphereErrors.of(one), rows) for one, rows in placed]
 
         def judge(errors: FloatArray) -> dict[str, float]:
-            sizes = max(2 * abs(sphere.radius(errors[rows])) for sphere, rows in spheres)
-            forms = max(sphere.form(errors[rows]) for sphere, rows in spheres)
-            values = {"P_Size.Sph.1x25": sizes, "P_Form.Sph.1x25": forms}
-            return {s: self._over(s, value) for s, value in values.items() if s in self.specification.limits}
+            size = max(2 * abs(sphere.radius(errors[rows])) for sphere, rows in spheres)
+            form = max(sphere.form(errors[rows]) for sphere, rows in spheres)
+            return self._over_limits({"P_Size.Sph.1x25": size, "P_Form.Sph.1x25": form})
 
         return judge
 
     def _effective_diameter(self, placed: list[tuple[Placement, slice]]) -> Judge:
         spheres = [(_SphereErrors.of(one), rows) for one, rows in placed]
         return lambda errors: self._over_limits(
-            EffectiveDiameter=max(2 * abs(sphere.radius(errors[rows])) for sphere, rows in spheres)
+            {"EffectiveDiameter": max(2 * abs(sphere.radius(errors[rows])) for sphere, rows in spheres)}
         )
 
     def _articulation(self, placed: list[tuple[Placement, slice]]) -> Judge:
@@ -116,8 +114,10 @@ class FirstOrderResults:
             away = [errors[rows] - errors[rows].mean(axis=0) for _, rows in placed]
             squares = [(off**2).sum(axis=1) for off in away]
             return self._over_limits(
-                SPAT_Max=max(float(np.sqrt(s.max())) for s in squares),
-                SPAT_2s=max(2 * float(np.sqrt(s.sum() / (len(s) - 1))) for s in squares),
+                {
+                    "SPAT.Max": max(float(np.sqrt(s.max())) for s in squares),
+                    "SPAT.2s": max(2 * float(np.sqrt(s.sum() / (len(s) - 1))) for s in squares),
+                }
             )
 
         return judge
@@ -128,9 +128,11 @@ class FirstOrderResults:
         def judge(errors: FloatArray) -> dict[str, float]:
             off = bars.deviations(errors)
             return self._over_limits(
-                Volumetric_Max=float(np.abs(off).max()),
-                Volumetric_2s=2 * float(off.std(ddof=1)),
-                Volumetric_2RMS=2 * float(np.sqrt((off**2).mean())),
+                {
+                    "Volumetric.Max": float(np.abs(off).max()),
+                    "Volumetric.2s": 2 * float(off.std(ddof=1)),
+                    "Volumetric.2RMS": 2 * float(np.sqrt((off**2).mean())),
+                }
             )
 
         return judge
