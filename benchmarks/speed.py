@@ -268,9 +268,8 @@ RANGE, ARMS, PRESETS = 2500.0, 100, ("shop", "research")
 
 @ROWS.row("shapes", threads="one", quick={"runs": 5})
 def shapes(runs: int = 200) -> Found:
-    """Sphere, smallest sphere, cylinder."""
+    """Sphere, smallest sphere."""
     from truearm.verification.shapes.circumscribed_sphere import circumscribed_sphere
-    from truearm.verification.shapes.cylinder import fit_cylinder
     from truearm.verification.shapes.sphere import fit_sphere
 
     rng = np.random.default_rng(20170101)
@@ -278,14 +277,11 @@ def shapes(runs: int = 200) -> Found:
     away[:, 2] = np.abs(away[:, 2])
     ball = [800.0, 300.0, 100.0] + 12.5 * away / np.linalg.norm(away, axis=1)[:, None]
     ball += NOISE * rng.normal(size=ball.shape)
-    angle, along = rng.uniform(0, 2 * np.pi, 100), rng.uniform(-40, 40, 100)
-    tube = np.column_stack([20 * np.cos(angle), 20 * np.sin(angle), along]) + NOISE * rng.normal(size=(100, 3))
     centres = rng.normal(size=(5, 3))
     times = times_of_each(
         {
             "sphere from 25 points": lambda: fit_sphere(ball),
             "smallest sphere about 5 points": lambda: circumscribed_sphere(centres),
-            "cylinder from 100 points": lambda: fit_cylinder(tube),
         },
         runs=runs,
     )

@@ -82,7 +82,7 @@ def fit_circle(points: npt.ArrayLike, *, std_mm: float | None = None) -> Circle:
     def linearised(placed: _Placed) -> LinearisedResiduals:
         local = (normal.points - placed.centre) @ placed.frame
         x, y, z = local.T
-        distance, by_radial = radial_distances(local, moves=(0, 1, 2))
+        distance, by_radial = radial_distances(local)
         none = np.zeros(len(z))
         by_z = np.column_stack([none, none, none - 1, -y, x, none])
         return LinearisedResiduals(np.concatenate([distance - distance.mean(), z]), np.concatenate([by_radial, by_z]))
@@ -97,7 +97,7 @@ def fit_circle(points: npt.ArrayLike, *, std_mm: float | None = None) -> Circle:
         shape="circle",
     )
     frame = placed.frame * direction_sign(placed.frame[:, 2])
-    radius = radial_distances((normal.points - placed.centre) @ frame, moves=())[0].mean()
+    radius = radial_distances((normal.points - placed.centre) @ frame)[0].mean()
     at = linearised(_Placed(placed.centre, frame))
     std = scatter_std(at, normal.scale, std_mm)
     to_parameters = np.zeros((7, 6))

@@ -146,8 +146,6 @@ def gauss_newton(
     *,
     size: Callable[[ShapeParameters], float],
     shape: str,
-    most_steps: int = MOST_STEPS,
-    arrive: bool = True,
 ) -> tuple[ShapeParameters, LinearisedResiduals]:
     """Minimise a sum of squares by Gauss-Newton steps (`truearm.solve.gauss_newton`).
 
@@ -163,10 +161,6 @@ def gauss_newton(
         The largest length of a state, in spreads of the points.
     shape : str
         The name of the shape, for messages.
-    most_steps : int
-        Maximum number of steps.
-    arrive : bool
-        Whether it is an error if that number does not reach the minimum.
 
     Raises
     ------
@@ -189,9 +183,9 @@ def gauss_newton(
         solve.DenseProblem(counted, rounding=rounding),
         start,
         move=moved,
-        stops=[_Arrival(size, rounding, shape), solve.MaxEpochs(most_steps)],
+        stops=[_Arrival(size, rounding, shape), solve.MaxEpochs(MOST_STEPS)],
     )
-    if result.reason is solve.UNSOLVED or (arrive and not result.reason.converged and result.epochs >= most_steps):
+    if result.reason is solve.UNSOLVED or (not result.reason.converged and result.epochs >= MOST_STEPS):
         raise undetermined_error(shape)
     return result.x, LinearisedResiduals(result.equations.residuals, result.equations.jacobian)
 
@@ -268,28 +262,26 @@ def cross(one: FloatArray, other: FloatArray) -> FloatArray:
     return np.array([b * f - c * e, c * d - a * f, a * e - b * d])
 
 
-def radial_distances(local: FloatArray, *, moves: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
+def radial_distances(local: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the distances from the third axis of the shape's frame, and their derivatives.
 
     Parameters
     ----------
     local : (n, 3) array
         Points in the frame.
-    moves : tuple of int
-        The axes along which the shape can move.
 
     Returns
     -------
     distance : (n,) array
-    jacobian : (n, len(moves) + 3) array
-        Derivatives of distance less radius by the moves, the tilts about the first and second axis, and the radius.
+    jacobian : (n, 6) array
+        Derivatives of distance less radius by the moves along the axes, the tilts about the first and second axis, and
+        the radius.
     """
     x, y, z = local.T
     distance = np.sqrt(x * x + y * y)
     safe = np.where(distance > 0, distance, 1.0)
-    outward = (x / safe, y / safe, np.zeros(len(local)))
-    columns = [-outward[axis] for axis in moves] + [z * outward[1], -z * outward[0], -np.ones(len(local))]
-    return distance, np.column_stack(columns)
+    cos, sin, none = x / safe, y / safe, np.zeros(len(local))
+    return distance, np.column_stack([-cos, -sin, none, z * sin, -z * cos, none - 1])
 
 
 def direction_sign(direction: FloatArray) -> float:
