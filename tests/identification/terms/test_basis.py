@@ -219,8 +219,10 @@ plain = st.recursive(
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=5), inner, max_size=4),
     max_leaves=8,
 )
-kinds = st.sampled_from(["Constant", "Harmonics", "GravityTorque", "Temperature", "Direction", "InSession", "Column"])
-keys = st.sampled_from(["joint", "orders", "axis", "link", "name", "self", ""])
+kinds = st.sampled_from(
+    ["Constant", "Harmonics", "GravityTorque", "Temperature", "Direction", "InSession", "Column", "Formula"]
+)
+keys = st.sampled_from(["joint", "orders", "functions", "axis", "link", "name", "self", ""])
 
 
 @given(plain | st.builds(lambda kind, fields: fields | {"kind": kind}, kinds, st.dictionaries(keys, plain, max_size=3)))

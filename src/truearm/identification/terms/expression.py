@@ -7,6 +7,7 @@ a faster form of the same, and a test holds the two equal.
 from __future__ import annotations
 
 import math
+import reprlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, reduce
@@ -176,7 +177,7 @@ class Expression:
         if not fits:
             raise InputError(
                 f"expected an expression among {', '.join([*INPUTS, *OPERATIONS])} with its arguments, "
-                f"got {kind!r:.40} of {given!r:.60}"
+                f"got {reprlib.repr(kind):.40} of {reprlib.repr(given):.60}"
             )
         if self.n_parts > MOST_PARTS or self._depth > DEEPEST:
             raise InputError(f"expected an expression of at most {MOST_PARTS} parts, {DEEPEST} deep")
@@ -352,7 +353,7 @@ class Expression:
         if isinstance(data, int | float):
             return cls("number", (data,))
         if not isinstance(data, list | tuple) or not data or _depth > DEEPEST:
-            raise InputError(f"expected an expression as a number or a list, got {data!r:.60}")
+            raise InputError(f"expected an expression as a number or a list, got {reprlib.repr(data):.60}")
         kind, *arguments = data
         if kind in OPERATIONS:
             n_expressions = 1 if kind == "power" else len(arguments)
