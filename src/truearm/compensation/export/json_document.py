@@ -136,7 +136,7 @@ def _form_of(basis: type[terms.Basis], **fields: Any) -> type[BaseModel]:
 _EXPRESSION = {
     "anyOf": [
         {"type": "number"},
-        {"type": "array", "prefixItems": [{"enum": [*INPUTS, *OPERATIONS[1:]]}], "minItems": 2},
+        {"type": "array", "prefixItems": [{"enum": [*INPUTS, *OPERATIONS]}], "minItems": 2},
     ],
     "description": "A number, or a list of an operation and what it is of: expressions, of a power also its exponent; "
     "of an input its joint (from 1; of a torque 0 is the base), link, axis (0, 1, 2), mass in kg or name. Angles q are "

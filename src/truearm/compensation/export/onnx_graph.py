@@ -400,13 +400,13 @@ class _ChainGraph:
             case "number":
                 return graph.constant([[of[0]]])
             case "angle":
-                return self.q[of[0] - 1]
+                return self.q[int(of[0]) - 1]
             case "sum":
                 return graph.sum(*parts)
             case "product":
-                return str(reduce(graph.product, parts))
+                return reduce(graph.product, parts)
             case "power":
-                return str(reduce(graph.product, parts * of[1]))
+                return reduce(graph.product, parts * int(of[1]))
             case "cos" | "sin":
                 return graph.node(expression.operation.capitalize(), parts[0])
         name, at, n_rows = self._function_row(expression)

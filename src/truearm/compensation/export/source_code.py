@@ -111,15 +111,13 @@ def write_source(model: Compensator, manifest: Manifest, path: str | Path, langu
         autoescape=False,  # noqa: S701 (source code: `_printed` escapes all that is not `Code`)
         finalize=_printed,
     )
-    environment.filters |= {"number": number, "table": _table_filter(language.brackets)}
+    environment.filters |= {"number": number, "rows": _rows, "table": _table_filter(language.brackets)}
     origin = {"manifest": _in_comment(manifest.line()), "sha256": manifest.provenance.model_sha256}
-    checks = {"check_joints": manifest.joints.tolist(), "check_tips": manifest.tips.tolist()}
-    usual = {
-        "usual_command": usual_change(model, direction="command").T.tolist(),
-        "usual_feedback": usual_change(model, direction="feedback").T.tolist(),
-    }
+    checks = {"check_joints": manifest.joints, "check_tips": manifest.tips}
+    usual = {f"usual_{way}": usual_change(model, direction=way).T for way in ("command", "feedback")}
     formulas = {"formulas": [[at, _code(one, values.layout, language)] for one, at in values.layout.formulas.items()]}
-    context = RULES | origin | checks | usual | _mean(plain, values) | _uncertainty(plain, covariance) | formulas
+    parts = {"plain": plain, "training": plain.training, "layout": values.layout, "values": values}
+    context = RULES | origin | checks | usual | parts | _tables(plain, values, covariance) | formulas
     text = environment.get_template(language.template).render(context)
     with atomic_file(path) as beside:
         beside.write_text(text, encoding="ascii")
@@ -165,81 +163,44 @@ def run_tool(program: str, name: str, package: str, arguments: Sequence[str], pa
     return done.stdout
 
 
-def _mean(plain: PlainModel, values: ValueTables) -> dict[str, Any]:
-    """Tables from which points and joints are computed."""
-    training, layout = plain.training, values.layout
+def _tables(plain: PlainModel, values: ValueTables, covariance: ReducedCovariance) -> dict[str, Any]:
+    """What the templates print beside the attributes of plain model, values and covariance."""
+    training, layout, share, rest = plain.training, values.layout, plain.variance_function, covariance.remainder
     temperature, names = training.temperature_range, sorted(training.columns)
     macros = macros_of(names)
     limits = np.stack([plain.lower, plain.upper], axis=1)
     moved = {run.component // 6 for run in values.runs}
     return {
         "n": plain.n_joints,
+        "covariance": covariance,
         "columns": [{"name": name, "macro": macros[name]} for name in names],
         "used_columns": [{"name": name, "macro": macros[name]} for name in layout.columns],
-        "fixed": _rows(plain.chain),
-        "tip": plain.chain.tip_in_flange.tolist(),
         "moved": [int(place in moved) for place in range(plain.n_joints + 2)],
         "folded": _folded(plain.chain, values.constant_motions, moved),
-        "reference_fixed": _rows(plain.reference_chain),
-        "reference_tip": plain.reference_chain.tip_in_flange.tolist(),
-        "slides": plain.chain.is_prismatic.astype(int).tolist(),
-        "limits": np.clip(limits, -NO_LIMIT, NO_LIMIT).tolist(),
-        "trained": training.angle_ranges.tolist(),
-        "gaps": training.angle_gaps.tolist(),
-        "states_temperature": training.temperature_degC is not None,
+        "slides": plain.chain.is_prismatic.astype(int),
+        "limits": np.clip(limits, -NO_LIMIT, NO_LIMIT),
         "temperature": [temperature.mean, temperature.std, temperature.lower, temperature.upper],
         "column_ranges": [
             [known.mean, known.std, known.lower, known.upper] for known in map(training.columns.__getitem__, names)
         ],
-        "layout": layout,
         "uses_harmonics": any(layout.highest) or bool(layout.further),
-        "harmonics": [list(pair) for pair in zip(layout.harmonics, layout.highest, strict=True)],
+        "harmonics": list(zip(layout.harmonics, layout.highest, strict=True)),
         "further": [
             [joint, order, first, layout.first_of_order.get((joint, order / 2), -1)]
             for joint, order, first in layout.further
         ],
-        "constant": values.constant_motions.tolist(),
-        "runs": [list(run) for run in values.runs],
-        "weights": values.weights.tolist(),
-        "uses_gravity": plain.uses("gravity torque"),
-        "link_fixed": _rows(plain.nominal_chain),
-        "load": values.load.tolist(),
-        "mass_outward": values.mass_outward.tolist(),
-        "gravity": values.gravity_in_place.tolist(),
         # A third of the reach, the usual lever of a joint: as in `truearm.compensation.targets.correction`.
         "length": max(plain.nominal_chain.reach, plain.reference_chain.reach, 3.0) / 3,
-    }
-
-
-def _uncertainty(plain: PlainModel, covariance: ReducedCovariance) -> dict[str, Any]:
-    """Tables from which covariances are computed."""
-    share, remainder = plain.variance_function, covariance.remainder
-    few = np.abs(covariance.entries).max(initial=0) < 2**15
-    context: dict[str, Any] = {
-        "residual_variance": plain.residual_std_mm**2,
-        "variance_share": np.stack([share.centre, share.spread, share.slope, share.curvature], axis=1).tolist(),
-        "variance_share_mean": share.mean,
-        "expands": not plain.grows,
-        "links": link_vectors(plain.nominal_chain).tolist(),
-        "expansion": UNKNOWN_MATERIAL.own_per_K,
-        "common_expansion": UNKNOWN_MATERIAL.common_per_K / UNKNOWN_MATERIAL.own_per_K,
+        "variance_share": np.stack([share.centre, share.spread, share.slope, share.curvature], axis=1),
+        "links": link_vectors(plain.nominal_chain),
+        "material": UNKNOWN_MATERIAL,
         "rank": covariance.rank if covariance.entries.size else 0,
-        "n_rows": len(covariance.entries),
-        "largest_error": covariance.largest_error,
-        "root_runs": [list(run) for run in covariance.runs],
         "quantum": covariance.quantum.astype(np.float32),
-        "entries": covariance.entries,
-        "entry_type": "short" if few else "int",
-        "has_remainder": remainder is not None,
+        "entry_type": "short" if np.abs(covariance.entries).max(initial=0) < 2**15 else "int",
+        "nodes": [] if rest is None else np.stack([rest.first, rest.count], axis=1),
+        "node_at": [] if rest is None else np.stack([rest.lower, rest.per_unit], axis=1),
+        "node_variance": [] if rest is None else rest.variance.astype(np.float32),
     }
-    if remainder is not None:
-        context |= {
-            "nodes": np.stack([remainder.first, remainder.count], axis=1).tolist(),
-            "node_at": np.stack([remainder.lower, remainder.per_unit], axis=1).tolist(),
-            "node_variance": remainder.variance.astype(np.float32),
-            "axis_variance": remainder.of_axes.tolist(),
-        }
-    return context
 
 
 def number(value: float) -> Code:

@@ -2,14 +2,13 @@
 
 A basis is a frozen dataclass with a few plain fields, which a model file can store. It says once what its functions
 are, as expressions, from which evaluation and the exports of a whole model follow; it may evaluate them in a faster
-form. A user's own basis needs `labels`, `expressions` and the decorator `register_basis`; one without expressions needs
-`values`, and no export contains it.
+form. A user's own basis needs `expressions` and the decorator `register_basis`; one without expressions needs `labels`
+and `values`, and no export contains it.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -40,7 +39,7 @@ Name = Annotated[str, Field(min_length=1, max_length=1000)]
 Number = Annotated[float, Field(allow_inf_nan=False)]
 
 
-class Basis(ABC):
+class Basis:
     """Abstract base class. Subclasses are frozen dataclasses whose fields are numbers, strings or tuples."""
 
     def __post_init__(self) -> None:
@@ -52,9 +51,9 @@ class Basis(ABC):
         """Number of functions."""
         return len(self.labels())
 
-    @abstractmethod
     def labels(self) -> tuple[str, ...]:
-        """Return the name of every function."""
+        """Return the name of every function; by default its expression in words."""
+        return tuple(map(str, self._said))
 
     def expressions(self) -> tuple[Expression, ...] | None:
         """What the functions are, in their order; None where expressions have no word for them."""
@@ -73,20 +72,21 @@ class Basis(ABC):
         InputError
             If the state lacks a quantity that they depend on.
         """
-        if self._expressions is None:
-            raise NotImplementedError(f"the basis {type(self).__name__} has neither expressions nor values")
-        return np.stack([one.values(state) for one in self._expressions])
+        return np.stack([one.values(state) for one in self._said])
 
     @cached_property
-    def _expressions(self) -> tuple[Expression, ...] | None:
-        return self.expressions()
+    def _said(self) -> tuple[Expression, ...]:
+        expressions = self.expressions()
+        if expressions is None:
+            raise NotImplementedError(f"the basis {type(self).__name__} needs expressions, or labels and values")
+        return expressions
 
     @cached_property
     def inputs(self) -> frozenset[str] | None:
         """Kinds of the inputs of its expressions; None where it has none."""
-        if self._expressions is None:
+        if (expressions := self.expressions()) is None:
             return None
-        return frozenset(one.operation for function in self._expressions for one in function.inputs)
+        return frozenset(one.operation for function in expressions for one in function.inputs)
 
     @property
     def has_stated_inputs(self) -> bool:
@@ -202,10 +202,6 @@ class Formula(Basis):
         made = (one if isinstance(one, Expression) else Expression.from_data(one) for one in self.functions)
         object.__setattr__(self, "functions", tuple(made))
 
-    def labels(self) -> tuple[str, ...]:
-        """The functions in words."""
-        return tuple(map(str, self.functions))
-
     def expressions(self) -> tuple[Expression, ...]:
         """The functions."""
         return self.functions
@@ -219,10 +215,6 @@ class Formula(Basis):
 @dataclass(frozen=True)
 class Constant(Basis):
     """One at every reading."""
-
-    def labels(self) -> tuple[str, ...]:
-        """One function."""
-        return ("1",)
 
     def expressions(self) -> tuple[Expression, ...]:
         """One function."""
@@ -333,10 +325,6 @@ class Temperature(Basis):
 
     link: JointOrBase = 0
 
-    def labels(self) -> tuple[str, ...]:
-        """One function."""
-        return (f"temperature of {f'link {self.link}' if self.link else 'the stand'} above 20 degC",)
-
     def expressions(self) -> tuple[Expression, ...]:
         """One function."""
         return (Expression.temperature(self.link),)
@@ -354,10 +342,6 @@ class Direction(Basis):
     """
 
     joint: JointNumber
-
-    def labels(self) -> tuple[str, ...]:
-        """One function."""
-        return (f"direction of J{self.joint}",)
 
     def expressions(self) -> tuple[Expression, ...]:
         """One function."""
@@ -377,10 +361,6 @@ class InSession(Basis):
 
     name: Name
 
-    def labels(self) -> tuple[str, ...]:
-        """One function."""
-        return (f"session {self.name}",)
-
     def expressions(self) -> tuple[Expression, ...]:
         """One function."""
         return (Expression.session(self.name),)
@@ -399,10 +379,6 @@ class OfTip(Basis):
 
     name: Name
 
-    def labels(self) -> tuple[str, ...]:
-        """One function."""
-        return (f"tip {self.name}",)
-
     def expressions(self) -> tuple[Expression, ...]:
         """One function."""
         return (Expression.tip(self.name),)
@@ -420,10 +396,6 @@ class Column(Basis):
     """
 
     name: Name
-
-    def labels(self) -> tuple[str, ...]:
-        """One function."""
-        return (self.name,)
 
     def expressions(self) -> tuple[Expression, ...]:
         """One function."""

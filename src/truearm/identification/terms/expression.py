@@ -7,6 +7,7 @@ a faster form of the same, and a test holds the two equal.
 from __future__ import annotations
 
 import math
+import operator
 import reprlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -19,7 +20,7 @@ from truearm.errors import InputError
 from truearm.identification.terms.state import ArmState
 from truearm.readings.readings import PAYLOAD
 from truearm.readings.thermal_expansion import REFERENCE_DEGC
-from truearm.typing import FloatArray
+from truearm.typing import FloatArray, NameArray
 
 AXES = "xyz"
 MOST_JOINTS = 100
@@ -36,6 +37,13 @@ class Input(NamedTuple):
     is_stated: bool
 
 
+class Operation(NamedTuple):
+    """An operation of expressions: whether arguments are its own, and its result of arrays or of expressions."""
+
+    fits: Callable[..., bool]
+    apply: Callable[..., Any]
+
+
 def of_joint(by_joint: FloatArray, joint: int) -> FloatArray:
     """Column of a joint counted from 1, contiguous."""
     if joint > by_joint.shape[1]:
@@ -43,9 +51,10 @@ def of_joint(by_joint: FloatArray, joint: int) -> FloatArray:
     return np.ascontiguousarray(by_joint[:, joint - 1])
 
 
-def _torque_at(state: ArmState, torques: FloatArray, joint: int, axis: int) -> FloatArray:
+def _torque(state: ArmState, torques: FloatArray, joint: int, axis: int) -> FloatArray:
     """(n,) torque about an axis of a joint's place; joint 0: of joint 1 on the base, about the axes of place 0."""
     if joint > 0:
+        of_joint(state.angles, joint)  # which refuses a joint beyond the last
         return np.ascontiguousarray(torques[:, joint - 1, axis])
     torque = torques[:, 0]
     if axis == 2 or state.chain.is_prismatic[0]:
@@ -55,29 +64,20 @@ def _torque_at(state: ArmState, torques: FloatArray, joint: int, axis: int) -> F
     return np.asarray(cos * x - sin * y if axis == 0 else sin * x + cos * y)
 
 
-def _gravity_torque(state: ArmState, joint: int, axis: int) -> FloatArray:
-    if joint > 0:
-        of_joint(state.angles, joint)  # which refuses a joint beyond the last
-    return _torque_at(state, state.gravity_torques, joint, axis)
-
-
 def _payload_torque(state: ArmState, joint: int, axis: int, from_kg: float) -> FloatArray:
     if PAYLOAD not in state.columns:
         raise InputError("expected readings with a payload, got none", column=PAYLOAD)
-    if joint > 0:
-        of_joint(state.angles, joint)
-    per_kg = _torque_at(state, state.loads_per_kg.torque_in_joint, joint, axis)
+    per_kg = _torque(state, state.loads_per_kg.torque_in_joint, joint, axis)
     return np.asarray((state.columns[PAYLOAD] - from_kg) * per_kg)
 
 
 def _temperature(state: ArmState, link: int) -> FloatArray:
-    if state.temperature_degC is None:
+    temperature = state.temperature_degC
+    if temperature is None:
         raise InputError("expected readings with a temperature, got none", column="temperature_degC")
     if link > state.chain.n_joints:
         raise InputError(f"expected a link from 0 to {state.chain.n_joints}, got {link}")
-    temperature = state.temperature_degC
-    own = temperature if temperature.ndim == 1 else temperature[:, link]
-    return np.asarray(own - REFERENCE_DEGC)
+    return np.asarray((temperature if temperature.ndim == 1 else temperature[:, link]) - REFERENCE_DEGC)
 
 
 def _direction(state: ArmState, joint: int) -> FloatArray:
@@ -94,12 +94,8 @@ def _column(state: ArmState, name: str) -> FloatArray:
     return np.ascontiguousarray(state.columns[name])
 
 
-def _session(state: ArmState, name: str) -> FloatArray:
-    return np.zeros(len(state)) if state.session is None else (state.session == name).astype(float)
-
-
-def _tip(state: ArmState, name: str) -> FloatArray:
-    return np.zeros(len(state)) if state.tip is None else (state.tip == name).astype(float)
+def _is_of(names: NameArray | None, name: str, n: int) -> FloatArray:
+    return np.zeros(n) if names is None else (names == name).astype(float)
 
 
 def _whole(lowest: int, highest: int) -> Callable[[object], bool]:
@@ -114,20 +110,40 @@ def _is_name(value: object) -> bool:
     return isinstance(value, str) and 0 < len(value) <= 1000
 
 
-_JOINT, _PLACE, _AXIS = _whole(1, MOST_JOINTS), _whole(0, MOST_JOINTS), _whole(0, 2)
+def _are_several(*of: object) -> bool:
+    return len(of) > 1 and all(isinstance(one, Expression) for one in of)
+
+
+def _is_one(*of: object) -> bool:
+    return len(of) == 1 and isinstance(of[0], Expression)
+
+
+_JOINT, _PLACE, _AXIS, _POWER = _whole(1, MOST_JOINTS), _whole(0, MOST_JOINTS), _whole(0, 2), _whole(2, HIGHEST_POWER)
 INPUTS: Mapping[str, Input] = {
     "angle": Input((_JOINT,), "q{0}", lambda state, joint: of_joint(state.angles, joint), False),
-    "gravity torque": Input((_PLACE, _AXIS), "gravity torque about {axis} of J{0}", _gravity_torque, False),
-    "payload torque": Input(
-        (_PLACE, _AXIS, _is_number), "torque of the payload above {2:g} kg about {axis} of J{0}", _payload_torque, True
+    "gravity torque": Input(
+        (_PLACE, _AXIS),
+        "gravity torque about {axis} of {place}",
+        lambda state, *at: _torque(state, state.gravity_torques, *at),
+        False,
     ),
-    "temperature": Input((_PLACE,), "temperature of link {0} above 20 degC", _temperature, True),
+    "payload torque": Input(
+        (_PLACE, _AXIS, _is_number), "torque of the payload{above} about {axis} of {place}", _payload_torque, True
+    ),
+    "temperature": Input((_PLACE,), "temperature of {link} above 20 degC", _temperature, True),
     "direction": Input((_JOINT,), "direction of J{0}", _direction, True),
     "column": Input((_is_name,), "{0}", _column, True),
-    "session": Input((_is_name,), "session {0}", _session, False),
-    "tip": Input((_is_name,), "tip {0}", _tip, False),
+    "session": Input((_is_name,), "session {0}", lambda state, name: _is_of(state.session, name, len(state)), False),
+    "tip": Input((_is_name,), "tip {0}", lambda state, name: _is_of(state.tip, name, len(state)), False),
 }
-OPERATIONS = ("number", "sum", "product", "power", "cos", "sin")
+OPERATIONS: Mapping[str, Operation] = {
+    "sum": Operation(_are_several, lambda *of: reduce(operator.add, of)),
+    "product": Operation(_are_several, lambda *of: reduce(operator.mul, of)),
+    "power": Operation(lambda *of: _is_one(*of[:1]) and len(of) == 2 and _POWER(of[1]), operator.pow),
+    # NumPy calls the methods of the same names of what is no array.
+    "cos": Operation(_is_one, np.cos),
+    "sin": Operation(_is_one, np.sin),
+}
 
 
 @dataclass(frozen=True)
@@ -161,23 +177,18 @@ class Expression:
     arguments: tuple[Any, ...]
 
     def __post_init__(self) -> None:
-        given, kind = self.arguments, self.operation
-        parts = [one for one in given if isinstance(one, Expression)]
-        if isinstance(kind, str) and kind in INPUTS:
+        of, kind = self.arguments, self.operation if isinstance(self.operation, str) else ""
+        if kind in INPUTS:
             checks = INPUTS[kind].arguments
-            fits = len(given) == len(checks) and all(check(one) for check, one in zip(checks, given, strict=True))
-        elif kind == "number":
-            fits = len(given) == 1 and _is_number(given[0])
-        elif kind in ("sum", "product"):
-            fits = len(parts) == len(given) > 1
-        elif kind == "power":
-            fits = len(given) == 2 and parts == [given[0]] and _whole(2, HIGHEST_POWER)(given[1])
+            fits = len(of) == len(checks) and all(check(one) for check, one in zip(checks, of, strict=True))
+        elif kind in OPERATIONS:
+            fits = OPERATIONS[kind].fits(*of)
         else:
-            fits = kind in ("cos", "sin") and len(given) == len(parts) == 1
+            fits = kind == "number" and len(of) == 1 and _is_number(of[0])
         if not fits:
             raise InputError(
                 f"expected an expression among {', '.join([*INPUTS, *OPERATIONS])} with its arguments, "
-                f"got {reprlib.repr(kind):.40} of {reprlib.repr(given):.60}"
+                f"got {reprlib.repr(kind):.40} of {reprlib.repr(of):.60}"
             )
         if self.n_parts > MOST_PARTS or self._depth > DEEPEST:
             raise InputError(f"expected an expression of at most {MOST_PARTS} parts, {DEEPEST} deep")
@@ -233,11 +244,11 @@ class Expression:
 
     def cos(self) -> Expression:
         """Cosine."""
-        return self._folded("cos", np.cos)
+        return Expression("cos", (self,)) if self.value is None else Expression.number(math.cos(self.value))
 
     def sin(self) -> Expression:
         """Sine."""
-        return self._folded("sin", np.sin)
+        return Expression("sin", (self,)) if self.value is None else Expression.number(math.sin(self.value))
 
     def __pow__(self, exponent: int) -> Expression:
         if self.value is not None:
@@ -305,35 +316,29 @@ class Expression:
         InputError
             If the state lacks an input.
         """
-        if self.operation in INPUTS:
-            return INPUTS[self.operation].values(state, *self.arguments)
-        if self.operation == "number":
-            return np.full(len(state), float(self.arguments[0]))
-        of = [one.values(state) for one in self._expressions]
-        match self.operation:
-            case "sum":
-                return np.asarray(reduce(np.add, of))
-            case "product":
-                return np.asarray(reduce(np.multiply, of))
-            case "power":
-                return np.asarray(of[0] ** self.arguments[1])
-        return np.asarray(np.cos(of[0]) if self.operation == "cos" else np.sin(of[0]))
+
+        def value(one: Expression) -> FloatArray:
+            if one.value is not None:
+                return np.full(len(state), float(one.value))
+            return INPUTS[one.operation].values(state, *one.arguments)
+
+        return np.asarray(self._by_parts(value))
 
     def with_inputs(self, values: Mapping[str, float]) -> Expression:
         """The expression with numbers for all inputs of some kinds."""
-        if self.operation in INPUTS:
-            return Expression.number(values[self.operation]) if self.operation in values else self
-        of = [one.with_inputs(values) for one in self._expressions]
-        match self.operation:
-            case "sum":
-                return reduce(Expression.__add__, of)
-            case "product":
-                return reduce(Expression.__mul__, of)
-            case "power":
-                return of[0] ** int(self.arguments[1])
-            case "number":
-                return self
-        return of[0].cos() if self.operation == "cos" else of[0].sin()
+
+        def replaced(one: Expression) -> Expression:
+            return Expression.number(values[one.operation]) if one.operation in values else one
+
+        found: Expression = self._by_parts(replaced)
+        return found
+
+    def _by_parts(self, of_part: Callable[[Expression], Any]) -> Any:
+        """The operations on what a function gives for inputs and numbers."""
+        if self.operation not in OPERATIONS:
+            return of_part(self)
+        parts = (one._by_parts(of_part) if isinstance(one, Expression) else one for one in self.arguments)
+        return OPERATIONS[self.operation].apply(*parts)
 
     def as_data(self) -> Any:
         """The expression as plain data: a number, or a list of the operation and its arguments."""
@@ -355,7 +360,7 @@ class Expression:
         if not isinstance(data, list | tuple) or not data or _depth > DEEPEST:
             raise InputError(f"expected an expression as a number or a list, got {reprlib.repr(data):.60}")
         kind, *arguments = data
-        if kind in OPERATIONS:
+        if isinstance(kind, str) and kind in OPERATIONS:
             n_expressions = 1 if kind == "power" else len(arguments)
             arguments[:n_expressions] = [cls.from_data(one, _depth + 1) for one in arguments[:n_expressions]]
         return cls(kind, tuple(arguments))
@@ -363,8 +368,12 @@ class Expression:
     def __str__(self) -> str:
         of = self.arguments
         if self.operation in INPUTS:
-            axis = AXES[of[1]] if len(of) > 1 else ""
-            return INPUTS[self.operation].name.format(*of, axis=axis)
+            words = {"place": f"J{of[0]}" if of[0] else "the base", "link": f"link {of[0]}" if of[0] else "the stand"}
+            words |= {
+                "axis": AXES[of[1]] if len(of) > 1 else "",
+                "above": f" above {of[2]:g} kg" if any(of[2:]) else "",
+            }
+            return INPUTS[self.operation].name.format(*of, **words)
         match self.operation:
             case "number":
                 return f"{of[0]:.6g}"
@@ -373,7 +382,7 @@ class Expression:
             case "product":
                 return " * ".join(f"({one})" if one.operation == "sum" else str(one) for one in of)
             case "power":
-                return f"({of[0]})^{of[1]}" if of[0].operation in OPERATIONS[:4] else f"{of[0]}^{of[1]}"
+                return f"{of[0]}^{of[1]}" if of[0].operation in ("angle", "cos", "sin") else f"({of[0]})^{of[1]}"
         return f"{self.operation}({of[0]})"
 
     @cached_property
@@ -391,9 +400,6 @@ class Expression:
 
     def _parts(self, operation: str) -> tuple[Expression, ...]:
         return self.arguments if self.operation == operation else (self,)
-
-    def _folded(self, operation: str, function: Callable[[float], float]) -> Expression:
-        return Expression(operation, (self,)) if self.value is None else Expression.number(float(function(self.value)))
 
 
 def _expression(value: Expression | float) -> Expression:

@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 
 from truearm.identification.terms.basis import AxisNumber, Basis, JointOrBase, Number, register_basis
-from truearm.identification.terms.expression import AXES, Expression, of_joint
+from truearm.identification.terms.expression import Expression, of_joint
 from truearm.identification.terms.state import ArmState
 from truearm.typing import FloatArray
 
@@ -30,10 +30,6 @@ class GravityTorque(Basis):
 
     joint: JointOrBase
     axis: AxisNumber
-
-    def labels(self) -> tuple[str, ...]:
-        """One function."""
-        return (f"gravity torque about {AXES[self.axis]} of {f'J{self.joint}' if self.joint else 'the base'}",)
 
     def expressions(self) -> tuple[Expression, ...]:
         """One function."""
@@ -75,12 +71,6 @@ class PayloadTorque(Basis):
     joint: JointOrBase
     axis: AxisNumber
     from_kg: Number = 0.0
-
-    def labels(self) -> tuple[str, ...]:
-        """One function."""
-        above = f" above {self.from_kg:g} kg" if self.from_kg else ""
-        of = f"J{self.joint}" if self.joint else "the base"
-        return (f"torque of the payload{above} about {AXES[self.axis]} of {of}",)
 
     def expressions(self) -> tuple[Expression, ...]:
         """One function."""
