@@ -66,12 +66,12 @@ from truearm.workflows.predict import Prediction as Prediction
 from truearm.workflows.predict import predict as predict
 from truearm.workflows.refit import RefitResult as RefitResult
 from truearm.workflows.refit import refit as refit
-from truearm.workflows.rehearse import rehearse as rehearse
 from truearm.workflows.report import ReportResult as ReportResult
 from truearm.workflows.report import report as report
 from truearm.workflows.reproduce import ReproductionResult as ReproductionResult
 from truearm.workflows.reproduce import reproduce as reproduce
 from truearm.workflows.simulate import SimulationResult as SimulationResult
+from truearm.workflows.simulate import rehearse as rehearse
 from truearm.workflows.simulate import simulate as simulate
 from truearm.workflows.simulate_verification import SimulatedVerification as SimulatedVerification
 from truearm.workflows.simulate_verification import simulate_verification as simulate_verification

@@ -12,6 +12,7 @@ from typing import Any
 
 import typer
 
+from truearm.workflows.outputs import check_folder as check_folder
 from truearm.workflows.outputs import check_new_file as check_new_file
 from truearm.workflows.outputs import check_output as check_output
 from truearm.workflows.outputs import check_output_is_not_input as check_output_is_not_input

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from typer import Option
 
-from truearm.cli.console import print_json, print_line, progress
+from truearm.cli.console import check_folder, print_json, print_line, progress
 from truearm.cli.options import Json
 
 
@@ -23,10 +23,10 @@ def demo(
     network (the paper's 30-30) and identify a kinematic model; both are tested on 200 further poses of the box, and on
     200 poses of everyday measuring, far outside it.
     """
-    from truearm.workflows.demo import check_demo_folder, demo_epochs
+    from truearm.workflows.demo import FILES, demo_epochs
     from truearm.workflows.demo import demo as run_demo
 
-    check_demo_folder(out)
+    check_folder(out, FILES)
     with progress("measuring, fitting", total=demo_epochs(quick=quick)) as report:
         result = run_demo(seed=seed, quick=quick, progress=report)
     with progress("drawing the report"):

@@ -38,7 +38,6 @@ def predict(
     --into fills in a file of points to measure instead, a reading for each row without coordinates, in their order.
     """
     from truearm.errors import InputError
-    from truearm.workflows.predict import check_table_path
     from truearm.workflows.predict import predict as predict_points
 
     if (out is None) == (into is None):
@@ -46,8 +45,7 @@ def predict(
     if into is None:
         refuse_typed(context, ("date", "artefact_temperature"), "applies to --into only")
     if out is not None:
-        check_table_path(out)
-        check_output(out, model, session)
+        check_output(out, model, session, endings=(".csv",))
     with progress(f"predicting {session.name}"):
         prediction = predict_points(model, session)
         if out is not None:

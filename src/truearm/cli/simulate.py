@@ -127,7 +127,7 @@ def _rehearse(
 ) -> tuple[SimulationResult, dict[str, Path | None]]:
     from truearm.identification.planning.template import lengths_path
     from truearm.readings import check_session_path
-    from truearm.workflows.rehearse import rehearse
+    from truearm.workflows.simulate import rehearse
 
     check_session_path(out)
     beside = lengths or lengths_path(out)

@@ -29,8 +29,7 @@ from truearm.compensation.models import (
     PhysicalModel,
 )
 from truearm.compensation.models.uncertainty import uncertainty_budget
-from truearm.errors import InputError
-from truearm.files.atomic_write import atomic_file, check_writable
+from truearm.files.atomic_write import atomic_file
 from truearm.identification.planning.sampling import Poses, box, measuring_poses
 from truearm.identification.virtual import Measurement, VirtualArm, load_preset
 from truearm.pages.html import render
@@ -45,6 +44,7 @@ from truearm.show.comparison_page import (
 )
 from truearm.show.error_figures import before_after
 from truearm.workflows.comparison import compare_models, page_facts
+from truearm.workflows.outputs import check_folder
 from truearm.workflows.record import Record, TextTable, format_fixed
 
 if TYPE_CHECKING:
@@ -220,25 +220,6 @@ def demo_epochs(*, quick: bool) -> int:
     return (QUICK_SETTINGS if quick else PAPER_SETTINGS).epochs
 
 
-def check_demo_folder(folder: str | Path) -> None:
-    """Check, before long work, that `DemoResult.save` can write to a folder, or make it.
-
-    Raises
-    ------
-    InputError
-        If it is a file, or protected.
-    """
-    folder = Path(folder)
-    if folder.exists() and not folder.is_dir():
-        raise InputError("expected a folder to write to, got a file", file=folder)
-    if folder.is_dir():
-        for name in FILES:
-            check_writable(folder / name)
-        return
-    there = next(parent for parent in folder.absolute().parents if parent.exists())
-    check_writable(there / folder.absolute().relative_to(there).parts[0])
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class DemoResult(Record):
     """The paper's experiment on a virtual arm.
@@ -352,7 +333,7 @@ class DemoResult(Record):
     def save(self, folder: str | Path) -> None:
         """Write the report, the numbers and a picture to a folder, which is made where it does not exist."""
         folder = Path(folder)
-        check_demo_folder(folder)
+        check_folder(folder, FILES)
         picture, texts = (
             self.figure(),
             {

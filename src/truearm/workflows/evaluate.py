@@ -214,7 +214,7 @@ class Evaluation(Record):
     def _json(self) -> object:
         """The model's errors by their names, and those of the nominal arm under ``nominal``."""
         errors = {**self.errors["model"], "nominal": self.errors.get("nominal")}
-        others = self.named("coverage", "coverage_99", "n_refit", "outliers", "remarks")
+        others = self._named("coverage", "coverage_99", "n_refit", "outliers", "remarks")
         return {"summary": self.summary(), **errors, **others}
 
     def figure(self) -> Figure | None:

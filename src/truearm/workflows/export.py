@@ -245,4 +245,4 @@ class ExportCheck(Record):
 
     def _json(self) -> object:
         origin = {"format": self.manifest.format, "direction": self.manifest.direction}
-        return {**self.named("agrees", "verdict"), **origin, "findings": self.findings}
+        return {**self._named("agrees", "verdict"), **origin, "findings": self.findings}

@@ -296,8 +296,8 @@ class FitResult(Record):
             "n_readings": len(self.session),
             "fit_seconds": self.model.fit_seconds_,
             "held_out": None,
-            **self.named("held_out_distances", "training", "comparison", "outliers", "length_outliers"),
-            **self.named("frame_changes", "remarks"),
+            **self._named("held_out_distances", "training", "comparison", "outliers", "length_outliers"),
+            **self._named("frame_changes", "remarks"),
         }
         if self.held_out_mm is not None:
             found["held_out"] = dict(zip(("mean_mm", "nominal_mean_mm"), self.held_out_mm, strict=True))

@@ -200,7 +200,7 @@ class MeasuredFeatures(Record):
         yield from self.remarks
 
     def _json(self) -> object:
-        named = self.named("features", "tip_diameter_mm", "repeatability_mm", "n_arms", "seed")
+        named = self._named("features", "tip_diameter_mm", "repeatability_mm", "n_arms", "seed")
         return {**named, "model_trained_on": self.model.data_fingerprint_, "remarks": self.remarks}
 
 

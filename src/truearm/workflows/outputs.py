@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from abc import abstractmethod
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, get_args
 
@@ -62,6 +63,25 @@ def check_new_file(out: str | Path, *, force: bool) -> None:
     """
     if not force and Path(out).exists():
         raise InputError("the file exists already", file=out, hint="--force to replace it, or another name")
+
+
+def check_folder(folder: str | Path, names: Iterable[str]) -> None:
+    """Check, before long work, that files of these names can be written to a folder, or the folder be made.
+
+    Raises
+    ------
+    InputError
+        If it is a file, or protected.
+    """
+    folder = Path(folder)
+    if folder.exists() and not folder.is_dir():
+        raise InputError("expected a folder to write to, got a file", file=folder)
+    if folder.is_dir():
+        for name in names:
+            check_writable(folder / name)
+        return
+    there = next(parent for parent in folder.absolute().parents if parent.exists())
+    check_writable(there / folder.absolute().relative_to(there).parts[0])
 
 
 def make_folder(folder: Path) -> None:

@@ -89,7 +89,7 @@ class Record(ABC):
     def _json(self) -> object:
         """What `to_dict` makes plain: values by their names in JSON, or a dataclass."""
 
-    def named(self, *names: str) -> dict[str, Any]:
+    def _named(self, *names: str) -> dict[str, Any]:
         """The attributes of these names: those whose name in JSON is the same."""
         return {name: getattr(self, name) for name in names}
 

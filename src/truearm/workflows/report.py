@@ -129,7 +129,7 @@ class ReportResult(PageRecord):
 
     def _json(self) -> object:
         arm = one_arm(dict(self.models)).arm.name
-        return {"arm": arm, "n_readings": len(self.session), **self.named("errors", "remarks")}
+        return {"arm": arm, "n_readings": len(self.session), **self._named("errors", "remarks")}
 
 
 @one_blas_thread()

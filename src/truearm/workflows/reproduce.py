@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from truearm.errors import InputError
-from truearm.files.atomic_write import atomic_file, check_writable
+from truearm.files.atomic_write import atomic_file
 from truearm.papers.gao2017.phrases import mark_cut
 from truearm.papers.gao2017.reproduction import reproduce as run_trainings
 from truearm.papers.gao2017.results import FinalTestResult, Reproduction, RowResult
 from truearm.papers.gao2017.training_plan import PARTS
 from truearm.solve.threads import one_blas_thread
-from truearm.workflows.outputs import PageRecord
+from truearm.workflows.outputs import PageRecord, check_folder
 from truearm.workflows.record import TextTable
 
 if TYPE_CHECKING:
@@ -166,11 +166,8 @@ def reproduce(
         raise InputError(f"there is no paper {paper!r}", hint="gao2017")
     parts = parts_of(table=table, figure=figure)
     runs = Path(folder) / "runs"
-    if Path(folder).exists() and not Path(folder).is_dir():
-        raise InputError("expected a folder to write to, got a file", file=folder)
+    check_folder(folder, [file.name for file in result_files(parts, folder)])
     runs.mkdir(parents=True, exist_ok=True)
-    for file in result_files(parts, folder):
-        check_writable(file)
     effort = training_plan.QUICK_EFFORT if quick else training_plan.FULL_EFFORT
     if time_limit is not None:
         effort = replace(effort, time_limit_s=None if time_limit == math.inf else time_limit)
