@@ -287,7 +287,9 @@ def test_distributions_are_quantiles_and_shares_over_the_arms():
     shown = result_distributions(found)
     assert [one.label for one in shown] == [row.label for row in found[0].rows]
     size = np.sort(np.abs([one.rows[0].value for one in found]))
-    assert (shown[0].median, shown[0].quantile_95) == pytest.approx((size[10], size[19]))  # of 21: the 11th and the 20th
+    assert (shown[0].median, shown[0].quantile_95) == pytest.approx(
+        (size[10], size[19])
+    )  # of 21: the 11th and the 20th
     assert shown[0].limit == 0.025
     for one in shown:
         assert one.conform + one.not_conform + one.undecided == (0 if one.limit is None else pytest.approx(1))
