@@ -108,7 +108,10 @@ class Row:
             return found
         if isinstance(found, Iterator):
             return Found(list(found))
-        return Found(targets=[Target(f"{self.what} [{self.unit}]".removesuffix(" []"), float(found), self.target)])
+        what = f"{self.what} [{self.unit}]".removesuffix(" []")
+        if self.target is None:
+            return Found([{what: found}])
+        return Found(targets=[Target(what, float(found), self.target)])
 
 
 class Rows(dict[str, Row]):
@@ -137,7 +140,8 @@ class Rows(dict[str, Row]):
 
 def finding(seen: str, wanted: str, measured: str, is_met: bool | None) -> dict[str, str]:
     """Row of a table: what goes wrong, what is wanted, what was measured; `is_met` is None where nothing is judged."""
-    return {"seen": seen, "wanted": wanted, "measured": measured, "": {True: "met", False: "missed"}.get(is_met, "")}
+    judged = "" if is_met is None else "met" if is_met else "missed"
+    return {"seen": seen, "wanted": wanted, "measured": measured, "": judged}
 
 
 def run_row(benchmark: str, name: str, options: dict[str, Any]) -> Found:
