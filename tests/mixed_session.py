@@ -8,6 +8,7 @@ import numpy as np
 
 from truearm.arm import Arm, Chain
 from truearm.arm.inverse_kinematics import solve_inverse_kinematics
+from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.references.references import Points, Reference, seats_of
 from truearm.identification.references.surfaces import lines_of, planes_of, spheres_of
@@ -94,3 +95,12 @@ def reached(
 def unit(vectors: np.ndarray) -> np.ndarray:
     """Vectors (n, 3) of length 1."""
     return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+
+
+def scale_std(found: IdentificationResult, state: ArmState) -> float:
+    """Standard uncertainty of the scale of the tips, as a share."""
+    tips = found.tips(state)
+    apart = tips - tips.mean(axis=0)
+    pieces = found.perturbed_chain.derivatives(state, found.coefficients)
+    by = sum(np.einsum("nc,pcn->p", apart[rows], columns) for rows, _, columns in pieces) / (apart**2).sum()
+    return float(np.sqrt(by @ found.covariance @ by))

@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
-
-from truearm.arm import Chain
+from test_chain_motions import random_chain
 
 # Rounding of a dozen products of numbers up to some thousand mm is 1e-12 mm; three orders above it.
 ROUNDING_MM = 1e-9
@@ -17,14 +16,6 @@ ROUNDING = 1e-12
 STEP = 1e-5
 QUOTIENT_MM = 1e-4
 QUOTIENT = 1e-6
-
-
-def random_chain(seed: int, n: int = 4, *, sliding: float = 0.3) -> Chain:
-    rng = np.random.default_rng(seed)
-    fixed = np.tile(np.eye(4), (n + 1, 1, 1))
-    fixed[:, :3, :3] = Rotation.random(n + 1, rng=rng).as_matrix()
-    fixed[:, :3, 3] = rng.normal(0, 300, (n + 1, 3))
-    return Chain(fixed, rng.normal(0, 100, 3), rng.random(n) < sliding)
 
 
 def random_case(seed: int, size: float, count: int = 3):

@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mixed_session import reached, unit
+from mixed_session import reached, scale_std, unit
 from truearm.arm import load_arm
 from truearm.errors import InputError
 from truearm.identification.estimation.identification import identify
-from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.references.references import Length, Seats, seats_of
 from truearm.identification.terms import ArmState, constants
@@ -33,15 +32,6 @@ def bars_read(n_places: int, rng: np.random.Generator) -> tuple[ArmState, np.nda
     angles = reached(arm, chain, np.repeat(points, 6, axis=0), rng)
     state = ArmState(arm.chain, angles + rng.normal(0, 3e-6, angles.shape))
     return state, np.repeat([name for pair in seats for name in pair], 6), seats
-
-
-def scale_std(found: IdentificationResult, state: ArmState) -> float:
-    """Standard uncertainty of the scale of the tips, as a share."""
-    tips = found.tips(state)
-    apart = tips - tips.mean(axis=0)
-    pieces = found.perturbed_chain.derivatives(state, found.coefficients)
-    by = sum(np.einsum("nc,pcn->p", apart[rows], columns) for rows, _, columns in pieces) / (apart**2).sum()
-    return float(np.sqrt(by @ found.covariance @ by))
 
 
 @pytest.mark.parametrize("n_places", [1, 4, 8])

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mixed_session import reached, unit
+from mixed_session import reached, scale_std, unit
 from truearm.arm import load_arm
 from truearm.identification.estimation.identification import identify
-from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.references.surfaces import EQUAL_SHARE, Radius, Spheres, spheres_of
 from truearm.identification.terms import ArmState, constants
@@ -28,15 +27,6 @@ def balls_touched(n_places: int, rng: np.random.Generator) -> tuple[ArmState, np
     points = np.repeat(centres, 108 // n_places, axis=0) + DISTANCE_MM * unit(rng.normal(size=(len(names), 3)))
     angles = reached(arm, chain, points, rng)
     return ArmState(arm.chain, angles + rng.normal(0, 3e-6, angles.shape)), names
-
-
-def scale_std(found: IdentificationResult, state: ArmState) -> float:
-    """Standard uncertainty of the scale of the tips, as a share."""
-    tips = found.tips(state)
-    apart = tips - tips.mean(axis=0)
-    pieces = found.perturbed_chain.derivatives(state, found.coefficients)
-    by = sum(np.einsum("nc,pcn->p", apart[rows], columns) for rows, _, columns in pieces) / (apart**2).sum()
-    return float(np.sqrt(by @ found.covariance @ by))
 
 
 @pytest.mark.parametrize("n_places", [1, 3, 9])
