@@ -169,12 +169,11 @@ def test_report_compares_models_on_one_page(truearm, made, tmp_path):
     html = page.read_text()
     assert "Arm 7 &lt;in May&gt;" in html
     for word in (
-        *MODELS,
-        "100 readings of test.csv",
-        load_model(models[1]).data_fingerprint_,
-        f"truearm {__version__}",
+        *(*MODELS, "100 readings of test.csv", load_model(models[1]).data_fingerprint_, f"truearm {__version__}"),
+        *(">Uncertainty</h2>", "(k = 2)", ">Terms of the arm</h2>", "lengths and offsets", "held out"),
     ):
         assert word in html
+    assert "Error of each joint" not in html  # a kinematic model has none
     assert html.count("<svg") > 5
     errors = json.loads(truearm("evaluate", models[1], made / "test.csv", "--json").out)
     assert f"{errors['mean_mm']:.4f}" in html

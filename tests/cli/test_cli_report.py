@@ -18,17 +18,6 @@ def seated(truearm, tmp_path_factory):
     return folder
 
 
-def test_an_identified_arm_has_its_uncertainty_and_terms_on_the_page(truearm, made, tmp_path):
-    page = tmp_path / "page.html"
-    files = [made / f"{name}.truearm" for name in ("nominal", "kinematic", "network")]
-    ran = truearm("report", *files, made / "test.csv", "--out", page)
-    assert ran.code == 0, ran.err
-    text = page.read_text(encoding="utf-8")
-    for said in (">Uncertainty</h2>", "(k = 2)", ">Terms of the arm</h2>", "lengths and offsets", "held out"):
-        assert said in text, said
-    assert "Error of each joint" not in text  # a kinematic model has none
-
-
 @pytest.mark.parametrize("form", ["svg", "pdf", "png"])
 def test_every_figure_of_the_page_is_a_file_of_its_own(truearm, made, tmp_path, form):
     page, folder = tmp_path / "page.html", tmp_path / "figures"
