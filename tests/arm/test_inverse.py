@@ -205,6 +205,17 @@ def test_whole_poses_are_reached_within_the_limits(name):
     np.testing.assert_allclose(there.R_base_tip, pose.R_base_tip, rtol=0, atol=1e-8 + 1e-13)
 
 
+def test_a_solution_states_its_steps_its_jacobian_and_its_condition():
+    arm, q = reachable("ur10", 20)
+    tips = arm.forward(q).tip_in_base
+    found = arm.inverse(tips, start=arm.working)
+    assert (found.steps > 0).all()
+    lever = np.maximum(arm.chain.reach, np.linalg.norm(tips - arm.chain.fixed[0, :3, 3], axis=1)) / 3
+    by_joint = arm.jacobian(found.angles)[:, :3]
+    np.testing.assert_allclose(found.jacobian * lever[:, None, None], by_joint, rtol=0, atol=1e-12 * arm.chain.reach)
+    np.testing.assert_allclose(found.condition, np.linalg.cond(by_joint), rtol=1e-9)
+
+
 @pytest.mark.parametrize("name", ["ur5", "panda"])
 def test_poses_all_over_the_joint_ranges_are_reached_from_other_starts(name):
     arm = load_arm(name)

@@ -262,9 +262,9 @@ def test_continuation_finds_the_configuration_that_newton_leaves(ur10):
     rows = np.flatnonzero(~keeps_configuration(task, start, solve_poses(task, start).angles))
     found, kept = follow(task.rows(rows), start[rows], Pose(*(p[rows] for p in nominal_of(ur10.model, start))))
     assert kept.any()
-    there = nominal_of(ur10.model, found.joints[kept])
+    there = nominal_of(ur10.model, found.angles[kept])
     np.testing.assert_allclose(there.tip_in_base, pose.tip_in_base[rows][kept], atol=REACHED_MM)
-    assert (ur_signs(found.joints[kept], nominal) == ur_signs(start[rows][kept], nominal)).all()
+    assert (ur_signs(found.angles[kept], nominal) == ur_signs(start[rows][kept], nominal)).all()
 
 
 def test_a_singular_start_chooses_no_configuration(ur10):
