@@ -189,7 +189,7 @@ def _identified_of(model: IdentifiedModel) -> form.Identified:
         terms.append(
             form.Term.of(
                 term,
-                basis=(term.basis if is_named else Formula(expressions_of(term.basis))).as_data(),
+                basis=(term.basis if is_named else _formula_of(term)).as_data(),
                 functions=term.basis.labels(),
                 coefficients=fit.coefficients[rows],
                 standard_uncertainties=uncertainties[rows],
@@ -206,6 +206,10 @@ def _identified_of(model: IdentifiedModel) -> form.Identified:
         birge_ratio=model.birge_ratio_,
         skipped_terms={skipped.name: skipped.reason for skipped in model.excluded_terms_},
     )
+
+
+def _formula_of(term: Term) -> Formula:
+    return Formula(tuple(one.with_inputs({"payload torque": 0.0}) for one in expressions_of(term.basis)))
 
 
 def _network_of(model: NetworkModel) -> form.Network:

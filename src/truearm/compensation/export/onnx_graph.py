@@ -420,7 +420,7 @@ class _ChainGraph:
 
     def _states(self) -> dict[str, str]:
         """Nodes of what a reading may state, one row a quantity: temperature above 20 degC, directions, columns."""
-        graph, training, nodes = self.graph, self.plain.training, {}
+        graph, training, nodes = self.graph, self.plain.model.training_, {}
         if self.plain.uses("temperature"):
             assert training.temperature_degC is not None  # the terms were identified with it
             mean = np.array([training.temperature_degC.mean])

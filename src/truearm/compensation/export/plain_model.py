@@ -14,9 +14,7 @@ from truearm.arm.chain import Chain
 from truearm.arm.masses import LinkMasses
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
-from truearm.compensation.models.training_conditions import TrainingConditions
 from truearm.errors import InputError
-from truearm.identification.estimation.residual_variance import VarianceFunction
 from truearm.identification.terms import Basis, Expression, Temperature, Term
 from truearm.identification.terms.gravity import uniform_links
 from truearm.identification.terms.thermal import link_vectors
@@ -36,6 +34,8 @@ class PlainModel:
 
     Attributes
     ----------
+    model : IdentifiedModel
+        The model of which these are the tables.
     chain : Chain
         The chain on which the motions act, in the frame of the reference.
     nominal_chain : Chain
@@ -58,19 +58,11 @@ class PlainModel:
         Its direction: how the motion at the function's place changes by the coefficient and the function's value.
     covariance_root : (p, p) array
         F with ``F^T F`` the covariance of the coefficients.
-    residual_std_mm : float
-        Standard deviation of a coordinate that the model does not explain.
-    variance_function : VarianceFunction
-        Share of its square at given angles.
-    training : TrainingConditions
     grows : bool
         Whether terms describe the growth of the links by temperature.
-    reference_chain : Chain
-        The nominal arm with base and tip identified from the same readings: the controller's view.
-    lower, upper : (n_joints,) array
-        Limits of the joints [rad, or mm], infinite without.
     """
 
+    model: IdentifiedModel
     chain: Chain
     nominal_chain: Chain
     mass_kg: FloatArray
@@ -83,13 +75,7 @@ class PlainModel:
     coefficient_function: IntArray
     coefficient_direction: FloatArray
     covariance_root: FloatArray
-    residual_std_mm: float
-    variance_function: VarianceFunction
-    training: TrainingConditions
     grows: bool
-    reference_chain: Chain
-    lower: FloatArray
-    upper: FloatArray
 
     @property
     def n_joints(self) -> int:
@@ -122,10 +108,9 @@ def plain_model(model: Compensator) -> PlainModel:
     if not isinstance(model, IdentifiedModel):
         raise InputError(
             f"expected a nominal, kinematic or physical model, got a {type(model).__name__}",
-            hint="export the kinematic or physical model of the same readings",
+            hint="export a network as ONNX or JSON, or the kinematic or physical model of the same readings",
         )
-    fit, arm = model.fit_, model.arm_
-    state = model.state(Session(np.zeros((1, arm.n_joints))))
+    fit, state = model.fit_, model.state(Session(np.zeros((1, model.arm_.n_joints))))
     links = loaded_links(model)
     rows: dict[tuple[int, Expression], int] = {}
     entries = list(_entries(fit.perturbed_chain.terms))
@@ -142,6 +127,7 @@ def plain_model(model: Compensator) -> PlainModel:
     uncertain = fit.covariance.diagonal()[columns] > 0
     kept = columns[uncertain]
     plain = PlainModel(
+        model=model,
         chain=fit.perturbed_chain.chain,
         nominal_chain=state.chain,
         mass_kg=links.mass_kg,
@@ -154,13 +140,7 @@ def plain_model(model: Compensator) -> PlainModel:
         coefficient_function=np.array(function_of, dtype=np.intp)[uncertain],
         coefficient_direction=np.array(directions, dtype=float).reshape(-1, 6)[uncertain],
         covariance_root=covariance_factor(fit.covariance[np.ix_(kept, kept)]),
-        residual_std_mm=model.residual_std_,
-        variance_function=model.variance_function_,
-        training=model.training_,
         grows=any(isinstance(term.basis, Temperature) for term in fit.perturbed_chain.terms),
-        reference_chain=model.nominal_.chain,
-        lower=arm.limits[:, 0],
-        upper=arm.limits[:, 1],
     )
     if unknown := sorted(set(plain.columns()) - set(model.training_.columns)):
         raise InputError(f"the model has terms of a column that its training does not state: {unknown[0][:40]!r}")

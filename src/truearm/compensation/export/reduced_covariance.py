@@ -9,6 +9,7 @@ tabulated over its angle, fitted to what remains, and the tip one of its own alo
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -73,7 +74,7 @@ class JointVariances:
     of_axes: FloatArray
 
     @classmethod
-    def nodes(cls, low: FloatArray, high: FloatArray, prismatic: BoolArray, highest: tuple[int, ...]) -> JointVariances:
+    def nodes(cls, low: FloatArray, high: FloatArray, prismatic: BoolArray, highest: Sequence[int]) -> JointVariances:
         """Nodes with variances of zero from low to high, dense enough for harmonics up to the highest order."""
         periods = np.where(prismatic, 0.0, (high - low) / (2 * np.pi) * np.array(highest))
         count = np.clip(np.ceil(NODES_PER_PERIOD * periods), MIN_NODES, MAX_NODES).astype(np.intp)
@@ -155,8 +156,8 @@ class _Poses:
     effects: FloatArray
 
     @classmethod
-    def of(cls, model: IdentifiedModel, plain: PlainModel, state: ArmState) -> _Poses:
-        n, kept, p = len(state), plain.coefficients, plain.covariance_root.shape[1]
+    def of(cls, plain: PlainModel, state: ArmState) -> _Poses:
+        model, n, kept, p = plain.model, len(state), plain.coefficients, plain.covariance_root.shape[1]
         root = plain.covariance_root.T.astype(np.float32)
         spread, squares = np.empty((n, 3, len(root.T)), dtype=np.float32), np.zeros(p)
         for rows, _, columns in model.fit_.perturbed_chain.derivatives(state, model.fit_.coefficients):
@@ -168,7 +169,7 @@ class _Poses:
         short = np.sqrt((levers**2).sum(axis=2).mean(axis=0)) < SHORT_LEVER * plain.chain.reach
         levers[:, short & ~plain.chain.is_prismatic] = 0.0
         flat = spread.reshape(3 * n, p)
-        unexplained = plain.residual_std_mm**2 * plain.variance_function.share(state.angles)
+        unexplained = model.residual_std_**2 * model.variance_function_.share(state.angles)
         own = np.einsum("np,np->n", flat, flat, dtype=np.float64)
         return cls(state.angles, levers, flat, own, np.repeat(unexplained, 3), np.sqrt(squares / (3 * n)))
 
@@ -225,29 +226,27 @@ def _wider_ranges(model: IdentifiedModel) -> tuple[FloatArray, FloatArray]:
     return np.minimum(np.maximum(low - further, lower), low), np.maximum(np.minimum(high + further, upper), high)
 
 
-def reduced_covariance(model: IdentifiedModel, plain: PlainModel, layout: ValueLayout) -> ReducedCovariance:
+def reduced_covariance(plain: PlainModel, layout: ValueLayout) -> ReducedCovariance:
     """The covariance of a model's coefficients with as few directions as its standard uncertainties need.
 
     Parameters
     ----------
-    model : IdentifiedModel
-        Fitted.
     plain : PlainModel
-        Its tables.
+        Tables of the model.
     layout : ValueLayout
         Of its values.
     """
-    rows = CovarianceRows.of(plain, layout)
+    model, rows = plain.model, CovarianceRows.of(plain, layout)
     p = plain.covariance_root.shape[1]
     if p <= MAX_EXACT:
-        poses = _Poses.of(model, plain, sample_trained_region(model, N_JUDGES, np.random.default_rng(1)))
+        poses = _Poses.of(plain, sample_trained_region(model, N_JUDGES, np.random.default_rng(1)))
         return _rounded(rows, plain.covariance_root.T, poses, None, 0.0)
     weight = np.repeat(np.where(np.arange(N_POSES + N_BEYOND) < N_POSES, 1.0, BEYOND_WEIGHT), 3)
     states = sample_trained_region(model, N_POSES, np.random.default_rng(1), beyond=N_BEYOND)
-    poses = _Poses.of(model, plain, states)
-    judges = _Poses.of(model, plain, sample_trained_region(model, N_JUDGES, np.random.default_rng(2)))
+    poses = _Poses.of(plain, states)
+    judges = _Poses.of(plain, sample_trained_region(model, N_JUDGES, np.random.default_rng(2)))
     directions = _leading_directions(poses, weight)
-    nodes = JointVariances.nodes(*_wider_ranges(model), plain.chain.is_prismatic, layout.highest)
+    nodes = JointVariances.nodes(*_wider_ranges(model), plain.chain.is_prismatic, [k for _, k in layout.harmonics])
     leading = directions[:, :MAX_RANK].astype(np.float32)
     squares, judged_squares = (np.asarray((one.spread @ leading) ** 2, dtype=np.float32) for one in (poses, judges))
     design, judged_design = (nodes.design(one.angles, one.levers) for one in (poses, judges))

@@ -20,7 +20,6 @@ from truearm.compensation.export.plain_model import PlainModel, plain_model
 from truearm.compensation.export.reduced_covariance import ReducedCovariance, reduced_covariance
 from truearm.compensation.export.value_tables import ValueLayout, ValueTables
 from truearm.compensation.models.compensator import Compensator
-from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.compensation.models.training_conditions import MOST_TURNS, TEMPERATURE_TOLERANCE_K
 from truearm.compensation.targets.configuration import MAX_CONDITION
 from truearm.compensation.targets.correction import CORRECTION_STEPS, MAX_CORRECTION, usual_change
@@ -94,14 +93,9 @@ def write_source(model: Compensator, manifest: Manifest, path: str | Path, langu
     InputError
         If the model is a network, or has terms of a basis without expressions.
     """
-    if not isinstance(model, IdentifiedModel):
-        raise InputError(
-            f"expected a nominal, kinematic or physical model for source code, got a {type(model).__name__}",
-            hint="export a network as ONNX or JSON, or the physical model of the same readings",
-        )
     plain = plain_model(model)
     values = ValueTables.of(plain)
-    covariance = reduced_covariance(model, plain, values.layout)
+    covariance = reduced_covariance(plain, values.layout)
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("truearm.compensation.export"),
         undefined=jinja2.StrictUndefined,
@@ -114,9 +108,9 @@ def write_source(model: Compensator, manifest: Manifest, path: str | Path, langu
     environment.filters |= {"number": number, "rows": _rows, "table": _table_filter(language.brackets)}
     origin = {"manifest": _in_comment(manifest.line()), "sha256": manifest.provenance.model_sha256}
     checks = {"check_joints": manifest.joints, "check_tips": manifest.tips}
-    usual = {f"usual_{way}": usual_change(model, direction=way).T for way in ("command", "feedback")}
+    usual = {f"usual_{way}": usual_change(plain.model, direction=way).T for way in ("command", "feedback")}
     formulas = {"formulas": [[at, _code(one, values.layout, language)] for one, at in values.layout.formulas.items()]}
-    parts = {"plain": plain, "training": plain.training, "layout": values.layout, "values": values}
+    parts = {"plain": plain, "training": plain.model.training_, "layout": values.layout, "values": values}
     context = RULES | origin | checks | usual | parts | _tables(plain, values, covariance) | formulas
     text = environment.get_template(language.template).render(context)
     with atomic_file(path) as beside:
@@ -165,10 +159,10 @@ def run_tool(program: str, name: str, package: str, arguments: Sequence[str], pa
 
 def _tables(plain: PlainModel, values: ValueTables, covariance: ReducedCovariance) -> dict[str, Any]:
     """What the templates print beside the attributes of plain model, values and covariance."""
-    training, layout, share, rest = plain.training, values.layout, plain.variance_function, covariance.remainder
+    model, layout, rest = plain.model, values.layout, covariance.remainder
+    training, share = model.training_, model.variance_function_
     temperature, names = training.temperature_range, sorted(training.columns)
     macros = macros_of(names)
-    limits = np.stack([plain.lower, plain.upper], axis=1)
     moved = {run.component // 6 for run in values.runs}
     return {
         "n": plain.n_joints,
@@ -178,19 +172,14 @@ def _tables(plain: PlainModel, values: ValueTables, covariance: ReducedCovarianc
         "moved": [int(place in moved) for place in range(plain.n_joints + 2)],
         "folded": _folded(plain.chain, values.constant_motions, moved),
         "slides": plain.chain.is_prismatic.astype(int),
-        "limits": np.clip(limits, -NO_LIMIT, NO_LIMIT),
+        "limits": np.clip(model.arm_.limits, -NO_LIMIT, NO_LIMIT),
         "temperature": [temperature.mean, temperature.std, temperature.lower, temperature.upper],
         "column_ranges": [
             [known.mean, known.std, known.lower, known.upper] for known in map(training.columns.__getitem__, names)
         ],
-        "uses_harmonics": any(layout.highest) or bool(layout.further),
-        "harmonics": list(zip(layout.harmonics, layout.highest, strict=True)),
-        "further": [
-            [joint, order, first, layout.first_of_order.get((joint, order / 2), -1)]
-            for joint, order, first in layout.further
-        ],
+        "uses_harmonics": any(highest for _, highest in layout.harmonics) or bool(layout.further),
         # A third of the reach, the usual lever of a joint: as in `truearm.compensation.targets.correction`.
-        "length": max(plain.nominal_chain.reach, plain.reference_chain.reach, 3.0) / 3,
+        "length": max(plain.nominal_chain.reach, model.nominal_.chain.reach, 3.0) / 3,
         "variance_share": np.stack([share.centre, share.spread, share.slope, share.curvature], axis=1),
         "links": link_vectors(plain.nominal_chain),
         "material": UNKNOWN_MATERIAL,

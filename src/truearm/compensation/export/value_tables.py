@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -44,34 +43,27 @@ class ValueLayout:
 
     Attributes
     ----------
-    n_joints : int
     columns : tuple of str
         Columns of a session that functions depend on.
-    temperature, direction, column, gravity : int
-        First value of each kind: one temperature, a direction for each joint, columns, three torques for the base and
-        each joint. -1 where no function depends on it.
-    harmonics : tuple of int
-        First value of each joint's consecutive orders.
-    highest : tuple of int
-        The highest of them; 0 where there are none.
-    further : tuple of (int, int, int)
-        Joint (counted from 0), order and first value of the orders above.
+    first : dict of str to int
+        First value of each kind of input: one temperature, a direction for each joint, columns, three gravity torques
+        for the base and each joint. -1 where no function depends on it.
+    harmonics : tuple of (int, int)
+        First value of each joint's consecutive orders, and the highest of them; 0 where there are none.
+    further : tuple of (int, int, int, int)
+        Joint (counted from 0), order, first value and first value of half the order (-1: none) of the orders above.
     formulas : dict of Expression to int
         All other functions and their values.
-    n_values : int
+    values : dict of Expression to int
+        All functions and their values.
     """
 
-    n_joints: int
     columns: tuple[str, ...]
-    temperature: int
-    direction: int
-    column: int
-    gravity: int
-    harmonics: tuple[int, ...]
-    highest: tuple[int, ...]
-    further: tuple[tuple[int, int, int], ...]
+    first: dict[str, int]
+    harmonics: tuple[tuple[int, int], ...]
+    further: tuple[tuple[int, int, int, int], ...]
     formulas: dict[Expression, int]
-    n_values: int
+    values: dict[Expression, int]
 
     @classmethod
     def of(cls, functions: Iterable[Expression], n_joints: int) -> ValueLayout:
@@ -80,65 +72,37 @@ class ValueLayout:
         inputs = {one for function in distinct for one in function.inputs}
         kinds = {one.operation for one in inputs}
         columns = tuple(sorted(one.arguments[0] for one in inputs if one.operation == "column"))
-        sizes = {"temperature": 1, "direction": n_joints, "column": len(columns), "gravity torque": 3 * (n_joints + 1)}
-        first, size = {}, 1
-        for kind, count in sizes.items():
-            first[kind.removesuffix(" torque")] = size if kind in kinds else -1
-            size += count if kind in kinds else 0
-        harmonics, highest, further = [], [], []
+        values, first, joints = {ONE: 0}, {}, range(1, n_joints + 1)
+        for kind, members in {
+            "temperature": [Expression.temperature()],
+            "direction": [*map(Expression.direction, joints)],
+            "column": [*map(Expression.column, columns)],
+            "gravity torque": [Expression.gravity_torque(i, axis) for i in (0, *joints) for axis in range(3)],
+        }.items():
+            first[kind] = len(values) if kind in kinds else -1
+            for one in members if kind in kinds else ():
+                values[one] = len(values)
+        harmonics, further = [], []
         pairs = {function.harmonic for function in distinct}
-        for joint in range(n_joints):
-            orders = sorted(pair[1] for pair in pairs if pair and pair[0] == joint + 1)
+        for joint in joints:
+            orders = sorted(pair[1] for pair in pairs if pair and pair[0] == joint)
             # Orders are computed in a row as long as nine in ten of them are used.
-            top = max((k for n, k in enumerate(orders, 1) if 10 * n >= 9 * k), default=0)
-            harmonics.append(size)
-            highest.append(top)
-            size += 2 * top
-            for k in orders:
-                if k > top:
-                    further.append((joint, k, size))
-                    size += 2
-        listed = {"number", *sizes}
-        others = [one for one in distinct if one.operation not in listed and one.harmonic is None]
-        formulas = {function: size + k for k, function in enumerate(others)}
-        return cls(
-            n_joints=n_joints,
-            columns=columns,
-            **first,
-            harmonics=tuple(harmonics),
-            highest=tuple(highest),
-            further=tuple(further),
-            formulas=formulas,
-            n_values=size + len(formulas),
-        )
+            highest = max((k for n, k in enumerate(orders, 1) if 10 * n >= 9 * k), default=0)
+            harmonics.append((len(values), highest))
+            for k in (*range(1, highest + 1), *(k for k in orders if k > highest)):
+                turn = Expression.angle(joint)
+                if k > highest:
+                    further.append((joint - 1, k, len(values), values.get((k / 2 * turn).cos(), -1)))
+                for one in ((k * turn).cos(), (k * turn).sin()):
+                    values[one] = len(values)
+        others = [one for one in distinct if one not in values and one.operation != "temperature"]
+        formulas = {one: len(values) + i for i, one in enumerate(others)}
+        values |= formulas
+        return cls(columns, first, tuple(harmonics), tuple(further), formulas, values)
 
     def index(self, function: Expression) -> int:
-        """The value of a function."""
-        of = function.arguments
-        match function.operation:
-            case "number":
-                return 0
-            case "temperature":
-                return self.temperature
-            case "direction":
-                return self.direction + int(of[0]) - 1
-            case "column":
-                return self.column + self.columns.index(of[0])
-            case "gravity torque":
-                return self.gravity + 3 * int(of[0]) + int(of[1])
-        if (pair := function.harmonic) is not None:
-            return self.first_of_order[pair[0] - 1, pair[1]] + (function.operation == "sin")
-        return self.formulas[function]
-
-    @cached_property
-    def first_of_order(self) -> dict[tuple[int, float], int]:
-        """First value by joint (counted from 0) and order."""
-        consecutive: dict[tuple[int, float], int] = {
-            (joint, k): first + 2 * (k - 1)
-            for joint, (first, top) in enumerate(zip(self.harmonics, self.highest, strict=True))
-            for k in range(1, top + 1)
-        }
-        return consecutive | {(joint, k): first for joint, k, first in self.further}
+        """The value of a function: one temperature counts for all links."""
+        return self.first["temperature"] if function.operation == "temperature" else self.values[function]
 
 
 @dataclass(frozen=True, eq=False)

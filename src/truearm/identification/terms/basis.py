@@ -43,7 +43,8 @@ class Basis:
     """Abstract base class. Subclasses are frozen dataclasses whose fields are numbers, strings or tuples."""
 
     def __post_init__(self) -> None:
-        for field, form in _forms(type(self)).items():
+        kind: Any = type(self)
+        for field, form in _forms(kind).items():
             object.__setattr__(self, field, _settled(field, getattr(self, field), form))
 
     @property
