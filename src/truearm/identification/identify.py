@@ -379,12 +379,16 @@ def unexplained(fit: IdentificationResult, held_out: HeldOutReadings, angles: Fl
     if len(informative.rows) < MIN_ROWS:
         flat = VarianceFunction.flat(angles.shape[1])
         return Unexplained(float(np.sqrt(noise_variance)), flat, float("inf"))
-    function = fit_variance_function(informative, angles)
-    share = function.share(angles[informative.rows])
-    scaled = replace(informative, freedom=share * informative.freedom)
     # Of few readings all may lie within the uncertainty of the parameters, which itself rests on the noise.
-    variance = max(conformal_residual_variance(scaled), noise_variance)
-    tails = tail_freedom(scaled, variance) if len(informative.rows) >= LEAST_READINGS else float("inf")
+    return unexplained_at(informative, angles, least=noise_variance)
+
+
+def unexplained_at(held_out: HeldOutReadings, angles: FloatArray, *, least: float = 0.0) -> Unexplained:
+    """Estimate what readings held out leave unexplained; `least` is the least variance [mm^2]."""
+    function = fit_variance_function(held_out, angles)
+    scaled = replace(held_out, freedom=function.share(angles[held_out.rows]) * held_out.freedom)
+    variance = max(conformal_residual_variance(scaled), least)
+    tails = tail_freedom(scaled, variance) if len(held_out.rows) >= LEAST_READINGS else float("inf")
     return Unexplained(float(np.sqrt(variance)), function, tails)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.compensation.models.compensator import Compensator
-from truearm.compensation.models.identified_model import IdentifiedModel, NominalModel
+from truearm.compensation.models.identified_model import IdentifiedModel, to_identified
 from truearm.compensation.models.uncertainty import (
     COVERAGE_FACTOR,
     ELLIPSOID_FACTOR,
@@ -77,7 +77,7 @@ def identification_sections(
         {name: _joint_errors(model, session) for name, model in identified.items()},
         session.angles,
         next(iter(models.values())).arm.joint_names,
-        styles=styles_of(["nominal", *(n for n, model in models.items() if not isinstance(model, NominalModel))]),
+        styles=styles_of(["nominal", *(n for n, model in models.items() if model.kind != "nominal")]),
     )
     sections = [*uncertainty, *terms, joint_errors, *unidentifiable, *outlying]
     return [section for section in sections if section is not None]
@@ -85,9 +85,9 @@ def identification_sections(
 
 def _identified(models: Mapping[str, Compensator]) -> dict[str, IdentifiedModel]:
     return {
-        name: model
+        name: identified
         for name, model in models.items()
-        if isinstance(model, IdentifiedModel) and not isinstance(model, NominalModel)
+        if (identified := to_identified(model)) is not None and model.kind != "nominal"
     }
 
 

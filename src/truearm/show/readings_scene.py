@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from truearm.compensation.models.compensator import Compensator
-from truearm.compensation.models.identified_model import IdentifiedModel
+from truearm.compensation.models.identified_model import to_identified
 from truearm.identification.references.tips import tip_names
 from truearm.pages.plotting import Figure
 from truearm.pages.scene import Mechanism, PointCloud, PointColumn, Scene
@@ -21,7 +21,7 @@ def arm_at_readings(models: Mapping[str, Compensator], readings: Session) -> Mec
     None without such a model, and for readings of several sessions or tips, which have frames of their own.
     """
     several = len(tip_names(readings)) > 1 or (readings.session is not None and len(set(readings.session)) > 1)
-    found = [model for model in models.values() if isinstance(model, IdentifiedModel)]
+    found = [one for one in map(to_identified, models.values()) if one is not None]
     if several or not found:
         return None
     arm = replace(found[0].arm, chain=found[0].fit_.chain)

@@ -13,8 +13,7 @@ from truearm.arm import Arm, Chain, DHTable, list_arms, load_arm, nearest_table
 from truearm.arm.rigid_motions import xyz_rpy_from_frame
 from truearm.choices import Convention
 from truearm.compensation.models import Compensator
-from truearm.compensation.models.identified_model import IdentifiedModel
-from truearm.errors import InputError
+from truearm.compensation.models.identified_model import require_identified
 from truearm.typing import FloatArray
 from truearm.workflows.inputs import ArmLike, ModelLike, is_model_file, to_arm, to_model, to_model_of_tip
 from truearm.workflows.outputs import PageRecord, version_row
@@ -65,14 +64,12 @@ def identified_arm(model: ModelLike) -> Arm:
     InputError
         If the model is a network, which identifies no arm.
     """
-    fitted = to_model_of_tip(model)
-    if not isinstance(fitted, IdentifiedModel):
-        file = None if isinstance(model, Compensator) else model
-        raise InputError(
-            "a model with a network identifies no arm that predicts the same points",
-            file=file,
-            hint="give a kinematic or physical model",
-        )
+    fitted = require_identified(
+        to_model_of_tip(model),
+        "a model with a network identifies no arm that predicts the same points",
+        file=None if isinstance(model, Compensator) else model,
+        hint="give a kinematic or physical model",
+    )
     chain = fitted.fit_.chain
     # Seen from the base frame, which is the reference's now, gravity has another direction.
     turn = chain.fixed[0, :3, :3] @ fitted.arm.chain.fixed[0, :3, :3].T

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from truearm.compensation.export.constants_change import FALSE_ALARM, ArmChange, ConstantChange, constants_change
 from truearm.compensation.export.rigid_arm import same_chain
-from truearm.compensation.models.identified_model import IdentifiedModel, NominalModel, PhysicalModel
+from truearm.compensation.models.identified_model import IdentifiedModel, require_identified
 from truearm.compensation.models.training_conditions import TEMPERATURE_TOLERANCE_K
 from truearm.errors import InputError
 from truearm.readings.readings import PAYLOAD
@@ -70,14 +70,13 @@ def compare(old: ModelLike, new: ModelLike, *, tip: str | None = None) -> ModelC
 
 def _to_identified_model(model: ModelLike, tip: str | None) -> IdentifiedModel:
     fitted = to_model_of_tip(model, tip)
-    if not isinstance(fitted, IdentifiedModel):
-        raise InputError(
-            f"expected a nominal, kinematic or physical model, got a {type(fitted).__name__}: its networks have no "
-            "constants to compare",
-            file=model if isinstance(model, str | Path) else None,
-            hint="fit the same readings with --model physical and compare these models",
-        )
-    return fitted
+    return require_identified(
+        fitted,
+        f"expected a nominal, kinematic or physical model, got a {type(fitted).__name__}: its networks have no "
+        "constants to compare",
+        file=model if isinstance(model, str | Path) else None,
+        hint="fit the same readings with --model physical and compare these models",
+    )
 
 
 def _check_one_arm(old: IdentifiedModel, new: IdentifiedModel) -> None:
@@ -94,7 +93,7 @@ def _remarks(old: IdentifiedModel, new: IdentifiedModel, change: ArmChange) -> I
     serials = old.arm_.serial_number, new.arm_.serial_number
     if all(serials) and serials[0] != serials[1]:
         yield f"The serial numbers differ ({serials[0]}, {serials[1]}): these are two arms of one type."
-    if nominal := [which for which, model in (("old", old), ("new", new)) if isinstance(model, NominalModel)]:
+    if nominal := [which for which, model in (("old", old), ("new", new)) if model.kind == "nominal"]:
         yield f"The {nominal[0]} model is nominal: changes are differences from the drawing, not changes in time."
     if old.data_fingerprint_ == new.data_fingerprint_:
         yield "Both models are of the same readings: what differs are the models, not the arm."
@@ -103,7 +102,7 @@ def _remarks(old: IdentifiedModel, new: IdentifiedModel, change: ArmChange) -> I
             yield f"The {which} model was refitted: only its base and tip are of the later readings, not its constants."
     if change.displacement.region == "either":
         yield "Few poses are in the trained range of both models: those of either are compared."
-        if not (isinstance(old, PhysicalModel) and isinstance(new, PhysicalModel)):
+        if not old.kind == new.kind == "physical":
             yield (
                 "Constants of a kinematic model contain errors that depend on the pose, and differ between regions: "
                 "compare physical models."

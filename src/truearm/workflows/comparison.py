@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from truearm.compensation.models import Compensator, NominalModel
+from truearm.compensation.models import Compensator
 from truearm.compensation.models.training_conditions import fingerprint
 from truearm.errors import InputError
 from truearm.readings import Lengths, Session, check_sessions, compare_errors, length_errors
@@ -41,7 +41,7 @@ def compare_models(models: dict[str, Compensator], readings: Session, regressors
 def _predicted(models: dict[str, Compensator], readings: Session, regressors: Regressors) -> dict[str, FloatArray]:
     """Points [mm] of the nominal arm of the first model, of the other models and of the regressors, by name."""
     predicted = {"nominal": one_arm(models).predict_nominal_readings(readings)}
-    others = {name: model for name, model in models.items() if not isinstance(model, NominalModel)}
+    others = {name: model for name, model in models.items() if model.kind != "nominal"}
     if "nominal" in {*others, *regressors}:
         raise InputError("'nominal' is the name of the nominal arm on the page", hint="another name for the model")
     predicted |= {name: model.predict_readings(readings) for name, model in others.items()}

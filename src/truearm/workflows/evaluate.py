@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from truearm.compensation.models import Compensator, NominalModel
+from truearm.compensation.models import Compensator
 from truearm.compensation.models.uncertainty import uncertainty_budget
 from truearm.identification.judgement.outliers import Outlier
 from truearm.readings import (
@@ -103,7 +103,7 @@ def evaluate(
     known = expanded_lengths(known, used)
     at = fitted.at(used)
     predicted = {"nominal": fitted.predict_nominal_readings(at), "model": fitted.predict_readings(at)}
-    if isinstance(fitted, NominalModel):
+    if fitted.kind == "nominal":
         del predicted["nominal"]
     errors = {name: _errors(one, predicted.get("nominal", one), used, known) for name, one in predicted.items()}
     coverage: float | None = None
@@ -232,7 +232,7 @@ class Evaluation(Record):
 
     def _table(self, heading: str, keys: list[str]) -> TextTable:
         rows = [(key, *(format_fixed(errors[key]) for errors in self.errors.values())) for key in keys]
-        names = ["nominal"] if isinstance(self.model, NominalModel) else list(self.errors)
+        names = ["nominal"] if getattr(self.model, "kind", "") == "nominal" else list(self.errors)
         return TextTable((heading, *names), rows)
 
     def _lengths_table(self) -> TextTable:

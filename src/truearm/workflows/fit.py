@@ -10,18 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from truearm.choices import ModelName
-from truearm.compensation.models import (
-    MODELS,
-    Compensator,
-    HybridModel,
-    KinematicModel,
-    NetworkModel,
-    NominalModel,
-    PhysicalModel,
-)
+from truearm.compensation.models import MODELS, Compensator, NominalModel
 from truearm.compensation.models.arm_check import with_serial_number
 from truearm.compensation.models.compensator import CheckedReadings
-from truearm.compensation.models.identified_model import IdentifiedModel
+from truearm.compensation.models.identified_model import IdentifiedModel, to_identified
 from truearm.compensation.models.model_file import save_model
 from truearm.compensation.models.selection import ModelScore, select_model
 from truearm.errors import InputError
@@ -148,8 +140,8 @@ def fit(
         fitted = chosen.learn(readings, progress=progress, nominal=nominal)
     at = fitted.at(used)
     changes: tuple[SessionChange, ...] = ()
-    if isinstance(fitted, IdentifiedModel):  # a network has no residuals of a rigid frame
-        changes = tuple(frame_changes(fitted.fit_, fitted.session_frames_, used))
+    if (identified := to_identified(fitted)) is not None:  # a network has no residuals of a rigid frame
+        changes = tuple(frame_changes(identified.fit_, identified.session_frames_, used))
     no_hybrid = () if why_no_hybrid is None else (f"The hybrid model was not compared: {why_no_hybrid}.",)
     said = *_remarks(fitted, used, known), *no_hybrid, *(str(change) for change in changes)
     return FitResult(
@@ -224,16 +216,11 @@ class FitResult(Record):
     @property
     def held_out_distances(self) -> dict[str, float] | None:
         """Errors of held-out distances to anchors beside points or seats [mm]; None where there are none."""
-        if not isinstance(self.model, IdentifiedModel) or not len(self.model.held_out_distances_.rows):
+        if not len(self.model.held_out_distances_.rows):
             return None
         errors = self.model.held_out_distances_.errors_mm
         mean, p95, largest = float(errors.mean()), float(np.quantile(errors, 0.95)), float(errors.max())
         return {"mean_mm": mean, "p95_mm": p95, "max_mm": largest, "n": len(errors)}
-
-    @property
-    def _compares_distances(self) -> bool:
-        """Whether the held-out readings are distances."""
-        return isinstance(self.model, IdentifiedModel) and self.model.held_out_.n_coordinates == 1
 
     def save(self, path: str | Path) -> None:
         """Write the model to a file (see `load_model`)."""
@@ -242,12 +229,13 @@ class FitResult(Record):
     def summary(self) -> str:
         """The answer in one sentence: the mean error, and how it compares with the nominal arm."""
         about = f" ({self.model_name} model of {self.model.arm.name}, {len(self.session)} readings)."
-        if isinstance(self.model, IdentifiedModel) and self.model.residual_process_ is not None:
-            about += f" {self.model.residual_process_}"
+        identified = to_identified(self.model)
+        if identified is not None and identified.residual_process_ is not None:
+            about += f" {identified.residual_process_}"
         if self.held_out_mm is not None:
             error, nominal = self.held_out_mm
             compared = "" if self.model_name == "nominal" else compare_with_nominal(error, nominal)
-            of = " of a distance" if self._compares_distances else ""
+            of = " of a distance" if self.model.held_out_.n_coordinates == 1 else ""
             return f"Mean error{of} {format_mm(error)} on held-out readings{compared}{about}"
         if self.training is not None and "mean_mm" in self.training:
             nominal = self.nominal.nominal_error()
@@ -255,8 +243,7 @@ class FitResult(Record):
                 f"Mean error {format_mm(self.training['mean_mm'])} on the training readings"
                 f"{compare_with_nominal(self.training['mean_mm'], nominal)}{about}"
             )
-        assert isinstance(self.model, IdentifiedModel)  # a network needs points
-        return f"Residual standard deviation {format_mm(self.model.residual_std_)} of a coordinate{about}"
+        return f"Residual standard deviation {format_mm(self.model.facts()['residual_std_mm'])} of a coordinate{about}"
 
     def blocks(self) -> Iterator[str | TextTable]:
         """See `Record.blocks`."""
@@ -269,24 +256,13 @@ class FitResult(Record):
         if self.held_out_distances is not None:
             mean, largest = self.held_out_distances["mean_mm"], self.held_out_distances["max_mm"]
             yield f"error of a distance to an anchor, held out: mean {mean:.4f} mm, maximum {largest:.4f} mm"
-        if isinstance(self.model, NetworkModel):
-            yield from _network_lines(self.model)
-        if isinstance(self.model, HybridModel):
-            yield _committee_line(self.model)
-        if isinstance(self.model, IdentifiedModel | HybridModel):
-            yield (
-                f"residual standard deviation: {format_fixed(self.model.residual_std_)} mm of a coordinate, "
-                f"unexplained by the model{self._without_scatter()}"
-            )
+        yield from _fact_lines(self.model.facts())
         yield from listed("outlier", self.outliers, "readings")
         yield from listed("contradictory length", [_describe_length(one) for one in self.length_outliers], "lengths")
         yield from self.remarks
-        if isinstance(self.model, IdentifiedModel):
-            yield from _term_lines(self.model)
+        if (identified := to_identified(self.model)) is not None:
+            yield from _term_lines(identified)
         yield "These are training readings: evaluate the model on other readings."
-
-    def _without_scatter(self) -> str:
-        return "; the scatter of its networks comes on top" if isinstance(self.model, HybridModel) else ""
 
     def _json(self) -> object:
         found: dict[str, Any] = {
@@ -301,17 +277,12 @@ class FitResult(Record):
         }
         if self.held_out_mm is not None:
             found["held_out"] = dict(zip(("mean_mm", "nominal_mean_mm"), self.held_out_mm, strict=True))
-        if isinstance(self.model, NetworkModel):
-            found["network"] = {"trainer": self.model.trainer, "members": _members(self.model)}
-        if isinstance(self.model, HybridModel):
-            found["network"] = _committee_facts(self.model)
-        if isinstance(self.model, IdentifiedModel | HybridModel):
-            found["residual_std_mm"] = self.model.residual_std_
-        if isinstance(self.model, IdentifiedModel):
-            found["residual_process"] = self.model.residual_process_
-            found["groups"] = self.model.fit_.groups
-            found["skipped_terms"] = self.model.excluded_terms_
-            found["identifiability"] = identifiability(self.model.fit_)
+        found |= self.model.facts()
+        if (identified := to_identified(self.model)) is not None:
+            found["residual_process"] = identified.residual_process_
+            found["groups"] = identified.fit_.groups
+            found["skipped_terms"] = identified.excluded_terms_
+            found["identifiability"] = identifiability(identified.fit_)
         return found
 
     def figure(self) -> Figure | None:
@@ -327,7 +298,7 @@ class FitResult(Record):
 
 def _training_errors(model: Compensator, at: CheckedReadings) -> Mapping[str, Any] | None:
     """Errors of the readings that took part."""
-    if isinstance(model, IdentifiedModel | HybridModel) and len(excluded := excluded_readings(model.fit_)):
+    if model.identified_arm is not None and len(excluded := excluded_readings(model.identified_arm)):
         at = at.rows(np.setdiff1d(np.arange(len(at.session)), excluded))
     session, predicted = at.session, model.predict_readings(at)
     if session.points is not None:
@@ -341,22 +312,19 @@ def _training_errors(model: Compensator, at: CheckedReadings) -> Mapping[str, An
 
 
 def _outliers(model: Compensator, session: Session, rows: IntArray) -> tuple[Outlier, ...]:
-    return (
-        tuple(outlier.located(session, rows) for outlier in outliers(model.fit_))
-        if isinstance(model, IdentifiedModel | HybridModel)
-        else ()
-    )
+    found = () if model.identified_arm is None else outliers(model.identified_arm)
+    return tuple(outlier.located(session, rows) for outlier in found)
 
 
 def _length_outliers(model: Compensator, at: CheckedReadings, readings: PreparedReadings) -> tuple[Outlier, ...]:
-    if not isinstance(model, IdentifiedModel):
-        return ()
-    return tuple(length_outliers(model.fit_, at.state, readings.references))
+    identified = to_identified(model)
+    return () if identified is None else tuple(length_outliers(identified.fit_, at.state, readings.references))
 
 
 def _remarks(model: Compensator, session: Session, lengths: Lengths | None) -> Iterator[str]:
     """What a person must know about the fit, apart from what was skipped before it."""
-    if isinstance(model, IdentifiedModel):
+    identified, arm = to_identified(model), model.identified_arm or model.nominal_
+    if identified is not None:
         for kind, name, n in surfaces_with_too_few_readings(session):
             yield f"{kind} {name} has {n} usable readings; at least {MIN_READINGS_ON[kind]} are needed. Ignored."
     if model.session_frames_:
@@ -365,7 +333,7 @@ def _remarks(model: Compensator, session: Session, lengths: Lengths | None) -> I
             f"Each session has a frame of its own: coordinates are in that of session {first}, those of readings of "
             f"{', '.join(others)} in theirs."
         )
-    if (tips := describe_tips(getattr(model, "fit_", model.nominal_), model.tips_)) is not None:
+    if (tips := describe_tips(arm, model.tips_)) is not None:
         yield tips
     for name in bars_without_certificate(session):
         yield (
@@ -374,13 +342,13 @@ def _remarks(model: Compensator, session: Session, lengths: Lengths | None) -> I
         )
     if session.points is None and lengths is None and session.sphere_distance is None and session.distance_mm is None:
         yield "No reference point and no length is known: the arm keeps its nominal size."
-    if not getattr(model, "fit_", model.nominal_).converged:
+    if not arm.converged:
         yield "The fit has not converged: more readings, or poses that differ more from each other, may help."
-    if isinstance(model, IdentifiedModel) and (stated := describe_stated_uncertainty(model.fit_)) is not None:
+    if identified is not None and (stated := describe_stated_uncertainty(arm)) is not None:
         yield stated
     if (unusual := model.nominal_check_.remark()) is not None:
         yield unusual
-    if isinstance(model, KinematicModel | PhysicalModel | HybridModel) and len(session) < FEW_READINGS:
+    if model.kind not in ("nominal", "network") and len(session) < FEW_READINGS:
         yield f"Only {len(session)} readings: the training error says little. Use some {FEW_READINGS} or more."
 
 
@@ -424,48 +392,23 @@ def _training_lines(errors: Mapping[str, Any] | None, *, compare: bool) -> Itera
     yield line
 
 
-def _members(model: NetworkModel) -> list[dict[str, Any]]:
-    """The training of each member: that of the start that was kept, starts counted from 1."""
-    facts = []
-    for member in model.members_:
-        record = member.record
-        assert record is not None  # just trained
-        facts.append(
-            {
-                "start": member.start + 1,
-                "epochs": record.num_epochs,
-                "best_epoch": record.best_epoch,
-                "stop": record.stop,
-                "seconds": float(record.time[-1]),
-            }
+def _fact_lines(facts: Mapping[str, Any]) -> Iterator[str]:
+    """The networks of a model, and what it leaves unexplained."""
+    networks = facts.get("network", {})
+    members = networks.get("members", ())
+    for number, one in enumerate(members, 1):
+        who = f"member {number}, start {one['start']}" if len(members) > 1 else "training"
+        yield f"{who}: {one['stop'].rstrip('.')} after {one['epochs']} epochs, best epoch {one['best_epoch']}"
+    if "arm_model" in networks:
+        sizes, epochs = "-".join(map(str, networks["sizes"])), networks["epochs"]
+        yield (
+            f"{len(epochs)} networks {sizes} on the residuals of the {networks['arm_model']} model: "
+            f"{networks['effective_weights']:.0f} effective weights each, {max(epochs)} epochs"
         )
-    return facts
-
-
-def _network_lines(model: NetworkModel) -> Iterator[str]:
-    for number, facts in enumerate(_members(model), 1):
-        who = f"member {number}, start {facts['start']}" if len(model.members_) > 1 else "training"
-        yield f"{who}: {facts['stop'].rstrip('.')} after {facts['epochs']} epochs, best epoch {facts['best_epoch']}"
-
-
-def _committee_facts(model: HybridModel) -> dict[str, Any]:
-    """The networks of a hybrid model."""
-    committee = model.committee_
-    return {
-        "arm_model": model.arm_model,
-        "sizes": list(committee.network.sizes),
-        "effective_weights": float(committee.effective.mean()),
-        "epochs": committee.epochs.tolist(),
-    }
-
-
-def _committee_line(model: HybridModel) -> str:
-    committee = model.committee_
-    sizes = "-".join(map(str, committee.network.sizes))
-    return (
-        f"{len(committee.weights)} networks {sizes} on the residuals of the {model.arm_model} model: "
-        f"{committee.effective.mean():.0f} effective weights each, {committee.epochs.max()} epochs"
-    )
+    if "residual_std_mm" in facts:
+        scatter = "; the scatter of its networks comes on top" if networks else ""
+        std = format_fixed(facts["residual_std_mm"])
+        yield f"residual standard deviation: {std} mm of a coordinate, unexplained by the model{scatter}"
 
 
 def _describe_length(outlier: Outlier) -> str:

@@ -17,7 +17,7 @@ import numpy as np
 from truearm.arm import Arm, load_arm
 from truearm.choices import Limits as Limits
 from truearm.compensation.models import Compensator
-from truearm.compensation.models.compensator import FREE_PARTS, CheckedReadings
+from truearm.compensation.models.compensator import FREE_PARTS, ReadingsLike
 from truearm.compensation.models.model_file import load_model
 from truearm.compensation.models.refit import used_in_refit
 from truearm.compensation.models.training_conditions import TrainingConditions
@@ -496,7 +496,7 @@ def frame_remarks(model: Compensator) -> tuple[str, ...]:
     )
 
 
-def evaluation_remarks(model: Compensator, readings: Session | CheckedReadings) -> list[str]:
+def evaluation_remarks(model: Compensator, readings: ReadingsLike) -> list[str]:
     """What a person must know of a model before the errors on these readings are believed."""
     at, remarks = model.checked(readings), []
     session = at.session

@@ -11,7 +11,6 @@ import numpy as np
 
 from truearm.choices import FeatureKind
 from truearm.compensation.models import Compensator
-from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.errors import InputError
 from truearm.readings import Session
 from truearm.solve.threads import one_blas_thread
@@ -110,7 +109,6 @@ def measure(
     readings = _with_known_directions(_in_one_frame(readings))
     directed = readings.directions is not None
     errors = PosteriorDistribution(fitted, repeatability_mm, directions_given=directed, readings=readings)
-    assert isinstance(fitted, IdentifiedModel)  # others are refused by then
     try:
         found = measure_features(
             errors,
@@ -118,7 +116,7 @@ def measure(
             fitted.predict_readings(readings),
             readings.angles,
             groups,
-            fitted.condition_displacements(readings),
+            errors.identified.condition_displacements(readings),
             tip_diameter_mm=tip_diameter_mm,
             n_arms=n_arms,
             seed=seed,

@@ -12,7 +12,7 @@ from zipfile import is_zipfile
 from truearm.arm import Arm
 from truearm.choices import ArtefactKind, Strategy, Terms
 from truearm.compensation.models import Compensator
-from truearm.compensation.models.identified_model import IdentifiedModel
+from truearm.compensation.models.identified_model import IdentifiedModel, require_identified
 from truearm.compensation.models.model_file import load_model
 from truearm.errors import InputError
 from truearm.files.atomic_write import check_new_form
@@ -261,14 +261,13 @@ def arm_or_model(arm: Arm | Compensator | str | Path) -> tuple[Arm | IdentifiedM
         model, file = load_model(arm), Path(arm)
     else:
         return to_arm(arm), ""
-    to_model_of_tip(model)
-    if not isinstance(model, IdentifiedModel):
-        raise InputError(
-            "a model with a network has no terms to plan for",
-            file=file,
-            hint="use a kinematic or physical model, or the name of the arm",
-        )
-    return model, f"a model of {model.n_train_} readings" if file is None else f"the model {file.name}"
+    identified = require_identified(
+        to_model_of_tip(model),
+        "a model with a network has no terms to plan for",
+        file=file,
+        hint="use a kinematic or physical model, or the name of the arm",
+    )
+    return identified, f"a model of {model.n_train_} readings" if file is None else f"the model {file.name}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)

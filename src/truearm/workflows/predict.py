@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from truearm.compensation.models import Compensator, HybridModel, NetworkModel, PhysicalModel
+from truearm.compensation.models import Compensator
 from truearm.compensation.models.arm_check import with_serial_number
-from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.compensation.models.training_conditions import TOGETHER
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
@@ -77,7 +76,7 @@ def predict(model: ModelLike, session: SessionLike) -> Prediction:
     remarks = (*check_angles_fit(readings, fitted.arm), *payload_remarks(fitted, readings))
     at = fitted.at(readings)
     points, covariances = fitted.predict_readings(at, return_cov=True)
-    unstated = fitted.unstated_input_covariances(at) if isinstance(fitted, IdentifiedModel) else {}
+    unstated = fitted.unstated_input_covariances(at)
     inputs_outside = fitted.inputs_outside_training(at)
     return Prediction(
         model=fitted,
@@ -233,7 +232,8 @@ class Prediction(Record):
             where = f"in no session that the model knows: their points are in the frame of {first}."
             yield f"{number_of(n)} {agree(n, 'are')} {where}"
         if self.inputs_outside:
-            yield f"{describe_outside(self.inputs_outside, self.model.training_, self.session)}{self._advice()}."
+            note = self.model.outside_note.format(u=format_fixed(np.median(self.u_mm[self.outside_training])))
+            yield f"{describe_outside(self.inputs_outside, self.model.training_, self.session)}{note}."
         if self.outside_u_mm:
             sizes = ", ".join(f"{name} {format_fixed(size)} mm" for name, size in self.outside_u_mm.items())
             yield f"There these inputs add to the standard uncertainty (root mean square): {sizes}."
@@ -261,15 +261,6 @@ class Prediction(Record):
             return np.zeros(len(self.points), bool)
         named = np.full(len(self.points), "") if self.session.session is None else self.session.session
         return ~np.isin(named, list(self.model.session_frames_))
-
-    def _advice(self) -> str:
-        if isinstance(self.model, NetworkModel):
-            return ": do not rely on their points"
-        if isinstance(self.model, HybridModel):
-            return ": what its networks add there is a guess"
-        if isinstance(self.model, PhysicalModel):
-            return f"; the uncertainty there is {format_fixed(np.median(self.u_mm[self.outside_training]))} mm"
-        return ": their errors may be larger than stated"
 
 
 def check_table_path(path: str | Path) -> None:

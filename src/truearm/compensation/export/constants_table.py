@@ -21,7 +21,7 @@ from truearm.arm.denavit_hartenberg import Convention, DHTable
 from truearm.arm.nearest_table import NEARLY_PARALLEL, ON_ONE_LINE_MM, drawn_convention, drawn_table, nearest_table
 from truearm.compensation.export.rigid_arm import RigidArm
 from truearm.compensation.models.compensator import FREE_PARTS, Compensator
-from truearm.compensation.models.identified_model import IdentifiedModel
+from truearm.compensation.models.identified_model import to_identified
 from truearm.identification.estimation.diagnostics import UNIDENTIFIABLE_SHARE
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.terms import ArmState
@@ -244,10 +244,10 @@ def _uncertainties(model: Compensator, rigid: RigidArm, by_coefficient: FloatArr
     fit = rigid.fit
     refit = np.maximum(np.einsum("ij,jk,ik->i", by_coefficient, fit.covariance, by_coefficient), 0.0)
     remains = _share(refit, by_coefficient**2 @ fit.prior_std**2)
-    if not isinstance(model, IdentifiedModel):
+    if (identified := to_identified(model)) is None:
         return np.sqrt(refit), remains
     weights = fit.references[0].weights ** 2
-    of_model, state = model.fit_, model.state(Session(rigid.poses))
+    of_model, state = identified.fit_, model.state(Session(rigid.poses))
     projected = np.zeros((len(fit.coefficients), len(of_model.coefficients)))
     by_point = np.empty((len(by_coefficient), 3, len(rigid.poses)))
     of_rigid = fit.perturbed_chain.derivatives(ArmState(fit.perturbed_chain.chain, rigid.poses), fit.coefficients)
@@ -259,7 +259,7 @@ def _uncertainties(model: Compensator, rigid: RigidArm, by_coefficient: FloatArr
     of_readings = np.maximum(np.einsum("ij,jk,ik->i", by_model, of_model.covariance, by_model, optimize=True), 0.0)
     remains = np.maximum(remains, _share(of_readings, by_model**2 @ of_model.prior_std**2))
     of_readings += _by_processes(of_model, state, by_point)
-    return np.sqrt(refit + model.birge_ratio_**2 * of_readings), remains
+    return np.sqrt(refit + identified.birge_ratio_**2 * of_readings), remains
 
 
 def _by_processes(of_model: IdentificationResult, state: ArmState, by_point: FloatArray) -> FloatArray:

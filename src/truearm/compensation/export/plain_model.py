@@ -13,7 +13,7 @@ import numpy as np
 from truearm.arm.chain import Chain
 from truearm.arm.masses import LinkMasses
 from truearm.compensation.models.compensator import Compensator
-from truearm.compensation.models.identified_model import IdentifiedModel
+from truearm.compensation.models.identified_model import IdentifiedModel, require_identified
 from truearm.errors import InputError
 from truearm.identification.terms import Basis, Expression, Temperature, Term
 from truearm.identification.terms.gravity import uniform_links
@@ -105,13 +105,13 @@ def plain_model(model: Compensator) -> PlainModel:
         If the model is a network, depends on a payload that varied in its training, or has terms of a basis without
         expressions.
     """
-    if not isinstance(model, IdentifiedModel):
-        raise InputError(
-            f"expected a nominal, kinematic or physical model, got a {type(model).__name__}",
-            hint="export a network as ONNX or JSON, or the kinematic or physical model of the same readings",
-        )
-    fit, state = model.fit_, model.state(Session(np.zeros((1, model.arm_.n_joints))))
-    links = loaded_links(model)
+    identified = require_identified(
+        model,
+        f"expected a nominal, kinematic or physical model, got a {type(model).__name__}",
+        hint="export a network as ONNX or JSON, or the kinematic or physical model of the same readings",
+    )
+    fit, state = identified.fit_, model.state(Session(np.zeros((1, model.arm_.n_joints))))
+    links = loaded_links(identified)
     rows: dict[tuple[int, Expression], int] = {}
     entries = list(_entries(fit.perturbed_chain.terms))
     for place, function, _, _ in sorted(entries, key=lambda entry: entry[0]):

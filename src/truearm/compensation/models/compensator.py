@@ -8,7 +8,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, ClassVar, Literal, NamedTuple, Self, overload
+from typing import Any, ClassVar, Literal, NamedTuple, Self, TypeAlias, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -56,6 +56,9 @@ class CheckedReadings(NamedTuple):
     def rows(self, which: IntArray | BoolArray) -> CheckedReadings:
         """Some of the readings."""
         return CheckedReadings(self.session.rows(which), self.state.rows(which))
+
+
+ReadingsLike: TypeAlias = Session | CheckedReadings
 
 
 class Compensator(Regressor, ABC):
@@ -106,6 +109,10 @@ class Compensator(Regressor, ABC):
 
     nominal_check_ = UNCHECKED
     held_out_ = NONE_HELD_OUT
+    held_out_distances_ = NONE_HELD_OUT
+
+    outside_note: ClassVar[str] = ": their errors may be larger than stated"
+    """What to make of points outside the trained range, whose standard uncertainty is ``u``."""
 
     @one_blas_thread()
     def fit(self, X: npt.ArrayLike, y: npt.ArrayLike, sample_weight: npt.ArrayLike | None = None) -> Self:
@@ -228,9 +235,10 @@ class Compensator(Regressor, ABC):
         InputError
             If numbers are not finite, or most angles lie outside the limits of their joints.
         """
-        return self.predict_readings(self._checked_angles(X), return_cov=return_cov)
+        at = self._checked_angles(X)
+        return self.predict_readings(at, return_cov=True) if return_cov else self.predict_readings(at)
 
-    def checked(self, readings: Session | CheckedReadings) -> CheckedReadings:
+    def checked(self, readings: ReadingsLike) -> CheckedReadings:
         """Readings of the arm that the model can predict; those that are checked already as they are.
 
         Every method below takes either. Checked once, they serve all of them.
@@ -271,23 +279,16 @@ class Compensator(Regressor, ABC):
         )
 
     @overload
-    def predict_readings(
-        self, readings: Session | CheckedReadings, *, return_cov: Literal[False] = False
-    ) -> FloatArray: ...
+    def predict_readings(self, readings: ReadingsLike, *, return_cov: Literal[False] = False) -> FloatArray: ...
 
     @overload
     def predict_readings(
-        self, readings: Session | CheckedReadings, *, return_cov: Literal[True]
+        self, readings: ReadingsLike, *, return_cov: Literal[True]
     ) -> tuple[FloatArray, FloatArray]: ...
-
-    @overload
-    def predict_readings(
-        self, readings: Session | CheckedReadings, *, return_cov: bool
-    ) -> FloatArray | tuple[FloatArray, FloatArray]: ...
 
     @one_blas_thread()
     def predict_readings(
-        self, readings: Session | CheckedReadings, *, return_cov: bool = False
+        self, readings: ReadingsLike, *, return_cov: bool = False
     ) -> FloatArray | tuple[FloatArray, FloatArray]:
         """Corrected coordinates at the readings of a session, with its temperatures, loads and directions of movement.
 
@@ -303,7 +304,7 @@ class Compensator(Regressor, ABC):
         return points, of_parameters + unexplained
 
     @one_blas_thread()
-    def covariance_parts(self, readings: Session | CheckedReadings) -> tuple[FloatArray, FloatArray]:
+    def covariance_parts(self, readings: ReadingsLike) -> tuple[FloatArray, FloatArray]:
         """Covariance of predicted points in its two parts.
 
         Returns
@@ -323,7 +324,7 @@ class Compensator(Regressor, ABC):
         )
 
     @one_blas_thread()
-    def shared_displacements(self, readings: Session | CheckedReadings) -> FloatArray:
+    def shared_displacements(self, readings: ReadingsLike) -> FloatArray:
         """Errors of predicted points that readings have in common, as far as the model knows them.
 
         The uncertainty of a distance between points, or of their scatter, needs the covariances between readings. The
@@ -339,6 +340,20 @@ class Compensator(Regressor, ABC):
         displacements = [self._shared_displacements(at), self._expansion_displacements(at.session)]
         return displacements_to_session_frames(np.concatenate(displacements), at.session, self.session_frames_)
 
+    @property
+    def identified_arm(self) -> IdentificationResult | None:
+        """The identified arm in the model, with its residuals; None where there is none."""
+        return None
+
+    def facts(self) -> dict[str, Any]:
+        """What records state of the model, beside its errors and its terms."""
+        return {}
+
+    def unstated_input_covariances(self, readings: ReadingsLike) -> dict[str, FloatArray]:
+        """Tip covariance from inputs of the terms that the readings do not state: none of a model without terms."""
+        del readings
+        return {}
+
     def ellipsoid_factor(self, level: float) -> float:
         """Half axis, in standard uncertainties, of the ellipsoid that contains a point with probability `level`.
 
@@ -346,7 +361,7 @@ class Compensator(Regressor, ABC):
         """
         return ellipsoid_factor(level, freedom=float("inf"))
 
-    def expansion_covariance(self, readings: Session | CheckedReadings) -> FloatArray:
+    def expansion_covariance(self, readings: ReadingsLike) -> FloatArray:
         """Covariance of the tip from growth of the arm outside the trained temperatures, where no term describes it.
 
         Base and tip were identified with the arm as long as it is at the trained temperatures; dT beyond them each link
@@ -383,7 +398,7 @@ class Compensator(Regressor, ABC):
         return self.predict_nominal_readings(self._checked_angles(angles))
 
     @one_blas_thread()
-    def predict_nominal_readings(self, readings: Session | CheckedReadings) -> FloatArray:
+    def predict_nominal_readings(self, readings: ReadingsLike) -> FloatArray:
         """(n, 3) the same at the readings of a session, in the frames of `predict_readings` [mm]."""
         at = self.checked(readings)
         return points_to_session_frames(self.nominal_.tips(at.state), at.session, self.session_frames_)
@@ -394,13 +409,13 @@ class Compensator(Regressor, ABC):
         distances = np.concatenate(residuals)
         return float(distances.mean()) if len(distances) else float("nan")
 
-    def outside_training(self, X: Session | CheckedReadings | npt.ArrayLike) -> BoolArray:
+    def outside_training(self, X: ReadingsLike | npt.ArrayLike) -> BoolArray:
         """(n,) True where an input of a session, or a joint angle (n, n_joints), lies outside the trained range."""
         at = self._checked_input(X)
         none = np.zeros(len(at.session), dtype=bool)
         return np.asarray(np.logical_or.reduce([none, *self.inputs_outside_training(at).values()]))
 
-    def inputs_outside_training(self, X: Session | CheckedReadings | npt.ArrayLike) -> dict[str, BoolArray]:
+    def inputs_outside_training(self, X: ReadingsLike | npt.ArrayLike) -> dict[str, BoolArray]:
         """Inputs outside the trained range, by name: J1 to Jn, temperature, further columns.
 
         See `TrainingConditions.outside`.
@@ -469,9 +484,14 @@ class Compensator(Regressor, ABC):
         `simpler` is fitted to the same readings.
         """
 
-    @abstractmethod
     def _fit_weighted(self, readings: Session, weight: FloatArray) -> Self:
-        """Learn from readings with points whose variances are as one over `weight` (n,)."""
+        """Learn from readings with points whose variances are as one over `weight` (n,); networks need equal ones."""
+        if (weight == weight[0]).all():
+            return self.fit_readings(readings)
+        raise InputError(
+            f"a {self.kind} model does not use sample_weight: its trainers minimise the mean square of all errors",
+            hint="repeat readings, or weigh them in a kinematic or physical model",
+        )
 
     @abstractmethod
     def _tips(self, at: CheckedReadings) -> FloatArray:
@@ -513,7 +533,7 @@ class Compensator(Regressor, ABC):
         self._check_options()
         return self.arm
 
-    def _checked_input(self, X: Session | CheckedReadings | npt.ArrayLike) -> CheckedReadings:
+    def _checked_input(self, X: ReadingsLike | npt.ArrayLike) -> CheckedReadings:
         return self.checked(X) if isinstance(X, Session | CheckedReadings) else self._checked_angles(X)
 
     def _checked_angles(self, angles: npt.ArrayLike) -> CheckedReadings:

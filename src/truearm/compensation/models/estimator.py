@@ -146,3 +146,14 @@ def _parameters(kind: type[Regressor]) -> dict[str, Any]:
     """Parameters of a class's constructor by name, with their defaults, in alphabetical order."""
     signature = inspect.signature(kind.__init__)
     return {name: one.default for name, one in sorted(signature.parameters.items()) if name != "self"}
+
+
+def check_network_options(model: Regressor, **least: int) -> None:
+    """Check the hidden layers of a model with networks, and options that are whole numbers of `least` or more."""
+    options = model.get_params()
+    hidden = options["hidden"]
+    if not isinstance(hidden, tuple | list) or not all(isinstance(n, int | np.integer) for n in hidden):
+        raise InputError(f"expected hidden layers as whole numbers, such as (30, 30), got {hidden!r}")
+    for name, lower in least.items():
+        if not isinstance(options[name], int | np.integer) or options[name] < lower:
+            raise InputError(f"expected {name} as a whole number of {lower} or more, got {options[name]!r}")

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
-from typing import ClassVar, NamedTuple, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
 from truearm.arm.arm import Arm
 from truearm.compensation.models.compensator import CheckedReadings, Compensator
+from truearm.compensation.models.estimator import check_network_options
 from truearm.compensation.models.identified_model import IdentifiedModel, KinematicModel, NominalModel
 from truearm.compensation.models.residual_inputs import ResidualInputs
 from truearm.compensation.nets.committee import Committee, train_committee, train_member
@@ -19,13 +20,10 @@ from truearm.identification.estimation.identification_result import Identificati
 from truearm.identification.estimation.residual_variance import (
     HeldOutReadings,
     VarianceFunction,
-    conformal_residual_variance,
-    fit_variance_function,
 )
-from truearm.identification.identify import Found, Progress
-from truearm.identification.judgement.gross_errors import LEAST_READINGS
+from truearm.identification.identify import Found, Progress, unexplained_at
 from truearm.identification.judgement.held_out_errors import HeldOutErrors
-from truearm.identification.judgement.tails import ellipsoid_factor, tail_freedom
+from truearm.identification.judgement.tails import ellipsoid_factor
 from truearm.identification.references.prepared_readings import MIN_ROWS, PreparedReadings
 from truearm.identification.references.reading_references import state_of
 from truearm.identification.terms import ArmState
@@ -98,6 +96,7 @@ class HybridModel(Compensator):
     """
 
     kind: ClassVar[str] = "hybrid"
+    outside_note: ClassVar[str] = ": what its networks add there is a guess"
 
     fit_: IdentificationResult
     inputs_: ResidualInputs
@@ -132,11 +131,27 @@ class HybridModel(Compensator):
     ) -> Self:
         """See `Compensator.learn`; `nominal` may be the identified arm itself, fitted to the same readings."""
         begun = time.perf_counter()
-        if not isinstance(nominal, ARM_MODELS[self.arm_model]):
+        if nominal is None or nominal.kind != self.arm_model:
             nominal = ARM_MODELS[self.arm_model](self.arm, free=self.free).learn(readings, nominal=nominal)
         super().learn(readings, progress=progress, nominal=nominal)
         self.fit_seconds_ = time.perf_counter() - begun
         return self
+
+    @property
+    def identified_arm(self) -> IdentificationResult:
+        """See `Compensator.identified_arm`."""
+        return self.fit_
+
+    def facts(self) -> dict[str, Any]:
+        """See `Compensator.facts`."""
+        committee = self.committee_
+        networks = {
+            "arm_model": self.arm_model,
+            "sizes": list(committee.network.sizes),
+            "effective_weights": float(committee.effective.mean()),
+            "epochs": committee.epochs.tolist(),
+        }
+        return {"network": networks, "residual_std_mm": self.residual_std_}
 
     @property
     def n_effective_(self) -> float:
@@ -238,12 +253,9 @@ class HybridModel(Compensator):
             deviations=share * self.held_out_.deviations,
             covariance=of_points[:, :, None] * np.eye(3) + of_arm + _scatter(corrections),
         )
-        self.variance_function_ = fit_variance_function(held_out, angles)
-        scaled = replace(held_out, freedom=self.variance_function_.share(angles[held_out.rows]) * held_out.freedom)
-        variance = conformal_residual_variance(scaled)
-        self.residual_std_ = float(np.sqrt(variance))
-        enough = len(held_out.rows) >= LEAST_READINGS
-        self.tail_freedom_ = tail_freedom(scaled, variance) if enough else float("inf")
+        found = unexplained_at(held_out, angles)
+        self.residual_std_, self.variance_function_ = found.residual_std_mm, found.variance_function
+        self.tail_freedom_ = found.tail_freedom
 
     def _tips(self, at: CheckedReadings) -> FloatArray:
         return np.asarray(self.fit_.tips(at.state) + self._corrections(at.state).mean(axis=0))
@@ -278,24 +290,11 @@ class HybridModel(Compensator):
         # The networks' scatter counts as independent: it has no direction, and in the poses of a seat little in common.
         return self.fit_.tip_displacements(at.state)
 
-    def _fit_weighted(self, readings: Session, weight: FloatArray) -> Self:
-        if (weight == weight[0]).all():
-            return self.fit_readings(readings)
-        raise InputError(
-            "a hybrid model does not use sample_weight: its networks minimise the mean square of all errors",
-            hint="fit a kinematic or physical model to weighted readings",
-        )
-
     def _check_options(self) -> None:
         super()._check_options()
         if self.arm_model not in ARM_MODELS:
             raise InputError(f"expected arm_model among {list(ARM_MODELS)}, got {self.arm_model!r}")
-        if not isinstance(self.hidden, tuple | list) or not all(isinstance(n, int | np.integer) for n in self.hidden):
-            raise InputError(f"expected hidden layers as whole numbers, such as (15,), got {self.hidden!r}")
-        for name, least in (("epochs", 1), ("n_members", 2), ("seed", 0)):
-            value = getattr(self, name)
-            if not isinstance(value, int | np.integer) or value < least:
-                raise InputError(f"expected {name} as a whole number of {least} or more, got {value!r}")
+        check_network_options(self, epochs=1, n_members=2, seed=0)
 
 
 class _Residuals(NamedTuple):

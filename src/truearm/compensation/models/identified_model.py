@@ -5,17 +5,17 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import ClassVar, Self
+from pathlib import Path
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from truearm.arm.arm import Arm
-from truearm.compensation.models.compensator import CheckedReadings, Compensator, no_progress
+from truearm.compensation.models.compensator import CheckedReadings, Compensator, ReadingsLike, no_progress
 from truearm.errors import InputError
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.propagation import direction_effects, half_tip_difference
 from truearm.identification.estimation.residual_variance import (
-    NONE_HELD_OUT,
     VarianceFunction,
 )
 from truearm.identification.identify import (
@@ -87,8 +87,6 @@ class IdentifiedModel(Compensator):
     refit_reading_ids_: FloatArray
     residual_process_: ResidualProcess | None = None
 
-    held_out_distances_ = NONE_HELD_OUT
-
     terms: Sequence[Term] = ()
 
     def _place(self, readings: PreparedReadings) -> Found:
@@ -120,7 +118,17 @@ class IdentifiedModel(Compensator):
 
     def _known(self, placed: Found, simpler: Compensator | None) -> list[IdentificationResult]:
         """Arms that were identified from the same readings before."""
-        return [placed.fit, *([simpler.fit_] if isinstance(simpler, IdentifiedModel) else [])]
+        before = to_identified(simpler)
+        return [placed.fit] if before is None else [placed.fit, before.fit_]
+
+    @property
+    def identified_arm(self) -> IdentificationResult:
+        """See `Compensator.identified_arm`."""
+        return self.fit_
+
+    def facts(self) -> dict[str, Any]:
+        """See `Compensator.facts`."""
+        return {"residual_std_mm": self.residual_std_}
 
     @property
     def n_effective_(self) -> float:
@@ -168,7 +176,7 @@ class IdentifiedModel(Compensator):
         return self.fit_.tip_displacements(at.state)
 
     @one_blas_thread()
-    def unstated_input_covariances(self, readings: Session | CheckedReadings) -> dict[str, FloatArray]:
+    def unstated_input_covariances(self, readings: ReadingsLike) -> dict[str, FloatArray]:
         """Tip covariance from inputs of the terms that the readings do not state.
 
         Temperature and further columns have their mean and variance in training; directions of movement are one or the
@@ -184,7 +192,7 @@ class IdentifiedModel(Compensator):
             name: np.einsum("kni,knj->nij", effect, effect) for name, effect in sorted(effects.items()) if effect.any()
         }
 
-    def condition_displacements(self, readings: Session | CheckedReadings) -> FloatArray:
+    def condition_displacements(self, readings: ReadingsLike) -> FloatArray:
         """Errors of predicted points from conditions: growth beyond the trained temperatures, inputs not stated.
 
         Returns
@@ -215,6 +223,26 @@ class IdentifiedModel(Compensator):
 
     def _check_references(self, readings: Session, lengths: Lengths | None) -> None:
         """Every reference serves."""
+
+
+def to_identified(model: object) -> IdentifiedModel | None:
+    """The model itself, if terms alone describe the arm; None of a model with networks."""
+    return model if isinstance(model, IdentifiedModel) else None
+
+
+def require_identified(
+    model: Compensator, why_not: str, *, hint: str, file: str | Path | None = None
+) -> IdentifiedModel:
+    """The model itself, if terms alone describe the arm.
+
+    Raises
+    ------
+    InputError
+        Of a model with networks: what is asked needs terms.
+    """
+    if isinstance(model, IdentifiedModel):
+        return model
+    raise InputError(why_not, file=file, hint=hint)
 
 
 class NominalModel(IdentifiedModel):
@@ -325,6 +353,7 @@ class PhysicalModel(IdentifiedModel):
     """
 
     kind: ClassVar[str] = "physical"
+    outside_note: ClassVar[str] = "; the uncertainty there is {u} mm"
 
     def __init__(
         self,
@@ -352,7 +381,7 @@ class PhysicalModel(IdentifiedModel):
             highest=int(self.highest),
             residual=bool(self.residual),
             further=self.terms,
-            has_constants=isinstance(simpler, KinematicModel),
+            has_constants=simpler is not None and simpler.kind == "kinematic",
             progress=progress,
         )
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from truearm.arm.arm import Arm
 from truearm.compensation.models.compensator import CheckedReadings, Compensator
+from truearm.compensation.models.estimator import check_network_options
 from truearm.compensation.nets.nguyen_widrow import nguyen_widrow
 from truearm.compensation.nets.normal_equations import FitProblem
 from truearm.compensation.nets.perceptron import Perceptron
@@ -119,6 +120,7 @@ class NetworkModel(Compensator):
     """
 
     kind: ClassVar[str] = "network"
+    outside_note: ClassVar[str] = ": do not rely on their points"
 
     network_: Perceptron
     members_: tuple[Member, ...]
@@ -160,6 +162,20 @@ class NetworkModel(Compensator):
         """The training of the first member, MATLAB's ``tr``."""
         return self.members_[0].record
 
+    def facts(self) -> dict[str, Any]:
+        """See `Compensator.facts`: the training of each member, that of the start that was kept, counted from 1."""
+        members = [
+            {
+                "start": member.start + 1,
+                "epochs": member.record.num_epochs,
+                "best_epoch": member.record.best_epoch,
+                "stop": member.record.stop,
+                "seconds": float(member.record.time[-1]),
+            }
+            for member in self.members_
+        ]
+        return {"network": {"trainer": self.trainer, "members": members}}
+
     def member_scatter(self, angles: npt.ArrayLike) -> FloatArray:
         """(n, 3, 3) covariance of the members' points about their mean [mm^2]; zero where there is one member.
 
@@ -176,14 +192,6 @@ class NetworkModel(Compensator):
         super()._check_references(readings, lengths)
         assert readings.points is not None  # checked
         _check_motion(self.arm, readings, readings.points)
-
-    def _fit_weighted(self, readings: Session, weight: FloatArray) -> Self:
-        if (weight == weight[0]).all():
-            return self.fit_readings(readings)
-        raise InputError(
-            "a network does not use sample_weight: its trainers, as MATLAB's, minimise the mean square of all errors",
-            hint="repeat readings, or weigh them in a kinematic or physical model",
-        )
 
     def _fit(self, readings: PreparedReadings, placed: Found, simpler: Compensator | None, progress: Progress) -> None:
         del placed, simpler
@@ -283,12 +291,7 @@ class NetworkModel(Compensator):
         super()._check_options()
         if self.trainer not in TRAINERS:
             raise InputError(f"expected a trainer among {list(TRAINERS)}, got {self.trainer!r}")
-        if not isinstance(self.hidden, tuple | list) or not all(isinstance(n, int | np.integer) for n in self.hidden):
-            raise InputError(f"expected hidden layers as whole numbers, such as (30, 30), got {self.hidden!r}")
-        for name, least in (("epochs", 1), ("max_fail", 1), ("n_restarts", 1), ("n_members", 1), ("seed", 0)):
-            value = getattr(self, name)
-            if not isinstance(value, int | np.integer) or value < least:
-                raise InputError(f"expected {name} as a whole number of {least} or more, got {value!r}")
+        check_network_options(self, epochs=1, max_fail=1, n_restarts=1, n_members=1, seed=0)
         if not 0 <= self.validation < 1:
             raise InputError(f"expected validation, a share of the readings, from 0 to below 1, got {self.validation}")
         if not 0 <= self.goal < np.inf:

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from truearm.compensation.models.compensator import CheckedReadings, Compensator
-from truearm.compensation.models.identified_model import IdentifiedModel
+from truearm.compensation.models.compensator import Compensator, ReadingsLike
+from truearm.compensation.models.identified_model import IdentifiedModel, to_identified
 from truearm.identification.estimation.propagation import relative_covariance
 from truearm.identification.judgement.outliers import Outlier
 from truearm.readings.reference_uncertainty import common_variance_of_repeats, scale_errors
@@ -78,9 +78,7 @@ class UncertaintyBudget:
         return ELLIPSOID_FACTOR * self.combined_mm
 
 
-def uncertainty_budget(
-    model: Compensator, readings: Session | CheckedReadings
-) -> tuple[UncertaintyBudget, tuple[Outlier, ...]]:
+def uncertainty_budget(model: Compensator, readings: ReadingsLike) -> tuple[UncertaintyBudget, tuple[Outlier, ...]]:
     """Uncertainty budget of a model at the readings of a session, and the readings that contradict it.
 
     Parameters
@@ -100,9 +98,10 @@ def uncertainty_budget(
     of_parameters, unexplained = model.covariance_parts(at)
     seen = np.flatnonzero(readings.has_point)
     is_relative = False
-    if isinstance(model, IdentifiedModel) and not len(seen) and _frame_is_arbitrary(model):
+    identified = to_identified(model)
+    if identified is not None and not len(seen) and _frame_is_arbitrary(identified):
         is_relative = True
-        of_parameters = relative_covariance(model.fit_, at.state) + model.expansion_covariance(at)
+        of_parameters = relative_covariance(identified.fit_, at.state) + model.expansion_covariance(at)
     combined = of_parameters + unexplained
     times, errors = np.zeros(0), np.zeros(0)
     if len(seen):

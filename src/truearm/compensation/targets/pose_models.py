@@ -15,8 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from truearm.arm.chain import Chain, Pose
 from truearm.compensation.models.compensator import CheckedReadings, Compensator
-from truearm.compensation.models.identified_model import IdentifiedModel
-from truearm.errors import InputError
+from truearm.compensation.models.identified_model import require_identified, to_identified
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.terms import ArmState, Term
@@ -106,8 +105,8 @@ def poses_of(model: Compensator, targets: Session) -> PoseModel:
     targets : Session
         Joints, and temperature, loads and directions of movement if stated.
     """
-    if isinstance(model, IdentifiedModel):
-        return IdentifiedPoses(model.fit_, model.state(replace(targets, session=None)))
+    if (identified := to_identified(model)) is not None:
+        return IdentifiedPoses(identified.fit_, model.state(replace(targets, session=None)))
     return PredictedPoses(model, nominal_poses(model))
 
 
@@ -137,16 +136,16 @@ def with_tool(model: Compensator, tool: FloatArray) -> Compensator:
     InputError
         If the model is a network, which knows no other point than its tip.
     """
-    if not isinstance(model, IdentifiedModel):
-        raise InputError(
-            "a network, and that of a hybrid model, has learned the tip that it was trained with, and no other tool",
-            hint="omit the tool, or fit a kinematic or physical model",
-        )
+    identified = require_identified(
+        model,
+        "a network, and that of a hybrid model, has learned the tip that it was trained with, and no other tool",
+        hint="omit the tool, or fit a kinematic or physical model",
+    )
     R_flange_tool = Rotation.from_euler("xyz", tool[3:])
     motions = np.zeros((model.arm_.chain.n_places, 6))
     motions[-1, :3] = R_flange_tool.as_rotvec()
-    equipped = copy.copy(model)
-    equipped.fit_ = _without_tip(model.fit_, tool[:3], motions)
+    equipped = copy.copy(identified)
+    equipped.fit_ = _without_tip(identified.fit_, tool[:3], motions)
     equipped.nominal_ = _without_tip(model.nominal_, tool[:3], motions)
     return equipped
 

@@ -18,7 +18,7 @@ import numpy as np
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.compensation.models.compensator import Compensator
-from truearm.compensation.models.identified_model import IdentifiedModel
+from truearm.compensation.models.identified_model import IdentifiedModel, require_identified, to_identified
 from truearm.errors import InputError
 from truearm.identification.estimation.propagation import direction_effects
 from truearm.identification.terms.basis import Basis
@@ -246,26 +246,26 @@ class PosteriorDistribution:
     readings: Session | None = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.model, IdentifiedModel):
-            raise InputError(
-                "a model with a network has no terms with a posterior for it: it states the uncertainty of a point, "
-                "but not how errors of two points correlate",
-                hint="use a kinematic or physical model of the same readings",
-            )
+        model = require_identified(
+            self.model,
+            "a model with a network has no terms with a posterior for it: it states the uncertainty of a point, but "
+            "not how errors of two points correlate",
+            hint="use a kinematic or physical model of the same readings",
+        )
         given = self.repeatability_mm
         if given is not None and not 0 <= given < np.inf:
             raise InputError(f"expected a repeatability of zero or more in mm, got {given}")
-        if given is not None and given > 1.5 * self.model.residual_std_:
+        if given is not None and given > 1.5 * model.residual_std_:
             raise InputError(
                 f"a repeatability of {given:.4g} mm contradicts the model, whose residual standard deviation is "
-                f"{self.model.residual_std_:.4g} mm",
+                f"{model.residual_std_:.4g} mm",
                 hint="state the standard deviation of a coordinate in mm, not a range",
             )
 
     @property
     def arm(self) -> Arm:
         """See `ArmDistribution`."""
-        return self._model.arm_
+        return self.identified.arm_
 
     @property
     def random_std_mm(self) -> float:
@@ -275,7 +275,7 @@ class PosteriorDistribution:
     @property
     def field_std_mm(self) -> float:
         """Standard deviation of the residual errors that repeat in the same pose [mm]."""
-        return float(np.sqrt(max(self._model.residual_std_**2 - self.random_std_mm**2, 0.0)))
+        return float(np.sqrt(max(self.identified.residual_std_**2 - self.random_std_mm**2, 0.0)))
 
     @property
     def birge_ratio(self) -> float:
@@ -285,12 +285,12 @@ class PosteriorDistribution:
         Held-out readings scatter by more, because terms follow the noise and missing effects repeat; the posterior is
         widened accordingly.
         """
-        return self._model.birge_ratio_
+        return self.identified.birge_ratio_
 
     def draw(self, seed: int) -> PosteriorSample:
         """Draw an arm from the posterior."""
         rng = np.random.default_rng([_POSTERIOR, seed])
-        fit = self._model.fit_
+        fit = self.identified.fit_
         shift = self.birge_ratio * self._root.T @ rng.standard_normal(len(fit.coefficients))
         order = ORDER_WITH_NOISE if self.repeatability_mm is None else ORDER
         field = PoseField.draw(self.arm.chain, self.arm.n_joints + 3, order, rng)
@@ -303,23 +303,23 @@ class PosteriorDistribution:
         With ``directions_given``, the last movement of each joint has one direction or the other.
         """
         if self.readings is not None:
-            return self._model.state(replace(self.readings, angles=angles))
+            return self.identified.state(replace(self.readings, angles=angles))
         direction = None
         if self.directions_given:
             direction = np.random.default_rng(0).choice([-1.0, 1.0], angles.shape)
-        return self._model.state(Session(angles, directions=direction))
+        return self.identified.state(Session(angles, directions=direction))
 
     def hysteresis(self, angles: FloatArray) -> FloatArray:
         """(n_joints, n, 3) errors at poses (n, n_joints) by the unknown direction of each joint [mm]."""
 
         def compute() -> FloatArray:
-            return direction_effects(self._model.fit_, self.state(angles)) @ self.R_base_reference.T
+            return direction_effects(self.identified.fit_, self.state(angles)) @ self.R_base_reference.T
 
         return self._cache.get("hysteresis", angles, compute)
 
     def relative_std(self, angles: FloatArray) -> FloatArray:
         """(n, 1) residual standard deviation at poses (n, n_joints), relative to its mean."""
-        shares: FloatArray = np.sqrt(self._model.variance_function_.share(angles))[:, None]
+        shares: FloatArray = np.sqrt(self.identified.variance_function_.share(angles))[:, None]
         return shares
 
     def displacements(self, angles: FloatArray) -> FloatArray:
@@ -337,7 +337,7 @@ class PosteriorDistribution:
 
         def compute() -> FloatArray:
             return self.birge_ratio * (
-                self._model.fit_.unspanned_displacements(self.state(angles)) @ self.R_base_reference.T
+                self.identified.fit_.unspanned_displacements(self.state(angles)) @ self.R_base_reference.T
             )
 
         return self._cache.get("unspanned", angles, compute)
@@ -349,7 +349,7 @@ class PosteriorDistribution:
         milliradians off, and their exact composition would contradict the readings. Where tips move far, as with an
         unknown reference frame, the composition is exact, because lengths must not grow.
         """
-        fit = self._model.fit_
+        fit = self.identified.fit_
         first: FloatArray = -np.einsum("pcn,p->nc", self._derivatives(angles), shift)
         if np.abs(first).max(initial=0.0) < LINEAR_MM:
             return first
@@ -360,7 +360,7 @@ class PosteriorDistribution:
         """(n_coefficients, 3, n) derivatives of tips."""
 
         def compute() -> FloatArray:
-            fit = self._model.fit_
+            fit = self.identified.fit_
             pieces = fit.perturbed_chain.derivatives(self.state(angles), fit.coefficients)
             return np.concatenate([columns for _, _, columns in pieces], axis=2)
 
@@ -373,17 +373,19 @@ class PosteriorDistribution:
     @cached_property
     def R_base_reference(self) -> FloatArray:
         """(3, 3) rotation of errors from the frame of the model's reference into the arm's base frame."""
-        R_reference_base = self._model.fit_.chain.fixed[0, :3, :3] @ self.arm.chain.fixed[0, :3, :3].T
+        R_reference_base = self.identified.fit_.chain.fixed[0, :3, :3] @ self.arm.chain.fixed[0, :3, :3].T
         return np.asarray(R_reference_base.T)
 
     @property
-    def _model(self) -> IdentifiedModel:
-        assert isinstance(self.model, IdentifiedModel)
-        return self.model
+    def identified(self) -> IdentifiedModel:
+        """The model, which has terms."""
+        model = to_identified(self.model)
+        assert model is not None  # checked
+        return model
 
     @cached_property
     def _root(self) -> FloatArray:
-        return covariance_factor(self._model.fit_.covariance)
+        return covariance_factor(self.identified.fit_.covariance)
 
 
 @dataclass(frozen=True, eq=False)
