@@ -94,14 +94,12 @@ def refit(
     used = allowed.session if n_readings is None else allowed.session.rows(rows)
     between, length_remarks = session_lengths(lengths, given, used)
     new = refit_model(known, used, free=parts, lengths=between, progress=progress)
-    assert isinstance(known, IdentifiedModel)  # a network was refused
-    assert isinstance(new, IdentifiedModel)
-    _, covariance = new.predict_readings(allowed.session, return_cov=True)
+    _, covariance = new.predict_readings(new.at(allowed.session), return_cov=True)
     return RefitResult(
         model=new,
         session=given,
         n_used=len(used),
-        residual_std_before_mm=known.residual_std_,
+        residual_std_before_mm=known.facts()["residual_std_mm"],
         median_u_mm=float(np.median(np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)))),
         outliers=tuple(outlier.located(given, allowed.rows[rows]) for outlier in outliers(new.fit_)),
         remarks=(*allowed.remarks, *length_remarks, *_remarks(new, parts, len(used), len(given))),

@@ -7,13 +7,14 @@ import hashlib
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TypeVar
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
 from truearm.compensation.models.arm_check import check_readings_of, with_serial_number
 from truearm.compensation.models.compensator import FREE_PARTS, Compensator
-from truearm.compensation.models.identified_model import IdentifiedModel
+from truearm.compensation.models.identified_model import IdentifiedModel, require_identified, to_identified
 from truearm.errors import InputError
 from truearm.identification.estimation.consider_parameters import consider_update
 from truearm.identification.estimation.identification_result import IdentificationResult
@@ -25,33 +26,32 @@ from truearm.identification.judgement.nominal_check import (
     typical_error,
     usual_nominal_error,
 )
-from truearm.identification.judgement.residual_process import transfer_improvement, without_process
+from truearm.identification.judgement.residual_process import ResidualProcess, transfer_improvement, without_process
 from truearm.identification.references.alignment import align
 from truearm.identification.references.prepared_readings import check_enough, lengths_in_seats
 from truearm.identification.references.reading_references import check_spread, references_of, without_sizes
+from truearm.identification.references.references import Reference
 from truearm.identification.references.session_frames import rough_session_frames, to_first_session_frame
 from truearm.identification.references.tips import check_tips, tip_names
-from truearm.identification.terms import constants
+from truearm.identification.terms import ArmState, Term, constants
 from truearm.readings.checks import check_sessions
 from truearm.readings.distances import rows_with_distance
 from truearm.readings.lengths import Lengths
 from truearm.readings.session import Session
 from truearm.typing import BoolArray, FloatArray
 
-Model = TypeVar("Model", bound=Compensator)
-
 # Numbers go into a reading's identifier as multiples of this [rad, mm]: angles read from a file differ by 1e-12.
 ID_RESOLUTION = 1e-9
 
 
 def refit(
-    model: Model,
+    model: Compensator,
     readings: Session,
     *,
     free: tuple[str, ...] = ("base", "tip"),
     lengths: Lengths | None = None,
     progress: Callable[[int, str], None] | None = None,
-) -> Model:
+) -> IdentifiedModel:
     """Transfer a model to a new set-up: another place of the tracker, another probe.
 
     Only the position of the base and of the tip is identified from the new readings, of which there must be four or
@@ -76,7 +76,7 @@ def refit(
 
     Returns
     -------
-    Compensator
+    IdentifiedModel
         Of the same class. `residual_std_` is that of `model`, or larger if the new readings say so (see
         `consider_update`). `held_out_` is empty; `training_` keeps the angles and temperatures that the arm was
         identified at, with the fingerprint of the new readings.
@@ -88,65 +88,97 @@ def refit(
         a session that the model was not trained on.
     """
     model._check_fitted()
-    if not isinstance(model, IdentifiedModel):
-        raise InputError(
-            f"expected a nominal, kinematic or physical model, got a {type(model).__name__}: what its networks learned "
-            "holds for one base and tip",
-            hint="fit the network or the hybrid model to the new readings, or refit a physical model",
-        )
-    ids, whole = _reading_ids(readings), readings
-    readings, free, lengths, is_new_tip = _checked(model, readings, free, lengths)
-    begun = time.perf_counter()
-    new: Model = copy.copy(model)
-    assert isinstance(new, IdentifiedModel)
-    new.training_ = model.training_.after_transfer(whole, lengths)
-    new.session_frames_ = {} if "base" in free else model.session_frames_
-    readings = to_first_session_frame(readings, new.session_frames_)
-    state = new.state(readings)
-    references = references_of(readings, lengths)
-    terms = constants(model.arm_.chain, free=free, angle_std=0.0, length_std=0.0)
-
-    def transfer(fit: IdentificationResult, unexplained_std: float) -> IdentificationResult:
-        chain = fit.perturbed_chain.chain
-        if "base" in free:
-            seen = readings.has_point
-            assert readings.points is not None
-            chain = chain.with_reference_frame(align(fit.tips(state.rows(seen)), readings.points[seen]))
-        return consider_update(
-            fit,
-            chain,
-            state,
-            terms,
-            references,
-            unexplained_std=unexplained_std,
-            robust=model.robust,
-            progress=progress,
-        )
-
-    new.nominal_ = transfer(model.nominal_, model.nominal_.references[0].noise_std)
-    new.fit_ = transfer(model.fit_, model.residual_std_)
-    process, unexplained_std = model.residual_process_, model.residual_std_
-    if process is not None and process.is_kept and "base" in free:
-        unexplained_without = max(process.residual_std_without_mm, model.residual_std_)
-        without = transfer(without_process(model.fit_), unexplained_without)
-        improvement = transfer_improvement(new.fit_, without, terms, readings, state, references)
-        new.residual_process_ = process.after_transfer(*improvement)
-        if not new.residual_process_.is_kept:
-            new.fit_, unexplained_std = without, unexplained_without
-    elif process is not None:
-        new.residual_process_ = process.after_transfer_untested()
-    # The identified arm explains what is unusual of the nominal one.
-    bare = [without_sizes(reference) for reference in references]
-    usual = usual_nominal_error(model.arm_, new.nominal_, state, bare, constants(model.arm_.chain, free=free))
-    new.nominal_check_ = NominalCheck(typical_error(new.fit_), usual)
-    with explaining(model.arm_, readings, lengths=lengths, free=free):
-        refuse_implausible(new.nominal_check_, model.arm_, readings, new.nominal_.tips(state))
+    known = require_identified(
+        model,
+        f"expected a nominal, kinematic or physical model, got a {type(model).__name__}: what its networks learned "
+        "holds for one base and tip",
+        hint="fit the network or the hybrid model to the new readings, or refit a physical model",
+    )
+    begun, ids = time.perf_counter(), _reading_ids(readings)
+    used, free, lengths, is_new_tip = _checked(known, readings, free, lengths)
+    new = copy.copy(known)
+    new.training_ = known.training_.after_transfer(readings, lengths)
+    new.session_frames_ = {} if "base" in free else known.session_frames_
+    used = to_first_session_frame(used, new.session_frames_)
+    set_up = _SetUp(used, lengths, free, new.state(used), references_of(used, lengths))
+    transfer = partial(_transferred, set_up, robust=known.robust, progress=progress)
+    new.nominal_ = transfer(known.nominal_, known.nominal_.references[0].noise_std)
+    new.fit_, new.residual_process_, unexplained_std = _judge_process(known, set_up, transfer)
+    new.nominal_check_ = _judge_set_up(new, set_up)
     new.residual_std_ = max(unexplained_std, new.fit_.references[0].noise_std)
-    new.free_, new.tips_ = free, tip_names(whole) if is_new_tip else model.tips_
+    new.free_, new.tips_ = free, tip_names(readings) if is_new_tip else known.tips_
     new.held_out_, new.held_out_distances_, new.held_out_errors_ = NONE_HELD_OUT, NONE_HELD_OUT, None
-    new.refit_reading_ids_ = np.concatenate([model.refit_reading_ids_, ids])
+    new.refit_reading_ids_ = np.concatenate([known.refit_reading_ids_, ids])
     new.fit_seconds_ = time.perf_counter() - begun
     return new
+
+
+class _SetUp(NamedTuple):
+    """Readings of a new set-up in the frame of the model, with the state of its arm; and what they re-identify."""
+
+    readings: Session
+    lengths: Lengths | None
+    free: tuple[str, ...]
+    state: ArmState
+    references: list[Reference]
+
+    @property
+    def terms(self) -> list[Term]:
+        return constants(self.state.chain, free=self.free, angle_std=0.0, length_std=0.0)
+
+
+def _transferred(
+    set_up: _SetUp,
+    fit: IdentificationResult,
+    unexplained_std: float,
+    *,
+    robust: bool,
+    progress: Callable[[int, str], None] | None,
+) -> IdentificationResult:
+    """An identified arm in the new set-up."""
+    chain, state, readings = fit.perturbed_chain.chain, set_up.state, set_up.readings
+    if "base" in set_up.free:
+        seen = readings.has_point
+        assert readings.points is not None
+        chain = chain.with_reference_frame(align(fit.tips(state.rows(seen)), readings.points[seen]))
+    return consider_update(
+        fit,
+        chain,
+        state,
+        set_up.terms,
+        set_up.references,
+        unexplained_std=unexplained_std,
+        robust=robust,
+        progress=progress,
+    )
+
+
+def _judge_process(
+    model: IdentifiedModel, set_up: _SetUp, transfer: Callable[[IdentificationResult, float], IdentificationResult]
+) -> tuple[IdentificationResult, ResidualProcess | None, float]:
+    """The arm in the new set-up; the residual process, if it holds there; and the residual standard deviation [mm]."""
+    process, std = model.residual_process_, model.residual_std_
+    fit = transfer(model.fit_, std)
+    if process is None:
+        return fit, None, std
+    if not process.is_kept or "base" not in set_up.free:
+        return fit, process.after_transfer_untested(), std
+    std_without = max(process.residual_std_without_mm, std)
+    without = transfer(without_process(model.fit_), std_without)
+    of = set_up.readings, set_up.state, set_up.references
+    process = process.after_transfer(*transfer_improvement(fit, without, set_up.terms, *of))
+    return (fit, process, std) if process.is_kept else (without, process, std_without)
+
+
+def _judge_set_up(model: IdentifiedModel, set_up: _SetUp) -> NominalCheck:
+    """Refuse readings that are not of the arm; what is unusual of the nominal one, the identified arm explains."""
+    arm, (readings, lengths, free, state, references) = model.arm_, set_up
+    bare = [without_sizes(reference) for reference in references]
+    usual = usual_nominal_error(arm, model.nominal_, state, bare, constants(arm.chain, free=free))
+    check = NominalCheck(typical_error(model.fit_), usual)
+    with explaining(arm, readings, lengths=lengths, free=free):
+        refuse_implausible(check, arm, readings, model.nominal_.tips(state))
+    return check
 
 
 def _checked(
@@ -201,7 +233,7 @@ def _check_known_sessions(model: Compensator, readings: Session) -> None:
 
 def used_in_refit(model: Compensator, readings: Session) -> BoolArray:
     """(n,) True for readings from which base and tip were re-identified: they are no independent test."""
-    ids = model.refit_reading_ids_ if isinstance(model, IdentifiedModel) else np.zeros(0)
+    ids = np.zeros(0) if (identified := to_identified(model)) is None else identified.refit_reading_ids_
     if not len(ids):
         return np.zeros(len(readings), dtype=bool)
     return np.isin(_reading_ids(readings), ids)
