@@ -127,7 +127,7 @@ def plain_model(model: Compensator) -> PlainModel:
     uncertain = fit.covariance.diagonal()[columns] > 0
     kept = columns[uncertain]
     plain = PlainModel(
-        model=model,
+        model=identified,
         chain=fit.perturbed_chain.chain,
         nominal_chain=state.chain,
         mass_kg=links.mass_kg,
