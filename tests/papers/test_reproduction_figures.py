@@ -112,7 +112,7 @@ def test_labels_of_the_arm_do_not_cover_each_other_nor_leave_the_paper(angles):
     for figure in (arm_figure(frames, tip), frame_figure(frames, tip)):
         for panel in figure.panels:
             with figure_style():
-                panel.canvas.draw()
+                panel.draw_without_rendering()
                 boxes = [text.get_window_extent() for text in panel.axes[0].texts if text.get_text()]
             for one, other in combinations(boxes, 2):
                 assert not one.overlaps(other)

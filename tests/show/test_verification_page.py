@@ -301,7 +301,7 @@ def test_names_of_places_do_not_overlap():
     for panel in where_figure(measured_places(tests, decisive)).panels:
         (axes,) = panel.axes
         assert len(axes.texts) == 5
-        panel.canvas.draw()
+        panel.draw_without_rendering()
         boxes = [Text.get_window_extent(text) for text in axes.texts]  # without the line to the place
         assert not any(a.overlaps(b) for i, a in enumerate(boxes) for b in boxes[:i])
 
