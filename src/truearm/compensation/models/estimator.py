@@ -150,10 +150,10 @@ def _parameters(kind: type[Regressor]) -> dict[str, Any]:
 
 def check_network_options(model: Regressor, **least: int) -> None:
     """Check the hidden layers of a model with networks, and options that are whole numbers of `least` or more."""
-    options = model.get_params()
-    hidden = options["hidden"]
+    hidden: Any = vars(model)["hidden"]
     if not isinstance(hidden, tuple | list) or not all(isinstance(n, int | np.integer) for n in hidden):
         raise InputError(f"expected hidden layers as whole numbers, such as (30, 30), got {hidden!r}")
     for name, lower in least.items():
-        if not isinstance(options[name], int | np.integer) or options[name] < lower:
-            raise InputError(f"expected {name} as a whole number of {lower} or more, got {options[name]!r}")
+        value = getattr(model, name)
+        if not isinstance(value, int | np.integer) or value < lower:
+            raise InputError(f"expected {name} as a whole number of {lower} or more, got {value!r}")
