@@ -18,6 +18,7 @@ from truearm.identification.estimation.identification_result import Identificati
 from truearm.identification.estimation.residual_process import GROUP
 from truearm.identification.judgement.tails import LEAST_FREEDOM
 from truearm.identification.references.session_frames import checked_frames
+from truearm.identification.terms import ArmState
 from truearm.identification.terms.kernel import InducedProcess
 from truearm.solve.arrays import add_to_diagonal, cholesky_solver
 from truearm.solve.square_roots import unit_diagonal
@@ -55,7 +56,8 @@ def check_model(model: Compensator) -> None:
     one = model.with_tip(model.tips_[0]) if len(model.tips_) > 1 else model
     with np.errstate(all="ignore"):
         points, covariance = one.predict(model.arm_.working[None], return_cov=True)
-        nominal = one.predict_nominal(model.arm_.working[None])
+        # Constants alone: its state has no temperature or load.
+        nominal = one.nominal_.tips(ArmState.of(model.arm_, model.arm_.working[None]))
     if not all(np.isfinite(numbers).all() for numbers in (nominal, points, covariance)):
         raise InputError("the model does not predict finite numbers at the arm's working pose")
 
