@@ -488,7 +488,7 @@ HARMONICS = {"kind": "Harmonics", "joint": 1, "orders": [1, 2]}
         (edit_term("basis", ["Constant"]), "expected a basis as a table"),
         (edit_term("basis", {"kind": "Constant", "surprise": 1}), "expected the fields of a basis 'Constant'"),
         (edit_term("basis", HARMONICS | {"orders": [10**9]}), "expected orders as whole numbers, 1 to 1000"),
-        (edit_term("basis", HARMONICS | {"joint": 0}), "expected joint as whole numbers, 1 or more"),
+        (edit_term("basis", HARMONICS | {"joint": 0}), "expected joint as whole numbers, 1 to 100"),
         (edit_term("basis", HARMONICS), "of shape"),
         (edit_term("basis", {"kind": "GravityTorque", "joint": 9, "axis": 0}), "expected a joint from 1 to 6, got 9"),
         (edit_term("basis", {"kind": "Temperature", "link": 9}), "expected a link from 0 to 6, got 9"),
