@@ -2,9 +2,9 @@
 
 The sizes are counted from the syntax trees. A walk is one call of a verb on a small session: of every call of a
 function of truearm those count of which an argument is what is followed or a record that holds it, each pair of caller
-and function once. A *stay* is an unbroken stretch in one file; a *climb* is a call into a file that stands higher by
-the imports; a *return* is a stay in a file that was left before; *names* are the parameters that had it. *Guards* are
-the calls of the functions that check or convert readings.
+and function once; what it is asked without an argument is no step. A *stay* is an unbroken stretch in one file; a
+*climb* is a call into a file that stands higher by the imports; a *return* is a stay in a file that was left before;
+*names* are the parameters that had it. The last columns count the calls that check or convert readings.
 """
 
 from __future__ import annotations
@@ -178,7 +178,8 @@ class Walk:
             self.guards[code.co_qualname.removeprefix("Compensator.")] += 1
             given = code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]
             names = {name for name in given if self.holds(frame.f_locals.get(name))}
-            if names:
+            # What it says of itself without an argument, as its length, is no step of a walk.
+            if names and (given != ("self",) or not isinstance(frame.f_locals["self"], self.kind)):
                 self.names |= names
                 entered = (module, code.co_qualname)
                 self._enter(entered)
