@@ -16,10 +16,10 @@ Terms = Literal["physical", "constants"]
 
 Convention = Literal["dh", "mdh"]
 ExportFormat = Literal["urdf", "constants", "deltas", "ur-kinematics", "joint-offsets", "c", "js", "onnx", "json"]
-Frame = Literal["reference", "base"]
+Frame = Literal["reference", "base"]  # of the reference instrument, or the arm's own base
 
 RobotLanguage = Literal["urscript", "rapid", "krl", "fanuc"]
-FanucJ3 = Literal["coupled", "independent"]
+FanucJ3 = Literal["coupled", "independent"]  # J3 counted from the horizontal, so that it moves with J2, or from link 2
 TargetDirection = Literal["command", "feedback"]
 Untrained = Literal["refuse", "accept"]
 

@@ -96,6 +96,21 @@ def test_a_model_of_several_tips_predicts_no_unnamed_or_unknown_tip(real, model)
     assert "reading 2" in str(error.value)
 
 
+def test_readings_checked_by_another_model_are_checked_again(model, nests):
+    one = model.with_tip("N2")
+    checked = one.checked(Session(nests.angles[:3]))
+    with pytest.raises(InputError, match="3 tips"):
+        model.predict_readings(checked)
+    own = model.checked(nests)
+    assert model.checked(own) is own
+
+
+def test_angles_without_a_tip_and_far_beyond_all_limits_are_outside_the_trained_range(real, model):
+    """A judgement of angles answers where a prediction refuses."""
+    assert model.outside_training(np.rad2deg(real.arm.working + np.ones((4, 6)))).all()
+    assert not model.outside_training(real.arm.working[None]).any()
+
+
 def test_the_model_of_one_tip_predicts_the_same_points_and_uncertainties(real, model):
     angles = real.arm.working + 0.5 * np.random.default_rng(6).uniform(-1, 1, (20, 6))
     for name in model.tips_:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from truearm.arm.catalogue import load_arm
+from truearm.errors import InputError
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.planning.candidates import bar_places, seat_poses, tracker_poses, volume_poses
 from truearm.identification.planning.information import SEAT_STD_MM, design_problem, tip_jacobian
@@ -132,6 +133,20 @@ def test_a_seats_point_has_a_wide_prior(perturbed_chain, volume):
     p = perturbed_chain.n_coefficients
     assert told.prior_precision[p:, p:] == pytest.approx(np.eye(3) * SEAT_STD_MM**-2)
     assert not told.target[p:].any()
+
+
+def test_a_problem_is_checked(perturbed_chain, volume):
+    found = bar_places(ARM, 1, length_mm=200, poses=2, seed=0)
+    for options, why in (
+        ({"noise_mm": -0.02}, "positive noise"),
+        ({"noise_mm": np.nan}, "positive noise"),
+        ({"length_u_mm": 0.0}, "positive uncertainty"),
+    ):
+        with pytest.raises(InputError, match=why):
+            problem(perturbed_chain, found, volume, **options)
+    options = {"prior_precision": prior(perturbed_chain), "noise_mm": 1.0, "length_u_mm": 1.0}
+    with pytest.raises(InputError, match="4 readings"):
+        design_problem(perturbed_chain, found, state(found.angles[:2]), volume, **options)
 
 
 def test_a_trackers_candidates_need_no_length(perturbed_chain, volume):

@@ -50,12 +50,13 @@ FREE_PARTS = ("base", "tip")
 class CheckedReadings(NamedTuple):
     """Readings that a model can predict, checked once (see `Compensator.checked`), and the state of the arm at them."""
 
+    model: Compensator
     session: Session
     state: ArmState
 
     def rows(self, which: IntArray | BoolArray) -> CheckedReadings:
         """Some of the readings."""
-        return CheckedReadings(self.session.rows(which), self.state.rows(which))
+        return CheckedReadings(self.model, self.session.rows(which), self.state.rows(which))
 
 
 ReadingsLike: TypeAlias = Session | CheckedReadings
@@ -250,7 +251,9 @@ class Compensator(Regressor, ABC):
             outside the trained range, or of a tip that it does not know.
         """
         if isinstance(readings, CheckedReadings):
-            return readings
+            if readings.model is self:
+                return readings
+            readings = readings.session  # another model knows other tips and other mean loads
         self._check_fitted()
         check_readings_of(self.arm_, readings)
         return self.at(readings)
@@ -260,7 +263,7 @@ class Compensator(Regressor, ABC):
         with_serial_number(self.arm_, readings)
         check_tips(self.tips_, readings)
         self.training_.refuse_far(readings, self.arm_.chain.is_prismatic)
-        return CheckedReadings(readings, self.state(readings))
+        return CheckedReadings(self, readings, self.state(readings))
 
     def state(self, readings: Session) -> ArmState:
         """State of the arm at readings, as far as the model's terms depend on it.
@@ -411,16 +414,17 @@ class Compensator(Regressor, ABC):
 
     def outside_training(self, X: ReadingsLike | npt.ArrayLike) -> BoolArray:
         """(n,) True where an input of a session, or a joint angle (n, n_joints), lies outside the trained range."""
-        at = self._checked_input(X)
-        none = np.zeros(len(at.session), dtype=bool)
-        return np.asarray(np.logical_or.reduce([none, *self.inputs_outside_training(at).values()]))
+        session = self._session_of(X)
+        none = np.zeros(len(session), dtype=bool)
+        outside = self.training_.outside(session, self.arm_.chain.is_prismatic).values()
+        return np.asarray(np.logical_or.reduce([none, *outside]))
 
     def inputs_outside_training(self, X: ReadingsLike | npt.ArrayLike) -> dict[str, BoolArray]:
         """Inputs outside the trained range, by name: J1 to Jn, temperature, further columns.
 
         See `TrainingConditions.outside`.
         """
-        return self.training_.outside(self._checked_input(X).session, self.arm_.chain.is_prismatic)
+        return self.training_.outside(self._session_of(X), self.arm_.chain.is_prismatic)
 
     def is_trained_on(self, readings: Session) -> bool:
         """Whether these are the readings that the model was fitted to last."""
@@ -533,8 +537,12 @@ class Compensator(Regressor, ABC):
         self._check_options()
         return self.arm
 
-    def _checked_input(self, X: ReadingsLike | npt.ArrayLike) -> CheckedReadings:
-        return self.checked(X) if isinstance(X, Session | CheckedReadings) else self._checked_angles(X)
+    def _session_of(self, X: ReadingsLike | npt.ArrayLike) -> Session:
+        """Checked readings; of angles alone those far outside and of no tip too, which are judged and not predicted."""
+        if isinstance(X, Session | CheckedReadings):
+            return self.checked(X).session
+        self._check_fitted()
+        return Session(self._checked_table(X))
 
     def _checked_angles(self, angles: npt.ArrayLike) -> CheckedReadings:
         self._check_fitted()

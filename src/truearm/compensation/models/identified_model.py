@@ -208,7 +208,7 @@ class IdentifiedModel(Compensator):
 
     def _unstated_input_effects(self, at: CheckedReadings) -> dict[str, FloatArray]:
         """By input (k, n, 3) displacements by k independent causes of variance one [mm]."""
-        fit, training, (readings, state) = self.fit_, self.training_, at
+        fit, training, readings, state = self.fit_, self.training_, at.session, at.state
         effects = {"directions of movement": direction_effects(fit, state)}
         if readings.temperature_degC is None and training.temperature_degC is not None:
             assert state.temperature_degC is not None  # the mean in training

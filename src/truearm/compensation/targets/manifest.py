@@ -39,8 +39,6 @@ Direction = Literal["predict", "command", "feedback"]
 """``predict``: from encoder angles to the true tip. ``command``: from planned joints to those to send, so that the arm
 goes there. ``feedback``: from encoder angles to those with which the nominal arm shows the true tip."""
 
-"""The frame of the reference instrument, or the arm's own base frame."""
-
 Numbers = Annotated[tuple[Finite, ...], Field(max_length=100)]
 
 

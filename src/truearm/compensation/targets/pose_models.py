@@ -88,7 +88,7 @@ class PredictedPoses:
     def _tips(self, joints: FloatArray) -> FloatArray:
         # The checks of `predict` judge readings by their majority; steps of a search are none.
         readings = Session(joints)
-        return self.model._tips(CheckedReadings(readings, self.model.state(readings)))
+        return self.model._tips(CheckedReadings(self.model, readings, self.model.state(readings)))
 
 
 def nominal_poses(model: Compensator) -> ChainPoses:

@@ -27,8 +27,6 @@ from truearm.errors import InputError
 from truearm.typing import BoolArray, FloatArray
 
 N_JOINTS = 6
-"""How a Fanuc controller counts J3: from the horizontal, so that it is coupled with J2, or from the link before."""
-
 # Cosine of the angle between the axes of J2 and J3: real arms are a milliradian off parallel.
 _PARALLEL = 0.999
 _FREE = ",".join(["9E9"] * 6)  # external axes that are not there

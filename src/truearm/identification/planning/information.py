@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from truearm.errors import InputError
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.planning.candidates import Candidates
 from truearm.identification.planning.exchange import DesignProblem
@@ -84,8 +85,19 @@ def design_problem(
         Standard uncertainty of a bar's length; it also varies by `PLACE_U_MM` from place to place.
     scale : bool
         Whether the uncertainty in the volume is evaluated up to a scale too.
+
+    Raises
+    ------
+    InputError
+        If the state is not of the candidates, or noise or uncertainty are not positive numbers.
     """
+    if len(state) != len(candidates.angles):
+        raise InputError(f"expected a state of {len(candidates.angles)} readings, got {len(state)}")
+    if not (np.isfinite(noise_mm) and noise_mm > 0):
+        raise InputError(f"expected a positive noise of a reading in mm, got {noise_mm}")
     bar = candidates.length_mm is not None
+    if bar and not (np.isfinite(length_u_mm) and length_u_mm > 0):
+        raise InputError(f"expected a positive uncertainty of the bar's length in mm, got {length_u_mm}")
     tips, jacobian = tip_jacobian(perturbed_chain, state)
     tips_there, jacobian_there = tip_jacobian(perturbed_chain, volume)
     n_seats, seat = _seats(candidates)
