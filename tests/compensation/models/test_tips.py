@@ -204,7 +204,7 @@ def test_what_cannot_be_is_refused(real, nests):
         KinematicModel(real.arm, free=("base",)).fit_readings(nests)
     with pytest.raises(InputError, match="expected the readings of one tip"):
         NetworkModel(real.arm).fit_readings(nests)
-    with pytest.raises(InputError, match="expected the name of a tip"):
+    with pytest.raises(InputError, match="expected a name as text"):
         OfTip("")
 
 
