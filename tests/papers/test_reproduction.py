@@ -15,7 +15,7 @@ from truearm.compensation.models import NominalModel
 from truearm.errors import InputError
 from truearm.papers.gao2017.final_test import poses_outside
 from truearm.papers.gao2017.reproduction import GOAL_MET, _reason, arm_pose, reproduce, verdict
-from truearm.papers.gao2017.results import FITTED_BOX, METHODS
+from truearm.papers.gao2017.results import FITTED_BOX, METHODS, TIME_OVER
 from truearm.papers.gao2017.tables import TABLES
 from truearm.papers.gao2017.training import (
     CURVE_POINTS,
@@ -411,8 +411,23 @@ def test_a_finished_training_does_not_run_again(tmp_path):
         lambda kept: kept | {"fingerprint": "0" * 64},
         lambda kept: kept | {"weights": kept["weights"][:-1]},
         lambda kept: kept | {"weights": [*kept["weights"][:-1], None]},
+        lambda kept: kept | {"weights": [*kept["weights"][:-1], 1e300]},
+        lambda kept: kept | {"weights": [*kept["weights"][:-1], 10**400]},
         lambda kept: kept | {"angle_range": kept["angle_range"][::-1]},
         lambda kept: kept | {"point_range": [[0.0], [1.0]]},
+        lambda kept: kept | {"epochs": -1},
+        lambda kept: kept | {"epochs": 10**6},
+        lambda kept: kept | {"epochs": "3"},
+        lambda kept: kept | {"seconds": math.nan},
+        lambda kept: kept | {"stop": 5},
+        lambda kept: kept | {"stop": TIME_OVER, "limit_s": "9"},
+        lambda kept: kept | {"ended": None},
+        lambda kept: kept | {"reached": [[1.0, 1, 0.0]]},
+        lambda kept: kept | {"curve": [[10**6, 1.0, 1.0]]},
+        lambda kept: kept | {"curve": [[1, 1.0, -1.0]]},
+        lambda kept: kept | {"curve": [["1", "1.0", "1.0"]]},
+        lambda kept: kept | {"machine": {}},
+        lambda kept: kept | {"more": 1},
         lambda kept: {key: value for key, value in kept.items() if key != "stop"},
         lambda kept: [],
     ],
@@ -425,6 +440,12 @@ def test_a_damaged_file_of_a_training_is_refused(tmp_path, damage):
     with pytest.raises(InputError, match="not the file of a finished training.*delete it") as error:
         run_training(training, tmp_path, lambda share, note: None)
     assert error.value.file == file
+
+
+def test_any_time_limit_is_kept(tmp_path):
+    training = replace(training_of(2, TABLES[2][0], "varpro", EFFORT, seed=0), time_limit_s=1e10)
+    for _ in range(2):
+        assert run_training(training, tmp_path, lambda share, note: None).limit_s == 1e10
 
 
 def test_a_training_whose_result_cannot_be_written_does_not_begin(tmp_path):
@@ -463,9 +484,10 @@ def test_half_a_file_and_one_that_is_too_large_are_refused(tmp_path, monkeypatch
     again = run_training(training, tmp_path, lambda share, note: None)
     np.testing.assert_array_equal(again.errors(10, TEST_STREAM), done.errors(10, TEST_STREAM))
     text = file.read_text()
-    file.write_text(text[: len(text) // 2])
-    with pytest.raises(InputError, match="delete it"):
-        run_training(training, tmp_path, lambda share, note: None)
+    for damaged in (text[: len(text) // 2], "[" * 100_000, "[" * 100_000 + "]" * 100_000):
+        file.write_text(damaged)
+        with pytest.raises(InputError, match="delete it"):
+            run_training(training, tmp_path, lambda share, note: None)
     file.write_text(text)
     monkeypatch.setattr("truearm.papers.gao2017.training.LARGEST_FILE", 100)
     with pytest.raises(InputError, match="larger than 0.0001 MB"):

@@ -13,9 +13,10 @@ from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
 from time import process_time
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from truearm import __version__
 from truearm.arm import load_arm
@@ -253,12 +254,13 @@ def run_training(training: Training, folder: Path, progress: ProgressCallback) -
     """
     file = folder / f"{training.name}.json"
     if file.exists():
-        found = _read(file, training)
+        found = _TrainingFile.read(file, training)
         if not found.was_cut or (found.limit_s or math.inf) >= (training.time_limit_s or math.inf):
             return found
     check_writable(file)
     result = _train(training, progress)
-    _write(result, file)
+    with atomic_file(file) as beside:
+        beside.write_text(_TrainingFile.of(result).model_dump_json() + "\n", encoding="utf-8", newline="\n")
     return result
 
 
@@ -339,49 +341,96 @@ def _thinned(curve: list[tuple[int, float, float]]) -> tuple[tuple[int, float, f
 
 # The file ------------------------------------------------------------------------------------------------------------
 
-_SAME = ("epochs", "seconds", "stop", "machine", "ended", "limit_s")  # as `TrainingResult` has them
+_Number = Annotated[float, Field(ge=-1e12, le=1e12, allow_inf_nan=False)]
+_Count = Annotated[int, Field(ge=0, le=10**9)]
+_Seconds = Annotated[float, Field(ge=0, le=1e9, allow_inf_nan=False)]
+_Rms = Annotated[float, Field(ge=0, le=_LARGEST_RMS_MM, allow_inf_nan=False)]
+_Ends = Annotated[list[_Number], Field(min_length=1, max_length=100)]
+_Text = Annotated[str, Field(max_length=1000)]
 
 
-def _write(result: TrainingResult, file: Path) -> None:
-    plain = {name: getattr(result, name) for name in _SAME}
-    plain |= {
-        "fingerprint": result.training.fingerprint,
-        "reached": [(level, *when) for level, when in sorted(result.reached.items())],
-        "angle_range": (result.angle_scale.lower.tolist(), result.angle_scale.upper.tolist()),
-        "point_range": (result.point_scale.lower.tolist(), result.point_scale.upper.tolist()),
-        "weights": result.weights.tolist(),
-        "curve": result.curve,
-    }
-    with atomic_file(file) as beside:
-        beside.write_text(json.dumps(plain) + "\n", encoding="utf-8", newline="\n")
+class _Schema(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True)
 
 
-def _read(file: Path, training: Training) -> TrainingResult:
-    """The result in a file of our own; one that was cut short, changed, or of another training is refused."""
-    text = read_limited(file, limit_bytes=LARGEST_FILE)
-    try:
-        kept = json.loads(text)
-        if kept["fingerprint"] != training.fingerprint:
-            raise ValueError("its fingerprint is that of another training")
-        numbers = {name: np.array(kept[name], dtype=float) for name in ("angle_range", "point_range", "weights")}
-        if [one.shape for one in numbers.values()] != [(2, 6), (2, 3), (training.network.n_weights,)]:
-            raise ValueError(f"expected {training.network.n_weights} weights and ranges of 6 and 3 numbers")
-        angle_scale, point_scale = (MinMaxScaler(*numbers[name]) for name in ("angle_range", "point_range"))
-        if (
-            not np.isfinite(numbers["weights"]).all()
-            or min(map(np.min, (angle_scale.half_range, point_scale.half_range))) <= 0
-        ):
-            raise ValueError("expected finite weights, and ranges with the lower end first")
+class _Machine(_Schema):
+    cpu: _Text
+    cores: _Count
+    python: _Text
+    numpy: _Text
+
+
+class _TrainingFile(_Schema):
+    """A finished training."""
+
+    fingerprint: Annotated[str, Field(max_length=64)]
+    epochs: _Count
+    seconds: _Seconds
+    stop: _Text
+    machine: _Machine
+    ended: _Text
+    reached: Annotated[list[tuple[_Number, _Count, _Seconds]], Field(max_length=100)]
+    angle_range: tuple[_Ends, _Ends]
+    point_range: tuple[_Ends, _Ends]
+    limit_s: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None
+    weights: Annotated[list[_Number], Field(max_length=1_000_000)]
+    curve: Annotated[list[tuple[_Count, _Seconds, _Rms]], Field(max_length=1000)] = []
+
+    @classmethod
+    def of(cls, result: TrainingResult) -> _TrainingFile:
+        return cls(
+            fingerprint=result.training.fingerprint,
+            epochs=result.epochs,
+            seconds=result.seconds,
+            stop=result.stop,
+            machine=_Machine(**result.machine),
+            ended=result.ended,
+            reached=[(level, *when) for level, when in sorted(result.reached.items())],
+            angle_range=(result.angle_scale.lower.tolist(), result.angle_scale.upper.tolist()),
+            point_range=(result.point_scale.lower.tolist(), result.point_scale.upper.tolist()),
+            limit_s=result.limit_s,
+            weights=result.weights.tolist(),
+            curve=list(result.curve),
+        )
+
+    @classmethod
+    def read(cls, file: Path, training: Training) -> TrainingResult:
+        def damaged(problem: str) -> InputError:
+            return InputError(
+                f"not the file of a finished training: {problem}", file=file, hint="delete it and run the command again"
+            )
+
+        try:
+            kept = cls.model_validate_json(read_limited(file, limit_bytes=LARGEST_FILE))
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            place = ".".join(map(str, first["loc"]))
+            raise damaged(f"{place}: {first['msg']}".removeprefix(": ")) from None
+        if kept.fingerprint != training.fingerprint:
+            raise damaged("its fingerprint is that of another training")
+        if kept.epochs > training.epochs:
+            raise damaged(f"expected at most {training.epochs} epochs, got {kept.epochs}")
+        if any(level not in training.levels_mm or epoch > training.epochs for level, epoch, _ in kept.reached):
+            raise damaged(f"expected levels of this training, reached within {training.epochs} epochs")
+        if any(epoch > training.epochs for epoch, _, _ in kept.curve):
+            raise damaged(f"expected a learning curve of at most {training.epochs} epochs")
+        lengths = [len(ends) for ends in (*kept.angle_range, *kept.point_range)]
+        if lengths != [6, 6, 3, 3] or len(kept.weights) != training.network.n_weights:
+            raise damaged(f"expected {training.network.n_weights} weights and ranges of 6 and 3 numbers")
+        angle_scale, point_scale = (MinMaxScaler(*map(np.array, ends)) for ends in (kept.angle_range, kept.point_range))
+        if not ((angle_scale.half_range > 0).all() and (point_scale.half_range > 0).all()):
+            raise damaged("expected ranges with the lower end first")
         return TrainingResult(
             training,
-            **{name: kept[name] for name in _SAME},
-            reached={level: (epoch, seconds) for level, epoch, seconds in kept["reached"]},
-            weights=numbers["weights"],
+            epochs=kept.epochs,
+            seconds=kept.seconds,
+            stop=kept.stop,
+            machine=kept.machine.model_dump(),
+            ended=kept.ended,
+            reached={level: (epoch, seconds) for level, epoch, seconds in kept.reached},
+            limit_s=kept.limit_s,
+            weights=np.array(kept.weights),
             angle_scale=angle_scale,
             point_scale=point_scale,
-            curve=tuple((epoch, seconds, rms) for epoch, seconds, rms in kept.get("curve", ())),
+            curve=tuple(kept.curve),
         )
-    except (ValueError, TypeError, LookupError) as error:
-        raise InputError(
-            f"not the file of a finished training: {error}", file=file, hint="delete it and run the command again"
-        ) from None
