@@ -29,6 +29,16 @@ def test_the_import_loads_no_heavy_package():
     assert not HEAVY & set(ran.stdout.split())
 
 
+def test_a_certificate_loads_no_plotting():
+    ran = subprocess.run(
+        [sys.executable, "-c", "import truearm, sys; truearm.certificate; print(*sys.modules)"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert "matplotlib" not in ran.stdout.split()
+
+
 def test_every_name_is_listed_and_loads():
     assert sorted(dir(ta)) == sorted(ta.__all__)
     for name in ta.__all__:

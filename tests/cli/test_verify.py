@@ -753,6 +753,8 @@ def test_the_points_state_the_arm_that_measured_them(truearm, bench):
     ran = truearm(*options())
     assert (ran.code, ran.out) == (2, "")
     assert "column 'serial_number': expected points of one arm, got serial numbers '10017' and '10018'" in ran.err
+    Path("points.csv").write_text(f"{first}B{last}".replace("10017", "{cell}"))
+    assert "expected points of one arm, got serial numbers '{cell}' and 'B'" in truearm(*options()).err
 
 
 def test_the_page_names_every_column_and_what_tells_groups_apart():

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, TypeAlias
 from truearm.errors import FaultCollector, InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.xml_signatures import Signature
-from truearm.show.certificate_page import CONFORMITY_WORDS, NOT_DECIDED
 from truearm.solve.threads import one_blas_thread
 from truearm.verification.certificate.administrative_data import AdministrativeData, read_administrative_data
 from truearm.verification.certificate.certificate import (
@@ -288,6 +287,8 @@ class ReadCertificate(Record):
 
     def blocks(self) -> Iterator[str]:
         """See `Record`."""
+        from truearm.show.certificate_page import CONFORMITY_WORDS, NOT_DECIDED
+
         made, about = self.certificate, self.certificate.about
         verdict = NOT_DECIDED[0] if made.conformity is None else CONFORMITY_WORDS[made.conformity][0]
         if made.reservation is not None:

@@ -375,7 +375,9 @@ def test_a_confirmation_names_somebody_and_a_day_after_the_standard(changes, tol
 
 def test_states_and_statements_are_whole():
     assert CONFORMITY_WORDS.keys() == {*CONFORMITIES, None}
-    assert {one.kind for one in WHOLE.statements} <= module.STATEMENTS.keys()
+    conditioned = certificate(made=rated(humidity_percent={"max": 70}))
+    kinds = {one.kind for made in (WHOLE, MARKED, conditioned) for one in made.statements}
+    assert kinds == module.STATEMENTS.keys()
 
 
 def test_a_mark_and_a_conformity_in_one_file_are_refused():

@@ -371,7 +371,8 @@ def test_a_history_is_an_ordinary_file(path):
     [
         ("PRAGMA user_version = 99", "version 2, got version 99"),
         ("PRAGMA user_version = 0", "tables are not those"),
-        ("PRAGMA user_version = 1", "tables are not those"),
+        ("PRAGMA user_version = 1", "version 2, got version 1, .* no longer read.*name a new file"),
+        ("PRAGMA user_version = -1", "tables are not those"),
         ("DROP TABLE head", "tables are not those"),
         ("DELETE FROM head", "last rows are missing"),
         ("UPDATE head SET rows = 4", "last rows are missing"),
@@ -383,7 +384,7 @@ def test_a_history_is_an_ordinary_file(path):
         ("CREATE VIEW v AS SELECT 1", "tables are not those"),
     ],
 )
-def test_a_newer_or_changed_file_is_refused(filled, statement, phrase):
+def test_a_file_of_another_version_or_a_changed_one_is_refused(filled, statement, phrase):
     execute(filled, statement)
     with pytest.raises(InputError, match=phrase):
         History(filled)

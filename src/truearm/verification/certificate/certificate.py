@@ -20,8 +20,8 @@ from truearm.verification.standards.verification_text import RULE_STANDARDS, des
 SOFTWARE = "truearm"
 DEGREES_OF_FREEDOM = "degrees of freedom"
 # The non-binary rule with guard bands of ILAC-G8:09/2019 [recalled, not confirmed]: undecided values within their limit
-# are a conditional pass, those beyond it a conditional fail. Nothing is stated of a value that was measured outside the
-# rated conditions of its limit: a machine can take "noPass" for a rejection.
+# are a conditional pass, those beyond it a conditional fail. Of a value that was measured outside the rated conditions
+# of its limit no conformity is stated, not even "noPass", which a machine can take for a rejection.
 CONFORMITIES = ("pass", "conditionalPass", "conditionalFail", "fail")
 
 

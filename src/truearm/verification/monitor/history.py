@@ -109,7 +109,7 @@ class History:
     Raises
     ------
     InputError
-        If the file is not a history, is damaged, or has a newer version.
+        If the file is not a history, is damaged, or has another version.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -335,6 +335,13 @@ class History:
                 f"expected a history of version {VERSION}, got version {version}",
                 file=self.path,
                 hint="update truearm to read it",
+            )
+        if 0 < version < VERSION:
+            raise InputError(
+                f"expected a history of version {VERSION}, got version {version}, which was never released and is no "
+                "longer read",
+                file=self.path,
+                hint="keep the file, and name a new file to start a new history",
             )
         if version != VERSION or made - _STATISTICS != {_TABLE, _HEAD}:
             raise self._damaged("its tables are not those of a history")

@@ -1,1 +1,1 @@
-"""Shapes fitted to points by orthogonal distances: line, plane, circle, sphere, cylinder."""
+"""Shapes fitted to points by orthogonal distances: plane, circle, sphere."""

@@ -209,15 +209,20 @@ class _Columns:
         return InputError(problem, file=self.sheet.file, line=self.sheet.first_line + row, column=column, hint=hint)
 
     def refuse(
-        self, wrong: BoolArray, rows: Sequence[int] | IntArray, column: str, problem: str, hint: str | None = None
+        self,
+        wrong: BoolArray,
+        rows: Sequence[int] | IntArray,
+        column: str,
+        problem: str | tuple[str, str],
+        hint: str | None = None,
     ) -> None:
-        """Refuse the first of some rows that is wrong; ``{cell}`` in the problem is its cell."""
+        """Refuse the first of some rows that is wrong; a problem in two parts has its cell between them."""
         if wrong.any():
             row = int(rows[int(np.argmax(wrong))])
             cell = (
                 quoted_cell(str(self.words[column][row])) if column in self.words else f"{self.numbers[column][row]:g}"
             )
-            raise self.error(problem.replace("{cell}", cell), row, column, hint=hint)
+            raise self.error(problem if isinstance(problem, str) else cell.join(problem), row, column, hint=hint)
 
     def parsed(self, parse: Callable[[str], T], row: int, column: str) -> T:
         """What the text of a cell means; an error of `parse` gets its place."""
@@ -263,7 +268,7 @@ def _serial_number(columns: _Columns) -> str:
         cells[stated] != number,
         stated,
         SERIAL_NUMBER,
-        f"expected points of one arm, got serial numbers {quoted_cell(number)} and {{cell}}",
+        (f"expected points of one arm, got serial numbers {quoted_cell(number)} and ", ""),
         "one file of points for each arm",
     )
     return number
@@ -280,14 +285,14 @@ def _groups(columns: _Columns, test: str) -> Iterator[PointGroup]:
         for at in np.unique(cells, return_index=True)[1]:
             columns.parsed(reject_control_characters, int(rows[at]), key)
         if key == "repeat":
-            columns.refuse(~np.char.isdecimal(cells), rows, key, "expected a whole number 1, 2, .., got {cell}")
+            columns.refuse(~np.char.isdecimal(cells), rows, key, ("expected a whole number 1, 2, .., got ", ""))
         if key == "end":
-            columns.refuse(~np.isin(cells, ENDS), rows, key, "expected A or B, got {cell}")
+            columns.refuse(~np.isin(cells, ENDS), rows, key, ("expected A or B, got ", ""))
     for key in ("position", "length", "repeat", "end", "group"):
         if key not in keys:
             hint = f"leave the cell empty: this test uses artefact, {', '.join(keys)}"
             stated = columns.words[key][rows] != ""
-            columns.refuse(stated, rows, key, f"a point of test {test!r} has no {key!r}, got {{cell}}", hint)
+            columns.refuse(stated, rows, key, (f"a point of test {test!r} has no {key!r}, got ", ""), hint)
     members: dict[tuple[str, ...], list[int]] = {}
     for row in rows.tolist():
         identity = tuple(str(columns.words[key][row]) for key in ("artefact", *keys))
@@ -319,7 +324,7 @@ def _group(columns: _Columns, test: str, identity: tuple[str, ...], rows: list[i
         (degC < COLDEST_DEGC) | (degC > WARMEST_DEGC),
         rows,
         TEMPERATURE,
-        "expected the temperature of the artefact in degC, got {cell}",
+        ("expected the temperature of the artefact in degC, got ", ""),
         "convert from Fahrenheit: (F - 32) / 1.8",
     )
     tip = np.nan_to_num(columns.numbers[TIP][rows])
@@ -333,7 +338,7 @@ def _group(columns: _Columns, test: str, identity: tuple[str, ...], rows: list[i
     points = np.column_stack([columns.numbers[name][rows] for name in POINT])
     far = np.abs(points) > FARTHEST_MM
     first = np.argmax(far.any(axis=1))
-    problem = f"expected a coordinate within {FARTHEST_MM:g} mm, got {{cell}} mm"
+    problem = (f"expected a coordinate within {FARTHEST_MM:g} mm, got ", " mm")
     columns.refuse(far.max(axis=1), rows, POINT[int(np.argmax(far[first]))], problem, "write coordinates in mm")
     known = degC[~np.isnan(degC)]
     if len(known) and np.ptp(known) > MAX_TEMPERATURE_SPREAD_K:
@@ -361,7 +366,7 @@ def _conditions(columns: _Columns, rows: list[int]) -> dict[str, tuple[float, fl
     stated = {}
     for name, (_, _, least, most) in CONDITIONS.items():
         values = columns.numbers[name][rows]
-        problem = f"expected {name} from {least:g} to {most:g}, got {{cell}}"
+        problem = (f"expected {name} from {least:g} to {most:g}, got ", "")
         columns.refuse(
             (values < least) | (values > most),
             rows,
