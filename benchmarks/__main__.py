@@ -17,7 +17,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from benchmarks.rows import SCRATCH, Found, Row, Rows, Target, machine, run_row
+from benchmarks.rows import SCRATCH, Row, RowResult, Rows, Target, machine, run_row
 
 
 def benchmarks() -> dict[str, str]:
@@ -41,13 +41,17 @@ def parser_of(name: str, rows: Rows) -> argparse.ArgumentParser:
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.add_argument("--quick", action="store_true", help="the smallest sizes, which show that it runs")
     for option, default in {option: value for row in rows.values() for option, value in row.options.items()}.items():
-        kind: dict[str, Any] = {"type": str if default is None else type(default)}
-        if isinstance(default, tuple):
-            kind = {"nargs": "+", "type": type(default[0]) if default else str}
-        elif isinstance(default, bool):
-            kind = {"action": "store_true"}
-        parser.add_argument(f"--{option.replace('_', '-')}", default=argparse.SUPPRESS, **kind)
+        parser.add_argument(f"--{option.replace('_', '-')}", default=argparse.SUPPRESS, **option_type(default))
     return parser
+
+
+def option_type(default: Any) -> dict[str, Any]:
+    """The type of an option with this default, as arguments of `add_argument`."""
+    if isinstance(default, tuple):
+        return {"nargs": "+", "type": type(default[0]) if default else str}
+    if isinstance(default, bool):
+        return {"action": "store_true"}
+    return {"type": str if default is None else type(default)}
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -64,11 +68,13 @@ def main(arguments: list[str] | None = None) -> None:
     if unknown := [one for one in chosen if one not in rows]:
         parser.error(f"expected rows among {', '.join(rows)}, got {', '.join(unknown)}")
     if options.pop("list"):
-        print_table([{"row": one, "what": row.what, "options": said(row.options)} for one, row in rows.items()])
+        print_table(
+            [{"row": one, "what": row.what, "options": format_options(row.options)} for one, row in rows.items()]
+        )
         return
     chosen = {one: rows[one] for one in chosen or [one for one, row in rows.items() if not row.is_long]}
-    if alien := [one for one in options if not any(one in row.options for row in chosen.values())]:
-        parser.error(f"none of the rows {', '.join(chosen)} has the option --{alien[0]}")
+    if unknown_option := [one for one in options if not any(one in row.options for row in chosen.values())]:
+        parser.error(f"none of the rows {', '.join(chosen)} has the option --{unknown_option[0]}")
     about = machine()
     if not as_json:
         print(", ".join(f"{what} {value}" for what, value in about.items()), flush=True)
@@ -102,9 +108,9 @@ def main(arguments: list[str] | None = None) -> None:
         ])  # fmt: skip
 
 
-def print_row(name: str, row: Row, options: dict[str, Any], found: Found, seconds: dict[str, float]) -> None:
+def print_row(name: str, row: Row, options: dict[str, Any], found: RowResult, seconds: dict[str, float]) -> None:
     """Print what a row gives."""
-    print(f"\n{name}: {row.what}" + (f" ({said(options)})" if options else ""))
+    print(f"\n{name}: {row.what}" + (f" ({format_options(options)})" if options else ""))
     print_table(found.table)
     for one in found.targets if not found.table else ():
         print(f"{one.what}: {text(one.reached)}")
@@ -113,7 +119,7 @@ def print_row(name: str, row: Row, options: dict[str, Any], found: Found, second
     print(f"{seconds['seconds']:.1f} s, {seconds['cpu_seconds']:.1f} s of CPU time here", flush=True)
 
 
-def said(options: dict[str, Any]) -> str:
+def format_options(options: dict[str, Any]) -> str:
     """Options as they are typed."""
     values = {o: " ".join(map(str, v)) if isinstance(v, tuple | list) else v for o, v in options.items()}
     return " ".join(f"--{o.replace('_', '-')} {v}" for o, v in values.items() if v or type(v) is int)

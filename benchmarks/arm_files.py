@@ -15,7 +15,7 @@ from matplotlib.axes import Axes
 from scipy.spatial.transform import Rotation
 
 import truearm as ta
-from benchmarks.rows import Found, Rows, Target
+from benchmarks.rows import RowResult, Rows, Target
 from truearm.arm import Arm, Chain, chain_from_dh, load_arm, read_ur_kinematics
 from truearm.arm.denavit_hartenberg import DHTable
 from truearm.arm.description_mistakes import Interpretation, Mistake, likely_mistakes
@@ -110,7 +110,7 @@ def outcome(check: DescriptionCheck, mistake: Mistake) -> str:
 
 
 @ROWS.row("mistakes", quick={"every": 40})
-def mistakes(seats: bool = False, every: int = 1) -> Found:
+def mistakes(seats: bool = False, every: int = 1) -> RowResult:
     """Planted mistakes in arm files and tables of readings: how often the doctor names them.
 
     Every mistake of `truearm.arm.description_mistakes` is planted, one at a time, into sessions of 60 readings with
@@ -132,18 +132,18 @@ def mistakes(seats: bool = False, every: int = 1) -> Found:
     contradicted = whole.total() - whole["not contradicted"]
     named = sum(n for what, n in whole.items() if what.startswith("named"))
     note = f"{named} of {contradicted} mistakes that the readings contradict are named ({named / contradicted:.1%})"
-    return Found(table, notes=[f"{note}; {whole['not contradicted']} others change nothing"])
+    return RowResult(table, notes=[f"{note}; {whole['not contradicted']} others change nothing"])
 
 
 @ROWS.row("right-arms", quick={"arms": 2})
-def right_arms(arms: int = 100, seats: bool = False) -> Found:
+def right_arms(arms: int = 100, seats: bool = False) -> RowResult:
     """False proposals of the doctor for right arms."""
     drawn = (one for seed in itertools.count(101) for one in sessions(seats=seats, seed=seed))
     table = []
     for name, arm, session, lengths in itertools.islice(drawn, arms):
         findings = check_description(arm, reference_table(session, lengths)).findings
         table += [{"arm": name, "proposed": str(one)} for one in findings[:1]]
-    return Found(table, [Target(f"false proposals on {arms} right arms", len(table), 0)])
+    return RowResult(table, [Target(f"false proposals on {arms} right arms", len(table), 0)])
 
 
 # Roll, pitch, yaw in kinematics files of UR robots --------------------------------------------------------------------
@@ -229,7 +229,7 @@ def errors_of(robot: Constants, *, quadrants: bool) -> dict[str, FloatArray]:
 
 
 @ROWS.row("ur-angles")
-def ur_angles(files: tuple[str, ...] = ()) -> Found:
+def ur_angles(files: tuple[str, ...] = ()) -> RowResult:
     """Roll, pitch, yaw of UR kinematics files, written as Rx Ry Rz, read as Rz Ry Rx: what that is worth.
 
     Robots whose controllers' constants are public: their files are computed as the driver's tool lays them out; forward
@@ -254,7 +254,7 @@ def ur_angles(files: tuple[str, ...] = ()) -> Found:
         )
         off = np.linalg.norm(one - other, axis=1)
         table.append({"file": file, "read as": "either", "mean [mm]": off.mean(), "max [mm]": off.max()})
-    return Found(table, targets)
+    return RowResult(table, targets)
 
 
 # The picture of docs/describe-your-arm.md -----------------------------------------------------------------------------
@@ -348,7 +348,7 @@ def draw_row(axes: Axes) -> None:
 
 
 @ROWS.row("axes", is_long=True)
-def axes(file: str = "axes_of_an_arm.png") -> Found:
+def axes(file: str = "axes_of_an_arm.png") -> RowResult:
     """Draw the axes and lengths of an arm, and the four numbers between two axes, into a file."""
     with figure_style():
         left, (of_arm,) = make_panel(3.7, 3.2)
@@ -357,4 +357,4 @@ def axes(file: str = "axes_of_an_arm.png") -> Found:
         draw_row(of_row)
     figure = Figure((left, right), "Axes of an arm.", "Axes of an arm and one row of its table.", columns=2)
     save_figure(figure, file)
-    return Found(notes=[f"drawn into {file}"])
+    return RowResult(notes=[f"drawn into {file}"])

@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from benchmarks.peers import answer_of
-from benchmarks.rows import Found, Rows, Target, cpu_seconds_of, times_of, times_of_each
+from benchmarks.rows import RowResult, Rows, Target, cpu_seconds_of, times_of, times_of_each
 from truearm.arm import Chain, chain_from_mdh, load_arm
 from truearm.identification.estimation.identification import identify
 from truearm.identification.estimation.identification_result import IdentificationResult
@@ -97,7 +97,7 @@ def offset_error(offsets: np.ndarray, task: OffsetTask) -> float:
 
 
 @ROWS.row("pybotics", quick={"runs": 1})
-def pybotics(seed: int = 0, runs: int = 21, peer: str | None = None) -> Found:
+def pybotics(seed: int = 0, runs: int = 21, peer: str | None = None) -> RowResult:
     """The calibration example of pybotics (``examples/calibration.ipynb`` of pybotics 3).
 
     A UR10 as modified D-H table whose six joint offsets are off by up to +-0.1 deg, 1000 random poses with exact
@@ -133,7 +133,7 @@ def pybotics(seed: int = 0, runs: int = 21, peer: str | None = None) -> Found:
             answer["largest offset error [rad]"] = offset_error(np.array(answer.pop("offsets_rad")), task)
             answer["times as long"] = answer["seconds"] / times.median
         notes.append(f"pybotics: {answer}")
-    return Found(table, targets, notes)
+    return RowResult(table, targets, notes)
 
 
 # robotkinecal: all constants of a Panda -------------------------------------------------------------------------------
@@ -233,7 +233,7 @@ def robotkinecal_answer(python: str, task: PoseTask) -> dict[str, Any]:
 
 
 @ROWS.row("robotkinecal", quick={"runs": 1, "arms": 2})
-def robotkinecal(seed: int = 0, runs: int = 21, arms: int = 60, peer: str | None = None) -> Found:
+def robotkinecal(seed: int = 0, runs: int = 21, arms: int = 60, peer: str | None = None) -> RowResult:
     """A Panda from 100 or 200 full poses and from 200 positions, as robotkinecal does it.
 
     Every joint is off by random motions, 1 mrad and 0.5 mm in each component; the flange is seen with noise of 20 um
@@ -271,4 +271,4 @@ def robotkinecal(seed: int = 0, runs: int = 21, arms: int = 60, peer: str | None
             Target(f"{name}: coverage of {LEVEL:.0%} ellipsoids", coverage, 0.93, "above"),
             Target(f"{name}: the same", coverage, 0.97),
         ]
-    return Found(table, targets)
+    return RowResult(table, targets)

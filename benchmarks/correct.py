@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.held_out import split
-from benchmarks.rows import Found, Rows, Target, cpu_seconds_of
+from benchmarks.rows import RowResult, Rows, Target, cpu_seconds_of
 from truearm.arm import Arm, Chain, Pose, load_arm
 from truearm.compensation.models import Compensator, PhysicalModel, load_model
 from truearm.compensation.targets.correction import correct_targets, task_of
@@ -41,7 +41,7 @@ def real_arm(file: str | None) -> tuple[Compensator, Session]:
 
 
 @ROWS.row("measured-points")
-def measured_points(model: str | None = None) -> Found:
+def measured_points(model: str | None = None) -> RowResult:
     """UR10 series A, measured points as targets: distance of the joints found from the true ones, at the tip."""
     fitted, test = real_arm(model)
     every, joints = np.arange(len(test)), test.angles
@@ -58,11 +58,11 @@ def measured_points(model: str | None = None) -> Found:
         spread = {"mean [mm]": errors.mean(), "95 % [mm]": np.quantile(errors, 0.95), "max [mm]": errors.max()}
         table.append({"joints": name, "n": len(test), "refused": int(found.refused.sum()), **spread})
     mean = float(table[0]["mean [mm]"])
-    return Found(table, [Target("UR10 series A, joints of measured points, at the tip, mean [mm]", mean, 0.060)])
+    return RowResult(table, [Target("UR10 series A, joints of measured points, at the tip, mean [mm]", mean, 0.060)])
 
 
 @ROWS.row("steps", quick={"targets": 500})
-def steps(targets: int = 10_000, model: str | None = None) -> Found:
+def steps(targets: int = 10_000, model: str | None = None) -> RowResult:
     """Speed without uncertainties, share of targets within 1e-9 rad of their solution after four steps, and back."""
     fitted, test = real_arm(model)
     low, high = fitted.angle_ranges_.T
@@ -95,7 +95,7 @@ def steps(targets: int = 10_000, model: str | None = None) -> Found:
         Target("random targets, condition < 100, the same", table[0]["of these in 4 steps"], 0.999, "above"),
         Target("there and back, condition < 100 [rad]", back, 1e-9),
     ]
-    return Found(table, judged)
+    return RowResult(table, judged)
 
 
 def on_a_rail() -> Arm:
@@ -164,7 +164,7 @@ def closed_loops(
     readings: int = 3000,
     presets: tuple[str, ...] = ("shop", "research"),
     arms: tuple[str, ...] = ("ur10", "wam", "rail"),
-) -> Found:
+) -> RowResult:
     """Virtual arms commanded to corrected joints, distance from 500 targets, mean [mm]."""
     table, targets = [], []
     for preset in presets:
@@ -172,4 +172,4 @@ def closed_loops(
             found = closed_loop(name, preset, readings, 500)
             table.append({"arm": f"{name}, {preset}", **found})
             targets.append(Target(f"closed loop, {name}, {preset}: error / model's own", found["ratio"], 1.1))
-    return Found(table, targets)
+    return RowResult(table, targets)

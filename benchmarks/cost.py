@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.rows import Found, Rows, Target, own_process, peak_bytes, times_of, times_of_each
+from benchmarks.rows import RowResult, Rows, Target, own_process, peak_bytes, times_of, times_of_each
 from truearm.compensation.nets.nguyen_widrow import nguyen_widrow
 from truearm.compensation.nets.normal_equations import GROUPS, FitProblem
 from truearm.compensation.nets.perceptron import Perceptron
@@ -69,7 +69,7 @@ def identification(n: int) -> dict[str, Any]:
 
 
 @ROWS.row("identification", quick={"readings": (300, 600)})
-def identifications(readings: tuple[int, ...] = READINGS) -> Found:
+def identifications(readings: tuple[int, ...] = READINGS) -> RowResult:
     """Identification with 1,500 terms, evidence and all rounds included."""
     each = [own_process(identification, n) for n in readings]
     for of in each:
@@ -82,7 +82,7 @@ def identifications(readings: tuple[int, ...] = READINGS) -> Found:
             name = f"{JUDGED} readings x {of['coefficients']} coefficients"
             targets.append(Target(f"{name}: time [s]", of["seconds"], 10))
             targets.append(Target(f"{name}: peak memory of the process [MB]", of["peak_MB"], 500))
-    return Found(each, targets, [f"A planted UR10 whose tips have noise of {NOISE_MM} mm in every coordinate."])
+    return RowResult(each, targets, [f"A planted UR10 whose tips have noise of {NOISE_MM} mm in every coordinate."])
 
 
 # An epoch of a network ------------------------------------------------------------------------------------------------
@@ -128,7 +128,7 @@ def epochs(
     units_fixed: int = 30,
     samples_fixed: int = 9000,
     plot: str | None = None,
-) -> Found:
+) -> RowResult:
     """An epoch of varpro, 6-units-units-3: normal equations, output layer eliminated, one step.
 
     `plot` is a file (.svg, .png) to draw the growth into.
@@ -144,7 +144,7 @@ def epochs(
         f"in weights {exponent(by_weights, 'weights'):.2f}"
     )
     target = Target("growth, exponent in samples, of all and of the last decade", steepest, 1.05)
-    return Found([*by_samples, *by_weights], [target], [note])
+    return RowResult([*by_samples, *by_weights], [target], [note])
 
 
 def draw(by_samples: list[dict[str, Any]], by_weights: list[dict[str, Any]], file: Path) -> None:
@@ -180,12 +180,12 @@ def memory_of(n: int, units: int) -> dict[str, float]:
     return {"samples": n, "weights": problem.network.n_weights, **found, "an epoch [MB]": peak_bytes() / 1e6}
 
 
-@ROWS.row("memory", quick={"samples": (2000, 20_000), "units": 8})
-def memory(samples: tuple[int, ...] = (9000, 1_000_000), units: int = 50) -> Found:
+@ROWS.row("memory", quick={"samples": (2000, 20_000), "units_fixed": 8})
+def memory(samples: tuple[int, ...] = (9000, 1_000_000), units_fixed: int = 50) -> RowResult:
     """Peak memory of a process of its own that trains 6-units-units-3."""
-    table = [own_process(memory_of, n, units) for n in samples]
+    table = [own_process(memory_of, n, units_fixed) for n in samples]
     what = "memory, peak with {samples} samples [MB]"
-    return Found(table, [Target(what.format(**one), one["an epoch [MB]"], 400) for one in table])
+    return RowResult(table, [Target(what.format(**one), one["an epoch [MB]"], 400) for one in table])
 
 
 # Normal equations of a network, three ways ----------------------------------------------------------------------------
@@ -285,7 +285,7 @@ def compared(sizes: tuple[int, ...], n: int, *, runs: int) -> dict[str, Any]:
 
 
 @ROWS.row("normal-equations", quick={"runs": 1, "largest": 3000})
-def normal_equations(runs: int = 7, largest: int = 9000) -> Found:
+def normal_equations(runs: int = 7, largest: int = 9000) -> RowResult:
     """One evaluation of J^T J: factored, its products alone, dense; shortest of some runs (median)."""
     table = [compared(sizes, n, runs=runs) for sizes, n in CASES if n <= largest]
     last = table[-1]
@@ -293,4 +293,4 @@ def normal_equations(runs: int = 7, largest: int = 9000) -> Found:
         Target(f"{last['network']}: factored over its products alone", last["/ products"], 1.25),
         Target(f"{last['network']}: factored over dense", last["/ dense"], 0.35),
     ]
-    return Found(table, targets)
+    return RowResult(table, targets)

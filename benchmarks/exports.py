@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.held_out import split, three_figures
-from benchmarks.rows import ROOT, Found, Rows, Target, scratch, times_of_each
+from benchmarks.rows import ROOT, RowResult, Rows, Target, scratch, times_of_each
 from truearm.arm import load_arm
 from truearm.arm.ur_kinematics import ur_hash, ur_kinematics_text
 from truearm.compensation.export import (
@@ -69,7 +69,7 @@ def agrees(what: str, model: Compensator, points: FloatArray, expected: FloatArr
 
 
 @ROWS.row("urdf")
-def of_urdf(model: str | None = None, seed: int = 1) -> Found:
+def of_urdf(model: str | None = None, seed: int = 1) -> RowResult:
     """URDF: errors of the nominal arm, the exported file and the model on the positions held out [mm].
 
     The bound is the stand-in of the same readings that judge it: no rigid arm is much better there.
@@ -91,11 +91,11 @@ def of_urdf(model: str | None = None, seed: int = 1) -> Found:
     errors = {name: three_figures(points, test.points) for name, points in tips.items()}
     limit = Target("URDF, mean error on positions held out [mm]", errors["exported URDF"]["mean_mm"], LIMIT_MM)
     table = [{"arm": name, **found} for name, found in errors.items()]
-    return Found(table, [limit], [f"loss stated in the file [mm]: {rigid.loss.model_dump()}"])
+    return RowResult(table, [limit], [f"loss stated in the file [mm]: {rigid.loss.model_dump()}"])
 
 
 @ROWS.row("onnx")
-def of_onnx(model: str | None = None, seed: int = 1) -> Found:
+def of_onnx(model: str | None = None, seed: int = 1) -> RowResult:
     """ONNX: size of the graph, its agreement with the model and the time of onnxruntime on one thread."""
     import onnxruntime
 
@@ -112,11 +112,11 @@ def of_onnx(model: str | None = None, seed: int = 1) -> Found:
     times = times_of_each({"one": lambda: session.run(None, one), "many": lambda: session.run(None, all_of_them)})
     row["one reading a call [us]"] = times["one"].shortest * 1e6
     row["one of 10,000 readings [us]"] = times["many"].shortest * 1e6 / len(many)
-    return Found([row], [target])
+    return RowResult([row], [target])
 
 
 @ROWS.row("json")
-def of_json(model: str | None = None, seed: int = 1) -> Found:
+def of_json(model: str | None = None, seed: int = 1) -> RowResult:
     """JSON: size of the document and the agreement of the independent reader with the model."""
     fitted, _, test = work(model, seed)
     file = scratch() / "ur10.json"
@@ -127,11 +127,11 @@ def of_json(model: str | None = None, seed: int = 1) -> Found:
     some, begun = test.angles[:200], time.perf_counter()
     got = json_reader.tips(file, some)
     row["independent reader, file and 200 readings [s]"] = time.perf_counter() - begun
-    return Found([row], [agrees("JSON reader", fitted, got, fitted.predict(some))])
+    return RowResult([row], [agrees("JSON reader", fitted, got, fitted.predict(some))])
 
 
 @ROWS.row("constants")
-def of_constants(model: str | None = None, seed: int = 1) -> Found:
+def of_constants(model: str | None = None, seed: int = 1) -> RowResult:
     """Tables of constants: errors on the positions held out, and what a controller without beta loses."""
     fitted, _, test = work(model, seed)
     table, targets = [], []
@@ -147,11 +147,11 @@ def of_constants(model: str | None = None, seed: int = 1) -> Found:
         targets.append(Target(f"{name}, mean error on positions held out [mm]", mean, LIMIT_MM))
     lost = json.loads((scratch() / "deltas.json").read_text())["frames"]["without_beta_mm"]
     notes = [f"without beta, mean displacement [mm]: {lost}"]
-    return Found(table, targets, notes)
+    return RowResult(table, targets, notes)
 
 
 @ROWS.row("ur-kinematics")
-def of_ur_kinematics() -> Found:
+def of_ur_kinematics() -> RowResult:
     """Kinematics of UR files after import and export."""
     R, t, q = np.zeros(1), np.zeros(1), np.random.default_rng(0).uniform(-np.pi, np.pi, (1000, 6))
     for source in sorted(Path(os.environ.get("TRUEARM_DATA", ".")).glob("ur_factory/*.yaml")):
@@ -164,7 +164,7 @@ def of_ur_kinematics() -> Found:
         Target("UR file after import and export, position [m]", float(t.max()), 1e-9),
         Target("UR file after import and export, orientation [rad]", float(R.max()), 1e-9),
     ]
-    return Found(targets=targets, notes=[f"{len(t) - 1} files"])
+    return RowResult(targets=targets, notes=[f"{len(t) - 1} files"])
 
 
 TIMER = """
@@ -211,7 +211,7 @@ def microseconds_of_c(model: Compensator) -> tuple[float, float, float]:
 
 
 @ROWS.row("c", quick={"poses": 100})
-def of_c(model: str | None = None, seed: int = 1, poses: int = 10_000) -> Found:
+def of_c(model: str | None = None, seed: int = 1, poses: int = 10_000) -> RowResult:
     """C: size, agreement with the model, uncertainties at poses of the trained region, and times."""
     fitted, train, test = work(model, seed)
     file = scratch() / "ur10.c"
@@ -237,13 +237,13 @@ def of_c(model: str | None = None, seed: int = 1, poses: int = 10_000) -> Found:
         Target("C, a reading, physical [us]", point, 3.0),
         Target("C, a reading with covariance, physical [us]", with_covariance, 300.0),
     ]
-    return Found([row], targets)
+    return RowResult([row], targets)
 
 
 @ROWS.row("js")
-def of_js(model: str | None = None, seed: int = 1) -> Found:
+def of_js(model: str | None = None, seed: int = 1) -> RowResult:
     """ES module: its size and its agreement with the model."""
     fitted, _, test = work(model, seed)
     some, file = test.angles[:500], scratch() / "ur10.mjs"
     row = written(file, lambda: es_module.write(fitted, Manifest.of(fitted, "js"), file))
-    return Found([row], [agrees("JavaScript", fitted, es_module.tips(file, some), fitted.predict(some))])
+    return RowResult([row], [agrees("JavaScript", fitted, es_module.tips(file, some), fitted.predict(some))])

@@ -19,7 +19,7 @@ from benchmarks.held_out import (
     squared_lengths,
     three_figures,
 )
-from benchmarks.rows import Found, Rows
+from benchmarks.rows import RowResult, Rows
 from truearm import datasets
 from truearm.arm import load_arm
 from truearm.arm.chain import Chain
@@ -41,7 +41,7 @@ VARIANTS = {"without": False, "with": True}
 
 
 @ROWS.row("residual-process", quick={"seeds": 1})
-def residual_process(sets: tuple[str, ...] = ("wam",), seeds: int = 10) -> Found:
+def residual_process(sets: tuple[str, ...] = ("wam",), seeds: int = 10) -> RowResult:
     """Held-out errors, coverage and fit time with and without the residual process; sets wam, ur5, ur10-b, ur10-a.
 
     The others than wam take minutes a split.
@@ -61,7 +61,7 @@ def residual_process(sets: tuple[str, ...] = ("wam",), seeds: int = 10) -> Found
         for variant, each in found.items():
             means = {key: float(np.mean([one[key] for one in each])) for key in each[0]}
             table.append({"set": name, "residual process": variant, **means, "largest": max(e["max_mm"] for e in each)})
-    return Found(table, notes=["Means over the splits; kept: share of splits in which the model has the process."])
+    return RowResult(table, notes=["Means over the splits; kept: share of splits in which the model has the process."])
 
 
 # Away from training ---------------------------------------------------------------------------------------------------
@@ -80,7 +80,7 @@ def halves(readings: Session) -> Iterator[tuple[str, Session, Session, Session]]
 
 
 @ROWS.row("away-from-training", quick={"models": ("nominal",)})
-def away_from_training(models: tuple[str, ...] = tuple(MODELS)) -> Found:
+def away_from_training(models: tuple[str, ...] = tuple(MODELS)) -> RowResult:
     """UR10 series B, learned from half the range of a joint, tested inside it and in the other half.
 
     15 % of the goal positions are held out of the teaching half, to compare with. Mean error [mm], median standard
@@ -99,7 +99,7 @@ def away_from_training(models: tuple[str, ...] = tuple(MODELS)) -> Found:
                 flagged = model.outside_training(test.angles).mean()
                 row[label] = f"{error:.2f}  {std:.3f}  {share:.0%}  {flagged:.0%}"
             table.append(row)
-    return Found(table)
+    return RowResult(table)
 
 
 # Under a payload ------------------------------------------------------------------------------------------------------
@@ -142,7 +142,7 @@ def with_payload(virtual: ta.VirtualArm, kg: tuple[float, ...], n: int, *, seed:
 
 
 @ROWS.row("payload", quick={"readings": 60})
-def payload(seed: int = 3, readings: int = 250) -> Found:
+def payload(seed: int = 3, readings: int = 250) -> RowResult:
     """A virtual UR10 with flexible joints and heavy links: errors and stated uncertainties under a payload [mm].
 
     The arm has the errors of the preset `research` and compliances of a robot. The payload's centre of mass is 40 mm
@@ -160,7 +160,7 @@ def payload(seed: int = 3, readings: int = 250) -> Found:
             for tested, session in tests.items():
                 row[f"mean at {tested:g} kg"], row[f"u at {tested:g} kg"] = mean_and_u(model, session)
             table.append(row)
-    return Found(table)
+    return RowResult(table)
 
 
 # On a rail ------------------------------------------------------------------------------------------------------------
@@ -201,7 +201,7 @@ def on_rail(arm: ta.Arm, n: int, where: object, *, seed: int) -> ta.Session:
 
 
 @ROWS.row("rail", quick={"readings": 60})
-def rail(readings: int = 250) -> Found:
+def rail(readings: int = 250) -> RowResult:
     """A UR10 on a rail of 4 m with planted errors of rail and arm: mean error and uncertainty held out [mm]."""
     arm, table = arm_on_rail(), []
     test = on_rail(arm, 300, None, seed=9)
@@ -210,7 +210,7 @@ def rail(readings: int = 250) -> Found:
         for label, kind in IDENTIFIED.items():
             error, u = mean_and_u(kind(arm).fit_readings(session), test)
             table.append({"trained": trained, "model": label, "mean": error, "u": u})
-    return Found(table)
+    return RowResult(table)
 
 
 # On another day -------------------------------------------------------------------------------------------------------
@@ -245,7 +245,7 @@ def on_another_day(model: IdentifiedModel, virtual: VirtualArm) -> dict[str, flo
 
 
 @ROWS.row("another-day", quick={"arms": 1})
-def another_day(arms: int = 24, readings: int = 80, preset: str = "shop") -> Found:
+def another_day(arms: int = 24, readings: int = 80, preset: str = "shop") -> RowResult:
     """Virtual arms learned from readings of one, two or four days, tested on another: error and uncertainty [mm].
 
     Each arm is measured at the poses of a person, as many readings in all, spread over the days in the same set-up.
@@ -268,7 +268,7 @@ def another_day(arms: int = 24, readings: int = 80, preset: str = "shop") -> Fou
         share = np.array([one["in_95_percent"] for one in each])
         told = f"{share.mean():.1%} +- {share.std() / np.sqrt(len(share)):.1%}"
         table.append({"model": name, "days": days, "error, rms": rms, "stated, rms": stated, "within 95 %": told})
-    return Found(table)
+    return RowResult(table)
 
 
 # Compared with a model of later readings ------------------------------------------------------------------------------
@@ -305,7 +305,7 @@ def compare(
     strategy: str = "box",
     offset: float = 0.1,
     models: tuple[str, ...] = tuple(IDENTIFIED),
-) -> Found:
+) -> RowResult:
     """Does `compare` name what changed, and nothing else? Pairs of models of virtual arms from different readings.
 
     Each arm is measured twice at other poses. Of an unchanged arm the constants and the tip may count as changed in
@@ -330,11 +330,11 @@ def compare(
         medians = float(np.median(still["n_constants"])), float(np.median(moved["U_deg"]))
         sums = {name: sum(count) for name, count in counts.items()}
         table.append({"model": kind, "constants": medians[0], **sums, "U [deg]": medians[1]})
-    return Found(table)
+    return RowResult(table)
 
 
 @ROWS.row("compare-ur10", quick={"models": ("kinematic",)})
-def compare_ur10(models: tuple[str, ...] = tuple(IDENTIFIED)) -> Found:
+def compare_ur10(models: tuple[str, ...] = tuple(IDENTIFIED)) -> RowResult:
     """Models of the published series A (2000 of its readings) and B of a UR10, which overlap in few poses."""
     first, second = (ta.fetch(name).session for name in ("ur10-a", "ur10-b"))
     rows = np.sort(np.random.default_rng(1).permutation(len(first))[:2000])
@@ -342,4 +342,4 @@ def compare_ur10(models: tuple[str, ...] = tuple(IDENTIFIED)) -> Found:
     for kind in models:
         old, new = (ta.fit("ur10", session, model=kind).model for session in (first.rows(rows), second))
         notes.append(f"{kind}\n{ta.compare(old, new)}")
-    return Found(notes=notes)
+    return RowResult(notes=notes)

@@ -20,7 +20,7 @@ from types import FrameType
 from typing import Any
 
 import truearm as ta
-from benchmarks.rows import Found, Rows, Target
+from benchmarks.rows import RowResult, Rows, Target
 from truearm.compensation.models.compensator import Compensator
 from truearm.readings.readings import Readings
 
@@ -85,7 +85,7 @@ def floors(arrows: dict[str, set[str]]) -> dict[str, int]:
 
 
 @ROWS.row("sizes")
-def sizes() -> Found:
+def sizes() -> RowResult:
     """Sizes of the source, of its rooms and of what stands beside it."""
     files = sources(HOUSE)
     arrows = imports(files)
@@ -137,7 +137,7 @@ def sizes() -> Found:
         "code lines of benchmarks": (sum(s.code for s in benchmarks.values()), 5000),
         "files of benchmarks": (len(benchmarks), 25),
     }
-    return Found(targets=[Target(what, count, limit) for what, (count, limit) in counts.items()])
+    return RowResult(targets=[Target(what, count, limit) for what, (count, limit) in counts.items()])
 
 
 class Walk:
@@ -215,7 +215,7 @@ def walk(work: Callable[[], object], kind: type, floor: dict[str, int]) -> Walk:
 
 
 @ROWS.row("walks")
-def walks() -> Found:
+def walks() -> RowResult:
     """Walks of the readings and of the model through fit, evaluate and correct, and what checks them on the way."""
     floor = floors(imports(sources(HOUSE)))
     session = ta.simulate("ur10", poses=80, seed=1).session
@@ -228,7 +228,7 @@ def walks() -> Found:
         "correct, the model": walk(lambda: ta.correct(model, test.angles), Compensator, floor),
     }
     figures = ("stays", "files", "climbs", "returns", "names")
-    return Found(
+    return RowResult(
         [
             {
                 "walk": what,

@@ -20,7 +20,7 @@ from benchmarks.held_out import (
     three_figures,
     told,
 )
-from benchmarks.rows import Found, Rows, Target
+from benchmarks.rows import RowResult, Rows, Target
 from truearm import datasets
 from truearm.arm import Arm, load_arm
 from truearm.compensation.models import PhysicalModel
@@ -75,7 +75,7 @@ def seen(name: str, seed: int, label: str) -> Seen:
     return Seen(points, lengths, model.fit_seconds_, test, *quarters(train.angles, test.angles))
 
 
-def held_out(name: str, limits: dict[str, float], seeds: int) -> Found:
+def held_out(name: str, limits: dict[str, float], seeds: int) -> RowResult:
     """Errors on what the splits hold out, of the three models; `limits` of the physical model's figures."""
     table, figures = [], {}
     for label in MODELS:
@@ -87,24 +87,24 @@ def held_out(name: str, limits: dict[str, float], seeds: int) -> Found:
         Target(f"{name}: {figure.removesuffix('_mm')} of held-out errors [mm]", figures["physical"][figure], limit)
         for figure, limit in limits.items()
     ]
-    return Found(table, targets, [f"{HELD_OUT:.0%} held out by {SPLITS[name]} (max: largest of all splits)"])
+    return RowResult(table, targets, [f"{HELD_OUT:.0%} held out by {SPLITS[name]} (max: largest of all splits)"])
 
 
 @ROWS.row("ur10-b", quick=ONE)
-def ur10_b(seeds: int = 5) -> Found:
+def ur10_b(seeds: int = 5) -> RowResult:
     """UR10 series B: held-out errors."""
     row = held_out("ur10-b", {"mean_mm": 0.080, "p95_mm": 0.17, "max_mm": 0.45}, seeds)
     return with_outliers_named(row, "ur10-b", {"mean": 0.080, "max": 0.45}, seeds)
 
 
 @ROWS.row("ur10-a", quick=ONE)
-def ur10_a(seeds: int = 5) -> Found:
+def ur10_a(seeds: int = 5) -> RowResult:
     """UR10 series A: held-out errors; bad readings are named, and the others judged."""
     row = held_out("ur10-a", {"mean_mm": 0.075, "p95_mm": 0.15}, seeds)
     return with_outliers_named(row, "ur10-a", {"max": 0.6}, seeds)
 
 
-def with_outliers_named(row: Found, name: str, limits: dict[str, float], seeds: int) -> Found:
+def with_outliers_named(row: RowResult, name: str, limits: dict[str, float], seeds: int) -> RowResult:
     """Add to a row the held-out readings that the physical model's uncertainty rules out, and the errors of the rest.
 
     `limits` are of their `mean` over all splits and of the largest, `max` [mm].
@@ -130,23 +130,23 @@ def with_outliers_named(row: Found, name: str, limits: dict[str, float], seeds: 
         ),
         f"Of the others the mean is {rest['mean']:.4f}, the largest {rest['max']:.3f} mm.",
     ]
-    return Found(row.table, [*row.targets, *targets], [*row.notes, *notes])
+    return RowResult(row.table, [*row.targets, *targets], [*row.notes, *notes])
 
 
 @ROWS.row("ur5", quick=ONE)
-def ur5(seeds: int = 5) -> Found:
+def ur5(seeds: int = 5) -> RowResult:
     """UR5 on a grid: held-out errors."""
     return held_out("ur5", {"mean_mm": 0.052, "max_mm": 0.20}, seeds)
 
 
 @ROWS.row("wam", quick=ONE)
-def wam(seeds: int = 5) -> Found:
+def wam(seeds: int = 5) -> RowResult:
     """Barrett WAM on a grid: held-out errors."""
     return held_out("wam", {"mean_mm": 2.3}, seeds)
 
 
 @ROWS.row("constants", quick={"seeds": 1, "sets": ("wam",)})
-def of_constants(seeds: int = 5, sets: tuple[str, ...] = tuple(SPLITS)) -> Found:
+def of_constants(seeds: int = 5, sets: tuple[str, ...] = tuple(SPLITS)) -> RowResult:
     """Nominal and kinematic model of all sets with points, split by split: mean / p95 / max [mm]."""
     table, targets = [], []
     for name in sets:
@@ -163,11 +163,11 @@ def of_constants(seeds: int = 5, sets: tuple[str, ...] = tuple(SPLITS)) -> Found
         if name == "ur10-a":
             limits = {"nominal": 0.76, "kinematic": 0.41}
             targets = [Target(f"{name}, {m}, mean [mm]", means[m]["mean_mm"], limits[m]) for m in limits]
-    return Found(table, targets)
+    return RowResult(table, targets)
 
 
 @ROWS.row("coverage", quick={"seeds": 1, "sets": ("wam",)})
-def coverage(seeds: int = 5, sets: tuple[str, ...] = tuple(SPLITS)) -> Found:
+def coverage(seeds: int = 5, sets: tuple[str, ...] = tuple(SPLITS)) -> RowResult:
     """Points held out inside the 95 % ellipsoids of the physical model, and by quarter of the joint space [%]."""
     table, targets = [], []
     for name in sets:
@@ -196,7 +196,7 @@ def coverage(seeds: int = 5, sets: tuple[str, ...] = tuple(SPLITS)) -> Found:
             " 22 % / sqrt(m): 1 % of 475, 2.5 % of 76."
         ),
     ]
-    return Found(table, targets, notes)
+    return RowResult(table, targets, notes)
 
 
 def quarters(train: FloatArray, test: FloatArray) -> tuple[IntArray, IntArray]:
@@ -216,7 +216,7 @@ MISPAIRED = (532, 854, 855)
 
 
 @ROWS.row("transfer", quick=ONE)
-def transfer(seeds: int = 5) -> Found:
+def transfer(seeds: int = 5) -> RowResult:
     """UR10: learned from series A, base and tip refitted on a few rows of B, tested on the others of B."""
     b = datasets.load_readings("ur10-b")
     good = b.rows(np.setdiff1d(np.arange(len(b)), MISPAIRED))
@@ -251,7 +251,7 @@ def transfer(seeds: int = 5) -> Found:
         ),
         "Left out: lines 534, 856 and 857 of B, whose points were taken at a neighbouring pose.",
     ]
-    return Found(table, targets, notes)
+    return RowResult(table, targets, notes)
 
 
 # Arms whose ball was held in sockets: tool positions left out ---------------------------------------------------------
@@ -298,7 +298,7 @@ def each_left_out(robot: str) -> dict[str, dict[str, dict[str, float]]]:
     return {name: left_out(robot, tuple(n for n in names if n != name), (name,))[name] for name in names}
 
 
-def of_positions(found: dict[str, dict[str, dict[str, float]]], targets: list[Target]) -> Found:
+def of_positions(found: dict[str, dict[str, dict[str, float]]], targets: list[Target]) -> RowResult:
     """A table of tool positions, its targets and one on every position: no worse than nominal."""
     table = [
         {
@@ -311,11 +311,11 @@ def of_positions(found: dict[str, dict[str, dict[str, float]]], targets: list[Ta
     ]
     worst = max(of["physical"]["mean_mm"] / of["nominal"]["mean_mm"] for of in found.values())
     note = "Distances to the mean of the seat: mean rms max [mm]; as drawn: mean. Nominal: the tip fitted."
-    return Found(table, [*targets, Target("mean over nominal's, the worst position", worst, 1.0)], [note])
+    return RowResult(table, [*targets, Target("mean over nominal's, the worst position", worst, 1.0)], [note])
 
 
 @ROWS.row("panda-1")
-def panda_1() -> Found:
+def panda_1() -> RowResult:
     """Franka panda_1: one tool position in front to learn from (two seats, one length), two to test on."""
     found = left_out("panda_1", ("front",), ("right", "back-high"))
     targets = []
@@ -327,7 +327,7 @@ def panda_1() -> Found:
 
 
 @ROWS.row("panda-2")
-def panda_2() -> Found:
+def panda_2() -> RowResult:
     """Franka panda_2, every tool position left out."""
     found = each_left_out("panda_2")
     means = [of["physical"]["mean_mm"] for of in found.values()]
@@ -339,7 +339,7 @@ def panda_2() -> Found:
 
 
 @ROWS.row("panda-3")
-def panda_3() -> Found:
+def panda_3() -> RowResult:
     """Franka panda_3, every tool position left out."""
     found = each_left_out("panda_3")
     worst = max(of["physical"]["mean_mm"] for of in found.values())
@@ -347,7 +347,7 @@ def panda_3() -> Found:
 
 
 @ROWS.row("dinova-1")
-def dinova_1() -> Found:
+def dinova_1() -> RowResult:
     """Kinova Gen3 lite dinova_1, every tool position left out."""
     return of_positions(each_left_out("dinova_1"), [])
 
@@ -396,7 +396,7 @@ def over_floor(seed: int, strategy: str, n: int) -> dict[str, float]:
 
 
 @ROWS.row("virtual", quick={"seeds": 1, "poses": (50,)})
-def virtual(seeds: int = 5, poses: tuple[int, ...] = tuple(LIMITS)) -> Found:
+def virtual(seeds: int = 5, poses: tuple[int, ...] = tuple(LIMITS)) -> RowResult:
     """Virtual arm `research` of gao2017, points of a tracker, few to many."""
     table, targets = [], []
     for strategy in (STRATEGY, OTHER):
@@ -413,7 +413,7 @@ def virtual(seeds: int = 5, poses: tuple[int, ...] = tuple(LIMITS)) -> Found:
         f"Median of {seeds} arms, {N_TEST} test poses each; floor: mean absolute coordinate error of the true function"
         " [mm]; the models: theirs over it. Judged: the box."
     )
-    return Found(table, targets, [note])
+    return RowResult(table, targets, [note])
 
 
 def seats_and_bar(seed: int) -> tuple[Session, Lengths]:
@@ -462,7 +462,7 @@ def length_error(tips: FloatArray, truth: FloatArray) -> float:
 
 
 @ROWS.row("virtual-seats", quick=ONE)
-def virtual_seats(seeds: int = 5) -> Found:
+def virtual_seats(seeds: int = 5) -> RowResult:
     """Virtual arm `research` from 10 seats x 20 poses and one bar (u 0.002 mm) alone."""
     table, targets = [], []
     for strategy in (OTHER, STRATEGY):
@@ -484,7 +484,7 @@ def virtual_seats(seeds: int = 5) -> Found:
         f"Median of {seeds} arms (least to most); the bar spans the two seats farthest apart. Judged: poses in which a"
         " person measures parts."
     )
-    return Found(table, targets, [note])
+    return RowResult(table, targets, [note])
 
 
 # Evidence: all candidate terms at once against the best subset chosen by hand -----------------------------------------
@@ -599,7 +599,7 @@ def tasks(seeds: int) -> dict[str, Callable[[], list[Task]]]:
 
 
 @ROWS.row("pruning", quick={"seeds": 1, "sets": ("wam",)})
-def pruning(seeds: int = 5, sets: tuple[str, ...] = ()) -> Found:
+def pruning(seeds: int = 5, sets: tuple[str, ...] = ()) -> RowResult:
     """All candidate terms at once against the best subset chosen by hand, with the same test readings."""
     table, targets = [], []
     for name, make in tasks(seeds).items():
@@ -619,4 +619,4 @@ def pruning(seeds: int = 5, sets: tuple[str, ...] = ()) -> Found:
         })  # fmt: skip
         targets.append(Target(f"{name}: all candidates over the best subset, mean error", ratio, 1.03))
     note = f"Mean errors of test readings [mm]. {len(subsets())} subsets, the best by the same test readings."
-    return Found(table, targets, [note])
+    return RowResult(table, targets, [note])

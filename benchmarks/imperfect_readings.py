@@ -104,9 +104,9 @@ def far_out(
 
 
 @ROWS.row("model-kept", quick={"seeds": 1})
-def model_kept(seeds: int = 4, arms: tuple[str, ...] = (ARM, "measuring7", "ur10")) -> Iterator[dict[str, str]]:
+def model_kept(seeds: int = 4, arm_names: tuple[str, ...] = (ARM, "measuring7", "ur10")) -> Iterator[dict[str, str]]:
     """The model that `auto` keeps: is it the one without the wrong readings, of one and of 5 %."""
-    for arm in arms:
+    for arm in arm_names:
         preset, same, worse = "research" if arm == ARM else "shop", 0, 0
         for seed in range(seeds):
             virtual = virtual_arm(arm, preset, seed)
@@ -129,23 +129,23 @@ def model_kept(seeds: int = 4, arms: tuple[str, ...] = (ARM, "measuring7", "ur10
 
 @ROWS.row("unexplained", quick={"shares": (0.20,), "arms": 1})
 def unexplained(
-    shares: tuple[float, ...] = (0.05, 0.10, 0.15, 0.20), arms: int = 4, readings: int = 200
+    shares: tuple[float, ...] = (0.05, 0.10, 0.15, 0.20), arms: int = 4, readings_per_arm: int = 200
 ) -> Iterator[dict[str, str]]:
     """The residual standard deviation: is it the one without the wrong readings."""
     for share in shares:
         ratios = []
         for seed in range(arms):
             virtual = virtual_arm(ARM, "research", seed)
-            session = measured(virtual, readings, seed)
+            session = measured(virtual, readings_per_arm, seed)
             rng = np.random.default_rng(WRONG + seed)
-            rows = rng.permutation(readings)[: round(share * readings)]
+            rows = rng.permutation(readings_per_arm)[: round(share * readings_per_arm)]
             spoilt = with_errors(session, rows, mixed_sizes(rng, len(rows)), seed)
             stds = [PhysicalModel(virtual.nominal).fit_readings(one).residual_std_ for one in (spoilt, session)]
             ratios.append(stds[0] / stds[1])
         low, high = min(ratios), max(ratios)
         yield finding(
-            f"{readings} readings of {ARM}, research, {share:.0%} wrong by {SMALLEST_MM:g} to {LARGEST_MM:g} mm, "
-            f"{arms} arms: the unexplained standard deviation over that without them",
+            f"{readings_per_arm} readings of {ARM}, research, {share:.0%} wrong by {SMALLEST_MM:g} "
+            f"to {LARGEST_MM:g} mm, {arms} arms: the unexplained standard deviation over that without them",
             "0.7 to 1.3",
             f"{low:.2f} to {high:.2f}",
             low >= 0.7 and high <= 1.3,
@@ -330,14 +330,14 @@ def outcome(arm: Arm, session: Session) -> tuple[bool, float, float]:
     return False, model.held_out_.mean_mm, model.nominal_check_.ratio
 
 
-@ROWS.row("wrong-arms", quick={"arms": (ARM,), "sets": ("ur5",)})
+@ROWS.row("wrong-arms", quick={"arm_names": (ARM,), "sets": ("ur5",)})
 def wrong_arms(
-    arms: tuple[str, ...] = (ARM, "ur10", "panda"), sets: tuple[str, ...] = ("ur10-a", "ur10-b", "ur5", "wam")
+    arm_names: tuple[str, ...] = (ARM, "ur10", "panda"), sets: tuple[str, ...] = ("ur10-a", "ur10-b", "ur5", "wam")
 ) -> Iterator[dict[str, str]]:
     """Mistakes of the arm that are accepted and harm, and right arms that are refused."""
     n = n_refused = n_harmful = n_right = 0
     questioned, largest = [], 0.0
-    for name, arm, session in arms_and_readings(arms, sets):
+    for name, arm, session in arms_and_readings(arm_names, sets):
         good = {what: outcome(arm, some) for what, some in right(session)}
         n_right += len(good)
         questioned += [f"{name}: {what}" for what, (is_refused, _, _) in good.items() if is_refused]

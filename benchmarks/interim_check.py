@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 import truearm as ta
-from benchmarks.rows import Found, Rows
+from benchmarks.rows import RowResult, Rows
 from truearm.typing import FloatArray
 from truearm.verification.monitor.assessment import RecalibrationAdvice
 from truearm.verification.monitor.control_chart import ControlChart, ControlRules, control_chart, control_rules
@@ -50,7 +50,7 @@ def answers(number: int, folder: Path) -> tuple[ta.CheckResult, ta.CheckResult]:
 
 
 @ROWS.row("arms", quick={"arms": 1})
-def arms(arms: int = 8) -> Found:
+def arms(arms: int = 8) -> RowResult:
     """The thirteenth check of the same arm, or of another one of the type without a serial number.
 
     Virtual arms of `gao2017` (preset `shop`, kinematic models of 150 readings) take twelve checks of 27 readings.
@@ -58,7 +58,7 @@ def arms(arms: int = 8) -> Found:
     with tempfile.TemporaryDirectory() as folder:
         pairs = [answers(number, Path(folder)) for number in range(arms)]
     same, other = ([one.recalibrate is RecalibrationAdvice.NO for one in each] for each in zip(*pairs, strict=True))
-    return Found([
+    return RowResult([
         {"arm": "the same: no", "found": f"{sum(same)} of {arms}"},
         {"arm": "another one of the type: not no", "found": f"{arms - sum(other)} of {arms}"},
     ])  # fmt: skip
@@ -89,7 +89,7 @@ def compared(deviations: FloatArray) -> WholeCheck:
 
 
 @ROWS.row("alarms", quick={"series": 10})
-def alarms(series: int = 400) -> Found:
+def alarms(series: int = 400) -> RowResult:
     """Series of 30 unchanged checks with an alarm of the whole check, by the correlation of consecutive checks [%]."""
     table = []
     for correlation in (0.0, 0.3, 0.5):
@@ -99,11 +99,11 @@ def alarms(series: int = 400) -> Found:
             found += bool(chart.out_of_limits.any() or chart.signal_index is not None)
         stated = 100 * (1 - (1 - 2 * 0.0027 / SIDES) ** (LATER - 3))
         table.append({"correlation": correlation, "alarms": 100 * found / series, "stated": stated})
-    return Found(table)
+    return RowResult(table)
 
 
 @ROWS.row("seen", quick={"series": 10})
-def seen(series: int = 400) -> Found:
+def seen(series: int = 400) -> RowResult:
     """Changes of the stated size that the thirteenth check shows; the scatter is 0.01 mm."""
     rng, found, sizes = np.random.default_rng(2), 0, []
     for _ in range(series):
@@ -114,7 +114,7 @@ def seen(series: int = 400) -> Found:
         change = rng.normal(size=deviations.shape[1:])
         deviations[-1] += size * change / np.sqrt((change**2).sum() / len(change))
         found, sizes = found + bool(compared(deviations).chart.out_of_limits[-1]), [*sizes, size]
-    return Found([{"seen [%]": 100 * found / len(sizes), "stated [%]": 90, "median size [mm]": np.median(sizes)}])
+    return RowResult([{"seen [%]": 100 * found / len(sizes), "stated [%]": 90, "median size [mm]": np.median(sizes)}])
 
 
 # A single chart -------------------------------------------------------------------------------------------------------
@@ -146,7 +146,7 @@ def chart_of(values: FloatArray, kind: str, rules: ControlRules) -> ControlChart
 
 
 @ROWS.row("chart-alarms", quick={"series": 10})
-def chart_alarms(series: int = 1000) -> Found:
+def chart_alarms(series: int = 1000) -> RowResult:
     """Series of 30 unchanged checks of one chart with an alarm, in brackets with "yes", by correlation [%].
 
     "Yes" is a cumulative sum, or two values in a row beyond the same limit; "independent" takes all values for that.
@@ -162,11 +162,11 @@ def chart_alarms(series: int = 1000) -> Found:
                 alarms, yes = alarms + (answer or bool(chart.out_of_limits.any())), yes + answer
             row[f"{correlation:g}"] = f"{100 * alarms / series:.1f} ({100 * yes / series:.1f})"
         table.append(row)
-    return Found(table)
+    return RowResult(table)
 
 
 @ROWS.row("chart-steps", quick={"series": 10})
-def chart_steps(series: int = 250) -> Found:
+def chart_steps(series: int = 250) -> RowResult:
     """Checks after a step of three standard deviations until "yes", one of six charts, by correlation: half, 95 %."""
     table = []
     for before in (10, 20, 40):
@@ -183,4 +183,4 @@ def chart_steps(series: int = 250) -> Found:
                 spread = np.quantile(needed, [0.5, 0.95], method="higher")
                 row[f"{correlation:g}"] = ", ".join(f"{n:.0f}" if np.isfinite(n) else f"> {AFTER}" for n in spread)
             table.append(row)
-    return Found(table)
+    return RowResult(table)

@@ -21,7 +21,7 @@ from benchmarks.held_out import LEVEL, split, squared_lengths
 from benchmarks.held_out import MODELS as IDENTIFYING
 from benchmarks.identification import tool_positions
 from benchmarks.methods_residual import CHOICES, GaussianProcess, tuned
-from benchmarks.rows import Found, Rows, machine, scratch
+from benchmarks.rows import RowResult, Rows, machine, scratch
 from truearm import datasets
 from truearm.arm import Arm, load_arm
 from truearm.compensation.models import HybridModel, NetworkModel
@@ -190,10 +190,10 @@ def rows_of(cells: dict[str, dict[str, float]], name: str) -> Iterator[dict[str,
             }
 
 
-def rows_for(name: str) -> Callable[..., Found]:
+def rows_for(name: str) -> Callable[..., RowResult]:
     """The row of a set."""
 
-    def measured(splits: int = 10, methods: tuple[str, ...] = tuple(METHODS), keep: str | None = None) -> Found:
+    def measured(splits: int = 10, methods: tuple[str, ...] = tuple(METHODS), keep: str | None = None) -> RowResult:
         file = Path(keep or scratch() / "methods.json")
         kept: dict[str, Any] = {"machine": machine(), "cells": {}}
         if file.exists():
@@ -205,7 +205,7 @@ def rows_for(name: str) -> Callable[..., Found]:
             if key not in kept["cells"]:
                 kept["cells"][key] = cell(name, method, seed)
                 file.write_text(json.dumps(kept, indent=1), encoding="utf-8")
-        return Found(list(rows_of(kept["cells"], name)))
+        return RowResult(list(rows_of(kept["cells"], name)))
 
     return measured
 

@@ -13,7 +13,7 @@ from statistics import median
 from typing import Any
 
 import truearm as ta
-from benchmarks.rows import Found, Rows, Target, scratch
+from benchmarks.rows import RowResult, Rows, Target, scratch
 from truearm.pages.html import write_page
 from truearm.pages.page import Page
 from truearm.workflows.arms import describe_arm
@@ -67,7 +67,7 @@ def measured(chromium: Any, path: Path, runs: int) -> dict[str, Any]:
 
 
 @ROWS.row("pages", quick={"runs": 1, "pages": ("arm",)})
-def pages(runs: int = 5, pages: tuple[str, ...] = ("arm", "demo", "report of 12,000 readings")) -> Found:
+def pages(runs: int = 5, pages: tuple[str, ...] = ("arm", "demo", "report of 12,000 readings")) -> RowResult:
     """Size, height and times of three pages."""
     from playwright.sync_api import sync_playwright
 
@@ -90,4 +90,4 @@ def pages(runs: int = 5, pages: tuple[str, ...] = ("arm", "demo", "report of 12,
                 targets.append(Target(f"{what} [MB]", row["size [MB]"], 3))
                 targets.append(Target(f"{what}, folded, 1400 px wide [px]", row["height [px]"], 4000))
         chromium.close()
-    return Found(table, targets)
+    return RowResult(table, targets)

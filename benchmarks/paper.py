@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.rows import Found, Rows, Target, machine
+from benchmarks.rows import RowResult, Rows, Target, machine
 from truearm.arm import load_arm
 from truearm.compensation.models import Compensator, HybridModel, KinematicModel, PhysicalModel
 from truearm.compensation.nets.nguyen_widrow import nguyen_widrow
@@ -54,7 +54,7 @@ def of_experiment(
     first: int = 0,
     epochs: int = PAPER_SETTINGS.epochs,
     half_width: float = PAPER_SETTINGS.half_width_deg,
-) -> Found:
+) -> RowResult:
     """The experiment on virtual arms beside the paper's figures: coordinate errors, mean / max [mm].
 
     3000 poses of a box train a 6-30-30-3 network, 200 further poses test it; each seed is another arm, with other
@@ -91,7 +91,7 @@ def of_experiment(
         Target("training time, worst seed [s]", worst["fit_seconds"], 60),
     ]
     note = f"network, mean over the seeds: {pair((mean, largest))} mm, median time {seconds:.1f} s"
-    return Found(table, targets, [note])
+    return RowResult(table, targets, [note])
 
 
 # Its box of joint angles ----------------------------------------------------------------------------------------------
@@ -148,7 +148,7 @@ def of_box(
     seeds: int = 1,
     folder: str = "truearm-gao2017/runs",
     kept: bool = False,
-) -> Found:
+) -> RowResult:
     """The experiment against its box: error and stop of row 4 of Table 4, by half-width [deg].
 
     Every box is trained by trainlm as the paper's (its goal, at most 1000 epochs, no time limit) and by varpro.
@@ -167,7 +167,9 @@ def of_box(
         write(runs)
     places = widths_at(ExperimentBoxStudy("", tuple(runs)), TABLE_ROW.mean_mm)
     found = ", ".join(f"{place:.1f} deg" for place in places) or "no width"
-    return Found([asdict(run) for run in runs], notes=[f"trainlm has the paper's {TABLE_ROW.mean_mm} mm at {found}"])
+    return RowResult(
+        [asdict(run) for run in runs], notes=[f"trainlm has the paper's {TABLE_ROW.mean_mm} mm at {found}"]
+    )
 
 
 # Claims that no table tests -------------------------------------------------------------------------------------------
@@ -249,7 +251,7 @@ def in_box(n: int, *, seed: int, half_width_deg: float = EXPERIMENT.half_width_d
 
 
 @ROWS.row("conditions", quick={"train": 100, "epochs": 3})
-def conditions(train: int = 3000, epochs: int = 150) -> Found:
+def conditions(train: int = 3000, epochs: int = 150) -> RowResult:
     """Claim: other conditions. Mean absolute error of a coordinate on 1000 further poses [mm]; nobody adapts to a test.
 
     A network and models of the arm are trained at 20 degC and 2 N and tested warm, with another measuring force, and on
@@ -274,11 +276,11 @@ def conditions(train: int = 3000, epochs: int = 150) -> Found:
         "hybrid, temperature": HybridModel(ARM, free=()).fit_readings(taught),
         "physical, temperature": PhysicalModel(ARM, free=()).fit_readings(taught),
     }
-    return Found([*table, *errors_table(models, tests)])
+    return RowResult([*table, *errors_table(models, tests)])
 
 
 @ROWS.row("everyday", quick={"train": 100, "epochs": 3})
-def everyday(train: int = 3000, epochs: int = 150) -> Found:
+def everyday(train: int = 3000, epochs: int = 150) -> RowResult:
     """Claim: poses of everyday measuring instead of a box teach the models. Errors likewise [mm]."""
     arm = research_arm()
     readings = arm.measure(measuring_poses(ARM, train, seed=0).angles, seed=0).readings
@@ -286,11 +288,11 @@ def everyday(train: int = 3000, epochs: int = 150) -> Found:
         "everyday poses": arm.measure(measuring_poses(ARM, N_TEST, seed=1).angles, seed=1),
         "the box": arm.measure(in_box(N_TEST, seed=1), seed=1),
     }
-    return Found(errors_table(fitted(readings, epochs=epochs), tests))
+    return RowResult(errors_table(fitted(readings, epochs=epochs), tests))
 
 
 @ROWS.row("poses", quick={"poses": (300,)})
-def poses(poses: tuple[int, ...] = NUMBERS_OF_POSES) -> Found:
+def poses(poses: tuple[int, ...] = NUMBERS_OF_POSES) -> RowResult:
     """Claim: more poses. The network of 20-20 units of the simulation, errors likewise [mm]."""
     table = []
     for n in poses:
@@ -301,4 +303,4 @@ def poses(poses: tuple[int, ...] = NUMBERS_OF_POSES) -> Found:
         network = DirectNetwork.trained(sets["training poses"], hidden=(20, 20), epochs=60)
         off = {what: np.abs(network.predict_readings(some) - some.points).mean() for what, some in sets.items()}
         table.append({"poses": n, **off})
-    return Found(table)
+    return RowResult(table)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.held_out import IDENTIFIED
-from benchmarks.rows import Found, Rows
+from benchmarks.rows import RowResult, Rows
 from truearm.arm import load_arm
 from truearm.identification.planning.prior import nominal_prior
 from truearm.identification.planning.proposal import LENGTH_U_MM, STRATEGIES, Artefact, CalibrationPlan, propose
@@ -34,7 +34,7 @@ def strategies(
     poses: tuple[int, ...] = POSES,
     artefacts: tuple[str, ...] = ARTEFACTS,
     figure: str | None = None,
-) -> Found:
+) -> RowResult:
     """Error in the volume by the number of poses and the strategy, rms [mm]: median and range of virtual arms.
 
     For every number of poses the plans are made once for each nominal arm (`truearm.identification.planning`, terms
@@ -54,7 +54,7 @@ def strategies(
                 found = errors(rows, artefact, n, strategy, of=model)
                 row[strategy] = f"{np.median(found):.3f} ({min(found):.3f} to {max(found):.3f})"
             table.append(row)
-    return Found(table)
+    return RowResult(table)
 
 
 def rows_of(name: str, artefact: str, n: int, draws: int) -> list[dict[str, Any]]:
@@ -150,7 +150,7 @@ CASES = (
 
 
 @ROWS.row("moves", quick={"seeds": 1, "cases": 1})
-def moves(seeds: int = 3, cases: int = len(CASES)) -> Found:
+def moves(seeds: int = 3, cases: int = len(CASES)) -> RowResult:
     """How far the joints move from pose to pose of a plan, and what shorter ways cost: uncertainty, error and time.
 
     Each plan is made twice: of the poses that were chosen for their uncertainty alone, in a short order, and with poses
@@ -158,7 +158,7 @@ def moves(seeds: int = 3, cases: int = len(CASES)) -> Found:
     virtual arm with the errors of the preset research is measured at both and identified: its error in the volume is
     stated, root mean square.
     """
-    return Found([moves_of(*case, seed) for case in CASES[-cases:] for seed in range(seeds)])
+    return RowResult([moves_of(*case, seed) for case in CASES[-cases:] for seed in range(seeds)])
 
 
 def moves_of(name: str, artefact: Artefact, n: int, seed: int) -> dict[str, Any]:

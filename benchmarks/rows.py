@@ -1,7 +1,8 @@
 """What all benchmarks share: rows with their targets, the machine, times, processes of their own.
 
 A benchmark is a file with ``ROWS = Rows()``. A row is a function; its parameters are the options of the command, with
-their defaults. It returns one number, which is judged by the row's target, or a `Found`, or yields rows of a table::
+their defaults. It returns one number, which is judged by the row's target, or a `RowResult`, or yields rows of a
+table::
 
     @ROWS.row("plan", "plan, 50 poses of measuring7", unit="s", target=4.0)
     def plan(poses: int = 50) -> float: ...
@@ -59,7 +60,7 @@ class Target:
 
 
 @dataclass(frozen=True)
-class Found:
+class RowResult:
     """What a row gives: a table by the names of its columns, targets, and what the table does not say."""
 
     table: Sequence[dict[str, Any]] = ()
@@ -76,7 +77,7 @@ class Row:
     what : str
         In a line.
     measure : callable
-        Returns a number or a `Found`, or yields dicts.
+        Returns a number or a `RowResult`, or yields dicts.
     unit : str
     target : float
         Of a number, in that unit, not to exceed.
@@ -89,7 +90,7 @@ class Row:
     """
 
     what: str
-    measure: Callable[..., float | Found | Iterator[dict[str, Any]]]
+    measure: Callable[..., float | RowResult | Iterator[dict[str, Any]]]
     unit: str
     target: float | None
     quick: dict[str, Any]
@@ -101,17 +102,17 @@ class Row:
         """Names and defaults."""
         return {name: one.default for name, one in inspect.signature(self.measure).parameters.items()}
 
-    def found(self, **options: Any) -> Found:
+    def found(self, **options: Any) -> RowResult:
         """Measure in this process."""
         found = self.measure(**options)
-        if isinstance(found, Found):
+        if isinstance(found, RowResult):
             return found
         if isinstance(found, Iterator):
-            return Found(list(found))
+            return RowResult(list(found))
         what = f"{self.what} [{self.unit}]".removesuffix(" []")
         if self.target is None:
-            return Found([{what: found}])
-        return Found(targets=[Target(what, float(found), self.target)])
+            return RowResult([{what: found}])
+        return RowResult(targets=[Target(what, float(found), self.target)])
 
 
 class Rows(dict[str, Row]):
@@ -144,13 +145,13 @@ def finding(seen: str, wanted: str, measured: str, is_met: bool | None) -> dict[
     return {"seen": seen, "wanted": wanted, "measured": measured, "": judged}
 
 
-def run_row(benchmark: str, name: str, options: dict[str, Any]) -> Found:
+def run_row(benchmark: str, name: str, options: dict[str, Any]) -> RowResult:
     """Measure a row, in a process of its own if it asks for one."""
     row = import_module(f"benchmarks.{benchmark}").ROWS[name]
     if row.threads == "as here":
         return row.found(**options)
     found = own_process(_found_and_memory, benchmark, name, options, threads=row.threads)
-    return Found(found["table"], [Target(**target) for target in found["targets"]], found["notes"])
+    return RowResult(found["table"], [Target(**target) for target in found["targets"]], found["notes"])
 
 
 def _found_and_memory(benchmark: str, name: str, options: dict[str, Any]) -> dict[str, Any]:

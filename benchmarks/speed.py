@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 import truearm as ta
-from benchmarks.rows import Found, Rows, Target, cpu_seconds_of, scratch, times_of, times_of_each
+from benchmarks.rows import RowResult, Rows, Target, cpu_seconds_of, scratch, times_of, times_of_each
 from truearm import datasets
 from truearm.arm import Chain, load_arm, write_urdf
 from truearm.compensation.models import Compensator, KinematicModel, NominalModel, PhysicalModel
@@ -249,7 +249,7 @@ def targets_of(us: dict[str, float]) -> list[Target]:
 
 
 @ROWS.row("kinematics", threads="one", quick={"poses": 1000})
-def kinematics(poses: int = 100_000) -> Found:
+def kinematics(poses: int = 100_000) -> RowResult:
     """Forward kinematics and derivatives, us a pose, beside Pinocchio's own loop if it is installed.
 
     Pinocchio works pose by pose, so its loop runs in Python; the time of an empty loop over the same rows is taken off.
@@ -257,7 +257,7 @@ def kinematics(poses: int = 100_000) -> Found:
     arm = load_arm(ARM)
     angles = np.random.default_rng(0).uniform(-np.pi, np.pi, (poses, arm.n_joints))
     us = ours(arm.chain, angles) | pinocchios(angles)
-    return Found([{"": name, "us a pose": value} for name, value in us.items()], targets_of(us))
+    return RowResult([{"": name, "us a pose": value} for name, value in us.items()], targets_of(us))
 
 
 # Shapes of the standards' tests, and a whole test ---------------------------------------------------------------------
@@ -267,7 +267,7 @@ RANGE, ARMS, PRESETS = 2500.0, 100, ("shop", "research")
 
 
 @ROWS.row("shapes", threads="one", quick={"runs": 5})
-def shapes(runs: int = 200) -> Found:
+def shapes(runs: int = 200) -> RowResult:
     """Sphere, smallest sphere."""
     from truearm.verification.shapes.circumscribed_sphere import circumscribed_sphere
     from truearm.verification.shapes.sphere import fit_sphere
@@ -286,11 +286,11 @@ def shapes(runs: int = 200) -> Found:
         runs=runs,
     )
     table = [{"": what, "shortest [ms]": 1e3 * t.shortest, "median [ms]": 1e3 * t.median} for what, t in times.items()]
-    return Found(table, [Target("sphere from 25 points [ms]", table[0]["median [ms]"], 1.0)])
+    return RowResult(table, [Target("sphere from 25 points [ms]", table[0]["median [ms]"], 1.0)])
 
 
 @ROWS.row("whole-test", threads="one", quick={"arms": 2, "presets": ("shop",)})
-def whole_test(arms: int = 100, presets: tuple[str, ...] = PRESETS) -> Found:
+def whole_test(arms: int = 100, presets: tuple[str, ...] = PRESETS) -> RowResult:
     """A whole test of ISO 10360-12 by virtual arms: layout, poses and measurements, median of four."""
     table, targets = [], []
     for preset in presets:
@@ -301,7 +301,7 @@ def whole_test(arms: int = 100, presets: tuple[str, ...] = PRESETS) -> Found:
         row = {"preset": preset, "median [s]": times.median, "processor time [s]": float(np.median(cpu))}
         table.append(row)
         targets.append(Target(f"ISO 10360-12, {arms} virtual arms, {preset} [s]", times.median, 60.0))
-    return Found(table, targets)
+    return RowResult(table, targets)
 
 
 def taken(preset: str, arms: int) -> None:

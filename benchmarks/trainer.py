@@ -19,7 +19,7 @@ import numpy as np
 
 from benchmarks.cost import dense_jacobian
 from benchmarks.peers import Curve, Task, Watch, answer_of
-from benchmarks.rows import Found, Rows, Target
+from benchmarks.rows import RowResult, Rows, Target
 from truearm.compensation.nets.nguyen_widrow import nguyen_widrow
 from truearm.compensation.nets.normal_equations import FitProblem
 from truearm.compensation.nets.perceptron import Perceptron
@@ -158,7 +158,7 @@ class Race:
             table.append(row | {"ended after": f"{seconds / len(curves):.0f} s, {ends}"})
         return table
 
-    def found(self, runs: dict[str, list[dict[str, Any]]], targets: list[Target]) -> Found:
+    def found(self, runs: dict[str, list[dict[str, Any]]], targets: list[Target]) -> RowResult:
         """The table, its targets, and everyone's times as multiples of ours."""
         notes = []
         for name in runs:
@@ -166,7 +166,7 @@ class Race:
             said = [f"{ratio} to {level:g}" for level, ratio in ratios.items() if ratio is not None]
             if said and not name.startswith(OURS):
                 notes.append(f"{name}: times as long as ours, {', '.join(said)}")
-        return Found(self.table(runs), targets, notes)
+        return RowResult(self.table(runs), targets, notes)
 
 
 def run_one(contender: str, task: Task, goal: float, limit: float, peers: str | None) -> dict[str, Any]:
@@ -272,7 +272,7 @@ def of_poses(
     levels: tuple[float, ...] = (1.0, 0.2, 0.0315, 0.0215),
     limit: float = 750.0,
     peers: str | None = None,
-) -> Found:
+) -> RowResult:
     """6-50-50-3, 9000 exact poses of a box of +-38 deg: mean error of a coordinate on 2000 further poses [mm]."""
     race = Race(
         lambda seed: from_readings(SIMULATION, poses, 2000, (units, units), seed),
@@ -303,7 +303,7 @@ def of_experiment(
     levels: tuple[float, ...] = (1.0, 0.2, 0.1, 0.05, 0.0136),
     limit: float = 750.0,
     peers: str | None = None,
-) -> Found:
+) -> RowResult:
     """6-30-30-3, 3000 readings of a virtual arm in a box of +-20 deg: the same on 2000 further readings [mm]."""
     race = Race(
         lambda seed: from_readings(EXPERIMENT, poses, 2000, (units, units), seed),
@@ -323,7 +323,7 @@ def of_experiment(
 @ROWS.row("sinc", quick={"points": 2000, "starts": 1, "limit": 3.0})
 def of_sinc(
     seed: int = 0, points: int = 20_000, starts: int = 5, limit: float = 750.0, peers: str | None = None
-) -> Found:
+) -> RowResult:
     """1-20-1, 20000 points of sinc(10 x): their mean squared error, from several starts."""
     seeds = tuple(range(seed, seed + starts))
     levels = (1e-4, 1e-5, 3.3e-7)

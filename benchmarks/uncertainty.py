@@ -13,7 +13,7 @@ import numpy as np
 import truearm as ta
 from benchmarks.fitting import taken
 from benchmarks.held_out import IDENTIFIED, LEVEL, squares
-from benchmarks.rows import Found, Rows, Target, finding
+from benchmarks.rows import RowResult, Rows, Target, finding
 from truearm import datasets
 from truearm.arm import load_arm
 from truearm.compensation.models import PhysicalModel
@@ -135,7 +135,7 @@ def tasks(
     model: str = "kinematic",
     days: int = 1,
     jobs: int = 2,
-) -> Found:
+) -> RowResult:
     """Task uncertainties: 95 % intervals of features against true errors of virtual arms.
 
     Each virtual arm is measured at random poses of a person, with a reference point at each, on one day or several, and
@@ -164,7 +164,7 @@ def tasks(
             targets += [coverage(name, each[:, 0].mean(), *limit) for limit in (("least", 0.93), ("most", 0.97))]
         else:
             targets.append(coverage(name, near, "least", 0.93))
-    return Found(table, targets, ["Shares with their standard errors between arms."])
+    return RowResult(table, targets, ["Shares with their standard errors between arms."])
 
 
 # Measured features ----------------------------------------------------------------------------------------------------
@@ -206,7 +206,7 @@ def features_of(arm: ta.Arm) -> dict[str, Feature]:
 @ROWS.row("measure", quick={"arms": 1, "jobs": 1})
 def measure(
     arms: int = 40, readings: int = 80, arm: str = ARM, preset: str = "shop", model: str = "kinematic", jobs: int = 2
-) -> Found:
+) -> RowResult:
     """U of features that `measure` states against true errors of virtual arms.
 
     Each virtual arm is measured at random poses of a person, with a reference point at each, and identified. On another
@@ -224,7 +224,7 @@ def measure(
         rms = {"error, rms [mm]": error, "u, rms [mm]": u, "U, rms [mm]": expanded}
         table.append({"feature": kind, "measured": len(each), "error not above U": share, **rms})
         targets.append(coverage(kind, share, "least", 0.93))
-    return Found(table, targets)
+    return RowResult(table, targets)
 
 
 # Points: the same day, another day, far from the training, few readings of real arms ---------------------------------
@@ -367,7 +367,7 @@ def by_tips(arm_seed: int, model: str) -> ta.Evaluation:
 
 
 @ROWS.row("ways-of-measuring", quick={"arms": 1})
-def ways_of_measuring(arms: int = 8, model: str = "kinematic") -> Found:
+def ways_of_measuring(arms: int = 8, model: str = "kinematic") -> RowResult:
     """Distances to anchors and several tips on virtual arms: error and coverage of points of another day.
 
     Each arm is identified from 40 poses with three wires of 0.05 mm, placed by 20 points and tested on others; and from
@@ -381,4 +381,4 @@ def ways_of_measuring(arms: int = 8, model: str = "kinematic") -> Found:
         spread = f"{coverage.mean():.1f} ({coverage.min():.1f} to {coverage.max():.1f})"
         means = {"mean error [mm]": error.mean(), "nominal [mm]": nominal.mean()}
         table.append({"measured by": name, **means, "coverage of 95 % [%]": spread})
-    return Found(table)
+    return RowResult(table)

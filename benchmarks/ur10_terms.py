@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.rows import Found, Rows
+from benchmarks.rows import RowResult, Rows
 from truearm import datasets
 from truearm.arm import load_arm
 from truearm.compensation.models import PhysicalModel
@@ -40,7 +40,7 @@ def series() -> dict[str, Fitted]:
 
 
 @ROWS.row("fits")
-def fits() -> Found:
+def fits() -> RowResult:
     """The two fits."""
     table = []
     for name, (model, readings) in series().items():
@@ -54,7 +54,7 @@ def fits() -> Found:
             "far off": len(outliers(model.fit_)),
             "settled": model.fit_.converged,
         })  # fmt: skip
-    return Found(table)
+    return RowResult(table)
 
 
 def curve(model: PhysicalModel, joint: int, mean_at: np.ndarray, n: int = 2400) -> JointError:
@@ -76,7 +76,7 @@ def shared(series: dict[str, Fitted], joint: int) -> np.ndarray:
 
 
 @ROWS.row("joints")
-def of_joints(figure: str | None = None) -> Found:
+def of_joints(figure: str | None = None) -> RowResult:
     """Errors of the joints [arcsec]: size in either series, and how alike they are where both know it."""
     table = []
     for joint in range(1, 7):
@@ -95,11 +95,11 @@ def of_joints(figure: str | None = None) -> Found:
         table.append(row)
     if figure:
         draw(series(), Path(figure))
-    return Found(table)
+    return RowResult(table)
 
 
 @ROWS.row("orders")
-def of_orders() -> Found:
+def of_orders() -> RowResult:
     """Amplitudes of single high orders with their standard uncertainties [arcsec]."""
     table = []
     for joint in range(1, 7):
@@ -111,11 +111,11 @@ def of_orders() -> Found:
                 each = zip(found.amplitudes[at] * ARCSEC, found.amplitudes_std[at] * ARCSEC, strict=True)
                 row[f"{order}, {name}"] = next((f"{size:.1f} +- {std:.1f}" for size, std in each), "-")
         table.append(row)
-    return Found(table)
+    return RowResult(table)
 
 
 @ROWS.row("groups")
-def of_groups() -> Found:
+def of_groups() -> RowResult:
     """Groups of terms: determined, size of the motions, what they do to the tip [mm]."""
     table: dict[str, dict[str, Any]] = {}
     for name, (model, readings) in series().items():
@@ -128,11 +128,11 @@ def of_groups() -> Found:
             row[f"{name}, determined"] = f"{effect.determined:.0f} of {effect.offered}"
             row[f"{name}, size"] = f"{shifting:.4f} mm" if shifting is not None else size
             row[f"{name}, at the tip"] = "-" if tip is None else f"{tip:.3f}"
-    return Found(list(table.values()))
+    return RowResult(list(table.values()))
 
 
 @ROWS.row("drives")
-def of_drives() -> Found:
+def of_drives() -> RowResult:
     """Give of the drives, from least to most torque [arcsec], in brackets by N m of links of 1 kg/m."""
     table = []
     for joint in range(1, 7):
@@ -149,7 +149,7 @@ def of_drives() -> Found:
                         row[name] = f"{coefficient * span:.0f} +- {std * span:.0f} ({coefficient:.1f})"
                 start += term.n_coefficients
         table.append(row)
-    return Found(table)
+    return RowResult(table)
 
 
 def draw(series: dict[str, Fitted], path: Path) -> None:

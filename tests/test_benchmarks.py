@@ -70,6 +70,34 @@ def test_quick_sizes_are_options_of_their_rows(command):
             assert row.what, f"{name} {row_name}"
 
 
+def test_one_option_name_has_one_type_within_a_benchmark(command):
+    """The rows of a benchmark share one command line: of two types, one row would lose its own."""
+    for name in command.benchmarks():
+        types = {}
+        for row_name, row in importlib.import_module(f"benchmarks.{name}").ROWS.items():
+            for option, default in row.options.items():
+                kind = command.option_type(default)
+                assert types.setdefault(option, kind) == kind, f"{name} {row_name}: {option}"
+
+
+@pytest.mark.parametrize(
+    ("name", "row", "option"),
+    [
+        ("cost", "epoch", "units"),
+        ("imperfect_readings", "far-out", "readings"),
+        ("imperfect_readings", "far-out", "arms"),
+        ("imperfect_readings", "wrong-arms", "arm_names"),
+    ],
+)
+def test_a_row_accepts_its_own_defaults_as_typed(command, name, row, option):
+    """Such as `--readings 50 100`."""
+    rows = importlib.import_module(f"benchmarks.{name}").ROWS
+    default = rows[row].options[option]
+    typed = command.format_options({option: default}).split()
+    read = vars(command.parser_of(name, rows).parse_args([row, *typed]))[option]
+    assert read == (list(default) if isinstance(default, tuple) else default)
+
+
 def test_a_run_states_the_machine_rows_and_targets(command, capsys):
     """As one JSON object."""
     command.main(["arm_files", "ur-angles", "--json"])

@@ -87,9 +87,10 @@ class HybridOfAnyShape(_AnyShape, HybridModel):
         return NominalOfAnyShape(self.arm, free=self.free)
 
 
-# As quick as they can be: what is checked is the protocol.
+# As quick as they can be, for what is checked is the protocol; the kinematic model also as it is by default.
 MEMBERS = [
     NominalOfAnyShape(zigzag(2), free=("base",)),
+    KinematicOfAnyShape(zigzag(2), free=("base",)),
     KinematicOfAnyShape(zigzag(2), free=("base",), robust=False),
     PhysicalOfAnyShape(zigzag(2), free=("base",), highest=2, residual=False, robust=False),
     NetworkOfAnyShape(zigzag(2), free=("base",), hidden=(2,), epochs=3),
@@ -107,7 +108,7 @@ def is_meant(estimator, check):
         "check_regressor_multioutput",  # asks for five targets; a tip has three coordinates
         # A reading of weight 2 is one better reading, not two: evidence and noise count readings.
         "check_sample_weight_equivalence_on_dense_data",
-        # Networks refuse weights: their trainers minimise the mean square of all errors.
+        # Networks refuse weights: test_networks_refuse_weights_with_the_reason.
         *(["check_sample_weights_not_overwritten"] if isinstance(estimator, NetworkModel | HybridModel) else []),
     )
 
@@ -314,10 +315,13 @@ def test_weight_zero_is_no_reading(readings):
     )
 
 
-def test_a_network_refuses_weights_with_the_reason(readings):
+@pytest.mark.parametrize("name", ["network", "hybrid"])
+def test_networks_refuse_weights_with_the_reason(name, readings):
     arm, angles, points = readings
-    with pytest.raises(InputError, match="does not use sample_weight: its trainers"):
-        NetworkModel(arm, hidden=(4,), epochs=3).fit(angles, points, sample_weight=np.arange(60.0) + 1)
+    model = MODELS[name](arm, **SMALL[name])
+    with pytest.raises(InputError, match=f"a {name} model does not use sample_weight: its trainers .*Try: repeat"):
+        model.fit(angles, points, sample_weight=np.arange(60.0) + 1)
+    assert not hasattr(model, "nominal_")
 
 
 @pytest.mark.parametrize("name", MODELS)
