@@ -369,10 +369,20 @@ def test_too_little_memory(refused, monkeypatch):
             [*FIT, "--model", "network", "--validation", "0"],
             ["s.csv", "40 readings give 120 coordinates for 1233 weights", "kinematic"],
         ),
-        ([*FIT, "--model", "kinematic", "--hidden", "20"], ["--hidden", "network and hybrid", "--model kinematic"]),
+        (
+            [*FIT, "--model", "kinematic", "--hidden", "20"],
+            ["--hidden applies to network and hybrid models only, got --model kinematic. Try: omit it, or use --model"],
+        ),
+        (
+            [*FIT, "--model", "hybrid", "--goal", "1", "--restarts", "2"],
+            ["--goal and --restarts apply to network models only, got --model hybrid. Try: omit them, or use --model"],
+        ),
         ([*FIT, "--seed", "4"], ["--seed", "network and hybrid", "--model kinematic"]),
         ([*FIT, "--model", "hybrid", "--trainer", "trainlm"], ["--trainer", "network", "--model hybrid"]),
-        ([*FIT, "--model", "network", "--no-residual-process"], ["--no-residual-process", "physical"]),
+        (
+            [*FIT, "--model", "network", "--no-residual-process"],
+            ["--no-residual-process applies to auto and physical models only"],
+        ),
         (
             [*FIT, "--model", "hybrid", "--members", "1"],
             ["expected --members of 2 or more", "got 1", "Try: --members 5"],

@@ -66,6 +66,10 @@ def test_a_bar_without_its_length_and_a_file_that_nobody_named_are_refused(truea
     [
         (["--poses", 20], "--poses does not apply to --plan"),
         (["--strategy", "box"], "--strategy does not apply to --plan"),
+        (
+            ["--poses", 20, "--strategy", "box"],
+            "--poses and --strategy do not apply to --plan: the plan states them. Try: omit them\n",
+        ),
         (["--moved"], "this plan is measured in seats"),
         (["--artefacts", "none.toml"], "unknown column 'q1_deg'"),
     ],
@@ -201,7 +205,14 @@ def test_an_export_that_does_not_fit_fills_in_nothing(truearm, form, change, opt
         ([], "expected --out or --into"),
         (["--out", "s.csv"], "a session file needs --angles"),
         (["--out", "s.csv", "--angles", "1"], "a session file needs --angle-unit"),
-        (["--out", "s.csv", "--date", "2026-10-20"], "applies to --into only"),
+        (
+            ["--out", "s.csv", "--date", "2026-10-20"],
+            "truearm: --date applies to --into only. Try: omit it, or use --into\n",
+        ),
+        (
+            ["--out", "s.csv", "--date", "2026-10-20", "--artefact-temperature", 20, "--serial-number", "A-17"],
+            "--date, --artefact-temperature and --serial-number apply to --into only. Try: omit them, or use --into\n",
+        ),
     ],
 )
 def test_import_writes_a_session_file_or_fills_in_points(truearm, form, options, says):

@@ -111,11 +111,11 @@ def fit(
 
 def check_options(context: typer.Context, model: str) -> None:
     """Refuse options that the model does not have: it would not follow them."""
-    for name, models in MODELS_OF.items():
+    for models in dict.fromkeys(MODELS_OF.values()):
         if model not in models:
-            option = "--" + name.replace("_", "-")
-            rule = f"is of {' and '.join(models)} models, got --model {model}"
-            refuse_typed(context, [name], rule, hint=f"--model {models[0]}, or leave {option} out")
+            names = [name for name, of in MODELS_OF.items() if of == models]
+            rule = f"applies to {' and '.join(models)} models only, got --model {model}"
+            refuse_typed(context, names, rule, hint=f"omit it, or use --model {models[0]}")
 
 
 def layer_sizes(text: str) -> tuple[int, ...]:

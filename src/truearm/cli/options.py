@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated
@@ -36,6 +37,8 @@ IntoForm = Annotated[
 FormDate = Annotated[str | None, Option(help="With --into: day of the measurement, 2026-11-03; today by default.")]
 FormTemperature = Annotated[float | None, Option(help="With --into: temperature of the artefacts.")]
 
+PLURALS = {"applies": "apply", "does": "do", "it": "them"}
+
 
 def typed_options(context: typer.Context) -> dict[str, str]:
     """The options and arguments that a person typed, by the names of their parameters; others have their default."""
@@ -50,14 +53,25 @@ def typed_options(context: typer.Context) -> dict[str, str]:
 def refuse_typed(context: typer.Context, names: Iterable[str], rule: str, *, hint: str = "omit it") -> None:
     """Refuse the options of these parameters: they would have no effect.
 
+    Parameters
+    ----------
+    context : typer.Context
+    names : iterable of str
+    rule, hint : str
+        For one option, such as ``applies to --into only``; of several, the sentence is put in the plural.
+
     Raises
     ------
     InputError
-        If a person typed one: its name and the rule, such as ``applies to --into only``.
+        If a person typed some: their names and the rule.
     """
     from truearm.errors import InputError
 
-    if typed := [option for name, option in typed_options(context).items() if name in set(names)]:
+    typed = [option for name, option in typed_options(context).items() if name in set(names)]
+    if len(typed) > 1:
+        typed = [f"{', '.join(typed[:-1])} and {typed[-1]}"]
+        rule, hint = (re.sub(r"\b(applies|does|it)\b", lambda word: PLURALS[word[0]], text) for text in (rule, hint))
+    if typed:
         raise InputError(f"{typed[0]} {rule}", hint=hint)
 
 
