@@ -55,6 +55,7 @@ BASES = {
             Expression.column("load_kg") ** 2,
             (Q5 - 0.3) ** 3 * Expression.direction(2) + (0.7 * Q5).sin() * Expression.gravity_torque(0, 1),
             Expression.session("second") * Q5,
+            (3e9 * Q5).cos(),  # an order that no harmonic has
             Expression.payload_torque(2, 1, PAYLOAD_KG) + Q2 * Q5,
         )),
     )

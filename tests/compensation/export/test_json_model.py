@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +16,11 @@ from scipy.spatial.transform import Rotation
 
 import truearm as ta
 from truearm.compensation.export import json_document, json_model
+from truearm.compensation.models.training_conditions import InputRange
 from truearm.compensation.targets.manifest import MARKER, Manifest, read_manifest
-from truearm.identification.terms import Constant, Harmonics, Term
+from truearm.identification.terms import Column, Constant, Expression, GravityTorque, Harmonics, Term
 from truearm.identification.terms.basis import Basis
+from truearm.identification.terms.expression import MOST_PARTS_TOGETHER
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 DOCUMENTS = Path(__file__).parent / "documents"  # written before terms could be formulas
@@ -124,6 +127,67 @@ def test_every_fitted_kind_is_written(tmp_path):
     for fitted in (ta.NominalModel(arm), ta.PhysicalModel(arm, highest=2)):
         path = written(fitted.fit_readings(session), tmp_path)
         np.testing.assert_array_equal(json_model.tips(path, session.angles), fitted.predict(session.angles))
+
+
+def test_a_long_formula_has_a_name_that_is_cut(tmp_path):
+    arm, q = ta.load_arm("ur10"), Expression.angle(2)
+    function = sum(((q - i / 7) ** 2 * Expression.angle(3) for i in range(1, 80)), start=q)
+    fitted = planted_model(arm, [Term("long", 2, (0, 0, 1, 0, 0, 0), function, "g", 1e-6)])
+    path, angles = written(fitted, tmp_path), angles_of(arm, 5)
+    (label,) = json.loads(path.read_text())["identified"]["terms"][0]["functions"]
+    assert len(str(function)) > len(label) == json_document.LONGEST_TEXT
+    assert label.removesuffix("...") == str(function)[: json_document.LONGEST_TEXT - 3]
+    assert_same_points(json_model.tips(path, angles), fitted.predict(angles), arm)
+
+
+@pytest.mark.parametrize("with_masses", [False, True])
+@pytest.mark.parametrize("basis", [Column("payload_kg"), Expression.column("payload_kg") * Expression.angle(2)])
+def test_a_column_of_the_payload_is_that_of_the_training(tmp_path, reader, basis, with_masses):
+    arm = rail_arm() if with_masses else ta.load_arm("ur10")
+    by_weight = Term("weight", 2, (0, 0, 1, 0, 0, 0), GravityTorque(2, 2), "g", 1e-5)
+    fitted = planted_model(arm, [by_weight, Term("load", 3, (0, 0, 1, 0, 0, 0), basis, "g", 1e-3)])
+    columns = fitted.training_.columns | {"payload_kg": InputRange(2.0, 0.0, 2.0, 2.0)}
+    fitted.training_ = replace(fitted.training_, columns=columns)
+    path, angles = written(fitted, tmp_path), angles_of(arm, 5)
+    for got in (json_model.tips(path, angles), reader.tips(path, angles)):
+        assert_same_points(got, fitted.predict(angles), arm)
+
+
+def test_formulas_of_a_document_have_a_limit_together(document, tmp_path):
+    changed = copy.deepcopy(document)
+    term = changed["identified"]["terms"][0]
+    function = ["sum", *[["angle", 1]] * 999]
+    n = MOST_PARTS_TOGETHER // 1000
+    numbers = ("coefficients", "standard_uncertainties", "prior_standard_deviations")
+    term |= {name: [1.0] * n for name in numbers} | {"functions": [""] * n}
+    term["basis"] = {"kind": "Formula", "functions": [function] * n}
+    changed["identified"]["terms"] = [term, term]
+    path = tmp_path / "arm.json"
+    path.write_text(json.dumps(changed))
+    with pytest.raises(ta.InputError, match="parts together"):
+        json_model.tips(path, np.zeros((1, len(changed["arm"]["joints"]))))
+
+
+@pytest.mark.parametrize(
+    "field",
+    [
+        *({"angles": []}, {"angles": [float("inf")]}, {"angles": [0.0] * 100_001}),
+        *({"length_scales": []}, {"length_scales": [-1.0]}, {"length_scales": [0.0]}, {"length_scales": [1.0] * 101}),
+        *({"sliding": [0]}, {"sliding": [1_000_000]}, {"sliding": [1] * 101}),
+    ],
+)
+def test_a_process_with_numbers_beyond_their_bounds_is_refused(field, tmp_path):
+    document = json.loads((DOCUMENTS / "residual-process.json").read_text())
+    next(t for t in document["identified"]["terms"] if t["basis"]["kind"] == "InducedProcess")["basis"] |= field
+    path = tmp_path / "arm.json"
+    path.write_text(json.dumps(document))
+    with pytest.raises(ta.InputError, match=f"InducedProcess.{next(iter(field))}"):
+        json_model.read(path)
+
+
+def test_the_schema_says_what_a_process_adds_to_the_variance():
+    said = " ".join(shipped_schema()["$defs"]["InducedProcess"]["description"].split())
+    assert "add the prior variance times 1 less the sum of the squares of the functions" in said
 
 
 def test_frames_of_sessions_are_in_the_document(tmp_path):

@@ -10,7 +10,7 @@ from sklearn.base import clone
 
 import truearm as ta
 from truearm.errors import InputError
-from truearm.identification.terms import Basis, Term, basis, register_basis
+from truearm.identification.terms import Basis, Expression, Formula, InSession, Term, basis, register_basis
 
 PULLED = 3e-4  # rad per rad, three standard deviations of its prior
 
@@ -29,6 +29,7 @@ class CableWinding(Basis):
         return np.ascontiguousarray(state.angles[:, [self.joint - 1]].T)
 
 
+LONG = Formula((Expression("sum", (Expression.angle(2),) * 999),) * 60)  # 60,000 parts
 CABLE = Term("J2 by its cable", 2, (0, 0, 1, 0, 0, 0), CableWinding(2), group="cable", prior_std=1e-4)
 
 
@@ -91,9 +92,27 @@ def test_a_model_with_terms_is_cloned(model):
     [
         (CABLE, "expected a sequence of terms"),
         (("cable",), "expected a sequence of terms"),
+        ((replace(CABLE, basis=LONG), replace(CABLE, basis=LONG)), "at most 100000 parts together, got 120000"),
         ((replace(CABLE, place=9),), r"expected a place from 0 \(base\) to 7"),
     ],
 )
 def test_what_is_no_term_of_this_arm_is_refused(terms, message, session):
     with pytest.raises(InputError, match=message):
         ta.fit("ur10", session, model="kinematic", terms=terms)
+
+
+def test_a_term_of_the_first_or_only_session_is_refused(session):
+    """The model predicts in the frame of that session, where the function would be zero and no longer one."""
+    half = len(session) // 2
+    several = replace(session, session=np.repeat(["a", "b"], [half, len(session) - half]))
+    one, q = replace(session, session=np.repeat("a", len(session))), Expression.angle(3)
+    arm = ta.load_arm("ur10")
+    for readings, free in ((several, ("base", "tip")), (one, ("base", "tip")), (several, ("tip",))):
+        for of in (Expression.session("a") * q, 1 - Expression.session("a"), InSession("a")):
+            term = replace(CABLE, basis=of)
+            with pytest.raises(InputError, match="expected a further session, got 'session a'.*use a column"):
+                ta.KinematicModel(arm, free=free, terms=(term,)).fit_readings(readings)
+    term = replace(CABLE, basis=Expression.session("b") * q)
+    fitted = ta.KinematicModel(arm, terms=(term,)).fit_readings(several)
+    first = several.rows(slice(0, half))
+    np.testing.assert_array_equal(fitted.predict_readings(first), fitted.predict(first.angles))

@@ -2,11 +2,13 @@
 
 import json
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pydantic import Field
 
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
@@ -16,6 +18,7 @@ from truearm.identification.terms import (
     Column,
     Constant,
     Direction,
+    Expression,
     GravityTorque,
     Harmonics,
     InSession,
@@ -26,6 +29,7 @@ from truearm.identification.terms import (
     register_basis,
     uniform_links,
 )
+from truearm.identification.terms.basis import JointNumber
 
 G = 9.80665  # m/s^2
 
@@ -139,6 +143,32 @@ def test_links_have_temperatures_of_their_own(make_state):
 def test_missing_quantities_are_named(basis, says):
     with pytest.raises(InputError, match=says):
         basis.values(ArmState(flat_chain(), np.zeros((3, 2))))
+
+
+def test_a_basis_of_one_s_own_may_annotate_its_fields():
+    @dataclass(frozen=True)
+    class Annotations(Basis):
+        joint: Annotated[int, "counted from 1"]
+        order: Annotated[int, Field(ge=1)]
+        names: Annotated[list[str], "any"]
+        checked: JointNumber = 1
+
+        def expressions(self):
+            return ((self.order * Expression.angle(self.joint)).cos(),)
+
+    assert Annotations(2, 3, []).labels() == ("cos(3 * q2)",)
+    with pytest.raises(InputError, match="expected checked as whole numbers, 1 to 100"):
+        Annotations(2, 3, [], 0)
+
+
+def test_names_and_orders_have_a_length():
+    assert Column("x" * 1000).name
+    for make in (Column, InSession):
+        for name in ("", "x" * 1001, 1):
+            with pytest.raises(InputError, match="expected a name as text of 1 to 1000 characters"):
+                make(name)
+    with pytest.raises(InputError, match="expected a tuple of orders, 1 to 1000 of them"):
+        Harmonics(1, (1,) * 1001)
 
 
 def test_whole_numbers_of_any_kind_are_made_plain():

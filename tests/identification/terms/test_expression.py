@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from truearm.errors import InputError
 from truearm.identification.terms import Expression, Formula, Term, basis_from_data
-from truearm.identification.terms.expression import DEEPEST, MOST_PARTS
+from truearm.identification.terms.expression import DEEPEST, HIGHEST_ORDER, MOST_PARTS, MOST_PARTS_TOGETHER
 
 Q = Expression.angle(2)
 leaves = st.one_of(
@@ -83,6 +83,9 @@ def test_numbers_are_folded():
         (Q.cos(), (2, 1)),
         ((3 * Q).sin(), (2, 3)),
         ((0.5 * Q).sin(), None),
+        ((HIGHEST_ORDER * Q).cos(), (2, HIGHEST_ORDER)),
+        (((HIGHEST_ORDER + 1) * Q).cos(), None),
+        ((3e9 * Q).sin(), None),
         ((-1 * Q).cos(), None),
         ((Q + 1).cos(), None),
         ((Q * Q).cos(), None),
@@ -91,6 +94,66 @@ def test_numbers_are_folded():
 )
 def test_a_harmonic_is_a_cosine_or_sine_of_a_whole_multiple(expression, harmonic):
     assert expression.harmonic == harmonic
+
+
+@pytest.mark.parametrize("kind", [np.int64, np.uint8, np.float32, np.float64])
+def test_numbers_of_any_kind_are_made_plain(kind):
+    two = kind(2)
+    for got, expected in ((two * Q, 2 * Q), (Q * two, 2 * Q), (Q + two, Q + 2), (two - Q, 2 - Q)):
+        assert got == expected
+        assert json.dumps(got.as_data())
+    if np.issubdtype(kind, np.integer):
+        assert Expression.angle(two) == Q
+        assert Q**two == Q**2
+        assert type((Q**two).arguments[1]) is int
+
+
+def test_arguments_do_not_change():
+    arguments = [2]
+    one = Expression("angle", arguments)
+    arguments[0] = 3
+    assert one == Q
+    assert hash(one) == hash(Q)
+    for bad in (None, 2, {2}, "2"):
+        with pytest.raises(InputError, match="expected an expression"):
+            Expression("angle", bad)
+
+
+@pytest.mark.parametrize(
+    "made",
+    [
+        lambda: Expression.number(0) ** -1,
+        lambda: Expression.number(1e200) ** 2,
+        lambda: Expression.number(1e200) * 1e200,
+        lambda: Expression.number(10**299) * 10**299 * 1.5,
+        lambda: Expression.number(9e299) + 9e299,
+        lambda: Expression.number(-1) ** 0.5,
+        lambda: Expression.from_data(["power", 1e200, 2]).with_inputs({}),
+        lambda: Formula((["cos", ["power", 1e200, 2]],)),
+        lambda: Formula((["power", 1e200, 2],)),
+    ],
+)
+def test_numbers_without_a_finite_result_are_refused(made):
+    with pytest.raises(InputError, match="expected (numbers with a finite result|an expression)"):
+        made()
+
+
+@pytest.mark.parametrize("operation", ["sum", "product"])
+def test_numbers_for_inputs_of_a_long_expression_make_each_part_once(operation, monkeypatch):
+    several = Expression(operation, tuple(Expression.column(f"c{i}") + Q for i in range(200)))
+    made, check = [], Expression.__post_init__
+    monkeypatch.setattr(Expression, "__post_init__", lambda self: made.append(check(self)))
+    fixed = several.with_inputs({"column": 2.0})
+    assert fixed.n_parts == (202 if operation == "sum" else 601)
+    assert len(made) <= 4 * several.n_parts
+
+
+def test_functions_of_a_formula_have_a_limit_together():
+    function = Expression("sum", (Q,) * (MOST_PARTS - 1))
+    most = MOST_PARTS_TOGETHER // MOST_PARTS
+    assert Formula((function,) * most).n_parts == MOST_PARTS_TOGETHER
+    with pytest.raises(InputError, match=f"at most {MOST_PARTS_TOGETHER} parts together"):
+        Formula((function,) * most + (Q,))
 
 
 def test_a_term_by_an_expression_has_a_formula():

@@ -34,7 +34,8 @@ Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(allow_inf_nan=False, gt=0)]
 NotNegative = Annotated[float, Field(allow_inf_nan=False, ge=0)]
 Count = Annotated[int, Field(ge=0)]
-Text = Annotated[str, Field(max_length=1000)]
+LONGEST_TEXT = 1000
+Text = Annotated[str, Field(max_length=LONGEST_TEXT)]
 Name = Annotated[str, Field(min_length=1, max_length=1000)]
 Vector = Annotated[list[Finite], Field(min_length=3, max_length=3)]
 Row = Annotated[list[Finite], Field(min_length=4, max_length=4)]
@@ -132,14 +133,18 @@ def _form_of(basis: type[terms.Basis], **fields: Any) -> type[BaseModel]:
     return create_model(basis.__name__, __base__=_Strict, __doc__=inspect.getdoc(basis), kind=(kind, ...), **typed)  # type: ignore[call-overload, no-any-return]
 
 
-# A function of the state as `Expression.as_data` has it.
+# A function of the state as `Expression.as_data` has it. An exported model is at the payload of its training.
 _EXPRESSION = {
     "anyOf": [
         {"type": "number"},
-        {"type": "array", "prefixItems": [{"enum": [*INPUTS, *OPERATIONS]}], "minItems": 2},
+        {
+            "type": "array",
+            "prefixItems": [{"enum": [kind for kind in (*INPUTS, *OPERATIONS) if kind != "payload torque"]}],
+            "minItems": 2,
+        },
     ],
     "description": "A number, or a list of an operation and what it is of: expressions, of a power also its exponent; "
-    "of an input its joint (from 1; of a torque 0 is the base), link, axis (0, 1, 2), mass in kg or name. Angles q are "
+    "of an input its joint (from 1; of a torque 0 is the base), link, axis (0, 1, 2) or name. Angles q are "
     "in rad, of sliding joints in mm; torques in N m; temperatures in K above 20 degC; sessions and tips are 1 or 0.",
 }
 ExpressionForm = Annotated[
@@ -150,7 +155,16 @@ NAMED: tuple[type[terms.Basis], ...] = (
     *(terms.Constant, terms.Harmonics, terms.GravityTorque, terms.Temperature, terms.Direction, terms.InSession),
     *(terms.Column, terms.InducedProcess),
 )
-_FORMS = (*map(_form_of, NAMED), _form_of(terms.Formula, functions=list[ExpressionForm]))
+# Types of fields that their classes check themselves.
+_FIELDS: dict[type[terms.Basis], dict[str, Any]] = {
+    terms.InducedProcess: {
+        "angles": Annotated[list[Finite], Field(min_length=1, max_length=100_000)],
+        "length_scales": Annotated[list[Positive], Field(min_length=1, max_length=100)],
+        "sliding": Annotated[list[Annotated[int, Field(ge=1, le=100)]], Field(max_length=100)],
+    },
+    terms.Formula: {"functions": Annotated[list[ExpressionForm], Field(min_length=1, max_length=MAX_COEFFICIENTS)]},
+}
+_FORMS = tuple(_form_of(basis, **_FIELDS.get(basis, {})) for basis in (*NAMED, terms.Formula))
 if TYPE_CHECKING:
     Basis = Any
 else:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -27,7 +28,8 @@ from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.file_reading import read_limited
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
-from truearm.identification.terms import ArmState, Formula, Term
+from truearm.identification.terms import ArmState, Basis, Expression, Formula, Term
+from truearm.identification.terms.basis import check_parts
 from truearm.identification.terms.gravity import uniform_links
 from truearm.identification.terms.torque import PayloadTorque
 from truearm.readings.readings import PAYLOAD
@@ -177,6 +179,7 @@ def _table_of(chain: Chain) -> form.DenavitHartenberg | None:
 def _identified_of(model: IdentifiedModel) -> form.Identified:
     fit, start = model.fit_, 0
     terms: list[form.Term] = []
+    bases: list[Basis] = []
     kept: list[int] = []
     uncertainties = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
     for term in fit.perturbed_chain.terms:
@@ -185,18 +188,19 @@ def _identified_of(model: IdentifiedModel) -> form.Identified:
         if isinstance(term.basis, PayloadTorque):  # zero at the payload of the training
             continue
         kept += rows
-        is_named = isinstance(term.basis, form.NAMED)
+        bases.append(term.basis if isinstance(term.basis, form.NAMED) else _formula_of(term))
         terms.append(
             form.Term.of(
                 term,
-                basis=(term.basis if is_named else _formula_of(term)).as_data(),
-                functions=term.basis.labels(),
+                basis=bases[-1].as_data(),
+                functions=[_label(one) for one in term.basis.labels()],
                 coefficients=fit.coefficients[rows],
                 standard_uncertainties=uncertainties[rows],
                 prior_standard_deviations=fit.prior_std[rows],
                 prior_is_scaled_by_evidence=term.learn,
             )
         )
+    check_parts(bases)
     return form.Identified(
         chain=_chain_of(fit.perturbed_chain.chain),
         terms=terms,
@@ -206,6 +210,11 @@ def _identified_of(model: IdentifiedModel) -> form.Identified:
         birge_ratio=model.birge_ratio_,
         skipped_terms={skipped.name: skipped.reason for skipped in model.excluded_terms_},
     )
+
+
+def _label(text: str) -> str:
+    """Name of a function, cut where a formula in words is longer than the form allows."""
+    return text if len(text) <= form.LONGEST_TEXT else f"{text[: form.LONGEST_TEXT - 3]}..."
 
 
 def _formula_of(term: Term) -> Formula:
@@ -286,17 +295,30 @@ def _identified_tips(document: form.ModelDocument, identified: form.Identified, 
                 "learn": data.prior_is_scaled_by_evidence,
             }
         )
+        term = _at_payload(term, document.training)
         term.check_place(chain)
         if len(data.coefficients) != term.n_coefficients:
             raise InputError(f"term {term.name!r}: expected {term.n_coefficients} coefficients")
         terms.append(term)
         coefficients.extend(data.coefficients)
+    check_parts(term.basis for term in terms)
     if len(coefficients) > form.MAX_COEFFICIENTS or identified.covariance.size != len(coefficients):
         raise InputError(
             f"expected a covariance of all {len(coefficients)} coefficients, at most {form.MAX_COEFFICIENTS}, got one "
             f"of {identified.covariance.size}"
         )
     return PerturbedChain(chain, tuple(terms)).tips(_state(document, joints), np.array(coefficients))
+
+
+def _at_payload(term: Term, training: form.Training) -> Term:
+    """A term with the payload of the training for its column: the masses of the document contain it already."""
+    if PAYLOAD not in training.columns or "column" not in (term.basis.inputs or ()):
+        return term
+    column, kg = Expression.column(PAYLOAD), training.columns[PAYLOAD].mean
+    expressions = expressions_of(term.basis)
+    if not any(column in one.inputs for one in expressions):
+        return term
+    return replace(term, basis=Formula(tuple(one.with_inputs({column: kg}) for one in expressions)))
 
 
 def _state(document: form.ModelDocument, joints: FloatArray) -> ArmState:

@@ -6,6 +6,7 @@ the sum of its functions' values times their rows of `motion_by_function`; it tu
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,7 +25,7 @@ from truearm.solve.square_roots import covariance_factor
 from truearm.typing import FloatArray, IntArray
 
 # Inputs that are zero in the first session, of the model's one tip, and at the payload of the training.
-ZERO = {"session": 0.0, "tip": 0.0, "payload torque": 0.0}
+ZERO: Mapping[str | Expression, float] = {"session": 0.0, "tip": 0.0, "payload torque": 0.0}
 ONE = Expression.number(1)
 
 

@@ -31,9 +31,10 @@ from truearm.identification.judgement.held_out_errors import HeldOutErrors
 from truearm.identification.judgement.residual_process import ResidualProcess
 from truearm.identification.judgement.tails import ellipsoid_factor
 from truearm.identification.references.prepared_readings import PreparedReadings
-from truearm.identification.terms import SkippedTerm, Term, constants
-from truearm.identification.terms.basis import HIGHEST_ORDER, Temperature
+from truearm.identification.terms import Expression, SkippedTerm, Term, constants
+from truearm.identification.terms.basis import Temperature, check_parts
 from truearm.identification.terms.catalogue import HIGHEST_ORDER_OFFERED
+from truearm.identification.terms.expression import HIGHEST_ORDER
 from truearm.readings.lengths import Lengths
 from truearm.readings.session import Session
 from truearm.solve.threads import one_blas_thread
@@ -99,6 +100,7 @@ class IdentifiedModel(Compensator):
         """What the readings say of the arm, by the terms of this model."""
 
     def _fit(self, readings: PreparedReadings, placed: Found, simpler: Compensator | None, progress: Progress) -> None:
+        self._check_sessions(readings)
         progress(0, "terms")
         found = self._identify(readings, placed, simpler, progress)
         self.fit_, self.excluded_terms_ = found.fit, found.excluded_terms
@@ -115,6 +117,20 @@ class IdentifiedModel(Compensator):
             raise InputError(f"expected a sequence of terms, got {self.terms!r:.60}", hint="docs/terms.md shows one")
         for term in self.terms:
             term.check_place(self.arm.chain)
+        check_parts(term.basis for term in self.terms)
+
+    def _check_sessions(self, readings: PreparedReadings) -> None:
+        """Refuse terms of a session in whose frame the model predicts: 1 in the training, 0 in every prediction."""
+        named = [] if readings.given.session is None else np.unique(readings.given.session).tolist()
+        refused = {Expression.session(name) for name in list(readings.frames)[:1] or named if name}
+        for term in self.terms:
+            for function in term.basis.expressions() or ():
+                if found := refused & function.inputs:
+                    raise InputError(
+                        f"term {term.name[:60]!r}: expected a further session, got {min(map(str, found))[:60]!r}, in "
+                        "whose frame the model predicts: its function is zero there",
+                        hint="name the further sessions, or use a column",
+                    )
 
     def _known(self, placed: Found, simpler: Compensator | None) -> list[IdentificationResult]:
         """Arms that were identified from the same readings before."""

@@ -19,6 +19,7 @@ from truearm.identification.estimation.residual_process import GROUP
 from truearm.identification.judgement.tails import LEAST_FREEDOM
 from truearm.identification.references.session_frames import checked_frames
 from truearm.identification.terms import ArmState
+from truearm.identification.terms.basis import check_parts
 from truearm.identification.terms.kernel import InducedProcess
 from truearm.solve.arrays import add_to_diagonal, cholesky_solver
 from truearm.solve.square_roots import unit_diagonal
@@ -66,6 +67,7 @@ def _check_identification(name: str, fit: IdentificationResult, n_joints: int) -
     chain, n = fit.perturbed_chain.chain, fit.perturbed_chain.n_coefficients
     if chain.n_joints != n_joints:
         raise InputError(f"expected a chain of {n_joints} joints of {name}, got {chain.n_joints}")
+    check_parts(term.basis for term in fit.perturbed_chain.terms)
     for term in fit.perturbed_chain.terms:
         term.check_place(chain)
         if isinstance(term.basis, InducedProcess):

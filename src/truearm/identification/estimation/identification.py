@@ -158,7 +158,7 @@ def _start_by_sample(
     n_sample = sample_size(sum(term.n_coefficients for term in terms))
     if n_sample > MOST_SHARE * len(used):
         return None
-    chosen = evenly(used, n_sample)
+    chosen = select_evenly(used, n_sample)
     rows = points.rows[chosen]
     return identify(
         chain,
@@ -175,8 +175,8 @@ def sample_size(n_coefficients: int) -> int:
     return max(LEAST_SAMPLE, SAMPLE_PER_COEFFICIENT * n_coefficients)
 
 
-def evenly(rows: IntArray, n: int) -> IntArray:
-    """N of the rows, evenly spaced."""
+def select_evenly(rows: IntArray, n: int) -> IntArray:
+    """Return n of the rows, evenly spaced."""
     return np.asarray(rows[np.linspace(0, len(rows) - 1, n).astype(np.intp)])
 
 
@@ -277,7 +277,7 @@ def _has_same_uncertainty(rounds: Rounds, x: FloatArray, covariance: FloatArray)
 
 
 def _sample_of_tips(problem: SmallMotionProblem) -> ArmState:
-    return problem.state.rows(evenly(np.arange(len(problem.state)), SAMPLE_OF_TIPS))
+    return problem.state.rows(select_evenly(np.arange(len(problem.state)), SAMPLE_OF_TIPS))
 
 
 def reference_fits(

@@ -27,7 +27,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from truearm.identification.estimation.identification import evenly, sample_size
+from truearm.identification.estimation.identification import sample_size, select_evenly
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.perturbed_chain import chunks
 from truearm.identification.terms.basis import AXES, Basis
@@ -84,7 +84,7 @@ def propose_process(fit: IdentificationResult, state: ArmState) -> ProposedProce
     n_sample = sample_size(len(fit.coefficients))
     # More than half of the readings cost more than all of them, whose covariance is known.
     n_sample = n_sample if 2 * n_sample <= len(used) else len(used)
-    chosen = evenly(used, n_sample)
+    chosen = select_evenly(used, n_sample)
     sample = state.rows(points.rows[chosen])
     tried = [_terms(_process(sample, length), 1.0) for length in LENGTH_SCALES]
     bases = [terms[0].basis for terms in tried]

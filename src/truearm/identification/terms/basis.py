@@ -9,7 +9,7 @@ and `values`, and no export contains it.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import pairwise
@@ -22,12 +22,18 @@ from pydantic import Field
 from truearm.arm.rigid_motions import cos_sin
 from truearm.errors import InputError
 from truearm.identification.terms.expression import AXES as AXES
-from truearm.identification.terms.expression import INPUTS, MOST_JOINTS, Expression, of_joint
+from truearm.identification.terms.expression import (
+    HIGHEST_ORDER,
+    INPUTS,
+    MOST_JOINTS,
+    MOST_PARTS_TOGETHER,
+    Expression,
+    of_joint,
+    plain,
+)
 from truearm.identification.terms.state import ArmState
 from truearm.typing import FloatArray
 
-HIGHEST_ORDER = 1000
-"""Harmonics of higher order have periods of less than 0.36 deg, which no session samples."""
 # Types of the fields of a basis: its constructor and the schema of JSON documents check them.
 JointNumber = Annotated[int, Field(ge=1, le=MOST_JOINTS)]
 JointOrBase = Annotated[int, Field(ge=0, le=MOST_JOINTS)]
@@ -37,6 +43,7 @@ Orders = Annotated[
 ]
 Name = Annotated[str, Field(min_length=1, max_length=1000)]
 Number = Annotated[float, Field(allow_inf_nan=False)]
+_CHECKED = (JointNumber, JointOrBase, AxisNumber, Orders, Name, Number)
 
 
 class Basis:
@@ -54,7 +61,7 @@ class Basis:
 
     def labels(self) -> tuple[str, ...]:
         """Return the name of every function; by default its expression in words."""
-        return tuple(map(str, self._said))
+        return tuple(map(str, self._functions))
 
     def expressions(self) -> tuple[Expression, ...] | None:
         """What the functions are, in their order; None where expressions have no word for them."""
@@ -73,10 +80,10 @@ class Basis:
         InputError
             If the state lacks a quantity that they depend on.
         """
-        return np.stack([one.values(state) for one in self._said])
+        return np.stack([one.values(state) for one in self._functions])
 
     @cached_property
-    def _said(self) -> tuple[Expression, ...]:
+    def _functions(self) -> tuple[Expression, ...]:
         expressions = self.expressions()
         if expressions is None:
             raise NotImplementedError(f"the basis {type(self).__name__} needs expressions, or labels and values")
@@ -202,6 +209,14 @@ class Formula(Basis):
             raise InputError(f"expected a tuple of functions, got {_short(self.functions)}")
         made = (one if isinstance(one, Expression) else Expression.from_data(one) for one in self.functions)
         object.__setattr__(self, "functions", tuple(made))
+        check_parts([self])
+        for one in self.functions:
+            one.with_inputs({})  # which refuses numbers without a finite result
+
+    @cached_property
+    def n_parts(self) -> int:
+        """Number of inputs, numbers and operations in all functions."""
+        return sum(one.n_parts for one in self.functions)
 
     def expressions(self) -> tuple[Expression, ...]:
         """The functions."""
@@ -210,6 +225,19 @@ class Formula(Basis):
     def as_data(self) -> dict[str, Any]:
         """As of any basis."""
         return {"kind": "Formula", "functions": [one.as_data() for one in self.functions]}
+
+
+def check_parts(bases: Iterable[Basis]) -> None:
+    """Check that the formulas among the bases of a model are not too long together.
+
+    Raises
+    ------
+    InputError
+        If they have more than `MOST_PARTS_TOGETHER` parts.
+    """
+    n = sum(basis.n_parts for basis in bases if isinstance(basis, Formula))
+    if n > MOST_PARTS_TOGETHER:
+        raise InputError(f"expected formulas of at most {MOST_PARTS_TOGETHER} parts together, got {n}")
 
 
 @register_basis
@@ -405,39 +433,34 @@ class Column(Basis):
 
 @cache
 def _forms(basis: type[Basis]) -> dict[str, Any]:
-    """Types of the fields that state what they may be, by name."""
+    """Types of this module that fields have, by name; a user's own class checks its other fields itself."""
     try:
         hints = get_type_hints(basis, include_extras=True)
     except NameError:  # of a user's own class, types that only its function knows
         return {}
-    return {name: form for name, form in hints.items() if get_origin(form) is Annotated}
+    return {name: form for name, form in hints.items() if any(form is one for one in _CHECKED)}
 
 
 def _settled(field: str, value: object, form: Any) -> Any:
     """The value of a field as a file can store it, checked against its type."""
     kind, about = get_args(form)
+    lowest, highest = (0, 0) if kind is float else (dataclasses.astuple(limit)[0] for limit in about.metadata)
     if get_origin(kind) is tuple:
-        if not isinstance(value, tuple) or not value:
-            raise InputError(f"expected a tuple of {field}, got {_short(value)}")
+        if not isinstance(value, tuple) or not lowest <= len(value) <= highest:
+            raise InputError(f"expected a tuple of {field}, {lowest} to {highest} of them, got {_short(value)}")
         return tuple(_settled(field, one, get_args(kind)[0]) for one in value)
     value = plain(value)
     if kind is str:
-        if not isinstance(value, str) or not value:
-            raise InputError(f"expected a {field} as text, got {_short(value)}")
+        if not isinstance(value, str) or not lowest <= len(value) <= highest:
+            raise InputError(f"expected a {field} as text of {lowest} to {highest} characters, got {_short(value)}")
         return value
     if kind is float:
         if not isinstance(value, int | float) or isinstance(value, bool) or not np.isfinite(value):
             raise InputError(f"expected {field} as a finite number, got {_short(value)}")
         return float(value)
-    lowest, highest = (dataclasses.astuple(limit)[0] for limit in about.metadata)
     if not isinstance(value, int) or isinstance(value, bool) or not lowest <= value <= highest:
         raise InputError(f"expected {field} as whole numbers, {lowest} to {highest}, got {_short(value)}")
     return value
-
-
-def plain(value: object) -> Any:
-    """A NumPy scalar as a Python number, which a file can store; other values unchanged."""
-    return value.item() if isinstance(value, np.generic) else value
 
 
 def _short(value: object) -> str:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import operator
 import reprlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, reduce
 from typing import Any, NamedTuple, Self
@@ -25,7 +25,11 @@ from truearm.typing import FloatArray, NameArray
 AXES = "xyz"
 MOST_JOINTS = 100
 MOST_PARTS, DEEPEST = 1000, 30
+MOST_PARTS_TOGETHER = 100_000
+"""Parts of all expressions of a model: they are evaluated at a thousand readings within seconds."""
 HIGHEST_POWER = 12
+HIGHEST_ORDER = 1000
+"""Harmonics of higher order have periods of less than 0.36 deg, which no session samples."""
 
 
 class Input(NamedTuple):
@@ -137,8 +141,8 @@ INPUTS: Mapping[str, Input] = {
     "tip": Input((_is_name,), "tip {0}", lambda state, name: _is_of(state.tip, name, len(state)), False),
 }
 OPERATIONS: Mapping[str, Operation] = {
-    "sum": Operation(_are_several, lambda *of: reduce(operator.add, of)),
-    "product": Operation(_are_several, lambda *of: reduce(operator.mul, of)),
+    "sum": Operation(_are_several, lambda *of: _sum(of) if _are_several(*of) else reduce(operator.add, of)),
+    "product": Operation(_are_several, lambda *of: _product(of) if _are_several(*of) else reduce(operator.mul, of)),
     "power": Operation(lambda *of: _is_one(*of[:1]) and len(of) == 2 and _POWER(of[1]), operator.pow),
     # NumPy calls the methods of the same names of what is no array.
     "cos": Operation(_is_one, np.cos),
@@ -177,8 +181,14 @@ class Expression:
     arguments: tuple[Any, ...]
 
     def __post_init__(self) -> None:
-        of, kind = self.arguments, self.operation if isinstance(self.operation, str) else ""
-        if kind in INPUTS:
+        of: object = self.arguments
+        kind = self.operation if isinstance(self.operation, str) else ""
+        if isinstance(of, list | tuple):
+            of = tuple(map(plain, of))
+            object.__setattr__(self, "arguments", of)
+        if not isinstance(of, tuple):
+            fits = False
+        elif kind in INPUTS:
             checks = INPUTS[kind].arguments
             fits = len(of) == len(checks) and all(check(one) for check, one in zip(checks, of, strict=True))
         elif kind in OPERATIONS:
@@ -252,22 +262,14 @@ class Expression:
 
     def __pow__(self, exponent: int) -> Expression:
         if self.value is not None:
-            return Expression.number(self.value**exponent)
+            return _folded(operator.pow, self.value, plain(exponent))
         return self if exponent == 1 else Expression("power", (self, exponent))
 
     def __add__(self, other: Expression | float) -> Expression:
-        parts = [*self._parts("sum"), *_expression(other)._parts("sum")]
-        total = sum(part.value for part in parts if part.value is not None)
-        parts = [part for part in parts if part.value is None]
-        return _joined("sum", parts + [Expression.number(total)] * (total != 0 or not parts))
+        return _sum((self, _expression(other)))
 
     def __mul__(self, other: Expression | float) -> Expression:
-        parts = [*self._parts("product"), *_expression(other)._parts("product")]
-        factor = math.prod(part.value for part in parts if part.value is not None)
-        parts = [part for part in parts if part.value is None]
-        if factor == 0:
-            return Expression.number(0)
-        return _joined("product", [Expression.number(factor)] * (factor != 1 or not parts) + parts)
+        return _product((self, _expression(other)))
 
     def __neg__(self) -> Expression:
         return self * -1
@@ -299,14 +301,14 @@ class Expression:
 
     @property
     def harmonic(self) -> tuple[int, int] | None:
-        """Joint and order k of ``cos k q`` or ``sin k q``; None of anything else."""
+        """Joint and order k, to `HIGHEST_ORDER`, of ``cos k q`` or ``sin k q``; None of anything else."""
         if self.operation not in ("cos", "sin"):
             return None
         factor, of = 1.0, self.arguments[0]
         if of.operation == "product" and len(of.arguments) == 2 and of.arguments[0].value is not None:
             factor, of = of.arguments[0].value, of.arguments[1]
-        is_whole = factor == int(factor) and factor >= 1
-        return (of.arguments[0], int(factor)) if of.operation == "angle" and is_whole else None
+        is_order = factor == int(factor) and 1 <= factor <= HIGHEST_ORDER
+        return (of.arguments[0], int(factor)) if of.operation == "angle" and is_order else None
 
     def values(self, state: ArmState) -> FloatArray:
         """(n,) values at a state.
@@ -324,11 +326,12 @@ class Expression:
 
         return np.asarray(self._by_parts(value))
 
-    def with_inputs(self, values: Mapping[str, float]) -> Expression:
-        """The expression with numbers for all inputs of some kinds."""
+    def with_inputs(self, values: Mapping[str | Expression, float]) -> Expression:
+        """The expression with numbers for some inputs, or for all inputs of some kinds."""
 
         def replaced(one: Expression) -> Expression:
-            return Expression.number(values[one.operation]) if one.operation in values else one
+            value = values.get(one, values.get(one.operation))
+            return one if value is None else Expression.number(value)
 
         found: Expression = self._by_parts(replaced)
         return found
@@ -398,13 +401,44 @@ class Expression:
     def _expressions(self) -> tuple[Expression, ...]:
         return tuple(one for one in self.arguments if isinstance(one, Expression))
 
-    def _parts(self, operation: str) -> tuple[Expression, ...]:
-        return self.arguments if self.operation == operation else (self,)
-
 
 def _expression(value: Expression | float) -> Expression:
     return value if isinstance(value, Expression) else Expression.number(value)
 
 
+def _sum(of: Sequence[Expression]) -> Expression:
+    numbers, others = _parts("sum", of)
+    total = _folded(lambda *values: sum(values), *numbers)
+    return _joined("sum", others + [total] * (total.value != 0 or not others))
+
+
+def _product(of: Sequence[Expression]) -> Expression:
+    numbers, others = _parts("product", of)
+    factor = _folded(lambda *values: math.prod(values), *numbers)
+    if factor.value == 0:
+        return Expression.number(0)
+    return _joined("product", [factor] * (factor.value != 1 or not others) + others)
+
+
+def _parts(operation: str, of: Sequence[Expression]) -> tuple[list[float], list[Expression]]:
+    """Numbers and other expressions in sums, or in products."""
+    parts = [part for one in of for part in (one.arguments if one.operation == operation else (one,))]
+    return [part.value for part in parts if part.value is not None], [part for part in parts if part.value is None]
+
+
 def _joined(operation: str, parts: list[Expression]) -> Expression:
     return parts[0] if len(parts) == 1 else Expression(operation, tuple(parts))
+
+
+def _folded(operation: Callable[..., Any], *numbers: float) -> Expression:
+    try:
+        return Expression.number(operation(*numbers))
+    except ArithmeticError:  # too large, or a power of zero
+        raise InputError(
+            f"expected numbers with a finite result in an expression, got {reprlib.repr(numbers):.60}"
+        ) from None
+
+
+def plain(value: object) -> Any:
+    """A NumPy scalar as a Python number, which a file can store; other values unchanged."""
+    return value.item() if isinstance(value, np.generic) else value

@@ -28,8 +28,9 @@ class InducedProcess(Basis):
     The covariance of two poses q and z is the product over the joints of ``exp((cos(q - z) - 1) / l^2)``, which knows
     no turns, or of ``exp(-(q - z)^2 / 2 l^2)`` for a sliding joint. With K that of the inducing points Z among
     themselves and its Cholesky factor L, the functions are ``L^-1 k(Z, q)``, so that coefficients of unit variance give
-    the process its covariance at the inducing points. Between them ``1 - |functions|^2`` of its variance is missing:
-    see `remainder`. Source: J. Quinonero-Candela, C. E. Rasmussen, "A unifying view of sparse approximate Gaussian
+    the process its covariance at the inducing points. Between them ``1 - |functions|^2`` of its variance is missing
+    (`remainder`): to the variance along the term's direction add the prior variance times 1 less the sum of the squares
+    of the functions. Source: J. Quinonero-Candela, C. E. Rasmussen, "A unifying view of sparse approximate Gaussian
     process regression", J. Mach. Learn. Res. 6 (2005) 1939, section 6 (FITC); the covariance on the circle: D. J. C.
     MacKay, "Introduction to Gaussian processes", 1998, eq. 47.
 

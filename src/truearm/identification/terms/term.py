@@ -10,8 +10,8 @@ import numpy as np
 
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
-from truearm.identification.terms.basis import Basis, Formula, basis_from_data, plain
-from truearm.identification.terms.expression import Expression
+from truearm.identification.terms.basis import Basis, Formula, basis_from_data
+from truearm.identification.terms.expression import Expression, plain
 from truearm.typing import FloatArray
 
 
