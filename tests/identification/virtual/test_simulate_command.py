@@ -3,8 +3,10 @@
 import json
 from functools import partial
 
+import click
 import numpy as np
 import pytest
+import typer
 
 from truearm.arm.catalogue import load_arm
 from truearm.cli.simulate import simulate as command
@@ -12,8 +14,8 @@ from truearm.errors import InputError
 from truearm.identification.virtual import PRESETS, VirtualArm
 from truearm.readings import length_errors, read_lengths, read_session
 
-# The context of the command line tells which options were given, for --plan only.
-simulate = partial(command, None)
+# The context of the command line says which options a person typed: none here.
+simulate = partial(command, typer.Context(click.Command("simulate")))
 
 
 def test_a_session_file_comes_out_with_what_was_rejected_and_the_floor(tmp_path, capsys):

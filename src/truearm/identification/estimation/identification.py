@@ -110,7 +110,8 @@ def identify(
     Raises
     ------
     InputError
-        If there are no references, or two of a kind, or if a term's place is beyond the chain.
+        If there are no references, or two of a kind; if weights are not one a reading, from 0 to 1; or if a term's
+        place is beyond the chain.
     """
     kinds = [reference.kind for reference in references]
     if not kinds or len(set(kinds)) < len(kinds):
@@ -118,6 +119,8 @@ def identify(
     for term in terms:
         term.check_place(chain)
     weights = np.ones(len(state)) if reading_weights is None else reading_weights
+    if weights.shape != (len(state),) or not ((weights >= 0) & (weights <= 1)).all():
+        raise InputError(f"expected weights of {len(state)} readings, from 0 to 1, got {weights!r:.60}")
     given = [weights[reference.rows] for reference in references]
     perturbed_chain = PerturbedChain(chain, tuple(terms))
     problem, unknowns = initial_problem(perturbed_chain, state, references)
