@@ -130,6 +130,9 @@ def test_what_else_differs_is_said(models, crash, monkeypatch):
     assert "payloads of the training differ (0 and 5 kg)" in remarks(old, loaded)
     assert "numbers differ (1, 2): these are two arms" in remarks(*map(with_serial_number, (old, again), "12"))
     assert remarks(*map(with_serial_number, (old, again), "11")) == ""
+    own = copy(again)
+    own.terms = (ta.Term("J4 by its cable", 4, (0, 0, 1, 0, 0, 0), ta.Expression.angle(4) ** 2, "cable", 1e-4),)
+    assert "Terms of your own (J4 by its cable) are not compared" in remarks(old, own)
     change = replace(change, displacement=replace(change.displacement, region="either"))
     assert "Few poses are in the trained range of both" in remarks(old, again)
     assert remarks(old, again).endswith("compare physical models.")

@@ -97,6 +97,8 @@ def _remarks(old: IdentifiedModel, new: IdentifiedModel, change: ArmChange) -> I
         yield f"The {nominal[0]} model is nominal: changes are differences from the drawing, not changes in time."
     if old.data_fingerprint_ == new.data_fingerprint_:
         yield "Both models are of the same readings: what differs are the models, not the arm."
+    if own := sorted({term.name for model in (old, new) for term in model.terms}):
+        yield f"Terms of your own ({', '.join(own)}) are not compared: constants may contain their change."
     for which, model in (("old", old), ("new", new)):
         if len(model.refit_reading_ids_):
             yield f"The {which} model was refitted: only its base and tip are of the later readings, not its constants."

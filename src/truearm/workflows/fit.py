@@ -122,6 +122,8 @@ def fit(
     nominal_arm = with_serial_number(nominal_arm, given)
     checked = within_limits(given, nominal_arm, limits)
     used = checked.session
+    if "terms" in options and model not in ("auto", "kinematic", "physical"):
+        raise InputError(f"expected a model that identifies terms, got {model!r}", hint="model='physical'")
     # Options are checked before anything is computed.
     chosen = None if model == "auto" else MODELS[model](nominal_arm, free=parts, **options)
     check_session_fits(used, nominal_arm, model)
@@ -262,6 +264,7 @@ class FitResult(Record):
         yield from self.remarks
         if (identified := to_identified(self.model)) is not None:
             yield from _term_lines(identified)
+            yield from map(str, own_coefficients(identified))
         yield "These are training readings: evaluate the model on other readings."
 
     def _json(self) -> object:
@@ -282,6 +285,8 @@ class FitResult(Record):
             found["residual_process"] = identified.residual_process_
             found["groups"] = identified.fit_.groups
             found["skipped_terms"] = identified.excluded_terms_
+            if identified.terms:
+                found["own_terms"] = own_coefficients(identified)
             found["identifiability"] = identifiability(identified.fit_)
         return found
 
@@ -422,6 +427,37 @@ def _describe_length(outlier: Outlier) -> str:
         f"{outlier.name}: certificate value {than} the value implied by the other data by "
         f"{abs(outlier.error_mm):.3f} mm ({outlier.normalized_residual:.0f} standard uncertainties)"
     )
+
+
+@dataclass(frozen=True)
+class OwnCoefficient:
+    """A coefficient of a term of the user's own.
+
+    Attributes
+    ----------
+    name : str
+        Of the term; of several functions with that of its function.
+    coefficient, u : float
+        And its standard uncertainty: rad, or mm, for a function of one (see `Term.direction`). Both are zero where the
+        readings show nothing of the term's group.
+    """
+
+    name: str
+    coefficient: float
+    u: float
+
+    def __str__(self) -> str:
+        if not self.u:
+            return f"{self.name}: pruned, these readings show nothing of it"
+        return f"{self.name}: {self.coefficient:.3g}, standard uncertainty {self.u:.2g}"
+
+
+def own_coefficients(model: IdentifiedModel) -> tuple[OwnCoefficient, ...]:
+    """The coefficients of the terms of the user's own that a model was fitted with."""
+    fit, names = model.fit_, {label for term in model.terms for label in term.labels}
+    labels = [label for term in fit.perturbed_chain.terms for label in term.labels]
+    known = dict(zip(labels, zip(fit.coefficients, np.sqrt(fit.covariance.diagonal()), strict=True), strict=True))
+    return tuple(OwnCoefficient(name, *map(float, known.get(name, (0.0, 0.0)))) for name in sorted(names))
 
 
 def _term_lines(model: IdentifiedModel) -> Iterator[str]:

@@ -101,6 +101,31 @@ def test_what_is_no_term_of_this_arm_is_refused(terms, message, session):
         ta.fit("ur10", session, model="kinematic", terms=terms)
 
 
+@pytest.mark.parametrize("of", [Expression.session("fryday"), Expression.tip("ball")])
+def test_a_session_or_tip_that_no_reading_has_is_refused(of, session):
+    with pytest.raises(InputError, match=rf"expected a {of.operation} of the readings .*, got '{of.arguments[0]}'"):
+        ta.fit("ur10", session, model="kinematic", terms=[replace(CABLE, basis=of)])
+
+
+@pytest.mark.parametrize("model", ["nominal", "network", "hybrid"])
+def test_a_model_without_terms_refuses_them(model, session):
+    with pytest.raises(InputError, match="expected a model that identifies terms"):
+        ta.fit("ur10", session, model=model, terms=[CABLE])
+
+
+def test_a_fit_says_what_became_of_own_terms(session):
+    """The planted coefficient within its stated uncertainty; what the readings show nothing of is pruned, by name."""
+    none = Term("J1 by nothing", 1, (0, 0, 1, 0, 0, 0), Expression.tip("A") * 0.0 + 0.0, "nothing", 1e-4)
+    result = ta.fit("ur10", session, model="kinematic", terms=[CABLE, none])
+    cable, pruned = result.to_dict()["own_terms"][::-1]
+    assert cable["name"] == "J2 by its cable"
+    assert abs(cable["coefficient"] - PULLED) < 4 * cable["u"] < PULLED
+    assert pruned == {"name": "J1 by nothing", "coefficient": 0.0, "u": 0.0}
+    assert "J1 by nothing: pruned, these readings show nothing of it" in str(result)
+    assert f"J2 by its cable: {cable['coefficient']:.3g}, standard uncertainty" in str(result)
+    assert "own_terms" not in ta.fit("ur10", session, model="kinematic").to_dict()
+
+
 def test_a_term_of_the_first_or_only_session_is_refused(session):
     """The model predicts in the frame of that session, where the function would be zero and no longer one."""
     half = len(session) // 2

@@ -120,11 +120,22 @@ class IdentifiedModel(Compensator):
         check_parts(term.basis for term in self.terms)
 
     def _check_sessions(self, readings: PreparedReadings) -> None:
-        """Refuse terms of a session in whose frame the model predicts: 1 in the training, 0 in every prediction."""
+        """Refuse terms of a session in whose frame the model predicts: 1 in the training, 0 in every prediction.
+
+        And of one, or of a tip, that no reading has.
+        """
         named = [] if readings.given.session is None else np.unique(readings.given.session).tolist()
         refused = {Expression.session(name) for name in list(readings.frames)[:1] or named if name}
+        known = {"session": named, "tip": list(readings.tips)}
         for term in self.terms:
             for function in term.basis.expressions() or ():
+                for one in sorted(function.inputs, key=str):
+                    if one.operation in known and one.arguments[0] not in known[one.operation]:
+                        raise InputError(
+                            f"term {term.name[:60]!r}: expected a {one.operation} of the readings "
+                            f"({', '.join(map(str, known[one.operation]))[:60] or 'they name none'}), "
+                            f"got {one.arguments[0][:60]!r}"
+                        )
                 if found := refused & function.inputs:
                     raise InputError(
                         f"term {term.name[:60]!r}: expected a further session, got {min(map(str, found))[:60]!r}, in "

@@ -198,7 +198,8 @@ class Expression:
         if not fits:
             raise InputError(
                 f"expected an expression among {', '.join([*INPUTS, *OPERATIONS])} with its arguments, "
-                f"got {reprlib.repr(kind):.40} of {reprlib.repr(of):.60}"
+                f"got {reprlib.repr(kind):.40} of {reprlib.repr(of):.60}",
+                hint=f"joints are whole from 1, axes 0, 1 or 2, powers whole from 2 to {HIGHEST_POWER}, numbers finite",
             )
         if self.n_parts > MOST_PARTS or self._depth > DEEPEST:
             raise InputError(f"expected an expression of at most {MOST_PARTS} parts, {DEEPEST} deep")
