@@ -139,7 +139,8 @@ def fit(
     if chosen is None:
         fitted, comparison, why_no_hybrid = select_model(nominal, readings, progress=progress, **options)
     elif model != "nominal":
-        fitted = chosen.learn(readings, progress=progress, nominal=nominal)
+        # A model without weights of outliers places its own nominal arm.
+        fitted = chosen.learn(readings, progress=progress, nominal=nominal if chosen.robust else None)
     at = fitted.at(used)
     changes: tuple[SessionChange, ...] = ()
     if (identified := to_identified(fitted)) is not None:  # a network has no residuals of a rigid frame

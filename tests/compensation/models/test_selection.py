@@ -11,6 +11,7 @@ from truearm.compensation.models import IdentifiedModel, KinematicModel, Nominal
 from truearm.compensation.models.selection import CANDIDATES, select_model, trimmed_mean
 from truearm.errors import InputError
 from truearm.readings import Session
+from truearm.workflows.fit import fit
 
 NOISE = 0.02  # mm
 KINDS = {"nominal": NominalModel, "kinematic": KinematicModel, "physical": PhysicalModel}
@@ -76,6 +77,15 @@ def test_gross_errors_do_not_change_the_choice(size, real, rng, monkeypatch):
         assert row.kept == other.kept
         assert row.max_mm < 1.1 * other.max_mm
         assert row.excess_mm == pytest.approx(other.excess_mm, rel=0.1)
+
+
+def test_a_fit_without_weights_of_outliers_is_that_of_the_model(real, rng):
+    """It places its own nominal arm; that of the verb has weights."""
+    readings = session(real, "kinematic", rng, n=60)
+    fitted = fit(real.arm, readings, model="kinematic", robust=False).model
+    alone = KinematicModel(real.arm, robust=False).fit_readings(readings)
+    # Sums in another order of memory, at most.
+    np.testing.assert_allclose(fitted.predict(readings.angles), alone.predict(readings.angles), rtol=0, atol=1e-9)
 
 
 def test_a_trimmed_mean_and_its_standard_error():
