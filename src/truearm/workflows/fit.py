@@ -455,10 +455,17 @@ class OwnCoefficient:
 
 def own_coefficients(model: IdentifiedModel) -> tuple[OwnCoefficient, ...]:
     """The coefficients of the terms of the user's own that a model was fitted with."""
-    fit, names = model.fit_, {label for term in model.terms for label in term.labels}
-    labels = [label for term in fit.perturbed_chain.terms for label in term.labels]
-    known = dict(zip(labels, zip(fit.coefficients, np.sqrt(fit.covariance.diagonal()), strict=True), strict=True))
-    return tuple(OwnCoefficient(name, *map(float, known.get(name, (0.0, 0.0)))) for name in sorted(names))
+    fit, found = model.fit_, []
+    u = np.sqrt(fit.covariance.diagonal())
+    identified = list(zip(fit.perturbed_chain.terms, fit.perturbed_chain.columns, strict=True))
+    for term in model.terms:
+        # By the term, not its name, which another term may have.
+        columns = next((columns for one, columns in identified if one == term), None)
+        values = [(0.0, 0.0)] * term.n_coefficients
+        if columns is not None:
+            values = list(zip(fit.coefficients[columns].tolist(), u[columns].tolist(), strict=True))
+        found += [OwnCoefficient(label, *value) for label, value in zip(term.labels, values, strict=True)]
+    return tuple(found)
 
 
 def _term_lines(model: IdentifiedModel) -> Iterator[str]:

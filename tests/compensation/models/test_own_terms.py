@@ -117,12 +117,15 @@ def test_a_fit_says_what_became_of_own_terms(session):
     """The planted coefficient within its stated uncertainty; what the readings show nothing of is pruned, by name."""
     none = Term("J1 by nothing", 1, (0, 0, 1, 0, 0, 0), Expression.tip("A") * 0.0 + 0.0, "nothing", 1e-4)
     result = ta.fit("ur10", session, model="kinematic", terms=[CABLE, none])
-    cable, pruned = result.to_dict()["own_terms"][::-1]
+    cable, pruned = result.to_dict()["own_terms"]
     assert cable["name"] == "J2 by its cable"
     assert abs(cable["coefficient"] - PULLED) < 4 * cable["u"] < PULLED
     assert pruned == {"name": "J1 by nothing", "coefficient": 0.0, "u": 0.0}
     assert "J1 by nothing: pruned, these readings show nothing of it" in str(result)
     assert f"J2 by its cable: {cable['coefficient']:.3g}, standard uncertainty" in str(result)
+    namesake = replace(CABLE, name=result.model.fit_.perturbed_chain.terms[0].labels[0])  # that of a constant
+    (one,) = ta.fit("ur10", session, model="kinematic", terms=[namesake]).to_dict()["own_terms"]
+    assert (one["coefficient"], one["u"]) == pytest.approx((cable["coefficient"], cable["u"]), rel=1e-3)
     assert "own_terms" not in ta.fit("ur10", session, model="kinematic").to_dict()
 
 
