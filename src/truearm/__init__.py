@@ -10,6 +10,7 @@ __version__ = "0.1.0"
 
 # Where each public name is defined.
 _HOMES = {
+    "truearm.acceptance": ("accepting",),
     "truearm.arm": ("Arm", "list_arms", "load_arm"),
     "truearm.compensation.models": ("HybridModel", "KinematicModel", "NetworkModel", "NominalModel", "PhysicalModel"),
     "truearm.compensation.models.model_file": ("load_model",),

@@ -1,6 +1,7 @@
 """The public names, for type checkers and editors; `__init__.py` imports them when they are used."""
 
 from truearm import datasets as datasets
+from truearm.acceptance import accepting as accepting
 from truearm.arm import Arm as Arm
 from truearm.arm import list_arms as list_arms
 from truearm.arm import load_arm as load_arm

@@ -77,11 +77,23 @@ class InputError(TruearmError, ValueError):
 
     def in_file(self, file: str | Path) -> InputError:
         """The same error, found in `file`."""
-        return InputError(self.problem, file=file, line=self.line, column=self.column, hint=self.hint, row=self.row)
+        return type(self)(self.problem, file=file, line=self.line, column=self.column, hint=self.hint, row=self.row)
 
     def with_hint(self, hint: str) -> InputError:
         """The same error with another hint."""
-        return InputError(self.problem, file=self.file, line=self.line, column=self.column, hint=hint, row=self.row)
+        return type(self)(self.problem, file=self.file, line=self.line, column=self.column, hint=hint, row=self.row)
+
+
+class Contradiction(InputError):
+    """Readings that contradict what they are said to be of: a judgement, which a person may override with a reason."""
+
+    @classmethod
+    def of(cls, error: InputError) -> Contradiction:
+        """The contradiction that an error states."""
+        return cls(error.problem, file=error.file, line=error.line, column=error.column, hint=error.hint, row=error.row)
+
+    def __str__(self) -> str:
+        return f"{super().__str__()}. Or go on all the same: --accept REASON (accept= in Python)"
 
 
 class SeveralFaults(InputError):
@@ -116,6 +128,10 @@ class SeveralFaults(InputError):
     def in_file(self, file: str | Path) -> SeveralFaults:
         """The same faults, found in `file`."""
         return SeveralFaults([fault.in_file(file) for fault in self._faults])
+
+    def with_hint(self, hint: str) -> SeveralFaults:
+        """The same faults, the last with another hint."""
+        return SeveralFaults([*self._faults[:-1], self._faults[-1].with_hint(hint)])
 
 
 class FaultCollector:
@@ -168,7 +184,7 @@ def joined(faults: Sequence[InputError]) -> InputError | None:
 
 
 def _without_file(fault: InputError) -> InputError:
-    return InputError(fault.problem, line=fault.line, column=fault.column, hint=fault.hint, row=fault.row)
+    return type(fault)(fault.problem, line=fault.line, column=fault.column, hint=fault.hint, row=fault.row)
 
 
 class MissingTool(InputError):

@@ -8,7 +8,7 @@ from typing import Annotated
 from typer import Argument
 
 from truearm.cli.console import print_record, progress
-from truearm.cli.options import Json, LengthsFile, LimitsOption, ModelFile
+from truearm.cli.options import AcceptOption, Json, LengthsFile, LimitsOption, ModelFile
 
 
 def evaluate(
@@ -18,6 +18,7 @@ def evaluate(
     ],
     lengths: LengthsFile = None,
     limits: LimitsOption = "skip",
+    accept: AcceptOption = None,
     as_json: Json = False,
 ) -> None:
     """Test a model on readings it was not fitted to.
@@ -30,5 +31,5 @@ def evaluate(
     from truearm.workflows.evaluate import evaluate as evaluate_model
 
     with progress(f"evaluating {session.name}"):
-        evaluation = evaluate_model(model, session, lengths=lengths, limits=limits)
+        evaluation = evaluate_model(model, session, lengths=lengths, limits=limits, accept=accept)
     print_record(evaluation, as_json=as_json)

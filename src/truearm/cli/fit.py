@@ -10,7 +10,16 @@ from typer import Argument, Option
 
 from truearm.choices import ModelName, Trainer
 from truearm.cli.console import check_output, print_record, progress
-from truearm.cli.options import ArmOption, Json, LengthsFile, LimitsOption, ModelOut, free_parts, refuse_typed
+from truearm.cli.options import (
+    AcceptOption,
+    ArmOption,
+    Json,
+    LengthsFile,
+    LimitsOption,
+    ModelOut,
+    free_parts,
+    refuse_typed,
+)
 
 # The models that have an option.
 MODELS_OF: dict[str, tuple[str, ...]] = {
@@ -36,6 +45,7 @@ def fit(
     lengths: LengthsFile = None,
     free: Annotated[str, Option(help="What is unknown of the nominal arm's placement: base,tip or none.")] = "base,tip",
     limits: LimitsOption = "skip",
+    accept: AcceptOption = None,
     no_residual_process: Annotated[
         bool, Option("--no-residual-process", help="Physical: without smooth errors that no term describes.")
     ] = False,
@@ -103,7 +113,15 @@ def fit(
     parts = free_parts(free)
     with progress(f"fitting {model}", total=total) as report:
         result = fit_model(
-            arm, session, model=model, lengths=lengths, free=parts, limits=limits, progress=report, **options
+            arm,
+            session,
+            model=model,
+            lengths=lengths,
+            free=parts,
+            limits=limits,
+            accept=accept,
+            progress=report,
+            **options,
         )
         result.save(out)
     print_record(result, as_json=as_json, files={"model": out})

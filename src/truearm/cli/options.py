@@ -29,6 +29,10 @@ RuleOption = Annotated[
     DecisionRule | None, Option(help="Decision rule; by default that of the plan. simple ignores a small uncertainty.")
 ]
 LimitsOption = Annotated[Limits, Option(help="Readings beyond a joint limit: skip them, or use them.")]
+AcceptOption = Annotated[
+    str | None,
+    Option("--accept", metavar="REASON", help="Go on where readings contradict arm or model; the reason is kept."),
+]
 
 # Of the commands that fill in points to measure.
 IntoForm = Annotated[

@@ -9,7 +9,7 @@ import typer
 from typer import Argument, Option
 
 from truearm.cli.console import check_output, check_output_is_not_input, print_record, progress
-from truearm.cli.options import FormDate, FormTemperature, IntoForm, Json, ModelFile, refuse_typed
+from truearm.cli.options import AcceptOption, FormDate, FormTemperature, IntoForm, Json, ModelFile, refuse_typed
 
 
 def predict(
@@ -26,6 +26,7 @@ def predict(
     into: IntoForm = None,
     date: FormDate = None,
     artefact_temperature: FormTemperature = None,
+    accept: AcceptOption = None,
     as_json: Json = False,
 ) -> None:
     """Compensate: turn joint angles into corrected coordinates.
@@ -47,7 +48,7 @@ def predict(
     if out is not None:
         check_output(out, model, session, endings=(".csv",))
     with progress(f"predicting {session.name}"):
-        prediction = predict_points(model, session)
+        prediction = predict_points(model, session, accept=accept)
         if out is not None:
             prediction.save(out)
         if into is not None:

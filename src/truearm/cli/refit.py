@@ -8,7 +8,7 @@ from typing import Annotated
 from typer import Argument, Option
 
 from truearm.cli.console import check_output, print_record, progress
-from truearm.cli.options import Json, LengthsFile, LimitsOption, ModelFile, ModelOut, free_parts
+from truearm.cli.options import AcceptOption, Json, LengthsFile, LimitsOption, ModelFile, ModelOut, free_parts
 
 
 def refit(
@@ -21,6 +21,7 @@ def refit(
     rows: Annotated[int | None, Option(min=1, help="Number of readings to use; all by default.")] = None,
     lengths: LengthsFile = None,
     limits: LimitsOption = "skip",
+    accept: AcceptOption = None,
     seed: Annotated[int, Option(min=0, help="Seed of the choice of readings.")] = 0,
     as_json: Json = False,
 ) -> None:
@@ -39,7 +40,15 @@ def refit(
     check_output(out, session, lengths)
     with progress(f"refitting {model.name}") as report:
         result = refit_model(
-            model, session, free=parts, n_readings=rows, seed=seed, lengths=lengths, limits=limits, progress=report
+            model,
+            session,
+            free=parts,
+            n_readings=rows,
+            seed=seed,
+            lengths=lengths,
+            limits=limits,
+            accept=accept,
+            progress=report,
         )
         result.save(out)
     print_record(result, as_json=as_json, files={"model": out})

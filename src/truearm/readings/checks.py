@@ -237,14 +237,15 @@ def skip_beyond_limits(
     Raises
     ------
     InputError
-        If more than half of the readings are beyond the limits: the unit, the zeros or the arm are wrong.
+        If more than half of the readings are beyond the limits: the unit, the zeros or the arm are wrong. Where that is
+        accepted, none is skipped.
     """
     skipped = limit_excesses(session, limits, prismatic=prismatic)
     if not skipped:
         return session, ()
     first = skipped[0]
     if len(skipped) > MAX_SKIPPED_SHARE * len(session):
-        raise session.error(
+        session.contradict(
             f"{first.joint} is at {first.value:.6g} {first.unit}, outside its limits {first.lower:.6g} .. "
             f"{first.upper:.6g} {first.unit} ({len(skipped)} of {len(session)} readings are outside the limits of a "
             "joint)",
@@ -252,6 +253,7 @@ def skip_beyond_limits(
             column=_column(session, int(first.joint[1:]) - 1),
             hint="check the unit, sign and zero of the angles, or the limits in the arm file",
         )
+        return session, ()
     kept = np.ones(len(session), bool)
     kept[[excess.row for excess in skipped]] = False
     return session.rows(kept), skipped
@@ -288,7 +290,7 @@ def check_reach(session: Session, *, reach: float, sliding: BoolArray | None = N
     if not far.any():
         return
     row = int(np.argmax(far))
-    raise session.error(
+    session.contradict(
         f"the reference point lies {off[row]:.4g} mm from the median of all, beyond an arm with a reach of"
         f" {reach:.4g} mm ({int(far.sum())} of {int(session.has_point.sum())} readings)",
         row,
@@ -318,7 +320,7 @@ def check_scale(session: Session, tips: FloatArray) -> None:
     if nominal == 0 or spread == 0 or 1 / MAX_SCALE < spread / nominal < MAX_SCALE:
         return
     unit = likely_unit(session, tips)
-    raise session.error(
+    session.contradict(
         f"the reference points spread over {spread:.3g} mm, the nominal tips of these readings over {nominal:.4g} mm",
         hint=f"the points may be in {unit}: convert them to mm" if unit else "check the unit of points and angles",
     )

@@ -11,6 +11,7 @@ from typing import Any, Self, cast
 import numpy as np
 import numpy.typing as npt
 
+from truearm.acceptance import contradict
 from truearm.errors import InputError
 from truearm.typing import BoolArray, FloatArray, IntArray, NameArray
 
@@ -303,6 +304,12 @@ class Readings:
         name = None if row is None or self.by_line else self.called(row)
         line = None if row is None else self.line_of(row)
         return InputError(problem, file=self.file, line=line, column=column, hint=hint, row=name)
+
+    def contradict(
+        self, problem: str, row: int | None = None, *, column: str | None = None, hint: str | None = None
+    ) -> None:
+        """Refuse readings that are contradicted with this `error`, unless a person accepts it; see `contradict`."""
+        contradict(self.error(problem, row, column=column, hint=hint))
 
     def line_of(self, row: int) -> int | None:
         """Return the line of row `row` (counted from 0) in `file`; None if rows are not lines."""

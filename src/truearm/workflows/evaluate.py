@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from truearm.acceptance import acceptance_remarks, accepts
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.uncertainty import uncertainty_budget
 from truearm.identification.judgement.outliers import Outlier
@@ -47,8 +48,14 @@ if TYPE_CHECKING:
 
 
 @one_blas_thread()
+@accepts
 def evaluate(
-    model: AnyModelLike, session: SessionLike, *, lengths: LengthsLike | None = None, limits: Limits = "skip"
+    model: AnyModelLike,
+    session: SessionLike,
+    *,
+    lengths: LengthsLike | None = None,
+    limits: Limits = "skip",
+    accept: str | None = None,
 ) -> Evaluation:
     """Test a model on readings it was not fitted to, beside the nominal arm.
 
@@ -72,6 +79,9 @@ def evaluate(
         Known lengths between seats of the session.
     limits : {"skip", "ignore"}
         Skip the readings beyond a joint limit, or use them.
+    accept : str, optional
+        Why the readings are right where they would be refused as contradicted: the reason and what it overrode are
+        kept (docs/imperfect-readings.md).
 
     Returns
     -------
@@ -123,7 +133,13 @@ def evaluate(
         coverage_99=coverage_99,
         outliers=outliers,
         n_refit=len(allowed.rows) - len(rows),
-        remarks=(*allowed.remarks, *refit_remarks, *length_remarks, *evaluation_remarks(fitted, at)),
+        remarks=(
+            *acceptance_remarks(accept),
+            *allowed.remarks,
+            *refit_remarks,
+            *length_remarks,
+            *evaluation_remarks(fitted, at),
+        ),
     )
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from truearm.acceptance import acceptance_remarks, accepts
 from truearm.choices import ModelName
 from truearm.compensation.models import MODELS, Compensator, NominalModel
 from truearm.compensation.models.arm_check import with_serial_number
@@ -61,6 +62,7 @@ MAX_GROUPS = 8
 
 
 @one_blas_thread()
+@accepts
 def fit(
     arm: ArmLike,
     session: SessionLike,
@@ -69,6 +71,7 @@ def fit(
     lengths: LengthsLike | None = None,
     free: Iterable[str] = ("base", "tip"),
     limits: Limits = "skip",
+    accept: str | None = None,
     progress: Callable[[int, str], None] | None = None,
     **options: Any,
 ) -> FitResult:
@@ -90,6 +93,9 @@ def fit(
         What is unknown of the placement of the nominal arm; empty if points are in its base frame and its tip is known.
     limits : {"skip", "ignore"}
         Skip the readings beyond a joint limit, or use them.
+    accept : str, optional
+        Why the readings are right where they would be refused as contradicted: the reason and what it overrode are
+        kept (docs/imperfect-readings.md).
     progress : callable, optional
         Called with the number of steps done and a note.
     **options
@@ -156,7 +162,7 @@ def fit(
         outliers=_outliers(fitted, given, checked.rows),
         length_outliers=_length_outliers(fitted, at, readings),
         frame_changes=changes,
-        remarks=(*checked.remarks, *length_remarks, *said),
+        remarks=(*acceptance_remarks(accept), *checked.remarks, *length_remarks, *said),
     )
 
 
@@ -191,7 +197,7 @@ class FitResult(Record):
     >>> import truearm as ta
     >>> result = ta.fit("ur10", ta.simulate("ur10", poses=40, seed=1).session, model="nominal")
     >>> sorted(result.to_dict())[:4]
-    ['arm', 'comparison', 'fit_seconds', 'frame_changes']
+    ['accepted', 'arm', 'comparison', 'fit_seconds']
     """
 
     model: Compensator
@@ -276,6 +282,7 @@ class FitResult(Record):
             "n_readings": len(self.session),
             "fit_seconds": self.model.fit_seconds_,
             "held_out": None,
+            "accepted": self.model.accepted_,
             **self._named("held_out_distances", "training", "comparison", "outliers", "length_outliers"),
             **self._named("frame_changes", "remarks"),
         }

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from truearm.acceptance import acceptance_remarks, accepts
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.arm_check import with_serial_number
 from truearm.compensation.models.training_conditions import TOGETHER
@@ -43,7 +44,8 @@ DECIMALS = 6
 
 
 @one_blas_thread()
-def predict(model: ModelLike, session: SessionLike) -> Prediction:
+@accepts
+def predict(model: ModelLike, session: SessionLike, *, accept: str | None = None) -> Prediction:
     """Compensate: corrected coordinates of the tip from joint angles.
 
     Temperatures, loads and directions of movement are used where the session states them.
@@ -54,6 +56,9 @@ def predict(model: ModelLike, session: SessionLike) -> Prediction:
         A fitted model or its file.
     session : Session, DataFrame, str or Path
         Readings; reference points are not needed.
+    accept : str, optional
+        Why the readings are right where they would be refused as contradicted: the reason and what it overrode are
+        kept (docs/imperfect-readings.md).
 
     Returns
     -------
@@ -88,7 +93,7 @@ def predict(model: ModelLike, session: SessionLike) -> Prediction:
         unstated_u_mm={
             name: float(np.sqrt(np.trace(part, axis1=1, axis2=2).mean() / 3)) for name, part in unstated.items()
         },
-        remarks=(*remarks, *frame_remarks(fitted)),
+        remarks=(*acceptance_remarks(accept), *remarks, *frame_remarks(fitted)),
     )
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from truearm.acceptance import acceptance_remarks, accepts
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.compensation.models.model_file import save_model
 from truearm.compensation.models.refit import refit as refit_model
@@ -31,6 +32,7 @@ from truearm.workflows.sentences import format_mm, listed
 
 
 @one_blas_thread()
+@accepts
 def refit(
     model: ModelLike,
     session: SessionLike,
@@ -40,6 +42,7 @@ def refit(
     seed: int = 0,
     lengths: LengthsLike | None = None,
     limits: Limits = "skip",
+    accept: str | None = None,
     progress: Callable[[int, str], None] | None = None,
 ) -> RefitResult:
     """Transfer a model to a new set-up: identify base and tip again, keep the arm.
@@ -63,6 +66,9 @@ def refit(
         Known lengths between seats of the session.
     limits : {"skip", "ignore"}
         Skip the readings beyond a joint limit, or use them.
+    accept : str, optional
+        Why the readings are right where they would be refused as contradicted: the reason and what it overrode are
+        kept (docs/imperfect-readings.md).
     progress : callable, optional
         Called with the number of rounds done and a note.
 
@@ -102,7 +108,12 @@ def refit(
         residual_std_before_mm=known.facts()["residual_std_mm"],
         median_u_mm=float(np.median(np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)))),
         outliers=tuple(outlier.located(given, allowed.rows[rows]) for outlier in outliers(new.fit_)),
-        remarks=(*allowed.remarks, *length_remarks, *_remarks(new, parts, len(used), len(given))),
+        remarks=(
+            *acceptance_remarks(accept),
+            *allowed.remarks,
+            *length_remarks,
+            *_remarks(new, parts, len(used), len(given)),
+        ),
     )
 
 
@@ -187,5 +198,6 @@ class RefitResult(Record):
             "median_u_mm": self.median_u_mm,
             "residual_process": self.model.residual_process_,
             "outliers": self.outliers,
+            "accepted": self.model.accepted_,
             "remarks": self.remarks,
         }

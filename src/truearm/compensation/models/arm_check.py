@@ -29,15 +29,16 @@ def with_serial_number(arm: Arm, readings: Session) -> Arm:
     Raises
     ------
     InputError
-        If both state one, and they differ.
+        If both state one, and they differ; where that is accepted, the arm keeps its own.
     """
     stated = serial_number_of(readings)
     if not stated or stated == arm.serial_number:
         return arm
     if arm.serial_number:
-        raise readings.error(
+        readings.contradict(
             f"the readings are of the arm with serial number {stated!r}, arm {arm.name!r} has {arm.serial_number!r}",
             column=None if readings.file is None else "serial_number",
             hint="check the session and the arm or model file: units of one type have errors of their own",
         )
+        return arm
     return replace(arm, serial_number=stated)

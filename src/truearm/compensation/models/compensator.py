@@ -13,6 +13,7 @@ from typing import Any, ClassVar, Literal, NamedTuple, Self, TypeAlias, overload
 import numpy as np
 import numpy.typing as npt
 
+from truearm.acceptance import Acceptance, accepted
 from truearm.arm.arm import Arm
 from truearm.compensation.models.arm_check import check_readings_of, with_serial_number
 from truearm.compensation.models.estimator import Regressor
@@ -91,6 +92,8 @@ class Compensator(Regressor, ABC):
         Duration of `fit` [s].
     tips_ : tuple of str
         Names of the tips on the flange, in the order of the readings (see `with_tip`); empty if none was named.
+    accepted_ : tuple of Acceptance
+        Contradictions in its readings that a person accepted (see `truearm.accepting`).
     """
 
     kind: ClassVar[str]
@@ -107,6 +110,7 @@ class Compensator(Regressor, ABC):
     nominal_: IdentificationResult
     fit_seconds_: float
     tips_: tuple[str, ...] = ()
+    accepted_: tuple[Acceptance, ...] = ()
 
     nominal_check_ = UNCHECKED
     held_out_ = NONE_HELD_OUT
@@ -204,6 +208,7 @@ class Compensator(Regressor, ABC):
             placed, self.nominal_check_ = Found(self._nominal_of(nominal), NONE_HELD_OUT), nominal.nominal_check_
         self.nominal_ = placed.fit
         self._fit(readings, placed, nominal, progress or no_progress)
+        self.accepted_ = accepted(() if nominal is None else nominal.accepted_)
         self.fit_seconds_ = time.perf_counter() - begun
         return self
 

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from truearm.acceptance import accepted
 from truearm.compensation.models.arm_check import check_readings_of, with_serial_number
 from truearm.compensation.models.compensator import FREE_PARTS, Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel, require_identified, to_identified
@@ -109,6 +110,7 @@ def refit(
     new.free_, new.tips_ = free, tip_names(readings) if is_new_tip else known.tips_
     new.held_out_, new.held_out_distances_, new.held_out_errors_ = NONE_HELD_OUT, NONE_HELD_OUT, None
     new.refit_reading_ids_ = np.concatenate([known.refit_reading_ids_, ids])
+    new.accepted_ = accepted(known.accepted_)
     new.fit_seconds_ = time.perf_counter() - begun
     return new
 

@@ -236,7 +236,7 @@ class TrainingConditions:
         far = (excess > MAX_FURTHER_ANGLE) & ~prismatic
         if far.any() and far.any(axis=1).mean() > MAX_SKIPPED_SHARE:
             row, joint = (int(i) for i in np.argwhere(far)[0])
-            raise readings.error(
+            readings.contradict(
                 f"J{joint + 1} is at {readings.angles[row, joint]:.4g} rad, ten turns outside the trained range",
                 row,
                 column=None if readings.angle_columns is None else readings.angle_columns[joint],

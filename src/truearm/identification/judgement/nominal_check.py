@@ -18,6 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from truearm.acceptance import contradict
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
 from truearm.identification.estimation.identification import initial_problem
@@ -204,7 +205,7 @@ def refuse_implausible(check: NominalCheck, arm: Arm, readings: Session, tips: F
     if check.remaining_mm is not None:
         why = f"; with its constants fitted {check.remaining_mm:.2g} mm remain, and one is {check.constant}"
     unit = likely_unit(readings, tips)
-    raise readings.error(
+    readings.contradict(
         f"the nominal arm {arm.name!r} misses its references by {check.error_mm:.4g} mm at one reading of four, where "
         f"arms like it miss by {check.usual_mm:.2g} mm{why}: the readings are of another arm, or the arm is described "
         "wrongly",
@@ -313,7 +314,7 @@ def check_sizes(
     worst = int(np.argmax(excess))
     if excess[worst] > 1:
         of_sphere = residuals.names[worst].startswith("distance")
-        raise InputError(
+        refused = InputError(
             f"expected a {residuals.names[worst]} of about {drawn[worst]:.4g} mm, as the nominal arm has, "
             f"got {stated[worst]:.6g} mm",
             file=readings.file if of_sphere or lengths is None else lengths.file,
@@ -322,3 +323,4 @@ def check_sizes(
             if of_sphere
             else "check the unit of the length, the names of its two seats, the arm",
         )
+        contradict(refused)

@@ -76,7 +76,7 @@ def check_stated_uncertainty(
     )
     ratio = stated_ratio(stated)
     if ratio is not None and ratio >= MAX_RATIO:
-        raise readings.error(
+        readings.contradict(
             f"the stated uncertainty of the reference points is {ratio:.0f} times their scatter about the identified "
             f"arm{_mistake(ratio)}",
             column="sx_mm",

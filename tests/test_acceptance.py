@@ -1,0 +1,120 @@
+"""Laws of acceptance: a judgement is refused without a reason, overridden with one, and the reason is kept."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import truearm as ta
+from truearm.acceptance import MAX_TEXT, Acceptance, accepted, accepting, contradict
+from truearm.errors import Contradiction, InputError
+
+WHY = "the encoder was turned round, the drawing follows"
+SESSION = ta.simulate("ur10", poses=30, seed=1).session
+
+
+def contradicted(name: str) -> tuple[ta.Arm, ta.Session]:
+    """An arm and readings that contradict it."""
+    arm, session = ta.load_arm("ur10"), SESSION
+    if name == "sign":
+        return arm, replace(session, angles=session.angles * [1, 1, 1, -1, 1, 1])
+    if name == "unit":
+        return arm, replace(session, points=session.points * 25.4)
+    if name == "far point":
+        far = session.points.copy()
+        far[3] += 1e5
+        return arm, replace(session, points=far)
+    if name == "stated uncertainty":
+        return arm, replace(session, point_std=np.full((30, 3), 50.0))
+    if name == "limits":
+        return arm, replace(session, angles=session.angles + [0, 0, 7, 0, 0, 0])
+    assert name == "serial number"
+    return replace(arm, serial_number="2"), replace(session, serial_number=np.full(30, "1"))
+
+
+CASES = ("sign", "unit", "far point", "stated uncertainty", "limits", "serial number")
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_judgement_is_refused_without_a_reason_and_done_with_one(name, tmp_path):
+    arm, session = contradicted(name)
+    with pytest.raises(Contradiction, match="--accept REASON"):
+        ta.fit(arm, session, model="nominal")
+    result = ta.fit(arm, session, model="nominal", accept=WHY)
+    (one,) = result.model.accepted_
+    assert one.reason == WHY
+    assert one.contradictions
+    assert result.remarks[0] == f"Accepted ({WHY}): {'; '.join(one.contradictions)}."
+    assert result.to_dict()["accepted"] == [{"reason": WHY, "contradictions": list(one.contradictions)}]
+    result.save(tmp_path / "m.truearm")
+    assert ta.load_model(tmp_path / "m.truearm").accepted_ == (one,)
+
+
+def test_what_was_accepted_in_a_fit_and_in_a_transfer_stays_with_the_model():
+    model = ta.fit(*contradicted("sign"), model="kinematic", accept=WHY).model
+    moved = ta.refit(model, contradicted("sign")[1], accept="another reason").model
+    assert moved.accepted_[0] == model.accepted_[0]
+    with ta.accepting("of the block"):
+        of_class = ta.NominalModel(ta.load_arm("ur10")).fit_readings(contradicted("sign")[1])
+    assert [one.reason for one in of_class.accepted_] == ["of the block"]
+
+
+def test_a_reason_with_nothing_to_accept_changes_nothing():
+    plain, harmless = (ta.fit("ur10", SESSION, model="kinematic", accept=accept) for accept in (None, WHY))
+    assert harmless.remarks[0] == "Nothing had to be accepted."
+    assert harmless.model.accepted_ == ()
+    assert np.array_equal(harmless.model.fit_.coefficients, plain.model.fit_.coefficients)
+    assert plain.remarks == harmless.remarks[1:]
+
+
+@pytest.mark.parametrize("reason", ["", "  ", "two\nlines", "x" * (MAX_TEXT + 1), 3])
+def test_a_reason_is_one_line_of_words(reason):
+    with pytest.raises(InputError, match="expected a reason"):
+        ta.fit("ur10", SESSION, model="nominal", accept=reason)
+
+
+def test_what_cannot_be_calculated_has_no_override():
+    still = replace(SESSION, angles=np.tile(SESSION.angles[0], (30, 1)))
+    for arm, session, options in (
+        (ta.load_arm("ur5"), ta.Session(SESSION.angles[:, :5], SESSION.points), {}),
+        (ta.load_arm("ur10"), still, {}),
+        (ta.load_arm("ur10"), SESSION, {"model": "best"}),
+        (ta.load_arm("ur10"), SESSION, {"free": ["joints"]}),
+    ):
+        with pytest.raises(InputError) as refused:
+            ta.fit(arm, session, accept=WHY, **{"model": "nominal", **options})
+        assert not isinstance(refused.value, Contradiction)
+
+
+def test_judgements_of_using_a_model_are_overridden_too():
+    arm, session = contradicted("serial number")
+    model = ta.fit(arm, replace(session, serial_number=None), model="nominal").model
+    for verb in (ta.evaluate, ta.predict):
+        with pytest.raises(Contradiction, match="serial number"):
+            verb(model, session)
+        assert verb(model, session, accept=WHY).remarks[0].startswith(f"Accepted ({WHY}): the readings are of the arm")
+        assert verb(model, replace(session, serial_number=None), accept=WHY).remarks[0] == "Nothing had to be accepted."
+    assert model.accepted_ == ()
+
+
+def test_blocks_nest_and_end():
+    with accepting("outer"):
+        contradict(InputError("first"))
+        with accepting(None):
+            contradict(InputError("second"))
+        with accepting("inner"):
+            contradict(InputError("third"))
+            assert accepted() == (Acceptance("inner", ("third",)),)
+        contradict(InputError("first"))
+        before = (Acceptance("outer", ("zeroth",)), Acceptance("before", ("x",)))
+        assert accepted(before) == (Acceptance("outer", ("zeroth", "first", "second")), before[1])
+    assert accepted() == ()
+    with pytest.raises(Contradiction) as refused:
+        contradict(InputError("word " * 100, hint="try", line=3, file="a.csv"))
+    assert refused.value.hint == "try"
+    assert isinstance(refused.value.in_file("b.csv").with_hint("other"), Contradiction)
+    with accepting("long"):
+        contradict(refused.value)
+        assert len(accepted()[0].contradictions[0]) == MAX_TEXT
