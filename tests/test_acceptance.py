@@ -10,6 +10,7 @@ import pytest
 import truearm as ta
 from truearm.acceptance import MAX_TEXT, Acceptance, accepted, accepting, contradict
 from truearm.errors import Contradiction, InputError
+from truearm.pages.html import render
 
 WHY = "the encoder was turned round, the drawing follows"
 SESSION = ta.simulate("ur10", poses=30, seed=1).session
@@ -91,12 +92,40 @@ def test_what_cannot_be_calculated_has_no_override():
 def test_judgements_of_using_a_model_are_overridden_too():
     arm, session = contradicted("serial number")
     model = ta.fit(arm, replace(session, serial_number=None), model="nominal").model
-    for verb in (ta.evaluate, ta.predict):
+    for verb in (ta.evaluate, ta.predict, ta.report):
         with pytest.raises(Contradiction, match="serial number"):
             verb(model, session)
         assert verb(model, session, accept=WHY).remarks[0].startswith(f"Accepted ({WHY}): the readings are of the arm")
         assert verb(model, replace(session, serial_number=None), accept=WHY).remarks[0] == "Nothing had to be accepted."
     assert model.accepted_ == ()
+    assert f"Accepted ({WHY})" in render(ta.report(model, session, accept=WHY).page())
+
+
+def test_pages_and_exports_of_an_accepted_model_state_the_reason(tmp_path):
+    model = ta.fit(*contradicted("sign"), model="kinematic", accept=WHY).model
+    session = contradicted("sign")[1]
+    stated = f"When the model was fitted: {model.accepted_[0]}"
+    for result in (ta.evaluate(model, session), ta.predict(model, session)):
+        assert stated in result.remarks
+        assert stated in result.to_dict()["remarks"]
+    assert WHY in render(ta.report(model, session).page())
+    for name in ("arm.json", "arm.c", "arm.mjs", "arm.urdf"):
+        exported = ta.export(model, tmp_path / name)
+        assert exported.manifest.provenance.accepted == model.accepted_
+        assert stated in str(exported)
+        assert ta.check_export(model, tmp_path / name).agrees
+
+
+def test_an_interim_check_and_its_page_state_the_reason(tmp_path):
+    readings = ta.simulate("gao2017", poses=30, preset="perfect").session
+    arm = replace(ta.load_arm("gao2017"), serial_number="2")
+    model = ta.NominalModel(arm).fit_readings(replace(readings, serial_number=None))
+    in_seats = ta.simulate("gao2017", poses=8, strategy="seat", seats=2, preset="perfect", seed=1).session
+    with pytest.raises(Contradiction, match="--accept REASON"):
+        ta.check(model, in_seats, tmp_path / "a.sqlite")
+    result = ta.check(model, in_seats, tmp_path / "a.sqlite", accept=WHY)
+    assert f"Accepted ({WHY})" in str(result)
+    assert f"Accepted ({WHY})" in render(result.page())
 
 
 def test_blocks_nest_and_end():

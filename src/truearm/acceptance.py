@@ -17,6 +17,7 @@ from typing import ParamSpec, TypeVar, cast
 from truearm.errors import Contradiction, InputError
 
 MAX_TEXT = 300  # of a reason, and of a contradiction in short
+OVERRIDE = "if the readings are right all the same, --accept REASON (accept= in Python) goes on"
 
 _Arguments = ParamSpec("_Arguments")
 _Result = TypeVar("_Result")
@@ -90,12 +91,16 @@ def accepting(reason: str | None) -> Iterator[None]:
 
 
 def accepts(verb: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
-    """Decorate a verb with a keyword `accept`: it runs within `accepting` that reason."""
+    """Decorate a verb with a keyword `accept`: it runs within `accepting` that reason, and a refusal names the way."""
 
     @wraps(verb)
     def within(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> _Result:
         with accepting(cast("str | None", kwargs.get("accept"))):
-            return verb(*args, **kwargs)
+            try:
+                return verb(*args, **kwargs)
+            except Contradiction as error:
+                hint = error.hint or ""
+                raise error if OVERRIDE in hint else error.with_hint(f"{hint}{'; ' * bool(hint)}{OVERRIDE}") from None
 
     return within
 

@@ -92,9 +92,6 @@ class Contradiction(InputError):
         """The contradiction that an error states."""
         return cls(error.problem, file=error.file, line=error.line, column=error.column, hint=error.hint, row=error.row)
 
-    def __str__(self) -> str:
-        return f"{super().__str__()}. Or go on all the same: --accept REASON (accept= in Python)"
-
 
 class SeveralFaults(InputError):
     """Several faults of the input, all that were found, so that a person mends them in one go.

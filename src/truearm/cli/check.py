@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from typer import Argument, Option
 
 from truearm.cli.console import check_output_is_not_input, check_page_path, print_record, progress
-from truearm.cli.options import Json, LengthsFile, ModelFile, refuse_typed
+from truearm.cli.options import AcceptOption, Json, LengthsFile, ModelFile, refuse_typed
 from truearm.errors import InputError
 
 
@@ -33,6 +33,7 @@ def check(
         str | None, Option("--withdraw", metavar="NUMBER|DATE", help="Withdraw a wrong check; it stays in the history.")
     ] = None,
     reason: Annotated[str | None, Option(help="With --withdraw: what was wrong with it.")] = None,
+    accept: AcceptOption = None,
     as_json: Json = False,
 ) -> None:
     """Check whether the arm is still as it was identified.
@@ -48,7 +49,9 @@ def check(
     Exit code 0: no need; 1: recalibrate; 3: undecided (repeat the check), or not enough checks.
     """
     if withdrawn is not None:
-        refuse_typed(context, ("session", "lengths", "retired", "mpe", "date"), "does not apply to --withdraw")
+        refuse_typed(
+            context, ("session", "lengths", "retired", "mpe", "date", "accept"), "does not apply to --withdraw"
+        )
         _withdraw(model, history, withdrawn, reason, report=report, as_json=as_json)
         return
     refuse_typed(context, ["reason"], "applies to --withdraw only")
@@ -61,7 +64,8 @@ def check(
     check_output_is_not_input(history, *files)
     check_page_path(report, *files, history)
     with progress(f"checking {session.name}"):
-        result = checked(model, session, history, lengths=lengths, specification=mpe, retired=retired or (), date=date)
+        options: dict[str, Any] = {"lengths": lengths, "specification": mpe, "retired": retired or ()}
+        result = checked(model, session, history, **options, date=date, accept=accept)
         if report is not None:
             result.save_page(report)
     print_record(result, as_json=as_json, files={"page": report})

@@ -8,7 +8,7 @@ from typer import Option
 
 from truearm.choices import FeatureKind
 from truearm.cli.console import print_record, progress
-from truearm.cli.options import DrawnArms, Json, ModelFile, Seed, SessionFile
+from truearm.cli.options import AcceptOption, DrawnArms, Json, ModelFile, Seed, SessionFile
 from truearm.cli.task import millimetres
 
 
@@ -34,6 +34,7 @@ def measure(
     ] = None,
     arms: DrawnArms = 1000,
     seed: Seed = 0,
+    accept: AcceptOption = None,
     as_json: Json = False,
 ) -> None:
     """Measure a length, sphere, plane or circle.
@@ -54,6 +55,7 @@ def measure(
             repeatability_mm=repeatability,
             n_arms=arms,
             seed=seed,
+            accept=accept,
             progress=tell,
         )
     print_record(result, as_json=as_json)

@@ -10,7 +10,7 @@ from typer import Argument, Option
 
 from truearm.choices import FigureFormat
 from truearm.cli.console import check_page_path, print_record, progress
-from truearm.cli.options import refuse_typed
+from truearm.cli.options import AcceptOption, refuse_typed
 
 
 def report(
@@ -26,6 +26,7 @@ def report(
         FigureFormat | None,
         Option("--figures-as", help="What the files of --figures are; svg by default."),
     ] = None,
+    accept: AcceptOption = None,
 ) -> None:
     """Compare models on readings, as a page to show.
 
@@ -55,7 +56,7 @@ def report(
     if figures is not None:
         make_folder(figures)
     with progress("drawing the report"):
-        result = reported(models, session, out, lengths=lengths, title=title)
+        result = reported(models, session, out, lengths=lengths, title=title, accept=accept)
         if figures is not None:
             result.save_figures(figures, ending=f".{form or 'svg'}")
     print_record(result, files={"page": out, "figures": figures})

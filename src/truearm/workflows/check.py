@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from truearm.acceptance import acceptance_remarks, accepting, accepts
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.arm_check import with_serial_number
 from truearm.compensation.models.model_file import save_model
@@ -85,6 +86,10 @@ class CheckResult(PageRecord):
         Known lengths between its seats.
     files : tuple of Path
         The files that were read.
+    accept : str or None
+        Why the readings are right where the model would refuse them.
+    accepted : tuple of str
+        What that overrode.
     """
 
     record: RecordedCheck
@@ -96,6 +101,8 @@ class CheckResult(PageRecord):
     readings: Session
     lengths: Lengths | None
     files: tuple[Path, ...] = ()
+    accept: str | None = None
+    accepted: tuple[str, ...] = ()
 
     @property
     def input_files(self) -> tuple[Path, ...]:
@@ -116,7 +123,7 @@ class CheckResult(PageRecord):
     def remarks(self) -> tuple[str, ...]:
         """What was ignored, what could not be judged, withdrawn checks, and the results of other models."""
         withdrawn = describe_withdrawals(self.record.checks)
-        return (*self.input_remarks, *self.assessment.remarks, *withdrawn, *self.record.remarks)
+        return (*self.accepted, *self.input_remarks, *self.assessment.remarks, *withdrawn, *self.record.remarks)
 
     def page(self) -> Page:
         """The advice, the points of this check in space, and the control charts."""
@@ -124,12 +131,13 @@ class CheckResult(PageRecord):
         from truearm.show.interim_check_page import drift_page
 
         model = f"{self.model_name}, {self.model.n_train_} training readings, SHA-256 {self.record.check.model}"
-        section = check_section(self.model, self.readings, self.lengths)
+        with accepting(self.accept):
+            section = check_section(self.model, self.readings, self.lengths)
         return drift_page(
             self.record.checks,
             self.assessment,
             arm=self.model.arm.name,
-            remarks=self.record.remarks,
+            remarks=(*self.accepted, *self.record.remarks),
             more=() if section is None else (section,),
             facts=_page_facts(model, self.model.arm, self.history, self.head),
         )
@@ -208,6 +216,7 @@ class CheckResult(PageRecord):
 
 
 @one_blas_thread()
+@accepts
 def check(
     model: ModelLike,
     session: SessionLike,
@@ -217,6 +226,7 @@ def check(
     specification: SpecificationLike | None = None,
     retired: Sequence[str] = (),
     date: datetime.datetime | str | None = None,
+    accept: str | None = None,
 ) -> CheckResult:
     """Check whether the arm is still as it was identified, and add the check to its history.
 
@@ -239,6 +249,9 @@ def check(
         Artefacts that were repaired or replaced, and are no longer assessed.
     date : datetime or str, optional
         Date of the check, such as ``2026-11-03`` or ``2026-11-03T08:30``; by default now.
+    accept : str, optional
+        Why the readings are right where they would be refused as contradicted: the reason and what it overrode are
+        kept (docs/imperfect-readings.md).
 
     Returns
     -------
@@ -288,7 +301,19 @@ def check(
     record = record_check(
         kept, new, specification=limits, retired=retired, name=name, arm=fitted.arm.name, serial_number=unit
     )
-    return CheckResult(record, fitted, name, file, kept.head, tuple(remarks), readings, known, files)
+    return CheckResult(
+        record,
+        fitted,
+        name,
+        file,
+        kept.head,
+        tuple(remarks),
+        readings,
+        known,
+        files,
+        accept,
+        acceptance_remarks(accept),
+    )
 
 
 def model_file_fingerprint(model: ModelLike) -> str:

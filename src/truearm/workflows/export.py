@@ -140,6 +140,8 @@ class ExportResult(Record):
                 yield self._what_is_lost()
         if origin.model == "physical" and (payload := self.model.training_.columns.get(PAYLOAD)) is not None:
             yield f"It applies to the payload of the training, {payload.mean:g} kg."
+        for one in origin.accepted:
+            yield f"When the model was fitted: {one}"
         yield f"Frame of the file: {FRAMES[manifest.frame]}."
         yield "Five check poses are in the file: truearm export MODEL --check FILE compares them."
 

@@ -484,11 +484,13 @@ def payload_remarks(model: Compensator, session: Session) -> tuple[str, ...]:
     )
 
 
-def frame_remarks(model: Compensator) -> tuple[str, ...]:
-    """That the base is nominal, of a model that was learned without reference points."""
+def model_remarks(model: Compensator) -> tuple[str, ...]:
+    """What was accepted when the model was fitted; that its base is nominal where it learned no reference points."""
+    of_fit = tuple(f"When the model was fitted: {one}" for one in model.accepted_)
     if "base" not in model.free or not np.array_equal(model.nominal_.chain.fixed[0], model.arm_.chain.fixed[0]):
-        return ()
+        return of_fit
     return (
+        *of_fit,
         (
             "Coordinates are in the arm's own frame: the base is nominal, as the model was learned without reference "
             "points. truearm refit MODEL FILE --free base places it from four or more points."
@@ -511,7 +513,7 @@ def evaluation_remarks(model: Compensator, readings: ReadingsLike) -> list[str]:
                 remarks.append(f"{explained[0].upper()}{explained[1:]}.")
     if inputs := model.inputs_outside_training(at):
         remarks.append(f"{describe_outside(inputs, model.training_, session)}.")
-    remarks += [*payload_remarks(model, session), *frame_remarks(model)]
+    remarks += [*payload_remarks(model, session), *model_remarks(model)]
     if model.is_trained_on(session):
         remarks.append("These are the training readings of the model: a fair test needs others (split).")
     return remarks

@@ -9,6 +9,7 @@ from typing import get_args
 
 import numpy as np
 
+from truearm.acceptance import acceptance_remarks, accepts
 from truearm.choices import FeatureKind
 from truearm.compensation.models import Compensator
 from truearm.errors import InputError
@@ -24,8 +25,8 @@ from truearm.workflows.inputs import (
     SessionLike,
     check_angles_fit,
     describe_outside,
-    frame_remarks,
     model_of_tip_of,
+    model_remarks,
     payload_remarks,
     to_model_and_session,
 )
@@ -37,6 +38,7 @@ _NORMAL_DECIMALS = 6
 
 
 @one_blas_thread()
+@accepts
 def measure(
     model: ModelLike,
     session: SessionLike,
@@ -46,6 +48,7 @@ def measure(
     repeatability_mm: float | None = None,
     n_arms: int = 1000,
     seed: int = 0,
+    accept: str | None = None,
     progress: Callable[[int, str], None] | None = None,
 ) -> MeasuredFeatures:
     """Measure a feature of a part: fit it to the compensated points of readings.
@@ -72,6 +75,9 @@ def measure(
         Number of arms to draw.
     seed : int
         Seed of all random numbers.
+    accept : str, optional
+        Why the readings are right where they would be refused as contradicted: the reason and what it overrode are
+        kept (docs/imperfect-readings.md).
     progress : callable, optional
         Called with the number of arms done and a remark.
 
@@ -102,7 +108,7 @@ def measure(
     check_draws(n_arms, seed)
     given, readings = to_model_and_session(model, session)
     fitted = model_of_tip_of(given, readings)
-    remarks = [*check_angles_fit(readings, fitted.arm), *payload_remarks(fitted, readings), *frame_remarks(fitted)]
+    remarks = [*check_angles_fit(readings, fitted.arm), *payload_remarks(fitted, readings), *model_remarks(fitted)]
     if inputs := fitted.inputs_outside_training(readings):
         remarks.append(f"{describe_outside(inputs, fitted.training_, readings)}; errors may be larger there.")
     groups, unnamed = _by_seat(readings)
@@ -124,6 +130,7 @@ def measure(
         )
     except InputError as error:
         raise (error if readings.file is None else error.in_file(readings.file)) from None
+    remarks = [*acceptance_remarks(accept), *remarks]
     if fitted.session_frames_:
         remarks.append(f"Coordinates are in the frame of session {next(iter(fitted.session_frames_))}.")
     return MeasuredFeatures(

@@ -12,12 +12,12 @@ import numpy as np
 
 from truearm.acceptance import acceptance_remarks, accepts
 from truearm.compensation.models import Compensator
-from truearm.compensation.models.arm_check import with_serial_number
 from truearm.compensation.models.training_conditions import TOGETHER
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.delimited import write_columns
 from truearm.readings import Session
+from truearm.readings.checks import serial_number_of
 from truearm.readings.readings import NAMED, PAYLOAD
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import BoolArray, FloatArray, IntArray, NameArray
@@ -27,7 +27,7 @@ from truearm.workflows.inputs import (
     SessionLike,
     check_angles_fit,
     describe_outside,
-    frame_remarks,
+    model_remarks,
     payload_remarks,
     to_model_and_session,
 )
@@ -93,7 +93,7 @@ def predict(model: ModelLike, session: SessionLike, *, accept: str | None = None
         unstated_u_mm={
             name: float(np.sqrt(np.trace(part, axis1=1, axis2=2).mean() / 3)) for name, part in unstated.items()
         },
-        remarks=(*acceptance_remarks(accept), *remarks, *frame_remarks(fitted)),
+        remarks=(*acceptance_remarks(accept), *remarks, *model_remarks(fitted)),
     )
 
 
@@ -208,7 +208,7 @@ class Prediction(Record):
         from truearm.verification.standards.points_form import fill_points_form  # takes longer than ten predictions
 
         moment = now() if date is None else parse_moment(date)
-        number = with_serial_number(self.model.arm_, self.session).serial_number
+        number = self.model.arm_.serial_number or serial_number_of(self.session)  # they agree, or it was accepted
         return fill_points_form(path, self.points, day=moment.date(), artefact_degC=artefact_degC, serial_number=number)
 
     def _columns(self) -> dict[str, FloatArray | IntArray | NameArray]:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from truearm.acceptance import acceptance_remarks, accepts
+from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.compensation.models.model_file import save_model
 from truearm.compensation.models.refit import refit as refit_model
@@ -112,12 +113,16 @@ def refit(
             *acceptance_remarks(accept),
             *allowed.remarks,
             *length_remarks,
-            *_remarks(new, parts, len(used), len(given)),
+            *_remarks(known, new, parts, len(used), len(given)),
         ),
     )
 
 
-def _remarks(new: IdentifiedModel, free: tuple[str, ...], n_used: int, n_given: int) -> Iterator[str]:
+def _remarks(
+    known: Compensator, new: IdentifiedModel, free: tuple[str, ...], n_used: int, n_given: int
+) -> Iterator[str]:
+    for one in known.accepted_:
+        yield f"When the model was fitted: {one}"
     if "base" in free and "base" not in new.free_:
         yield "The base stays where it was: only reference points determine it."
     if n_used < n_given:

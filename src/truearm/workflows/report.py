@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from truearm.acceptance import acceptance_remarks, accepting, accepts
 from truearm.compensation.models import Compensator
 from truearm.errors import InputError
 from truearm.pages.page import Page
@@ -69,6 +70,10 @@ class ReportResult(PageRecord):
         Points of the readings by the reference and by every model.
     files : tuple of Path
         The files that were read.
+    accept : str or None
+        Why the readings are right where models would refuse them.
+    accepted : tuple of str
+        What that overrode.
     """
 
     models: Mapping[str, Compensator]
@@ -80,27 +85,34 @@ class ReportResult(PageRecord):
     input_remarks: tuple[str, ...]
     comparison: ModelComparison | SeatComparison
     files: tuple[Path, ...] = ()
+    accept: str | None = None
+    accepted: tuple[str, ...] = ()
 
     @property
     def page_remarks(self) -> list[str]:
         """What a reader must know of each model before the errors are believed."""
-        remarks = {name: evaluation_remarks(model, self.session) for name, model in self.models.items()}
+        with accepting(self.accept):
+            remarks = {name: evaluation_remarks(model, self.session) for name, model in self.models.items()}
         remarks |= {name: [regressor_remark(one)] for name, one in self.regressors.items()}
         return [f"{name}: {remark}" for name, of_model in remarks.items() for remark in of_model]
 
     @property
     def remarks(self) -> tuple[str, ...]:
         """What was ignored, and what a reader must know of each model before the errors are believed."""
-        return (*self.input_remarks, *self.page_remarks)
+        return (*self.accepted, *self.input_remarks, *self.page_remarks)
 
     def page(self) -> Page:
         """Errors before and after compensation; for identified arms uncertainty, terms and errors of the joints."""
+        with accepting(self.accept):
+            return self._page()
+
+    def _page(self) -> Page:
         models, session = dict(self.models), self.session
         layout: dict[str, Any] = {
             "title": self.title or f"{one_arm(models).arm.name}: error before and after compensation",
             "subtitle": f"{number_of(len(session))} of {session.file.name if session.file else 'a session'}",
             "facts": page_facts(models, session, self.regressors),
-            "remarks": self.page_remarks,
+            "remarks": [*self.accepted, *self.page_remarks],
         }
         both = identified_budgets(models, session)
         layout["more"] = [*constants_sections(models), *identification_sections(models, session, both)]
@@ -133,6 +145,7 @@ class ReportResult(PageRecord):
 
 
 @one_blas_thread()
+@accepts
 def report(
     models: AnyModelLike | Sequence[AnyModelLike] | Mapping[str, AnyModelLike],
     session: SessionLike,
@@ -140,6 +153,7 @@ def report(
     *,
     lengths: LengthsLike | None = None,
     title: str = "",
+    accept: str | None = None,
 ) -> ReportResult:
     """Compare models of one arm on a session, as a page to show.
 
@@ -157,6 +171,9 @@ def report(
         Known lengths between the seats of a session without reference points.
     title : str
         Title of the page.
+    accept : str, optional
+        Why the readings are right where they would be refused as contradicted: the reason and what it overrode are
+        kept (docs/imperfect-readings.md).
 
     Returns
     -------
@@ -222,6 +239,8 @@ def report(
         (*remarks, *skipped, *of_refit, *of_lengths),
         comparison,
         files,
+        accept,
+        acceptance_remarks(accept),
     )
     if path is not None:
         result.save_page(path)

@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from truearm import __version__
+from truearm.acceptance import Acceptance
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.model_archive import model_bytes
 from truearm.errors import InputError
@@ -52,6 +53,8 @@ class Provenance(BaseModel):
         Day of the export (UTC), as 2026-11-22.
     truearm : str
         Version of the program.
+    accepted : tuple of Acceptance
+        Contradictions in the training readings that a person accepted, with the reasons.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, protected_namespaces=())
@@ -66,6 +69,7 @@ class Provenance(BaseModel):
     n_readings: int
     date: Annotated[str, Field(pattern=r"^\d{4}-\d\d-\d\d$")]
     truearm: Text
+    accepted: Annotated[tuple[Acceptance, ...], Field(max_length=100)] = ()
 
 
 def stated_text(text: str) -> str:
@@ -104,4 +108,5 @@ def provenance_of(model: Compensator) -> Provenance:
         n_readings=training.n_readings,
         date=datetime.now(UTC).date().isoformat(),
         truearm=__version__,
+        accepted=model.accepted_,
     )
