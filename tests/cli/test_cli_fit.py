@@ -97,7 +97,17 @@ def test_without_a_length_the_arm_keeps_its_nominal_size_and_a_remark_says_so(tr
         fit(truearm, shop, "seats.csv", tmp_path / "m.truearm", "--model", "kinematic", "--json").out
     )  # fmt: skip
     assert set(told["training"]) == {"seat_mean_mm", "seat_rms_mm", "seat_max_mm", "n_in_seats"}
-    assert set(told) == {"summary", "model", "arm", "file", "fit_seconds", "n_readings", "held_out", "training"} | {
+    assert set(told) == {
+        "summary",
+        "model",
+        "arm",
+        "file",
+        "fit_seconds",
+        "n_readings",
+        "n_poses",
+        "held_out",
+        "training",
+    } | {
         *("residual_std_mm", "comparison", "groups", "skipped_terms", "identifiability", "outliers"),
         *("length_outliers", "frame_changes", "held_out_distances", "residual_process", "remarks"),
     }

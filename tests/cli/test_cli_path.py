@@ -21,7 +21,7 @@ ERROR_KEYS = {
 }
 EVALUATION_KEYS = ERROR_KEYS | {"summary", "nominal", "coverage", "coverage_99", "n_refit", "outliers", "remarks"}
 FIT_KEYS = {
-    *("summary", "model", "arm", "file", "fit_seconds", "n_readings", "held_out", "training"),
+    *("summary", "model", "arm", "file", "fit_seconds", "n_readings", "n_poses", "held_out", "training"),
     *("comparison", "outliers", "length_outliers", "frame_changes", "held_out_distances", "remarks"),
 }
 MODELS = ("nominal", "kinematic", "network")

@@ -8,8 +8,9 @@ import pytest
 from truearm.errors import InputError
 from truearm.readings import Session, hold_out, read_session, stratified_rows, write_session
 from truearm.readings.anchors import distance_errors, has_located_anchor
-from truearm.readings.checks import check_fit, check_sessions
+from truearm.readings.checks import check_sessions
 from truearm.readings.distances import bars_without_certificate, offset_std
+from truearm.readings.repeats import merge_repeats
 
 HEAD = "q1_deg,q2_deg,anchor,distance_mm,u_distance_mm,u_offset_mm\n"
 ROW = "10,20,wire,500,0.05,0.5\n"
@@ -80,16 +81,17 @@ def test_empty_columns_of_distances_are_none() -> None:
     assert session.u_offset_mm is None
 
 
-def test_one_pose_with_several_wires_is_no_copy_and_the_same_distance_twice_is() -> None:
+def test_one_pose_with_several_wires_is_no_repeat_and_the_same_distance_twice_is() -> None:
     angles = np.repeat(np.random.default_rng(1).uniform(-1, 1, (4, 2)), 2, axis=0)
     several = Session(angles, anchor=["A", "B"] * 4, distance_mm=np.arange(500.0, 508.0))
-    check_fit(several, n_joints=2, min_rows=4, relations=True)
-    check_fit(
-        Session(angles, anchor=["A"] * 8, distance_mm=several.distance_mm), n_joints=2, min_rows=4, relations=True
-    )
+    assert merge_repeats(several).count.tolist() == [1] * 8
+    disagreeing = Session(angles, anchor=["A"] * 8, distance_mm=several.distance_mm)
+    assert merge_repeats(disagreeing).count.tolist() == [1] * 8
     copies = Session(angles, anchor=["A"] * 8, distance_mm=np.repeat(np.arange(4.0) + 1, 2))
-    with pytest.raises(InputError, match="repeats reading 1 to the last digit"):
-        check_fit(copies, n_joints=2, min_rows=4, relations=True)
+    merged = merge_repeats(copies)
+    assert merged.count.tolist() == [2] * 4
+    assert merged.readings.distance_mm is not None
+    assert merged.readings.distance_mm.tolist() == [1.0, 2.0, 3.0, 4.0]
 
 
 def test_an_anchor_stands_in_one_session() -> None:

@@ -84,7 +84,7 @@ def check_fit(session: Session, *, n_joints: int, min_rows: int, relations: bool
     ------
     InputError
         If the number of joints is wrong, references are missing, there are too few readings, a joint, the whole arm or
-        the reference never moves, or a reading is repeated.
+        the reference never moves.
     """
     check_angles(session, n_joints=n_joints)
     known = has_reference(session) if relations else session.has_point
@@ -111,7 +111,6 @@ def check_fit(session: Session, *, n_joints: int, min_rows: int, relations: bool
         )
     _check_motion(session)
     _check_reference(session)
-    _check_copies(session)
 
 
 def has_reference(session: Session) -> BoolArray:
@@ -423,34 +422,6 @@ def _check_reference(session: Session) -> None:
             f"all {len(session)} readings have the same reference point, though the joints move",
             hint="check the columns of the reference; readings in one seat need a second seat",
         )
-
-
-def _check_copies(session: Session) -> None:
-    """Refuse the same angles with the same reference: no arm and no tracker repeats to the last digit."""
-    import pandas as pd
-
-    parts: list[FloatArray] = [session.angles]
-    for values in (session.points, session.quaternion):
-        if values is not None:  # what is missing equals what is missing
-            parts += [np.nan_to_num(values), np.isnan(values[:, :1]).astype(float)]
-    if session.distance_mm is not None:
-        parts.append(np.nan_to_num(session.distance_mm)[:, None])
-    for name in (*TOUCHED, "tip"):
-        if (names := getattr(session, name)) is not None:
-            parts.append(np.unique(names, return_inverse=True)[1].astype(float)[:, None])
-    table: FloatArray = np.hstack(parts)
-    copies = pd.DataFrame(table).duplicated().to_numpy()
-    if not copies.any():
-        return
-    second = int(np.argmax(copies))
-    first = int(np.argmax((table == table[second]).all(axis=1)))
-    count = int(copies.sum())
-    more = f"; {count} readings are such copies" if count > 1 else ""
-    raise session.error(
-        f"repeats {session.called(first)} to the last digit (angles and reference){more}",
-        second,
-        hint="delete the copies: they would count twice, and could be in training and test at once",
-    )
 
 
 def _column(session: Session, joint: int) -> str | None:

@@ -9,6 +9,7 @@ import numpy as np
 from truearm.errors import InputError
 from truearm.readings.distances import rows_with_distance
 from truearm.readings.readings import Readings
+from truearm.readings.repeats import readings_of_one_pose
 from truearm.typing import IntArray
 
 Kept = TypeVar("Kept", bound=Readings)
@@ -29,7 +30,7 @@ def hold_out(readings: Kept, *, by: SplitBy = "position", fraction: float, seed:
     readings : Readings
         In the order that both parts keep.
     by : {"position", "seat", "session", "row"}
-        What names the groups; ``row``: every reading is its own group, but distances and tips of one pose are together.
+        What names the groups; ``row``: every reading is its own group, but those of one pose are together.
     fraction : float
         Share of the groups to hold out, between 0 and 1; at least one group goes to either part.
     seed : int
@@ -54,18 +55,6 @@ def hold_out(readings: Kept, *, by: SplitBy = "position", fraction: float, seed:
     chosen = np.random.default_rng(seed).permutation(n_groups)[:n_test]
     held = np.isin(groups, chosen)
     return readings.rows(~held), readings.rows(held)
-
-
-def readings_of_one_pose(readings: Readings) -> IntArray:
-    """(n,) numbers of groups: distances to several anchors and several tips measured in one pose are together.
-
-    Every other reading is alone; the number of a group is its first row.
-    """
-    group = np.arange(len(readings))
-    if len(measured := np.flatnonzero(rows_with_distance(readings) | (readings.tip is not None))):
-        _, first, pose = np.unique(readings.angles[measured], axis=0, return_index=True, return_inverse=True)
-        group[measured] = measured[first][pose.reshape(-1)]
-    return group
 
 
 def stratified_rows(readings: Readings, n: int, *, seed: int) -> IntArray:
@@ -116,7 +105,7 @@ def stratified_rows(readings: Readings, n: int, *, seed: int) -> IntArray:
         turn[group == g] = rng.permutation(int((group == g).sum()))
     rows = rows[np.lexsort((order, turn))]
     _, first, pose, count = np.unique(
-        readings_of_one_pose(readings)[rows], return_index=True, return_inverse=True, return_counts=True
+        readings_of_one_pose(readings, exactly=True)[rows], return_index=True, return_inverse=True, return_counts=True
     )
     by_turn = np.argsort(first)
     n_poses = int(np.searchsorted(np.cumsum(count[by_turn]), n)) + 1

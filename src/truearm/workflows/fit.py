@@ -34,6 +34,7 @@ from truearm.identification.references.reading_references import (
 from truearm.readings import Lengths, Session, compare_errors, seat_errors
 from truearm.readings.anchors import LEAST_COMPARED, distance_errors, has_located_anchor
 from truearm.readings.distances import OFFSET_STD_MM, bars_without_certificate
+from truearm.readings.repeats import MergedReadings, merge_repeats, readings_of_one_pose
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import IntArray
 from truearm.workflows.inputs import (
@@ -127,13 +128,14 @@ def fit(
     given = to_session(session, n_joints=nominal_arm.n_joints)
     nominal_arm = with_serial_number(nominal_arm, given)
     checked = within_limits(given, nominal_arm, limits)
-    used = checked.session
+    merged = merge_repeats(checked.session)
+    used = merged.readings
     if "terms" in options and model not in ("auto", "kinematic", "physical"):
         raise InputError(f"expected a model that identifies terms, got {model!r}", hint="model='physical'")
     # Options are checked before anything is computed.
     chosen = None if model == "auto" else MODELS[model](nominal_arm, free=parts, **options)
     check_session_fits(used, nominal_arm, model)
-    known, length_remarks = session_lengths(lengths, given, used if len(used) < len(given) else None)
+    known, length_remarks = session_lengths(lengths, given, used if len(checked.rows) < len(given) else None)
     if "base" in parts:
         check_spread(used, nominal_arm)
     nominal = NominalModel(nominal_arm, free=parts)
@@ -152,14 +154,20 @@ def fit(
     if (identified := to_identified(fitted)) is not None:  # a network has no residuals of a rigid frame
         changes = tuple(frame_changes(identified.fit_, identified.session_frames_, used))
     no_hybrid = () if why_no_hybrid is None else (f"The hybrid model was not compared: {why_no_hybrid}.",)
-    said = *_remarks(fitted, used, known), *no_hybrid, *(str(change) for change in changes)
+    said = (
+        *_repeat_remarks(merged, fitted),
+        *_remarks(fitted, used, known),
+        *no_hybrid,
+        *(str(change) for change in changes),
+    )
     return FitResult(
         model=fitted,
         comparison=comparison,
         session=used,
+        n_readings=len(checked.rows),
         training=_training_errors(fitted, at),
         nominal=nominal,
-        outliers=_outliers(fitted, given, checked.rows),
+        outliers=_outliers(fitted, given, checked.rows[merged.first]),
         length_outliers=_length_outliers(fitted, at, readings),
         frame_changes=changes,
         remarks=(*acceptance_remarks(accept), *checked.remarks, *length_remarks, *said),
@@ -177,7 +185,9 @@ class FitResult(Record):
     comparison : tuple of ModelScore
         Of ``"auto"``: each candidate's error on held-out readings; else empty.
     session : Session
-        The training readings that were used.
+        The training readings that were used, those that repeat each other merged into their mean.
+    n_readings : int
+        Their number before that.
     training : dict or None
         Errors on them, without those excluded as gross errors: of points, or of the scatter in seats, or of distances
         to anchors; None without any of these.
@@ -203,6 +213,7 @@ class FitResult(Record):
     model: Compensator
     comparison: tuple[ModelScore, ...]
     session: Session
+    n_readings: int
     training: Mapping[str, Any] | None
     nominal: NominalModel
     outliers: tuple[Outlier, ...]
@@ -237,7 +248,10 @@ class FitResult(Record):
 
     def summary(self) -> str:
         """The answer in one sentence: the mean error, and how it compares with the nominal arm."""
-        about = f" ({self.model_name} model of {self.model.arm.name}, {len(self.session)} readings)."
+        read = f"{self.n_readings} readings"
+        if self.n_readings > len(self.session):
+            read += f", repeats merged into {len(self.session)}"
+        about = f" ({self.model_name} model of {self.model.arm.name}, {read})."
         identified = to_identified(self.model)
         if identified is not None and identified.residual_process_ is not None:
             about += f" {identified.residual_process_}"
@@ -279,7 +293,8 @@ class FitResult(Record):
             "summary": self.summary(),
             "model": self.model_name,
             "arm": self.model.arm.name,
-            "n_readings": len(self.session),
+            "n_readings": self.n_readings,
+            "n_poses": len(np.unique(readings_of_one_pose(self.session))),
             "fit_seconds": self.model.fit_seconds_,
             "held_out": None,
             "accepted": self.model.accepted_,
@@ -332,6 +347,24 @@ def _outliers(model: Compensator, session: Session, rows: IntArray) -> tuple[Out
 def _length_outliers(model: Compensator, at: CheckedReadings, readings: PreparedReadings) -> tuple[Outlier, ...]:
     identified = to_identified(model)
     return () if identified is None else tuple(length_outliers(identified.fit_, at.state, readings.references))
+
+
+def _repeat_remarks(merged: MergedReadings[Session], model: Compensator) -> Iterator[str]:
+    """How many readings are repeats, and how repeats scatter beside poses."""
+    n, several = int(merged.count.sum()), merged.count[merged.count > 1]
+    if not len(several):
+        return
+    least, most = int(several.min()), int(several.max())
+    times = f"{most} times" if least == most else f"{least} to {most} times"
+    told = f"{n} readings are {len(several)} poses read {times}"
+    if len(several) < len(merged.count):
+        told = f"{int(several.sum())} of {n} readings repeat each other: {len(several)} poses were read {times}"
+    if merged.scatter_mm == 0:
+        scatter = "Where they have coordinates or distances these agree to the last digit, as copies do."
+    else:
+        left = model.facts().get("residual_std_mm", model.nominal_error())
+        scatter = f"The repeats scatter by {format_mm(merged.scatter_mm)}, the poses by {format_mm(left)}."
+    yield f"{told}; each counts as one reading, their mean, named by its first line. {scatter}"
 
 
 def _remarks(model: Compensator, session: Session, lengths: Lengths | None) -> Iterator[str]:

@@ -41,6 +41,7 @@ from truearm.identification.references.tips import check_tips
 from truearm.identification.terms import ArmState
 from truearm.identification.terms.thermal import UNKNOWN_MATERIAL, link_vectors
 from truearm.readings.lengths import Lengths
+from truearm.readings.repeats import merge_repeats
 from truearm.readings.session import Session
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import BoolArray, FloatArray, IntArray
@@ -164,7 +165,8 @@ class Compensator(Regressor, ABC):
         Parameters
         ----------
         readings : Session
-            A network needs a reference point at every reading. The other models use every reference there is.
+            A network needs a reference point at every reading. The other models use every reference there is. Repeats
+            of a pose are merged (`truearm.readings.repeats`): rows of what is held out are those of their means.
         lengths : Lengths, optional
             Known lengths between seats of the session.
         progress : callable, optional
@@ -180,7 +182,8 @@ class Compensator(Regressor, ABC):
             nominal arm (`check_sizes`), or `nominal` was fitted to something else.
         """
         check_readings_of(self._checked_arm(), readings)
-        return self.learn(self.prepare(readings, lengths), progress=progress, nominal=nominal)
+        merged = merge_repeats(readings).readings
+        return self.learn(self.prepare(merged, lengths), progress=progress, nominal=nominal)
 
     def prepare(self, readings: Session, lengths: Lengths | None = None) -> PreparedReadings:
         """Readings whose angles were checked (`check_readings_of`), prepared to `learn` from; see `fit_readings`."""

@@ -11,6 +11,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from truearm.arm.arm import Arm
+from truearm.compensation.models.arm_check import check_readings_of
 from truearm.compensation.models.compensator import CheckedReadings, Compensator, ReadingsLike, no_progress
 from truearm.errors import InputError
 from truearm.identification.estimation.identification_result import IdentificationResult
@@ -174,7 +175,8 @@ class IdentifiedModel(Compensator):
         """
         rows = np.flatnonzero(weight > 0)
         readings, excess = readings.rows(rows), weight.max(initial=0.0) / weight[rows] - 1
-        self.fit_readings(readings)
+        check_readings_of(self._checked_arm(), readings)
+        self.learn(self.prepare(readings))
         for _ in range(WEIGHT_ROUNDS if excess.any() else 0):
             used = self.fit_.references[0].robust_weight > 0
             noise = np.sqrt((self.fit_.references[0].residuals ** 2 / (1 + excess))[:, used].mean())

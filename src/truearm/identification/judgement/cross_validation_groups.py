@@ -10,8 +10,8 @@ from scipy.spatial.distance import cdist
 from truearm.arm.chain import Chain
 from truearm.identification.planning.sampling.seat import farthest_points
 from truearm.identification.terms import ArmState
+from truearm.readings.repeats import readings_of_one_pose
 from truearm.readings.session import Session
-from truearm.readings.split import readings_of_one_pose
 from truearm.typing import BoolArray, FloatArray, IntArray
 
 # Readings of one place are held out in this many regions of the joint space, of two readings or more on average.
@@ -38,8 +38,8 @@ def is_in_one_place(readings: Session, state: ArmState) -> bool:
 def cross_validation_groups(readings: Session, sessions: Iterable[str] = ()) -> IntArray:
     """(n,) numbers of the groups that a fair test keeps together.
 
-    A reading's group is its position; without one, its seat; without both, the reading alone; distances of one pose to
-    several anchors, and several tips in one pose, are together. A column that would put
+    A reading's group is its position; without one, its seat; without both, its pose: distances to several
+    anchors, several tips and directions of approach in one pose are together. A column that would put
     all readings into one group is ignored, and so is one that would put all points of one of `sessions` into one group,
     as nothing else would determine its frame. See `joint_space_regions` for readings of one place.
     """
