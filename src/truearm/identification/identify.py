@@ -33,7 +33,12 @@ from truearm.identification.estimation.residual_variance import (
     few_readings_factor,
     fit_variance_function,
 )
-from truearm.identification.judgement.cross_validation import IN_LENGTH, birge_ratio, cross_validate_by_group
+from truearm.identification.judgement.cross_validation import (
+    IN_LENGTH,
+    birge_ratio,
+    compared_kinds,
+    cross_validate_by_group,
+)
 from truearm.identification.judgement.cross_validation_groups import (
     cross_validation_groups,
     is_in_one_place,
@@ -54,7 +59,7 @@ from truearm.identification.judgement.gross_errors import (
     nearer_half,
     own_variance,
 )
-from truearm.identification.judgement.held_out_errors import HeldOutErrors, select_determined
+from truearm.identification.judgement.held_out_errors import HeldOutErrors, predicted_by_refits
 from truearm.identification.judgement.nominal_check import (
     NominalCheck,
     check_nominal_arm,
@@ -142,6 +147,8 @@ class Identification:
     held_out : HeldOutReadings
         The readings as predicted by an arm that was identified without their position or seat; gross errors, which
         took no part in the identification, are not among them.
+    held_out_gross : HeldOutReadings
+        The gross errors, predicted in the same way.
     held_out_distances : HeldOutReadings
         Likewise distances, where `held_out` are points or seats; empty where it is of distances itself.
     held_out_errors : HeldOutErrors or None
@@ -156,6 +163,7 @@ class Identification:
     fit: IdentificationResult
     excluded_terms: tuple[SkippedTerm, ...]
     held_out: HeldOutReadings
+    held_out_gross: HeldOutReadings
     held_out_distances: HeldOutReadings
     held_out_errors: HeldOutErrors | None
     unexplained: Unexplained
@@ -430,22 +438,36 @@ def _concluded(
     is_excluded = np.isin(held_out.rows, excluded_readings(fit))
     kept, distances = held_out.select(~is_excluded), NONE_HELD_OUT
     if held_out.n_coordinates > 1 and any(part.kind == "distance" for part in readings.references):
-        distances = select_determined(cross_validate(readings, fit, IN_LENGTH), fit.references)
+        distances = _as_refitted(readings, fit, cross_validate(readings, fit, IN_LENGTH), IN_LENGTH)
     rest = unexplained(fit, kept, readings.session.angles)
     birge = birge_ratio(fit.references, kept.rows, rest.residual_std_mm)
-    determined = select_determined(kept, fit.references)
+    kept = _as_refitted(readings, fit, kept, compared_kinds(fit.references))
     # Few residuals determine the noise only roughly.
     widened = few_readings_factor(fit.residual_freedom(readings.references))
     return Identification(
         what_may_change(readings, fit, widened, same_every_day=same_every_day, complete=complete),
         excluded,
-        determined,
+        kept,
+        held_out.select(is_excluded),
         distances,
-        HeldOutErrors.of(determined, n_excluded=int(is_excluded.sum())),
+        HeldOutErrors.of(kept, n_excluded=int(is_excluded.sum())),
         replace(rest, residual_std_mm=rest.residual_std_mm * float(np.sqrt(widened))),
         birge,
         process,
     )
+
+
+def _as_refitted(
+    readings: PreparedReadings, fit: IdentificationResult, held_out: HeldOutReadings, kinds: Sequence[str]
+) -> HeldOutReadings:
+    """Held-out readings; see `predicted_by_refits`."""
+
+    def identified(weights: FloatArray) -> IdentificationResult:
+        # Not from `fit`, which knows the readings: where it passes through all of them, it would stay there.
+        of, at, references = fit.perturbed_chain, readings.state, readings.references
+        return identify(of.chain, at, of.terms, references, robust=readings.robust, reading_weights=weights)
+
+    return predicted_by_refits(held_out, fit, kinds, identified, len(readings.session))
 
 
 def _with_all_states(fit: IdentificationResult, state: ArmState, widened: float) -> IdentificationResult:

@@ -107,7 +107,7 @@ def check_fit(session: Session, *, n_joints: int, min_rows: int, relations: bool
     if (n := int(known.sum())) < min_rows:
         raise session.error(
             f"expected at least {min_rows} readings, got {n}",
-            hint="measure more poses, spread over all joints",
+            hint="measure more poses, spread over all joints: base and tip alone take 4, some 10 show more of the arm",
         )
     _check_motion(session)
     _check_reference(session)

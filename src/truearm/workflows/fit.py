@@ -16,7 +16,7 @@ from truearm.compensation.models.arm_check import with_serial_number
 from truearm.compensation.models.compensator import CheckedReadings
 from truearm.compensation.models.identified_model import IdentifiedModel, to_identified
 from truearm.compensation.models.model_file import save_model
-from truearm.compensation.models.selection import ModelScore, select_model
+from truearm.compensation.models.selection import ModelScore, on_common_readings, select_model, worse_than_nominal
 from truearm.errors import InputError
 from truearm.identification.estimation.diagnostics import identifiability
 from truearm.identification.estimation.tip_offsets import describe_tips
@@ -156,9 +156,10 @@ def fit(
     no_hybrid = () if why_no_hybrid is None else (f"The hybrid model was not compared: {why_no_hybrid}.",)
     said = (
         *_repeat_remarks(merged, fitted),
+        *_held_out_remarks(fitted, nominal),
         *_remarks(fitted, used, known),
         *no_hybrid,
-        *(str(change) for change in changes),
+        *map(str, changes),
     )
     return FitResult(
         model=fitted,
@@ -228,10 +229,15 @@ class FitResult(Record):
 
     @property
     def held_out_mm(self) -> tuple[float, float] | None:
-        """Mean error on held-out readings, of the model and of the nominal arm [mm]; None where none were held out."""
+        """Mean error on held-out readings, of the model and of the nominal arm [mm]; None where none were held out.
+
+        Without those that are gross errors of the model.
+        """
         if not len(self.model.held_out_.rows) or not len(self.nominal.held_out_.rows):
             return None
-        return self.model.held_out_.mean_mm, self.nominal.held_out_.mean_mm
+        nominal = on_common_readings({"model": self.model, "nominal": self.nominal})["nominal"]
+        taken = np.isin(nominal.rows, self.model.held_out_.rows)
+        return self.model.held_out_.mean_mm, nominal.select(taken).mean_mm
 
     @property
     def held_out_distances(self) -> dict[str, float] | None:
@@ -258,7 +264,7 @@ class FitResult(Record):
         if self.held_out_mm is not None:
             error, nominal = self.held_out_mm
             compared = "" if self.model_name == "nominal" else compare_with_nominal(error, nominal)
-            of = " of a distance" if self.model.held_out_.n_coordinates == 1 else ""
+            of = " of a distance" if self.model.held_out_.n_coordinates < 3 else ""
             return f"Mean error{of} {format_mm(error)} on held-out readings{compared}{about}"
         if self.training is not None and "mean_mm" in self.training:
             nominal = self.nominal.nominal_error()
@@ -274,7 +280,7 @@ class FitResult(Record):
         if self.comparison:
             yield _comparison_table(self.comparison)
             if n_excluded := self.comparison[0].n_excluded:
-                yield f"compared without {n_excluded} readings that are gross errors of one of these models"
+                yield f"mean, 95 % and max without {n_excluded} readings that are gross errors of the selected model"
         yield from _training_lines(self.training, compare=self.model_name != "nominal")
         if self.held_out_distances is not None:
             mean, largest = self.held_out_distances["mean_mm"], self.held_out_distances["max_mm"]
@@ -365,6 +371,18 @@ def _repeat_remarks(merged: MergedReadings[Session], model: Compensator) -> Iter
         left = model.facts().get("residual_std_mm", model.nominal_error())
         scatter = f"The repeats scatter by {format_mm(merged.scatter_mm)}, the poses by {format_mm(left)}."
     yield f"{told}; each counts as one reading, their mean, named by its first line. {scatter}"
+
+
+def _held_out_remarks(model: Compensator, nominal: NominalModel) -> Iterator[str]:
+    """What readings held out say against a model."""
+    if not len(nominal.held_out_.rows):
+        yield "No reading can be held out of the others, so models cannot be compared: measure more poses."
+    elif (worse := worse_than_nominal(model, nominal)) is not None:
+        own, drawn = map(format_mm, worse)
+        yield (
+            f"{own} on readings held out, the nominal arm {drawn}: these readings do not show what the {model.kind} "
+            "model learned from them. Use the nominal arm (--model auto selects), or measure more poses."
+        )
 
 
 def _remarks(model: Compensator, session: Session, lengths: Lengths | None) -> Iterator[str]:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 from zipfile import is_zipfile
@@ -81,11 +80,6 @@ class CheckedSession(NamedTuple):
     session: Session
     rows: IntArray
     remarks: tuple[str, ...]
-
-
-# How many times the readings that determine all constants of an arm each kind of model needs. Models are compared on
-# held-out readings, which say nothing before the others determine the arm.
-READINGS_TO_COMPARE = {"auto": 2, "kinematic": 1, "physical": 1}
 
 
 def to_arm(arm: ArmLike) -> Arm:
@@ -273,20 +267,17 @@ def check_session_fits(session: Session, arm: Arm, model: str) -> None:
         As `check_fit`, `check_reach` and `check_scale`; or if the readings have fewer residuals than the model needs:
         a distance has one, any other reference three.
     """
-    times, relations = READINGS_TO_COMPARE.get(model, 0), model != "network"
+    check_fit(session, n_joints=arm.n_joints, min_rows=MIN_ROWS, relations=model != "network")
     is_distance = rows_with_distance(session)
-    n_needed = 3 * ceil((4 * arm.n_joints + 3) / 3) * times
-    min_rows = MIN_ROWS if is_distance.any() else max(MIN_ROWS, n_needed // 3)
-    check_fit(session, n_joints=arm.n_joints, min_rows=min_rows, relations=relations)
     names = np.zeros(0) if session.anchor is None else session.anchor[is_distance]
     n_anchors, n_further = len(np.unique(names)), max(len(tip_names(session)) - 1, 0)
     of_unknowns = 4 * n_anchors + 3 * n_further
     others = replace(session, anchor=None, distance_mm=None, u_distance_mm=None, u_offset_mm=None)
     n_residuals = int(is_distance.sum()) + 3 * int(has_reference(others).sum())
-    if times and of_unknowns and n_residuals < n_needed + of_unknowns:
+    if model != "nominal" and of_unknowns and n_residuals < (least := 3 * MIN_ROWS + of_unknowns):
         raise session.error(
-            f"expected at least {n_needed + of_unknowns} residuals (3 of a point, 1 of a distance; {of_unknowns} of "
-            f"them for {n_anchors} anchors and {n_further} further tips), got {n_residuals}",
+            f"{n_residuals} residuals (3 of a point, 1 of a distance) do not determine base and tip, {n_anchors} "
+            f"anchors and {n_further} further tips: that takes {least}",
             hint="measure more poses, spread over all joints",
         )
     check_reach(session, reach=arm.chain.reach, sliding=arm.chain.is_prismatic)

@@ -115,6 +115,7 @@ class Compensator(Regressor, ABC):
 
     nominal_check_ = UNCHECKED
     held_out_ = NONE_HELD_OUT
+    held_out_gross_ = NONE_HELD_OUT
     held_out_distances_ = NONE_HELD_OUT
 
     outside_note: ClassVar[str] = ": their errors may be larger than stated"

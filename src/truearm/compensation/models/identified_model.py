@@ -59,6 +59,8 @@ class IdentifiedModel(Compensator):
     held_out_ : HeldOutReadings
         The training readings as predicted by an arm that was identified without their position or seat; gross errors,
         which took no part in the identification, are not among them. Empty after a transfer and after reading a file.
+    held_out_gross_ : HeldOutReadings
+        The gross errors, predicted in the same way.
     held_out_distances_ : HeldOutReadings
         Likewise distances, where `held_out_` are points or seats; empty where it is of distances itself.
     held_out_errors_ : HeldOutErrors or None
@@ -105,7 +107,8 @@ class IdentifiedModel(Compensator):
         progress(0, "terms")
         found = self._identify(readings, placed, simpler, progress)
         self.fit_, self.excluded_terms_ = found.fit, found.excluded_terms
-        self.held_out_, self.held_out_distances_ = found.held_out, found.held_out_distances
+        self.held_out_, self.held_out_gross_ = found.held_out, found.held_out_gross
+        self.held_out_distances_ = found.held_out_distances
         self.held_out_errors_, self.birge_ratio_ = found.held_out_errors, found.birge_ratio
         self.residual_std_ = found.unexplained.residual_std_mm
         self.variance_function_ = found.unexplained.variance_function

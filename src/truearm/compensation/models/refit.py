@@ -108,7 +108,8 @@ def refit(
     new.nominal_check_ = _judge_set_up(new, set_up)
     new.residual_std_ = max(unexplained_std, new.fit_.references[0].noise_std)
     new.free_, new.tips_ = free, tip_names(readings) if is_new_tip else known.tips_
-    new.held_out_, new.held_out_distances_, new.held_out_errors_ = NONE_HELD_OUT, NONE_HELD_OUT, None
+    new.held_out_, new.held_out_gross_, new.held_out_distances_ = NONE_HELD_OUT, NONE_HELD_OUT, NONE_HELD_OUT
+    new.held_out_errors_ = None
     new.refit_reading_ids_ = np.concatenate([known.refit_reading_ids_, ids])
     new.accepted_ = accepted(known.accepted_)
     new.fit_seconds_ = time.perf_counter() - begun

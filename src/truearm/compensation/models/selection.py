@@ -1,8 +1,9 @@
 """Model selection: the simplest model whose error on readings held out is within a standard error of the least.
 
-Models are compared in pairs on the same readings: an error that all share, such as a far-out pose or a seat that is
-hard to predict, cancels in the difference. Differences are averaged by position or seat, without the tenth at either
-end, so that a few wrong readings decide nothing; the comparison omits readings that are gross errors of any candidate.
+Models are compared in pairs on the same readings, all of them: an error that all share, such as a far-out pose, a seat
+that is hard to predict or a gross error, cancels in the difference, which is at most the distance between the two
+predictions. Differences are averaged by position or seat, without the tenth at either end, so that a few readings
+decide nothing. A reading that a model takes for a gross error counts all the same: the model does not predict it.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
+from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.hybrid import HybridModel
 from truearm.compensation.models.identified_model import (
     IdentifiedModel,
@@ -22,11 +24,10 @@ from truearm.compensation.models.identified_model import (
     PhysicalModel,
 )
 from truearm.compensation.models.residual_inputs import moves
-from truearm.errors import InputError
 from truearm.identification.estimation.residual_variance import HeldOutReadings
 from truearm.identification.identify import Progress
 from truearm.identification.judgement.gross_errors import excluded_readings
-from truearm.identification.judgement.paired_comparison import group_means, trimmed_mean
+from truearm.identification.judgement.paired_comparison import exceeds, group_means, trimmed_mean
 from truearm.identification.references.prepared_readings import PreparedReadings
 from truearm.identification.terms import Term
 from truearm.typing import IntArray
@@ -40,7 +41,7 @@ SelectedModel: TypeAlias = IdentifiedModel | HybridModel
 
 @dataclass(frozen=True)
 class ModelScore:
-    """Errors of a model on readings held out, without those that are gross errors of any candidate.
+    """Errors of a model on readings held out, those that are gross errors of the selected model apart.
 
     Attributes
     ----------
@@ -49,9 +50,10 @@ class ModelScore:
         Mean error of readings held out with their position or seat, and its standard error.
     p95_mm, max_mm : float
     excess_mm, excess_standard_error_mm : float
-        Trimmed mean by how much the error exceeds that of the best model on the same readings, and its standard error.
+        Trimmed mean by how much the error exceeds that of the best model on the same readings, gross errors among them,
+        and its standard error.
     n_excluded : int
-        Readings omitted as gross errors of one of the candidates.
+        Readings that are gross errors of the selected model: omitted from mean, 95 % and maximum.
     n_effective : float
         Parameters that the readings determine.
     kept : bool
@@ -78,7 +80,7 @@ class Selection(NamedTuple):
     model : IdentifiedModel or HybridModel
         Fitted to all readings.
     table : tuple of ModelScore
-        All candidates, the simplest first.
+        All candidates, the simplest first; empty where no reading could be held out, and the nominal arm is kept.
     why_no_hybrid : str or None
         Why the hybrid model is not among them; None where it is.
     """
@@ -111,7 +113,6 @@ def select_model(
     nominal : NominalModel
         Fitted to the readings; the others have its arm and free parts.
     readings : PreparedReadings
-        With reference points, seats, or both.
     progress : callable, optional
         Called with the steps done and a note.
     residual : bool
@@ -126,46 +127,46 @@ def select_model(
     Raises
     ------
     InputError
-        As `fit_readings`; also if no readings can be held out.
+        As `fit_readings`.
     """
 
     def report(name: str) -> Progress:
         done = len(models)
         return lambda _, note: None if progress is None else progress(done, f"{name}: {note}")
 
+    if not len(nominal.held_out_.rows):
+        return Selection(nominal, (), None)
     models: dict[str, IdentifiedModel] = {"nominal": nominal}
     for name, kind in CANDIDATES.items():
         options: dict[str, Any] = {"residual": residual, "terms": terms} if name == "physical" else {}
         model = kind(nominal.arm, free=nominal.free, **options)
         models[name] = model.learn(readings, progress=report(name), nominal=list(models.values())[-1])
-        if not len(models[name].held_out_.rows):
-            break
-    common, n_excluded = _common_readings(models)
-    if not len(common["nominal"].rows):
-        raise InputError(
-            "expected readings with points, seats of two readings or more, or distances to anchors, which the others "
-            "determine when they are held out: models are compared on these",
-            file=readings.given.file,
-            hint="name the model: --model kinematic, or --model physical",
-        )
     compared: dict[str, SelectedModel] = {**models}
     hybrid, arm_model = HybridModel(nominal.arm, free=nominal.free), models["kinematic"]
     why_no_hybrid = _why_no_hybrid(hybrid, arm_model, readings, compared)
     if why_no_hybrid is None:
         compared["hybrid"] = hybrid.learn(readings, progress=report("hybrid"), nominal=arm_model)
-        common, n_excluded = _common_readings(compared)
-    table = _scores(compared, common, n_excluded)
+    table = _scores(compared)
     return Selection(next(compared[score.name] for score in table if score.kept), table, why_no_hybrid)
 
 
-def _scores(
-    models: dict[str, SelectedModel], common: dict[str, HeldOutReadings], n_excluded: int
-) -> tuple[ModelScore, ...]:
+def worse_than_nominal(model: Compensator, nominal: NominalModel) -> tuple[float, float] | None:
+    """Mean errors of a model and of the nominal arm, where the model's is larger by more than a standard error [mm]."""
+    own, drawn = on_common_readings({"model": model, "nominal": nominal}).values()
+    if not len(own.rows):
+        return None
+    return (own.mean_mm, drawn.mean_mm) if exceeds(group_means(own), group_means(drawn)) else None
+
+
+def _scores(models: dict[str, SelectedModel]) -> tuple[ModelScore, ...]:
     """Errors on the readings that are held out of all models, by the one standard error rule."""
-    errors = {name: group_means(part) for name, part in common.items()}
+    compared = on_common_readings(models)
+    errors = {name: group_means(part) for name, part in compared.items()}
     best = min(errors, key=lambda name: trimmed_mean(errors[name])[0])
     excess = {name: trimmed_mean(of - errors[best]) for name, of in errors.items()}
-    kept = next(name for name in models if excess[name][0] <= excess[name][1])
+    kept = next(name for name in models if not exceeds(errors[name], errors[best]))
+    excluded = excluded_readings(models[kept].fit_)
+    shown = {name: part.select(~np.isin(part.rows, excluded)) for name, part in compared.items()}
     return tuple(
         ModelScore(
             name,
@@ -174,11 +175,11 @@ def _scores(
             float(np.quantile(part.errors_mm, 0.95)),
             float(part.errors_mm.max()),
             *excess[name],
-            n_excluded,
+            len(excluded),
             models[name].n_effective_,
             name == kept,
         )
-        for name, part in common.items()
+        for name, part in shown.items()
     )
 
 
@@ -217,10 +218,8 @@ def _on_rows(held_out: HeldOutReadings, rows: IntArray) -> HeldOutReadings:
     return held_out.select(order[np.isin(held_out.rows[order], rows)])
 
 
-def _common_readings(models: Mapping[str, SelectedModel]) -> tuple[dict[str, HeldOutReadings], int]:
-    """Held-out readings that are gross errors of none of the models, sorted, and the number of the others."""
-    rows = [model.held_out_.rows for model in models.values()]
-    common = reduce(np.intersect1d, rows)
-    found = {name: _on_rows(model.held_out_, common) for name, model in models.items()}
-    excluded = [excluded_readings(model.fit_) for model in models.values()]
-    return found, len(np.unique(np.concatenate([*rows, *excluded]))) - len(common)
+def on_common_readings(models: Mapping[str, Compensator]) -> dict[str, HeldOutReadings]:
+    """The readings that were held out of every model, sorted; those that are gross errors of one are among them."""
+    every = {name: model.held_out_.and_also(model.held_out_gross_) for name, model in models.items()}
+    common = reduce(np.intersect1d, [part.rows for part in every.values()])
+    return {name: _on_rows(part, common) for name, part in every.items()}

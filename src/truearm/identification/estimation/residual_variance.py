@@ -171,6 +171,13 @@ class HeldOutReadings:
         """Some of the readings, by a mask (m,) or by their numbers among them."""
         return HeldOutReadings(*(getattr(self, part.name)[which] for part in fields(self)))
 
+    def and_also(self, others: HeldOutReadings) -> HeldOutReadings:
+        """These readings and others."""
+        if not len(others.rows):
+            return self
+        names = [part.name for part in fields(self)]
+        return HeldOutReadings(*(np.concatenate([getattr(self, name), getattr(others, name)]) for name in names))
+
     @property
     def n_coordinates(self) -> int:
         """Number k of coordinates that are compared: 3 of points, 1 of distances."""

@@ -15,7 +15,8 @@ Gauss-Newton matrix. Source: R. D. Cook, S. Weisberg, "Residuals and Influence i
 
 Tips with points are compared with these. Tips in seats are compared with the position of the seat by the readings of
 other groups or, for a seat that only this group touched, with the mean of the tips predicted in it. Distances are
-compared where there are neither points nor seats, or apart from these; their anchors are located by other groups.
+compared where there are neither points nor seats, or apart from these; where there are none either, distances from
+surfaces, from lines, or orientations. Anchors, surfaces and lines are located by other groups.
 
 The Birge ratio compares the residual variance of held-out readings with the one that the posterior was computed with:
 R. T. Birge, "The calculation of errors by the method of least squares", Phys. Rev. 40 (1932) 207.
@@ -26,7 +27,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import partial
-from itertools import compress, pairwise
+from itertools import chain, compress, pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -40,9 +41,10 @@ from truearm.identification.estimation.identification_result import Identificati
 from truearm.identification.estimation.linearisation import UNKNOWN_STD, eliminate_unknowns
 from truearm.identification.estimation.problem import SmallMotionProblem
 from truearm.identification.estimation.residual_variance import FLOOR_MM2, NONE_HELD_OUT, HeldOutReadings
+from truearm.identification.references.distances import Distances
 from truearm.identification.references.references import LinearisedResiduals, Reference
+from truearm.identification.references.surfaces import Lines, Planes, Spheres
 from truearm.identification.terms.state import ArmState
-from truearm.readings.anchors import LEAST_READINGS
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import BoolArray, FloatArray, IntArray
 
@@ -56,8 +58,11 @@ ROUNDING = 1e-9
 # Robust weight of an excluded reading, which keeps its whitened residuals above rounding: one of 1000 standard
 # deviations moves nothing by more than a hundred-thousandth of a standard deviation.
 LEAST_WEIGHT = 1e-8
-# Kinds of references that are compared in three coordinates, and in one.
+# Kinds of references that are compared with each other: what a tip is known by most directly comes first.
 IN_SPACE, IN_LENGTH = ("point", "seat"), ("distance",)
+COMPARED = (IN_SPACE, IN_LENGTH, ("sphere", "plane"), ("line",), ("orientation",))
+# Readings that locate an anchor, a surface or a line.
+LEAST_TOUCHES: dict[str, int] = {touched.kind: touched.least for touched in (Distances, Spheres, Planes, Lines)}
 # Derivatives in memory at once, some ten megabytes, and the most readings of them.
 MOST_DERIVATIVES = 1_200_000
 MOST_READINGS = perturbed_chain.CHUNK
@@ -84,15 +89,15 @@ def cross_validate_by_group(
     group : (n,) int array
         The group of every reading.
     kinds : sequence of str, optional
-        Kinds of references to compare, `IN_SPACE` or `IN_LENGTH`; by default the first if there are such references.
+        Kinds of references to compare, one of `COMPARED`; `compared_kinds` by default.
 
     Returns
     -------
     HeldOutReadings
-        Of readings with points, and of those in seats of two or more, or of distances; in the order of the readings.
+        Of readings with points, and of those in seats of two or more, or of the other kinds; in the order of the
+        readings.
     """
-    if kinds is None:
-        kinds = IN_SPACE if any(part.kind in IN_SPACE for part in fit.references) else IN_LENGTH
+    kinds = compared_kinds(fit.references) if kinds is None else kinds
     with one_blas_thread():
         minimum = _Minimum.of(fit, state, references, kinds)
         found = [
@@ -105,6 +110,11 @@ def cross_validate_by_group(
     names = [field.name for field in fields(HeldOutReadings)]
     together = HeldOutReadings(*(np.concatenate([getattr(part, name) for part in found]) for name in names))
     return together.select(np.argsort(together.rows))
+
+
+def compared_kinds(references: Sequence[ReferenceFit]) -> tuple[str, ...]:
+    """The kinds of references by which held-out readings are compared: the first of `COMPARED` that there is."""
+    return next(kinds for kinds in COMPARED if any(part.kind in kinds for part in references))
 
 
 class GroupBatch(NamedTuple):
@@ -223,14 +233,14 @@ class _Stack(NamedTuple):
 class _Group(NamedTuple):
     """A group's residuals (n,), and the unknowns' part of the root of S of them, (n, t).
 
-    `own` (n, q), orthonormal, are the motions of the seats that only this group touched; `n_distances` are its
-    readings of each anchor, by the number of the reference.
+    `own` (n, q), orthonormal, are the motions of the seats that only this group touched; `n_touches` are its
+    readings of each anchor, surface and line, by the number of the reference.
     """
 
     residuals: FloatArray
     spread: FloatArray
     own: csr_array | None
-    n_distances: dict[int, IntArray]
+    n_touches: dict[int, IntArray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -420,12 +430,12 @@ class _Minimum:
         if n_own:
             entries = np.concatenate(values), (np.concatenate(where), np.concatenate(column))
             own = csr_array(entries, shape=(n, n_own))
-        n_distances = {
+        n_touches = {
             i: np.bincount(self.parts[i].reference_fit.artefact[rows], minlength=len(self.parts[i].count))
             for i, rows in members
-            if self.parts[i].reference_fit.kind in IN_LENGTH
+            if self.parts[i].reference_fit.kind in LEAST_TOUCHES
         }
-        return _Group(residuals, spread[:, np.flatnonzero(touched & ~apart)].toarray(), own, n_distances)
+        return _Group(residuals, spread[:, np.flatnonzero(touched & ~apart)].toarray(), own, n_touches)
 
     def _without(
         self, of: _Group, pieces: Callable[[], Iterator[_Piece]], group: IntArray
@@ -465,9 +475,10 @@ class _Minimum:
                 white -= unit @ (own.T @ r + mean @ along)
                 half -= unit @ half_mean
                 freedom -= (unit.multiply(unit)).sum(axis=1).reshape(len(freedom), -1).mean(axis=1)
-            if (held := of.n_distances.get(piece.which)) is not None:
-                # Other groups must locate the anchor.
-                freedom[(part.count - held)[part.reference_fit.artefact[piece.rows]] < LEAST_READINGS] = 0.0
+            if (held := of.n_touches.get(piece.which)) is not None:
+                # Other groups must locate the anchor, the surface or the line.
+                least = LEAST_TOUCHES[part.reference_fit.kind]
+                freedom[(part.count - held)[part.reference_fit.artefact[piece.rows]] < least] = 0.0
             half = half.reshape(len(piece.rows), part.weights.shape[1], -1)
             blocks = half @ half.transpose(0, 2, 1)
             yield _held_out(part, piece.rows, white.reshape(len(piece.rows), -1), blocks, freedom, group)
@@ -533,7 +544,7 @@ def birge_ratio(references: Sequence[ReferenceFit], rows: IntArray, residual_std
     references : sequence of ReferenceFit
         Of the identification.
     rows : (m,) int array
-        Held-out readings, compared with points, or with seats where they have no point, or with distances.
+        Held-out readings, compared with points, or with seats where they have no point, or with what they have.
     residual_std : float
         Residual standard deviation of these [mm].
 
@@ -544,7 +555,7 @@ def birge_ratio(references: Sequence[ReferenceFit], rows: IntArray, residual_std
     """
     ratios = []
     pointed = np.zeros(0, dtype=np.intp)
-    for kind in (*IN_SPACE, *IN_LENGTH):
+    for kind in chain.from_iterable(COMPARED):
         for reference in (reference for reference in references if reference.kind == kind):
             compared = np.isin(reference.rows, rows) & ~np.isin(reference.rows, pointed)
             if compared.any():

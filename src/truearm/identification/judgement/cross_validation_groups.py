@@ -10,6 +10,7 @@ from scipy.spatial.distance import cdist
 from truearm.arm.chain import Chain
 from truearm.identification.planning.sampling.seat import farthest_points
 from truearm.identification.terms import ArmState
+from truearm.readings.checks import has_reference
 from truearm.readings.repeats import readings_of_one_pose
 from truearm.readings.session import Session
 from truearm.typing import BoolArray, FloatArray, IntArray
@@ -39,17 +40,22 @@ def cross_validation_groups(readings: Session, sessions: Iterable[str] = ()) -> 
     """(n,) numbers of the groups that a fair test keeps together.
 
     A reading's group is its position; without one, its seat; without both, its pose: distances to several
-    anchors, several tips and directions of approach in one pose are together. A column that would put
-    all readings into one group is ignored, and so is one that would put all points of one of `sessions` into one group,
-    as nothing else would determine its frame. See `joint_space_regions` for readings of one place.
+    anchors, several tips and directions of approach in one pose are together. A column that would put all readings
+    into one group, but for those that show nothing, is ignored, and so is one that would put all points of one of
+    `sessions` into one group, as nothing else would determine its frame. See `joint_space_regions` for readings of one
+    place.
     """
     n = len(readings)
     group = readings_of_one_pose(readings)
+    shows = has_reference(readings)
+    if readings.seat is not None:  # a reading alone in a seat shows nothing without a point
+        _, seat, count = np.unique(readings.seat, return_inverse=True, return_counts=True)
+        shows &= readings.has_point | (readings.seat == "") | (count[seat] > 1)
     in_one_frame = [(readings.session == name) & readings.has_point for name in sessions]
     for start, names in ((n, readings.seat), (2 * n, readings.position)):
         if names is not None:
             named = np.where(names != "", start + np.unique(names, return_inverse=True)[1], group)
-            for rows in (np.ones(n, dtype=bool), *in_one_frame):
+            for rows in (shows, *in_one_frame):
                 if len(np.unique(named[rows])) == 1:
                     named[rows] = group[rows]
             group = named

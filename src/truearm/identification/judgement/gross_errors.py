@@ -36,8 +36,8 @@ LEAST_FREEDOM, MOST_FREEDOM = 3.0, 1e3
 STARTS = ((30.0, 0.02), (30.0, 0.2), (5.0, LEAST_SHARE))
 # Gross errors begin at this many standard deviations, and have any size up to this many decades above.
 LEAST_GROSS_STDS, DECADES = 4.0, 4.0
-# Measure of the unit sphere in k dimensions: two ends, or a surface.
-UNIT_SPHERE = {1: 2.0, 3: 4 * np.pi}
+# Measure of the unit sphere in k dimensions: two ends, a circle, or a surface.
+UNIT_SPHERE = {1: 2.0, 2: 2 * np.pi, 3: 4 * np.pi}
 # With fewer held-out readings no reading is judged: their distribution is unknown.
 LEAST_READINGS = 12
 # With fewer degrees of freedom, many gross errors of one size may look like tails. Student's weights then move the arm
@@ -267,11 +267,10 @@ def excluded_readings(fit: IdentificationResult) -> IntArray:
 
 
 def own_variance(references: tuple[ReferenceFit, ...], rows: IntArray) -> FloatArray:
-    """(m,) variance of a coordinate by noise and reference, of readings with points, seats or distances [mm^2]."""
+    """(m,) variance of a coordinate by noise and reference, of readings of these [mm^2]."""
     own = np.zeros(1 + max([0, *(int(part.rows.max(initial=0)) for part in references)]))
     for part in reversed(references):  # points come first, and judge where there are both
-        if part.kind in ("point", "seat", "distance"):
-            own[part.rows] = part.noise_std**2 + (part.std**2).mean(axis=0)
+        own[part.rows] = part.noise_std**2 + (part.std**2).mean(axis=0)
     return np.asarray(own[rows])
 
 

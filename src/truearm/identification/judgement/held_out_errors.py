@@ -2,22 +2,69 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
 
-from truearm.identification.estimation.identification_result import ReferenceFit
+from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.residual_variance import HeldOutReadings
 from truearm.identification.judgement.cross_validation import LEAST_FREEDOM
-from truearm.identification.judgement.gross_errors import own_variance
+from truearm.identification.judgement.gross_errors import excluded_readings, own_variance
+from truearm.typing import FloatArray
+
+# Identifications without some of the readings, at most: a tenth of them at once where every one asks for it.
+MOST_REFITS = 10
 
 
-def select_determined(held_out: HeldOutReadings, references: tuple[ReferenceFit, ...]) -> HeldOutReadings:
-    """Readings that the others determine; the deviations of the rest are bounded (`LEAST_FREEDOM`), and no errors."""
-    if held_out.n_coordinates == 1:  # distances, beside points with a noise of their own
-        references = tuple(part for part in references if part.kind == "distance")
-    return held_out.select_informative(own_variance(references, held_out.rows), most=1 / LEAST_FREEDOM)
+def predicted_by_refits(
+    held_out: HeldOutReadings,
+    fit: IdentificationResult,
+    kinds: Sequence[str],
+    identify: Callable[[FloatArray], IdentificationResult],
+    n: int,
+) -> HeldOutReadings:
+    """Held-out readings, those that the others hardly determine as predicted by an arm that was identified again.
+
+    The closed form bounds their deviations (`LEAST_FREEDOM`), and has the sizes of the terms that they had a part in.
+    A reading that nothing else determines is predicted by the drawing, as far as base and tip are known.
+
+    Parameters
+    ----------
+    held_out : HeldOutReadings
+    fit : IdentificationResult
+    kinds : sequence of str
+        Of the references that are compared.
+    identify : callable
+        Returns the identification with weights (n,) of the readings: 0 excludes one.
+    n : int
+        Number of readings.
+    """
+    compared = tuple(part for part in fit.references if part.kind in kinds)
+    most = own_variance(compared, held_out.rows) / LEAST_FREEDOM
+    open_groups = np.unique(held_out.group[np.linalg.eigvalsh(held_out.covariance)[:, -1] > most])
+    deviations = held_out.deviations.copy()
+    for fold in range(min(len(open_groups), MOST_REFITS)):
+        of_fold = np.flatnonzero(np.isin(held_out.group, open_groups[fold::MOST_REFITS]))
+        weights = np.ones(n)
+        weights[excluded_readings(fit)] = weights[held_out.rows[of_fold]] = 0.0
+        found = _residuals(identify(weights), kinds)
+        deviations[of_fold] = np.stack([found[row] for row in held_out.rows[of_fold].tolist()])
+    return replace(held_out, deviations=deviations)
+
+
+def _residuals(fit: IdentificationResult, kinds: Sequence[str]) -> dict[int, FloatArray]:
+    """Residuals (k,) by reading [mm]; of readings in a seat of which none took part, about their mean."""
+    found: dict[int, FloatArray] = {}
+    for part in reversed([part for part in fit.references if part.kind in kinds]):  # points judge where there are both
+        residuals, used = part.residuals.T, part.robust_weight > 0
+        if part.kind == "seat":
+            for seat in np.setdiff1d(part.artefact, part.artefact[used]):
+                rows = part.artefact == seat
+                residuals = np.where(rows[:, None], residuals - residuals[rows].mean(axis=0), residuals)
+        found |= dict(zip(part.rows.tolist(), residuals, strict=True))
+    return found
 
 
 @dataclass(frozen=True)

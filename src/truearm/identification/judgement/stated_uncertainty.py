@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from truearm.identification.estimation.identification_result import IdentificationResult
+from truearm.identification.estimation.residual_variance import LEAST_FREEDOM
 from truearm.identification.references.references import Points, Reference
 from truearm.readings.session import Session
 from truearm.solve.distributions import chi2_quantile
@@ -33,10 +34,16 @@ NEAR = 5.0
 
 
 def stated_ratio(fit: IdentificationResult) -> float | None:
-    """Stated standard uncertainty of a coordinate over its scatter; None without stated uncertainties of points."""
+    """Stated standard uncertainty of a coordinate over its scatter.
+
+    None without stated uncertainties of points, and where an arm passes through nearly all of them.
+    """
     for part in fit.references:
         if part.kind == "point" and part.residuals.size and (part.std > 0).all():
-            scatter = _scatter(part.residuals / part.std, sum(group.effective for group in fit.groups))
+            n_effective = sum(group.effective for group in fit.groups)
+            if part.residuals.size - n_effective < LEAST_FREEDOM:
+                return None
+            scatter = _scatter(part.residuals / part.std, n_effective)
             return 1 / scatter if scatter > 0 else np.inf
     return None
 
