@@ -472,8 +472,7 @@ def _as_refitted(
 
 def _with_all_states(fit: IdentificationResult, state: ArmState, widened: float) -> IdentificationResult:
     """The result at true temperatures, with what the readings left open of the terms of the physical model."""
-    if state.temperature_degC is not None:
-        fit = with_material_prior(fit, state.temperature_degC, widened=widened)
+    fit = with_material_prior(fit, state, widened=widened)
     return with_unlearned_terms(fit, unlearned_terms(state))
 
 

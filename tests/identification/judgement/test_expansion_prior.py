@@ -10,52 +10,67 @@ from truearm.arm import load_arm
 from truearm.identification.estimation.identification_result import IdentificationResult, TermGroupResult
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.judgement.expansion_prior import _likelihood, _mixture, with_material_prior
-from truearm.identification.terms import Constant, Term
+from truearm.identification.judgement.thermal_lag import LinkHistory
+from truearm.identification.terms import ArmState, Constant, Term
 from truearm.identification.terms.basis import Temperature
 from truearm.identification.terms.thermal import MATERIALS, UNKNOWN_MATERIAL, Material
 
 
+def mixture(information, right, shares):
+    """Of what training shows, of the expansion, and of constants at links of 21 degC."""
+    n = len(right)
+    return _mixture([LinkHistory(information, right, np.eye(n), 21.0, share) for share in shares])
+
+
 def test_without_information_growth_has_the_prior_of_an_unknown_material():
-    growth = _mixture(np.zeros((7, 7)), np.zeros(7), np.array([0.0, 0.5, 1.0]))
-    np.testing.assert_allclose(growth.expansion_covariance, UNKNOWN_MATERIAL.covariance(7), rtol=1e-12)
-    np.testing.assert_array_equal(growth.expansion, np.zeros(7))
+    growth = mixture(np.zeros((7, 7)), np.zeros(7), [0.0, 0.5, 1.0])
+    np.testing.assert_allclose(growth.covariance[7:14, 7:14], UNKNOWN_MATERIAL.covariance(7), rtol=1e-12)
+    np.testing.assert_array_equal(growth.mean, np.zeros(21))
     assert growth.effective == pytest.approx(0.0, abs=1e-12)
 
 
 def test_links_that_did_not_follow_the_thermometer_show_nothing():
     rng = np.random.default_rng(0)
     matrix = rng.normal(size=(3, 3)) * 1e7
-    growth = _mixture(matrix @ matrix.T, rng.normal(size=3) * 1e9, np.zeros(4))
-    np.testing.assert_allclose(growth.expansion_covariance, UNKNOWN_MATERIAL.covariance(3), rtol=1e-12)
-    np.testing.assert_array_equal(growth.shown, np.zeros(3))
+    growth = mixture(matrix @ matrix.T, rng.normal(size=3) * 1e9, np.zeros(4))
+    np.testing.assert_allclose(growth.covariance[3:6, 3:6], UNKNOWN_MATERIAL.covariance(3), rtol=1e-12)
+    np.testing.assert_array_equal(growth.mean[:3], np.zeros(3))
 
 
 def test_the_mixture_is_the_integral_over_the_growth_of_one_link():
     """Against quadrature of the density of one coefficient, an observation of 8e-6 +- 5e-6 per kelvin."""
     shown, std, shares = 8e-6, 5e-6, np.array([0.3, 0.6, 1.0])
-    found = _mixture(np.array([[std**-2]]), np.array([shown / std**2]), shares)
+    found = mixture(np.array([[std**-2]]), np.array([shown / std**2]), shares)
     c = np.linspace(-1.5e-4, 1.5e-4, 200_001)
     stds = [np.sqrt(material.covariance(1)[0, 0]) for material in MATERIALS]
     density = sum(norm.pdf(c, scale=one) * norm.pdf(shown, a * c, std) for one in stds for a in shares)
     by_share = sum(norm.pdf(c, scale=one) * a * c * norm.pdf(shown, a * c, std) for one in stds for a in shares)
-    mean = (c * density).sum() / density.sum()
-    assert found.expansion[0] == pytest.approx(mean, rel=1e-6)
-    assert found.expansion_covariance[0, 0] == pytest.approx(
-        ((c - mean) ** 2 * density).sum() / density.sum(), rel=1e-6
-    )
-    assert found.shown[0] == pytest.approx(by_share.sum() / density.sum(), rel=1e-6)
-    across = (c * by_share).sum() / density.sum() - mean * found.shown[0]
-    assert found.across[0, 0] == pytest.approx(across, rel=1e-6)
+    mean, shows = (c * density).sum() / density.sum(), by_share.sum() / density.sum()
+    variance = ((c - mean) ** 2 * density).sum() / density.sum()
+    np.testing.assert_allclose(found.mean, [shows, mean, -mean], rtol=1e-6)
+    np.testing.assert_allclose(found.covariance[1:, 1:], variance * np.array([[1, -1], [-1, 1]]), rtol=1e-6)
+    assert found.covariance[0, 1] == pytest.approx((c * by_share).sum() / density.sum() - mean * shows, rel=1e-6)
+
+
+def test_links_of_other_time_constants_leave_the_expansion_as_open_as_their_shares():
+    """Exact readings of a growth a c with a relative scatter of 0.2 of a: of c, not of what is shown, 0.2 remain."""
+    information = np.eye(1) / 1e-9**2
+    history = LinkHistory(information, information @ [10e-6], np.eye(1), 20.0, share=0.5, slack=0.2)
+    growth = _mixture([history])
+    np.testing.assert_allclose(growth.mean[:2], [10e-6, 20e-6 / 1.04], rtol=1e-3)
+    metal = np.sqrt(MATERIALS[1].covariance(1)[0, 0])
+    np.testing.assert_allclose(np.sqrt(growth.covariance[1, 1]), metal * 0.2 / np.sqrt(1.04), rtol=1e-3)
 
 
 def test_readings_weigh_the_materials_by_their_evidence():
     """Exact readings of 11.5e-6 leave metal only, and its posterior is the reading."""
     information = np.eye(3) / 1e-8**2
-    growth = _mixture(information, information @ np.full(3, 11.5e-6), np.array([1.0]))
-    np.testing.assert_allclose(growth.expansion, 11.5e-6, rtol=1e-4)
-    metal = multivariate_normal(cov=MATERIALS[1].covariance(3)).logpdf(growth.expansion)
-    assert metal - multivariate_normal(cov=MATERIALS[0].covariance(3)).logpdf(growth.expansion) > 15  # e^15: certain
-    np.testing.assert_allclose(np.sqrt(growth.expansion_covariance.diagonal()), 1e-8, rtol=1e-3)
+    growth = mixture(information, information @ np.full(3, 11.5e-6), [1.0])
+    expansion = growth.mean[3:6]
+    np.testing.assert_allclose(expansion, 11.5e-6, rtol=1e-4)
+    metal = multivariate_normal(cov=MATERIALS[1].covariance(3)).logpdf(expansion)
+    assert metal - multivariate_normal(cov=MATERIALS[0].covariance(3)).logpdf(expansion) > 15  # e^15: certain
+    np.testing.assert_allclose(np.sqrt(growth.covariance.diagonal()[3:6]), 1e-8, rtol=1e-3)
 
 
 def test_the_likelihood_is_the_posterior_without_its_prior():
@@ -85,9 +100,9 @@ def test_a_widened_covariance_moves_no_estimate():
         True,
         1,
     )
-    degC = np.linspace(17, 27, 11)
-    found = with_material_prior(fit, degC)
-    wide = with_material_prior(replace(fit, covariance=1.4 * covariance), degC, widened=1.4)
+    state = ArmState(load_arm("gao2017").chain, np.zeros((11, 6)), temperature_degC=np.linspace(17, 27, 11))
+    found = with_material_prior(fit, state)
+    wide = with_material_prior(replace(fit, covariance=1.4 * covariance), state, widened=1.4)
     np.testing.assert_allclose(wide.coefficients, found.coefficients, rtol=1e-12)
     assert wide.groups == found.groups
     share = wide.covariance.diagonal() / found.covariance.diagonal()

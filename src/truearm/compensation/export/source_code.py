@@ -183,6 +183,7 @@ def _tables(plain: PlainModel, values: ValueTables, covariance: ReducedCovarianc
         "variance_share": np.stack([share.centre, share.spread, share.slope, share.curvature], axis=1),
         "links": link_vectors(plain.nominal_chain),
         "material": UNKNOWN_MATERIAL,
+        "links_degC": [training.links_range.lower, training.links_range.upper],
         "rank": covariance.rank if covariance.entries.size else 0,
         "quantum": covariance.quantum.astype(np.float32),
         "entry_type": "short" if np.abs(covariance.entries).max(initial=0) < 2**15 else "int",

@@ -385,15 +385,15 @@ class Compensator(Regressor, ABC):
         Returns
         -------
         (n, 3, 3) array
-            [mm^2]; zeros inside the trained temperatures, where the session states none, and of a model with terms for
-            growth.
+            [mm^2]; zeros inside the temperatures that all links had in training, where the session states none, and of
+            a model with terms for growth.
         """
         displacements = self._expansion_displacements(self.checked(readings).session)
         return np.asarray(np.einsum("lnx,lny->nxy", displacements, displacements))
 
     def _expansion_displacements(self, readings: Session) -> FloatArray:
         """(l, n, 3) the same as displacements of the tips by l independent expansions of variance one [mm]."""
-        kelvin = self.training_.kelvin_outside(readings)
+        kelvin = self.training_.kelvin_beyond_links(readings)
         rows = np.flatnonzero(kelvin)
         if not len(rows) or self._has_thermal_terms():
             return np.zeros((0, len(readings), 3))

@@ -12,6 +12,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from truearm.errors import InputError
+from truearm.identification.judgement.expansion_prior import LAG_K
+from truearm.identification.judgement.thermal_lag import TIME_CONSTANTS, lagging_temperatures, most_lag_K
 from truearm.readings.checks import LIMIT_TOLERANCE, MAX_SKIPPED_SHARE
 from truearm.readings.lengths import Lengths
 from truearm.readings.readings import DIRECTION, LOAD, PAYLOAD
@@ -103,6 +105,8 @@ class TrainingConditions:
     direction_ranges : (n_joints, 2) array, optional
         Smallest and largest direction of movement of every joint; None where the readings state none, and in files of
         models that were trained before they were kept.
+    slow_links_degC : InputRange, optional
+        Temperatures of links that follow slowly, where the air drifted faster than they do; None where it did not.
     """
 
     n_readings: int
@@ -115,6 +119,7 @@ class TrainingConditions:
     lengths_fingerprint: str
     angle_sample: FloatArray | None = None
     direction_ranges: FloatArray | None = None
+    slow_links_degC: InputRange | None = None
 
     def __post_init__(self) -> None:
         n_joints, gaps = len(self.angle_ranges), self.angle_gaps
@@ -154,6 +159,7 @@ class TrainingConditions:
             direction_ranges=None
             if session.directions is None
             else np.stack([session.directions.min(axis=0), session.directions.max(axis=0)], axis=1),
+            slow_links_degC=_slow_links(session),
         )
 
     def after_transfer(self, session: Session, lengths: Lengths | None) -> TrainingConditions:
@@ -323,6 +329,17 @@ class TrainingConditions:
             return np.zeros(len(session))
         return self.temperature_range.distance(session.temperature_degC)
 
+    @property
+    def links_range(self) -> InputRange:
+        """Temperatures that all links had in training: they may lag behind the thermometer."""
+        return self.temperature_range if self.slow_links_degC is None else self.slow_links_degC
+
+    def kelvin_beyond_links(self, session: Session) -> FloatArray:
+        """(n,) the same from `links_range` [K]."""
+        if session.temperature_degC is None:
+            return np.zeros(len(session))
+        return self.links_range.distance(session.temperature_degC)
+
 
 def find_angle_gaps(angles: FloatArray, prismatic: BoolArray) -> FloatArray:
     """Gaps between a joint's training angles that are wide for their number.
@@ -351,6 +368,14 @@ def find_angle_gaps(angles: FloatArray, prismatic: BoolArray) -> FloatArray:
         wide = np.flatnonzero(np.diff(values) > 2 * near)
         gaps.append(np.stack([np.full(len(wide), float(joint)), values[wide] + near, values[wide + 1] - near], axis=1))
     return np.concatenate(gaps)
+
+
+def _slow_links(session: Session) -> InputRange | None:
+    """Temperatures of the slowest links, if they may have lagged far behind the thermometer."""
+    degC = session.temperature_degC
+    if degC is None or most_lag_K(degC, session.session) <= LAG_K:
+        return None
+    return InputRange.of(lagging_temperatures(degC, TIME_CONSTANTS[-1:], session.session)[:, 0])
 
 
 def fingerprint(data: Session | Lengths) -> str:

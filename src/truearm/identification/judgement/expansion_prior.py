@@ -11,7 +11,9 @@ known of arms, and states what remains uncertain:
 - *Lag.* Links follow the air within minutes, so in training they changed by only a share of what the thermometer says.
   With temperatures of standard deviation s about their mean, and links up to `LAG_K` behind, the share lies anywhere
   between ``1 - LAG_K / s`` and 1, and shares below `LEAST_SHARE` count as 0: what readings within a tenth of a kelvin
-  show says nothing about the growth by ten. The mean temperature of the links is uncertain likewise.
+  show says nothing about the growth by ten. The mean temperature of the links is uncertain likewise. In air that drifts
+  so fast that links may be farther behind, the temperatures that links of several time constants had are the
+  hypotheses instead, and readings weigh them too (`truearm.identification.judgement.thermal_lag`).
 
 Lengths are those at the mean temperature of the training, which readings determine; from there they grow. To have the
 constants of the chain at 20 degC, each link has, beside its growth ``c (T - 20 degC)``, a constant
@@ -24,13 +26,16 @@ tip moves by them where they differ.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 
 from truearm.identification.estimation.identification_result import IdentificationResult, TermGroupResult
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
+from truearm.identification.judgement.thermal_lag import LinkHistory, link_histories, most_lag_K
 from truearm.identification.terms.basis import Constant, Temperature
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
@@ -50,14 +55,15 @@ LEAST_VALUE = 1e-9
 ROUNDING = 1e-9
 
 
-class _Growth(NamedTuple):
-    """Moments of the expansion, of what training shows of it, and between the two; number of determined ones."""
+class _Moments(NamedTuple):
+    """Mean and covariance of a mixture, its mean temperature of the links [degC], and number of determined growths.
 
-    expansion: FloatArray
-    expansion_covariance: FloatArray
-    shown: FloatArray
-    shown_covariance: FloatArray
-    across: FloatArray
+    Of the changes of the other coefficients, of the growth c of each link, and of ``-c (temperature - 20 degC)``.
+    """
+
+    mean: FloatArray
+    covariance: FloatArray
+    mean_degC: float
     effective: float
 
 
@@ -67,9 +73,7 @@ def at_mean_temperature(state: ArmState) -> ArmState:
     return state if degC is None else replace(state, temperature_degC=degC - degC.mean() + REFERENCE_DEGC)
 
 
-def with_material_prior(
-    fit: IdentificationResult, temperature_degC: FloatArray, *, widened: float = 1.0
-) -> IdentificationResult:
+def with_material_prior(fit: IdentificationResult, state: ArmState, *, widened: float = 1.0) -> IdentificationResult:
     """Exchange the prior of the thermal expansion.
 
     A covariance that was widened widens what the readings say of the growth, and not its prior; the estimates are those
@@ -79,8 +83,8 @@ def with_material_prior(
     ----------
     fit : IdentificationResult
         Identified from the state of `at_mean_temperature`.
-    temperature_degC : (n,) array
-        True temperatures of the readings [degC].
+    state : ArmState
+        Of the readings, with their true temperatures.
     widened : float
         Factor by which the covariance of `fit` was widened.
 
@@ -90,33 +94,37 @@ def with_material_prior(
         For true temperatures. Itself if it has no thermal terms.
     """
     grows, terms = _coefficients_of_growth(fit.perturbed_chain)
-    if not len(grows):
+    if not len(grows) or state.temperature_degC is None:
         return fit
-    mean, spread = float(temperature_degC.mean()), float(temperature_degC.std())
-    others = np.setdiff1d(np.arange(len(fit.coefficients)), grows)
+    others, p = np.setdiff1d(np.arange(len(fit.coefficients)), grows), len(fit.coefficients)
     of_growth = fit.covariance[np.ix_(grows, grows)]
-    information, right = _likelihood(of_growth / widened, fit.coefficients[grows], fit.prior_std[grows])
-    lags_K = LAG_K * (np.arange(N_LAGS) + 0.5) / N_LAGS
-    shares = 1 - lags_K / spread
-    shares = np.where(shares < LEAST_SHARE, 0.0, shares)
-    new, wide = _mixture(information, right, shares), _mixture(information / widened, right / widened, shares)
-    gain = np.linalg.solve(of_growth, fit.covariance[np.ix_(grows, others)]).T
-    x, covariance, prior_std = fit.coefficients.copy(), fit.covariance.copy(), fit.prior_std.copy()
-    x[others] += gain @ (new.shown - fit.coefficients[grows])
-    x[grows] = new.expansion
-    covariance[np.ix_(others, others)] += gain @ (wide.shown_covariance - of_growth) @ gain.T
-    covariance[np.ix_(others, grows)] = gain @ wide.across
-    covariance[np.ix_(grows, others)] = covariance[np.ix_(others, grows)].T
-    covariance[np.ix_(grows, grows)] = wide.expansion_covariance
+    gain = np.asarray(np.linalg.solve(of_growth, fit.covariance[np.ix_(grows, others)]).T)
+    drifts = most_lag_K(state.temperature_degC, state.session) > LAG_K
+    if drifts and [part.kind for part in fit.references] == ["point"]:
+        histories, u_K = link_histories(fit, state, grows, others), 0.0
+    else:
+        information, right = _likelihood(of_growth / widened, fit.coefficients[grows], fit.prior_std[grows])
+        mean, spread = float(state.temperature_degC.mean()), float(state.temperature_degC.std())
+        shares = 1 - LAG_K * (np.arange(N_LAGS) + 0.5) / N_LAGS / spread
+        shares = np.where(shares < LEAST_SHARE, 0.0, shares)
+        histories = [LinkHistory(information, right, gain, mean, share) for share in shares.tolist()]
+        u_K = min(LAG_K, spread)
+    new, wide = _mixture(histories), _mixture(histories, widened)
+    # Beside the coefficients, constants that take the lengths to 20 degC.
+    order = np.concatenate([others, grows, p + np.arange(len(grows))])
+    x, covariance = np.empty(len(order)), np.empty((len(order), len(order)))
+    x[order], covariance[np.ix_(order, order)] = new.mean, wide.covariance
+    x[others] += fit.coefficients[others] - gain @ fit.coefficients[grows]
+    covariance[np.ix_(others, others)] += fit.covariance[np.ix_(others, others)] - gain @ of_growth @ gain.T
+    covariance[p:, p:] += u_K**2 * (covariance[np.ix_(grows, grows)] + np.outer(x[grows], x[grows]))
+    prior_std = fit.prior_std.copy()
     prior_std[grows] = np.sqrt(UNKNOWN_MATERIAL.covariance(len(grows)).diagonal())
     groups = tuple(
         replace(group, effective=new.effective) if group.name == terms[0].group else group for group in fit.groups
     )
-    exchanged = replace(fit, coefficients=x, covariance=covariance, prior_std=prior_std, groups=groups)
-    above = mean - REFERENCE_DEGC
-    return _relative(
-        exchanged, [(term, int(k), above) for term, k in zip(terms, grows, strict=True)], u=min(LAG_K, spread)
-    )
+    exchanged = replace(fit, coefficients=x[:p], covariance=covariance[:p, :p], prior_std=prior_std, groups=groups)
+    of_constants = np.hypot(new.mean_degC - REFERENCE_DEGC, u_K) * prior_std[grows]
+    return _extended(exchanged, _constants(terms), x[p:], of_constants, covariance[:p, p:], covariance[p:, p:])
 
 
 def with_unlearned_terms(fit: IdentificationResult, terms: list[tuple[Term, float]]) -> IdentificationResult:
@@ -160,22 +168,22 @@ def _extended(
     )
 
 
-def _relative(
-    fit: IdentificationResult, terms: list[tuple[Term, int, float]], *, u: float = 0.0
-) -> IdentificationResult:
-    """Give terms, each with its coefficient x, a constant beside them: together they are x times (function - value).
-
-    `u` is the standard uncertainty of the value, the same error for all.
-    """
-    terms = [one for one in terms if abs(one[2]) > LEAST_VALUE or u > 0]
+def _relative(fit: IdentificationResult, terms: list[tuple[Term, int, float]]) -> IdentificationResult:
+    """Give terms, each with its coefficient x, a constant beside them: together they are x times (function - value)."""
+    terms = [one for one in terms if abs(one[2]) > LEAST_VALUE]
     own = [k for _, k, _ in terms]
     values = np.array([value for _, _, value in terms])
     across = -fit.covariance[:, own] * values
-    of_own, x = fit.covariance[np.ix_(own, own)], fit.coefficients[own]
-    below = np.outer(values, values) * of_own + u**2 * (of_own + np.outer(x, x))
-    constants = [replace(term, name=f"{term.name}, from the training on", basis=Constant()) for term, _, _ in terms]
-    prior_std = np.array([np.hypot(value, u) * fit.prior_std[k] for _, k, value in terms])
-    return _extended(fit, constants, -values * x, prior_std, across, below)
+    below = np.outer(values, values) * fit.covariance[np.ix_(own, own)]
+    prior_std = np.abs(values) * fit.prior_std[own]
+    return _extended(
+        fit, _constants([term for term, _, _ in terms]), -values * fit.coefficients[own], prior_std, across, below
+    )
+
+
+def _constants(terms: list[Term]) -> list[Term]:
+    """Constants along the same directions, relative to which terms move the tip."""
+    return [replace(term, name=f"{term.name}, from the training on", basis=Constant()) for term in terms]
 
 
 def _coefficients_of_growth(chain: PerturbedChain) -> tuple[IntArray, list[Term]]:
@@ -194,31 +202,34 @@ def _likelihood(covariance: FloatArray, x: FloatArray, prior_std: FloatArray) ->
     return information, (by_prior / values) @ (vectors.T @ (x / prior_std))
 
 
-def _mixture(information: FloatArray, right: FloatArray, shares: FloatArray) -> _Growth:
-    """Moments of the growth over materials and shares, weighed by their evidence.
+def _mixture(histories: Sequence[LinkHistory], widened: float = 1.0) -> _Moments:
+    """Moments over materials and histories, weighed by their evidence.
 
-    Where links changed by a share a of what the thermometer says, training shows ``a c`` of the expansion c.
+    Where links changed by a share a of a history, training shows ``a c`` of the expansion c, of each link with some
+    slack. Both are sums of independent causes, of which the readings determine some.
     """
-    n, identity = len(right), np.eye(len(right))
-    logs, means, covariances, determined, share = [], [], [], [], []
-    for material in MATERIALS:
-        half = np.linalg.cholesky(material.covariance(n))
-        white, of_right = half.T @ information @ half, half.T @ right
-        for a in shares:
-            matrix = a**2 * white + identity
-            inverse = np.linalg.inv(matrix)
-            logs.append(0.5 * (a**2 * of_right @ inverse @ of_right - np.linalg.slogdet(matrix)[1]))
-            means.append(half @ inverse @ (a * of_right))
-            covariances.append(half @ inverse @ half.T)
-            determined.append(n - np.trace(inverse))
-            share.append(a)
+    n = len(histories[0].right)
+    logs, means, causes, roots, rests, above, determined = [], [], [], [], [], [], []
+    for material, history in product(MATERIALS, histories):
+        prior = material.covariance(n)
+        half = np.linalg.cholesky(prior + history.slack**2 * np.diag(prior.diagonal()))
+        shown, grown = history.share * half, np.linalg.solve(half, prior).T
+        matrix = shown.T @ history.information @ shown / widened + np.eye(n)
+        inverse, right = np.linalg.inv(matrix), shown.T @ history.right / widened
+        warmer = history.mean_degC - REFERENCE_DEGC
+        logs.append(0.5 * (right @ inverse @ right - np.linalg.slogdet(matrix)[1]))
+        causes.append(np.vstack([history.gain @ shown, grown, -warmer * grown]))
+        means.append(causes[-1] @ inverse @ right)
+        roots.append(inverse)
+        rests.append(np.kron([[1.0, -warmer], [-warmer, warmer**2]], prior - grown @ grown.T))
+        above.append(warmer)
+        determined.append(n - np.trace(inverse))
     weight = np.exp(np.array(logs) - max(logs))
     weight /= weight.sum()
-    both = np.hstack([means, np.array(share)[:, None] * means])
-    centre = weight @ both
-    scatter = np.einsum("h,hi,hj->ij", weight, both - centre, both - centre)
-    for w, a, covariance in zip(weight, share, covariances, strict=True):
-        scatter += w * np.kron([[1.0, a], [a, a**2]], covariance)
-    return _Growth(
-        centre[:n], scatter[:n, :n], centre[n:], scatter[n:, n:], scatter[n:, :n], float(weight @ determined)
-    )
+    centre = weight @ np.array(means)
+    scatter = (np.array(means) - centre) * np.sqrt(weight)[:, None]
+    covariance = scatter.T @ scatter
+    for w, by_cause, root, rest in zip(weight, causes, roots, rests, strict=True):
+        covariance += w * by_cause @ root @ by_cause.T
+        covariance[-2 * n :, -2 * n :] += w * rest
+    return _Moments(centre, covariance, REFERENCE_DEGC + float(weight @ above), float(weight @ determined))

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.signal import lfilter
 
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
@@ -87,3 +88,28 @@ def growth_motions(chain: Chain, temperature_degC: npt.ArrayLike) -> FloatArray:
     if temperature.ndim != 2 or temperature.shape[1] not in (1, n_links):
         raise InputError(f"expected temperatures of shape (n,) or (n, {n_links}), got {temperature.shape}")
     return (temperature - REFERENCE_DEGC)[:, :, None] * link_vectors(chain)
+
+
+def link_temperatures(air_degC: FloatArray, lag_s: npt.ArrayLike, *, interval_s: float) -> FloatArray:
+    """Temperatures that follow the air with first-order lags, starting in equilibrium.
+
+    Parameters
+    ----------
+    air_degC : (n,) array
+        Air at each reading [degC].
+    lag_s : (n_links,) array
+        Time constants [s]; 0: no lag.
+    interval_s : float
+        Time between readings [s].
+
+    Returns
+    -------
+    (n, n_links) array
+        [degC].
+    """
+    out = np.empty((len(air_degC), len(np.asarray(lag_s))))
+    for link, lag in enumerate(np.asarray(lag_s, dtype=float)):
+        memory = float(np.exp(-interval_s / lag)) if lag > 0 else 0.0
+        # T_k = memory T_{k-1} + (1 - memory) air_k, relative to the air at the first reading.
+        out[:, link] = air_degC[0] + lfilter([1 - memory], [1, -memory], air_degC - air_degC[0])
+    return out

@@ -12,6 +12,7 @@ from truearm.errors import InputError
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.planning.sampling.poses import checked_seed
 from truearm.identification.terms import ArmState, directions
+from truearm.identification.terms.thermal import link_temperatures
 from truearm.identification.virtual.constrained import constrain_geometry
 from truearm.identification.virtual.error_model import SystematicErrors, draw_systematic_errors
 from truearm.identification.virtual.presets import ARCSEC, Preset, load_preset
@@ -20,7 +21,6 @@ from truearm.identification.virtual.state import (
     base_motions,
     given_temperatures,
     hand_forces,
-    link_temperatures,
     mean_hand_force,
     random_stream,
     virtual_state,

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.signal import lfilter
 from scipy.special import dawsn
 
 from truearm.arm.arm import Arm
@@ -124,31 +123,6 @@ def base_motions(n: int, preset: Preset, stream: np.random.Generator) -> FloatAr
     walk[:, 3:] *= preset.base_creep_um_per_sqrt_h * 1e-3
     walk[:, 3:] += settled
     return walk
-
-
-def link_temperatures(air_degC: FloatArray, lag_s: npt.ArrayLike, *, interval_s: float) -> FloatArray:
-    """Temperatures that follow the air with first-order lags, starting in equilibrium.
-
-    Parameters
-    ----------
-    air_degC : (n,) array
-        Air at each reading [degC].
-    lag_s : (n_links,) array
-        Time constants [s]; 0: no lag.
-    interval_s : float
-        Time between readings [s].
-
-    Returns
-    -------
-    (n, n_links) array
-        [degC].
-    """
-    out = np.empty((len(air_degC), len(np.asarray(lag_s))))
-    for link, lag in enumerate(np.asarray(lag_s, dtype=float)):
-        memory = float(np.exp(-interval_s / lag)) if lag > 0 else 0.0
-        # T_k = memory T_{k-1} + (1 - memory) air_k, relative to the air at the first reading.
-        out[:, link] = air_degC[0] + lfilter([1 - memory], [1, -memory], air_degC - air_degC[0])
-    return out
 
 
 def air_temperatures(n: int, preset: Preset, stream: np.random.Generator) -> FloatArray:

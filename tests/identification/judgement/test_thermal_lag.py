@@ -1,0 +1,80 @@
+"""Links that lag behind the thermometer: their temperatures, and the expansion that readings of a drift show."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from truearm.arm import load_arm
+from truearm.compensation.models import KinematicModel, PhysicalModel
+from truearm.identification.judgement.expansion_prior import LAG_K
+from truearm.identification.judgement.thermal_lag import TIME_CONSTANTS, lagging_temperatures, most_lag_K
+from truearm.identification.terms.basis import Temperature
+from truearm.identification.virtual import VirtualArm, load_preset
+
+EXPANSION_PER_K = 23e-6
+DRIFT = np.linspace(20.0, 26.0, 120)
+
+
+def test_a_link_approaches_a_step_of_the_air_exponentially():
+    """From 20 to 20.5 degC at the second reading, closed form; where the thermometer jumps the link has settled."""
+    air = np.where(np.arange(50) > 0, 20.5, 20.0)
+    found = lagging_temperatures(air, np.array([10.0]))[:, 0]
+    np.testing.assert_allclose(found, 20.5 - 0.5 * np.exp(-np.arange(50) / 10), rtol=1e-12)
+    jumped = np.where(np.arange(50) > 24, 26.0, 20.0)
+    np.testing.assert_allclose(lagging_temperatures(jumped, np.array([10.0]))[:, 0], jumped, rtol=1e-12)
+
+
+def test_links_settle_before_each_session():
+    air, session = np.repeat([20.0, 20.9], 30), np.repeat(["A", "B"], 30)
+    np.testing.assert_allclose(lagging_temperatures(air, TIME_CONSTANTS, session)[:, -1], air, rtol=1e-12)
+    assert most_lag_K(air, session) == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("degC", "lags"),
+    [(DRIFT, True), (np.linspace(20, 20.6, 120), False), (np.full(120, 20.0), False), (np.repeat([20, 26], 60), False)],
+)
+def test_only_a_drift_of_some_kelvins_leaves_slow_links_behind(degC, lags):
+    assert (most_lag_K(degC.astype(float)) > LAG_K) == lags
+
+
+@pytest.fixture(scope="module")
+def virtual():
+    """An arm of aluminium without errors that no term describes, whose links have one time constant."""
+    preset = replace(load_preset("perfect"), expansion_per_K=EXPANSION_PER_K, lag_s=600.0, reference_std_mm=0.003)
+    return VirtualArm.draw(load_arm("gao2017"), preset, seed=0)
+
+
+@pytest.fixture(scope="module")
+def readings(virtual):
+    angles = np.random.default_rng(0).uniform(-1.2, 1.2, (len(DRIFT), 6))
+    return virtual.measure(angles, seed=0, temperature_degC=DRIFT).readings
+
+
+def errors(model, virtual, degC):
+    """In standard uncertainties, root mean square of a coordinate, at poses of a day at one temperature."""
+    angles = np.random.default_rng(1).uniform(-1.0, 1.0, (60, 6))
+    measured = virtual.measure(angles, seed=1, temperature_degC=degC)
+    points, covariance = model.predict_readings(measured.readings, return_cov=True)
+    off = points - measured.true_tips
+    return np.sqrt((np.linalg.solve(covariance, off[:, :, None])[:, :, 0] * off).sum(axis=1).mean() / 3)
+
+
+@pytest.mark.parametrize("degC", [18.0, 20.0, 26.0, 30.0])
+def test_the_expansion_of_links_that_lag_is_recovered_within_its_uncertainty(virtual, readings, degC):
+    model = PhysicalModel(virtual.nominal, highest=2, residual=False).fit_readings(readings)
+    assert errors(model, virtual, degC) < 1.5
+    chain = model.fit_.perturbed_chain
+    grows = [k[0] for term, k in zip(chain.terms, chain.columns, strict=True) if isinstance(term.basis, Temperature)]
+    off = model.fit_.coefficients[grows] - EXPANSION_PER_K
+    assert (np.abs(off) < 3 * np.sqrt(model.fit_.covariance.diagonal()[grows])).all()
+
+
+@pytest.mark.parametrize("degC", [20.0, 26.0])
+def test_a_model_without_growth_is_uncertain_where_slow_links_never_were(virtual, readings, degC):
+    """At 26 degC, inside the thermometer's range; at the start of the session as before."""
+    model = KinematicModel(virtual.nominal).fit_readings(readings)
+    day = replace(readings, temperature_degC=np.full(len(readings), degC))
+    assert model.expansion_covariance(day).any() == (degC == 26.0)
+    assert errors(model, virtual, degC) < 2.0
