@@ -214,6 +214,31 @@ def walk(work: Callable[[], object], kind: type, floor: dict[str, int]) -> Walk:
     return followed
 
 
+# What makes a refusal: errors that a user can mend, and the methods that make one with its file and line.
+REFUSALS = ("InputError", "MissingTool", "TruearmError", "ValueError", "error", "contradict")
+
+
+@ROWS.row("refusals")
+def refusals() -> RowResult:
+    """Places that refuse, by the room they are in, and those of them that a person may override with a reason."""
+    found: dict[str, Counter[str]] = defaultdict(Counter)
+    for name, source in sources(HOUSE).items():
+        if name in ("truearm.acceptance", "truearm.errors"):
+            continue
+        calls = [node for node in ast.walk(source.tree) if isinstance(node, ast.Call) and node.args]
+        # `Readings.contradict` itself is no place that refuses, nor is the error within a contradiction a second one.
+        inner = {id(node.args[0]) for node in calls if ast.unparse(node.func) == "contradict"}
+        calls = [node for node in calls if not ast.unparse(node.args[0]).startswith("self.error(problem, row")]
+        for node in calls:
+            called = ast.unparse(node.func).rpartition(".")[2]
+            if called in REFUSALS and id(node) not in inner:
+                found[name.split(".")[1]][called] += 1
+    whole = sum(found.values(), Counter[str]())
+    rows = [*sorted(found.items()), ("together", whole)]
+    table = [{"room": room, "refuse": of.total(), "may be overridden": of["contradict"]} for room, of in rows]
+    return RowResult(table)
+
+
 @ROWS.row("walks")
 def walks() -> RowResult:
     """Walks of the readings and of the model through fit, evaluate and correct, and what checks them on the way."""

@@ -96,6 +96,16 @@ def test_the_points_of_another_arm_are_refused_with_both_numbers(truearm, bench,
     assert snapshot(bench) == there
 
 
+def test_a_certificate_states_the_reason_for_which_the_points_of_another_number_were_accepted(truearm, bench):
+    Path("points.csv").write_text(Made().iso().text("10018"))
+    ran = truearm(*ALL, "--accept", "the plate was renewed: 10018 is now 10017", "--json")
+    assert (ran.code, ran.err) == (0, "")
+    (said,) = json.loads(ran.out)["accepted"]
+    assert said.startswith("Accepted (the plate was renewed: 10018 is now 10017): item.serial_number: the certificate")
+    assert said in read_dcc("certificate.xml").texts("remark")
+    assert "the plate was renewed" in Path("certificate.html").read_text()
+
+
 @pytest.mark.parametrize("number", [None, ""])
 def test_points_without_a_serial_number_are_certified_and_that_is_said(truearm, bench, number):
     Path("points.csv").write_text(Made().iso().text(number))

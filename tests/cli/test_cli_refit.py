@@ -101,6 +101,7 @@ def test_json_tells_what_was_found(refit, made, moved, tmp_path):
         "residual_std_mm": new.residual_std_,
         "residual_std_before_mm": known.residual_std_,
         "residual_process": None,
+        "accepted": [],
         "remarks": [],
     }
     said = refit(session=tmp_path / "s.csv").out

@@ -146,13 +146,6 @@ def test_infinite_limits_are_no_limits():
     assert limit_excesses(Session([[900.0, 0.1], [0.0, 0.2]]), [[-np.inf, np.inf], [-2, 2]]) == ()
 
 
-def test_a_joint_that_never_moves_is_named(tmp_path):
-    error = refusal(session(tmp_path, ["10,20,1,2,3", "30,20,4,5,6", "50,20,7,8,9"]))
-    assert error.column == "q2_deg"
-    assert "J2 never moves in the 3 readings" in error.problem
-    assert 'type = "fixed"' in error.hint
-
-
 def test_readings_of_one_pose_are_refused(tmp_path):
     error = refusal(session(tmp_path, ["10,20,1,2,3", "10,20,4,5,6", "10,20,7,8,9"]))
     assert "all 3 readings have the same angles" in error.problem

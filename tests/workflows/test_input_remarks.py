@@ -124,3 +124,21 @@ def test_an_export_of_constants_names_the_payload_and_the_travel_that_it_lacks(s
     said = str(ta.export(model, tmp_path / "arm.urdf"))
     assert "without the effect of the payload, without the errors along the travel" in said
     assert "the formats c, js, onnx and json" not in said
+
+
+def test_a_joint_that_never_moves_is_said_and_its_points_are_uncertain():
+    """Read with J4 locked: with J4 elsewhere the uncertainty is far larger and contains the errors."""
+    virtual = ta.simulate("ur10", poses=2, preset="shop", seed=1).virtual
+    free = ta.simulate("ur10", poses=60, seed=2).session.angles
+    locked = np.where(np.arange(6) == 3, 0.3, free)
+    fit = ta.fit("ur10", virtual.measure(locked, seed=3).readings, model="kinematic")
+    assert any(remark.startswith("J4 does not move: its own errors are not identified") for remark in fit.remarks)
+    stated = []
+    for angles in (locked, free):
+        truth = virtual.measure(angles, seed=4, reference=False)
+        points, covariance = fit.model.predict_readings(truth.readings, return_cov=True)
+        off = points - truth.true_tips
+        inside = np.einsum("ni,nij,nj->n", off, np.linalg.inv(covariance), off) < 7.81
+        assert inside.mean() > 0.9
+        stated.append(np.sqrt(np.trace(covariance, axis1=1, axis2=2).mean()))
+    assert stated[1] > 2 * stated[0]

@@ -9,7 +9,7 @@ import typer
 from typer import Option
 
 from truearm.cli.console import print_line, print_record
-from truearm.cli.options import ArtefactsFile, Json, MpeFile, RuleOption, refuse_typed, typed_options
+from truearm.cli.options import AcceptOption, ArtefactsFile, Json, MpeFile, RuleOption, refuse_typed, typed_options
 
 if TYPE_CHECKING:
     from truearm.files.xml_signatures import Signer
@@ -44,6 +44,7 @@ def certificate(
             help="Certify although numbers of the plan are not confirmed: marked 'not for conformity decisions'.",
         ),
     ] = False,
+    accept: AcceptOption = None,
     template: Annotated[
         bool, Option("--template", help="Print a file to fill in for --about, and nothing else.")
     ] = False,
@@ -83,7 +84,7 @@ def certificate(
     check_certificate_paths(certificate_file, html, pdf, *inputs)
     signing = None if sign is None or signer is None else _signer(sign, signer)
     verification = verify(points_file, plan=plan, artefacts=artefacts_file, specification=mpe_file, rule=rule)
-    result = stated(verification, about_file, unconfirmed=unconfirmed)
+    result = stated(verification, about_file, unconfirmed=unconfirmed, accept=accept)
     result.save(certificate_file, html, pdf=pdf, logo=logo, signer=signing)
     print_record(result, as_json=as_json, files={"certificate": out, "page": html, "PDF": pdf})
 

@@ -10,7 +10,7 @@ from typer import Option
 
 from truearm.choices import Convention, ExportFormat, Frame
 from truearm.cli.console import print_record, progress
-from truearm.cli.options import Json, ModelFile, TipName
+from truearm.cli.options import AcceptOption, Json, ModelFile, TipName
 
 
 def export(
@@ -34,6 +34,7 @@ def export(
         Option(help="Convention of constants and deltas: D-H or modified D-H; that of the arm's file."),
     ] = None,
     tip: TipName = None,
+    accept: AcceptOption = None,
     check: Annotated[Path | None, Option(help="An exported file to compare with the model, in place of --out.")] = None,
     as_json: Json = False,
 ) -> None:
@@ -65,5 +66,6 @@ def export(
             frame=frame,
             convention=convention,
             tip=tip,
+            accept=accept,
         )
     print_record(result, as_json=as_json, files={result.format: out})

@@ -83,8 +83,8 @@ def check_fit(session: Session, *, n_joints: int, min_rows: int, relations: bool
     Raises
     ------
     InputError
-        If the number of joints is wrong, references are missing, there are too few readings, a joint, the whole arm or
-        the reference never moves.
+        If the number of joints is wrong, references are missing, there are too few readings, the arm or the reference
+        never moves, or a reading is repeated.
     """
     check_angles(session, n_joints=n_joints)
     known = has_reference(session) if relations else session.has_point
@@ -130,7 +130,7 @@ def serial_number_of(session: Session) -> str:
     Raises
     ------
     InputError
-        If the readings are of several arms.
+        If the readings are of several arms; where that is accepted, the first number is theirs.
     """
     if session.serial_number is None:
         return ""
@@ -140,7 +140,7 @@ def serial_number_of(session: Session) -> str:
     first = str(session.serial_number[np.argmax(stated)])
     if (others := stated & (session.serial_number != first)).any():
         row = int(np.argmax(others))
-        raise session.error(
+        session.contradict(
             f"expected readings of one arm, got serial numbers {first!r} and {str(session.serial_number[row])!r}",
             row,
             column="serial_number",
@@ -398,19 +398,10 @@ def _set_up(name: str) -> str:
 
 
 def _check_motion(session: Session) -> None:
-    still = np.ptp(session.angles, axis=0) == 0 if len(session) > 1 else np.zeros(session.n_joints, bool)
-    if still.all() and len(session) > 1:
+    if len(session) > 1 and not np.ptp(session.angles, axis=0).any():
         raise session.error(
             f"all {len(session)} readings have the same angles, so the arm cannot be identified",
             hint="measure poses spread over all joints",
-        )
-    if still.any():
-        joint = int(np.argmax(still))
-        raise session.error(
-            f"J{joint + 1} never moves in the {len(session)} readings, so its errors cannot be identified",
-            column=_column(session, joint),
-            hint='move it; if the joint is locked by design, describe it as type = "fixed" in the arm file'
-            " and delete its column",
         )
 
 

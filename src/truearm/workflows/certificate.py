@@ -9,6 +9,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
+from truearm.acceptance import acceptance_remarks, accepts
 from truearm.errors import FaultCollector, InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.xml_signatures import Signature
@@ -48,11 +49,14 @@ class CertificateResult(PageRecord):
         The results that it states.
     digests : mapping of Path to str
         SHA-256 of the input files, with that of the administrative data.
+    accepted : tuple of str
+        What `accept` overrode.
     """
 
     certificate: Certificate
     verification: VerificationResult
     digests: Mapping[Path, str]
+    accepted: tuple[str, ...] = ()
 
     @property
     def number(self) -> str:
@@ -151,6 +155,7 @@ class CertificateResult(PageRecord):
         else:
             yield f"certificate {self.number}, {NOT_FOR_CONFORMITY}"
             yield self.certificate.reservation
+        yield from self.accepted
         if not self.verification.serial_number:
             number = self.certificate.about.item.serial_number
             yield (
@@ -163,6 +168,7 @@ class CertificateResult(PageRecord):
             "number": self.number,
             "conformity": self.certificate.conformity,
             "reservation": self.certificate.reservation,
+            "accepted": self.accepted,
             **self.verification.to_dict(),
             "serial_number": self.certificate.about.item.serial_number,
             "serial_number_in_points": self.verification.serial_number or None,
@@ -170,8 +176,13 @@ class CertificateResult(PageRecord):
 
 
 @one_blas_thread()
+@accepts
 def certificate(
-    verification: VerificationResult, about: AdministrativeDataLike, *, unconfirmed: bool = False
+    verification: VerificationResult,
+    about: AdministrativeDataLike,
+    *,
+    unconfirmed: bool = False,
+    accept: str | None = None,
 ) -> CertificateResult:
     """State a verification as a calibration certificate.
 
@@ -184,6 +195,9 @@ def certificate(
     unconfirmed : bool
         State the results even if numbers of the test plan are not confirmed against the standard. The certificate is
         then marked "not for conformity decisions" and states no conformity.
+    accept : str, optional
+        Why the certificate is right where `about` contradicts the points in serial number or temperature; the
+        certificate states it.
 
     Returns
     -------
@@ -245,7 +259,7 @@ def certificate(
     for file, digest in digests_of(list(digests)).items():
         if digest != digests[file]:
             raise InputError("the file changed while it was read", file=file, hint="repeat the command")
-    return CertificateResult(made, verification, digests)
+    return CertificateResult(made, verification, digests, acceptance_remarks(accept))
 
 
 def check_certificate_paths(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from truearm.acceptance import acceptance_remarks, accepts
 from truearm.choices import Convention, ExportFormat, Frame
 from truearm.compensation.export.file_check import Finding, compare_with_model
 from truearm.compensation.export.formats import FORMATS, format_of
@@ -26,6 +27,7 @@ FRAMES = {"reference": "that of the reference instrument", "base": "the arm's ow
 
 
 @one_blas_thread()
+@accepts
 def export(
     model: ModelLike,
     out: str | Path,
@@ -36,6 +38,7 @@ def export(
     frame: Frame | None = None,
     convention: Convention | None = None,
     tip: str | None = None,
+    accept: str | None = None,
 ) -> ExportResult:
     """Write a model as a file of another program, with its origin, its loss and five check poses.
 
@@ -62,6 +65,8 @@ def export(
         numbers.
     tip : str, optional
         Name of the tip, of a model with several.
+    accept : str, optional
+        Why `source` is right where it would be refused as that of another robot; the file states it.
 
     Returns
     -------
@@ -100,7 +105,7 @@ def export(
             check_angles(session, n_joints=fitted.arm.n_joints, prismatic=fitted.arm.chain.is_prismatic)
             options |= {"angles": session.angles, "region": name_of_region}
         spec.load().write(fitted, out, **options)
-    return ExportResult(fitted, Path(out), name, read_manifest(out))
+    return ExportResult(fitted, Path(out), name, read_manifest(out), acceptance_remarks(accept))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -114,12 +119,15 @@ class ExportResult(Record):
     format : str
     manifest : Manifest
         What the file states of itself: origin, frame, loss, check poses.
+    accepted : tuple of str
+        What `accept` overrode.
     """
 
     model: Compensator
     path: Path
     format: ExportFormat
     manifest: Manifest
+    accepted: tuple[str, ...] = ()
 
     def blocks(self) -> Iterator[str]:
         """See `Record.blocks`."""
@@ -140,7 +148,8 @@ class ExportResult(Record):
                 yield self._what_is_lost()
         if origin.model == "physical" and (payload := self.model.training_.columns.get(PAYLOAD)) is not None:
             yield f"It applies to the payload of the training, {payload.mean:g} kg."
-        for one in origin.accepted:
+        yield from self.accepted
+        for one in self.model.accepted_:
             yield f"When the model was fitted: {one}"
         yield f"Frame of the file: {FRAMES[manifest.frame]}."
         yield "Five check poses are in the file: truearm export MODEL --check FILE compares them."

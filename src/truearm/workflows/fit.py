@@ -17,6 +17,7 @@ from truearm.compensation.models.compensator import CheckedReadings
 from truearm.compensation.models.identified_model import IdentifiedModel, to_identified
 from truearm.compensation.models.model_file import save_model
 from truearm.compensation.models.selection import ModelScore, on_common_readings, select_model, worse_than_nominal
+from truearm.compensation.models.training_conditions import LEAST_TRAVEL_MM, LEAST_TURN
 from truearm.errors import InputError
 from truearm.identification.estimation.diagnostics import identifiability
 from truearm.identification.estimation.tip_offsets import describe_tips
@@ -406,6 +407,12 @@ def _remarks(model: Compensator, session: Session, lengths: Lengths | None) -> I
         )
     if session.points is None and lengths is None and session.sphere_distance is None and session.distance_mm is None:
         yield "No reference point and no length is known: the arm keeps its nominal size."
+    least = np.where(model.arm_.chain.is_prismatic, LEAST_TRAVEL_MM, LEAST_TURN)
+    for joint in np.flatnonzero(np.ptp(session.angles, axis=0) < least).tolist():
+        yield (
+            f"J{joint + 1} does not move: its own errors are not identified, and points with it elsewhere are as "
+            "uncertain as the drawing."
+        )
     if not arm.converged:
         yield "The fit has not converged: more readings, or poses that differ more from each other, may help."
     if identified is not None and (stated := describe_stated_uncertainty(arm)) is not None:

@@ -350,7 +350,7 @@ def session_lengths(
     Raises
     ------
     InputError
-        If the session has no seats, a name is unknown, or a standard uncertainty exceeds `MAX_RELATIVE_U`.
+        If the session has no seats, or a name is unknown.
     """
     if lengths is None:
         return None, ()
@@ -358,15 +358,14 @@ def session_lengths(
     if session.seat is None:
         raise InputError("lengths are between seats, and the session has none", file=file, hint="add a column seat")
     stated = lengths if isinstance(lengths, Lengths) else read_lengths(lengths)
+    remarks = []
     if (large := stated.u_mm > MAX_RELATIVE_U * stated.length_mm).any():
         row = int(large.argmax())
-        raise stated.error(
-            f"expected at most {MAX_RELATIVE_U:.1%} of the length, got {stated.u_mm[row]:.6g} mm",
-            row,
-            column="u_mm",
-            hint="standard uncertainties in mm: 5 micrometres are 0.005",
+        remarks.append(
+            f"The standard uncertainty of the length in {stated.called(row)}, {stated.u_mm[row]:.4g} mm, is "
+            f"{stated.u_mm[row] / stated.length_mm[row]:.1%} of it: it says little about the size of the arm. Check "
+            "its unit; 5 micrometres are 0.005 mm."
         )
-    remarks = []
     known: Lengths | None = stated.between([*session.seat.tolist(), *session.unfilled])
     if session.unfilled and used is None:
         used = session

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from truearm.acceptance import contradict
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.compensation.models.compensator import FREE_PARTS, Compensator
@@ -196,9 +197,11 @@ def _placed(model: Compensator, nominal: Arm, poses: FloatArray, points: FloatAr
     placed = identify(rough, ArmState(rough, poses), terms, references, robust=False).chain
     error = float(np.linalg.norm(placed.tip_in_base(poses) - points, axis=1).mean())
     if error > MAX_NOMINAL_ERROR * start.reach:
-        raise InputError(
-            f"the arm {nominal.name!r} misses the model's points by {error:.4g} mm on average: "
-            f"it is not the arm {arm.name!r}, or its joints have other zeros or directions"
+        contradict(
+            InputError(
+                f"the arm {nominal.name!r} misses the model's points by {error:.4g} mm on average: "
+                f"it is not the arm {arm.name!r}, or its joints have other zeros or directions"
+            )
         )
     return placed, FREE_PARTS
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from truearm.acceptance import contradict
 from truearm.arm.arm import Arm
 from truearm.arm.ur_kinematics import (
     JOINTS,
@@ -83,11 +84,13 @@ def _check_same_robot(model: Compensator, rigid: RigidArm, source: str | Path | 
     off = model.nominal_.chain.tip_in_base(rigid.poses) - model.predict(rigid.poses)
     nominal_mm = float(np.linalg.norm(off, axis=1).mean())
     if source is not None and rigid.loss.nominal_mm > max(MAX_FARTHER * nominal_mm, MIN_FARTHER_MM):
-        raise InputError(
-            f"the robot in it misses the model's points by {rigid.loss.nominal_mm:.3g} mm on average, the nominal arm "
-            f"by {nominal_mm:.3g} mm: it is the file of another robot",
-            file=source,
-            hint="give the file that the driver wrote for this robot",
+        contradict(
+            InputError(
+                f"the robot in it misses the model's points by {rigid.loss.nominal_mm:.3g} mm on average, the nominal "
+                f"arm by {nominal_mm:.3g} mm: it is the file of another robot",
+                file=source,
+                hint="give the file that the driver wrote for this robot",
+            )
         )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from truearm import __version__
-from truearm.acceptance import Acceptance
+from truearm.acceptance import Acceptance, accepted
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.model_archive import model_bytes
 from truearm.errors import InputError
@@ -54,7 +54,7 @@ class Provenance(BaseModel):
     truearm : str
         Version of the program.
     accepted : tuple of Acceptance
-        Contradictions in the training readings that a person accepted, with the reasons.
+        Contradictions that a person accepted in the fit, or of the file that was made from, with the reasons.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, protected_namespaces=())
@@ -108,5 +108,5 @@ def provenance_of(model: Compensator) -> Provenance:
         n_readings=training.n_readings,
         date=datetime.now(UTC).date().isoformat(),
         truearm=__version__,
-        accepted=model.accepted_,
+        accepted=accepted(model.accepted_),
     )

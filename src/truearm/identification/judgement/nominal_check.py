@@ -109,7 +109,7 @@ class NominalCheck:
 
     def remark(self) -> str | None:
         """What a person must know of a plausible arm; None if nothing."""
-        if self.is_usual:
+        if self.is_usual or not self.is_plausible:  # what a person accepted is said by its acceptance
             return None
         return (
             f"The nominal arm misses the readings by {self.error_mm:.3g} mm, {self.ratio:.1f} times as much as nominal "

@@ -13,7 +13,8 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator
 
-from truearm.errors import InputError, joined
+from truearm.acceptance import contradict
+from truearm.errors import FaultCollector, InputError
 from truearm.files.toml_documents import Document, Real, read_document
 from truearm.verification.standards.dates import check_past
 
@@ -193,6 +194,8 @@ class AdministrativeData(Document):
     ) -> None:
         """Check that the data fit the measurement; all contradictions are raised at once.
 
+        Another serial number and other temperatures may be accepted (`truearm.accepting`); an order of dates may not.
+
         Parameters
         ----------
         serial_number : str
@@ -211,13 +214,13 @@ class AdministrativeData(Document):
         """
         begin, end = measured
         low, high = self.conditions.temperature_degC
-        faults = []
+        faults, judged = [], []
         if serial_number and xml_text(serial_number) != self.item.serial_number:
             problem = (
                 "item.serial_number: the certificate is of the arm with serial number "
                 f"{self.item.serial_number!r:.80}, the points are of {serial_number!r:.80}"
             )
-            faults.append((problem, "give the points of this arm, or correct the number that is wrong"))
+            judged.append((problem, "give the points of this arm, or correct the number that is wrong"))
         if self.issued < end:
             faults.append(
                 (f"issued on {self.issued}, before the last points were measured on {end}", "correct the date issued")
@@ -231,9 +234,15 @@ class AdministrativeData(Document):
         coldest, warmest = artefact_degC or (low, high)
         if coldest < low - MOST_K_FROM_ROOM or warmest > high + MOST_K_FROM_ROOM:
             problem = f"the room was at {low:g} to {high:g} degC, artefacts at {coldest:g} to {warmest:g} degC"
-            faults.append((problem, "correct temperature_degC under [conditions], or artefact_degC of the points"))
-        if error := joined([InputError(problem, hint=hint) for problem, hint in faults]):
-            raise error
+            judged.append((problem, "correct temperature_degC under [conditions], or artefact_degC of the points"))
+        found = FaultCollector()
+        for problem, hint in faults:
+            with found.collect():
+                raise InputError(problem, hint=hint)
+        for problem, hint in judged:
+            with found.collect():
+                contradict(InputError(problem, hint=hint))
+        found.raise_any()
 
 
 def read_administrative_data(path: str | Path) -> AdministrativeData:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from truearm.acceptance import accepted
 from truearm.number_format import capitalize
 from truearm.verification.certificate.administrative_data import AdministrativeData, xml_text
 from truearm.verification.standards.decision import Verdict
@@ -44,6 +45,7 @@ def make_statements(about: AdministrativeData, verification: Verification, gap: 
         "reproduction": _reproduction(about),
     }
     remarks = [Statement("remark", xml_text(f"{capitalize(remark)}.")) for remark in verification.remarks]
+    remarks += [Statement("remark", xml_text(str(one))) for one in accepted()]
     return (*(Statement(kind, xml_text(text)) for kind, text in said.items()), *remarks)
 
 

@@ -16,6 +16,7 @@ from difflib import get_close_matches
 import numpy as np
 import numpy.typing as npt
 
+from truearm.acceptance import contradict
 from truearm.errors import InputError
 from truearm.readings.lengths import Lengths
 from truearm.readings.thermal_expansion import thermal_expansion_at
@@ -471,9 +472,11 @@ def _of_seat(name: str, points: FloatArray, std: FloatArray) -> list[CheckValue]
     away = points - points.mean(axis=0)
     largest = float(np.sqrt((away**2).sum(axis=1)).max())
     if largest > FARTHEST_IN_SEAT_MM:
-        raise InputError(
-            f"seat {name!r}: a point is {largest:.4g} mm from the mean of the seat's points, too far for one seat",
-            hint="check the names of the seats in the session, and that the model belongs to this arm",
+        contradict(
+            InputError(
+                f"seat {name!r}: a point is {largest:.4g} mm from the mean of the seat's points, too far for one seat",
+                hint="check the names of the seats in the session, and that the model belongs to this arm",
+            )
         )
     s = float(np.sqrt((away**2).sum() / (n - 1)))
     sigma = float(np.sqrt((std**2).mean()))
@@ -505,10 +508,12 @@ def _of_lengths(
         rows = seats[a], seats[b]
         measured = float(np.linalg.norm(points[rows[0]].mean(axis=0) - points[rows[1]].mean(axis=0)))
         if abs(measured - known) > SAME_SHARE * known:
-            raise InputError(
-                f"seats {a!r} and {b!r} are {measured:.5g} mm apart, the known length is {known:.5g} mm: these are two "
-                "different lengths",
-                hint="check the names of the seats in the session and in the file of lengths",
+            contradict(
+                InputError(
+                    f"seats {a!r} and {b!r} are {measured:.5g} mm apart, the known length is {known:.5g} mm: these are "
+                    "two different lengths",
+                    hint="check the names of the seats in the session and in the file of lengths",
+                )
             )
         # As for a bar with a certificate: the artefact's temperature, new in each check, and its expansion (GUM H.1.3).
         scatter = float(np.sqrt(sum((std[each] ** 2).mean() / len(each) for each in rows) + u_place**2 + u_warm**2))
@@ -547,10 +552,12 @@ def _of_sphere(name: str, points: FloatArray, std: FloatArray) -> list[CheckValu
         raise InputError(f"sphere {name!r}: {error.problem}", hint=error.hint) from None
     diameter = 2 * fit.radius_mm
     if fit.form_mm > SAME_SHARE * diameter:
-        raise InputError(
-            f"sphere {name!r}: the points deviate by {fit.form_mm:.4g} mm from a sphere of {diameter:.4g} mm, too far "
-            "for one sphere",
-            hint="check the names of the spheres in the session, and that the model belongs to this arm",
+        contradict(
+            InputError(
+                f"sphere {name!r}: the points deviate by {fit.form_mm:.4g} mm from a sphere of {diameter:.4g} mm, too "
+                "far for one sphere",
+                hint="check the names of the spheres in the session, and that the model belongs to this arm",
+            )
         )
     return [
         CheckValue("form", name, fit.form_mm, 0.864 * sigma, 0.0, n),
