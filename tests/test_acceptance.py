@@ -128,6 +128,26 @@ def test_an_interim_check_and_its_page_state_the_reason(tmp_path):
     assert f"Accepted ({WHY})" in render(result.page())
 
 
+def test_points_of_an_accepted_arm_say_so_in_their_verification(tmp_path):
+    plan = ta.load_verification_plan("asme-b89.4.22")
+    few = plan.model_copy(update={"effective_diameter": None, "volumetric": None})
+    sheet = ta.operator_sheet(few)
+    sheet.save_points(tmp_path / "points.csv", tip_diameter_mm=6)
+    made = ta.rehearse(
+        "measuring7", tmp_path / "points.csv", artefacts=sheet.sheet.artefacts, preset="shop", arm_seed=1
+    )
+    arm = replace(ta.load_arm("measuring7"), serial_number="2")
+    model = ta.fit(arm, replace(ta.simulate("measuring7", poses=30).session, serial_number=None), model="nominal").model
+    ta.predict(model, made.session, accept=WHY).fill(tmp_path / "points.csv", artefact_degC=20)
+    (said,) = ta.read_points(tmp_path / "points.csv").accepted
+    assert said.startswith(f"Accepted ({WHY}): the readings are of the arm with serial number")
+    simulated = ta.simulate_verification("perfect", n_arms=1)
+    points = replace(simulated.points(0), accepted=(said,))
+    result = ta.verify(points, artefacts=simulated.artefacts, specification=simulated.specification)
+    assert said.rstrip(".") in result.verification.remarks
+    assert WHY in render(result.page())
+
+
 def test_blocks_nest_and_end():
     with accepting("outer"):
         contradict(InputError("first"))

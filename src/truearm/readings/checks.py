@@ -84,7 +84,7 @@ def check_fit(session: Session, *, n_joints: int, min_rows: int, relations: bool
     ------
     InputError
         If the number of joints is wrong, references are missing, there are too few readings, the arm or the reference
-        never moves, or a reading is repeated.
+        never moves.
     """
     check_angles(session, n_joints=n_joints)
     known = has_reference(session) if relations else session.has_point

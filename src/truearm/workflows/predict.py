@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from truearm.acceptance import acceptance_remarks, accepts
+from truearm.acceptance import Acceptance, acceptance_remarks, accepted, accepts
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.training_conditions import TOGETHER
 from truearm.errors import InputError
@@ -94,6 +94,7 @@ def predict(model: ModelLike, session: SessionLike, *, accept: str | None = None
             name: float(np.sqrt(np.trace(part, axis1=1, axis2=2).mean() / 3)) for name, part in unstated.items()
         },
         remarks=(*acceptance_remarks(accept), *remarks, *model_remarks(fitted)),
+        accepted=accepted(fitted.accepted_),
     )
 
 
@@ -131,6 +132,8 @@ class Prediction(Record):
     unstated_u_mm : dict of str to float
         Standard uncertainty due to each input that the session does not state at all readings [mm].
     remarks : tuple of str
+    accepted : tuple of Acceptance
+        Contradictions that were accepted in the fit of the model, or in these readings.
 
     Examples
     --------
@@ -149,6 +152,7 @@ class Prediction(Record):
     outside_u_mm: Mapping[str, float]
     unstated_u_mm: Mapping[str, float]
     remarks: tuple[str, ...]
+    accepted: tuple[Acceptance, ...] = ()
 
     @property
     def u_mm(self) -> FloatArray:
@@ -183,7 +187,7 @@ class Prediction(Record):
     def fill(self, path: str | Path, *, date: str | None = None, artefact_degC: float | None = None) -> int:
         """Enter the points into a file of points to measure, in the order of the readings (see `operator_sheet`).
 
-        The serial number of the arm is entered too, if the model or the session states it.
+        The serial number of the arm is entered too, if the model or the session states it, and what was accepted.
 
         Parameters
         ----------
@@ -209,7 +213,11 @@ class Prediction(Record):
 
         moment = now() if date is None else parse_moment(date)
         number = self.model.arm_.serial_number or serial_number_of(self.session)  # they agree, or it was accepted
-        return fill_points_form(path, self.points, day=moment.date(), artefact_degC=artefact_degC, serial_number=number)
+        said = " ".join(map(str, self.accepted))
+        day = moment.date()
+        return fill_points_form(
+            path, self.points, day=day, artefact_degC=artefact_degC, serial_number=number, accepted=said
+        )
 
     def _columns(self) -> dict[str, FloatArray | IntArray | NameArray]:
         """The columns of `to_frame`."""

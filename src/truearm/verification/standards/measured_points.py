@@ -59,8 +59,8 @@ CONDITIONS: Mapping[str, tuple[str, str, float, float]] = {
 MOST_NAMED = 12
 REQUIRED_COLUMNS = ("test", "artefact", "date", *POINT)
 OPTIONAL_COLUMNS = ("position", "length", "repeat", "end", "group", TEMPERATURE, TIP)
-# Of the arm that measured, in any row.
-SERIAL_NUMBER = "serial_number"
+# Of the arm that measured, in any row; and what was accepted of its readings, with the reason.
+SERIAL_NUMBER, ACCEPTED = "serial_number", "accepted"
 
 
 def join_names(names: Sequence[str], separator: str = ", ") -> str:
@@ -123,6 +123,8 @@ class MeasuredPoints:
         None for points from a program.
     serial_number : str
         Of the arm that measured them; empty if it is not stated.
+    accepted : tuple of str
+        Contradictions that were accepted where points were predicted from joint angles, with the reasons.
 
     Examples
     --------
@@ -135,6 +137,7 @@ class MeasuredPoints:
     tests: dict[str, tuple[PointGroup, ...]]
     file: Path | None = None
     serial_number: str = ""
+    accepted: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, groups: Iterable[tuple[str, PointGroup]], *, serial_number: str = "") -> MeasuredPoints:
@@ -182,7 +185,7 @@ def read_points(path: str | Path) -> MeasuredPoints:
     """
     path = Path(path)
     sheet = read_form(path)
-    check_names(sheet, REQUIRED_COLUMNS, (*OPTIONAL_COLUMNS, *CONDITIONS, SERIAL_NUMBER), meant=_in_mm)
+    check_names(sheet, REQUIRED_COLUMNS, (*OPTIONAL_COLUMNS, *CONDITIONS, SERIAL_NUMBER, ACCEPTED), meant=_in_mm)
     columns = _columns(sheet)
     tests = {}
     for test in dict.fromkeys(columns.words["test"].tolist()):
@@ -194,7 +197,11 @@ def read_points(path: str | Path) -> MeasuredPoints:
             )
             raise columns.error(f"unknown test {quoted_cell(test)}", row, "test", hint=hint)
         tests[test] = tuple(_groups(columns, test))
-    return MeasuredPoints(tests, path, _serial_number(columns))
+    said = {
+        columns.parsed(reject_control_characters, row, ACCEPTED)
+        for row in np.flatnonzero(columns.words[ACCEPTED]).tolist()
+    }
+    return MeasuredPoints(tests, path, _serial_number(columns), tuple(sorted(said)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,7 +247,7 @@ def _in_mm(column: str) -> str | None:
 
 def _columns(sheet: Sheet) -> _Columns:
     numbers = [*POINT, *(name for name in (TEMPERATURE, TIP, *CONDITIONS) if name in sheet.names)]
-    texts_of = (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS, SERIAL_NUMBER)
+    texts_of = (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS, SERIAL_NUMBER, ACCEPTED)
     words = [name for name in texts_of if name in sheet.names and name not in numbers]
     index = sheet.names.index
     optional = [index(name) for name in numbers if name not in POINT]
@@ -252,7 +259,10 @@ def _columns(sheet: Sheet) -> _Columns:
             name: found[:, numbers.index(name)] if name in numbers else np.full(len(found), np.nan)
             for name in (*POINT, TEMPERATURE, TIP, *CONDITIONS)
         },
-        {name: by_name.get(name, empty) for name in (*REQUIRED_COLUMNS[:3], *OPTIONAL_COLUMNS[:5], SERIAL_NUMBER)},
+        {
+            name: by_name.get(name, empty)
+            for name in (*REQUIRED_COLUMNS[:3], *OPTIONAL_COLUMNS[:5], SERIAL_NUMBER, ACCEPTED)
+        },
         sheet,
     )
 

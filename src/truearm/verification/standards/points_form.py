@@ -20,6 +20,7 @@ from truearm.typing import FloatArray, IntArray
 from truearm.verification.standards.dates import check_past
 from truearm.verification.standards.layout import Placement
 from truearm.verification.standards.measured_points import (
+    ACCEPTED,
     CONDITIONS,
     KEY_COLUMNS,
     OPTIONAL_COLUMNS,
@@ -46,8 +47,8 @@ NEAR_MM = 20.0
 def write_points_form(layout: Sequence[Placement], path: str | Path, *, tip_diameter_mm: float | None = None) -> None:
     """Write the points of a layout to fill in, in the order of measuring.
 
-    Coordinates, dates, temperatures and the serial number of the arm are empty. The planned point and the direction of
-    the stylus are in columns of notes, which `read_points` ignores.
+    Coordinates, dates, temperatures, the serial number of the arm and what was accepted are empty. The planned point
+    and the direction of the stylus are in columns of notes, which `read_points` ignores.
 
     Parameters
     ----------
@@ -67,7 +68,20 @@ def write_points_form(layout: Sequence[Placement], path: str | Path, *, tip_diam
         raise InputError(
             f"expected the diameter of a stylus tip of 0 to {LARGEST_TIP_MM:g} mm, got {tip_diameter_mm:g}"
         )
-    heads = ("test", "artefact", "date", *KEYS, *POINT, TEMPERATURE, TIP, SERIAL_NUMBER, "note", *PLANNED, *FROM)
+    heads = (
+        "test",
+        "artefact",
+        "date",
+        *KEYS,
+        *POINT,
+        TEMPERATURE,
+        TIP,
+        SERIAL_NUMBER,
+        ACCEPTED,
+        "note",
+        *PLANNED,
+        *FROM,
+    )
     with atomic_file(path) as beside, beside.open("w", encoding="utf-8", newline="") as out:
         writer = csv.writer(out, lineterminator="\n")
         writer.writerow(heads)
@@ -79,7 +93,7 @@ def write_points_form(layout: Sequence[Placement], path: str | Path, *, tip_diam
             for at, approach in zip(one.points, one.approach, strict=True):
                 number += 1
                 aims = [f"{value:.3f}" for value in (*at, *approach)]
-                writer.writerow([*named, "", *keys, "", "", "", "", tip, "", f"point {number}", *aims])
+                writer.writerow([*named, "", *keys, "", "", "", "", tip, "", "", f"point {number}", *aims])
 
 
 def fill_points_form(
@@ -89,6 +103,7 @@ def fill_points_form(
     day: datetime.date,
     artefact_degC: float | None = None,
     serial_number: str = "",
+    accepted: str = "",
 ) -> int:
     """Enter measured points into the rows of a form that have no coordinates yet, in their order.
 
@@ -104,6 +119,8 @@ def fill_points_form(
         Temperature of the artefacts [degC], entered where a test needs one and none is stated.
     serial_number : str
         Of the arm, entered where the form has a column for it; empty if it is not known.
+    accepted : str
+        What was accepted of model or readings, with the reason; empty if nothing.
 
     Returns
     -------
@@ -128,6 +145,8 @@ def fill_points_form(
     form = _read_form(path)
     if serial_number:
         form.check_serial_number(serial_number)
+    if accepted and ACCEPTED not in form.sheet.names:
+        raise form.sheet.error(f"the column {ACCEPTED} is missing", hint="write a new form: truearm verify --sheet")
     rows = form.empty_rows()
     if not len(rows):
         raise form.sheet.error("all points have coordinates already", hint="write a new form: truearm verify --sheet")
@@ -152,6 +171,8 @@ def fill_points_form(
             form.enter_number(row, TEMPERATURE, f"{artefact_degC:g}")
         if serial_number and SERIAL_NUMBER in form.sheet.names:  # forms of earlier versions have no such column
             form.enter(row, SERIAL_NUMBER, escape_formula(serial_number))
+        if accepted:
+            form.enter(row, ACCEPTED, escape_formula(accepted))
     form.write()
     return len(rows)
 
@@ -227,7 +248,7 @@ def _planned(sheet: Sheet, numbers: FloatArray, identity: tuple[str, ...], rows:
 
 
 def _check_form(sheet: Sheet) -> None:
-    check_names(sheet, REQUIRED_COLUMNS, (*OPTIONAL_COLUMNS, *CONDITIONS, SERIAL_NUMBER))
+    check_names(sheet, REQUIRED_COLUMNS, (*OPTIONAL_COLUMNS, *CONDITIONS, SERIAL_NUMBER, ACCEPTED))
     for name in OPTIONAL_COLUMNS:
         if name not in sheet.names:
             raise sheet.error(f"the column {name} is missing", hint="give the file of truearm verify --sheet")
