@@ -224,7 +224,8 @@ def conformal_residual_variance(held_out: HeldOutReadings, *, level: float = LEV
     With v added to their covariances, the quantile of the squared Mahalanobis length is that of as many Gaussian
     coordinates as are compared. The order statistic is that of conformal prediction, number ``ceil((m + 1) level)`` of
     m, so that a new reading is covered with at least that probability if readings are exchangeable (V. Vovk,
-    A. Gammerman, G. Shafer, "Algorithmic Learning in a Random World", 2005, section 2.2).
+    A. Gammerman, G. Shafer, "Algorithmic Learning in a Random World", 2005, section 2.2). Of fewer than 19 readings the
+    largest covers a share ``m / (m + 1)`` only, and is compared with that quantile.
 
     Returns
     -------
@@ -236,7 +237,7 @@ def conformal_residual_variance(held_out: HeldOutReadings, *, level: float = LEV
     m = len(held_out.rows)
     known, squares = held_out.along_axes
     rank = min(int(np.ceil((m + 1) * level)), m) - 1
-    radius = chi2_quantile(level, held_out.n_coordinates)
+    radius = chi2_quantile(min(level, m / (m + 1)), held_out.n_coordinates)
 
     def excess(log_v: float) -> float:
         variance = known + np.exp(log_v) * held_out.freedom
