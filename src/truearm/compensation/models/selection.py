@@ -151,11 +151,17 @@ def select_model(
 
 
 def worse_than_nominal(model: Compensator, nominal: NominalModel) -> tuple[float, float] | None:
-    """Mean errors of a model and of the nominal arm, where the model's is larger by more than a standard error [mm]."""
+    """Mean errors of a model and of the nominal arm, where the model's is larger by more than a standard error [mm].
+
+    Without those that are gross errors of the model; None elsewhere.
+    """
     own, drawn = on_common_readings({"model": model, "nominal": nominal}).values()
     if not len(own.rows):
         return None
-    return (own.mean_mm, drawn.mean_mm) if exceeds(group_means(own), group_means(drawn)) else None
+    if not exceeds(group_means(own), group_means(drawn)):
+        return None
+    counted = np.isin(own.rows, model.held_out_.rows)
+    return own.select(counted).mean_mm, drawn.select(counted).mean_mm
 
 
 def _scores(models: dict[str, SelectedModel]) -> tuple[ModelScore, ...]:
