@@ -24,7 +24,7 @@ from truearm.identification.estimation.tip_offsets import describe_tips
 from truearm.identification.judgement.frame_changes import SessionChange, frame_changes
 from truearm.identification.judgement.gross_errors import excluded_readings
 from truearm.identification.judgement.outliers import Outlier, length_outliers, outliers
-from truearm.identification.judgement.stated_uncertainty import describe_stated_uncertainty
+from truearm.identification.judgement.stated_uncertainty import describe_rounding, describe_stated_uncertainty
 from truearm.identification.references.distances import is_offset
 from truearm.identification.references.prepared_readings import PreparedReadings
 from truearm.identification.references.reading_references import (
@@ -155,9 +155,11 @@ def fit(
     if (identified := to_identified(fitted)) is not None:  # a network has no residuals of a rigid frame
         changes = tuple(frame_changes(identified.fit_, identified.session_frames_, used))
     no_hybrid = () if why_no_hybrid is None else (f"The hybrid model was not compared: {why_no_hybrid}.",)
+    rounding = None if fitted.identified_arm is None else describe_rounding(readings, fitted.identified_arm)
     said = (
         *_repeat_remarks(merged, fitted),
         *_held_out_remarks(fitted, nominal),
+        *([] if rounding is None else [rounding]),
         *_remarks(fitted, used, known),
         *no_hybrid,
         *map(str, changes),

@@ -12,6 +12,7 @@ import numpy as np
 
 from truearm.acceptance import Acceptance, acceptance_remarks, accepted, accepts
 from truearm.compensation.models import Compensator
+from truearm.compensation.models.identified_model import ROUNDED
 from truearm.compensation.models.training_conditions import TOGETHER
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
@@ -237,8 +238,11 @@ class Prediction(Record):
     def blocks(self) -> Iterator[str]:
         """See `Record.blocks`."""
         yield self.summary()
-        if self.unstated_u_mm:
-            sizes = ", ".join(f"{name} ({format_fixed(size)} mm)" for name, size in self.unstated_u_mm.items())
+        missing = dict(self.unstated_u_mm)
+        if (rounded := missing.pop(ROUNDED, None)) is not None:
+            yield f"The angles are rounded, as those of the training were: {format_fixed(rounded)} mm of uncertainty."
+        if missing:
+            sizes = ", ".join(f"{name} ({format_fixed(size)} mm)" for name, size in missing.items())
             yield (f"Missing in some readings: {sizes}; truearm uses the training mean and includes its uncertainty.")
         if n := int(self._in_unknown_session.sum()):
             first = next(iter(self.model.session_frames_))

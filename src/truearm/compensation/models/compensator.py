@@ -26,6 +26,7 @@ from truearm.identification.estimation.tip_offsets import of_one_tip
 from truearm.identification.identify import Found, Progress, judge_description, place
 from truearm.identification.judgement.description_check import explaining
 from truearm.identification.judgement.nominal_check import UNCHECKED
+from truearm.identification.judgement.stated_uncertainty import counts_rounding
 from truearm.identification.judgement.tails import ellipsoid_factor
 from truearm.identification.references.prepared_readings import MIN_ROWS, PreparedReadings
 from truearm.identification.references.reading_references import (
@@ -213,6 +214,8 @@ class Compensator(Regressor, ABC):
         self.nominal_ = placed.fit
         self._fit(readings, placed, nominal, progress or no_progress)
         self.accepted_ = accepted(() if nominal is None else nominal.accepted_)
+        if self.identified_arm is not None and counts_rounding(readings, self.identified_arm):
+            self.training_ = replace(self.training_, angle_std=readings.state.angle_std)
         self.fit_seconds_ = time.perf_counter() - begun
         return self
 

@@ -32,6 +32,7 @@ from truearm.identification.judgement.held_out_errors import HeldOutErrors
 from truearm.identification.judgement.residual_process import ResidualProcess
 from truearm.identification.judgement.tails import ellipsoid_factor
 from truearm.identification.references.prepared_readings import PreparedReadings
+from truearm.identification.references.rounded_angles import tip_motions
 from truearm.identification.terms import Expression, SkippedTerm, Term, constants
 from truearm.identification.terms.basis import Temperature, check_parts
 from truearm.identification.terms.catalogue import HIGHEST_ORDER_OFFERED
@@ -41,6 +42,7 @@ from truearm.readings.session import Session
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 
+ROUNDED = "rounding of the angles"
 # Fits of weighted points after the first: the noise changes by some per cent in the first of them.
 WEIGHT_ROUNDS = 2
 # Standard uncertainty of a point that states none [mm]: a session states one of every point, or of none.
@@ -209,7 +211,7 @@ class IdentifiedModel(Compensator):
 
     @one_blas_thread()
     def unstated_input_covariances(self, readings: ReadingsLike) -> dict[str, FloatArray]:
-        """Tip covariance from inputs of the terms that the readings do not state.
+        """Tip covariance from inputs of the terms that the readings do not state, and from angles that are rounded.
 
         Temperature and further columns have their mean and variance in training; directions of movement are one or the
         other.
@@ -231,11 +233,12 @@ class IdentifiedModel(Compensator):
         -------
         (k, n, 3) array
             Displacements of the points by k independent causes of variance one, each the same at all readings [mm];
-            directions of movement, which change from reading to reading, are not among them.
+            directions of movement and rounding, which change from reading to reading, are not among them.
         """
         at = self.checked(readings)
         effects = self._unstated_input_effects(at)
-        del effects["directions of movement"]
+        for changing in ("directions of movement", ROUNDED):
+            effects.pop(changing, None)
         return np.concatenate([self._expansion_displacements(at.session), *effects.values()])
 
     def _unstated_input_effects(self, at: CheckedReadings) -> dict[str, FloatArray]:
@@ -251,6 +254,9 @@ class IdentifiedModel(Compensator):
             values, std = state.columns[name], training.columns[name].std
             low, high = (replace(state, columns={**state.columns, name: values + sign * std}) for sign in (-1, 1))
             effects[name] = half_tip_difference(fit, low, high)[None]
+        if (rounded := training.is_rounded(state.angles)).any():
+            assert training.angle_std is not None
+            effects[ROUNDED] = rounded[:, None] * tip_motions(fit.chain, state.angles, training.angle_std)
         return effects
 
     def _check_references(self, readings: Session, lengths: Lengths | None) -> None:

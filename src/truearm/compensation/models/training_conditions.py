@@ -17,6 +17,8 @@ from truearm.identification.judgement.thermal_lag import TIME_CONSTANTS, lagging
 from truearm.readings.checks import LIMIT_TOLERANCE, MAX_SKIPPED_SHARE
 from truearm.readings.lengths import Lengths
 from truearm.readings.readings import DIRECTION, LOAD, PAYLOAD
+from truearm.readings.repeats import merge_repeats
+from truearm.readings.rounding import MOST_OFF
 from truearm.readings.session import Session
 from truearm.readings.thermal_expansion import REFERENCE_DEGC, UNSTATED_U_K
 from truearm.typing import BoolArray, FloatArray
@@ -107,6 +109,8 @@ class TrainingConditions:
         models that were trained before they were kept.
     slow_links_degC : InputRange, optional
         Temperatures of links that follow slowly, where the air drifted faster than they do; None where it did not.
+    angle_std : (n_joints,) array, optional
+        Standard uncertainty of the training angles by rounding, where the readings show it [rad, or mm].
     """
 
     n_readings: int
@@ -120,6 +124,7 @@ class TrainingConditions:
     angle_sample: FloatArray | None = None
     direction_ranges: FloatArray | None = None
     slow_links_degC: InputRange | None = None
+    angle_std: FloatArray | None = None
 
     def __post_init__(self) -> None:
         n_joints, gaps = len(self.angle_ranges), self.angle_gaps
@@ -139,6 +144,9 @@ class TrainingConditions:
             directions.shape != (n_joints, 2) or not (directions[:, 0] <= directions[:, 1]).all()
         ):
             raise InputError(f"expected ranges of {n_joints} directions of movement that begin before they end")
+        std = self.angle_std
+        if std is not None and not (std.shape == (n_joints,) and (std >= 0).all()):
+            raise InputError(f"expected {n_joints} uncertainties of angles of 0 or more")
         if not np.isin(gaps[:, 0], np.arange(n_joints)).all():
             raise InputError(f"expected gaps of joints 0 to {n_joints - 1}")
 
@@ -228,8 +236,16 @@ class TrainingConditions:
         return PAYLOAD not in self.columns and bool(session.columns.get(PAYLOAD, np.zeros(0)).any())
 
     def is_of(self, readings: Session) -> bool:
-        """Whether these are the readings that the model was fitted to last."""
-        return self.fingerprint == fingerprint(readings)
+        """Whether these are the readings that the model was fitted to last, before or after repeats were merged."""
+        return self.fingerprint in (fingerprint(readings), fingerprint(merge_repeats(readings).readings))
+
+    def is_rounded(self, angles: FloatArray) -> BoolArray:
+        """(n,) whether angles (n, n_joints) are whole steps from those of the training, which were rounded to them."""
+        if self.angle_std is None or self.angle_sample is None:
+            return np.zeros(len(angles), dtype=bool)
+        rounded = self.angle_std > 0
+        steps = (angles - self.angle_sample[0])[:, rounded] / (np.sqrt(12) * self.angle_std[rounded])
+        return np.asarray((np.abs(steps - np.round(steps)) < MOST_OFF).all(axis=1))
 
     def refuse_far(self, readings: Session, prismatic: BoolArray) -> None:
         """Refuse a session of which many joints are ten turns or more outside the trained range: degrees, as a rule.

@@ -234,7 +234,7 @@ def _result(rounds: Rounds, offered: dict[str, int], state: ArmState, n_rounds: 
             TermGroupResult(name, n, float(effective[i]), float(prior.scale[i]))
             for i, (name, n) in enumerate(offered.items())
         ),
-        reference_fits(problem, x, noise, rounds.robust_weights),
+        reference_fits(problem, x, noise, rounds.robust_weights, [np.sqrt(known.T) for known in rounds.known]),
         rounds.converged,
         n_rounds,
     )
@@ -284,9 +284,16 @@ def _sample_of_tips(problem: SmallMotionProblem) -> ArmState:
 
 
 def reference_fits(
-    problem: SmallMotionProblem, x: FloatArray, noise_std: FloatArray, robust_weights: Sequence[FloatArray]
+    problem: SmallMotionProblem,
+    x: FloatArray,
+    noise_std: FloatArray,
+    robust_weights: Sequence[FloatArray],
+    known_std: Sequence[FloatArray] | None = None,
 ) -> tuple[ReferenceFit, ...]:
-    """The references at parameters `x`, with the noise of each and the robust weights of its readings."""
+    """The references at parameters `x`, with the noise of each and the robust weights of its readings.
+
+    `known_std` (k, m) are the standard uncertainties of their residuals; those stated by default.
+    """
     found = []
     for i, (reference, residual) in enumerate(zip(problem.references, problem.residuals(x), strict=True)):
         unknowns = dict(zip(reference.unknowns, x[problem.unknowns_of(i)].tolist(), strict=True))
@@ -295,7 +302,7 @@ def reference_fits(
                 reference.kind,
                 reference.rows,
                 residual,
-                reference.std,
+                reference.std if known_std is None else known_std[i],
                 float(noise_std[i]),
                 robust_weights[i],
                 _artefact(problem, i, x),

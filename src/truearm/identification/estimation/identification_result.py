@@ -51,7 +51,7 @@ class ReferenceFit:
     residuals : (k, m) array
         [mm].
     std : (k, m) array
-        Stated standard uncertainties [mm].
+        Stated standard uncertainties, with those by rounding of the angles [mm].
     noise_std : float
         Standard deviation of a residual beyond the stated uncertainty [mm].
     robust_weight : (m,) array

@@ -27,6 +27,7 @@ from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.estimation.problem import RELATIVE, SmallMotionProblem
 from truearm.identification.estimation.residual_variance import FLOOR_MM2, huber_weights, paule_mandel_variance
 from truearm.identification.references.references import Reference
+from truearm.identification.references.rounded_angles import residual_variance, tip_motions
 from truearm.solve import KnownStep, StepHalving, damped_step
 from truearm.solve.arrowhead import Arrowhead, SchurComplement
 from truearm.solve.group_evidence import GroupedEquations, GroupedPrior
@@ -42,6 +43,8 @@ SHRINKING = 0.8
 # Maximum halvings of a step until the cost does not rise by more than this share, its rounding.
 MAX_HALVINGS = 7
 COST_ROUNDING = 1e-9
+# A residual of more than five standard deviations, squared, says nothing of the variances.
+MOST_SURPRISE = 25.0
 # The problem is set up again without pruned terms if no larger share of the parameters remains.
 MOST_ACTIVE = 0.7
 
@@ -68,6 +71,8 @@ class Rounds:
     ----------
     noise : (n_references,) array
         Variance of every reference [mm^2].
+    known : list of (m, k) array
+        Stated variances of the residuals beside it, with those by rounding of the angles [mm^2].
     weights : list of (k, m) array
         One over the standard deviations of the residuals [1/mm].
     robust_weights : list of (m,) array
@@ -105,17 +110,38 @@ class Rounds:
             int((w > 0).sum()) * reference.n_residuals for w, reference in zip(given, problem.references, strict=True)
         )
         self._residuals = problem.residuals(x)
+        self.known = [reference.std.T**2 for reference in problem.references]
+        self._by_rounding = _variances_by_rounding(problem, x)
 
     def weigh(self) -> None:
         """Noise and weights from the residuals."""
         before, self._was_calm = self.noise, self.calm >= 1
+        if self._by_rounding is not None and self.calm < 2:
+            self._settle_known(self._by_rounding)
         self.noise, self.weights, self.robust_weights = _weights(
-            self.problem.references, self._residuals, self._given, self._per_reference, robust=self._robust
+            self.problem.references,
+            self._residuals,
+            self.known,
+            self._given,
+            self._per_reference,
+            robust=self._robust,
         )
         change = (np.abs(self.noise - before) / np.maximum(self.noise, LEAST_NOISE)).max()
         # A noise that repeats itself needs no second look, unless it is none.
         repeats = change < SAME_NOISE and self.noise.min() > 2 * FLOOR_MM2
         self.calm = self.calm + (2 if repeats else 1) if change < CALM_NOISE else 0
+
+    def _settle_known(self, by_rounding: list[FloatArray]) -> None:
+        """Whether the angles are rounded, or exact and only written so: as the residuals are more probable.
+
+        The angles of a plan have few digits too. What rounding alone would do to the residuals they then do not show.
+        """
+        for i, (reference, residual) in enumerate(zip(self.problem.references, self._residuals, strict=True)):
+            used = self._given[i] > 0
+            stated, effective = reference.std.T**2, float(self._per_reference[i])
+            choices = (stated, stated + by_rounding[i].T)
+            costs = [_surprise(residual.T[used], known[used], effective, robust=self._robust) for known in choices]
+            self.known[i] = choices[int(np.argmin(costs))]
 
     def improve(self) -> None:
         """A linearisation, scales by its evidence, and a step."""
@@ -186,6 +212,7 @@ def _effective_numbers(reduced: SchurComplement, parts: Sequence[Arrowhead], fou
 def _weights(
     references: Sequence[Reference],
     residuals: list[FloatArray],
+    known: list[FloatArray],
     given: list[FloatArray],
     effective: FloatArray,
     *,
@@ -197,15 +224,35 @@ def _weights(
     """
     noise, weights, robust_weightss = np.empty(len(references)), [], []
     for i, (reference, residual) in enumerate(zip(references, residuals, strict=True)):
-        known, used = reference.std.T**2, given[i] > 0
+        used = given[i] > 0
         used |= not used.any()
-        noise[i] = paule_mandel_variance(residual.T[used], known[used], n_effective=float(effective[i]), robust=robust)
-        variance = known + noise[i]
+        noise[i] = paule_mandel_variance(
+            residual.T[used], known[i][used], n_effective=float(effective[i]), robust=robust
+        )
+        variance = known[i] + noise[i]
         robust_weights = given[i] * huber_weights(residual.T, variance) if robust else given[i]
         of_repeats = 0.0 if reference.repeat_variance is None else reference.repeat_variance
         weights.append(np.sqrt(robust_weights / (variance.T + of_repeats)))
         robust_weightss.append(robust_weights)
     return noise, weights, robust_weightss
+
+
+def _variances_by_rounding(problem: SmallMotionProblem, x: FloatArray) -> list[FloatArray] | None:
+    """(k, m) variances of every reference's residuals by rounding of the angles; None where these are not rounded."""
+    state = problem.state
+    if state.angle_std is None:
+        return None
+    motions = tip_motions(problem.perturbed_chain.chain, state.angles, state.angle_std)
+    parts = zip(problem.references, problem.linearised(x), strict=True)
+    return [residual_variance(linear, motions[:, reference.rows]) for reference, linear in parts]
+
+
+def _surprise(residuals: FloatArray, known: FloatArray, effective: float, *, robust: bool) -> float:
+    """Minus twice the logarithm of the likelihood of residuals (m, k) of known variances and a noise beside them."""
+    noise = paule_mandel_variance(residuals, known, n_effective=effective, robust=robust)
+    variance = known + noise
+    squares = residuals**2 * residuals.size / max(residuals.size - effective, 0.1 * residuals.size)
+    return float((np.log(variance) + np.minimum(squares / variance, MOST_SURPRISE)).sum())
 
 
 def _cost(

@@ -13,7 +13,9 @@ import numpy as np
 
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.residual_variance import LEAST_FREEDOM
+from truearm.identification.references.prepared_readings import PreparedReadings
 from truearm.identification.references.references import Points, Reference
+from truearm.identification.references.rounded_angles import tip_motion_mm
 from truearm.readings.session import Session
 from truearm.solve.distributions import chi2_quantile
 from truearm.typing import FloatArray
@@ -104,6 +106,32 @@ def describe_stated_uncertainty(fit: IdentificationResult) -> str | None:
     return (
         f"The reference points scatter {1 / ratio:.0f} times as much as their stated uncertainty"
         f"{_mistake(ratio)}. Check its unit; if it is right, nearly all of the scatter is the arm's."
+    )
+
+
+def counts_rounding(readings: PreparedReadings, fit: IdentificationResult) -> bool:
+    """Whether the angles are rounded, and the readings scatter as if they were."""
+    parts = zip(fit.references, readings.references, strict=True)
+    return any(bool((part.std > reference.std).any()) for part, reference in parts)
+
+
+def describe_rounding(readings: PreparedReadings, fit: IdentificationResult) -> str | None:
+    """What rounding of the angles does to the tip, in a sentence; None if it does next to nothing."""
+    state = readings.state
+    if state.angle_std is None:
+        return None
+    slides, steps = state.chain.is_prismatic, np.sqrt(12) * state.angle_std
+    units = {"deg": np.degrees(steps[~slides].max(initial=0.0)), "mm": steps[slides].max(initial=0.0)}
+    said = " and ".join(f"{step:.3g} {unit}" for unit, step in units.items() if step)
+    moved = tip_motion_mm(state.chain, state.angles, state.angle_std)
+    if counts_rounding(readings, fit):
+        return (
+            f"The angles are rounded to {said}: that alone moves the tip by {moved:.2g} mm (root mean square). It "
+            "counts as uncertainty of the angles, not of the arm."
+        )
+    return (
+        f"The angles have steps of {said}. Rounding to these would move the tip by {moved:.2g} mm (root mean square), "
+        "which the readings do not show: they are taken as exact."
     )
 
 

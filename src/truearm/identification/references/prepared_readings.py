@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -10,14 +11,18 @@ import numpy as np
 from truearm.arm.arm import Arm
 from truearm.identification.references.reading_references import references_of, state_of
 from truearm.identification.references.references import Reference
+from truearm.identification.references.rounded_angles import tip_motion_mm
 from truearm.identification.references.session_frames import rough_session_frames, to_first_session_frame
 from truearm.identification.references.tips import free_tips
 from truearm.identification.terms import ArmState
 from truearm.readings.checks import check_sessions
 from truearm.readings.lengths import Lengths
+from truearm.readings.rounding import rounding_steps
 from truearm.readings.session import Session
 from truearm.typing import FloatArray
 
+# Root mean square motion of the tip by rounding of the angles that counts [mm]: what a laser tracker is uncertain by.
+LEAST_ROUNDING_MM = 0.01
 # Readings that determine base (6) and tip (3): 3 coordinates each, and one reading to spare.
 MIN_ROWS = 4
 
@@ -77,7 +82,7 @@ class PreparedReadings(NamedTuple):
         session = to_first_session_frame(readings, frames)
         references = references_of(session, lengths)
         check_enough(references, readings)
-        state = state_of(arm, session)
+        state = with_rounded_angles(state_of(arm, session))
         return cls(arm, readings, session, state, references, lengths, determined, frames, tips, robust)
 
     def typical_state(self, angles: FloatArray) -> ArmState:
@@ -90,6 +95,13 @@ class PreparedReadings(NamedTuple):
             columns={name: float(values.mean()) for name, values in readings.columns.items()},
             direction=0.0,
         )
+
+
+def with_rounded_angles(state: ArmState) -> ArmState:
+    """The state with the uncertainty of its angles by rounding, where that moves the tip by `LEAST_ROUNDING_MM`."""
+    std = rounding_steps(state.angles) / np.sqrt(12)
+    moved = tip_motion_mm(state.chain, state.angles, std)
+    return replace(state, angle_std=std) if moved >= LEAST_ROUNDING_MM else state
 
 
 def lengths_in_seats(readings: Session, lengths: Lengths | None) -> Lengths | None:

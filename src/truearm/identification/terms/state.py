@@ -49,6 +49,8 @@ class ArmState:
         Name of the session of each reading; None: the session in whose frame the chain is.
     tip : (n,) array of str, optional
         Name of the tip of each reading; None: the first of the arm's tips.
+    angle_std : (n_joints,) array, optional
+        Standard uncertainty of the angles as they were read, from rounding [rad, or mm]; None where it is negligible.
     gravity_in_base : (3,) array
         Acceleration of free fall along the base frame's axes [m/s^2]; of an upright arm by default.
 
@@ -67,6 +69,7 @@ class ArmState:
     gravity_in_base: FloatArray = field(default_factory=lambda: np.array(STANDARD_GRAVITY_IN_BASE))
     session: NameArray | None = None
     tip: NameArray | None = None
+    angle_std: FloatArray | None = None
 
     def __post_init__(self) -> None:
         angles = np.asarray(self.angles, dtype=float)
@@ -94,6 +97,8 @@ class ArmState:
             if np.shape(self.tip) != (n,):
                 raise InputError(f"expected tips of shape {(n,)}, got {np.shape(self.tip)}")
         checked["gravity_in_base"] = _fitting(self.gravity_in_base, "gravity", ((3,),))
+        if self.angle_std is not None:
+            checked["angle_std"] = _fitting(self.angle_std, "uncertainties of angles", ((n_joints,),))
         for name, value in checked.items():
             object.__setattr__(self, name, value)
 
@@ -121,6 +126,7 @@ class ArmState:
             self.gravity_in_base,
             None if self.session is None else self.session[which],
             None if self.tip is None else self.tip[which],
+            self.angle_std,
         )
 
     def at_temperature(self, degC: FloatArray) -> ArmState:
