@@ -6,11 +6,13 @@ of the true tips must lie in the stated 95 % ellipsoids. Rows of sets with a mis
 
 from __future__ import annotations
 
+import tempfile
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,6 +25,7 @@ from benchmarks.imperfect_states import EXPANSIONS, Tested, describe, mean, rms,
 from benchmarks.rows import Rows, finding
 from truearm.arm import Arm
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
+from truearm.identification.references.rounded_angles import tip_motion_mm, tip_motions
 from truearm.identification.terms import constants
 from truearm.identification.virtual import VirtualArm, load_preset
 from truearm.readings import Session
@@ -35,6 +38,170 @@ ROWS = Rows()
 # What moved during the session, and models that would learn its clock -------------------------------------------------
 
 # Repeats of a pose, rounded angles ------------------------------------------------------------------------------------
+
+# Denavit-Hartenberg table of a small six-axis robot as the ABB IRB 120: a [mm], alpha [deg], d [mm], theta [deg].
+SMALL_ROBOT = (
+    (0.0, -90.0, 290.0, 0.0),
+    (270.0, 0.0, 0.0, -90.0),
+    (70.0, -90.0, 0.0, 0.0),
+    (0.0, 90.0, 302.0, 0.0),
+    (0.0, -90.0, 0.0, 0.0),
+    (0.0, 0.0, 72.0, 180.0),
+)
+TESTED_POSES, TIMES = 200, 3
+BETWEEN_MM, WITHIN_MM = 0.05, 0.001
+
+
+@dataclass(frozen=True)
+class OfTips:
+    """A model at tips: mean distance, stated standard uncertainty of a coordinate, share in 95 % ellipsoids."""
+
+    error_mm: float
+    stated_mm: float
+    covered: float
+
+    @classmethod
+    def of(cls, model: ta.Compensator, readings: Session, tips: FloatArray) -> OfTips:
+        """Compare the model's points with tips (n, 3)."""
+        points, covariance = model.predict_readings(readings, return_cov=True)
+        off = points - tips
+        return cls(
+            float(np.linalg.norm(off, axis=1).mean()),
+            float(np.sqrt(np.trace(covariance, axis1=1, axis2=2).mean() / 3)),
+            float((squares(off, covariance) < LEVEL).mean()),
+        )
+
+
+def over_arms(found: list[OfTips], reference: list[OfTips] | None = None) -> str:
+    """Means over arms; the error over that of a reference too."""
+    error, stated, covered = (
+        float(np.mean([getattr(one, name) for one in found])) for name in ("error_mm", "stated_mm", "covered")
+    )
+    told = f"{error:.4f} mm, stated {stated:.4f}, covered {covered:.0%}"
+    return told if reference is None else f"{told}; {error_ratio(found, reference):.2f} of that"
+
+
+def error_ratio(found: list[OfTips], reference: list[OfTips]) -> float:
+    """Error over that of a reference, both means over arms."""
+    return float(np.mean([one.error_mm for one in found]) / np.mean([one.error_mm for one in reference]))
+
+
+def small_robot() -> ta.Arm:
+    """An arm as the IRB 120."""
+    names = ("a_mm", "alpha_deg", "d_mm", "theta_deg")
+    joints = [
+        "\n".join(
+            ["[[joints]]", 'type = "revolute"', *(f"{name} = {value}" for name, value in zip(names, row, strict=True))]
+        )
+        + "\nmin_deg = -110.0\nmax_deg = 70.0"
+        for row in SMALL_ROBOT
+    ]
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "small-robot.toml"
+        file.write_text('name = "small-robot"\nconvention = "dh"\n\n' + "\n\n".join(joints) + "\n")
+        return ta.load_arm(file)
+
+
+def with_repeats(readings: Session, how: str, seed: int) -> Session:
+    """Each reading three times, as a laboratory does; scatter within a pose, but for copies."""
+    rng = np.random.default_rng(seed)
+    rows = np.repeat(np.arange(len(readings)), TIMES)
+    points = readings.points[rows]
+    if how != "exact copies":
+        points = points + rng.normal(0, WITHIN_MM, points.shape)
+    if how == "averaged by hand":
+        return replace(readings, points=points.reshape(-1, TIMES, 3).mean(axis=1))
+    position = np.array([f"P{row}" for row in rows]) if how == "with position" else None
+    return replace(readings.rows(rows), points=points, position=position, numbers=None)
+
+
+@ROWS.row("repeats", quick={"arms": 1, "poses": 40, "models": "kinematic"})
+def repeats(arms: int = 4, poses: int = 92, models: str = "kinematic,physical") -> Iterator[dict[str, str]]:
+    """Each pose read three times: 1 um within a pose, 50 um between; error, stated, coverage at such poses."""
+    for name in ("ur5", "gen3lite"):
+        for model in models.split(","):
+            found: dict[str, list[OfTips]] = {}
+            for seed in range(arms):
+                one = ta.simulate(name, poses=poses + TESTED_POSES, seed=seed, arm_seed=seed, preset="shop")
+                noise = np.random.default_rng(seed).normal(0, BETWEEN_MM, (poses, 3))
+                once = one.session.rows(slice(0, poses))
+                once = replace(once, points=once.points + noise, point_std=None)
+                test = one.session.rows(slice(poses, None))
+                tips = one.measurement.true_tips[poses:]
+                tips = tips + np.random.default_rng([seed, 1]).normal(0, BETWEEN_MM, tips.shape)
+                for how in ("averaged by hand", "without position", "with position", "exact copies"):
+                    fitted = ta.fit(name, with_repeats(once, how, seed), model=model)
+                    found.setdefault(how, []).append(OfTips.of(fitted.model, test, tips))
+            by_hand = found.pop("averaged by hand")
+            for how, one_way in found.items():
+                yield finding(
+                    f"{name}, {model}, {poses} poses x {TIMES}, {how}",
+                    f"as averaged by hand: {over_arms(by_hand)}",
+                    over_arms(one_way, by_hand),
+                    abs(error_ratio(one_way, by_hand) - 1) < 0.02,
+                )
+
+
+@ROWS.row("rounded", quick={"arms": 1, "poses": 80, "model": "kinematic"})
+def rounded(arms: int = 4, poses: int = 150, model: str = "physical") -> Iterator[dict[str, str]]:
+    """Angles rounded to 0.1 and 0.01 degrees: error over that with the uncertainty stated, coverage at true tips."""
+    for arm in (ta.load_arm("ur5"), small_robot()):
+        for step_deg in (0.1, 0.01):
+            step, moved = np.radians(step_deg), []
+            found: list[list[OfTips]] = [[], [], []]
+            for seed in range(arms):
+                one = ta.simulate(
+                    arm, poses=poses + TESTED_POSES, seed=seed, arm_seed=seed, preset="shop", strategy="uniform"
+                )
+                exact, test = one.session.rows(slice(0, poses)), one.session.rows(slice(poses, None))
+                std = np.full(arm.n_joints, step / np.sqrt(12))
+                moved.append(tip_motion_mm(arm.chain, exact.angles, std))
+                variance = (tip_motions(arm.chain, exact.angles, std) ** 2).sum(axis=0)
+                given = replace(exact, angles=step * np.round(exact.angles / step), point_std=None)
+                stated = replace(given, point_std=np.sqrt(variance + exact.point_std**2))
+                tips = one.measurement.true_tips[poses:]
+                fitted = ta.fit(arm, given, model=model).model
+                found[0].append(OfTips.of(fitted, test, tips))
+                found[1].append(OfTips.of(fitted, replace(test, angles=step * np.round(test.angles / step)), tips))
+                found[2].append(OfTips.of(ta.fit(arm, stated, model=model).model, test, tips))
+            yield finding(
+                f"{arm.name}, {poses} readings, angles rounded to {step_deg:g} deg: {np.mean(moved):.3f} mm",
+                f"1.2 of that with the uncertainty stated, {over_arms(found[2])}",
+                f"{over_arms(found[0], found[2])}; angles rounded in use: {over_arms(found[1])}",
+                error_ratio(found[0], found[2]) < 1.2,
+            )
+
+
+@ROWS.row("draw-wire", quick={"arms": 1, "lengths": 100})
+def draw_wire(arms: int = 2, lengths: int = 748) -> Iterator[dict[str, str]]:
+    """Lengths of one draw wire to a small robot whose controller shows tenths of a degree; errors held out."""
+    step, arm = np.radians(0.1), small_robot()
+    for model in ("kinematic", "physical"):
+        error, of_rounding, said = [], [], 0
+        for seed in range(arms):
+            one = ta.simulate(
+                arm,
+                poses=lengths,
+                seed=seed,
+                arm_seed=seed,
+                strategy="uniform",
+                preset="shop",
+                anchors=1,
+                reference=False,
+            ).session
+            result = ta.fit(arm, replace(one, angles=step * np.round(one.angles / step)), model=model)
+            error.append(float(np.sqrt((result.model.held_out_.errors_mm**2).mean())))
+            # One direction of three.
+            std = np.full(6, step / np.sqrt(12))
+            of_rounding.append(tip_motion_mm(arm.chain, one.angles, std) / np.sqrt(3))
+            said += any("rounded to 0.1 deg" in remark for remark in result.remarks)
+        yield finding(
+            f"{lengths} lengths of a draw wire, angles rounded to 0.1 deg, {model}",
+            f"said; 1.2 of what rounding alone does, {np.mean(of_rounding):.3f} mm rms",
+            f"said in {said} of {arms}; {np.mean(error):.3f} mm rms of lengths held out",
+            said == arms and np.mean(error) < 1.2 * np.mean(of_rounding),
+        )
+
 
 # Few readings, several tips and sessions: never worse than the drawing ------------------------------------------------
 

@@ -103,6 +103,19 @@ def test_repeats_of_a_camera_are_merged_however_they_scatter():
     assert len(merge_repeats(session(within=2.0)).count) == POSES
 
 
+@pytest.mark.parametrize("row", [POSES, POSES + 10, 2 * POSES])
+def test_rounds_between_which_the_frame_moved_are_not_averaged(row):
+    """What moved is then found in the order of the readings, as without repeats."""
+    given = session(order="in rounds")
+    points = given.points.copy()
+    points[row:, 1] += 0.2
+    assert len(merge_repeats(replace(given, points=points)).count) == POSES * TIMES
+    in_turn = session()
+    points = in_turn.points.copy()
+    points[30:, 1] += 0.2
+    assert len(merge_repeats(replace(in_turn, points=points)).count) == POSES
+
+
 def test_a_slow_scan_is_no_chain_of_repeats():
     """Readings nearer than noise to the one before are of the pose that began, not of one long pose."""
     angles = np.linspace(0, 0.01, 201)[:, None] * np.ones(2)  # steps of 5e-5 rad

@@ -8,6 +8,7 @@ scatter by s (JCGM 100:2008, 4.2.3). What they have in common with the instrumen
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Generic, TypeVar
 
@@ -28,6 +29,8 @@ SAME_LOAD_SHARE = 0.05
 # A repeat that is off by more standard deviations of repeats, or by this [mm], is not merged: a slipped tip, whose
 # reading is then judged by itself. Trackers and probing tips repeat to a few micrometres.
 MAX_STDS, MAX_OFF_MM = 10.0, 0.02
+# A mean change from first to last readings of so many standard errors is none of chance [1].
+MAX_ERRORS = 6.0
 # Poses that were read several times, from which the standard deviation of repeats is known to a factor of two.
 LEAST_REPEATED = 5
 
@@ -85,7 +88,8 @@ def merge_repeats(readings: Kept) -> MergedReadings[Kept]:
     """Merge readings of one pose that are stated alike and agree, each pose into their mean.
 
     Readings at other temperatures, with other loads, directions of movement or tips, or of other sessions, are no
-    repeats. A reading that is far from the median of its pose is left alone, and so are two that disagree.
+    repeats. A reading that is far from the median of its pose is left alone, and so are two that disagree; and
+    all of them if the frame moved between rounds through the poses.
     """
     n = len(readings)
     group = _stated_alike(readings, readings_of_one_pose(readings))
@@ -131,6 +135,8 @@ def _stated_alike(readings: Readings, group: IntArray) -> IntArray:
 def _agreeing(readings: Readings, group: IntArray) -> IntArray:
     """Groups without the readings that do not agree with most of their group, which are alone."""
     values, several = _measured(readings), [rows for rows in _rows_of(group) if len(rows) > 1]
+    if _moved(values, several):
+        return np.arange(len(group))
     stds = [float(np.sqrt(values[rows].var(axis=0, ddof=1).mean())) for rows in several] if values.size else []
     most = max(MAX_OFF_MM, MAX_STDS * float(np.median(stds)) if len(stds) >= LEAST_REPEATED else 0.0)
     found = group.copy()
@@ -142,6 +148,18 @@ def _agreeing(readings: Readings, group: IntArray) -> IntArray:
         found[rows[agree]] = rows[agree].min(initial=len(group))
         found[rows[~agree]] = rows[~agree]
     return found
+
+
+def _moved(values: FloatArray, several: Sequence[IntArray]) -> bool:
+    """Whether the last reading of each pose differs from its first by the same on average.
+
+    The base or the reference then moved between rounds through the poses. Means would hide it.
+    """
+    changes = np.array([values[rows[-1]] - values[rows[0]] for rows in several])
+    if len(changes) < LEAST_REPEATED or not changes.size:
+        return False
+    mean, error = changes.mean(axis=0), changes.std(axis=0, ddof=1) / np.sqrt(len(changes))
+    return bool(np.linalg.norm(mean) > MAX_OFF_MM and (np.abs(mean) > MAX_ERRORS * error).any())
 
 
 def _measured(readings: Readings) -> FloatArray:

@@ -237,7 +237,8 @@ class TrainingConditions:
 
     def is_of(self, readings: Session) -> bool:
         """Whether these are the readings that the model was fitted to last, before or after repeats were merged."""
-        return self.fingerprint in (fingerprint(readings), fingerprint(merge_repeats(readings).readings))
+        merged = merge_repeats(readings).readings
+        return self.fingerprint == fingerprint(readings) or self.fingerprint == fingerprint(merged)
 
     def is_rounded(self, angles: FloatArray) -> BoolArray:
         """(n,) whether angles (n, n_joints) are whole steps from those of the training, which were rounded to them."""
