@@ -32,7 +32,7 @@ def simulate(
     strategy: Annotated[
         str, Option(help="Where to put the joints: box, sobol-box, uniform, sobol, measuring or seat.")
     ] = "box",
-    preset: Annotated[str, Option(help="Errors of the arm: research, shop, worn or perfect.")] = "research",
+    preset: Annotated[str, Option(help="Errors of the arm: research, shop, worn, printed or perfect.")] = "research",
     seed: Annotated[int, Option(min=0, help="Seed of the poses and the noise.")] = 0,
     arm_seed: Annotated[int, Option(min=0, help="Seed of the arm's own errors: same seed, same arm.")] = 0,
     seats: Annotated[int | None, Option(help="Number of seats (3); strategy seat only.")] = None,

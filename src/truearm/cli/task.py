@@ -114,7 +114,7 @@ def _source(what: str | None, spec: Path | None) -> str | Path:
     if len(given) != 1:
         raise InputError(
             "expected one of a model, a preset and --spec",
-            hint="a model file, perfect, research, shop, worn, or --spec",
+            hint="a model file, perfect, research, shop, worn, printed, or --spec",
         )
     return given[0]
 

@@ -39,7 +39,7 @@ def verify(
         str | None,
         Option(
             metavar="MODEL|PRESET",
-            help="Simulate the test with virtual arms: a model file, or research, shop, worn or perfect.",
+            help="Simulate the test with virtual arms: a model file, or research, shop, worn, printed or perfect.",
         ),
     ] = None,
     arm: Annotated[str | None, Option(help="With --simulate PRESET: the nominal arm (measuring7).")] = None,

@@ -66,6 +66,7 @@ from truearm.identification.judgement.nominal_check import (
     check_sizes,
     refuse_implausible,
 )
+from truearm.identification.judgement.reference_table import reference_table
 from truearm.identification.judgement.residual_process import ResidualProcess, add_residual_process, with_unspanned
 from truearm.identification.judgement.stated_uncertainty import check_stated_uncertainty
 from truearm.identification.judgement.tails import tail_freedom
@@ -83,6 +84,7 @@ from truearm.identification.references.tips import further_tip_terms
 from truearm.identification.terms import ArmState, Constant, InSession, SkippedTerm, Term, candidate_terms, constants
 from truearm.identification.terms.basis import Temperature
 from truearm.identification.terms.catalogue import JOINT_COMPLIANCE, unlearned_terms
+from truearm.readings.checks import check_scale
 from truearm.readings.reference_uncertainty import scale_errors
 from truearm.typing import FloatArray
 
@@ -217,6 +219,7 @@ def judge_description(readings: PreparedReadings, nominal: IdentificationResult)
     """
     every = constants(readings.arm.chain, free=readings.free)
     references = [without_sizes(reference) for reference in readings.references]
+    check_scale(readings.given, nominal.tips(readings.state))
     check = check_nominal_arm(
         readings.arm,
         nominal,
@@ -224,6 +227,8 @@ def judge_description(readings: PreparedReadings, nominal: IdentificationResult)
         references,
         every,
         partial(_identify_terms, readings, references=references),
+        reference_table(readings.given, readings.lengths, free=readings.free),
+        readings.free,
     )
     refuse_implausible(check, readings.arm, readings.given, nominal.tips(readings.state))
     check_stated_uncertainty(readings.given, nominal, references, partial(_identify_terms, readings, every))

@@ -77,7 +77,7 @@ def diagnose(
             file=given.file,
             hint="add columns x_mm, y_mm, z_mm, or a column seat with the names of seats",
         )
-    return Diagnosis(nominal, check_description(nominal, table), has_points=table.has_points, n_given=len(given))
+    return Diagnosis(nominal, check_description(nominal, table), n_given=len(given))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -90,21 +90,18 @@ class Diagnosis(Record):
         As it was given.
     check : DescriptionCheck
         The arm as stated, the mistakes that explain the readings, and the next likely ones.
-    has_points : bool
-        Whether the readings have reference points; else seats.
     n_given : int
         Number of readings of the session.
     """
 
     arm: Arm
     check: DescriptionCheck
-    has_points: bool
     n_given: int
 
     def summary(self) -> str:
         """The answer in one sentence."""
         stated, findings = self.check.stated, self.check.findings
-        of = "its reference points" if self.has_points else "the means of its seats"
+        of = "its reference points" if self.check.has_points else "the means of its seats"
         if findings:
             first = findings[0]
             return f"{first}: {format_mm(stated.error_mm)} as stated, {format_mm(first.error_mm)} if this is put right."
@@ -150,8 +147,9 @@ class Diagnosis(Record):
     def _which_readings(self) -> str:
         if self.check.n_readings == MOST_READINGS:
             return "evenly spaced: what is wrong in an arm file shows in each of them"
+        what = "a reference point" if self.check.has_points else "a seat"
         return (
-            f"those with {'a reference point' if self.has_points else 'a seat'}, of one session and tip, and with such "
+            f"those with {what}, of one session and tip, and with such "
             "readings before and after them: a shift of the references by one row is tried too"
         )
 
@@ -165,7 +163,7 @@ class Diagnosis(Record):
         return {
             "summary": self.summary(),
             "arm": self.arm.name,
-            "references": "points" if self.has_points else "seats",
+            "references": "points" if self.check.has_points else "seats",
             "is_contradicted": not check.stated.is_usual,
             "stated": check.stated,
             "findings": check.findings,

@@ -53,7 +53,7 @@ def simulate(
     strategy : str
         Where the joints are: ``"box"`` (about the working pose), ``"sobol-box"``, ``"uniform"``, ``"sobol"``,
         ``"measuring"`` (everyday work) or ``"seat"`` (the tip in seats).
-    preset : {"research", "shop", "worn", "perfect"}
+    preset : {"research", "shop", "worn", "printed", "perfect"}
         How large the errors of the arm are.
     seed : int
         Of the poses and the noise.
@@ -252,7 +252,7 @@ def rehearse(
     plan : path
         File of the plan, of which columns that were filled in already are not read; or, with `artefacts`, the points to
         measure of a verification, written by `OperatorSheetResult.save_points`.
-    preset : {"research", "shop", "worn", "perfect"}
+    preset : {"research", "shop", "worn", "printed", "perfect"}
         How large the errors of the arm are.
     seed : int
         Of the noise, and of poses and artefacts of a verification; another one for another day.

@@ -157,7 +157,8 @@ def simulate_verification(
     Parameters
     ----------
     source : Preset, identified model, str or path
-        What is known of the arms: a preset (``research``, ``shop``, ``worn``, ``perfect``), or a model (file).
+        What is known of the arms: a preset (``research``, ``shop``, ``worn``, ``printed``, ``perfect``), or a model
+        (file).
     arm : Arm, str or path, optional
         The nominal arm of a preset; by default ``measuring7``. A model has its own.
     plan, rule

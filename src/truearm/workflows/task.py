@@ -146,8 +146,8 @@ def task(
     ----------
     source : identified model, Preset, Specification, str or path
         What is known of the arm. A model (file): arms from its posterior. A preset (``shop``,
-        ``worn``, ``research``, ``perfect``): any arm like that. A specification (file, ``.toml``): any arm that meets
-        it.
+        ``worn``, ``printed``, ``research``, ``perfect``): any arm like that. A specification (file, ``.toml``): any arm
+        that meets it.
     feature : {"length", "sphere", "plane", "circle"} or Feature
         What is measured.
     size_mm : float, optional

@@ -12,7 +12,7 @@ PAGE = Path(__file__).parents[3] / "docs" / "virtual-arm.md"
 
 def test_the_table_of_magnitudes_is_that_of_the_presets():
     lines = PAGE.read_text(encoding="utf-8").splitlines()
-    drawn = [magnitudes(PRESETS[name]) for name in ("research", "shop", "worn")]
+    drawn = [magnitudes(PRESETS[name]) for name in ("research", "shop", "worn", "printed")]
     for row in zip(*drawn, strict=True):
         values = " | ".join(f"{magnitude.value:.6g}" for magnitude in row)
         assert f"| `{row[0].name}` | {values} | {row[0].unit} | {row[0].source} |" in lines

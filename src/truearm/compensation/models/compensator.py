@@ -208,7 +208,7 @@ class Compensator(Regressor, ABC):
         if nominal is None:
             with explaining(readings.arm, readings.given, lengths=readings.lengths, free=readings.free):
                 placed = self._place(readings)
-                self.nominal_check_ = judge_description(readings, placed.fit)
+            self.nominal_check_ = judge_description(readings, placed.fit)
         else:
             placed, self.nominal_check_ = Found(self._nominal_of(nominal), NONE_HELD_OUT), nominal.nominal_check_
         self.nominal_ = placed.fit

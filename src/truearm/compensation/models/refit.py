@@ -22,12 +22,14 @@ from truearm.identification.estimation.identification_result import Identificati
 from truearm.identification.estimation.residual_variance import NONE_HELD_OUT
 from truearm.identification.judgement.description_check import explaining
 from truearm.identification.judgement.nominal_check import (
+    MAX_NOISE,
     NominalCheck,
     refuse_implausible,
     typical_error,
     usual_nominal_error,
 )
 from truearm.identification.judgement.residual_process import ResidualProcess, transfer_improvement, without_process
+from truearm.identification.judgement.structure import remaining
 from truearm.identification.references.alignment import align
 from truearm.identification.references.prepared_readings import check_enough, lengths_in_seats
 from truearm.identification.references.reading_references import check_spread, references_of, without_sizes
@@ -178,7 +180,9 @@ def _judge_set_up(model: IdentifiedModel, set_up: _SetUp) -> NominalCheck:
     arm, (readings, lengths, free, state, references) = model.arm_, set_up
     bare = [without_sizes(reference) for reference in references]
     usual = usual_nominal_error(arm, model.nominal_, state, bare, constants(arm.chain, free=free))
-    check = NominalCheck(typical_error(model.fit_), usual)
+    check = NominalCheck(typical_error(model.fit_), usual, most_noise_mm=MAX_NOISE * arm.chain.reach)
+    if not check.is_usual:
+        check = replace(check, left=remaining(model.fit_, state, bare, set_up.terms))
     with explaining(arm, readings, lengths=lengths, free=free):
         refuse_implausible(check, arm, readings, model.nominal_.tips(state))
     return check

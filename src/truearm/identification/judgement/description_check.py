@@ -14,15 +14,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
-from itertools import combinations
+from dataclasses import dataclass, replace
+from itertools import combinations, product
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.arm.description_mistakes import Interpretation, Mistake, likely_mistakes
+from truearm.arm.nearest_table import nearest_table
 from truearm.arm.rigid_motions import cross_matrix
 from truearm.errors import InputError
 from truearm.identification.judgement.description_fits import (
@@ -53,6 +55,11 @@ NOISE_MM = np.geomspace(1e-3, 1e4, 71)
 REACH_FACTOR = 3.0
 # Distance within which the tip is where it is stated, on an arm of usual size [mm]; some do not state it at all.
 TIP_MM = 30.0
+# Prior standard deviations of the constants of an arm that is unlike its drawing, as multiples of the usual ones: of
+# directions of axes and lengths, and of zeros (1.7 and 10 degrees). The readings choose.
+WIDE_OTHERS, WIDE_ZEROS = (1.0, 5.0), (10.0, 58.0)
+# Multiple of what the arm leaves with its constants identified that a mistake may leave where noise is large.
+MAX_TO_IDENTIFIED = 1.5
 # Mistakes that a hint names.
 MOST_NAMED = 3
 
@@ -107,6 +114,8 @@ class DescriptionCheck:
         The next likely interpretations, which do not explain them as well.
     n_readings, n_tried : int
         Readings compared, and interpretations tried.
+    has_points : bool
+        Whether points are compared; else seats.
     """
 
     stated: Explanation
@@ -114,15 +123,36 @@ class DescriptionCheck:
     others: tuple[Explanation, ...]
     n_readings: int
     n_tried: int
+    has_points: bool
+
+    def remedy(self, readings: Session) -> str | None:
+        """The mistakes that explain the readings, as a remedy; None if there are none."""
+        if not self.findings and self.stated.is_usual and readings.quaternion is not None and self.has_points:
+            return (
+                f"the points agree with the arm to {self.stated.error_mm:.2g} mm and the orientations do not: "
+                "check their unit (--orientation-unit of import), the order of their numbers (quaternions: w first), "
+                "and that they are of the flange in the frame of the reference"
+            )
+        if not self.findings:
+            return None
+        found = ", or ".join(str(one) for one in self.findings[:MOST_NAMED])
+        return (
+            f"put this right: {found} ({self.findings[0].error_mm:.2g} mm remain; `truearm arms` with your arm "
+            f"file and --readings {readings.file or 'session.csv'} says more, and "
+            "`truearm docs describe-your-arm` where each is put right)"
+        )
 
 
 class _Hypothesis(NamedTuple):
+    """An interpretation; with `wide` its constants were identified, and are those of an arm unlike its drawing."""
+
     mistakes: tuple[Mistake, ...]
     interpretation: Interpretation
+    wide: bool = False
 
 
 @one_blas_thread()
-def check_description(arm: Arm, table: ReferenceTable) -> DescriptionCheck:
+def check_description(arm: Arm, table: ReferenceTable, identified: Chain | None = None) -> DescriptionCheck:
     """Find what a person got wrong: one mistake, or two if no single one explains the readings.
 
     Parameters
@@ -130,6 +160,9 @@ def check_description(arm: Arm, table: ReferenceTable) -> DescriptionCheck:
     arm : Arm
     table : ReferenceTable
         What the readings refer to.
+    identified : Chain, optional
+        With the constants that explain the readings best. A mistake must then be a better explanation than an arm that
+        is described rightly and differs from its drawing by these constants: joint zeros that are off by degrees.
     """
     mistakes = [
         one
@@ -145,12 +178,25 @@ def check_description(arm: Arm, table: ReferenceTable) -> DescriptionCheck:
     as_stated = _Hypothesis((), stated)
     single = [_Hypothesis((one,), one.mend(stated)) for one in mistakes]
     judged = _judged([as_stated, *single], table, len(mistakes))
-    check = _decided(judged, table, 1 + len(single))
+    rival = None if identified is None else _as_identified(arm, stated, identified, table, len(mistakes))
+    check = _decided(judged, table, 1 + len(single), rival)
     if check.findings or check.stated.is_plausible:
         return check
     pairs = _screened_pairs(mistakes, stated, table)
     judged += [one for one in _judged([as_stated, *pairs], table, len(mistakes)) if one.mistakes]
-    return _decided(judged, table, 1 + len(single) + len(pairs))
+    return _decided(judged, table, 1 + len(single) + len(pairs), rival)
+
+
+def _as_identified(
+    arm: Arm, stated: Interpretation, chain: Chain, table: ReferenceTable, n_mistakes: int
+) -> Explanation | None:
+    """The arm as stated with its identified constants; None if its axes are not those of the drawing."""
+    try:
+        nearest = nearest_table(chain, arm.chain, convention=stated.table.convention, free=table.free)
+    except InputError:
+        return None
+    wide = _Hypothesis((), replace(stated, table=nearest), wide=True)
+    return _judged([_Hypothesis((), stated), wide], table, n_mistakes)[1]
 
 
 def _screened_pairs(mistakes: Sequence[Mistake], stated: Interpretation, table: ReferenceTable) -> list[_Hypothesis]:
@@ -174,31 +220,56 @@ def _judged(hypotheses: Sequence[_Hypothesis], table: ReferenceTable, n_mistakes
     order = [0, *(1 + np.argsort(scores[1:], kind="stable"))[:MOST_JUDGED].tolist()]
     found = []
     for i in order:
-        log_likelihood, usual = _likelihood(table, fits, i, interpretations[i])
-        log_prior = -len(hypotheses[i].mistakes) * np.log(n_mistakes)
+        off = constants_between(interpretations[0], interpretations[i]) if hypotheses[i].wide else None
+        log_likelihood, usual = _likelihood(table, fits, i, interpretations[i], off)
+        log_prior = -(len(hypotheses[i].mistakes) + hypotheses[i].wide) * np.log(n_mistakes)
         error = float(np.quantile(np.linalg.norm(fits.residuals[i], axis=1), QUANTILE))
         names = tuple(one.description for one in hypotheses[i].mistakes)
         found.append(Explanation(names, error, usual, log_likelihood + log_prior))
     return [Explanation(one.mistakes, one.error_mm, one.usual_mm, one.log_odds - found[0].log_odds) for one in found]
 
 
-def _decided(judged: Sequence[Explanation], table: ReferenceTable, n_tried: int) -> DescriptionCheck:
+def _decided(
+    judged: Sequence[Explanation], table: ReferenceTable, n_tried: int, rival: Explanation | None
+) -> DescriptionCheck:
     stated, others = judged[0], sorted(judged[1:], key=lambda one: -one.log_odds)
     findings: list[Explanation] = []
-    if others and not stated.is_usual and others[0].log_odds >= VERY_STRONG and others[0].is_plausible:
+    if others and not stated.is_usual and _explains(others[0], rival):
         findings = [one for one in others if one.log_odds > others[0].log_odds - VERY_STRONG]
     rest = [one for one in others if one not in findings]
-    return DescriptionCheck(stated, tuple(findings), tuple(rest), len(table.angles), n_tried)
+    return DescriptionCheck(stated, tuple(findings), tuple(rest), len(table.angles), n_tried, table.has_points)
 
 
-def _likelihood(table: ReferenceTable, fits: DescriptionFits, i: int, one: Interpretation) -> tuple[float, float]:
-    """Logarithm of the restricted likelihood of an interpretation, and the usual error of such an arm [mm]."""
+def _explains(best: Explanation, rival: Explanation | None) -> bool:
+    """Whether a mistake is very strongly the better explanation, also than constants that were identified."""
+    if rival is None:
+        return best.log_odds >= VERY_STRONG and best.is_plausible
+    leaves_noise = best.error_mm <= MAX_TO_IDENTIFIED * rival.error_mm
+    return best.log_odds - max(rival.log_odds, 0.0) >= VERY_STRONG and (best.is_plausible or leaves_noise)
+
+
+def constants_between(stated: Interpretation, identified: Interpretation) -> FloatArray:
+    """(6 n_joints,) small motions [rad, mm] by which the fixed motions after the joints of two tables differ."""
+    motions = identified.table.chain().fixed[1:] @ np.linalg.inv(stated.table.chain().fixed[1:])
+    turns = Rotation.from_matrix(motions[:, :3, :3]).as_rotvec()
+    return np.concatenate([turns, motions[:, :3, 3]], axis=1).ravel()
+
+
+def _likelihood(
+    table: ReferenceTable, fits: DescriptionFits, i: int, one: Interpretation, off: FloatArray | None = None
+) -> tuple[float, float]:
+    """Logarithm of the restricted likelihood of an interpretation, and the usual error of such an arm [mm].
+
+    With the constants `off` (6 n_joints,) by which the table differs from the drawing, the likelihood is that of the
+    drawing with wide priors, linearised at the table (the approximation of Laplace).
+    """
     stated = one.table.chain()
     chain = stated.with_tip(fits.tip_in_flange[i])
     jacobian = chain.tip_derivatives(one.angles(table.angles)).motion_jacobian
     kept = fits.kept[i]
     m, n = len(jacobian), one.table.prismatic.size
-    std = np.tile(np.repeat([ANGLE_STD, LENGTH_STD * relative_size(stated)], 3), n)
+    length_std = LENGTH_STD * relative_size(stated)
+    std = np.tile(np.repeat([ANGLE_STD, length_std], 3), n)
     by_constant = jacobian[:, 1:-1].reshape(m, 6 * n, 3).transpose(0, 2, 1) * std
     by_tip = jacobian[:, -1, 3:].transpose(0, 2, 1)
     free = [by_tip] if "tip" in table.free else []
@@ -212,7 +283,13 @@ def _likelihood(table: ReferenceTable, fits: DescriptionFits, i: int, one: Inter
     else:
         r, X, K, n_absorbed = _in_seats(table, fits, i, one, by_constant, by_tip)
         scale = float(fits.movement[i])
-    log_likelihood, usual = restricted_likelihood(r[:, 0], X, K, n_absorbed=n_absorbed, scale=scale)
+    at_drawing, widths = r[:, 0], [np.ones(6 * n)]
+    if off is not None:
+        at_drawing = at_drawing - K @ (off / std)
+        widths = [np.tile([w, w, zero, w, w, w], n) for w, zero in product(WIDE_OTHERS, WIDE_ZEROS)]
+    log_likelihood, usual = max(
+        restricted_likelihood(at_drawing, X, K * width, n_absorbed=n_absorbed, scale=scale) for width in widths
+    )
     return log_likelihood + _log_prior_of_size(stated, chain), usual * float(np.sqrt(3))
 
 
@@ -333,18 +410,4 @@ def explain_readings(
     table = reference_table(readings, lengths, free=free)
     if table is None:
         return None
-    check = check_description(arm, table)
-    if not check.findings and check.stated.is_usual and readings.quaternion is not None and table.has_points:
-        return (
-            f"the points agree with the arm to {check.stated.error_mm:.2g} mm and the orientations do not: check their "
-            "unit (--orientation-unit of import), the order of their numbers (quaternions: w first), and that they are "
-            "of the flange in the frame of the reference"
-        )
-    if not check.findings:
-        return None
-    found = ", or ".join(str(one) for one in check.findings[:MOST_NAMED])
-    return (
-        f"put this right: {found} ({check.findings[0].error_mm:.2g} mm remain; `truearm arms` with your arm "
-        f"file and --readings {readings.file or 'session.csv'} says more, and "
-        "`truearm docs describe-your-arm` where each is put right)"
-    )
+    return check_description(arm, table).remedy(readings)

@@ -265,8 +265,13 @@ def component_of(term: Term) -> int:
 
 def _geometry(chain: Chain, preset: Preset) -> Iterator[DrawnTerm]:
     angle_std, length_std = np.radians(preset.angle_std_deg), preset.length_std_mm
-    for term in constants(chain, free=(), angle_std=angle_std, length_std=length_std):
-        yield DrawnTerm(replace(term, group=GEOMETRY), (6 * term.place + component_of(term),))
+    zero_std = float(np.hypot(angle_std, np.radians(preset.zero_std_deg)))
+    for term in constants(chain, free=(), angle_std=zero_std, length_std=length_std):
+        component = component_of(term)
+        is_zero = component == _OWN_AXIS and 0 < term.place <= chain.n_joints
+        if component > _OWN_AXIS or is_zero or angle_std > 0:
+            std = zero_std if is_zero else angle_std if component <= _OWN_AXIS else length_std
+            yield DrawnTerm(replace(term, group=GEOMETRY, prior_std=std), (6 * term.place + component,))
 
 
 def _encoder(n_joints: int, preset: Preset) -> Iterator[DrawnTerm]:

@@ -1,0 +1,92 @@
+"""Constants of an identified arm beside the drawing: zeros of joints that are off, and what no right drawing has."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from truearm.arm.arm import Arm
+from truearm.arm.joint_zeros import COLUMNS, table_changes
+from truearm.errors import InputError
+from truearm.identification.estimation.identification_result import IdentificationResult
+from truearm.typing import FloatArray
+
+# Largest changes of constants that are credible. A zero that is off by more than an eighth of a turn is nearer to
+# another zero. Other angles: 7 degrees, forty times as much as usual. Lengths: 5 % of the reach, as of links that are
+# a tenth too long; what explains a zero that is off by a quarter turn are lengths of 8 % or more.
+MAX_ZERO, MAX_ANGLE, MAX_LENGTH = np.radians(45.0), np.radians(7.0), 0.05
+# Standard uncertainties by which a constant must exceed that: noise leaves lengths open.
+SURE = 3.0
+# Standard uncertainties of a difference quotient.
+STEP = 1e-3
+# Zeros that are off by more are named: six times what is usual.
+NAMED_ZERO = np.radians(1.0)
+
+
+@dataclass(frozen=True)
+class IdentifiedConstants:
+    """By how much the constants of an identified arm differ from the drawing.
+
+    Attributes
+    ----------
+    zeros : dict of str to float
+        What is to be added to the zeros of joints [rad], of those that are off by `NAMED_ZERO` or more.
+    largest : str
+        The constant that differs most, compared with what is credible, and by how much.
+    share : float
+        Its size over the largest credible one.
+    """
+
+    zeros: dict[str, float]
+    largest: str
+    share: float
+
+    @property
+    def are_credible(self) -> bool:
+        """Whether an arm that is described rightly can differ so."""
+        return self.share <= 1
+
+    @classmethod
+    def of(cls, fit: IdentificationResult, arm: Arm, free: Sequence[str]) -> Self:
+        """Compare an identified arm with the nominal one."""
+        names = [(name, joint) for name in COLUMNS for joint in arm.joint_names]
+        try:
+            changes, std = _changes(fit, arm, free)
+        except InputError as error:
+            return cls({}, error.problem, np.inf)
+        limits = {"theta": MAX_ZERO, "alpha": MAX_ANGLE, "beta": MAX_ANGLE}
+        most = np.array([limits.get(name, MAX_LENGTH * arm.chain.reach) for name, _ in names])
+        shares = np.abs(changes) / (most + SURE * std)
+        worst = int(shares.argmax())
+        name, joint = names[worst]
+        value = float(changes[worst])
+        size = f"{np.degrees(value):+.3g} deg" if name in limits else f"{value:+.3g} mm"
+        zeros = {joint: float(zero) for joint, zero in zip(arm.joint_names, changes, strict=False)}
+        named = {joint: zero for joint, zero in zeros.items() if abs(zero) >= NAMED_ZERO}
+        return cls(named, f"{name} of {joint} {size}", float(shares[worst]))
+
+    def __str__(self) -> str:
+        if not self.zeros:
+            return f"The largest difference is {self.largest}: correct the arm file if it is wrong there."
+        zeros = ", ".join(f"{joint} {np.degrees(zero):+.3g} deg" for joint, zero in self.zeros.items())
+        return (
+            f"Zeros of joints are off, add to their theta: {zeros}; `truearm fit ... --apply my-arm.toml` writes a new "
+            "arm file with them."
+        )
+
+
+def _changes(fit: IdentificationResult, arm: Arm, free: Sequence[str]) -> tuple[FloatArray, FloatArray]:
+    """Changes of the table's constants, column by column, and their standard uncertainties, to first order."""
+
+    def changes(coefficients: FloatArray) -> FloatArray:
+        chain = fit.perturbed_chain.with_constants(coefficients)
+        return np.concatenate(list(table_changes(chain, arm, free=free).values()))
+
+    found = changes(fit.coefficients)
+    variances, vectors = np.linalg.eigh(fit.covariance)
+    along = (vectors * np.sqrt(np.maximum(variances, 0.0))).T
+    squares = [(changes(fit.coefficients + STEP * one) - found) ** 2 for one in along]
+    return found, np.sqrt(np.sum(squares, axis=0)) / STEP

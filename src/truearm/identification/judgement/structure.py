@@ -1,0 +1,146 @@
+"""What an identified arm leaves: noise, which differs from reading to reading, or structure, which the pose decides.
+
+The residuals r of an arm with its constants identified are described by two variance components,
+``r = F f + n`` with ``f ~ N(0, t^2 P)`` and ``n ~ N(0, s^2)``: F are the tip's derivatives by small rotations and
+translations at the base and at every joint, each times the cosine and the sine of every joint's angle, of prior
+variances P. A wrong sign, order, unit, zero or length moves the tip so; noise does not. Both components are
+estimated by the restricted likelihood, of the contrasts that the constants of the arm do not affect (D. A. Harville, J.
+Am. Stat. Assoc. 72 (1977) 320), so that nothing which the constants took is counted twice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from truearm.identification.estimation.identification import initial_problem
+from truearm.identification.estimation.identification_result import IdentificationResult
+from truearm.identification.estimation.linearisation import eliminate_unknowns, linearised
+from truearm.identification.estimation.perturbed_chain import PerturbedChain
+from truearm.identification.references.references import Reference
+from truearm.identification.terms import ArmState, Harmonics, Term
+from truearm.identification.terms.catalogue import ANGLE_STD, LENGTH_STD, relative_size
+from truearm.solve.threads import one_blas_thread
+from truearm.typing import FloatArray
+
+# Variance of the structure over that of the noise, t^2/s^2 with P of unit size [1/mm^2]; 0 is noise alone.
+RATIOS = np.concatenate([[0.0], np.geomspace(1e-8, 1e8, 97)])
+# Smaller eigenvalues of normal equations with a unit diagonal are rounding: no readings determine them.
+LEAST_EIGENVALUE = 1e-9
+
+
+class Remaining(NamedTuple):
+    """What an arm leaves of the distances from its references.
+
+    Attributes
+    ----------
+    noise_mm, structure_mm : float
+        Root mean square distance of a reading that differs from reading to reading, and that its pose decides [mm].
+    log_odds : float
+        Logarithm of the ratio of the likelihoods with and without structure.
+    """
+
+    noise_mm: float
+    structure_mm: float
+    log_odds: float
+
+    @property
+    def distance_mm(self) -> float:
+        """Root mean square distance of both [mm]."""
+        return float(np.hypot(self.noise_mm, self.structure_mm))
+
+    def __str__(self) -> str:
+        return f"{self.structure_mm:.2g} mm that depend on the pose and {self.noise_mm:.2g} mm of noise"
+
+
+UNKNOWN = Remaining(float("nan"), float("nan"), float("nan"))
+
+
+def remaining(
+    fit: IdentificationResult, state: ArmState, references: Sequence[Reference], absorbed: Sequence[Term]
+) -> Remaining:
+    """Separate what an arm leaves into noise and structure.
+
+    Parameters
+    ----------
+    fit : IdentificationResult
+    state : ArmState
+        Of the readings.
+    references : sequence of Reference
+        Those of the identification.
+    absorbed : sequence of Term
+        What was identified from these readings, with any that the evidence pruned; other terms of the result are known.
+    """
+    fitted = fit.perturbed_chain
+    known = dict(zip(fitted.terms, fitted.columns, strict=True))
+    terms = (*known, *(term for term in absorbed if term not in known))
+    features = pose_features(fit.chain.n_joints, relative_size(fit.chain))
+    chain = PerturbedChain(fitted.chain, (*terms, *features))
+    problem, _ = initial_problem(chain, state, references)
+    coefficients = [fit.coefficients[known[t]] if t in known else np.zeros(t.n_coefficients) for t in chain.terms]
+    unknowns = [value for one in fit.references for value in one.unknowns.values()]
+    x = np.concatenate([*coefficients, unknowns])
+    # Excluded readings and gross errors say nothing of the pose.
+    weights = [np.sqrt(one.robust_weight) * np.ones_like(one.residuals) for one in fit.references]
+    # What is identified from these readings first, then the features, then what is known from others.
+    identified = np.repeat([term in absorbed for term in terms], [term.n_coefficients for term in terms])
+    n_absorbed, n_terms = int(identified.sum()), len(identified)
+    with one_blas_thread():
+        parts, whole = linearised(problem, x, weights)
+        reduced = eliminate_unknowns(parts, whole, x)
+        others = np.arange(n_terms, len(reduced.gram))
+        of_use = np.concatenate([np.flatnonzero(identified), others])
+        gram, slope, rank, gain = _without(reduced.gram[np.ix_(of_use, of_use)], reduced.gradient[of_use], n_absorbed)
+        n_features = chain.n_coefficients - n_terms
+        gram, slope = gram[:n_features, :n_features], slope[:n_features]
+    stds = np.concatenate([term.prior_stds for term in features])
+    values, vectors = np.linalg.eigh(stds[:, None] * gram * stds)
+    counts = values > LEAST_EIGENVALUE * values.max(initial=0.0)
+    values, vectors = values[counts], vectors[:, counts]
+    squares = (vectors.T @ (stds * slope)) ** 2 / values
+    n = int(sum((one > 0).sum() for one in weights)) - rank - round(reduced.n_determined)
+    rest = max(2 * whole.cost - reduced.gain - gain - squares.sum(), 0.0)
+    return _components(values[:n], squares[:n], rest, n, sum(float(one[0].sum()) for one in weights))
+
+
+def pose_features(n_joints: int, size: float) -> list[Term]:
+    """Small motions at the base and at every joint, each by the cosine and sine of every joint's angle."""
+    found = []
+    for place in range(n_joints + 1):
+        for component in range(6):
+            std = ANGLE_STD if component < 3 else LENGTH_STD * size
+            direction = tuple(float(component == one) for one in range(6))
+            for joint in range(1, n_joints + 1):
+                name = f"motion {component} at {place} by J{joint}"
+                found.append(Term(name, place, direction, Harmonics(joint, (1,)), "structure", std))
+    return found
+
+
+def _without(gram: FloatArray, gradient: FloatArray, n: int) -> tuple[FloatArray, FloatArray, int, float]:
+    """Normal equations without the first n parameters; their rank, and by how much they decrease twice the cost."""
+    inner, across = gram[:n, :n], gram[n:, :n]
+    # Lengths and angles in one matrix: scaled to a unit diagonal.
+    scale = 1 / np.sqrt(np.maximum(inner.diagonal(), np.finfo(float).tiny))
+    values, vectors = np.linalg.eigh(scale[:, None] * inner * scale)
+    counts = values > LEAST_EIGENVALUE * values.max(initial=0.0)
+    root = vectors[:, counts] / np.sqrt(values[counts])
+    along, absorbed = (across * scale) @ root, root.T @ (scale * gradient[:n])
+    kept = gram[n:, n:] - along @ along.T, gradient[n:] - along @ absorbed
+    return *kept, int(counts.sum()), float(absorbed @ absorbed)
+
+
+def _components(values: FloatArray, squares: FloatArray, rest: float, n: int, n_readings: float) -> Remaining:
+    """Variance components by the likelihood of n contrasts: some with eigenvalues, the rest without structure."""
+    ratios = RATIOS / max(values.mean(), np.finfo(float).tiny) if len(values) else RATIOS[:1]
+    shares = 1 + ratios[:, None] * values
+    noise = np.maximum((squares / shares).sum(axis=1) + rest, np.finfo(float).tiny) / max(n, 1)
+    log_likelihood = -0.5 * (n * np.log(noise) + np.log(shares).sum(axis=1))
+    best = int(np.argmax(log_likelihood))
+    structure = ratios[best] * noise[best] * values.sum() / n_readings
+    return Remaining(
+        float(np.sqrt(noise[best] * n / n_readings)),
+        float(np.sqrt(structure)),
+        float(log_likelihood[best] - log_likelihood[0]),
+    )
