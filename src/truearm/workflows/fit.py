@@ -11,11 +11,12 @@ import numpy as np
 
 from truearm.acceptance import acceptance_remarks, accepts
 from truearm.choices import ModelName
-from truearm.compensation.models import MODELS, Compensator, NominalModel
+from truearm.compensation.models import MODELS, Compensator, HybridModel, KinematicModel, NominalModel
 from truearm.compensation.models.arm_check import with_serial_number
 from truearm.compensation.models.compensator import CheckedReadings
 from truearm.compensation.models.identified_model import IdentifiedModel, to_identified
 from truearm.compensation.models.model_file import save_model
+from truearm.compensation.models.residual_inputs import follows_order
 from truearm.compensation.models.selection import ModelScore, on_common_readings, select_model, worse_than_nominal
 from truearm.compensation.models.training_conditions import LEAST_TRAVEL_MM, LEAST_TURN
 from truearm.errors import InputError
@@ -146,14 +147,17 @@ def fit(
     why_no_hybrid: str | None = None
     fitted: Compensator = nominal
     if chosen is None:
-        fitted, comparison, why_no_hybrid = select_model(nominal, readings, progress=progress, **options)
-    elif model != "nominal":
-        # A model without weights of outliers places its own nominal arm.
-        fitted = chosen.learn(readings, progress=progress, nominal=nominal if chosen.robust else None)
+        fitted, comparison, why_no_hybrid, changes = select_model(nominal, readings, progress=progress, **options)
+    else:
+        if model != "nominal":
+            # A model without weights of outliers places its own nominal arm.
+            fitted = chosen.learn(readings, progress=progress, nominal=nominal if chosen.robust else None)
+        # A network has no residuals of a rigid frame: those of the arm's constants show what changed.
+        arm_model = (
+            KinematicModel(nominal_arm, free=parts).learn(readings, nominal=nominal) if model == "network" else fitted
+        )
+        changes = tuple(frame_changes(arm_model.identified_arm or nominal.fit_, arm_model.session_frames_, used))
     at = fitted.at(used)
-    changes: tuple[SessionChange, ...] = ()
-    if (identified := to_identified(fitted)) is not None:  # a network has no residuals of a rigid frame
-        changes = tuple(frame_changes(identified.fit_, identified.session_frames_, used))
     no_hybrid = () if why_no_hybrid is None else (f"The hybrid model was not compared: {why_no_hybrid}.",)
     rounding = None if fitted.identified_arm is None else describe_rounding(readings, fitted.identified_arm)
     said = (
@@ -202,7 +206,7 @@ class FitResult(Record):
     length_outliers : tuple of Outlier
         Known lengths that contradict the other data.
     frame_changes : tuple of SessionChange
-        Where the base or the reference moved during a session.
+        What changed during a session: the base or the reference, the tip, the zero of a joint.
     remarks : tuple of str
         What was skipped or ignored, and warnings.
 
@@ -421,8 +425,18 @@ def _remarks(model: Compensator, session: Session, lengths: Lengths | None) -> I
         yield stated
     if (unusual := model.nominal_check_.remark()) is not None:
         yield unusual
+    if isinstance(model, HybridModel) and not model.inputs_.has_temperature and _has_clock(session):
+        yield (
+            "The temperature follows the order of the readings: networks would learn it as a clock. It is no input of "
+            "theirs."
+        )
     if model.kind not in ("nominal", "network") and len(session) < FEW_READINGS:
         yield f"Only {len(session)} readings: the training error says little. Use some {FEW_READINGS} or more."
+
+
+def _has_clock(session: Session) -> bool:
+    temperature = session.temperature_degC
+    return temperature is not None and follows_order(temperature)
 
 
 def _comparison_table(comparison: tuple[ModelScore, ...]) -> TextTable:

@@ -151,7 +151,7 @@ def test_the_model_comes_back_from_its_file(model, test, tmp_path):
 def select(arm, readings):
     nominal = NominalModel(arm)
     prepared = nominal.prepare(readings)
-    return select_model(nominal.learn(prepared), prepared)
+    return select_model(nominal.learn(prepared), prepared)[:3]
 
 
 def test_auto_keeps_it_where_no_term_describes_the_error(arm, train, monkeypatch):
@@ -241,7 +241,19 @@ def test_inputs_are_those_that_vary(rng):
     assert not inputs.has_temperature
     scaled = inputs.scaled(angles, None)
     np.testing.assert_allclose([scaled.min(axis=1), scaled.max(axis=1)], [[-1] * 3, [1] * 3], atol=1e-12)
-    assert ResidualInputs.of(angles, np.linspace(15, 25, 20), slides).has_temperature
+    assert ResidualInputs.of(angles, rng.uniform(15, 25, 20), slides).has_temperature
+
+
+@pytest.mark.parametrize("course", ["warming", "a day", "two settled days"])
+def test_a_temperature_that_follows_the_order_of_the_readings_is_no_input(course, rng):
+    """It would be a clock: what changed with the time would be learned as an effect of the temperature."""
+    n = 60
+    rows = np.arange(n)
+    degC = {"warming": rows / 10, "a day": 3 * np.sin(rows / 8), "two settled days": 5.0 * (rows >= 25)}[course]
+    degC = 20 + degC + rng.normal(0, 0.1, n)
+    angles, slides = rng.uniform(-1, 1, (n, 3)), np.zeros(3, bool)
+    assert not ResidualInputs.of(angles, degC, slides).has_temperature
+    assert ResidualInputs.of(angles, rng.permutation(degC), slides).has_temperature
     with pytest.raises(InputError, match="no joint moves"):
         ResidualInputs.of(np.zeros((20, 3)), None, slides)
 

@@ -20,7 +20,7 @@ KINDS = {"nominal": NominalModel, "kinematic": KinematicModel, "physical": Physi
 def select(arm, readings, *, free=("base", "tip"), lengths=None, progress=None):
     nominal = NominalModel(arm, free=free)
     prepared = nominal.prepare(readings, lengths)
-    return select_model(nominal.learn(prepared), prepared, progress=progress)
+    return select_model(nominal.learn(prepared), prepared, progress=progress)[:3]
 
 
 def session(real, planted, rng, n=200):
@@ -132,7 +132,7 @@ def test_the_nominal_arm_is_fitted_once_for_all(real, rng, monkeypatch):
 
     monkeypatch.setattr(IdentifiedModel, "_place", staticmethod(again))
     monkeypatch.delitem(CANDIDATES, "physical")  # quicker
-    model, _, _ = select_model(nominal, nominal.prepare(readings))
+    model = select_model(nominal, nominal.prepare(readings)).model
     assert model.nominal_ is nominal.nominal_
     kinematic = KinematicModel(real.arm).fit_readings(readings, nominal=nominal)
     np.testing.assert_array_equal(kinematic.predict(readings.angles), plain.predict(readings.angles))

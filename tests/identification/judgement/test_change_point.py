@@ -1,12 +1,12 @@
-"""A frame that moves during a session is found, with its row and size; one that does not is left alone."""
+"""What changes during a session is found, with its kind, row and size; where nothing changes nothing is said."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.stats import norm
 
-from truearm.identification.judgement.change_point import HALF_WIDTH, SIGNIFICANCE, frame_change
+from truearm.arm import load_arm
+from truearm.identification.judgement.change_point import CLEAR_ODDS, SIGNIFICANCE, rigid_motions, session_changes
 
 STD = 0.01  # mm
 
@@ -22,9 +22,12 @@ def session(n: int, seed: int, *, regions: bool = False):
 
 
 def examined(angles, points, residuals):
-    """Of residuals about the mean, as a free base leaves them."""
+    """The one change of the frame, of residuals about the mean, as a free base leaves them; None if there is none."""
     n = len(points)
-    return frame_change(angles, points, residuals - residuals.mean(axis=0), np.full((n, 3), STD**-2), np.arange(n))
+    motions, weights = {"frame": rigid_motions(points)}, np.full((n, 3), STD**-2)
+    found = session_changes(angles, motions, residuals - residuals.mean(axis=0), weights, np.arange(n))
+    assert len(found) <= 1
+    return found[0] if found else None
 
 
 @pytest.mark.parametrize("n", [40, 150])
@@ -84,7 +87,7 @@ def test_a_step_among_gross_errors_is_found():
     residuals[::9] += 5.0
     weights[::9] = 0.0
     residuals[40:] -= [0.04, 0.0, 0.0]
-    found = frame_change(angles, points, residuals, weights, np.arange(100))
+    (found,) = session_changes(angles, {"frame": rigid_motions(points)}, residuals, weights, np.arange(100))
     assert abs(found.row - 40) <= 1
 
 
@@ -130,13 +133,57 @@ def test_points_that_never_vary_say_nothing():
     assert examined(angles, points, np.zeros((40, 3))) is None
 
 
-def test_the_interval_of_the_row_is_bais():
-    """The distribution of the estimated row about the true one, Bai 1997, eq. 14: 97.5 % at the half width."""
-    x = HALF_WIDTH
-    G = (
-        1
-        + np.sqrt(x / (2 * np.pi)) * np.exp(-x / 8)
-        - 0.5 * (x + 5) * norm.cdf(-np.sqrt(x) / 2)
-        + 1.5 * np.exp(x) * norm.cdf(-1.5 * np.sqrt(x))
-    )
-    assert pytest.approx(0.975, abs=0.001) == G
+# An arm of six joints: which of its parts changed --------------------------------------------------------------------
+
+CHAIN = load_arm("ur5").chain
+
+
+def arm_session(n: int, seed: int):
+    """Angles, motions of the points by all that may change, and pure noise."""
+    rng = np.random.default_rng(seed)
+    angles = rng.uniform(-2, 2, (n, 6))
+    pose, jacobian = CHAIN.pose_jacobians(angles)
+    zeros = {f"J{joint + 1}": jacobian[:, :3, [joint]] for joint in range(6)}
+    motions = {"frame": rigid_motions(pose.tip_in_base), "tip": pose.R_base_tip, **zeros}
+    return angles, motions, STD * rng.standard_normal((n, 3))
+
+
+def changes_of(angles, motions, residuals):
+    n = len(angles)
+    return session_changes(angles, motions, residuals, np.full((n, 3), STD**-2), np.arange(n))
+
+
+@pytest.mark.parametrize("what", ["J2", "J3", "J4", "tip", "frame"])
+def test_the_part_that_changed_is_named_with_its_size(what):
+    angles, motions, residuals = arm_session(80, 5)
+    planted = {"frame": [0.0, 2e-4, 0.0, 0.05, 0.0, 0.0], "tip": [0.03, 0.05, 0.0]}.get(what, [4e-4])
+    after = np.arange(80) >= 33
+    residuals -= after[:, None] * (motions[what] @ planted)
+    (found,) = changes_of(angles, motions, residuals)
+    assert (found.kind, found.what) == ("step", what)
+    assert found.odds[what] > CLEAR_ODDS / (1 + CLEAR_ODDS)
+    assert abs(found.row - 33) <= 1
+    # 33 readings on one side at 0.01 mm each; a motion of one unit moves the points by this.
+    unit = np.sqrt((motions[what] ** 2).sum(axis=1).mean(axis=0))
+    np.testing.assert_allclose(found.motion * unit, planted * unit, atol=5 * STD / np.sqrt(33))
+
+
+def test_two_moves_are_both_found():
+    angles, motions, residuals = arm_session(150, 6)
+    for row, moved in ((50, [0.3, 0.0, 0.0]), (100, [0.0, 0.3, 0.0])):
+        residuals[row:] -= moved
+    first, second = changes_of(angles, motions, residuals)
+    assert (first.what, first.row) == ("frame", 50)
+    assert (second.what, second.row) == ("frame", 100)
+
+
+def test_a_slip_about_the_first_axis_is_a_motion_of_the_frame_too():
+    """A small one: the odds say that both explain it."""
+    angles, motions, residuals = arm_session(60, 7)
+    residuals[30:] -= (motions["J1"] @ [4e-5])[30:]
+    for found in changes_of(angles, motions, residuals):
+        assert found.odds["J1"] + found.odds.get("frame", 0.0) > 0.9
+
+
+def test_good_sessions_of_an_arm_are_left_alone():
+    assert sum(bool(changes_of(*arm_session(50, seed))) for seed in range(100, 160)) <= 1

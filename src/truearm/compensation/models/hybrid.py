@@ -47,7 +47,8 @@ class HybridModel(Compensator):
 
     The networks are a committee: each is trained by Bayesian regularisation (`trainbr`) without one fold of the
     positions, and their mean corrects the arm. What each makes of its own fold gives held-out errors, and these the
-    residual variance. Inputs are cosine and sine of the angles, and the temperature if the readings state it.
+    residual variance. Inputs are cosine and sine of the angles, and the temperature if the readings state it, unless it
+    follows their order.
 
     Parameters
     ----------
@@ -166,8 +167,10 @@ class HybridModel(Compensator):
         """(n, 3, 3) covariance of the members' points about their mean [mm^2]."""
         return _scatter(self._corrections(self.checked(readings).state))
 
-    def held_out_by_first_member(self, readings: Session, arm_model: IdentifiedModel) -> HeldOutReadings:
-        """The first fold of the readings, as predicted by the network that is trained without it.
+    def held_out_by_one_member(
+        self, readings: Session, arm_model: IdentifiedModel, *, latest: bool = False
+    ) -> HeldOutReadings:
+        """One fold of the readings, as predicted by a network that is trained without it.
 
         The first of `n_members` steps of a fit: it shows whether the others are worth their time.
 
@@ -177,16 +180,20 @@ class HybridModel(Compensator):
             Of one frame.
         arm_model : IdentifiedModel
             Fitted to these readings; an arm as `arm_model` names it.
+        latest : bool
+            Hold out the readings that were measured last, as many as in a fold, in place of the first fold.
         """
         self.arm_ = self._checked_arm()
         self.fit_ = arm_model.fit_
         learned = self._prepare_residuals(readings, arm_model)
-        first = learned.fold == 0
+        aside = learned.fold == 0
+        if latest:
+            aside = np.isin(learned.held_out.group, learned.held_out.group[-int(aside.sum()) :])
         weights, _ = train_member(
-            learned.network, learned.inputs, learned.targets, ~first, epochs=self.epochs, seed=[int(self.seed), 0]
+            learned.network, learned.inputs, learned.targets, ~aside, epochs=self.epochs, seed=[int(self.seed), 0]
         )
-        corrections = learned.scale_mm * learned.network.outputs(weights, learned.inputs[:, first]).T
-        held_out = learned.held_out.select(first)
+        corrections = learned.scale_mm * learned.network.outputs(weights, learned.inputs[:, aside]).T
+        held_out = learned.held_out.select(aside)
         return replace(held_out, deviations=held_out.deviations + corrections)
 
     def _fit(self, readings: PreparedReadings, placed: Found, simpler: Compensator | None, progress: Progress) -> None:

@@ -26,6 +26,7 @@ from truearm.compensation.models.identified_model import (
 from truearm.compensation.models.residual_inputs import moves
 from truearm.identification.estimation.residual_variance import HeldOutReadings
 from truearm.identification.identify import Progress
+from truearm.identification.judgement.frame_changes import SessionChange, frame_changes
 from truearm.identification.judgement.gross_errors import excluded_readings
 from truearm.identification.judgement.paired_comparison import exceeds, group_means, trimmed_mean
 from truearm.identification.references.prepared_readings import PreparedReadings
@@ -83,11 +84,14 @@ class Selection(NamedTuple):
         All candidates, the simplest first; empty where no reading could be held out, and the nominal arm is kept.
     why_no_hybrid : str or None
         Why the hybrid model is not among them; None where it is.
+    changes : tuple of SessionChange
+        What changed during the sessions, by the residuals of the arm with the most terms.
     """
 
     model: SelectedModel
     table: tuple[ModelScore, ...]
     why_no_hybrid: str | None
+    changes: tuple[SessionChange, ...]
 
 
 def select_model(
@@ -106,7 +110,10 @@ def select_model(
 
     The hybrid model comes last: it is kept only where its error is smaller than that of the physical model by more than
     a standard error. It must first win a heat (O. Maron, A. W. Moore, "Hoeffding races", NIPS 6 (1994) 59): it is
-    fitted if the lead of the first of its networks over the best model, on its fold, would decide on all folds.
+    fitted if the lead of the first of its networks over the best model, on its fold, would decide on all folds, and so
+    would that of a network on the readings measured last: a gain that sits in the order of the readings has no use
+    afterwards. Where something changed during a session (`frame_changes`), its networks would learn when: it is not
+    fitted.
 
     Parameters
     ----------
@@ -135,7 +142,7 @@ def select_model(
         return lambda _, note: None if progress is None else progress(done, f"{name}: {note}")
 
     if not len(nominal.held_out_.rows):
-        return Selection(nominal, (), None)
+        return Selection(nominal, (), None, ())
     models: dict[str, IdentifiedModel] = {"nominal": nominal}
     for name, kind in CANDIDATES.items():
         options: dict[str, Any] = {"residual": residual, "terms": terms} if name == "physical" else {}
@@ -143,11 +150,13 @@ def select_model(
         models[name] = model.learn(readings, progress=report(name), nominal=list(models.values())[-1])
     compared: dict[str, SelectedModel] = {**models}
     hybrid, arm_model = HybridModel(nominal.arm, free=nominal.free), models["kinematic"]
-    why_no_hybrid = _why_no_hybrid(hybrid, arm_model, readings, compared)
+    most_terms = list(models.values())[-1]
+    changes = tuple(frame_changes(most_terms.fit_, most_terms.session_frames_, readings.given))
+    why_no_hybrid = _why_no_hybrid(hybrid, arm_model, readings, compared, changes)
     if why_no_hybrid is None:
         compared["hybrid"] = hybrid.learn(readings, progress=report("hybrid"), nominal=arm_model)
     table = _scores(compared)
-    return Selection(next(compared[score.name] for score in table if score.kept), table, why_no_hybrid)
+    return Selection(next(compared[score.name] for score in table if score.kept), table, why_no_hybrid, changes)
 
 
 def worse_than_nominal(model: Compensator, nominal: NominalModel) -> tuple[float, float] | None:
@@ -190,7 +199,11 @@ def _scores(models: dict[str, SelectedModel]) -> tuple[ModelScore, ...]:
 
 
 def _why_no_hybrid(
-    hybrid: HybridModel, arm_model: IdentifiedModel, readings: PreparedReadings, models: dict[str, SelectedModel]
+    hybrid: HybridModel,
+    arm_model: IdentifiedModel,
+    readings: PreparedReadings,
+    models: dict[str, SelectedModel],
+    changes: tuple[SessionChange, ...],
 ) -> str | None:
     """Why the hybrid model is not fitted; None if it applies and its first network is well ahead of the best model."""
     session = readings.session
@@ -202,20 +215,27 @@ def _why_no_hybrid(
         (bool(readings.frames), "its networks learn in one frame, and the sessions have one each"),
         (len(readings.tips) > 1, "its networks learn one tip"),
         (3 * len(used.rows) < n_weights, f"{len(used.rows)} readings are too few for its {n_weights} weights"),
+        (bool(changes), "its networks would learn what changed during the session, as if it came with the poses"),
         (len(np.unique(used.group)) < 2, "readings of one position cannot be held out"),
         (not moves(session.angles[used.rows], readings.arm.chain.is_prismatic), "no joint moves"),
     ):
         if excludes:
             return reason
-    first = hybrid.held_out_by_first_member(session, arm_model)
-    common = reduce(np.intersect1d, [first.rows, *(model.held_out_.rows for model in models.values())])
-    if not len(common):
-        return "no reading is held out of all models"
-    held_out = {name: _on_rows(model.held_out_, common) for name, model in models.items()}
-    best = min(held_out.values(), key=lambda one: trimmed_mean(group_means(one))[0])
-    excess, error = trimmed_mean(group_means(_on_rows(first, common)) - group_means(best))
-    # On all folds the standard error of the same lead would be smaller by the root of their number.
-    return None if excess + error / np.sqrt(hybrid.n_members) < 0 else "its first network was no better"
+    for latest, reason in (
+        (False, "its first network was no better"),
+        (True, "its network was no better on the readings measured last, which it had not learned"),
+    ):
+        one = hybrid.held_out_by_one_member(session, arm_model, latest=latest)
+        common = reduce(np.intersect1d, [one.rows, *(model.held_out_.rows for model in models.values())])
+        if not len(common):
+            return "no reading is held out of all models"
+        held_out = {name: _on_rows(model.held_out_, common) for name, model in models.items()}
+        best = min(held_out.values(), key=lambda part: trimmed_mean(group_means(part))[0])
+        excess, error = trimmed_mean(group_means(_on_rows(one, common)) - group_means(best))
+        # On all folds the standard error of the same lead would be smaller by the root of their number.
+        if not excess + error / np.sqrt(hybrid.n_members) < 0:
+            return reason
+    return None
 
 
 def _on_rows(held_out: HeldOutReadings, rows: IntArray) -> HeldOutReadings:

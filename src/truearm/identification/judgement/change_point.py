@@ -1,30 +1,40 @@
-"""Change of the frame during a session: a tracker that was pushed, a base that moved or creeps.
+"""Changes during a session: a tracker that was pushed, a base that creeps, a tip that was turned, a joint that slipped.
 
-Each reading's residual r is projected on the six small rigid motions of the reference frame about the centroid of the
-points, with the reading's Jacobian B and weights W: scores ``s = B^T W r``. If nothing moved, their order says nothing.
-Their cumulated sums, centred, whitened by the scores' own covariance and scaled by ``t (1 - t)`` at a share t of the
-readings, are the score statistics of a step there; the largest is the sup-LM statistic of D. W. K. Andrews, "Tests for
-parameter instability and structural change with unknown change point", Econometrica 61 (1993) 821. Its distribution if
-nothing changed is that over random orders of the same scores: no normality is assumed, and no number of readings.
+Each kind of change has its motions B of a point: the six of a rigid frame, three of a tip in the flange, one of a
+joint's zero. Each reading's residual r is projected on them with the weights W: scores ``s = B^T W r``. If nothing
+changed, their order says nothing. Their cumulated sums, centred, whitened by the scores' own covariance and scaled by
+``t (1 - t)`` at a share t of the readings, are the score statistics of a step there; the largest is the sup-LM
+statistic of D. W. K. Andrews, "Tests for parameter instability and structural change with unknown change point",
+Econometrica 61 (1993) 821. That of a kind is compared with those of others by its tail probability for as many degrees
+of freedom as it has motions. The distribution of the smallest one if nothing changed is that over random orders of the
+same scores: no normality is assumed, and no number of readings.
 
 What a model does not explain depends on the pose, and poses are often measured region by region. From each score the
 mean of those at the most similar poses is therefore subtracted: a change counts only where poses before and after it
 are alike. Readings that repeat a pose one after the other count as one, their mean: compared with each other they would
-hide every change between poses. It must also be there in residuals less a cubic function of each joint. Consecutive
+hide every change between poses. It must also be there in residuals less a smooth function of the joints. Consecutive
 readings of like poses have like residuals; the statistic is divided by the ratio of long-run and plain variance (W. K.
 Newey, K. D. West, Econometrica 55 (1987) 703) of the scores without the step.
 
-A step that explains less than a motion proportional to the row is a drift. The confidence interval of the row is that
-of J. Bai, "Estimation of a change point in multiple regression models", Rev. Econ. Stat. 79 (1997) 551.
+What changed, and where, is what explains the residuals best: every kind, as a step at every row and as a drift in
+proportion to the row, by its likelihood beside all constant motions, the noise being as large as the scatter that
+remains. Motions count by the Bayesian information criterion (G. Schwarz, Ann. Stat. 6 (1978) 461). Several changes are
+found in turn, and the row of each is then found again beside the others.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Literal
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Literal, NamedTuple
 
 import numpy as np
+from scipy.sparse import csr_array, eye_array, triu
 from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
+from scipy.special import logsumexp
+from scipy.stats import chi2
 
 from truearm.arm.rigid_motions import cross_matrix
 from truearm.typing import FloatArray, IntArray
@@ -32,64 +42,84 @@ from truearm.typing import FloatArray, IntArray
 # A session of good readings is questioned once in five hundred.
 SIGNIFICANCE = 0.002
 N_ORDERS = 1999
-# Smaller statistics are not examined further: some good session in ten has a larger one.
-LEAST_STATISTIC = 19.0
+# Larger tail probabilities of one kind are not examined further: some good session in ten has a smaller one.
+LARGEST_TAIL = 0.004
 # Readings on both sides of a step, at least: so many, and this share.
 LEAST_READINGS, LEAST_SHARE = 8, 0.05
-# With fewer readings for each function of the joints these would explain a step too.
-READINGS_PER_FUNCTION = 4
+# With fewer readings for each function of the joints these would explain a step too; more do not help.
+READINGS_PER_FUNCTION, MAX_FUNCTIONS = 4, 400
 # Similar poses that a reading is compared with.
 NEIGHBOURS = 8
 # Consecutive readings are of one pose if no joint differs by more: as a share of its scatter, or in rad and mm.
 SAME_SHARE, SAME_ANGLE = 0.01, 1e-3
-# Half width of a 95 % interval of the row, by the step's squared signal-to-noise ratio of one reading (Bai 1997).
-HALF_WIDTH = 11.0
+# Changes that are looked for one after the other.
+MAX_CHANGES = 5
+# A kind is named alone if its odds against every other are better.
+CLEAR_ODDS = 20.0
+# Smaller probabilities are not stated.
+LEAST_PROBABILITY = 1e-3
 
 
 @dataclass(frozen=True)
-class FrameChange:
-    """The frame of the reference moved between two readings, or slowly.
+class Change:
+    """What changed between two readings of a session, or slowly.
 
     Attributes
     ----------
     kind : {"step", "drift"}
+    what : str
+        The kind of motion that explains it best.
+    odds : dict of str to float
+        Probability of each kind of motion, that of `what` first, of those that are not negligible.
     row : int
         First row of the readings after the step; of a drift the row in its middle.
     first_row, last_row : int
         95 % interval of that row.
     shift_mm : float
         Root mean square distance by which the points moved; of a drift from the first to the last reading [mm].
+    motion : (k,) array
+        Along the motions of `what`, in their unit.
     p_value : float
-        Probability of a change as clear as this if nothing moved.
+        Probability of a change as clear as this if nothing changed.
     """
 
     kind: Literal["step", "drift"]
+    what: str
+    odds: dict[str, float]
     row: int
     first_row: int
     last_row: int
     shift_mm: float
+    motion: FloatArray = field(repr=False)
     p_value: float
 
 
-def frame_change(
+def rigid_motions(points: FloatArray) -> FloatArray:
+    """(n, 3, 6) displacements of points (n, 3) by rotations about their centroid [mm/rad] and translations."""
+    away = points - points.mean(axis=0)
+    turns = np.stack([-cross_matrix(one) for one in away])
+    return np.concatenate([turns, np.broadcast_to(np.eye(3), turns.shape)], axis=2)
+
+
+def session_changes(
     angles: FloatArray,
-    points: FloatArray,
+    motions: Mapping[str, FloatArray],
     residuals: FloatArray,
     weights: FloatArray,
     rows: IntArray,
     *,
     seed: int = 0,
-) -> FrameChange | None:
-    """Test whether the frame of the reference moved during a session.
+) -> list[Change]:
+    """Test whether something changed during a session, and what.
 
     Parameters
     ----------
     angles : (n, n_joints) array
         Of the readings, in the order in which they were measured [rad, or mm].
-    points : (n, 3) array
-        Of the same readings [mm].
+    motions : mapping of str to (n, 3, k) array
+        By the kind of change the displacements of the points [mm per unit of the motion].
     residuals : (n, 3) array
-        Of the same readings, any constant motion being identified [mm].
+        Predicted less measured, any constant motion being identified [mm].
     weights : (n, 3) array
         One over their variances, times robust weights [1/mm^2].
     rows : (n,) int array
@@ -99,69 +129,164 @@ def frame_change(
 
     Returns
     -------
-    FrameChange or None
-        None if the order of the residuals is what chance gives.
+    list of Change
+        In the order of their rows; empty if the order of the residuals is what chance gives.
     """
-    last_row = rows[-1] if len(rows) else 0
-    angles, points, residuals, weights, rows = _less_repeats(angles, points, residuals, weights, rows)
-    n = len(points)
-    margin = max(LEAST_READINGS, int(np.ceil(LEAST_SHARE * n)))
+    at = _Readings(angles, dict(motions), residuals, weights, rows).less_repeats()
+    margin = _margin(len(at.rows))
+    if len(at.rows) < 2 * margin + 1:
+        return []
+    found, p_values = _steps(at, margin, seed)
+    if not found:
+        return []
+    drift = _best(at, [], margin, steps=False)[0]
+    if _log_likelihood(at, [drift], found) > _log_likelihood(at, found, found):
+        found, p_values = [drift], p_values[:1]
+    described = [
+        _describe(at, one, [other for other in found if other is not one], margin, p_value, last_row=int(rows[-1]))
+        for one, p_value in zip(found, p_values, strict=True)
+    ]
+    return sorted(described, key=lambda change: change.row)
+
+
+def _steps(at: _Readings, margin: int, seed: int) -> tuple[list[_Course], list[float]]:
+    """Steps found in turn, and the p-value of each; each at the best row beside the others."""
+    found: list[_Course] = []
+    p_values: list[float] = []
+    while len(found) < MAX_CHANGES:
+        p_value = _significance(at, _without(at, found), seed)
+        if p_value is None:
+            break
+        step, likelihoods = _best(at, found, margin, steps=True)
+        if likelihoods[step.what].max() < 0:  # not worth its motions
+            break
+        found.append(step)
+        p_values.append(p_value)
+        for number in range(len(found) - 1):
+            found[number] = _best(at, found[:number] + found[number + 1 :], margin, steps=True)[0]
+    return found, p_values
+
+
+@dataclass(frozen=True, eq=False)
+class _Readings:
+    """What is tested; see `session_changes`."""
+
+    angles: FloatArray
+    motions: dict[str, FloatArray]
+    residuals: FloatArray
+    weights: FloatArray
+    rows: IntArray
+
+    @cached_property
+    def nearest(self) -> IntArray:
+        """(n, k) The readings of the most similar poses."""
+        scaled = _standardized(self.angles)
+        k = min(NEIGHBOURS, len(scaled) - 1)
+        return np.asarray(cKDTree(scaled).query(scaled, k=k + 1)[1])[:, 1:]
+
+    @cached_property
+    def contrast(self) -> csr_array:
+        """(n, n) what takes from a value at each reading the mean of those at the most similar poses, by weight."""
+        n, k = self.nearest.shape
+        weight = self.weights.mean(axis=1)[self.nearest]
+        share = weight / np.maximum(weight.sum(axis=1, keepdims=True), np.finfo(float).tiny)
+        return eye_array(n, format="csr") - csr_array(
+            (share.ravel(), self.nearest.ravel(), np.arange(0, n * k + 1, k)), shape=(n, n)
+        )
+
+    @cached_property
+    def precisions(self) -> list[csr_array]:
+        """Weights of products of residuals of each axis: of their differences from those at like poses."""
+        return [csr_array(self.contrast.T @ (column[:, None] * self.contrast)) for column in self.weights.T]
+
+    def weighed(self, columns: FloatArray) -> FloatArray:
+        """(n, 3, p) columns times their weights."""
+        return np.stack([one @ columns[:, axis] for axis, one in enumerate(self.precisions)], axis=1)
+
+    def less_repeats(self) -> _Readings:
+        """The mean of readings that repeat a pose one after the other, and the first row of each."""
+        angles = self.angles
+        near = np.maximum(SAME_SHARE * angles.std(axis=0), SAME_ANGLE) if len(angles) else np.zeros(0)
+        starts: list[int] = []
+        for row, at in enumerate(angles):
+            if not starts or (np.abs(at - angles[starts[-1]]) > near).any():
+                starts.append(row)
+        if len(starts) == len(angles):
+            return self
+
+        def mean(values: FloatArray) -> FloatArray:
+            counts = np.diff([*starts, len(angles)]).reshape(-1, *[1] * (values.ndim - 1))
+            return np.asarray(np.add.reduceat(values, starts) / counts)
+
+        weight = mean(self.weights)
+        weighted = np.divide(mean(self.weights * self.residuals), weight, out=np.zeros_like(weight), where=weight > 0)
+        motions = {name: mean(value) for name, value in self.motions.items()}
+        return _Readings(mean(angles), motions, weighted, weight, self.rows[starts])
+
+
+class _Course(NamedTuple):
+    """A kind of motion and its course: a step before a number of readings, or a drift (0)."""
+
+    what: str
+    step: int
+
+    def over(self, n: int) -> FloatArray:
+        """(n,) share of the motion at each reading."""
+        return np.linspace(0.0, 1.0, n) if self.step == 0 else (np.arange(n) >= self.step).astype(float)
+
+
+def _margin(n: int) -> int:
+    """Readings on both sides of a step, at least."""
+    return max(LEAST_READINGS, int(np.ceil(LEAST_SHARE * n)))
+
+
+# Whether anything changed ---------------------------------------------------------------------------------------------
+
+
+def _significance(at: _Readings, residuals: FloatArray, seed: int) -> float | None:
+    """P-value of the clearest step of any kind; None if it is not significant."""
+    p_values = []
+    # As they are, and without what is smooth in the joints: each alone leaves some errors of the pose.
+    for some in (residuals, _less_smooth(residuals, at.weights, at.angles)):
+        scores = [np.einsum("nij,ni->nj", motions, at.weights * some) for motions in at.motions.values()]
+        whitened = [_whitened(_less_those_of_like_poses(one, at.nearest)) for one in scores]
+        p_value = _p_value([white for white in whitened if white.shape[1]], seed)
+        if p_value is None:
+            return None
+        p_values.append(p_value)
+    return max(p_values)
+
+
+def _p_value(whitened: list[FloatArray], seed: int) -> float | None:
+    """Share of random orders of the scores with a clearer step of any kind; None if more than is significant."""
+    within, largest, n = [], 0.0, len(whitened[0]) if whitened else 0
+    margin = _margin(n)
     if n < 2 * margin + 1:
         return None
-    motions = _rigid_motions(points)
-    found = []
-    # As they are, and without what is smooth in the joints: each alone leaves some errors of the pose.
-    for some in (residuals, _less_smooth(residuals, weights, angles)):
-        scores = np.einsum("nij,ni->nj", motions, weights * some)
-        outcome = _step(_whitened(_less_those_of_like_poses(scores, angles)), margin, seed)
-        if outcome is None:
-            return None
-        found.append(outcome)
-    step, p_value = max(found, key=lambda outcome: outcome[1])
-    change = _describe(motions, weights, residuals, rows, step, p_value)
-    return replace(change, last_row=int(last_row)) if change.kind == "drift" else change
-
-
-def _less_repeats(
-    angles: FloatArray, points: FloatArray, residuals: FloatArray, weights: FloatArray, rows: IntArray
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, IntArray]:
-    """The same arrays with the mean of readings that repeat a pose one after the other, and the first row of each."""
-    near = np.maximum(SAME_SHARE * angles.std(axis=0), SAME_ANGLE) if len(angles) else np.zeros(0)
-    starts: list[int] = []
-    for row, at in enumerate(angles):
-        if not starts or (np.abs(at - angles[starts[-1]]) > near).any():
-            starts.append(row)
-    if len(starts) == len(angles):
-        return angles, points, residuals, weights, rows
-
-    def mean(values: FloatArray) -> FloatArray:
-        return np.asarray(np.add.reduceat(values, starts) / np.diff([*starts, len(angles)])[:, None])
-
-    weight = mean(weights)
-    weighted = np.divide(mean(weights * residuals), weight, out=np.zeros_like(weight), where=weight > 0)
-    return mean(angles), mean(points), weighted, weight, rows[starts]
-
-
-def _step(white: FloatArray, margin: int, seed: int) -> tuple[int, float] | None:
-    """Number of readings before the clearest step, and its p-value; None if it is not significant."""
-    n = len(white)
-    if white.shape[1] == 0:
-        return None
     cut = slice(margin, n - margin + 1)
-    step = margin + int(np.argmax(_statistics(white)[cut]))
-    within = _without_step(white, step)
-    largest = float((np.cumsum(white, axis=0)[step - 1] ** 2 / _long_run_ratio(within)).sum() * n / (step * (n - step)))
-    if largest < LEAST_STATISTIC:
+    for white in whitened:
+        step = margin + int(np.argmax(_statistics(white)[cut]))
+        without = _without_step(white, step)
+        sums = np.cumsum(white, axis=0)[step - 1] ** 2 / _long_run_ratio(without)
+        largest = max(largest, _clearness(float(sums.sum()) * n / (step * (n - step)), white.shape[1]))
+        within.append(_whitened(without))
+    if largest < -np.log(LARGEST_TAIL):
         return None
-    p_value = _p_value(largest, _whitened(within), cut, seed)
-    return None if p_value > SIGNIFICANCE else (step, p_value)
+    rng, exceeded = np.random.default_rng(seed), 0
+    together, widths = np.ascontiguousarray(np.hstack(within).T), [one.shape[1] for one in within]
+    kinds = np.cumsum([0, *widths[:-1]])
+    limits = chi2.isf(np.exp(-largest), widths)  # as clear as this
+    for _ in range(N_ORDERS):
+        sums = np.cumsum(together[:, rng.permutation(n)], axis=1)[:, margin - 1 : n - margin]
+        exceeded += bool(((np.add.reduceat(sums**2, kinds) * _factors(n)[cut]).max(axis=1) >= limits).any())
+        if exceeded > SIGNIFICANCE * (N_ORDERS + 1) - 1:  # it cannot become significant any more
+            return None
+    return (exceeded + 1) / (N_ORDERS + 1)
 
 
-def _rigid_motions(points: FloatArray) -> FloatArray:
-    """(n, 3, 6) displacements of the points by rotations about their centroid [mm/rad] and translations."""
-    away = points - points.mean(axis=0)
-    turns = np.stack([-cross_matrix(one) for one in away])
-    return np.concatenate([turns, np.broadcast_to(np.eye(3), turns.shape)], axis=2)
+def _clearness(statistic: float, freedom: int) -> float:
+    """Minus the logarithm of its tail probability."""
+    return -float(chi2.logsf(statistic, freedom))
 
 
 def _standardized(angles: FloatArray) -> FloatArray:
@@ -170,22 +295,25 @@ def _standardized(angles: FloatArray) -> FloatArray:
 
 
 def _less_smooth(residuals: FloatArray, weights: FloatArray, angles: FloatArray) -> FloatArray:
-    """Residuals less a cubic function of each joint; as they are where too few readings would determine it."""
+    """Residuals less a cubic function of each joint and a sum of distances from some poses.
+
+    As they are where too few readings would determine the functions.
+    """
     z = _standardized(angles)
     smooth = np.hstack([np.ones((len(z), 1)), z, z**2, z**3])
-    if len(z) < READINGS_PER_FUNCTION * smooth.shape[1]:
+    n_centres = min(len(z) // READINGS_PER_FUNCTION, MAX_FUNCTIONS) - smooth.shape[1]
+    if n_centres < 0:
         return residuals
+    centres = z[np.linspace(0, len(z) - 1, n_centres, dtype=int)]
+    smooth = np.hstack([smooth, cdist(z, centres)])
     root = np.sqrt(weights.mean(axis=1))[:, None]
     fitted = np.linalg.lstsq(root * smooth, root * residuals, rcond=1e-9)[0]
     return np.asarray(residuals - smooth @ fitted)
 
 
-def _less_those_of_like_poses(scores: FloatArray, angles: FloatArray) -> FloatArray:
+def _less_those_of_like_poses(scores: FloatArray, nearest: IntArray) -> FloatArray:
     """Scores less the mean of those at the most similar poses, and less their own mean."""
-    scaled = _standardized(angles)
-    k = min(NEIGHBOURS, len(angles) - 1)
-    near = np.asarray(cKDTree(scaled).query(scaled, k=k + 1)[1])[:, 1:]
-    contrasts = scores - scores[near].mean(axis=1)
+    contrasts = scores - scores[nearest].mean(axis=1)
     return np.asarray(contrasts - contrasts.mean(axis=0))
 
 
@@ -197,12 +325,15 @@ def _whitened(scores: FloatArray) -> FloatArray:
     return np.asarray(scaled @ (axes[:, varies] / np.sqrt(values[varies])))
 
 
-def _statistics(white: FloatArray) -> FloatArray:
-    """(n + 1,) the statistic of a step after each number of readings; infinite weights at the ends are zero."""
-    n = len(white)
+def _factors(n: int) -> FloatArray:
+    """(n + 1,) by which a squared sum of so many whitened scores becomes the statistic of a step after them."""
     before = np.arange(1, n)
-    inner = (np.cumsum(white, axis=0)[:-1] ** 2).sum(axis=1) * n / (before * (n - before))
-    return np.concatenate([[0.0], inner, [0.0]])
+    return np.pad(n / (before * (n - before)), 1)
+
+
+def _statistics(white: FloatArray) -> FloatArray:
+    """(n + 1,) the statistic of a step after each number of readings; zero at the ends."""
+    return np.pad((np.cumsum(white, axis=0) ** 2).sum(axis=1), (1, 0)) * _factors(len(white))
 
 
 def _without_step(white: FloatArray, step: int) -> FloatArray:
@@ -221,50 +352,148 @@ def _long_run_ratio(white: FloatArray) -> FloatArray:
     return np.asarray(np.maximum(long_run / plain, 1.0))
 
 
-def _p_value(largest: float, white: FloatArray, cut: slice, seed: int) -> float:
-    """Share of random orders of the scores whose largest statistic is no smaller."""
-    rng, exceeded = np.random.default_rng(seed), 0
-    for _ in range(N_ORDERS):
-        exceeded += bool(_statistics(white[rng.permutation(len(white))])[cut].max() >= largest)
-        if exceeded > SIGNIFICANCE * (N_ORDERS + 1):  # it cannot become significant any more
-            break
-    return (exceeded + 1) / (N_ORDERS + 1)
+# What changed, and where ----------------------------------------------------------------------------------------------
+
+
+def _constants(at: _Readings, others: list[_Course]) -> FloatArray:
+    """(n, 3, p) what is identified beside a change: all motions, constant, and the other changes."""
+    n = len(at.rows)
+    moving = [one.over(n)[:, None, None] * at.motions[one.what] for one in others]
+    return np.concatenate([*at.motions.values(), *moving], axis=2)
+
+
+def _left_by(at: _Readings, courses: list[_Course]) -> FloatArray:
+    """Residuals less the changes, identified together with all constant motions."""
+    design = _constants(at, courses)
+    return np.asarray(at.residuals - design @ _least_squares(at, design, at.residuals))
+
+
+def _without(at: _Readings, courses: list[_Course]) -> FloatArray:
+    """Residuals without changes, any constant motion being identified: differences alone do not determine that."""
+    if not courses:
+        return at.residuals
+    constant, n = _constants(at, []), len(at.rows)
+    changes = _constants(at, courses)
+    found = _least_squares(at, changes, at.residuals)
+    found[: constant.shape[2]] = 0.0
+    residuals = at.residuals - changes @ found
+    root = np.sqrt(at.weights)
+    columns = (root[:, :, None] * constant).reshape(3 * n, -1)
+    scale = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
+    constants = np.linalg.lstsq(columns / scale, (root * residuals).ravel(), rcond=1e-9)[0] / scale
+    return np.asarray(residuals - constant @ constants)
+
+
+def _least_squares(at: _Readings, design: FloatArray, residuals: FloatArray) -> FloatArray:
+    """(p,) coefficients of columns (n, 3, p)."""
+    inverse, _ = _inverse_gram(at, design)
+    return np.asarray(inverse @ np.tensordot(at.weighed(design), residuals, axes=((0, 1), (0, 1))))
+
+
+def _inverse_gram(at: _Readings, design: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(p, p) pseudoinverse of the weighed products of columns (n, 3, p), and the weighed columns."""
+    weighed = at.weighed(design)
+    gram = np.tensordot(design, weighed, axes=((0, 1), (0, 1)))
+    # What is constant has no differences: by its own size it stays zero.
+    size = np.tensordot(at.weights, design**2, axes=((0, 1), (0, 1)))
+    scale = 1 / np.sqrt(np.maximum(size, np.finfo(float).tiny))
+    return scale[:, None] * np.linalg.pinv(scale[:, None] * gram * scale, rcond=1e-9, hermitian=True) * scale, weighed
+
+
+def _best(at: _Readings, others: list[_Course], margin: int, *, steps: bool) -> tuple[_Course, dict[str, FloatArray]]:
+    """The step or drift of the greatest likelihood beside other changes, and the log likelihoods of each kind.
+
+    Of steps at all rows, of drifts one.
+    """
+    found = _log_likelihoods(at, others, margin, steps=steps)
+    best = max(found, key=lambda what: float(found[what].max()))
+    return _Course(best, margin + int(np.argmax(found[best])) if steps else 0), found
+
+
+def _log_likelihoods(at: _Readings, others: list[_Course], margin: int, *, steps: bool) -> dict[str, FloatArray]:
+    """Log likelihoods of a change beside others, by kind; of steps at all rows, of drifts one.
+
+    A step's columns are zero before it. Of their products with each other, with the constant columns and with the
+    residuals sums over the readings after it are enough: those of all rows are one cumulated sum.
+    """
+    n = len(at.rows)
+    constant = _constants(at, others)
+    inverse, weighed = _inverse_gram(at, constant)
+    left = at.residuals - constant @ (inverse @ np.tensordot(weighed, at.residuals, axes=((0, 1), (0, 1))))
+    towards_all = at.weighed(left[..., None])[..., 0]
+    square = max(float((left * towards_all).sum()), np.finfo(float).tiny)
+    found = {}
+    for what, motions in at.motions.items():
+        if steps:
+            sums = [
+                np.cumsum(one[::-1], axis=0)[::-1][margin : n - margin + 1]
+                for one in (
+                    _own_products(at, motions),
+                    np.einsum("nip,niq->npq", motions, weighed),
+                    np.einsum("nip,ni->np", motions, towards_all),
+                )
+            ]
+        else:
+            ramp = _Course(what, 0).over(n)[:, None, None] * motions
+            sums = [
+                np.tensordot(ramp, one, axes=((0, 1), (0, 1)))[None] for one in (at.weighed(ramp), weighed, towards_all)
+            ]
+        gram = sums[0] - sums[1] @ inverse @ sums[1].transpose(0, 2, 1)
+        inverses = np.linalg.pinv(gram, rcond=1e-6, hermitian=True)
+        gain = np.einsum("np,npq,nq->n", sums[2], inverses, sums[2])
+        found[what] = np.maximum(square - gain, 1e-12 * square)
+    least = min(found, key=lambda what: float(found[what].min()))
+    best = _Course(least, margin + int(np.argmin(found[least])) if steps else 0)
+    freedom = _freedom(at, [*others, best])
+    return {
+        what: -freedom / 2 * np.log(of / square) - at.motions[what].shape[2] / 2 * np.log(n) - steps * np.log(n)
+        for what, of in found.items()
+    }
+
+
+def _own_products(at: _Readings, motions: FloatArray) -> FloatArray:
+    """(n, k, k) products of the motions of each reading with their own and with those of all later ones, weighed."""
+    out = np.zeros((len(motions), motions.shape[2], motions.shape[2]))
+    for axis, precision in enumerate(at.precisions):
+        own = motions[:, axis]
+        later = triu(precision, 1, format="csr") @ own
+        with_later = own[:, :, None] * later[:, None, :]
+        out += precision.diagonal()[:, None, None] * own[:, :, None] * own[:, None, :]
+        out += with_later + with_later.transpose(0, 2, 1)
+    return out
+
+
+def _log_likelihood(at: _Readings, courses: list[_Course], best: list[_Course]) -> float:
+    """Of some changes together, less what their motions and rows cost; the noise as it is without the best ones."""
+    left, n = _left_by(at, courses)[..., None], len(at.rows)
+    cost = sum(at.motions[one.what].shape[2] / 2 + (one.step > 0) for one in courses) * np.log(n)
+    return float(-_freedom(at, best) / 2 * np.log((left * at.weighed(left)).sum()) - cost)
+
+
+def _freedom(at: _Readings, courses: list[_Course]) -> float:
+    """Number of coordinates that are independent, of what some changes leave over."""
+    left = np.sqrt(at.weights) * (at.contrast @ _left_by(at, courses))
+    return 3 * int((at.weights > 0).any(axis=1).sum()) / float(_long_run_ratio(left).mean())
 
 
 def _describe(
-    motions: FloatArray, weights: FloatArray, residuals: FloatArray, rows: IntArray, step: int, p_value: float
-) -> FrameChange:
-    """Size and kind of a significant change."""
-    n = len(rows)
-    after = (np.arange(n) >= step).astype(float)
-    ramp = np.linspace(0.0, 1.0, n)
-    moved, gain = _motion_along(after, motions, weights, residuals)
-    drifted, gain_of_drift = _motion_along(ramp, motions, weights, residuals)
-    if gain_of_drift > gain:
-        shift = float(np.sqrt(((motions @ drifted) ** 2).sum(axis=1).mean()))
-        return FrameChange("drift", int(rows[n // 2]), int(rows[0]), int(rows[-1]), shift, p_value)
-    away = motions @ moved
-    left = residuals + (after - after.mean())[:, None] * away
-    # Noise as it is: stated weights may be wrong by a factor.
-    noise = (weights * left**2).sum() / (3 * n)
-    signal = max(float((weights * away**2).sum(axis=1).mean() / max(noise, np.finfo(float).tiny)), 1e-6)
-    wide = int(min(HALF_WIDTH / signal, n)) + 1
-    ends = rows[max(step - wide, 0)], rows[min(step + wide, n - 1)]
-    shift = float(np.sqrt((away**2).sum(axis=1).mean()))
-    return FrameChange("step", int(rows[step]), int(ends[0]), int(ends[1]), shift, p_value)
-
-
-def _motion_along(
-    course: FloatArray, motions: FloatArray, weights: FloatArray, residuals: FloatArray
-) -> tuple[FloatArray, float]:
-    """Rigid motion (6,) that explains residuals (predicted less measured) by its course, and the gain of chi-square.
-
-    A constant motion is identified beside it, as the base is.
-    """
-    both = np.concatenate([motions, -course[:, None, None] * motions], axis=2)
-    root = np.sqrt(weights)
-    design, target = (root[:, :, None] * both).reshape(-1, 12), (root * residuals).ravel()
-    scale = np.maximum(np.linalg.norm(design, axis=0), np.finfo(float).tiny)
-    found = np.linalg.lstsq(design / scale, target, rcond=1e-9)[0]
-    gain = float(target @ target - ((target - design / scale @ found) ** 2).sum())
-    return found[6:] / scale[6:], gain
+    at: _Readings, course: _Course, others: list[_Course], margin: int, p_value: float, *, last_row: int
+) -> Change:
+    """Kind, row and size of a change beside others."""
+    steps = course.step > 0
+    likelihoods = _best(at, others, margin, steps=steps)[1]
+    n, rows, motions = len(at.rows), at.rows, at.motions[course.what]
+    evidence = {what: float(logsumexp(of)) for what, of in likelihoods.items()}  # any row is as probable as any other
+    total = float(logsumexp(list(evidence.values())))
+    shares = {what: float(np.exp(of - total)) for what, of in evidence.items()}
+    odds = {what: share for what, share in sorted(shares.items(), key=lambda one: -one[1]) if share > LEAST_PROBABILITY}
+    motion = -_least_squares(at, _constants(at, [*others, course]), at.residuals)[-motions.shape[2] :]
+    shift = float(np.sqrt(((motions @ motion) ** 2).sum(axis=1).mean()))
+    if not steps:
+        return Change("drift", course.what, odds, int(rows[n // 2]), int(rows[0]), last_row, shift, motion, p_value)
+    below = np.cumsum(np.exp(likelihoods[course.what] - evidence[course.what]))
+    first, last = (margin + int(np.searchsorted(below, share)) for share in (0.025, 0.975))
+    first_row, row, last_row = (
+        int(rows[at]) for at in (min(first, course.step), course.step, min(max(last, course.step), n - 1))
+    )
+    return Change("step", course.what, odds, row, first_row, last_row, shift, motion, p_value)

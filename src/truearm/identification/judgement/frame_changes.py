@@ -1,28 +1,32 @@
-"""Changes of the frame during a session, as a fit reports them: the line, the size, and what to do."""
+"""Changes during a session, as a fit reports them: what changed at which line, its size, and what to do."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from truearm.identification.estimation.identification_result import IdentificationResult
-from truearm.identification.judgement.change_point import FrameChange, frame_change
+from truearm.identification.judgement.change_point import CLEAR_ODDS, Change, rigid_motions, session_changes
 from truearm.identification.references.session_frames import to_first_session_frame
 from truearm.readings.session import Session
 from truearm.typing import FloatArray
 
+# Gross errors are single readings: where most of so many in a row are, something changed.
+IN_A_ROW = 9
+FRAME, TIP = "the base or the reference", "the tip"
+
 
 @dataclass(frozen=True)
 class SessionChange:
-    """A change of the frame of the reference in a session.
+    """A change during a session.
 
     Attributes
     ----------
     session : str
         Name of the session; empty if the readings name none.
-    change : FrameChange
+    change : Change
         Its rows are those of the readings that were used.
     last_before, first_after : str
         The readings on both sides of a step, as ``line 152`` and ``line 153``; of a drift the first and the last.
@@ -31,7 +35,7 @@ class SessionChange:
     """
 
     session: str
-    change: FrameChange
+    change: Change
     last_before: str
     first_after: str
     first: str
@@ -39,23 +43,55 @@ class SessionChange:
 
     def __str__(self) -> str:
         change, where = self.change, f" in session {self.session}" if self.session else ""
+        size = f"by {change.shift_mm:.3f} mm or more"
         if change.kind == "drift":
+            what = f"{self._named()} drifts{where}, {size} from {self.last_before} to {self.first_after}."
+        else:
+            what = (
+                f"{self._named()} moved{where} between {self.last_before} and {self.first_after}, {size} (95 % "
+                f"interval: {self.first} to {self.last})."
+            )
+        return f"{what} {self._advice()}"
+
+    @property
+    def candidates(self) -> tuple[str, ...]:
+        """What may have changed, the most probable first: one, if its odds are clear."""
+        odds = self.change.odds
+        return tuple(what for what, share in odds.items() if share * CLEAR_ODDS > odds[self.change.what])
+
+    def _named(self) -> str:
+        first, *others = self.candidates
+        share = self.change.odds[first]
+        if not others:
+            return first[0].upper() + first[1:]
+        return f"One of these ({', '.join([first, *others])}; {first} with a probability of {share:.0%})"
+
+    def _advice(self) -> str:
+        if self.change.kind == "drift":
             return (
-                f"The base or the reference drifts{where}, by {change.shift_mm:.3f} mm or more from {self.last_before} "
-                f"to {self.first_after}. Let both warm up and settle, or divide the readings into sessions of an hour "
-                "by names in the column session."
+                "Let the arm and the reference warm up and settle, and measure again; meanwhile divide the readings "
+                "into sessions by names in the column session."
+            )
+        if self.candidates == (FRAME,):
+            return (
+                f"Enter one name up to {self.last_before} and another from {self.first_after} in the column session, "
+                "and fit again."
+            )
+        if self.candidates == (TIP,):
+            return (
+                f"Enter one name up to {self.last_before} and another from {self.first_after} in the column tip, and "
+                "fit again."
             )
         return (
-            f"The base or the reference moved{where} between {self.last_before} and {self.first_after}, by "
-            f"{change.shift_mm:.3f} mm or more (95 % interval: {self.first} to {self.last}). Enter one name up to "
-            f"{self.last_before} and another from {self.first_after} in the column session, and fit again."
+            f"Fit again with the readings from {self.first_after} on alone, the arm as it is now (or with those up to "
+            f"{self.last_before}, as it was): sessions do not help."
         )
 
 
 def frame_changes(
     fit: IdentificationResult, session_frames: Mapping[str, FloatArray], session: Session
 ) -> Iterator[SessionChange]:
-    """Test every session of the readings of a fit for a change of its frame.
+    """Test every session of the readings of a fit for a change.
 
     Parameters
     ----------
@@ -75,9 +111,31 @@ def frame_changes(
     for name in np.unique(names[part.rows]):
         own = order[names[part.rows[order]] == name]
         rows = part.rows[own]
-        change = frame_change(session.angles[rows], points[rows], part.residuals.T[own], part.weights.T[own] ** 2, rows)
-        if change is not None:
+        angles = session.angles[rows]
+        motions = _motions(fit, angles, points[rows])
+        robust = np.ones(len(part.rows))
+        robust[own] = _of_single_errors(part.robust_weight[own])
+        weights = replace(part, robust_weight=robust).weights.T[own] ** 2
+        for change in session_changes(angles, motions, part.residuals.T[own], weights, rows):
             at = int(np.searchsorted(rows, change.row))
             sides = (rows[0], rows[-1]) if change.kind == "drift" else (rows[at - 1], rows[at])
             ends = change.first_row, change.last_row
             yield SessionChange(str(name), change, *(session.called(int(row)) for row in (*sides, *ends)))
+
+
+def _motions(fit: IdentificationResult, angles: FloatArray, points: FloatArray) -> dict[str, FloatArray]:
+    """Displacements of the points by what may change: the frame, the tip, the zero of each joint."""
+    pose, jacobian = fit.chain.pose_jacobians(angles)
+    zeros = {f"the zero of joint {joint + 1}": jacobian[:, :3, joint : joint + 1] for joint in range(angles.shape[1])}
+    return {FRAME: rigid_motions(points), TIP: pose.R_base_tip, **zeros}
+
+
+def _of_single_errors(robust_weight: FloatArray) -> FloatArray:
+    """Robust weights (n,) of readings in their order; 1 where most of their neighbours have small ones too.
+
+    If a frame moves, its readings on one side fit none on the other: a fit without gross errors excludes them.
+    """
+    excluded = robust_weight < 0.5
+    near = np.ones(IN_A_ROW)
+    share = np.convolve(excluded, near, "same") / np.convolve(np.ones(len(excluded)), near, "same")
+    return np.where(excluded & (share > 0.5), 1.0, robust_weight)
