@@ -108,7 +108,10 @@ def test_pages_and_exports_of_an_accepted_model_state_the_reason(tmp_path):
     for result in (ta.evaluate(model, session), ta.predict(model, session)):
         assert stated in result.remarks
         assert stated in result.to_dict()["remarks"]
+    task = ta.task(model, "length", 300, n_arms=100)
+    assert stated in task.remarks
     assert WHY in render(ta.report(model, session).page())
+    assert WHY in render(task.page())
     for name in ("arm.json", "arm.c", "arm.mjs", "arm.urdf"):
         exported = ta.export(model, tmp_path / name)
         assert exported.manifest.provenance.accepted == model.accepted_

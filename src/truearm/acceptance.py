@@ -140,3 +140,8 @@ def accepted(before: Sequence[Acceptance] = ()) -> tuple[Acceptance, ...]:
 def acceptance_remarks(accept: str | None) -> tuple[str, ...]:
     """What a verb says of its option `accept`: what it overrode, or that there was nothing; without it, nothing."""
     return () if accept is None else tuple(map(str, accepted())) or ("Nothing had to be accepted.",)
+
+
+def accepted_in_fit(accepted: Sequence[Acceptance]) -> tuple[str, ...]:
+    """What whoever uses a model must know of the contradictions that were `accepted` in its fit, in sentences."""
+    return tuple(f"When the model was fitted: {one}" for one in accepted)

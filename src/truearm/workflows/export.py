@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from truearm.acceptance import acceptance_remarks, accepts
+from truearm.acceptance import acceptance_remarks, accepted_in_fit, accepts
 from truearm.choices import Convention, ExportFormat, Frame
 from truearm.compensation.export.file_check import Finding, compare_with_model
 from truearm.compensation.export.formats import FORMATS, format_of
@@ -149,8 +149,7 @@ class ExportResult(Record):
         if origin.model == "physical" and (payload := self.model.training_.columns.get(PAYLOAD)) is not None:
             yield f"It applies to the payload of the training, {payload.mean:g} kg."
         yield from self.accepted
-        for one in self.model.accepted_:
-            yield f"When the model was fitted: {one}"
+        yield from accepted_in_fit(self.model.accepted_)
         yield f"Frame of the file: {FRAMES[manifest.frame]}."
         yield "Five check poses are in the file: truearm export MODEL --check FILE compares them."
 

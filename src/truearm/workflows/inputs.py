@@ -13,6 +13,7 @@ from zipfile import is_zipfile
 
 import numpy as np
 
+from truearm.acceptance import accepted_in_fit
 from truearm.arm import Arm, load_arm
 from truearm.choices import Limits as Limits
 from truearm.compensation.models import Compensator
@@ -476,7 +477,7 @@ def payload_remarks(model: Compensator, session: Session) -> tuple[str, ...]:
 
 def model_remarks(model: Compensator) -> tuple[str, ...]:
     """What was accepted when the model was fitted; that its base is nominal where it learned no reference points."""
-    of_fit = tuple(f"When the model was fitted: {one}" for one in model.accepted_)
+    of_fit = accepted_in_fit(model.accepted_)
     if "base" not in model.free or not np.array_equal(model.nominal_.chain.fixed[0], model.arm_.chain.fixed[0]):
         return of_fit
     return (

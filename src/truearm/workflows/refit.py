@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from truearm.acceptance import acceptance_remarks, accepts
+from truearm.acceptance import acceptance_remarks, accepted_in_fit, accepts
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.compensation.models.model_file import save_model
@@ -121,8 +121,7 @@ def refit(
 def _remarks(
     known: Compensator, new: IdentifiedModel, free: tuple[str, ...], n_used: int, n_given: int
 ) -> Iterator[str]:
-    for one in known.accepted_:
-        yield f"When the model was fitted: {one}"
+    yield from accepted_in_fit(known.accepted_)
     if "base" in free and "base" not in new.free_:
         yield "The base stays where it was: only reference points determine it."
     if n_used < n_given:

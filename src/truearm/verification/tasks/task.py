@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from truearm.acceptance import accepted_in_fit
 from truearm.errors import InputError
 from truearm.typing import FloatArray
 from truearm.verification.tasks.estimate import COVERAGE_PROBABILITY, Estimate
@@ -242,6 +243,7 @@ def assumptions(errors: ArmDistribution) -> list[str]:
         else:
             random = f"Random error of a coordinate: {errors.random_std_mm:.4f} mm, as stated."
         return [
+            *accepted_in_fit(errors.identified.accepted_),
             random,
             f"Residual standard deviation that repeats at the same pose: {errors.field_std_mm:.4f} mm.",
             "The arm is at the mean temperature of the model's readings.",
