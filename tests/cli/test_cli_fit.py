@@ -109,7 +109,7 @@ def test_without_a_length_the_arm_keeps_its_nominal_size_and_a_remark_says_so(tr
         "training",
     } | {
         *("residual_std_mm", "comparison", "groups", "skipped_terms", "identifiability", "outliers"),
-        *("length_outliers", "frame_changes", "held_out_distances", "residual_process", "remarks"),
+        *("length_outliers", "frame_changes", "held_out_distances", "residual_process", "remarks", "accepted"),
     }
     assert told["length_outliers"] == told["comparison"] == []
     assert told["remarks"] == ["No reference point and no length is known: the arm keeps its nominal size."]

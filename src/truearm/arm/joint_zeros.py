@@ -56,7 +56,7 @@ def joint_zeros(chain: Chain, arm: Arm, *, free: Sequence[str] = ("base", "tip")
 
 
 def with_zeros(arm: Arm, zeros: FloatArray) -> Arm:
-    """The nominal arm with zeros (n_joints,) added to its own [rad; of sliding joints mm]; all else is as drawn."""
+    """The nominal arm with zeros (n_joints,) added to its own [rad; of sliding joints mm]; all else is unchanged."""
     fixed = arm.chain.fixed.copy()
     for joint, (zero, slides) in enumerate(zip(zeros.tolist(), arm.chain.is_prismatic, strict=True), 1):
         fixed[joint] = screw_z(*((0.0, zero) if slides else (zero, 0.0))) @ fixed[joint]
