@@ -43,6 +43,8 @@ SHRINKING = 0.8
 # Maximum halvings of a step until the cost does not rise by more than this share, its rounding.
 MAX_HALVINGS = 7
 COST_ROUNDING = 1e-9
+# Share of the residuals that parameters may determine where the others show how large they are.
+MOST_EFFECTIVE = 0.5
 # A residual of more than five standard deviations, squared, says nothing of the variances.
 MOST_SURPRISE = 25.0
 # The problem is set up again without pruned terms if no larger share of the parameters remains.
@@ -135,10 +137,13 @@ class Rounds:
         """Whether the angles are rounded, or exact and only written so: as the residuals are more probable.
 
         The angles of a plan have few digits too. What rounding alone would do to the residuals they then do not show.
+        Neither do residuals that are nearly as many parameters, before evidence has scaled these.
         """
         for i, (reference, residual) in enumerate(zip(self.problem.references, self._residuals, strict=True)):
             used = self._given[i] > 0
             stated, effective = reference.std.T**2, float(self._per_reference[i])
+            if effective > MOST_EFFECTIVE * int(used.sum()) * reference.n_residuals:
+                continue
             choices = (stated, stated + by_rounding[i].T)
             costs = [_surprise(residual.T[used], known[used], effective, robust=self._robust) for known in choices]
             self.known[i] = choices[int(np.argmin(costs))]
