@@ -66,6 +66,7 @@ from truearm.identification.judgement.nominal_check import (
     check_sizes,
     refuse_implausible,
 )
+from truearm.identification.judgement.outer_regions import growing_outside
 from truearm.identification.judgement.reference_table import reference_table
 from truearm.identification.judgement.residual_process import ResidualProcess, add_residual_process, with_unspanned
 from truearm.identification.judgement.stated_uncertainty import check_stated_uncertainty
@@ -445,6 +446,12 @@ def _concluded(
     if held_out.n_coordinates > 1 and any(part.kind == "distance" for part in readings.references):
         distances = _as_refitted(readings, fit, cross_validate(readings, fit, IN_LENGTH), IN_LENGTH)
     rest = unexplained(fit, kept, readings.session.angles)
+    used = np.ones(len(readings.session), dtype=bool)
+    used[excluded_readings(fit)] = False
+    function = growing_outside(
+        rest.variance_function, rest.residual_std_mm**2, fit, readings.state, readings.references, used
+    )
+    rest = replace(rest, variance_function=function)
     birge = birge_ratio(fit.references, kept.rows, rest.residual_std_mm)
     kept = _as_refitted(readings, fit, kept, compared_kinds(fit.references))
     # Few residuals determine the noise only roughly.

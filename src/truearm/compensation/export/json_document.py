@@ -266,11 +266,24 @@ def _whole(triangle: FloatArray, size: int) -> FloatArray:
     return out
 
 
+class Extrapolation(_Strict):
+    """Growth of the residual variance outside the trained ranges: 1 + growth d times that of the same share inside.
+
+    Here d is the root of the sum of the squares of the joints' distances from their ranges: turning joints in rad on
+    the circle, sliding ones in units of their range or of 1 mm, whichever is longer.
+    """
+
+    ranges: Annotated[
+        list[Annotated[list[Finite], Field(min_length=2, max_length=2)]], Field(min_length=1, max_length=100)
+    ]
+    growth: NotNegative
+
+
 class VarianceFunction(_Strict):
     """Share of the residual variance at given joints: exp(slope z + curvature (z^2 - 1)) / mean.
 
     Here z is (q - centre) / spread, clipped to +-2. The share is at least 1 where a joint is more than 3 spreads from
-    its centre.
+    its centre. Where joints are beyond their trained ranges it grows.
     """
 
     centre: ByJoint
@@ -278,6 +291,7 @@ class VarianceFunction(_Strict):
     slope: ByJoint
     curvature: ByJoint
     mean: Positive
+    beyond: Extrapolation | None = None
 
 
 class Identified(_Strict):

@@ -201,12 +201,15 @@ def _identified_of(model: IdentifiedModel) -> form.Identified:
             )
         )
     check_parts(bases)
+    beyond = model.variance_function_.beyond
     return form.Identified(
         chain=_chain_of(fit.perturbed_chain.chain),
         terms=terms,
         covariance=form.symmetric_matrix(fit.covariance[np.ix_(kept, kept)]),
         residual_standard_deviation_mm=model.residual_std_,
-        variance_function=form.VarianceFunction.of(model.variance_function_),
+        variance_function=form.VarianceFunction.of(
+            model.variance_function_, beyond=None if beyond is None else form.Extrapolation.of(beyond)
+        ),
         birge_ratio=model.birge_ratio_,
         skipped_terms={skipped.name: skipped.reason for skipped in model.excluded_terms_},
     )

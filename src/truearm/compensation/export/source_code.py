@@ -27,6 +27,7 @@ from truearm.compensation.targets.inverse import TOLERANCE_MM, TOLERANCE_RAD
 from truearm.compensation.targets.manifest import Manifest, read_manifest
 from truearm.errors import InputError, MissingTool
 from truearm.files.atomic_write import atomic_file
+from truearm.identification.estimation.extrapolation import LEAST_TRAVEL_MM
 from truearm.identification.terms import Expression
 from truearm.identification.terms.thermal import UNKNOWN_MATERIAL, link_vectors
 from truearm.readings.checks import LIMIT_TOLERANCE, MAX_ANGLE
@@ -43,6 +44,7 @@ _PLAIN = frozenset(string.ascii_letters + string.digits + " _-.,:;()%")
 RULES = {
     "max_joint": MAX_ANGLE,
     "full_turn": 2 * np.pi,
+    "least_travel": LEAST_TRAVEL_MM,
     "most_turns": MOST_TURNS,
     "max_load": LARGEST_LOAD,
     "max_correction": MAX_CORRECTION,
@@ -181,6 +183,7 @@ def _tables(plain: PlainModel, values: ValueTables, covariance: ReducedCovarianc
         # A third of the reach, the usual lever of a joint: as in `truearm.compensation.targets.correction`.
         "length": max(plain.nominal_chain.reach, model.nominal_.chain.reach, 3.0) / 3,
         "variance_share": np.stack([share.centre, share.spread, share.slope, share.curvature], axis=1),
+        "growth": 0.0 if share.beyond is None else share.beyond.growth,
         "links": link_vectors(plain.nominal_chain),
         "material": UNKNOWN_MATERIAL,
         "links_degC": [training.links_range.lower, training.links_range.upper],

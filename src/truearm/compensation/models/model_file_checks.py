@@ -16,6 +16,7 @@ from truearm.compensation.nets.scaling import MinMaxScaler
 from truearm.errors import InputError
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.residual_process import GROUP
+from truearm.identification.estimation.residual_variance import VarianceFunction
 from truearm.identification.judgement.tails import LEAST_FREEDOM
 from truearm.identification.references.session_frames import checked_frames
 from truearm.identification.terms import ArmState
@@ -43,7 +44,7 @@ def check_model(model: Compensator) -> None:
     _check_identification("nominal_", model.nominal_, n_joints)
     if isinstance(model, IdentifiedModel):
         _check_identification("fit_", model.fit_, n_joints)
-        _check_shape("variance_function_.centre", model.variance_function_.centre, (n_joints,))
+        _check_variance_function(model.variance_function_, n_joints)
         if not (0 <= model.residual_std_ < np.inf and 1 <= model.birge_ratio_ < np.inf):
             raise InputError("expected a residual standard deviation of 0 or more and a Birge ratio of 1 or more")
         if not model.tail_freedom_ >= LEAST_FREEDOM:
@@ -158,9 +159,15 @@ def _check_hybrid(model: HybridModel, n_joints: int) -> None:
         _check_shape(f"committee_.{name}", values, (k,))
     if not 0 < model.target_scale_mm_ < np.inf or not 0 <= model.residual_std_ < np.inf:
         raise InputError("expected a scale above zero and a residual standard deviation of 0 or more")
-    _check_shape("variance_function_.centre", model.variance_function_.centre, (n_joints,))
+    _check_variance_function(model.variance_function_, n_joints)
     if not model.tail_freedom_ >= LEAST_FREEDOM:
         raise InputError(f"expected {LEAST_FREEDOM:g} or more degrees of freedom of the tails")
+
+
+def _check_variance_function(function: VarianceFunction, n_joints: int) -> None:
+    _check_shape("variance_function_.centre", function.centre, (n_joints,))
+    if function.beyond is not None:
+        _check_shape("variance_function_.beyond.ranges", function.beyond.ranges, (n_joints, 2))
 
 
 def _check_scale(name: str, scale: MinMaxScaler, k: int) -> None:

@@ -24,6 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.errors import InputError
+from truearm.identification.estimation.extrapolation import Extrapolation
 from truearm.solve.distributions import (
     chi2_probability,
     chi2_probability_beyond,
@@ -302,6 +303,8 @@ class VarianceFunction:
         Of the logarithm, by the angles in units of `spread`.
     mean : float
         Of the exponential over the readings.
+    beyond : Extrapolation, optional
+        Its growth outside the range of the readings; None in files of models that were trained before it was kept.
     """
 
     centre: FloatArray
@@ -309,6 +312,7 @@ class VarianceFunction:
     slope: FloatArray
     curvature: FloatArray
     mean: float = 1.0
+    beyond: Extrapolation | None = None
 
     def __post_init__(self) -> None:
         arrays = (self.centre, self.spread, self.slope, self.curvature)
@@ -332,7 +336,8 @@ class VarianceFunction:
         features = _features(angles, self.centre, self.spread)
         share = np.exp(features @ np.concatenate([self.slope, self.curvature])) / self.mean
         beyond = (np.abs(angles - self.centre) > BEYOND * self.spread).any(axis=1)
-        return np.asarray(np.where(beyond, np.maximum(share, 1.0), share))
+        share = np.where(beyond, np.maximum(share, 1.0), share)
+        return np.asarray(share if self.beyond is None else share * self.beyond.factor(angles))
 
 
 def fit_variance_function(held_out: HeldOutReadings, angles: FloatArray) -> VarianceFunction:

@@ -105,11 +105,35 @@ def cross_validate_by_group(
             for batch in group_batches(fit.references, group, minimum.chunk)
             for part in minimum.without(batch, group)
         ]
-    if not found:
+    together = _together(found)
+    return together.select(np.argsort(together.rows))
+
+
+def cross_validate_regions(
+    fit: IdentificationResult, state: ArmState, references: Sequence[Reference], regions: Sequence[BoolArray]
+) -> list[HeldOutReadings]:
+    """Deviations of the readings of each region (n,) from an arm identified without them; regions may overlap."""
+    kinds = IN_SPACE if any(part.kind in IN_SPACE for part in fit.references) else IN_LENGTH
+    found = []
+    with one_blas_thread():
+        minimum = _Minimum.of(fit, state, references, kinds) if regions else None
+        for region in regions:
+            assert minimum is not None
+            rows = [np.flatnonzero(region[part.rows]) for part in fit.references]
+            which = np.repeat(np.arange(len(rows)), [len(some) for some in rows])
+            row = np.concatenate(rows)
+            batch = GroupBatch(np.zeros(len(row), dtype=np.intp), which, row)
+            parts = list(minimum.without(batch, np.zeros(len(region), dtype=np.intp))) if len(row) else []
+            found.append(_together(parts))
+    return found
+
+
+def _together(parts: Sequence[HeldOutReadings]) -> HeldOutReadings:
+    """Held-out readings of several groups."""
+    if not parts:
         return NONE_HELD_OUT
     names = [field.name for field in fields(HeldOutReadings)]
-    together = HeldOutReadings(*(np.concatenate([getattr(part, name) for part in found]) for name in names))
-    return together.select(np.argsort(together.rows))
+    return HeldOutReadings(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
 
 def compared_kinds(references: Sequence[ReferenceFit]) -> tuple[str, ...]:

@@ -1,0 +1,62 @@
+"""Extrapolation: how the residual variance grows with the distance from the angles of the readings.
+
+What no term describes is a smooth function of the joints. Inside the trained range the terms take up its trend, and
+what remains scatters about zero; outside it drifts away from what they took up. As in kriging, the variance of the
+difference grows with the distance to the data, here by a linear variogram (N. A. C. Cressie, "Statistics for Spatial
+Data", 1993, section 2.3.1): outside by d it is the residual variance times ``1 + growth d``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from truearm.errors import InputError
+from truearm.typing import BoolArray, FloatArray
+
+# A steeper one in a file is an error: the variance would double within a twentieth of a degree.
+STEEPEST_GROWTH = 1e3
+# A sliding joint counts in units of its range, that of one which hardly moved in a millimetre.
+LEAST_TRAVEL_MM = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Extrapolation:
+    """Growth of the residual variance outside the trained range of the joints.
+
+    Parameters
+    ----------
+    ranges : (n_joints, 2) array
+        Smallest and largest trained angle [rad, or mm].
+    is_prismatic : (n_joints,) bool array
+        Which joints slide.
+    growth : float
+        Share of the residual variance per radian, or per range of a sliding joint.
+    """
+
+    ranges: FloatArray
+    is_prismatic: BoolArray
+    growth: float
+
+    def __post_init__(self) -> None:
+        if self.ranges.shape != (len(self.is_prismatic), 2) or not (self.ranges[:, 0] <= self.ranges[:, 1]).all():
+            raise InputError("expected a range of every joint whose ends rise")
+        if not 0 <= self.growth <= STEEPEST_GROWTH:
+            raise InputError(f"expected a growth of the residual variance from 0 to {STEEPEST_GROWTH:g}")
+
+    def distance(self, angles: FloatArray) -> FloatArray:
+        """(n,) how far angles (n, n_joints) are outside: the root of the joints' squares [rad, or ranges].
+
+        A revolute joint that is counted on by a full turn is where it was.
+        """
+        lower, span = self.ranges[:, 0], np.ptp(self.ranges, axis=1)
+        above = angles - lower
+        turned = np.mod(above, 2 * np.pi)
+        turning = np.where(turned > span, np.minimum(turned - span, 2 * np.pi - turned), 0.0)
+        sliding = np.maximum(np.maximum(above - span, -above), 0.0) / np.maximum(span, LEAST_TRAVEL_MM)
+        return np.asarray(np.linalg.norm(np.where(self.is_prismatic, sliding, turning), axis=1))
+
+    def factor(self, angles: FloatArray) -> FloatArray:
+        """(n,) the residual variance over that inside; 1 inside."""
+        return 1.0 + self.growth * self.distance(angles)

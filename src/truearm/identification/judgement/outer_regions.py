@@ -1,0 +1,122 @@
+"""The growth of the residual variance outside the trained range, from outer regions of it that are held out.
+
+At either end of every joint, the readings of the outermost angles are predicted by an arm that was identified without
+them, as if they had been outside of its training. A conformal estimate: the growth with which 95 % of these readings,
+each region counting alike, lie in their ellipsoids. Readings of a region have errors in common (D. R. Roberts and
+others, "Cross-validation strategies for data with temporal, spatial, hierarchical, or phylogenetic structure",
+Ecography 40 (2017) 913), which single readings held out do not show.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from truearm.identification.estimation.extrapolation import STEEPEST_GROWTH, Extrapolation
+from truearm.identification.estimation.identification_result import IdentificationResult
+from truearm.identification.estimation.residual_variance import LEVEL, HeldOutReadings, VarianceFunction
+from truearm.identification.judgement.cross_validation import cross_validate_regions
+from truearm.identification.judgement.gross_errors import own_variance
+from truearm.identification.judgement.residual_process import with_unspanned
+from truearm.identification.references.references import Reference
+from truearm.identification.terms.state import ArmState
+from truearm.solve.distributions import chi2_quantile
+from truearm.typing import BoolArray, FloatArray
+
+# Readings of an outer region, as a share of all: 30 of 200 readings, 10 to 30 degrees of a six-axis arm's joint.
+OUTER_SHARE = 0.15
+# With fewer readings a region shows nothing, and with more than this share of all the others do not predict it: of
+# joints with a few fixed angles.
+LEAST_READINGS, MOST_SHARE = 5, 0.4
+# Steps of a bisection of the logarithm: to a share of 1e-4.
+STEPS = 40
+
+
+def outer_regions(angles: FloatArray) -> list[tuple[int, BoolArray]]:
+    """The joint, and the (n,) readings of its outermost angles (n, n_joints), for either end of every joint."""
+    found = []
+    for joint, at in enumerate(angles.T):
+        low, high = np.quantile(at, [OUTER_SHARE, 1 - OUTER_SHARE])
+        found += [(joint, rows) for rows in (at < low, at > high)]
+    return [one for one in found if LEAST_READINGS <= one[1].sum() <= MOST_SHARE * len(angles)]
+
+
+def growing_outside(
+    function: VarianceFunction,
+    variance: float,
+    fit: IdentificationResult,
+    state: ArmState,
+    references: Sequence[Reference],
+    used: BoolArray,
+) -> VarianceFunction:
+    """The variance function with its growth outside the range of the readings.
+
+    Parameters
+    ----------
+    function : VarianceFunction
+    variance : float
+        Residual variance [mm^2].
+    fit : IdentificationResult
+        As identified from the readings.
+    state, references
+        Of the identification.
+    used : (n,) bool array
+        Readings that are not gross errors.
+    """
+    angles, slides = state.angles, state.chain.is_prismatic
+    regions = [(joint, rows & used) for joint, rows in outer_regions(angles)]
+    excess, weight = [np.zeros(0)], [np.zeros(0)]
+    pairs = zip(regions, cross_validate_regions(fit, state, references, [rows for _, rows in regions]), strict=True)
+    for (joint, rows), found in pairs:
+        held_out = found.select_informative(own_variance(fit.references, found.rows))
+        if len(held_out.rows) < LEAST_READINGS:
+            continue
+        inner = angles[~rows]
+        own = Extrapolation(np.stack([inner.min(axis=0), inner.max(axis=0)], axis=1), slides, 0.0)
+        own = replace(own, ranges=np.where((np.arange(len(slides)) == joint)[:, None], own.ranges, _all(angles)))
+        at = angles[held_out.rows]
+        part = variance * function.share(at) * held_out.freedom
+        excess.append(least_growth(with_unspanned(held_out, fit, state), part, own.distance(at)))
+        weight.append(np.full(len(held_out.rows), 1 / len(held_out.rows)))
+    growth = _weighted_quantile(np.concatenate(excess), np.concatenate(weight), LEVEL)
+    return replace(function, beyond=Extrapolation(_all(angles), slides, growth))
+
+
+def least_growth(held_out: HeldOutReadings, variance: FloatArray, distance: FloatArray) -> FloatArray:
+    """(m,) the least growth by which the ellipsoid of each reading contains it; 0 where it does without.
+
+    Parameters
+    ----------
+    held_out : HeldOutReadings
+        m of them.
+    variance, distance : (m,) array
+        Residual variance without growth [mm^2], and how far they are outside of the others.
+    """
+    known, squares = held_out.along_axes
+    radius = chi2_quantile(LEVEL, held_out.n_coordinates)
+
+    def is_inside(growth: FloatArray) -> BoolArray:
+        return np.asarray((squares / (known + variance * (1 + growth * distance))).sum(axis=0) <= radius)
+
+    low, high = np.full(len(variance), np.log(1e-4)), np.full(len(variance), np.log(STEEPEST_GROWTH))
+    for _ in range(STEPS):
+        middle = (low + high) / 2
+        inside = is_inside(np.exp(middle))
+        low, high = np.where(inside, low, middle), np.where(inside, middle, high)
+    return np.where(is_inside(np.zeros(len(variance))), 0.0, np.exp(high))
+
+
+def _weighted_quantile(values: FloatArray, weight: FloatArray, level: float) -> float:
+    """The least value that a share `level` of the weights does not exceed; 0 of none."""
+    if not len(values):
+        return 0.0
+    order = np.argsort(values)
+    below = np.cumsum(weight[order]) / weight.sum()
+    return float(values[order][min(int(np.searchsorted(below, level)), len(values) - 1)])
+
+
+def _all(angles: FloatArray) -> FloatArray:
+    """(n_joints, 2) range of every joint."""
+    return np.stack([angles.min(axis=0), angles.max(axis=0)], axis=1)

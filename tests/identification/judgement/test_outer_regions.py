@@ -1,0 +1,62 @@
+"""The growth of the residual variance outside the trained range, by outer regions held out."""
+
+import numpy as np
+import pytest
+
+from truearm.arm import load_arm
+from truearm.compensation.models import KinematicModel
+from truearm.identification.estimation.residual_variance import LEVEL, HeldOutReadings
+from truearm.identification.judgement.outer_regions import _weighted_quantile, least_growth, outer_regions
+from truearm.readings import Session
+from truearm.solve.distributions import chi2_quantile
+
+
+def test_regions_are_the_ends_of_the_joints_and_a_joint_of_few_angles_has_none():
+    angles = np.column_stack([np.linspace(-1, 1, 100), np.resize([0.0, 1.0], 100)])
+    found = outer_regions(angles)
+    assert [joint for joint, _ in found] == [0, 0]
+    np.testing.assert_array_equal(np.flatnonzero(found[0][1]), np.arange(15))
+    np.testing.assert_array_equal(np.flatnonzero(found[1][1]), np.arange(85, 100))
+    assert not outer_regions(angles[:20])
+
+
+def test_the_least_growth_puts_a_reading_on_its_ellipsoid():
+    """Deviations (m, 3) with their own covariance; solved by hand along one axis."""
+    rng, m = np.random.default_rng(0), 40
+    deviations, distance = rng.normal(size=(m, 3)) * 3, rng.uniform(0.1, 1.0, m)
+    known = np.broadcast_to(0.5 * np.eye(3), (m, 3, 3))
+    held_out = HeldOutReadings(np.arange(m), np.zeros(m, np.intp), deviations, known, np.ones(m))
+    growth = least_growth(held_out, np.ones(m), distance)
+    square = (deviations**2).sum(axis=1) / chi2_quantile(LEVEL, 3)  # = 0.5 + 1 + growth d
+    np.testing.assert_allclose(growth, np.maximum((square - 1.5) / distance, 0.0), rtol=1e-4)
+
+
+def test_the_quantile_counts_regions_alike():
+    values, weight = np.array([0.0, 0.0, 3.0, 1.0]), np.array([0.1, 0.1, 0.1, 0.7])
+    assert _weighted_quantile(values, weight, 0.89) == 1.0
+    assert _weighted_quantile(values, weight, 0.91) == 3.0
+    assert _weighted_quantile(np.zeros(0), np.zeros(0), 0.95) == 0.0
+
+
+def sessions(size, seed=0):
+    """Readings inside, and farther out at either end of joint 4, of an arm with a wave that no constant describes."""
+    arm, rng = load_arm("ur5"), np.random.default_rng(seed)
+    angles = rng.uniform(-1.0, 1.0, (240, 6)) + arm.working
+    angles[160:, 3] = arm.working[3] + np.sign(rng.normal(size=80)) * rng.uniform(1.05, 1.4, 80)
+    bent = angles + size * np.sin(3 * angles + np.arange(6))
+    points = arm.chain.tip_in_base(bent) + rng.normal(0, 0.02, (240, 3))
+    return arm, Session(angles[:160], points[:160]), Session(angles[160:], points[160:])
+
+
+@pytest.mark.parametrize("size", [3e-4, 0.0])
+def test_points_outside_are_in_their_ellipsoids(size):
+    """Waves of every joint, which constants imitate inside only; and none at all, where little is added."""
+    arm, inside, outside = sessions(size)
+    model = KinematicModel(arm).fit_readings(inside)
+    points, covariance = model.predict_readings(outside, return_cov=True)
+    off, growing = points - outside.points, model.variance_function_.beyond
+    squares = (np.linalg.solve(covariance, off[:, :, None])[:, :, 0] * off).sum(axis=1)
+    assert (squares < chi2_quantile(0.95, 3)).mean() > 0.9
+    assert model.outside_training(outside).all()
+    np.testing.assert_array_equal(growing.factor(inside.angles), 1.0)
+    assert (growing.growth > 1) if size else growing.factor(outside.angles).max() < 1.5
