@@ -1,4 +1,4 @@
-"""A fit says where the frame moved and what to enter; with two sessions it is silent."""
+"""A fit says what changed at which line and what to do; followed, it is silent, and the arm is as good as without."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import truearm as ta
+from truearm.compensation.models.selection import CANDIDATES
 from truearm.readings import Session, write_session
 
 N, ROW = 60, 28
@@ -47,3 +48,42 @@ def test_a_good_session_and_seats_say_nothing():
     assert ta.fit("gao2017", good, model="nominal").frame_changes == ()
     seats = ta.simulate("gao2017", poses=40, preset="shop", strategy="seat", reference=False, seed=1).session
     assert ta.fit("gao2017", seats, model="nominal").frame_changes == ()
+
+
+@pytest.mark.parametrize("model", ["hybrid", "network"])
+def test_networks_do_not_hide_a_move(moved, model):
+    """They have no frame of their own: the arm fitted beside them shows it."""
+    options = {"hidden": (4,), "epochs": 3}
+    (change,) = ta.fit("gao2017", moved, model=model, **options).frame_changes
+    assert change.change.row == ROW
+
+
+def test_a_joint_that_slipped_is_named_and_its_readings_after_it_are_used():
+    """Its zero changed by 0.05 degrees: two sessions would not help, the readings of one side do."""
+    good = ta.simulate("ur5", poses=90, preset="shop", seed=2).session
+    angles = good.angles.copy()
+    angles[40:, 2] -= np.radians(0.05)
+    result = ta.fit("ur5", replace(good, angles=angles), model="kinematic")
+    (change,) = result.frame_changes
+    assert change.change.what == "the zero of joint 3"
+    assert change.change.row == 40
+    assert np.degrees(change.change.motion[0]) == pytest.approx(0.05, abs=0.003)
+    said = str(change)
+    assert "The zero of joint 3 moved between reading 40 and reading 41" in said
+    assert "with the readings from reading 41 on alone" in said
+    after = good.rows(np.arange(40, 90))
+    followed = ta.fit("ur5", replace(after, angles=angles[40:]), model="kinematic")
+    assert followed.frame_changes == ()
+    assert followed.model.residual_std_ < 0.2 * result.model.residual_std_ or followed.model.residual_std_ < 0.02
+
+
+def test_auto_offers_no_hybrid_where_something_changed(monkeypatch):
+    """And says why: its networks would learn when it was."""
+    monkeypatch.delitem(CANDIDATES, "physical")  # quicker
+    good = ta.simulate("gao2017", poses=150, preset="shop", strategy="uniform", seed=3).session
+    points = good.points.copy()
+    points[75:] += [1.0, 0.0, 0.0]
+    result = ta.fit("gao2017", replace(good, points=points))
+    assert result.model_name != "hybrid"
+    assert any("would learn what changed during the session" in remark for remark in result.remarks)
+    assert [change.change.row for change in result.frame_changes] == [75]
