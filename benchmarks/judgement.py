@@ -432,7 +432,7 @@ class PoorSet:
             off = arm.chain.tip_in_base(readings.angles) - arm.chain.tip_in_base(exact.angles)
             exact = replace(readings, point_std=np.full(off.shape, np.sqrt((off**2).mean())))
         elif kind == "printed":
-            stated = replace(arm, nominal_error_mm=float(simulation.nominal_error.max_mm))
+            stated = replace(arm, nominal_error_mm=float(simulation.nominal_error["max_mm"]))
         return cls(simulation, arm, readings, zeros, stated, exact)
 
     def tested(self, model: ta.KinematicModel, zeros: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
