@@ -30,7 +30,7 @@ def contradicted(name: str) -> tuple[ta.Arm, ta.Session]:
     if name == "stated uncertainty":
         return arm, replace(session, point_std=np.full((30, 3), 50.0))
     if name == "limits":
-        return arm, replace(session, angles=session.angles + [0, 0, 7, 0, 0, 0])
+        return arm, replace(session, angles=session.angles + [0, 0, 4 * np.pi, 0, 0, 0])
     assert name == "serial number"
     return replace(arm, serial_number="2"), replace(session, serial_number=np.full(30, "1"))
 

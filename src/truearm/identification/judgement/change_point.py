@@ -326,7 +326,7 @@ def _whitened(scores: FloatArray) -> FloatArray:
 
 
 def _factors(n: int) -> FloatArray:
-    """(n + 1,) by which a squared sum of so many whitened scores becomes the statistic of a step after them."""
+    """(n + 1,) by which a squared sum of that many whitened scores becomes the statistic of a step after them."""
     before = np.arange(1, n)
     return np.pad(n / (before * (n - before)), 1)
 
