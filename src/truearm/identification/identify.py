@@ -445,6 +445,7 @@ def _concluded(
     kept, distances = held_out.select(~is_excluded), NONE_HELD_OUT
     if held_out.n_coordinates > 1 and any(part.kind == "distance" for part in readings.references):
         distances = _as_refitted(readings, fit, cross_validate(readings, fit, IN_LENGTH), IN_LENGTH)
+    kept = _as_refitted(readings, fit, kept, compared_kinds(fit.references))
     rest = unexplained(fit, kept, readings.session.angles)
     used = np.ones(len(readings.session), dtype=bool)
     used[excluded_readings(fit)] = False
@@ -453,7 +454,6 @@ def _concluded(
     )
     rest = replace(rest, variance_function=function)
     birge = birge_ratio(fit.references, kept.rows, rest.residual_std_mm)
-    kept = _as_refitted(readings, fit, kept, compared_kinds(fit.references))
     # Few residuals determine the noise only roughly.
     widened = few_readings_factor(fit.residual_freedom(readings.references))
     return Identification(
@@ -479,7 +479,8 @@ def _as_refitted(
         of, at, references = fit.perturbed_chain, readings.state, readings.references
         return identify(of.chain, at, of.terms, references, robust=readings.robust, reading_weights=weights)
 
-    return predicted_by_refits(held_out, fit, kinds, identified, len(readings.session))
+    freedom = fit.residual_freedom(readings.references)
+    return predicted_by_refits(held_out, fit, kinds, identified, len(readings.session), freedom=freedom)
 
 
 def _with_all_states(fit: IdentificationResult, state: ArmState, widened: float) -> IdentificationResult:

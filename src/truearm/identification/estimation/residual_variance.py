@@ -120,12 +120,8 @@ def paule_mandel_variance(
 
 
 LEVEL = 0.95
-# With fewer degrees of freedom neither sizes of terms nor their noise mean much.
+# With fewer the factor says more of the prior of the scale than of the readings: it would exceed 2.
 LEAST_FREEDOM = 10.0
-# With fewer the prior of the scale, about that of the drawing, says more than the readings. Kinematic models of 8
-# readings of ten Pandas (1.4 degrees of freedom) need 1.15 times the covariance by 10 degrees, of 6 of twenty UR5
-# (1.3) 0.8 times, of 8 (4.6) 0.9 times; 7 degrees give 1.17.
-LEAST_SCALE_FREEDOM = 7.0
 # Readings whose prediction from the others has a variance above this multiple of their own say nothing about it.
 MAX_VARIANCE_RATIO = 100.0
 
@@ -229,8 +225,7 @@ def conformal_residual_variance(held_out: HeldOutReadings, *, level: float = LEV
     With v added to their covariances, the quantile of the squared Mahalanobis length is that of as many Gaussian
     coordinates as are compared. The order statistic is that of conformal prediction, number ``ceil((m + 1) level)`` of
     m, so that a new reading is covered with at least that probability if readings are exchangeable (V. Vovk,
-    A. Gammerman, G. Shafer, "Algorithmic Learning in a Random World", 2005, section 2.2). Of fewer than 19 readings the
-    largest covers a share ``m / (m + 1)`` only, and is compared with that quantile.
+    A. Gammerman, G. Shafer, "Algorithmic Learning in a Random World", 2005, section 2.2).
 
     Returns
     -------
@@ -242,7 +237,7 @@ def conformal_residual_variance(held_out: HeldOutReadings, *, level: float = LEV
     m = len(held_out.rows)
     known, squares = held_out.along_axes
     rank = min(int(np.ceil((m + 1) * level)), m) - 1
-    radius = chi2_quantile(min(level, m / (m + 1)), held_out.n_coordinates)
+    radius = chi2_quantile(level, held_out.n_coordinates)
 
     def excess(log_v: float) -> float:
         variance = known + np.exp(log_v) * held_out.freedom
@@ -265,9 +260,9 @@ def few_readings_factor(freedom: float, *, level: float = LEVEL) -> float:
     Parameters
     ----------
     freedom : float
-        Number of residuals less that of the parameters that they determine; at least `LEAST_SCALE_FREEDOM` are assumed.
+        Number of residuals less that of the parameters that they determine; at least `LEAST_FREEDOM` are assumed.
     """
-    return 3 * f_quantile(level, 3, max(freedom, LEAST_SCALE_FREEDOM)) / chi2_quantile(level, 3)
+    return 3 * f_quantile(level, 3, max(freedom, LEAST_FREEDOM)) / chi2_quantile(level, 3)
 
 
 # Prior standard deviation of a coefficient: start value of the evidence and its bounds. It is the relative change of

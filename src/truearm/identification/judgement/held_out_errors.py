@@ -9,6 +9,7 @@ from typing import Self
 import numpy as np
 
 from truearm.identification.estimation.identification_result import IdentificationResult
+from truearm.identification.estimation.residual_variance import LEAST_FREEDOM as LEAST_RESIDUAL_FREEDOM
 from truearm.identification.estimation.residual_variance import HeldOutReadings
 from truearm.identification.judgement.cross_validation import LEAST_FREEDOM
 from truearm.identification.judgement.gross_errors import excluded_readings, own_variance
@@ -24,11 +25,14 @@ def predicted_by_refits(
     kinds: Sequence[str],
     identify: Callable[[FloatArray], IdentificationResult],
     n: int,
+    *,
+    freedom: float,
 ) -> HeldOutReadings:
     """Held-out readings, those that the others hardly determine as predicted by an arm that was identified again.
 
-    The closed form bounds their deviations (`LEAST_FREEDOM`), and has the sizes of the terms that they had a part in.
-    A reading that nothing else determines is predicted by the drawing, as far as base and tip are known.
+    The closed form bounds their deviations (`LEAST_FREEDOM`), and has the noise and the sizes of the terms that they
+    had a part in: where the arm passes through nearly all readings it says nothing of any. A reading that nothing else
+    determines is predicted by the drawing, as far as base and tip are known.
 
     Parameters
     ----------
@@ -40,10 +44,13 @@ def predicted_by_refits(
         Returns the identification with weights (n,) of the readings: 0 excludes one.
     n : int
         Number of readings.
+    freedom : float
+        Number of residuals less that of the parameters that they determine.
     """
     compared = tuple(part for part in fit.references if part.kind in kinds)
     most = own_variance(compared, held_out.rows) / LEAST_FREEDOM
-    open_groups = np.unique(held_out.group[np.linalg.eigvalsh(held_out.covariance)[:, -1] > most])
+    is_open = np.linalg.eigvalsh(held_out.covariance)[:, -1] > most
+    open_groups = np.unique(held_out.group[is_open | (freedom < LEAST_RESIDUAL_FREEDOM)])
     deviations = held_out.deviations.copy()
     for fold in range(min(len(open_groups), MOST_REFITS)):
         of_fold = np.flatnonzero(np.isin(held_out.group, open_groups[fold::MOST_REFITS]))
