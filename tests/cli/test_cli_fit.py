@@ -57,6 +57,26 @@ def test_the_simplest_within_one_standard_error_is_kept(truearm, made, tmp_path)
     assert table[1]["mean_mm"] < 0.05 * table[0]["mean_mm"]
 
 
+def test_zeros_are_written_to_a_new_arm_file(truearm, made, tmp_path):
+    """Which the same arm's readings then fit; nothing is replaced unless that is asked for."""
+    out, arm = tmp_path / "m.truearm", tmp_path / "my-arm.toml"
+    command = ("fit", made / "test.csv", "--arm", "gao2017", "--model", "kinematic", "--out", out, "--apply", arm)
+    ran = truearm(*command, "--json")
+    assert (ran.code, ran.err) == (0, "")
+    assert json.loads(ran.out)["arm_file"] == str(arm)
+    written = arm.read_bytes()
+    assert b"joint zeros identified from" in written
+    assert truearm("arms", arm).code == 0
+    refused = truearm(*command)
+    assert refused.code == 2
+    assert "exists already" in refused.err
+    assert arm.read_bytes() == written
+    assert truearm(*command, "--force").code == 0
+    of_none = truearm("fit", made / "test.csv", "--arm", "gao2017", "--model", "network", "--out", out, "--apply", arm)
+    assert of_none.code == 2
+    assert "--apply applies to" in of_none.err
+
+
 def test_seats_and_lengths_alone(truearm, shop, tmp_path):
     out = tmp_path / "m.truearm"
     ran = fit(truearm, shop, "seats.csv", out, "--lengths", shop / "lengths.csv")

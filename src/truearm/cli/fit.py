@@ -9,10 +9,11 @@ import typer
 from typer import Argument, Option
 
 from truearm.choices import ModelName, Trainer
-from truearm.cli.console import check_output, print_record, progress
+from truearm.cli.console import check_new_file, check_output, print_record, progress
 from truearm.cli.options import (
     AcceptOption,
     ArmOption,
+    Force,
     Json,
     LengthsFile,
     LimitsOption,
@@ -33,6 +34,7 @@ MODELS_OF: dict[str, tuple[str, ...]] = {
     "members": ("network", "hybrid"),
     "seed": ("network", "hybrid"),
     "arm_model": ("hybrid",),
+    "apply": ("auto", "kinematic", "physical", "hybrid"),
 }
 
 
@@ -72,6 +74,10 @@ def fit(
     arm_model: Annotated[
         Literal["kinematic", "nominal"], Option(help="Hybrid: the arm whose residuals the networks learn.")
     ] = "kinematic",
+    apply: Annotated[
+        Path | None, Option(help="Write the nominal arm with the joint zeros found to a new arm file, .toml or .urdf.")
+    ] = None,
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Identify an arm: fit a model to its readings.
@@ -89,12 +95,16 @@ def fit(
     --free base,tip: the reference has a frame of its own, and the position of the tip on the flange is not known (a
     laser tracker). --free none: points are in the arm's base frame and the tip is known.
     """
+    from truearm.arm import write_arm
     from truearm.arm.catalogue import arm_path
     from truearm.errors import InputError
     from truearm.workflows.fit import fit as fit_model
 
     check_options(context, model)
     check_output(out, session, arm_path(arm), lengths)
+    if apply is not None:
+        check_output(apply, session, arm_path(arm), lengths, out, endings=(".toml", ".urdf"))
+        check_new_file(apply, force=force)
     options: dict[str, Any] = {}
     total = 4 if model == "auto" else None
     if model == "network":
@@ -123,8 +133,10 @@ def fit(
             progress=report,
             **options,
         )
+        if apply is not None:
+            write_arm(result.arm_with_zeros(), apply)
         result.save(out)
-    print_record(result, as_json=as_json, files={"model": out})
+    print_record(result, as_json=as_json, files={"model": out, "arm": apply})
 
 
 def check_options(context: typer.Context, model: str) -> None:

@@ -111,6 +111,53 @@ def test_zeros_off_by_five_degrees_are_identified_and_named(session):
     assert result.model.held_out_.mean_mm < 0.05
 
 
+@pytest.mark.parametrize("most", [8.0, 20.0])
+def test_zeros_that_the_fit_finds_are_no_contradiction(session, most):
+    """An encoder was changed, a servo horn is a tooth on. The first zero is the base's, the last is the tip's."""
+    off = np.radians(most) * np.array([0.3, -1, 0.8, 1, -0.9, 0.4])
+    wrong = replace(session, angles=session.angles - off)
+    result = ta.fit(ARM, wrong, model="kinematic")
+    found = result.nominal.nominal_check_.identified.zeros
+    assert list(found) == ["J2", "J3", "J4", "J5"]
+    for zero, joint in zip(found.values(), (1, 2, 3, 4), strict=True):
+        assert zero[0] == pytest.approx(off[joint], abs=np.radians(0.3))  # ten times the arm's own errors
+    assert result.held_out_mm[0] < 0.05
+    again = ta.fit(result.arm_with_zeros(), wrong, model="kinematic")
+    assert again.nominal.nominal_check_.is_usual
+    assert again.held_out_mm[0] == pytest.approx(result.held_out_mm[0], rel=0.05)
+
+
+@pytest.mark.parametrize("noise_mm", [3.0, 10.0])
+def test_noise_is_said_and_no_contradiction(noise_mm):
+    """A camera in place of a tracker, and nothing stated: the scatter is the first remark."""
+    arm = replace(load_arm("ur5"), lower=None, upper=None)
+    readings = ta.simulate(arm, poses=80, seed=3).session
+    points = readings.points + noise_mm * np.random.default_rng(5).standard_normal((80, 3))
+    result = ta.fit(arm, Session(readings.angles, points), model="kinematic")
+    assert result.nominal.nominal_check_.ratio > MAX_RATIO
+    assert "scatter by" in result.remarks[0]
+    assert "laser tracker it is 0.05 mm" in result.remarks[0]
+    scatter = float(result.remarks[0].split("scatter by ")[1].split()[0])
+    assert scatter == pytest.approx(noise_mm * np.sqrt(3), rel=0.2)
+
+
+@pytest.mark.parametrize("noise_mm", [2.0, 10.0])
+def test_noise_hides_no_mistake(session, noise_mm):
+    points = session.points + noise_mm * np.random.default_rng(5).standard_normal(session.points.shape)
+    for spoil, name in (
+        (with_sign, "sign of J4 reversed"),
+        (lambda s, j: with_zero(s, j, 90), "zero of J4 off by -90"),
+    ):
+        with pytest.raises(InputError, match=REFUSED) as caught:
+            KinematicModel(ARM).fit_readings(spoil(replace(session, points=points), 4))
+        assert f"put this right: {name}" in caught.value.hint
+
+
+def test_readings_of_other_poses_are_refused(session, rng):
+    with pytest.raises(InputError, match=REFUSED):
+        KinematicModel(ARM).fit_readings(replace(session, points=session.points[rng.permutation(40)]))
+
+
 def test_where_base_and_tip_absorb_every_constant_nothing_is_judged(rng):
     """One joint: noise alone remains. With the base as stated its constants count."""
     fixed = np.tile(np.eye(4), (2, 1, 1))

@@ -32,15 +32,16 @@ class IdentifiedConstants:
 
     Attributes
     ----------
-    zeros : dict of str to float
-        What is to be added to the zeros of joints [rad], of those that are off by `NAMED_ZERO` or more.
+    zeros : dict of str to (float, float)
+        What is to be added to the zeros of joints, with its standard uncertainty [rad], of those that are off by
+        `NAMED_ZERO` or more, and by more than `SURE` standard uncertainties.
     largest : str
         The constant that differs most, compared with what is credible, and by how much.
     share : float
         Its size over the largest credible one.
     """
 
-    zeros: dict[str, float]
+    zeros: dict[str, tuple[float, float]]
     largest: str
     share: float
 
@@ -64,18 +65,23 @@ class IdentifiedConstants:
         name, joint = names[worst]
         value = float(changes[worst])
         size = f"{np.degrees(value):+.3g} deg" if name in limits else f"{value:+.3g} mm"
-        zeros = {joint: float(zero) for joint, zero in zip(arm.joint_names, changes, strict=False)}
-        named = {joint: zero for joint, zero in zeros.items() if abs(zero) >= NAMED_ZERO}
+        zeros = zip(arm.joint_names, changes.tolist(), std.tolist(), strict=False)  # theta comes first
+        named = {joint: (zero, u) for joint, zero, u in zeros if abs(zero) >= max(NAMED_ZERO, SURE * u)}
         return cls(named, f"{name} of {joint} {size}", float(shares[worst]))
 
     def __str__(self) -> str:
         if not self.zeros:
             return f"The largest difference is {self.largest}: correct the arm file if it is wrong there."
-        zeros = ", ".join(f"{joint} {np.degrees(zero):+.3g} deg" for joint, zero in self.zeros.items())
+        zeros = ", ".join(f"{joint} {_degrees(*zero)}" for joint, zero in self.zeros.items())
         return (
             f"Zeros of joints are off, add to their theta: {zeros}; `truearm fit ... --apply my-arm.toml` writes a new "
             "arm file with them."
         )
+
+
+def _degrees(zero: float, u: float) -> str:
+    """A zero with its standard uncertainty, where that is seen."""
+    return f"{np.degrees(zero):+.3g} deg" + (f" (u {np.degrees(u):.1g})" if u > 0.01 * abs(zero) else "")
 
 
 def _changes(fit: IdentificationResult, arm: Arm, free: Sequence[str]) -> tuple[FloatArray, FloatArray]:
