@@ -95,7 +95,7 @@ def fit(
     --free base,tip: the reference has a frame of its own, and the position of the tip on the flange is not known (a
     laser tracker). --free none: points are in the arm's base frame and the tip is known.
     """
-    from truearm.arm import write_arm
+    from truearm.arm import dh_table, load_arm, write_arm
     from truearm.arm.catalogue import arm_path
     from truearm.errors import InputError
     from truearm.workflows.fit import fit as fit_model
@@ -105,6 +105,8 @@ def fit(
     if apply is not None:
         check_output(apply, session, arm_path(arm), lengths, out, endings=(".toml", ".urdf"))
         check_new_file(apply, force=force)
+        if apply.suffix == ".toml":
+            dh_table(load_arm(arm).chain)  # refused before the fit where a table cannot hold the arm
     options: dict[str, Any] = {}
     total = 4 if model == "auto" else None
     if model == "network":

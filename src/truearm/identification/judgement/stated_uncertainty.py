@@ -20,8 +20,9 @@ from truearm.readings.session import Session
 from truearm.solve.distributions import chi2_quantile
 from truearm.typing import FloatArray
 
-# Stated uncertainties that are as many times the scatter are refused: weights and selection then mean nothing.
-MAX_RATIO = 100.0
+# Stated uncertainties that are as many times the scatter are refused: micrometres entered as mm, to a factor of `NEAR`.
+# Below, a careful person may have stated a bound: that is said.
+MAX_RATIO = 200.0
 # Ratio from which a person is asked. Scatter contains all of u: a ratio above 1 is a stated u that is too large.
 SUSPECT_RATIO = 3.0
 # Scatter in multiples of the stated uncertainty from which a unit is suspected: arms that move scatter by up to some
