@@ -19,11 +19,12 @@ import numpy as np
 
 import truearm as ta
 from benchmarks.correct import on_a_rail
-from benchmarks.held_out import IDENTIFIED, LEVEL, split, squares
+from benchmarks.held_out import IDENTIFIED, LEVEL, split, squared_lengths, squares
 from benchmarks.imperfect_readings import mistakes
 from benchmarks.imperfect_states import ARM as THERMAL_ARM
 from benchmarks.imperfect_states import EXPANSIONS, Tested, describe, mean, rms, tested, training, virtual_arm
 from benchmarks.rows import Rows, finding
+from truearm import datasets
 from truearm.arm import Arm, load_arm
 from truearm.choices import ModelName
 from truearm.errors import InputError
@@ -584,6 +585,47 @@ def aluminium(arms: int = 8, models: tuple[str, ...] = tuple(IDENTIFIED)) -> Ite
             "coverage 93 to 97 %",
             f"{describe(found)}, stated over error {ratio(found):.2f}",
             0.93 <= mean(found) <= 0.97,
+        )
+
+
+OUTER_SHARE, MOST_TRAINED, MOST_TESTED = 0.2, 250, 300
+
+
+def outer_splits(readings: Session) -> Iterator[tuple[Session, Session]]:
+    """Readings without the outermost fifth of a joint's angles, and these, for either end of every joint."""
+    draw = np.random.default_rng(0)
+    for at in readings.angles.T:
+        low, high = np.quantile(at, [OUTER_SHARE, 1 - OUTER_SHARE])
+        for outer in (at < low, at > high):
+            if 0.05 < outer.mean() < 0.5:
+                sizes = ((~outer, MOST_TRAINED), (outer, MOST_TESTED))
+                rows = [draw.permutation(np.flatnonzero(some))[:most] for some, most in sizes]
+                yield readings.rows(np.sort(rows[0])), readings.rows(np.sort(rows[1]))
+
+
+@ROWS.row("outside", quick={"names": ("wam",), "models": ("kinematic",)})
+def outside(
+    names: tuple[str, ...] = ("ur5", "ur10-b", "wam"), models: tuple[str, ...] = tuple(IDENTIFIED)
+) -> Iterator[dict[str, str]]:
+    """Real arms trained without the outermost fifth of a joint's angles, tested there, at either end of every joint."""
+    for name, model in product(names, models):
+        inside, far, stated, error = [], [], [], []
+        for train, test in outer_splits(datasets.load_readings(name)):
+            fitted = IDENTIFIED[model](load_arm(datasets.DATASETS[name].arm)).fit_readings(train)
+            points, covariance = fitted.predict_readings(test, return_cov=True)
+            lengths, flagged = squared_lengths(points, covariance, test), fitted.outside_training(test)
+            inside.append((lengths <= LEVEL)[flagged])
+            far.append((lengths <= fitted.ellipsoid_factor(0.99) ** 2)[flagged])
+            stated.append(np.trace(covariance, axis1=1, axis2=2)[flagged])
+            error.append(((points - test.points) ** 2).sum(axis=1)[flagged])
+        share, of_99 = np.concatenate(inside).mean(), np.concatenate(far).mean()
+        over = np.sqrt(np.concatenate(stated).mean() / np.concatenate(error).mean())
+        yield finding(
+            f"{model}, {name}: {len(np.concatenate(inside))} readings outside in {len(inside)} splits",
+            "coverage 93 to 97 %",
+            f"covered {share:.1%} and {of_99:.1%} (worst split {min(map(np.mean, inside)):.0%}), "
+            f"stated over error {over:.2f}",
+            0.93 <= share <= 0.97,
         )
 
 
