@@ -450,8 +450,8 @@ def _remarks(model: Compensator, session: Session, lengths: Lengths | None) -> I
     least = np.where(model.arm_.chain.is_prismatic, LEAST_TRAVEL_MM, LEAST_TURN)
     for joint in np.flatnonzero(np.ptp(session.angles, axis=0) < least).tolist():
         yield (
-            f"J{joint + 1} does not move: its own errors are not identified, and points with it elsewhere are as "
-            "uncertain as the drawing."
+            f"J{joint + 1} does not move (if it did, its column is wrong): its own errors are not identified, and "
+            "points with it elsewhere are as uncertain as the drawing."
         )
     if not arm.converged:
         yield "The fit has not converged: more readings, or poses that differ more from each other, may help."
