@@ -153,6 +153,6 @@ def _of_single_errors(robust_weight: FloatArray) -> FloatArray:
     If a frame moves, its readings on one side fit none on the other: a fit without gross errors excludes them.
     """
     excluded = robust_weight < 0.5
-    near = np.ones(IN_A_ROW)
+    near = np.ones(min(IN_A_ROW, len(robust_weight)))
     share = np.convolve(excluded, near, "same") / np.convolve(np.ones(len(excluded)), near, "same")
     return np.where(excluded & (share > 0.5), 1.0, robust_weight)
