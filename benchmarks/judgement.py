@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 import truearm as ta
 from benchmarks.correct import on_a_rail
@@ -238,6 +239,128 @@ def contradicted(every: int = 3, noises_mm: tuple[float, ...] = (0.0, 2.0, 10.0)
 
 
 # What moved during the session, and models that would learn its clock -------------------------------------------------
+
+CLOCK_TESTED, ANOTHER = 200, 999
+# Of each kind of change: size [mm, degrees of a joint], and the kind that explains it.
+CHANGES: dict[str, tuple[tuple[float, ...], str]] = {
+    "a tracker that moved": ((1.0, 0.05), "the base or the reference"),
+    "a tracker that moved twice": ((8.0, 0.3, 0.05), "the base or the reference"),
+    "a tracker that drifts": ((1.0,), "the base or the reference"),
+    "a tip that was seated otherwise": ((0.1,), "the tip"),
+    "joint 1 that slipped": ((0.05,), "the zero of joint 1"),
+    "joint 3 that slipped": ((0.05,), "the zero of joint 3"),
+}
+
+
+def changed(good: Session, kind: str, size: float, arm: Arm) -> Session:
+    """The readings with a change half way; of two after a third each."""
+    points, angles = np.array(good.points), np.array(good.angles)
+    n = len(good)
+    half = n // 2
+    if kind.endswith("slipped"):
+        angles[half:, int(kind.split()[1]) - 1] -= np.radians(size)
+    elif kind.endswith("otherwise"):
+        points[half:] += size * (arm.chain.pose(angles[half:]).R_base_tip @ np.array([0.6, 0.0, 0.8]))
+    elif kind.endswith("drifts"):
+        points[:, 2] += np.linspace(0, size, n)
+    elif kind.endswith("twice"):
+        points[n // 3 :, 0] += size
+        points[2 * n // 3 :, 1] += size
+    else:
+        points[half:, 0] += size
+    return replace(good, points=points, angles=angles)
+
+
+def in_sessions(readings: Session, cuts: Sequence[int]) -> Session:
+    """Each part with a name in the column session."""
+    names = np.searchsorted(np.asarray(cuts), np.arange(len(readings)), side="right")
+    return replace(readings, session=np.char.add("part ", names.astype(str)))
+
+
+def followed_advice(readings: Session, changes: Sequence[Any]) -> Session:
+    """The readings as the remarks advise to use them; of those on both sides of a slip the ones before it."""
+    steps = [one.change.row for one in changes if one.change.kind == "step"]
+    if not steps:
+        count = changes[0].n_sessions
+        return in_sessions(readings, [len(readings) * k // count for k in range(1, count)])
+    if all("session, and fit again" in str(one) for one in changes):
+        return in_sessions(readings, steps)
+    return readings.rows(np.arange(steps[0]))
+
+
+def clean_errors(model: Any, virtual: VirtualArm, degC: float) -> Tested:
+    """At clean poses of the arm as it was at first; the frame of the reference as these show it, as in a new set-up."""
+    angles = STRATEGIES["uniform"](virtual.nominal, CLOCK_TESTED, seed=virtual.seed + ANOTHER).angles
+    test = virtual.measure(angles, seed=virtual.seed + ANOTHER, temperature_degC=degC, reference=False)
+    points, covariance = model.predict_readings(test.readings, return_cov=True)
+    mine, true = points - points.mean(axis=0), test.true_tips - test.true_tips.mean(axis=0)
+    off = mine @ Rotation.align_vectors(true, mine)[0].as_matrix().T - true
+    return Tested(
+        float(np.sqrt((off**2).mean())),
+        float(np.sqrt(np.trace(covariance, axis1=1, axis2=2).mean() / 3)),
+        float((squares(off, covariance) < LEVEL).mean()),
+        0.0,
+    )
+
+
+def near_rows(kind: str, n: int, rows: Sequence[int]) -> bool:
+    """Whether the rows are those of the planted change, to one reading."""
+    planted = {"twice": [n // 3, 2 * n // 3], "drifts": [n // 2]}.get(kind.split()[-1], [n // 2])
+    return len(rows) == len(planted) and all(abs(a - b) <= 1 for a, b in zip(rows, planted, strict=True))
+
+
+@ROWS.row("clock", quick={"names": "gao2017", "seeds": 1, "readings": 120})
+def clock(names: str = "gao2017,ur5,measuring7", seeds: int = 2, readings: int = 200) -> Iterator[dict[str, str]]:
+    """Sessions with a thermometer in which something changed; `auto` decides, and its advice is followed."""
+    for kind, (sizes, what) in CHANGES.items():
+        for size in sizes:
+            n, named, placed = 0, 0, 0
+            kept: Counter[str] = Counter()
+            clean, came, followed = [], [], []
+            for name, seed in product(names.split(","), range(41, 41 + seeds)):
+                simulated = ta.simulate(
+                    name, poses=readings, strategy="uniform", preset="shop", seed=seed, arm_seed=seed
+                )
+                virtual, good = simulated.virtual, simulated.session
+                bad = changed(good, kind, size, load_arm(name))
+                result, degC = ta.fit(name, bad), float(good.temperature_degC.mean())
+                found, n = result.frame_changes, n + 1
+                named += bool(found) and all(what in one.candidates for one in found)
+                placed += near_rows(kind, readings, [one.change.row for one in found])
+                kept[result.model_name] += 1
+                clean.append(clean_errors(ta.fit(name, good).model, virtual, degC))
+                came.append(clean_errors(result.model, virtual, degC))
+                if found:
+                    use = followed_advice(bad, found)
+                    followed.append(clean_errors(ta.fit(name, use).model, virtual, degC))
+            unit = "degrees" if kind.endswith("slipped") else "mm"
+            yield finding(
+                f"{kind}, by {size:g} {unit}, {readings} readings",
+                "named, no hybrid kept, advice helps, coverage 93 % or more",
+                f"named in {named} of {n}, to one reading in {placed}; kept {dict(kept)}; {describe(came)}; advice "
+                f"followed: {describe(followed) if followed else 'none'}; without the change {rms(clean):.4f} mm",
+                named == n and not kept["hybrid"] and rms(followed) <= rms(came) and mean(followed) >= 0.93,
+            )
+
+
+@ROWS.row("false-alarms", quick={"sessions": 4, "real": "ur5,ur10-b"})
+def false_alarms(sessions: int = 40, real: str = "ur5,ur10-b,ur10-a") -> Iterator[dict[str, str]]:
+    """Good sessions with a thermometer, of the arm's constants; and those of real arms."""
+    alarms = n = 0
+    for name, preset in product(("gao2017", "ur5", "measuring7"), ("shop", "research", "worn")):
+        for seed in range(sessions):
+            good = ta.simulate(
+                name, poses=100, strategy="uniform", preset=preset, seed=500 + seed, arm_seed=seed
+            ).session
+            alarms += bool(ta.fit(name, good, model="kinematic").frame_changes)
+            n += 1
+    yield finding("good sessions of 100 readings", "1 in 500", f"{alarms} of {n}", alarms <= max(1, 4 * n / 500))
+    for name in real.split(","):
+        arm = replace(load_arm(datasets.DATASETS[name].arm), lower=None, upper=None)
+        changes = ta.fit(arm, datasets.load_readings(name), model="physical", limits="ignore").frame_changes
+        said = "; ".join(str(one).split(" (95")[0].split(", by")[0] for one in changes) or "nothing"
+        yield finding(f"{name}, physical", "reported", said, None)
+
 
 # Repeats of a pose, rounded angles ------------------------------------------------------------------------------------
 
