@@ -309,15 +309,17 @@ def near_rows(kind: str, n: int, rows: Sequence[int]) -> bool:
     return len(rows) == len(planted) and all(abs(a - b) <= 1 for a, b in zip(rows, planted, strict=True))
 
 
-@ROWS.row("clock", quick={"names": "gao2017", "seeds": 1, "readings": 120})
-def clock(names: str = "gao2017,ur5,measuring7", seeds: int = 2, readings: int = 200) -> Iterator[dict[str, str]]:
+@ROWS.row("clock", quick={"names": ("gao2017",), "seeds": 1, "readings": 120})
+def clock(
+    names: Sequence[str] = ("gao2017", "ur5", "measuring7"), seeds: int = 2, readings: int = 200
+) -> Iterator[dict[str, str]]:
     """Sessions with a thermometer in which something changed; `auto` decides, and its advice is followed."""
     for kind, (sizes, what) in CHANGES.items():
         for size in sizes:
             n, named, placed = 0, 0, 0
             kept: Counter[str] = Counter()
             clean, came, followed = [], [], []
-            for name, seed in product(names.split(","), range(41, 41 + seeds)):
+            for name, seed in product(names, range(41, 41 + seeds)):
                 simulated = ta.simulate(
                     name, poses=readings, strategy="uniform", preset="shop", seed=seed, arm_seed=seed
                 )
@@ -343,8 +345,8 @@ def clock(names: str = "gao2017,ur5,measuring7", seeds: int = 2, readings: int =
             )
 
 
-@ROWS.row("false-alarms", quick={"sessions": 4, "real": "ur5,ur10-b"})
-def false_alarms(sessions: int = 40, real: str = "ur5,ur10-b,ur10-a") -> Iterator[dict[str, str]]:
+@ROWS.row("false-alarms", quick={"sessions": 4, "real": ("ur5", "ur10-b")})
+def false_alarms(sessions: int = 40, real: Sequence[str] = ("ur5", "ur10-b", "ur10-a")) -> Iterator[dict[str, str]]:
     """Good sessions with a thermometer, of the arm's constants; and those of real arms."""
     alarms = n = 0
     for name, preset in product(("gao2017", "ur5", "measuring7"), ("shop", "research", "worn")):
@@ -355,7 +357,7 @@ def false_alarms(sessions: int = 40, real: str = "ur5,ur10-b,ur10-a") -> Iterato
             alarms += bool(ta.fit(name, good, model="kinematic").frame_changes)
             n += 1
     yield finding("good sessions of 100 readings", "1 in 500", f"{alarms} of {n}", alarms <= max(1, 4 * n / 500))
-    for name in real.split(","):
+    for name in real:
         arm = replace(load_arm(datasets.DATASETS[name].arm), lower=None, upper=None)
         changes = ta.fit(arm, datasets.load_readings(name), model="physical", limits="ignore").frame_changes
         said = "; ".join(str(one).split(" (95")[0].split(", by")[0] for one in changes) or "nothing"
@@ -440,11 +442,13 @@ def with_repeats(readings: Session, how: str, seed: int) -> Session:
     return replace(readings.rows(rows), points=points, position=position, numbers=None)
 
 
-@ROWS.row("repeats", quick={"arms": 1, "poses": 40, "models": "kinematic"})
-def repeats(arms: int = 4, poses: int = 92, models: str = "kinematic,physical") -> Iterator[dict[str, str]]:
+@ROWS.row("repeats", quick={"arms": 1, "poses": 40, "models": ("kinematic",)})
+def repeats(
+    arms: int = 4, poses: int = 92, models: Sequence[str] = ("kinematic", "physical")
+) -> Iterator[dict[str, str]]:
     """Each pose read three times: 1 um within a pose, 50 um between; error, stated, coverage at such poses."""
     for name in ("ur5", "gen3lite"):
-        for model in models.split(","):
+        for model in models:
             found: dict[str, list[OfTips]] = {}
             for seed in range(arms):
                 one = ta.simulate(name, poses=poses + TESTED_POSES, seed=seed, arm_seed=seed, preset="shop")
