@@ -385,10 +385,12 @@ def _length_outliers(model: Compensator, at: CheckedReadings, readings: Prepared
 
 def _scatter(model: Compensator) -> Iterator[str]:
     """By how much readings scatter about the identified arm, where that is much and their uncertainty is not stated."""
-    if (identified := to_identified(model)) is None or model.kind == "nominal":
+    if (identified := to_identified(model)) is None:
         return
     of = identified.fit_.references[0]
     scatter = of.noise_std * float(np.sqrt(len(of.residuals)))
+    if model.kind == "nominal":  # whose residuals are not noise; the check knows it where they are unusual
+        scatter = model.nominal_check_.left.noise_mm
     if of.kind in ("point", "distance") and scatter >= SAID_SCATTER_MM and not of.std.any():
         yield (
             f"These readings scatter by {scatter:.2g} mm about the identified arm; with a laser tracker it is "

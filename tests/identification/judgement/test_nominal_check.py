@@ -102,6 +102,15 @@ def test_degrees_are_refused(session):
         KinematicModel(ARM).fit(np.degrees(session.angles), session.points)
 
 
+def test_a_column_that_stands_still_while_the_joint_moved_is_refused(session):
+    """It looks like noise; a joint that is locked indeed leaves none, and is fitted."""
+    angles = session.angles.copy()
+    angles[:, 3] = angles[0, 3]
+    with pytest.raises(InputError, match="misses its references") as caught:
+        ta.fit(ARM, replace(session, angles=angles), model="kinematic")
+    assert "J4 did not move by the readings" in caught.value.hint
+
+
 def test_zeros_off_by_five_degrees_are_identified_and_named(session):
     result = ta.fit(ARM, with_zero(session, 4, 5.0), model="kinematic")
     assert result.nominal.nominal_check_.ratio > MAX_RATIO

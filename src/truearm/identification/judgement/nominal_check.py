@@ -57,6 +57,9 @@ MAX_STRUCTURE = 2.0
 # Share of the reach that noise may have. The poorest camera has 0.06 (10 mm a coordinate on an arm of 300 mm); points
 # of other poses, in the order of other readings, have 0.2 or more.
 MAX_NOISE = 0.1
+# The error of three of four readings over the root mean square distance that constants leave, up to which noise alone
+# makes it: Gaussian noise has 1.17.
+MOST_BY_NOISE = 1.4
 # Share of the reach by which the nominal arm may miss readings of another session on average, with base and tip where
 # they were: ten times what the kinematic model expects of its constants (3 mrad, 3 mm) stays below.
 MAX_NOMINAL_ERROR = 0.05
@@ -120,6 +123,8 @@ class NominalCheck:
         """What a person must know of a plausible arm; None if nothing."""
         if self.is_usual or self.identified is None or not self.is_plausible:  # an acceptance says so itself
             return None
+        if not self.identified.zeros and self.error_mm <= MOST_BY_NOISE * self.left.distance_mm:
+            return None  # it is noise, which the readings' scatter says
         return (
             f"The nominal arm misses the readings by {self.error_mm:.3g} mm, {self.ratio:.1f} times as much as nominal "
             f"arms usually do; with its constants identified {self.left.distance_mm:.2g} mm remain. {self.identified}"
@@ -165,11 +170,13 @@ def check_nominal_arm(
         return check
     fit = identify(constants)
     left = remaining(fit, state, references, constants)
+    # What a joint does of which the angle is not read looks like noise.
+    hidden = not np.ptp(state.angles, axis=0).all()
     return replace(
         check,
         identified=IdentifiedConstants.of(fit, arm, free),
         left=left,
-        most_noise_mm=MAX_NOISE * arm.chain.reach,
+        most_noise_mm=MAX_RATIO * usual if hidden else MAX_NOISE * arm.chain.reach,
         description=None if table is None else check_description(arm, table, fit.chain),
     )
 
@@ -223,11 +230,13 @@ def refuse_implausible(check: NominalCheck, arm: Arm, readings: Session, tips: F
     if check.identified is not None:
         why = f"; with its constants identified {check.left} remain, and the largest is {check.identified.largest}"
     unit = likely_unit(readings, tips)
+    still = [f"J{joint + 1}" for joint in np.flatnonzero(np.ptp(readings.angles, axis=0) == 0).tolist()]
     readings.contradict(
         f"the nominal arm {arm.name!r} misses its references by {check.error_mm:.4g} mm at one reading of four, where "
         f"arms like it miss by {check.usual_mm:.2g} mm{why}: the readings are of another arm, or the arm is described "
         "wrongly",
         hint=(f"{remedy}; or " if remedy else "")
+        + (f"{' and '.join(still)} did not move by the readings: check that column; or " if still else "")
         + (f"the points may be in {unit}: convert them to mm; or " if unit else "")
         + "check the arm, the units, signs, order and zeros of the angles, the unit of the points, and --free; if the "
         f"arm is as inaccurate as that, add the line nominal_error_mm = {check.error_mm:.2g} to its arm file, above "
