@@ -32,7 +32,6 @@ from truearm.readings import (
     check_angles,
     check_fit,
     check_reach,
-    check_scale,
     has_reference,
     point_errors,
     read_lengths,
@@ -265,8 +264,8 @@ def check_session_fits(session: Session, arm: Arm, model: str) -> None:
     Raises
     ------
     InputError
-        As `check_fit`, `check_reach` and `check_scale`; or if the readings have fewer residuals than the model needs:
-        a distance has one, any other reference three.
+        As `check_fit` and `check_reach`; or if the readings have fewer residuals than the model needs: a distance has
+        one, any other reference three.
     """
     check_fit(session, n_joints=arm.n_joints, min_rows=MIN_ROWS, relations=model != "network")
     is_distance = rows_with_distance(session)
@@ -282,7 +281,6 @@ def check_session_fits(session: Session, arm: Arm, model: str) -> None:
             hint="measure more poses, spread over all joints",
         )
     check_reach(session, reach=arm.chain.reach, sliding=arm.chain.is_prismatic)
-    check_scale(session, arm.chain.tip_in_base(session.angles))
 
 
 def check_has_reference(session: Session, arm: Arm | None, *, purpose: str, least: int = LEAST_READINGS) -> None:

@@ -136,6 +136,23 @@ def test_zeros_that_the_fit_finds_are_no_contradiction(session, most):
     assert again.held_out_mm[0] == pytest.approx(result.held_out_mm[0], rel=0.05)
 
 
+def test_a_column_that_was_homed_elsewhere_is_identified_in_mm():
+    """J2 lifts the arm after J1; its zero is a length of d, and the twist about it is no zero."""
+    arm = load_arm("ur5")
+    fixed = np.insert(arm.chain.fixed, 1, np.eye(4), axis=0)
+    fixed[1, :3, 0:3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]  # the column stands across the axis of J1
+    arm = Arm("torso", Chain(fixed, arm.chain.tip_in_flange, np.arange(7) == 1))
+    angles = np.random.default_rng(1).uniform(-1.5, 1.5, (60, 7)) * np.where(np.arange(7) == 1, 100.0, 1.0)
+    points = arm.chain.tip_in_base(angles + 100.0 * (np.arange(7) == 1))
+    points += 0.05 * np.random.default_rng(2).standard_normal(points.shape)
+    check = KinematicModel(arm).fit(angles, points).nominal_check_
+    assert check.ratio > MAX_RATIO
+    assert list(check.identified.zeros) == ["J2"]
+    zero, u = check.identified.zeros["J2"]
+    assert abs(zero - 100.0) < max(4 * u, 0.5)
+    assert "add to their d: J2 +100 mm" in str(check.identified)
+
+
 @pytest.mark.parametrize("noise_mm", [3.0, 10.0])
 def test_noise_is_said_and_no_contradiction(noise_mm):
     """A camera in place of a tracker, and nothing stated: the scatter is the first remark."""
@@ -165,6 +182,30 @@ def test_noise_hides_no_mistake(session, noise_mm):
 def test_readings_of_other_poses_are_refused(session, rng):
     with pytest.raises(InputError, match=REFUSED):
         KinematicModel(ARM).fit_readings(replace(session, points=session.points[rng.permutation(40)]))
+
+
+def in_a_cube(arm: Arm, n: int, side_mm: float) -> Session:
+    """Readings whose points lie in a cube about the tip of the working posture."""
+    angles = arm.working + np.random.default_rng(2).uniform(-1, 1, (100_000, 6))
+    off = arm.chain.tip_in_base(angles) - arm.chain.tip_in_base(arm.working[None])
+    angles = angles[(np.abs(off) < side_mm / 2).all(axis=1)][:n]
+    assert len(angles) == n
+    return VirtualArm.draw(arm, "shop", seed=2).measure(angles, seed=2).readings
+
+
+def test_points_close_together_in_another_order_are_no_noise():
+    """Their scatter is a small share of the reach; that of an honest camera is a small share of the cube too."""
+    arm = replace(load_arm("ur10"), lower=None, upper=None)
+    readings, rng = in_a_cube(arm, 28, 220.0), np.random.default_rng(2)
+    camera = Session(readings.angles, readings.points + 10 * rng.standard_normal(readings.points.shape))
+    shuffled = replace(camera, points=readings.points[rng.permutation(28)])
+    model = KinematicModel(arm).fit_readings(camera)
+    assert model.nominal_check_.ratio > MAX_RATIO
+    assert model.nominal_check_.left.noise_mm == pytest.approx(10 * np.sqrt(3), rel=0.3)
+    with pytest.raises(InputError, match=REFUSED):
+        KinematicModel(arm).fit_readings(shuffled)
+    with pytest.raises(InputError, match=REFUSED):
+        refit(model, shuffled)
 
 
 def test_where_base_and_tip_absorb_every_constant_nothing_is_judged(rng):

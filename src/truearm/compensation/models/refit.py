@@ -22,8 +22,9 @@ from truearm.identification.estimation.identification_result import Identificati
 from truearm.identification.estimation.residual_variance import NONE_HELD_OUT
 from truearm.identification.judgement.description_check import explaining
 from truearm.identification.judgement.nominal_check import (
-    MAX_NOISE,
+    MOST_BY_NOISE,
     NominalCheck,
+    most_noise,
     refuse_implausible,
     typical_error,
     usual_nominal_error,
@@ -37,7 +38,7 @@ from truearm.identification.references.references import Reference
 from truearm.identification.references.session_frames import rough_session_frames, to_first_session_frame
 from truearm.identification.references.tips import check_tips, tip_names
 from truearm.identification.terms import ArmState, Term, constants
-from truearm.readings.checks import check_sessions
+from truearm.readings.checks import check_scale, check_sessions
 from truearm.readings.distances import rows_with_distance
 from truearm.readings.lengths import Lengths
 from truearm.readings.session import Session
@@ -180,11 +181,17 @@ def _judge_set_up(model: IdentifiedModel, set_up: _SetUp) -> NominalCheck:
     arm, (readings, lengths, free, state, references) = model.arm_, set_up
     bare = [without_sizes(reference) for reference in references]
     usual = usual_nominal_error(arm, model.nominal_, state, bare, constants(arm.chain, free=free))
-    check = NominalCheck(typical_error(model.fit_), usual, most_noise_mm=MAX_NOISE * arm.chain.reach)
+    check = NominalCheck(
+        typical_error(model.fit_), usual, most_noise_mm=most_noise(model.nominal_, state, arm.chain.reach)
+    )
     if not check.is_usual:
-        check = replace(check, left=remaining(model.fit_, state, bare, set_up.terms))
+        left = remaining(model.fit_, state, bare, set_up.terms)
+        # The noise is that of the training: readings that scatter more have lost their weight, and count here.
+        check = replace(check, left=left._replace(noise_mm=max(left.noise_mm, check.error_mm / MOST_BY_NOISE)))
+    tips = model.nominal_.tips(state)
     with explaining(arm, readings, lengths=lengths, free=free):
-        refuse_implausible(check, arm, readings, model.nominal_.tips(state))
+        check_scale(readings, tips)
+        refuse_implausible(check, arm, readings, tips)
     return check
 
 

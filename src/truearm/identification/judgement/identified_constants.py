@@ -16,14 +16,17 @@ from truearm.typing import FloatArray
 
 # Largest changes of constants that are credible. A zero that is off by more than an eighth of a turn is nearer to
 # another zero. Other angles: 7 degrees, forty times as much as usual. Lengths: 5 % of the reach, as of links that are
-# a tenth too long; what explains a zero that is off by a quarter turn are lengths of 8 % or more.
-MAX_ZERO, MAX_ANGLE, MAX_LENGTH = np.radians(45.0), np.radians(7.0), 0.05
+# a tenth too long; what explains a zero that is off by a quarter turn are lengths of 8 % or more. The zero of a slide
+# is a length that no drawing states: a column that was homed 100 mm off, on an arm of 500 mm.
+MAX_ZERO, MAX_ANGLE, MAX_LENGTH, MAX_SLIDE_ZERO = np.radians(45.0), np.radians(7.0), 0.05, 0.2
+# Columns of the table that are angles.
+ANGLES = ("theta", "alpha", "beta")
 # Standard uncertainties by which a constant must exceed that: noise leaves lengths open.
 SURE = 3.0
 # Standard uncertainties of a difference quotient.
 STEP = 1e-3
-# Zeros that are off by more are named: six times what is usual.
-NAMED_ZERO = np.radians(1.0)
+# Zeros that are off by more are named: six times what is usual [rad; of sliding joints mm].
+NAMED_ZERO, NAMED_SLIDE_ZERO = np.radians(1.0), 3.0
 
 
 @dataclass(frozen=True)
@@ -33,8 +36,10 @@ class IdentifiedConstants:
     Attributes
     ----------
     zeros : dict of str to (float, float)
-        What is to be added to the zeros of joints, with its standard uncertainty [rad], of those that are off by
-        `NAMED_ZERO` or more, and by more than `SURE` standard uncertainties.
+        What is to be added to the zeros of joints, with its standard uncertainty [rad; of sliding joints mm], of those
+        that are off by `NAMED_ZERO` (`NAMED_SLIDE_ZERO`) or more, and by more than `SURE` standard uncertainties.
+    slides : tuple of str
+        The sliding joints.
     largest : str
         The constant that differs most, compared with what is credible, and by how much.
     share : float
@@ -44,6 +49,7 @@ class IdentifiedConstants:
     zeros: dict[str, tuple[float, float]]
     largest: str
     share: float
+    slides: tuple[str, ...] = ()
 
     @property
     def are_credible(self) -> bool:
@@ -58,23 +64,31 @@ class IdentifiedConstants:
             changes, std = _changes(fit, arm, free)
         except InputError as error:
             return cls({}, error.problem, np.inf)
-        limits = {"theta": MAX_ZERO, "alpha": MAX_ANGLE, "beta": MAX_ANGLE}
-        most = np.array([limits.get(name, MAX_LENGTH * arm.chain.reach) for name, _ in names])
+        slides, n = arm.chain.is_prismatic, arm.n_joints
+        zeros = np.where(slides, COLUMNS.index("d"), COLUMNS.index("theta")) * n + np.arange(n)
+        most = np.array([MAX_ANGLE if name in ANGLES else MAX_LENGTH * arm.chain.reach for name, _ in names])
+        most[zeros] = np.where(slides, MAX_SLIDE_ZERO * arm.chain.reach, MAX_ZERO)
         shares = np.abs(changes) / (most + SURE * std)
         worst = int(shares.argmax())
         name, joint = names[worst]
         value = float(changes[worst])
-        size = f"{np.degrees(value):+.3g} deg" if name in limits else f"{value:+.3g} mm"
-        zeros = zip(arm.joint_names, changes.tolist(), std.tolist(), strict=False)  # theta comes first
-        named = {joint: (zero, u) for joint, zero, u in zeros if abs(zero) >= max(NAMED_ZERO, SURE * u)}
-        return cls(named, f"{name} of {joint} {size}", float(shares[worst]))
+        size = f"{np.degrees(value):+.3g} deg" if name in ANGLES else f"{value:+.3g} mm"
+        least = np.maximum(np.where(slides, NAMED_SLIDE_ZERO, NAMED_ZERO), SURE * std[zeros])
+        named = {
+            arm.joint_names[i]: (float(changes[zeros[i]]), float(std[zeros[i]]))
+            for i in np.flatnonzero(np.abs(changes[zeros]) >= least).tolist()
+        }
+        sliding = tuple(arm.joint_names[i] for i in np.flatnonzero(slides).tolist())
+        return cls(named, f"{name} of {joint} {size}", float(shares[worst]), sliding)
 
     def __str__(self) -> str:
         if not self.zeros:
             return f"The largest difference is {self.largest}: correct the arm file if it is wrong there."
-        zeros = ", ".join(f"{joint} {_degrees(*zero)}" for joint, zero in self.zeros.items())
+        turning = ", ".join(f"{j} {_degrees(*zero)}" for j, zero in self.zeros.items() if j not in self.slides)
+        sliding = ", ".join(f"{j} {_mm(*zero)}" for j, zero in self.zeros.items() if j in self.slides)
+        of = [f"to their {name}: {zeros}" for name, zeros in (("theta", turning), ("d", sliding)) if zeros]
         return (
-            f"Zeros of joints are off, add to their theta: {zeros}; `truearm fit ... --apply my-arm.toml` writes a new "
+            f"Zeros of joints are off, add {' and '.join(of)}; `truearm fit ... --apply my-arm.toml` writes a new "
             "arm file with them."
         )
 
@@ -82,6 +96,11 @@ class IdentifiedConstants:
 def _degrees(zero: float, u: float) -> str:
     """A zero with its standard uncertainty, where that is seen."""
     return f"{np.degrees(zero):+.3g} deg" + (f" (u {np.degrees(u):.1g})" if u > 0.01 * abs(zero) else "")
+
+
+def _mm(zero: float, u: float) -> str:
+    """The zero of a slide with its standard uncertainty, where that is seen."""
+    return f"{zero:+.3g} mm" + (f" (u {u:.1g})" if u > 0.01 * abs(zero) else "")
 
 
 def _changes(fit: IdentificationResult, arm: Arm, free: Sequence[str]) -> tuple[FloatArray, FloatArray]:

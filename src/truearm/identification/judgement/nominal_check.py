@@ -39,7 +39,7 @@ from truearm.identification.references.distances import is_offset
 from truearm.identification.references.reading_references import without_sizes
 from truearm.identification.references.references import Reference
 from truearm.identification.terms import ArmState, Term
-from truearm.readings.checks import check_scale, likely_unit
+from truearm.readings.checks import likely_unit
 from truearm.readings.lengths import Lengths
 from truearm.readings.session import Session
 from truearm.solve.threads import one_blas_thread
@@ -55,8 +55,12 @@ MAX_RATIO = 2.0
 # more (`python -m benchmarks judgement printed contradicted`).
 MAX_STRUCTURE = 2.0
 # Share of the reach that noise may have. The poorest camera has 0.06 (10 mm a coordinate on an arm of 300 mm); points
-# of other poses, in the order of other readings, have 0.2 or more.
+# of other poses, in the order of other readings, have 0.2 or more if they are spread over the workspace.
 MAX_NOISE = 0.1
+# Share of the root mean square distance of the points from their mean that noise may have: it counts where they are
+# close together. In a cube of 220 mm points in the order of other readings have 0.79 to 0.87 of it, a camera of 10 mm a
+# coordinate 0.11 to 0.15, and one of 20 mm 0.20 to 0.28 (ur10 and gao2017, 28 poses).
+MAX_NOISE_SHARE = 0.5
 # The error of three of four readings over the root mean square distance that constants leave, up to which noise alone
 # makes it: Gaussian noise has 1.17.
 MOST_BY_NOISE = 1.4
@@ -176,9 +180,16 @@ def check_nominal_arm(
         check,
         identified=IdentifiedConstants.of(fit, arm, free),
         left=left,
-        most_noise_mm=MAX_RATIO * usual if hidden else MAX_NOISE * arm.chain.reach,
+        most_noise_mm=MAX_RATIO * usual if hidden else most_noise(nominal, state, arm.chain.reach),
         description=None if table is None else check_description(arm, table, fit.chain),
     )
+
+
+def most_noise(nominal: IdentificationResult, state: ArmState, reach: float) -> float:
+    """Noise above which readings say nothing of an arm of a reach, by the nominal tips of those with points [mm]."""
+    rows = np.concatenate([np.zeros(0, np.intp), *(one.rows for one in nominal.references if one.kind == "point")])
+    spread = float(np.sqrt(nominal.tips(state)[rows].var(axis=0).sum())) if len(rows) else np.inf
+    return min(MAX_NOISE * reach, MAX_NOISE_SHARE * spread)
 
 
 def usual_nominal_error(
@@ -223,7 +234,6 @@ def refuse_implausible(check: NominalCheck, arm: Arm, readings: Session, tips: F
     InputError
         With the mistakes that are likely.
     """
-    check_scale(readings, tips)
     if check.is_plausible:
         return
     why, remedy = "", None if check.description is None else check.description.remedy(readings)
