@@ -17,12 +17,12 @@ from truearm.readings import Session
 ARM = replace(load_arm("ur5"), lower=None, upper=None)
 
 
-def left(noise_mm: float, wrong: float = 0.0, *, gross: int = 0) -> Remaining:
+def left(noise_mm: float, wrong: float = 0.0, *, gross: int = 0, n: int = 100) -> Remaining:
     """Of an arm whose J4 turns by a sine of its angle more than it says, read with noise."""
     rng = np.random.default_rng(3)
-    angles = rng.uniform(-2.5, 2.5, (100, 6))
+    angles = rng.uniform(-2.5, 2.5, (n, 6))
     true = angles + np.outer(wrong * np.sin(angles[:, 3]), np.arange(6) == 3)
-    points = ARM.chain.tip_in_base(true) + noise_mm * rng.standard_normal((100, 3))
+    points = ARM.chain.tip_in_base(true) + noise_mm * rng.standard_normal((n, 3))
     points[:gross] += 200.0
     session = Session(angles, points)
     every, state, references = constants(ARM.chain), state_of(ARM, session), references_of(session, None)
@@ -48,3 +48,8 @@ def test_what_the_pose_decides_is_structure():
 
 def test_gross_errors_are_no_structure():
     assert left(1.0, gross=5).structure_mm < 1.0
+
+
+def test_a_gross_error_takes_its_contrasts_along():
+    """Of 20 readings 30 contrasts remain, fewer than there are directions: the largest of these count."""
+    assert left(1.0, 0.05, n=20, gross=1).distance_mm < 12  # 16 with contrasts of the gross error

@@ -99,16 +99,16 @@ def with_material_prior(fit: IdentificationResult, state: ArmState, *, widened: 
     others, p = np.setdiff1d(np.arange(len(fit.coefficients)), grows), len(fit.coefficients)
     of_growth = fit.covariance[np.ix_(grows, grows)]
     gain = np.asarray(np.linalg.solve(of_growth, fit.covariance[np.ix_(grows, others)]).T)
-    drifts = most_lag_K(state.temperature_degC, state.session) > LAG_K
-    if drifts and [part.kind for part in fit.references] == ["point"]:
+    lag_K = max(LAG_K, most_lag_K(state.temperature_degC, state.session))
+    if lag_K > LAG_K and [part.kind for part in fit.references] == ["point"]:
         histories, u_K = link_histories(fit, state, grows, others), 0.0
     else:
         information, right = _likelihood(of_growth / widened, fit.coefficients[grows], fit.prior_std[grows])
         mean, spread = float(state.temperature_degC.mean()), float(state.temperature_degC.std())
-        shares = 1 - LAG_K * (np.arange(N_LAGS) + 0.5) / N_LAGS / spread
+        shares = 1 - lag_K * (np.arange(N_LAGS) + 0.5) / N_LAGS / spread
         shares = np.where(shares < LEAST_SHARE, 0.0, shares)
         histories = [LinkHistory(information, right, gain, mean, share) for share in shares.tolist()]
-        u_K = min(LAG_K, spread)
+        u_K = min(lag_K, spread)
     new, wide = _mixture(histories), _mixture(histories, widened)
     # Beside the coefficients, constants that take the lengths to 20 degC.
     order = np.concatenate([others, grows, p + np.arange(len(grows))])

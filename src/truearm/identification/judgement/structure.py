@@ -100,9 +100,11 @@ def remaining(
     counts = values > LEAST_EIGENVALUE * values.max(initial=0.0)
     values, vectors = values[counts], vectors[:, counts]
     squares = (vectors.T @ (stds * slope)) ** 2 / values
-    n = int(sum((one > 0).sum() for one in weights)) - rank - round(reduced.n_determined)
+    # A reading counts by its weight, as residual and as reading.
+    n = max(round(sum(float(one.sum()) for one in weights)) - rank - round(reduced.n_determined), 0)
     rest = max(2 * whole.cost - reduced.gain - gain - squares.sum(), 0.0)
-    return _components(values[:n], squares[:n], rest, n, sum(float(one[0].sum()) for one in weights))
+    largest = slice(max(len(values) - n, 0), None)  # they ascend
+    return _components(values[largest], squares[largest], rest, n, sum(float(one[0].sum()) for one in weights))
 
 
 def pose_features(n_joints: int, size: float) -> list[Term]:
