@@ -53,3 +53,9 @@ def test_an_impossible_growth_is_refused(growth):
 def test_ranges_that_are_none_are_refused(ranges):
     with pytest.raises(InputError, match="range of every joint"):
         Extrapolation(ranges, SLIDES, 1.0)
+
+
+def test_a_slide_counts_in_its_travel():
+    slide = Extrapolation(np.array([[0.0, 200.0], [5.0, 5.0]]), np.array([True, True]), 1.0)
+    np.testing.assert_array_equal(slide.unit, [200.0, 1.0])
+    np.testing.assert_allclose(slide.distance(np.array([[300.0, 5.0], [100.0, 7.0]])), [0.5, 2.0])

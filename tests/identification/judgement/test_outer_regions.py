@@ -6,18 +6,18 @@ import pytest
 from truearm.arm import load_arm
 from truearm.compensation.models import KinematicModel
 from truearm.identification.estimation.residual_variance import LEVEL, HeldOutReadings
-from truearm.identification.judgement.outer_regions import _weighted_quantile, least_growth, outer_regions
+from truearm.identification.judgement.outer_regions import PRIOR_GROWTH, _weighted_quantile, least_growth, outer_regions
 from truearm.readings import Session
 from truearm.solve.distributions import chi2_quantile
 
 
 def test_regions_are_the_ends_of_the_joints_and_a_joint_of_few_angles_has_none():
     angles = np.column_stack([np.linspace(-1, 1, 100), np.resize([0.0, 1.0], 100)])
-    found = outer_regions(angles)
+    found = outer_regions(angles, np.ones(100, bool))
     assert [joint for joint, _ in found] == [0, 0]
     np.testing.assert_array_equal(np.flatnonzero(found[0][1]), np.arange(15))
     np.testing.assert_array_equal(np.flatnonzero(found[1][1]), np.arange(85, 100))
-    assert not outer_regions(angles[:20])
+    assert not outer_regions(angles[:20], np.ones(20, bool))
 
 
 def test_the_least_growth_puts_a_reading_on_its_ellipsoid():
@@ -35,7 +35,37 @@ def test_the_quantile_counts_regions_alike():
     values, weight = np.array([0.0, 0.0, 3.0, 1.0]), np.array([0.1, 0.1, 0.1, 0.7])
     assert _weighted_quantile(values, weight, 0.89) == 1.0
     assert _weighted_quantile(values, weight, 0.91) == 3.0
-    assert _weighted_quantile(np.zeros(0), np.zeros(0), 0.95) == 0.0
+
+
+def test_gross_errors_neither_bound_a_region_nor_are_inside():
+    """A reading at the end of a joint that is not used leaves the regions as they are without it."""
+    angles = np.column_stack([np.linspace(-1, 1, 101), np.resize([0.0, 1.0], 101)])
+    angles[50, 0] = 3.0
+    used = np.arange(101) != 50
+    for (_, rows), (_, without) in zip(
+        outer_regions(angles, used), outer_regions(angles[used], np.ones(100, bool)), strict=True
+    ):
+        np.testing.assert_array_equal(rows[used], without)
+        assert not rows[50]
+
+
+def test_gross_errors_leave_the_growth_as_without_them():
+    arm, inside, _ = sessions(3e-4)
+    bad = np.argsort(inside.angles[:, 0])[[0, 1, -2, -1]]
+    points, good = inside.points.copy(), np.setdiff1d(np.arange(160), bad)
+    points[bad] += 40.0
+    whole, without = (
+        KinematicModel(arm).fit(inside.angles[rows], of[rows]).variance_function_.beyond
+        for rows, of in ((np.arange(160), points), (good, inside.points))
+    )
+    np.testing.assert_array_equal(whole.ranges, without.ranges)
+    assert whole.growth == pytest.approx(without.growth, rel=0.1)
+
+
+def test_where_no_region_is_judged_the_growth_is_a_prior():
+    arm, inside, _ = sessions(3e-4)
+    model = KinematicModel(arm).fit(inside.angles[:24], inside.points[:24])
+    assert model.variance_function_.beyond.growth == PRIOR_GROWTH
 
 
 def sessions(size, seed=0):

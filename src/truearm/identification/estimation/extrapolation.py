@@ -45,6 +45,12 @@ class Extrapolation:
         if not 0 <= self.growth <= STEEPEST_GROWTH:
             raise InputError(f"expected a growth of the residual variance from 0 to {STEEPEST_GROWTH:g}")
 
+    @property
+    def unit(self) -> FloatArray:
+        """(n_joints,) what a distance of 1 is [rad, or mm of a sliding joint]."""
+        travel = np.maximum(np.ptp(self.ranges, axis=1), LEAST_TRAVEL_MM)
+        return np.asarray(np.where(self.is_prismatic, travel, 1.0))
+
     def distance(self, angles: FloatArray) -> FloatArray:
         """(n,) how far angles (n, n_joints) are outside: the root of the joints' squares [rad, or ranges].
 
@@ -54,7 +60,7 @@ class Extrapolation:
         above = angles - lower
         turned = np.mod(above, 2 * np.pi)
         turning = np.where(turned > span, np.minimum(turned - span, 2 * np.pi - turned), 0.0)
-        sliding = np.maximum(np.maximum(above - span, -above), 0.0) / np.maximum(span, LEAST_TRAVEL_MM)
+        sliding = np.maximum(np.maximum(above - span, -above), 0.0) / self.unit
         return np.asarray(np.linalg.norm(np.where(self.is_prismatic, sliding, turning), axis=1))
 
     def factor(self, angles: FloatArray) -> FloatArray:

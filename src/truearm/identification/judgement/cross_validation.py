@@ -114,6 +114,8 @@ def cross_validate_regions(
 ) -> list[HeldOutReadings]:
     """Deviations of the readings of each region (n,) from an arm identified without them; regions may overlap."""
     kinds = IN_SPACE if any(part.kind in IN_SPACE for part in fit.references) else IN_LENGTH
+    if not any(part.kind in kinds for part in fit.references):
+        return [NONE_HELD_OUT for _ in regions]
     found = []
     with one_blas_thread():
         minimum = _Minimum.of(fit, state, references, kinds) if regions else None
