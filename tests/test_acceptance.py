@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import truearm as ta
-from truearm.acceptance import MAX_TEXT, Acceptance, accepted, accepting, contradict
-from truearm.errors import Contradiction, InputError
+from truearm.acceptance import MAX_TEXT, OVERRIDE, Acceptance, accepted, accepting, accepts, contradict
+from truearm.errors import Contradiction, InputError, SeveralFaults
 from truearm.pages.html import render
 
 WHY = "the encoder was turned round, the drawing follows"
@@ -170,3 +170,29 @@ def test_blocks_nest_and_end():
     with accepting("long"):
         contradict(refused.value)
         assert len(accepted()[0].contradictions[0]) == MAX_TEXT
+
+
+def test_a_second_fit_in_a_block_has_none_of_the_first_ones_contradictions():
+    with ta.accepting(WHY):
+        first = ta.NominalModel(ta.load_arm("ur10")).fit_readings(contradicted("unit")[1])
+        second = ta.NominalModel(ta.load_arm("ur10")).fit_readings(SESSION)
+        verb = ta.fit("ur10", SESSION, model="nominal").model
+        assert accepted() == first.accepted_  # the block has them all
+    assert len(first.accepted_) == 1
+    assert second.accepted_ == verb.accepted_ == ()
+
+
+def test_several_contradictions_name_the_way_once():
+    """With the last of them; faults that have no override do not name it."""
+
+    @accepts
+    def verb(faults):
+        raise SeveralFaults(faults)
+
+    two = [Contradiction("first"), Contradiction("second", hint="try")]
+    with pytest.raises(SeveralFaults) as refused:
+        verb([*two, InputError("third")])
+    assert [fault.hint for fault in refused.value.faults] == [None, f"try; {OVERRIDE}", None]
+    with pytest.raises(SeveralFaults) as refused:
+        verb([InputError("first"), InputError("second")])
+    assert OVERRIDE not in str(refused.value)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from functools import wraps
 from typing import ParamSpec, TypeVar, cast
 
-from truearm.errors import Contradiction, InputError
+from truearm.errors import Contradiction, InputError, joined
 
 MAX_TEXT = 300  # of a reason, and of a contradiction in short
 OVERRIDE = "if the readings are right all the same, --accept REASON (accept= in Python) goes on"
@@ -90,19 +90,48 @@ def accepting(reason: str | None) -> Iterator[None]:
         _current.reset(before)
 
 
+@contextmanager
+def accepting_afresh() -> Iterator[None]:
+    """Within `accepting`: `accepted` in this block is what it overrides itself, and nothing from before it."""
+    current = _current.get()
+    if current is None:
+        yield
+        return
+    (reason, earlier), own = current, list[str]()
+    before = _current.set((reason, own))
+    try:
+        yield
+    finally:
+        _current.reset(before)
+        earlier += [one for one in own if one not in earlier]
+
+
 def accepts(verb: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
     """Decorate a verb with a keyword `accept`: it runs within `accepting` that reason, and a refusal names the way."""
 
     @wraps(verb)
     def within(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> _Result:
-        with accepting(cast("str | None", kwargs.get("accept"))):
+        with accepting(cast("str | None", kwargs.get("accept"))), accepting_afresh():
             try:
                 return verb(*args, **kwargs)
-            except Contradiction as error:
-                hint = error.hint or ""
-                raise error if OVERRIDE in hint else error.with_hint(f"{hint}{'; ' * bool(hint)}{OVERRIDE}") from None
+            except InputError as error:
+                if (named := _with_override(error)) is error:
+                    raise
+                raise named from None
 
     return within
+
+
+def _with_override(error: InputError) -> InputError:
+    """The same error, the last contradiction among its faults with the way to accept it, which goes for all of them."""
+    faults = list(error.faults)
+    found = [number for number, fault in enumerate(faults) if isinstance(fault, Contradiction)]
+    if not found or any(OVERRIDE in (fault.hint or "") for fault in faults):
+        return error
+    last = faults[found[-1]]
+    hint = f"{last.hint}; {OVERRIDE}" if last.hint else OVERRIDE
+    faults[found[-1]] = last.with_hint(hint)
+    return joined(faults) or error
 
 
 def contradict(error: InputError) -> None:

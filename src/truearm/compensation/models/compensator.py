@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Literal, NamedTuple, Self, TypeAlias, overload
 import numpy as np
 import numpy.typing as npt
 
-from truearm.acceptance import Acceptance, accepted
+from truearm.acceptance import Acceptance, accepted, accepting_afresh
 from truearm.arm.arm import Arm
 from truearm.compensation.models.arm_check import check_readings_of, with_serial_number
 from truearm.compensation.models.estimator import Regressor
@@ -123,6 +123,7 @@ class Compensator(Regressor, ABC):
     """What to make of points outside the trained range, whose standard uncertainty is ``u``."""
 
     @one_blas_thread()
+    @accepting_afresh()
     def fit(self, X: npt.ArrayLike, y: npt.ArrayLike, sample_weight: npt.ArrayLike | None = None) -> Self:
         """Learn from joint angles and reference points.
 
@@ -154,6 +155,7 @@ class Compensator(Regressor, ABC):
         return self._fit_weighted(session, _check_sample_weight(sample_weight, X, ensure_non_negative=True))
 
     @one_blas_thread()
+    @accepting_afresh()
     def fit_readings(
         self,
         readings: Session,
