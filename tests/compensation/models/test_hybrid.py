@@ -179,6 +179,22 @@ def test_gross_errors_of_the_arm_teach_the_networks_nothing(arm, train, test):
     model = HybridModel(arm, n_members=4).fit_readings(replace(train, points=points))
     assert not {7, 70} & set(model.held_out_.rows.tolist())
     assert mean_error(model, test) < 0.08
+    # They count in comparisons, as networks leave them that did not learn them.
+    gross = model.held_out_gross_
+    assert set(gross.rows.tolist()) == {7, 70}
+    np.testing.assert_allclose(gross.errors_mm, [40.0, 30.0] if gross.rows[0] == 70 else [30.0, 40.0], atol=1.0)
+
+
+def test_positions_that_are_visited_in_rounds_are_held_out_by_time(arm, rng):
+    """Every position is among the readings measured last: these rows themselves are held out."""
+    at = np.tile(rng.uniform(-1, 1, (10, 3)), (5, 1)) + rng.normal(0, 0.2, (50, 3))
+    position = np.array([f"p{row % 10}" for row in range(50)])
+    readings = Session(at, arm.chain.tip_in_base(at) + wave(at) + rng.normal(0, NOISE, (50, 3)), position=position)
+    kinematic = KinematicModel(arm).fit_readings(readings)
+    held_out = HybridModel(arm, hidden=(2,), epochs=2).held_out_by_one_member(readings, kinematic, latest=True)
+    rows = np.sort(kinematic.held_out_.rows)
+    assert held_out.rows.tolist() == rows[-len(held_out.rows) :].tolist()
+    assert 5 <= len(held_out.rows) <= 15
 
 
 def test_auto_does_not_try_it_where_no_joint_moves_far(arm, rng, monkeypatch):

@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 from truearm.arm import load_arm
-from truearm.identification.judgement.change_point import CLEAR_ODDS, SIGNIFICANCE, rigid_motions, session_changes
+from truearm.identification.judgement.change_point import (
+    CLEAR_ODDS,
+    NEIGHBOURS,
+    SIGNIFICANCE,
+    _Readings,
+    rigid_motions,
+    session_changes,
+)
 
 STD = 0.01  # mm
 
@@ -187,3 +194,12 @@ def test_a_slip_about_the_first_axis_is_a_motion_of_the_frame_too():
 
 def test_good_sessions_of_an_arm_are_left_alone():
     assert sum(bool(changes_of(*arm_session(50, seed))) for seed in range(100, 160)) <= 1
+
+
+def test_a_reading_is_no_neighbour_of_itself(rng):
+    """Nor where so many repeat it exactly that a search need not name it."""
+    angles = np.concatenate([np.tile(rng.normal(size=(2, 3)), (15, 1)), rng.normal(size=(20, 3))])
+    at = _Readings(angles, {}, np.zeros((50, 3)), np.ones((50, 3)), np.arange(50))
+    assert at.nearest.shape == (50, NEIGHBOURS)
+    assert not (at.nearest == np.arange(50)[:, None]).any()
+    assert all(len(set(row)) == NEIGHBOURS for row in at.nearest.tolist())

@@ -83,6 +83,8 @@ class HybridModel(Compensator):
     held_out_ : HeldOutReadings
         Training readings as predicted without their position: by the arm identified without it and by the network
         trained without it. Empty after reading a file.
+    held_out_gross_ : HeldOutReadings
+        The gross errors of the arm, corrected by a network that was trained without their position.
     held_out_errors_ : HeldOutErrors or None
         Their errors in short.
 
@@ -181,14 +183,15 @@ class HybridModel(Compensator):
         arm_model : IdentifiedModel
             Fitted to these readings; an arm as `arm_model` names it.
         latest : bool
-            Hold out the readings that were measured last, as many as in a fold, in place of the first fold.
+            Hold out the readings that were measured last, as many as in a fold, in place of the first fold: readings of
+            their positions may have been learned, as time is what is held out.
         """
         self.arm_ = self._checked_arm()
         self.fit_ = arm_model.fit_
         learned = self._prepare_residuals(readings, arm_model)
         aside = learned.fold == 0
         if latest:
-            aside = np.isin(learned.held_out.group, learned.held_out.group[-int(aside.sum()) :])
+            aside = np.arange(len(aside)) >= len(aside) - int(aside.sum())
         weights, _ = train_member(
             learned.network, learned.inputs, learned.targets, ~aside, epochs=self.epochs, seed=[int(self.seed), 0]
         )
@@ -215,12 +218,22 @@ class HybridModel(Compensator):
         )
         held_out = learned.held_out
         self.held_out_ = replace(held_out, deviations=held_out.deviations + learned.scale_mm * outputs.T)
+        self.held_out_gross_ = self._corrected(simpler.held_out_gross_, readings.session, learned)
         n_excluded = 0 if simpler.held_out_errors_ is None else simpler.held_out_errors_.n_excluded
         self.held_out_errors_ = HeldOutErrors.of(self.held_out_, n_excluded=n_excluded)
         with one_blas_thread():
             corrections = learned.scale_mm * self.committee_.outputs(learned.inputs).transpose(0, 2, 1)
             self.fit_ = _with_noise_of(self.held_out_, simpler)
             self._estimate_residual_variance(readings.session, corrections, learned.fold)
+
+    def _corrected(self, gross: HeldOutReadings, readings: Session, learned: _Residuals) -> HeldOutReadings:
+        """Deviations of the arm's gross errors, as a network leaves them that has not seen their position."""
+        if not len(gross.rows):
+            return gross
+        unseen = dict(zip(learned.held_out.group.tolist(), learned.fold.tolist(), strict=True))
+        member = [unseen.get(group, 0) for group in gross.group.tolist()]
+        corrections = self._corrections(state_of(self.arm_, readings.rows(gross.rows)))
+        return replace(gross, deviations=gross.deviations + corrections[member, np.arange(len(member))])
 
     def _prepare_residuals(self, readings: Session, arm_model: IdentifiedModel) -> _Residuals:
         """What the networks learn from readings in one frame: all but those that are gross errors of the arm."""

@@ -51,7 +51,7 @@ READINGS_PER_FUNCTION, MAX_FUNCTIONS = 4, 400
 # Similar poses that a reading is compared with.
 NEIGHBOURS = 8
 # Consecutive readings are of one pose if no joint differs by more: as a share of its scatter, or in rad and mm.
-SAME_SHARE, SAME_ANGLE = 0.01, 1e-3
+STILL_SHARE, STILL_ANGLE = 0.01, 1e-3
 # Changes that are looked for one after the other.
 MAX_CHANGES = 5
 # A kind is named alone if its odds against every other are better.
@@ -182,7 +182,10 @@ class _Readings:
         """(n, k) The readings of the most similar poses."""
         scaled = _standardized(self.angles)
         k = min(NEIGHBOURS, len(scaled) - 1)
-        return np.asarray(cKDTree(scaled).query(scaled, k=k + 1)[1])[:, 1:]
+        found = np.asarray(cKDTree(scaled).query(scaled, k=k + 1)[1])
+        own = found == np.arange(len(found))[:, None]  # of exact repeats it need not be the first
+        own[~own.any(axis=1), -1] = True
+        return np.asarray(found[~own].reshape(len(found), k))
 
     @cached_property
     def contrast(self) -> csr_array:
@@ -206,7 +209,7 @@ class _Readings:
     def less_repeats(self) -> _Readings:
         """The mean of readings that repeat a pose one after the other, and the first row of each."""
         angles = self.angles
-        near = np.maximum(SAME_SHARE * angles.std(axis=0), SAME_ANGLE) if len(angles) else np.zeros(0)
+        near = np.maximum(STILL_SHARE * angles.std(axis=0), STILL_ANGLE) if len(angles) else np.zeros(0)
         starts: list[int] = []
         for row, at in enumerate(angles):
             if not starts or (np.abs(at - angles[starts[-1]]) > near).any():
