@@ -10,6 +10,7 @@ import pytest
 
 from truearm.compensation.models import MODELS
 from truearm.compensation.models.model_file import load_model
+from truearm.errors import InputError
 
 LENGTHS = "seat_a,seat_b,length_mm,u_mm\n"
 STILL = "seat_a,seat_b,length_mm,u_mm,expansion_per_K,u_expansion_per_K\n"
@@ -75,6 +76,29 @@ def test_zeros_are_written_to_a_new_arm_file(truearm, made, tmp_path):
     of_none = truearm("fit", made / "test.csv", "--arm", "gao2017", "--model", "network", "--out", out, "--apply", arm)
     assert of_none.code == 2
     assert "--apply applies to" in of_none.err
+
+
+def test_no_arm_file_is_written_of_a_nominal_arm_and_no_model_is_lost(truearm, made, tmp_path, monkeypatch):
+    out, arm = tmp_path / "m.truearm", tmp_path / "my-arm.toml"
+    command = ("fit", made / "test.csv", "--arm", "gao2017", "--out", out, "--apply", arm)
+    quick = ("--model", "hybrid", "--arm-model", "nominal", "--hidden", "2", "--epochs", "1", "--members", "2")
+    ran = truearm(*command, *quick)
+    assert ran.code == 0
+    assert f"{arm} is not written: the nominal arm was kept" in " ".join(ran.out.split())
+    assert out.exists()
+    assert not arm.exists()
+    out.unlink()
+
+    def full(*_):
+        raise InputError("the disk is full", hint="another disk")
+
+    monkeypatch.setattr("truearm.arm.write_arm", full)
+    refused = truearm(*command, "--model", "kinematic")
+    assert refused.code == 2
+    assert f"another disk; the model is written to {out}" in " ".join(refused.err.split())
+    assert out.exists()
+    named = truearm(*command[:-1], tmp_path / "x.txt", "--model", "kinematic")
+    assert "ends in .toml or .urdf, got 'x.txt'" in named.err
 
 
 def test_seats_and_lengths_alone(truearm, shop, tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -135,9 +136,16 @@ def fit(
             progress=report,
             **options,
         )
-        if apply is not None:
-            write_arm(result.arm_with_zeros(), apply)
         result.save(out)
+        if apply is not None and not result.identifies_constants:
+            why = f"{apply} is not written: the nominal arm was kept, and no joint zeros were identified."
+            result, apply = replace(result, remarks=(*result.remarks, why)), None
+        if apply is not None:
+            try:
+                write_arm(result.arm_with_zeros(), apply)
+            except InputError as error:
+                written = f"the model is written to {out}"
+                raise error.with_hint(f"{error.hint}; {written}" if error.hint else written) from None
     print_record(result, as_json=as_json, files={"model": out, "arm": apply})
 
 

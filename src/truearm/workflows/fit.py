@@ -19,7 +19,13 @@ from truearm.compensation.models.compensator import CheckedReadings
 from truearm.compensation.models.identified_model import IdentifiedModel, to_identified
 from truearm.compensation.models.model_file import save_model
 from truearm.compensation.models.residual_inputs import follows_order
-from truearm.compensation.models.selection import ModelScore, on_common_readings, select_model, worse_than_nominal
+from truearm.compensation.models.selection import (
+    ModelScore,
+    Selection,
+    on_common_readings,
+    select_model,
+    worse_than_nominal,
+)
 from truearm.compensation.models.training_conditions import LEAST_TRAVEL_MM, LEAST_TURN
 from truearm.errors import InputError
 from truearm.identification.estimation.diagnostics import identifiability
@@ -147,43 +153,51 @@ def fit(
     nominal = NominalModel(nominal_arm, free=parts)
     readings = (chosen or nominal).prepare(used, known)
     nominal.learn(readings)
-    comparison: tuple[ModelScore, ...] = ()
-    why_no_hybrid: str | None = None
-    fitted: Compensator = nominal
-    if chosen is None:
-        fitted, comparison, why_no_hybrid, changes = select_model(nominal, readings, progress=progress, **options)
-    else:
-        if model != "nominal":
-            # A model without weights of outliers places its own nominal arm.
-            fitted = chosen.learn(readings, progress=progress, nominal=nominal if chosen.robust else None)
-        # A network has no residuals of a rigid frame: those of the arm's constants show what changed.
-        arm_model = (
-            KinematicModel(nominal_arm, free=parts).learn(readings, nominal=nominal) if model == "network" else fitted
-        )
-        changes = tuple(frame_changes(arm_model.identified_arm or nominal.fit_, arm_model.session_frames_, used))
+    learned = _learn(chosen, nominal, readings, progress=progress, **options)
+    fitted = learned.model
     at = fitted.at(used)
-    no_hybrid = () if why_no_hybrid is None else (f"The hybrid model was not compared: {why_no_hybrid}.",)
-    rounding = None if fitted.identified_arm is None else describe_rounding(readings, fitted.identified_arm)
-    said = (
-        *_repeat_remarks(merged, fitted),
-        *_held_out_remarks(fitted, nominal),
-        *([] if rounding is None else [rounding]),
-        *_remarks(fitted, used, known),
-        *no_hybrid,
-        *map(str, changes),
-    )
     return FitResult(
         model=fitted,
-        comparison=comparison,
+        comparison=learned.table,
         session=used,
         n_readings=len(checked.rows),
         training=_training_errors(fitted, at),
         nominal=nominal,
         outliers=_outliers(fitted, given, checked.rows[merged.first]),
         length_outliers=_length_outliers(fitted, at, readings),
-        frame_changes=changes,
-        remarks=(*acceptance_remarks(accept), *_scatter(fitted), *checked.remarks, *length_remarks, *said),
+        frame_changes=learned.changes,
+        remarks=(
+            *acceptance_remarks(accept),
+            *_scatter(learned.arm_model),
+            *checked.remarks,
+            *length_remarks,
+            *_repeat_remarks(merged, fitted),
+            *_said(learned, nominal, readings),
+        ),
     )
+
+
+def _learn(
+    chosen: Compensator | None,
+    nominal: NominalModel,
+    readings: PreparedReadings,
+    *,
+    progress: Callable[[int, str], None] | None,
+    **options: Any,
+) -> Selection:
+    """The model that a person chose, compared with no other; or without one the model that is selected."""
+    if chosen is None:
+        return select_model(nominal, readings, progress=progress, **options)
+    fitted: Compensator = nominal
+    if chosen.kind != "nominal":
+        # A model without weights of outliers places its own nominal arm.
+        fitted = chosen.learn(readings, progress=progress, nominal=nominal if chosen.robust else None)
+    arm_model = fitted
+    if fitted.identified_arm is None:
+        # A network has no residuals of a rigid frame: those of the arm's constants show what changed.
+        arm_model = KinematicModel(nominal.arm, free=nominal.free).learn(readings, nominal=nominal)
+    changes = frame_changes(arm_model.identified_arm or nominal.fit_, arm_model.session_frames_, readings.given)
+    return Selection(fitted, (), None, tuple(changes), arm_model)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -239,6 +253,11 @@ class FitResult(Record):
         return self.model.kind
 
     @property
+    def identifies_constants(self) -> bool:
+        """Whether the constants of the arm were identified, its joint zeros among them."""
+        return _identifies_constants(self.model)
+
+    @property
     def held_out_mm(self) -> tuple[float, float] | None:
         """Mean error on held-out readings, of the model and of the nominal arm [mm]; None where none were held out.
 
@@ -270,10 +289,13 @@ class FitResult(Record):
         InputError
             If the model identifies no zeros.
         """
-        if (fit := self.model.identified_arm) is None:
-            raise InputError(f"a {self.model_name} model identifies no joint zeros", hint="model='kinematic'")
+        fit = self.model.identified_arm
+        if fit is None or not self.identifies_constants:
+            of = "that was kept " * (fit is not None and bool(self.comparison))
+            raise InputError(f"a {self.model_name} model {of}identifies no joint zeros", hint="model='kinematic'")
         zeros = joint_zeros(fit.chain, self.model.arm_, free=self.model.free)
         source = f"{self.model.arm_.source}; joint zeros identified from {len(self.session)} readings".strip("; ")
+        source = "; ".join([source, *map(str, self.model.accepted_)])
         return replace(with_zeros(self.model.arm_, zeros), source=source)
 
     def save(self, path: str | Path) -> None:
@@ -383,17 +405,23 @@ def _length_outliers(model: Compensator, at: CheckedReadings, readings: Prepared
     return () if identified is None else tuple(length_outliers(identified.fit_, at.state, readings.references))
 
 
+def _identifies_constants(model: Compensator) -> bool:
+    """Whether a model has an arm of its own constants: not a network, nor one that leaves the nominal arm as it is."""
+    on_nominal = isinstance(model, HybridModel) and model.arm_model == "nominal"
+    return model.identified_arm is not None and model.kind != "nominal" and not on_nominal
+
+
 def _scatter(model: Compensator) -> Iterator[str]:
     """By how much readings scatter about the identified arm, where that is much and their uncertainty is not stated."""
-    if (identified := to_identified(model)) is None:
+    if (identified := model.identified_arm) is None:
         return
-    of = identified.fit_.references[0]
+    of = identified.references[0]
     scatter = of.noise_std * float(np.sqrt(len(of.residuals)))
-    if model.kind == "nominal":  # whose residuals are not noise; the check knows it where they are unusual
+    if not _identifies_constants(model):  # whose residuals are not noise; the check knows it where they are unusual
         scatter = model.nominal_check_.left.noise_mm
     if of.kind in ("point", "distance") and scatter >= SAID_SCATTER_MM and not of.std.any():
         yield (
-            f"These readings scatter by {scatter:.2g} mm about the identified arm; with a laser tracker it is "
+            f"These readings scatter by {format_mm(scatter)} about the identified arm; with a laser tracker it is "
             f"{TRACKER_MM:g} mm. The uncertainties contain it, and more readings average it."
         )
 
@@ -416,15 +444,28 @@ def _repeat_remarks(merged: MergedReadings[Session], model: Compensator) -> Iter
     yield f"{told}; each counts as one reading, their mean, named by its first line. {scatter}"
 
 
+def _said(learned: Selection, nominal: NominalModel, readings: PreparedReadings) -> Iterator[str]:
+    """What a person must know of a fit: of its readings held out, its readings, and what changed during them."""
+    model = learned.model
+    yield from _held_out_remarks(model, nominal)
+    if model.identified_arm is not None and (rounding := describe_rounding(readings, model.identified_arm)) is not None:
+        yield rounding
+    yield from _remarks(model, readings.given, readings.lengths)
+    if learned.why_no_hybrid is not None:
+        yield f"The hybrid model was not compared: {learned.why_no_hybrid}."
+    yield from map(str, learned.changes)
+
+
 def _held_out_remarks(model: Compensator, nominal: NominalModel) -> Iterator[str]:
     """What readings held out say against a model."""
     if not len(nominal.held_out_.rows):
-        yield "No reading can be held out of the others, so models cannot be compared: measure more poses."
+        kept = "; the nominal arm is kept, --model kinematic fits the others" if model.kind == "nominal" else ""
+        yield f"No reading can be held out of the others, so models cannot be compared{kept}: measure more poses."
     elif (worse := worse_than_nominal(model, nominal)) is not None:
         own, drawn = map(format_mm, worse)
         yield (
             f"{own} on readings held out, the nominal arm {drawn}: these readings do not show what the {model.kind} "
-            "model learned from them. Use the nominal arm (--model auto selects), or measure more poses."
+            "model learned from them. Use the nominal arm (--model auto selects the better one), or measure more poses."
         )
 
 
@@ -449,12 +490,7 @@ def _remarks(model: Compensator, session: Session, lengths: Lengths | None) -> I
         )
     if session.points is None and lengths is None and session.sphere_distance is None and session.distance_mm is None:
         yield "No reference point and no length is known: the arm keeps its nominal size."
-    least = np.where(model.arm_.chain.is_prismatic, LEAST_TRAVEL_MM, LEAST_TURN)
-    for joint in np.flatnonzero(np.ptp(session.angles, axis=0) < least).tolist():
-        yield (
-            f"J{joint + 1} does not move (if it did, its column is wrong): its own errors are not identified, and "
-            "points with it elsewhere are as uncertain as the drawing."
-        )
+    yield from _still_joints(session, model.arm_)
     if not arm.converged:
         yield "The fit has not converged: more readings, or poses that differ more from each other, may help."
     if identified is not None and (stated := describe_stated_uncertainty(arm)) is not None:
@@ -468,6 +504,20 @@ def _remarks(model: Compensator, session: Session, lengths: Lengths | None) -> I
         )
     if model.kind not in ("nominal", "network") and len(session) < FEW_READINGS:
         yield f"Only {len(session)} readings: the training error says little. Use some {FEW_READINGS} or more."
+
+
+def _still_joints(session: Session, arm: Arm) -> Iterator[str]:
+    """Joints that move too little for their own errors to be identified."""
+    for joint, travel in enumerate(np.ptp(session.angles, axis=0)):
+        slides = arm.chain.is_prismatic[joint]
+        if travel >= (LEAST_TRAVEL_MM if slides else LEAST_TURN):
+            continue
+        least = f"{LEAST_TRAVEL_MM:g} mm" if slides else f"{np.degrees(LEAST_TURN):.0f} degree"
+        moves = f"moves by less than {least}" if travel > 0 else "does not move (if it did, its column is wrong)"
+        yield (
+            f"J{joint + 1} {moves}: its own errors are not identified, and points with it elsewhere are as uncertain "
+            "as the drawing."
+        )
 
 
 def _has_clock(session: Session) -> bool:

@@ -42,7 +42,7 @@ def check_output(out: str | Path, *inputs: str | Path | None, endings: tuple[str
     """
     out = Path(out)
     if endings and out.suffix not in endings:
-        raise InputError(f"expected a file name that ends in {endings[0]}, got {out.name!r}", file=out)
+        raise InputError(f"expected a file name that ends in {' or '.join(endings)}, got {out.name!r}", file=out)
     check_output_is_not_input(out, *inputs)
     check_writable(out)
 

@@ -78,7 +78,7 @@ class Selection(NamedTuple):
 
     Attributes
     ----------
-    model : IdentifiedModel or HybridModel
+    model : Compensator
         Fitted to all readings.
     table : tuple of ModelScore
         All candidates, the simplest first; empty where no reading could be held out, and the nominal arm is kept.
@@ -86,12 +86,16 @@ class Selection(NamedTuple):
         Why the hybrid model is not among them; None where it is.
     changes : tuple of SessionChange
         What changed during the sessions, by the residuals of the arm with the most terms.
+    arm_model : Compensator
+        The model whose constants show how the readings scatter: the selected one, of a nominal or hybrid model the
+        kinematic one; the nominal model where no other was fitted.
     """
 
-    model: SelectedModel
+    model: Compensator
     table: tuple[ModelScore, ...]
     why_no_hybrid: str | None
     changes: tuple[SessionChange, ...]
+    arm_model: Compensator
 
 
 def select_model(
@@ -142,7 +146,8 @@ def select_model(
         return lambda _, note: None if progress is None else progress(done, f"{name}: {note}")
 
     if not len(nominal.held_out_.rows):
-        return Selection(nominal, (), None, ())
+        changes = tuple(frame_changes(nominal.fit_, nominal.session_frames_, readings.given))
+        return Selection(nominal, (), None, changes, nominal)
     models: dict[str, IdentifiedModel] = {"nominal": nominal}
     for name, kind in CANDIDATES.items():
         options: dict[str, Any] = {"residual": residual, "terms": terms} if name == "physical" else {}
@@ -156,7 +161,9 @@ def select_model(
     if why_no_hybrid is None:
         compared["hybrid"] = hybrid.learn(readings, progress=report("hybrid"), nominal=arm_model)
     table = _scores(compared)
-    return Selection(next(compared[score.name] for score in table if score.kept), table, why_no_hybrid, changes)
+    kept = next(score.name for score in table if score.kept)
+    shows = models["physical"] if kept == "physical" else arm_model
+    return Selection(compared[kept], table, why_no_hybrid, changes, shows)
 
 
 def worse_than_nominal(model: Compensator, nominal: NominalModel) -> tuple[float, float] | None:

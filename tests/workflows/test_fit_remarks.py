@@ -1,0 +1,69 @@
+"""What a fit says of its readings and of a model that identifies nothing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import truearm as ta
+from truearm.compensation.models.selection import CANDIDATES, select_model
+from truearm.errors import InputError
+from truearm.identification.estimation.residual_variance import NONE_HELD_OUT
+from truearm.readings import Session
+from truearm.workflows import fit as verb
+
+
+def with_noise(arm: str, noise_mm: float, n: int, *, seed: int) -> Session:
+    readings = ta.simulate(arm, poses=n, seed=seed).session
+    return Session(readings.angles, readings.points + noise_mm * np.random.default_rng(seed).standard_normal((n, 3)))
+
+
+@pytest.mark.parametrize("options", [{"model": "hybrid", "hidden": (2,), "epochs": 2, "n_members": 2}, {}])
+def test_scatter_is_the_first_remark_of_every_model(options, monkeypatch):
+    """Also where the nominal arm is kept, as noise hides all errors of its constants; without the physical, quicker."""
+    monkeypatch.delitem(CANDIDATES, "physical")
+    result = ta.fit("ur10", with_noise("ur10", 10.0, 50, seed=2), **options)
+    assert result.model_name == options.get("model", "nominal")
+    scatter, unit = result.remarks[0].split("These readings scatter by ")[1].split()[:2]
+    assert float(scatter) == pytest.approx(10 * np.sqrt(3), rel=0.2)
+    assert unit == "mm"
+
+
+@pytest.mark.parametrize("options", [{"model": "nominal"}, {"model": "hybrid", "arm_model": "nominal"}])
+def test_a_nominal_arm_has_no_zeros_to_write(options):
+    if options["model"] == "hybrid":
+        options |= {"hidden": (2,), "epochs": 2, "n_members": 2}
+    result = ta.fit("ur10", ta.simulate("ur10", poses=40, seed=1).session, **options)
+    with pytest.raises(InputError, match="identifies no joint zeros"):
+        result.arm_with_zeros()
+
+
+def test_zeros_of_an_accepted_fit_say_so():
+    session = ta.simulate("ur10", poses=40, seed=1).session
+    result = ta.fit("ur10", replace(session, points=25.4 * session.points), model="kinematic", accept="a try")
+    assert "identified from 40 readings; Accepted (a try): " in result.arm_with_zeros().source
+
+
+def test_joints_that_hardly_move_are_said_as_such():
+    session = ta.simulate("ur10", poses=2, seed=1).session
+    travel = np.radians([30.0, 0.9, 0.0, 1.1, 90, 40])
+    still = Session(np.array([session.angles[0], session.angles[0] + travel]), session.points)
+    said = [one.split(":")[0] for one in verb._still_joints(still, ta.load_arm("ur10"))]
+    assert said == ["J2 moves by less than 1 degree", "J3 does not move (if it did, its column is wrong)"]
+
+
+def test_without_readings_held_out_the_nominal_arm_is_kept_and_changes_are_looked_for():
+    """The base steps in the middle of the session."""
+    readings = ta.simulate("ur10", poses=40, seed=1).session
+    moved = readings.points + np.where(np.arange(40) < 20, 0.0, 20.0)[:, None] * [1.0, 0, 0]
+    nominal = ta.NominalModel(ta.load_arm("ur10"))
+    prepared = nominal.prepare(Session(readings.angles, moved))
+    nominal.learn(prepared)
+    nominal.held_out_ = NONE_HELD_OUT
+    kept = select_model(nominal, prepared)
+    assert kept.model is kept.arm_model is nominal
+    assert len(kept.changes) == 1
+    (said,) = verb._held_out_remarks(nominal, nominal)
+    assert "the nominal arm is kept, --model kinematic fits the others: measure more poses" in said
