@@ -513,10 +513,9 @@ def _still_joints(session: Session, arm: Arm) -> Iterator[str]:
         if travel >= (LEAST_TRAVEL_MM if slides else LEAST_TURN):
             continue
         least = f"{LEAST_TRAVEL_MM:g} mm" if slides else f"{np.degrees(LEAST_TURN):.0f} degree"
-        moves = f"moves by less than {least}" if travel > 0 else "does not move (if it did, its column is wrong)"
         yield (
-            f"J{joint + 1} {moves}: its own errors are not identified, and points with it elsewhere are as uncertain "
-            "as the drawing."
+            f"J{joint + 1} moves by less than {least} (if it did move, its column is wrong): its own errors are not "
+            "identified, and points with it elsewhere are as uncertain as the drawing."
         )
 
 
