@@ -102,6 +102,14 @@ def test_uncertainties_come_back(path):
     np.testing.assert_array_equal(stated, np.sqrt(fitted.fit_.covariance.diagonal()))
 
 
+def test_the_rounding_of_angles_is_in_the_document():
+    fitted = planted_model(ta.load_arm("gao2017"))
+    assert json_model.document_of(fitted, Manifest.of(fitted, "json")).training.angle_std is None
+    std = np.full(fitted.arm_.n_joints, 1e-3)
+    fitted.training_ = replace(fitted.training_, angle_std=std)
+    assert json_model.document_of(fitted, Manifest.of(fitted, "json")).training.angle_std == std.tolist()
+
+
 @pytest.mark.parametrize("size", [0, 1, json_document.MAX_LISTED, json_document.MAX_LISTED + 1])
 def test_a_covariance_of_any_size_comes_back_to_the_last_bit(size):
     root = np.random.default_rng(size).normal(size=(size, size))

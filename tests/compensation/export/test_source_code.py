@@ -26,6 +26,7 @@ from truearm.arm import Arm, Chain
 from truearm.compensation.export import c_source, es_module, reduced_covariance, source_code
 from truearm.compensation.export.reduced_covariance import sample_trained_region
 from truearm.compensation.export.source_code import macros_of
+from truearm.compensation.models.identified_model import ROUNDED
 from truearm.compensation.models.training_conditions import TOGETHER, InputRange
 from truearm.compensation.targets.correction import correct_targets
 from truearm.compensation.targets.manifest import Manifest, read_manifest
@@ -391,6 +392,31 @@ def test_the_rules_of_corrected_targets_are_those_of_python(make, targets, featu
             np.testing.assert_allclose(got, expected.joints[good], rtol=0, atol=1e-6)  # rad, or mm
         np.testing.assert_array_equal(codes[good] == 1, expected.outside[good])
         assert [row["outside"] for row in rows if "q" in row] == expected.outside[good].tolist()
+
+
+@needs_cc
+@needs_node
+def test_rounding_of_the_angles_is_in_the_covariance(tmp_path):
+    arm = rail_arm()
+    model = planted_model(arm, [CONSTANT])
+    std = np.array([0.3, 1e-3, 0, 0.1, 5e-4])  # mm and rad
+    steps = np.sqrt(12) * std
+    first = model.training_.angle_sample[0]
+    raw = angles_of(arm, 6, 3)
+    angles = np.where(std > 0, first + steps * np.round((raw - first) / np.where(std > 0, steps, 1)), raw)
+    model.training_ = replace(model.training_, angle_std=std)
+    c, js = tmp_path / "arm.c", tmp_path / "arm.mjs"
+    c_source.write(model, Manifest.of(model, "c"), c)
+    es_module.write(model, Manifest.of(model, "js"), js)
+    written = Written(model, c, js, ctypes.CDLL(str(c_source.compile_library(c, tmp_path, *STRICT, "-O0"))))
+    assert all("training angles were rounded" in file.read_text() for file in (c, js))
+    expected = model.predict_readings(Session(angles), return_cov=True)[1]
+    without = expected - model.unstated_input_covariances(Session(angles))[ROUNDED]
+    cov = written.predict(Session(angles), stated=False)[1]
+    assert (uncertainty(without) < 0.9 * uncertainty(expected)).any()
+    np.testing.assert_allclose(uncertainty(cov), uncertainty(expected), rtol=REDUCED_SHARE)
+    rows = es_module.run_module(js, "predict", [[q.tolist()] for q in angles])
+    np.testing.assert_allclose([row["cov"] for row in rows], cov, rtol=1e-4, atol=1e-6)
 
 
 @needs_node

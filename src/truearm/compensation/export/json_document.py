@@ -352,7 +352,11 @@ class Gap(_Strict):
 
 
 class Training(_Strict):
-    """Conditions under which the model was trained."""
+    """Conditions under which the model was trained.
+
+    Where angles were rounded, angle_std has the standard uncertainty of each by that: to the variance of a tip from
+    angles rounded so, add the squares of its derivatives by the angles times angle_std.
+    """
 
     n_readings: Count
     joint_ranges: Annotated[list[Annotated[list[Finite], Field(min_length=2, max_length=2)]], Field(max_length=100)]
@@ -362,6 +366,7 @@ class Training(_Strict):
     has_directions: bool
     free_parts: list[Literal["base", "tip"]]
     readings_sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+    angle_std: Annotated[list[NotNegative], Field(min_length=1, max_length=100)] | None = None
 
 
 class ModelDocument(_Strict):

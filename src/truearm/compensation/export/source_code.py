@@ -169,6 +169,8 @@ def _tables(plain: PlainModel, values: ValueTables, covariance: ReducedCovarianc
     return {
         "n": plain.n_joints,
         "covariance": covariance,
+        # A single pose does not show whether its angles are rounded: they are taken to be, as those of the training.
+        "rounds": training.angle_std is not None,
         "columns": [{"name": name, "macro": macros[name]} for name in names],
         "used_columns": [{"name": name, "macro": macros[name]} for name in layout.columns],
         "moved": [int(place in moved) for place in range(plain.n_joints + 2)],
