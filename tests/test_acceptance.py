@@ -108,6 +108,9 @@ def test_pages_and_exports_of_an_accepted_model_state_the_reason(tmp_path):
     for result in (ta.evaluate(model, session), ta.predict(model, session)):
         assert stated in result.remarks
         assert stated in result.to_dict()["remarks"]
+    assert stated in ta.correct(model, session.angles[:1], untrained="accept").to_dict()["remarks"]
+    compared = ta.compare(model, ta.fit(ta.load_arm("ur10"), SESSION, model="kinematic").model)
+    assert stated.replace("the model", "the old model") in compared.remarks
     task = ta.task(model, "length", 300, n_arms=100)
     assert stated in task.remarks
     assert WHY in render(ta.report(model, session).page())
@@ -129,6 +132,39 @@ def test_an_interim_check_and_its_page_state_the_reason(tmp_path):
     result = ta.check(model, in_seats, tmp_path / "a.sqlite", accept=WHY)
     assert f"Accepted ({WHY})" in str(result)
     assert f"Accepted ({WHY})" in render(result.page())
+    assert str(result).count(WHY) == 1
+    later = ta.simulate("gao2017", poses=8, strategy="seat", seats=2, preset="perfect", seed=2).session
+    result = ta.check(model, replace(later, serial_number=None), tmp_path / "a.sqlite")
+    (said,) = result.record.checks[0].accepted
+    assert f"Check 1 of {result.record.checks[0].date:%Y-%m-%d %H:%M}: {said}" in result.remarks
+    assert WHY in render(result.page())
+
+
+def test_readings_of_two_arms_are_filled_in_with_the_reason(tmp_path):
+    model = ta.fit("ur10", replace(SESSION, serial_number=None), model="nominal").model
+    two = replace(SESSION.rows(np.array([0, 0])), serial_number=np.array(["1", "2"]))
+    with pytest.raises(Contradiction, match="readings of one arm"):
+        ta.predict(model, two)
+    prediction = ta.predict(model, two, accept=WHY)
+    assert prediction.serial_number == "1"
+    few = ta.load_verification_plan("asme-b89.4.22").model_copy(update={"effective_diameter": None, "volumetric": None})
+    ta.operator_sheet(few).save_points(tmp_path / "points.csv", tip_diameter_mm=6)
+    lines = (tmp_path / "points.csv").read_text().splitlines(keepends=True)
+    (tmp_path / "points.csv").write_text("".join(lines[:3]))
+    assert prediction.fill(tmp_path / "points.csv", artefact_degC=20) == 2
+    assert WHY in (tmp_path / "points.csv").read_text()
+
+
+def test_a_plan_from_contradicted_readings_states_the_reason():
+    arm, session = contradicted("limits")
+    few = session.rows(slice(0, 6))
+    options = {"artefact": "tracker", "poses": 3, "terms": "constants", "session": few}
+    with pytest.raises(Contradiction, match="--accept REASON"):
+        ta.plan(arm, **options)
+    plan = ta.plan(arm, **options, accept=WHY)
+    assert plan.to_dict()["accepted"] == list(plan.accepted)
+    assert f"Accepted ({WHY})" in str(plan)
+    assert f"Accepted ({WHY})" in render(plan.page())
 
 
 def test_points_of_an_accepted_arm_say_so_in_their_verification(tmp_path):
@@ -147,7 +183,10 @@ def test_points_of_an_accepted_arm_say_so_in_their_verification(tmp_path):
     simulated = ta.simulate_verification("perfect", n_arms=1)
     points = replace(simulated.points(0), accepted=(said,))
     result = ta.verify(points, artefacts=simulated.artefacts, specification=simulated.specification)
-    assert said.rstrip(".") in result.verification.remarks
+    assert said.removesuffix(".") in result.verification.remarks
+    cut = replace(points, accepted=(str(Acceptance(WHY, ("the readings are...",))),))
+    result = ta.verify(cut, artefacts=simulated.artefacts, specification=simulated.specification)
+    assert f"Accepted ({WHY}): the readings are..." in result.verification.remarks
     assert WHY in render(result.page())
 
 

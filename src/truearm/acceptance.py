@@ -171,6 +171,6 @@ def acceptance_remarks(accept: str | None) -> tuple[str, ...]:
     return () if accept is None else tuple(map(str, accepted())) or ("Nothing had to be accepted.",)
 
 
-def accepted_in_fit(accepted: Sequence[Acceptance]) -> tuple[str, ...]:
+def accepted_in_fit(accepted: Sequence[Acceptance], model: str = "the model") -> tuple[str, ...]:
     """What whoever uses a model must know of the contradictions that were `accepted` in its fit, in sentences."""
-    return tuple(f"When the model was fitted: {one}" for one in accepted)
+    return tuple(f"When {model} was fitted: {one}" for one in accepted)

@@ -85,7 +85,7 @@ def test_angles_of_a_plan_that_the_arm_took_exactly_are_exact(simulation, exact,
     planned = replace(simulation.virtual.measure(angles, seed=7).readings, angles=angles)
     result = fitted(planned)
     assert error(result.model, test_readings) < 1.2 * error(fitted(exact).model, test_readings)
-    assert "they are taken as exact" in " ".join(result.remarks)
+    assert "treats them as exact" in " ".join(result.remarks)
     assert result.model.training_.angle_std is None
 
 

@@ -84,6 +84,7 @@ def test_the_same_points_have_the_same_errors(readings, model):
     assert (own.coverage, own.coverage_99, own.outliers, own.n_refit) == (None, None, (), 0)
     assert re.fullmatch(r"Mean error \S+ mm on 60 readings\.", own.summary())
     assert own.to_dict()["nominal"] is None
+    assert ta.evaluate(Same(model), readings[1], accept="not needed").remarks[0] == "Nothing had to be accepted."
     assert "<table" in own._repr_html_()
     np.testing.assert_array_equal(readings[1].angles, before)
 
@@ -96,6 +97,9 @@ def test_the_same_points_have_the_same_errors_in_seats_and_of_lengths(in_seats, 
         expected = {key: value for key, value in of_model.errors["model"].items() if key != "removed_percent"}
         assert nine_digits(own.errors["model"]) == nine_digits(expected)
         assert "lengths" in expected
+    vague = Lengths([a, "c"], [b, "d"], [300.0, 300.0], [50.0, 50.0])
+    said = " ".join(ta.evaluate(model, in_seats, lengths=vague).remarks)
+    assert "50 mm, is 16.7% of it (and 1 more length with such an uncertainty)" in said
 
 
 def test_the_same_points_have_the_same_row_on_a_page(readings, in_seats, model):

@@ -10,10 +10,10 @@ from typer import Argument, Option
 
 from truearm.choices import ArtefactKind, Strategy, Terms
 from truearm.cli.console import check_page_path, print_record, progress
-from truearm.cli.options import ARM_HELP, Json, Seed, numbers_of, refuse_typed
+from truearm.cli.options import ARM_HELP, AcceptOption, Json, Seed, numbers_of, refuse_typed
 
 # Options of a calibration that the plan of an interim check does not take.
-NOT_FOR_CHECKS = ("poses", "page", "seats", "noise", "strategy", "terms", "session", "volume")
+NOT_FOR_CHECKS = ("poses", "page", "seats", "noise", "strategy", "terms", "session", "volume", "accept")
 
 
 def plan(
@@ -58,6 +58,7 @@ def plan(
         ),
     ] = None,
     seed: Seed = 0,
+    accept: AcceptOption = None,
     as_json: Json = False,
 ) -> None:
     """Plan the poses that determine an arm best.
@@ -107,6 +108,7 @@ def plan(
             **around,
             seed=seed,
             progress=tell,
+            accept=accept,
         )
         if page is not None:
             tell(n_strategies, "drawing the page")

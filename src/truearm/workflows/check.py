@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from truearm.acceptance import acceptance_remarks, accepting, accepts
+from truearm.acceptance import acceptance_remarks, accepted_in_fit, accepting, accepts
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.arm_check import with_serial_number
 from truearm.compensation.models.model_file import save_model
@@ -24,6 +24,7 @@ from truearm.verification.monitor.assessment import (
     RecalibrationAdvice,
     Trend,
     assess,
+    describe_acceptances,
     describe_assessment,
     describe_correlations,
     describe_missing_limits,
@@ -121,9 +122,16 @@ class CheckResult(PageRecord):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What was ignored, what could not be judged, withdrawn checks, and the results of other models."""
+        """What was accepted and ignored, what could not be judged, withdrawn checks, and results of other models."""
         withdrawn = describe_withdrawals(self.record.checks)
-        return (*self.accepted, *self.input_remarks, *self.assessment.remarks, *withdrawn, *self.record.remarks)
+        return (*self._accepted, *self.input_remarks, *self.assessment.remarks, *withdrawn, *self.record.remarks)
+
+    @property
+    def _accepted(self) -> tuple[str, ...]:
+        """What was accepted in this check, when the model was fitted, and in the checks of the history."""
+        said = self.record.check.session if self.accepted else ""
+        stored = describe_acceptances(self.record.checks, but=said)
+        return (*self.accepted, *accepted_in_fit(self.model.accepted_), *stored)
 
     def page(self) -> Page:
         """The advice, the points of this check in space, and the control charts."""
@@ -137,7 +145,7 @@ class CheckResult(PageRecord):
             self.record.checks,
             self.assessment,
             arm=self.model.arm.name,
-            remarks=(*self.accepted, *self.record.remarks),
+            remarks=(*self._accepted, *self.record.remarks),
             more=() if section is None else (section,),
             facts=_page_facts(model, self.model.arm, self.history, self.head),
         )
@@ -251,7 +259,7 @@ def check(
         Date of the check, such as ``2026-11-03`` or ``2026-11-03T08:30``; by default now.
     accept : str, optional
         Why the readings are right where they would be refused as contradicted: the reason and what it overrode are
-        kept (docs/imperfect-readings.md).
+        kept in the history, and later checks say them (docs/imperfect-readings.md).
 
     Returns
     -------

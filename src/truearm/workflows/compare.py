@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from math import degrees
 from pathlib import Path
 
+from truearm.acceptance import accepted_in_fit
 from truearm.compensation.export.constants_change import FALSE_ALARM, ArmChange, ConstantChange, constants_change
 from truearm.compensation.export.rigid_arm import same_chain
 from truearm.compensation.models.identified_model import IdentifiedModel, require_identified
@@ -100,6 +101,7 @@ def _remarks(old: IdentifiedModel, new: IdentifiedModel, change: ArmChange) -> I
     if own := sorted({term.name for model in (old, new) for term in model.terms}):
         yield f"Terms of your own ({', '.join(own)}) are not compared: constants may contain their change."
     for which, model in (("old", old), ("new", new)):
+        yield from accepted_in_fit(model.accepted_, f"the {which} model")
         if len(model.refit_reading_ids_):
             yield f"The {which} model was refitted: only its base and tip are of the later readings, not its constants."
     if change.displacement.region == "either":

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, TypeAlias, cast
 import numpy as np
 import numpy.typing as npt
 
+from truearm.acceptance import accepted_in_fit
 from truearm.choices import TargetDirection
 from truearm.compensation.models import Compensator
 from truearm.compensation.targets.correction import (
@@ -389,6 +390,7 @@ class CorrectedTargets(Record):
 
     def _remarks(self) -> Iterator[str]:
         """What a person must know of these targets."""
+        yield from accepted_in_fit(self.model.accepted_)
         n_joints = self.model.arm_.n_joints
         if n_joints < JOINTS_OF_A_POSE:
             yield (

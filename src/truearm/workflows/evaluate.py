@@ -103,7 +103,7 @@ def evaluate(
     True
     """
     if is_regressor(model):
-        return _evaluate_regressor(model, to_session(session), lengths)
+        return _evaluate_regressor(model, to_session(session), lengths, accept)
     fitted, given = to_model_and_session(model, session)
     allowed = within_limits(given, fitted.arm, limits)
     check_has_reference(allowed.session, fitted.arm, purpose="evaluate against", least=LEAST_COMPARED)
@@ -265,14 +265,17 @@ class Evaluation(Record):
         return TextTable((f"length_error_mm of {len(own)} lengths", "length_mm", "u_mm", *self.errors), rows)
 
 
-def _evaluate_regressor(regressor: RegressorLike, session: Session, lengths: LengthsLike | None) -> Evaluation:
+def _evaluate_regressor(
+    regressor: RegressorLike, session: Session, lengths: LengthsLike | None, accept: str | None
+) -> Evaluation:
     """Errors of a regressor of the user's own: without an arm there are no limits, nominal points or uncertainty."""
     check_has_reference(session, None, purpose="evaluate against", least=LEAST_COMPARED)
     stated, length_remarks = session_lengths(lengths, session, session)
     check_sessions(session, stated)
     known = expanded_lengths(stated, session)
     points = predict_points(regressor, session)
-    remarks = (*unfilled_remarks(session), *length_remarks, regressor_remark(regressor))
+    said = acceptance_remarks(accept)
+    remarks = (*said, *unfilled_remarks(session), *length_remarks, regressor_remark(regressor))
     return Evaluation(
         regressor, session, {"model": points}, {"model": _errors(points, None, session, known)}, known, remarks=remarks
     )

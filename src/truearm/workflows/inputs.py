@@ -359,11 +359,12 @@ def session_lengths(
     stated = lengths if isinstance(lengths, Lengths) else read_lengths(lengths)
     remarks = []
     if (large := stated.u_mm > MAX_RELATIVE_U * stated.length_mm).any():
-        row = int(large.argmax())
+        row, n_more = int(large.argmax()), int(large.sum()) - 1
+        more = f" (and {number_of(n_more, 'more length')} with such an uncertainty)" if n_more else ""
         remarks.append(
             f"The standard uncertainty of the length in {stated.called(row)}, {stated.u_mm[row]:.4g} mm, is "
-            f"{stated.u_mm[row] / stated.length_mm[row]:.1%} of it: it says little about the size of the arm. Check "
-            "its unit; 5 micrometres are 0.005 mm."
+            f"{stated.u_mm[row] / stated.length_mm[row]:.1%} of it{more}: it says little about the size of the arm. "
+            "Check its unit; 5 micrometres are 0.005 mm."
         )
     known: Lengths | None = stated.between([*session.seat.tolist(), *session.unfilled])
     if session.unfilled and used is None:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, get_args
 from zipfile import is_zipfile
 
+from truearm.acceptance import acceptance_remarks, accepted_in_fit, accepts
 from truearm.arm import Arm
 from truearm.choices import ArtefactKind, Strategy, Terms
 from truearm.compensation.models import Compensator
@@ -48,12 +49,15 @@ class PlanResult(PageRecord):
         Seed of all random numbers.
     files : tuple of Path
         The files that were read.
+    accepted : tuple of str
+        What `accept` overrode, and what was accepted when the model was fitted.
     """
 
     session_plan: SessionPlan
     session: str
     seed: int
     files: tuple[Path, ...] = ()
+    accepted: tuple[str, ...] = ()
 
     @property
     def plan(self) -> CalibrationPlan:
@@ -126,12 +130,13 @@ class PlanResult(PageRecord):
         yield _mean_move(degrees(planned.proposal.mean_move))
         for sentence in self.limitations:
             yield f"- {sentence}"
+        yield from self.accepted
         numbers = ((name, one.rms_mm[-1], degrees(one.mean_move)) for name, one in self.plan.proposals.items())
         rows = ((name, f"{u:.4g}", f"{move:.0f}", "chosen" * (name == planned.strategy)) for name, u, move in numbers)
         yield TextTable(["strategy", "after [mm]", "move [deg]", ""], rows)
 
     def _json(self) -> object:
-        return self.session_plan.to_dict()
+        return {**self.session_plan.to_dict(), "accepted": self.accepted}
 
     def _facts(self) -> list[tuple[str, str]]:
         arm, prior, length = self.plan.arm, self.plan.prior, self.plan.artefact.length_mm
@@ -145,11 +150,13 @@ class PlanResult(PageRecord):
             *([("bar", bar)] if length is not None else []),
             ("noise of a coordinate", f"{prior.noise_mm:.4g} mm"),
             ("seed", str(self.seed)),
+            *(("accepted", one) for one in self.accepted),
             version_row(),
         ]
 
 
 @one_blas_thread()
+@accepts
 def plan(
     arm: Arm | Compensator | str | Path,
     artefact: ArtefactKind,
@@ -166,6 +173,7 @@ def plan(
     avoid: Sequence[Sequence[float]] = (),
     seed: int = 0,
     progress: Callable[[int, str], None] | None = None,
+    accept: str | None = None,
 ) -> PlanResult:
     """Plan the poses that determine an arm best.
 
@@ -204,6 +212,9 @@ def plan(
         Seed of all random numbers.
     progress : callable, optional
         Called with the number of strategies done and a remark.
+    accept : str, optional
+        Why the readings of `session` are right where they would be refused as contradicted: the reason and what it
+        overrode are said (docs/imperfect-readings.md).
 
     Returns
     -------
@@ -244,7 +255,9 @@ def plan(
         progress=progress,
     )
     planned = replace(planned, known_before=source or planned.known_before)
-    return PlanResult(planned, name, seed, input_files(arm, session))
+    of_fit = () if isinstance(subject, Arm) else accepted_in_fit(subject.accepted_)
+    said = (*acceptance_remarks(accept), *of_fit)
+    return PlanResult(planned, name, seed, input_files(arm, session), said)
 
 
 def template_files(path: str | Path, artefact: str) -> tuple[Path, ...]:

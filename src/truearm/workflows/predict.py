@@ -96,6 +96,7 @@ def predict(model: ModelLike, session: SessionLike, *, accept: str | None = None
         },
         remarks=(*acceptance_remarks(accept), *remarks, *model_remarks(fitted)),
         accepted=accepted(fitted.accepted_),
+        serial_number=fitted.arm_.serial_number or serial_number_of(readings),  # they agree, or it was accepted
     )
 
 
@@ -135,6 +136,8 @@ class Prediction(Record):
     remarks : tuple of str
     accepted : tuple of Acceptance
         Contradictions that were accepted in the fit of the model, or in these readings.
+    serial_number : str
+        Of the arm, as the model or else the session states it; empty if neither does.
 
     Examples
     --------
@@ -154,6 +157,7 @@ class Prediction(Record):
     unstated_u_mm: Mapping[str, float]
     remarks: tuple[str, ...]
     accepted: tuple[Acceptance, ...] = ()
+    serial_number: str = ""
 
     @property
     def u_mm(self) -> FloatArray:
@@ -213,11 +217,10 @@ class Prediction(Record):
         from truearm.verification.standards.points_form import fill_points_form  # takes longer than ten predictions
 
         moment = now() if date is None else parse_moment(date)
-        number = self.model.arm_.serial_number or serial_number_of(self.session)  # they agree, or it was accepted
         said = " ".join(map(str, self.accepted))
         day = moment.date()
         return fill_points_form(
-            path, self.points, day=day, artefact_degC=artefact_degC, serial_number=number, accepted=said
+            path, self.points, day=day, artefact_degC=artefact_degC, serial_number=self.serial_number, accepted=said
         )
 
     def _columns(self) -> dict[str, FloatArray | IntArray | NameArray]:

@@ -66,6 +66,15 @@ def test_a_stored_check_is_read_back_unchanged(path):
     assert History(path).checks(MODEL) == (check(temperature_degC=None),)
 
 
+def test_what_was_accepted_stays_with_the_check(path):
+    said = check(accepted=("Accepted (the seat was moved): seat A is too wide.",))
+    assert History(path).append(said)
+    assert History(path).checks(MODEL) == (said,)
+    for bad in ("", "two\nlines", 7):
+        with pytest.raises(InputError, match="what was accepted"):
+            check(accepted=(bad,))
+
+
 def test_the_file_identifies_itself(filled):
     with closing(sqlite3.connect(filled)) as database:
         assert database.execute("PRAGMA application_id").fetchone() == (APPLICATION_ID,)

@@ -132,7 +132,7 @@ def describe_rounding(readings: PreparedReadings, fit: IdentificationResult) -> 
         )
     return (
         f"The angles have steps of {said}. Rounding to these would move the tip by {moved:.2g} mm (root mean square), "
-        "which the readings do not show: they are taken as exact."
+        "which the readings do not show: truearm treats them as exact."
     )
 
 

@@ -303,6 +303,15 @@ def describe_withdrawals(checks: Sequence[InterimCheck]) -> tuple[str, ...]:
     )
 
 
+def describe_acceptances(checks: Sequence[InterimCheck], *, but: str = "") -> tuple[str, ...]:
+    """The checks that count though their readings were contradicted, but for that of a session, a sentence each."""
+    return tuple(
+        f"Check {i} of {format_date(one.date)}: {' '.join(one.accepted)}"
+        for i, one in enumerate(checks, start=1)
+        if one.accepted and one.withdrawn is None and one.session != but
+    )
+
+
 def describe_missing_limits(assessment: Assessment) -> str | None:
     """From how many checks the charts of the last check have limits; None where all have them."""
     charts = [trend.chart for trend in assessment.trends if trend.current and trend.chart is not None]

@@ -77,6 +77,8 @@ def encode_check(record: CheckRow) -> str:
     del check["withdrawn"]
     if not record.check.readings:
         del check["readings"]
+    if not record.check.accepted:
+        del check["accepted"]
     for value in check["values"]:  # nor has a value that nothing is expected of
         if value["largest_expected_mm"] is None:
             del value["largest_expected_mm"]
@@ -110,7 +112,8 @@ def decode_row(text: str, rows: Sequence[CheckRow | WithdrawalRow]) -> CheckRow 
     )
     if "withdrawn" in fields:
         raise ValueError("expected a check that counts")
-    check = InterimCheck(date=date, values=values, readings=readings, **fields)
+    accepted = tuple(fields.pop("accepted", ()))
+    check = InterimCheck(date=date, values=values, readings=readings, accepted=accepted, **fields)
     if date.tzinfo is not None or not all(map(_FINGERPRINT.fullmatch, (check.model, check.session))):
         raise ValueError("expected a local date and SHA-256 fingerprints")
     if not all(map(is_name, stated)):

@@ -250,12 +250,14 @@ class InterimCheck:
         None in a check that was stored before they were.
     withdrawn : Withdrawal or None
         None for a check that counts.
+    accepted : tuple of str
+        Contradictions in its readings that a person accepted, with the reasons.
 
     Raises
     ------
     InputError
-        If there are no values, one appears twice, poses have different numbers of joints, or the temperature is not a
-        finite number.
+        If there are no values, one appears twice, poses have different numbers of joints, the temperature is not a
+        finite number, or what was accepted cannot be printed.
     """
 
     date: datetime.datetime
@@ -265,8 +267,12 @@ class InterimCheck:
     values: tuple[CheckValue, ...]
     readings: tuple[CheckReading, ...] = ()
     withdrawn: Withdrawal | None = None
+    accepted: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        for one in self.accepted:
+            if not isinstance(one, str) or not one.strip() or not one.isprintable():
+                raise InputError(f"expected what was accepted in words of one line, got {one!r:.80}")
         if self.temperature_degC is not None and not _is_number(self.temperature_degC):
             raise InputError(f"expected a temperature in degC, got {self.temperature_degC!r:.80}")
         if not self.values:

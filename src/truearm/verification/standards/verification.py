@@ -180,7 +180,7 @@ def verify(
     rule = rule or plan.decision_rule
     evaluation = Evaluation(measured, artefacts, specification, rule)
     rows: list[ConformityResult] = []
-    remarks = [one.rstrip(".") for one in measured.accepted]
+    remarks = [one.removesuffix(".") for one in measured.accepted]
     for name, test in plan.tests.items():
         if name in measured.tests:
             rows += _rated(evaluation.rows_of(name, test), measured.tests[name], specification)

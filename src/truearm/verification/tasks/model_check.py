@@ -6,6 +6,7 @@ import datetime
 
 import numpy as np
 
+from truearm.acceptance import accepted
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.training_conditions import fingerprint
 from truearm.errors import InputError
@@ -46,7 +47,8 @@ def check_of_model(
     points = model.predict_readings(readings)
     values = _values(model, points, readings, lengths, temperature)
     compared = readings_to_compare(model, points, readings)
-    return InterimCheck(date, model_sha256, fingerprint(readings), temperature, values, compared)
+    said = tuple(map(str, accepted()))
+    return InterimCheck(date, model_sha256, fingerprint(readings), temperature, values, compared, accepted=said)
 
 
 def readings_to_compare(model: Compensator, points: FloatArray, session: Session) -> tuple[CheckReading, ...]:
