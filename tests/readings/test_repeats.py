@@ -5,8 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import truearm as ta
 from truearm.readings import Session, hold_out
 from truearm.readings.repeats import merge_repeats, readings_of_one_pose
+from truearm.readings.rounding import rounding_steps
 
 POSES, TIMES = 20, 3
 
@@ -126,3 +128,75 @@ def test_the_mean_of_quaternions_does_not_depend_on_their_sign():
     q = np.array([[1.0, 0.001, 0, 0], [-1.0, -0.003, 0, 0]])
     merged = merge_repeats(Session(np.ones((2, 3)), quaternion=q))
     np.testing.assert_allclose(merged.readings.quaternion, [[1, 0.002, 0, 0]], atol=1e-5)
+
+
+def test_a_pose_that_settles_is_merged_as_long_as_nothing_moves_between_poses():
+    """An arm that sags by 0.03 mm from the first repeat to the third does so at every pose."""
+    given = session(0.003)
+    sagging = replace(given, points=given.points - np.array([0, 0, 0.015]) * EACH[:, None])
+    assert (len(merge_repeats(sagging).count), merge_repeats(sagging).n_changed) == (POSES, 0)
+
+
+def test_rounds_of_runs_are_merged_run_by_run_where_the_frame_moved_between_them():
+    one = session()
+    two = np.concatenate([np.arange(len(one))] * 2)
+    points = one.points[two] + np.array([0.2, 0, 0]) * (np.arange(len(two)) >= len(one))[:, None]
+    merged = merge_repeats(replace(one.rows(two), points=points, position=None))
+    assert (merged.count.tolist(), merged.n_changed) == ([TIMES] * (2 * POSES), POSES)
+
+
+def test_a_gross_error_hides_no_move_between_rounds():
+    given = session(order="in rounds")
+    points = given.points.copy()
+    points[POSES:, 0] += 0.5
+    points[2 * POSES + 3] += 30
+    assert merge_repeats(replace(given, points=points)).n_changed == POSES
+
+
+N_ROUND, CHAIN = 120, ta.load_arm("ur10").chain
+
+
+def two_rounds(seed: int, noise: float, moved: str) -> Session:
+    """Poses of an arm read twice; between the rounds the tip was re-seated, or nothing was."""
+    rng, chain = np.random.default_rng(seed), CHAIN
+    angles = rng.uniform(-2, 2, (N_ROUND, 6))
+    tips = chain.tip_in_base(angles)
+    off = np.array([0.5, 0.3, 0.0]) if moved == "tip" else np.zeros(3)
+    again = chain.with_tip(chain.tip_in_flange + off).tip_in_base(angles)
+    points = np.concatenate([tips, again]) + noise * rng.normal(size=(2 * N_ROUND, 3))
+    return Session(np.concatenate([angles, angles]), points=points)
+
+
+@pytest.mark.parametrize("noise", [0.02, 0.1])
+def test_a_tip_that_was_seated_again_between_rounds_is_not_averaged_away(noise):
+    assert [merge_repeats(two_rounds(seed, noise, "tip")).n_changed for seed in range(5)] == [N_ROUND] * 5
+
+
+@pytest.mark.parametrize("noise", [0.02, 1.0])
+def test_noise_between_rounds_is_no_change(noise):
+    assert not any(merge_repeats(two_rounds(seed, noise, "nothing")).n_changed for seed in range(20))
+
+
+def test_a_load_of_noise_prevents_nothing_and_one_that_is_changed_does():
+    given, rng = session(), np.random.default_rng(2)
+    noise = merge_repeats(replace(given, columns={"load_1_Nm": rng.normal(size=POSES * TIMES)}))
+    assert len(noise.count) < 1.3 * POSES
+    changed = np.tile([0.0, 5.0, 5.0], POSES) + 0.1 * rng.normal(size=POSES * TIMES)
+    assert len(merge_repeats(replace(given, columns={"load_1_Nm": changed})).count) == 2 * POSES
+
+
+def test_a_few_poses_of_a_camera_that_were_read_often_are_merged():
+    rng, pose = np.random.default_rng(3), np.repeat(np.arange(4), 10)
+    angles, points = rng.uniform(-2, 2, (4, 6))[pose], rng.uniform(-500, 500, (4, 3))[pose]
+    noisy = points + 0.5 * rng.normal(size=points.shape)
+    assert len(merge_repeats(Session(angles, points=noisy)).count) == 4
+    noisy[7] += 30
+    assert merge_repeats(Session(angles, points=noisy)).count.tolist() == [9, 1, 10, 10, 10]
+
+
+def test_angles_that_flicker_by_their_last_digit_are_of_one_pose_and_their_mean_has_as_many():
+    rng, pose, step = np.random.default_rng(4), np.repeat(np.arange(POSES), TIMES), np.radians(0.01)
+    angles = step * (np.round(rng.uniform(-2, 2, (POSES, 6)) / step)[pose] + rng.integers(0, 2, (POSES * TIMES, 6)))
+    merged = merge_repeats(Session(angles, points=rng.uniform(-500, 500, (POSES, 3))[pose]))
+    assert merged.count.tolist() == [TIMES] * POSES
+    np.testing.assert_allclose(rounding_steps(merged.readings.angles), step, rtol=1e-6)

@@ -14,7 +14,8 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from truearm.readings.readings import SHARED_UNCERTAINTIES, TOUCHED, Readings
+from truearm.readings.readings import PAYLOAD, SHARED_UNCERTAINTIES, TOUCHED, Readings
+from truearm.readings.rounding import rounding_steps
 from truearm.typing import BoolArray, FloatArray, IntArray
 
 Kept = TypeVar("Kept", bound=Readings)
@@ -24,15 +25,25 @@ Kept = TypeVar("Kept", bound=Readings)
 SAME_ANGLE, SAME_SHARE = 1e-4, 1e-5
 # Links may be so far behind a thermometer [K], as `identification.judgement.expansion_prior` has it.
 SAME_KELVIN = 1.0
-# Measured torques of a joint that stands still differ by some per cent of their range.
-SAME_LOAD_SHARE = 0.05
+# Measured torques of a joint that stands still differ by some per cent of their range, or by so many standard
+# deviations of those at one pose. The range of k readings has a standard deviation of some 0.86 of theirs, for k from 2
+# to 10.
+SAME_LOAD_SHARE, LOAD_STDS, STD_OF_RANGE = 0.05, 4.0, 0.86
+# Repeats whose digits flicker differ by one step of these, if no larger [rad]: 0.01 degrees. Larger steps are those of
+# a scan.
+MOST_FLICKER = 2e-4
 # A repeat that is off by more standard deviations of repeats, or by this [mm], is not merged: a slipped tip, whose
 # reading is then judged by itself. Trackers and probing tips repeat to a few micrometres.
 MAX_STDS, MAX_OFF_MM = 10.0, 0.02
-# A mean change from first to last readings of so many standard errors is none of chance [1].
-MAX_ERRORS = 6.0
-# Poses that were read several times, from which the standard deviation of repeats is known to a factor of two.
+# A median change from the first round through the poses to the last of so many standard errors is none of chance [1],
+# and changes at neighbouring poses are not alike by chance in one session of so many, as
+# `identification.judgement.change_point` has it.
+MAX_ERRORS, SIGNIFICANCE, N_SIGNS = 6.0, 0.002, 1999
+# Readings beyond the first of each pose, from which the standard deviation of repeats is known to a factor of two; and
+# poses of which the median change is known so.
 LEAST_REPEATED = 5
+# Standard deviation of normal numbers over their median magnitude, and of a median over that of a mean [1].
+OVER_MEDIAN, MEDIAN_ERROR = 1.4826, 1.2533
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,12 +60,15 @@ class MergedReadings(Generic[Kept]):
         How many readings each stands for.
     scatter_mm : float
         Standard deviation of a coordinate or a distance within a pose [mm]; 0 without repeats, or if they are copies.
+    n_changed : int
+        Poses that were read again in a later round and are not merged with it, as something moved between the rounds.
     """
 
     readings: Kept
     first: IntArray
     count: IntArray
     scatter_mm: float
+    n_changed: int = 0
 
 
 def readings_of_one_pose(readings: Readings, *, exactly: bool = False) -> IntArray:
@@ -65,16 +79,18 @@ def readings_of_one_pose(readings: Readings, *, exactly: bool = False) -> IntArr
     """
     angles, n = readings.angles, len(readings)
     if exactly or n < 2:
-        _, first, pose = np.unique(angles, axis=0, return_index=True, return_inverse=True)
-        return np.asarray(first[pose.reshape(-1)])
-    from scipy.spatial import cKDTree
-
-    scaled = angles / np.maximum(SAME_ANGLE, SAME_SHARE * np.ptp(angles, axis=0))
-    kept, same = np.unique(scaled, axis=0, return_index=True, return_inverse=True)[1:]
-    order = np.argsort(kept)
+        return _first_rows(angles)
+    tolerance = np.maximum(SAME_ANGLE, SAME_SHARE * np.ptp(angles, axis=0))
+    pairs, order, kept, same = _close_pairs(angles, np.maximum(tolerance, 1.01 * MOST_FLICKER))
+    if len(pairs):
+        away = np.abs(angles[kept[order[pairs[:, 0]]]] - angles[kept[order[pairs[:, 1]]]])
+        if (away > tolerance).any():  # rounding is looked for only where it matters
+            steps = rounding_steps(angles)
+            tolerance = np.maximum(tolerance, np.where(steps <= MOST_FLICKER, 1.01 * steps, 0.0))
+        pairs = pairs[(away <= tolerance).all(axis=1)]
     group = np.arange(len(kept))
     near: dict[int, list[int]] = {}
-    for a, b in np.sort(cKDTree(scaled[kept[order]]).query_pairs(1.0, p=np.inf, output_type="ndarray"), axis=1):
+    for a, b in np.sort(pairs, axis=1):
         near.setdefault(int(a), []).append(int(b))
     for one in sorted(near):  # those near the first of a pose, not near each other in a chain
         if group[one] == one:
@@ -84,24 +100,42 @@ def readings_of_one_pose(readings: Readings, *, exactly: bool = False) -> IntArr
     return np.asarray(kept[order][group[rank[same.reshape(-1)]]])
 
 
+def _close_pairs(angles: FloatArray, tolerance: FloatArray) -> tuple[IntArray, IntArray, IntArray, IntArray]:
+    """Pairs of different angles within a tolerance, as numbers in the order of their first rows.
+
+    Also that order, the first rows, and of each row the number of its angles.
+    """
+    from scipy.spatial import cKDTree
+
+    kept, same = np.unique(angles, axis=0, return_index=True, return_inverse=True)[1:]
+    order = np.argsort(kept)
+    pairs = cKDTree((angles / tolerance)[kept[order]]).query_pairs(1.0, p=np.inf, output_type="ndarray")
+    return pairs, order, kept, same
+
+
 def merge_repeats(readings: Kept) -> MergedReadings[Kept]:
     """Merge readings of one pose that are stated alike and agree, each pose into their mean.
 
     Readings at other temperatures, with other loads, directions of movement or tips, or of other sessions, are no
-    repeats. A reading that is far from the median of its pose is left alone, and so are two that disagree; and
-    all of them if the frame moved between rounds through the poses.
+    repeats. A reading that is far from the median of its pose is left alone, and so are two that disagree. If something
+    moved between rounds through the poses, only readings of one round are merged.
     """
-    n = len(readings)
-    group = _stated_alike(readings, readings_of_one_pose(readings))
+    n, pose, n_changed = len(readings), readings_of_one_pose(readings), 0
+    group = _stated_alike(readings, pose)
     if len(np.unique(group)) < n:
+        # Readings at one pose without another pose between them are of one visit.
+        visit = np.cumsum(np.diff(pose, prepend=pose[:1]) != 0)
+        rounds = [rows for rows in _rows_of(group) if visit[rows[0]] != visit[rows[-1]]]
+        if _moved(readings, [(rows[0], rows[np.argmax(visit[rows] == visit[rows[-1]])]) for rows in rounds]):
+            n_changed, group = len(rounds), _first_rows(np.stack([group, visit], axis=1))
         group = _agreeing(readings, group)
     first, member, count = np.unique(group, return_inverse=True, return_counts=True)[:3]
     if len(first) == n:
-        return MergedReadings(readings, np.arange(n), np.ones(n, dtype=np.intp), 0.0)
+        return MergedReadings(readings, np.arange(n), np.ones(n, dtype=np.intp), 0.0, n_changed)
     values = _measured(readings)
     off = values - _means(values, first, member)[member]
     scatter = float(np.sqrt((off**2).sum() / max(off.shape[1] * (n - len(first)), 1)))
-    return MergedReadings(_merged(readings, first, member, scatter), first, count, scatter)
+    return MergedReadings(_merged(readings, first, member, scatter), first, count, scatter, n_changed)
 
 
 def _stated_alike(readings: Readings, group: IntArray) -> IntArray:
@@ -119,7 +153,7 @@ def _stated_alike(readings: Readings, group: IntArray) -> IntArray:
         if values is not None:
             parts.append(values.reshape(len(readings), -1))
     alike = np.unique(np.hstack(parts), axis=0, return_inverse=True)[1].reshape(-1)
-    changing = [(values, SAME_LOAD_SHARE * float(np.ptp(values))) for values in readings.columns.values()]
+    changing = [(values, _same_load(name, values, group)) for name, values in readings.columns.items()]
     if readings.temperature_degC is not None:
         changing.append((readings.temperature_degC, SAME_KELVIN))
     found = np.empty(len(alike), dtype=np.intp)
@@ -132,17 +166,31 @@ def _stated_alike(readings: Readings, group: IntArray) -> IntArray:
     return found
 
 
+def _same_load(name: str, values: FloatArray, pose: IntArray) -> float:
+    """By how much a load differs between repeats, in its unit.
+
+    Ranges within poses differ as the noise is large. Those of loads that were changed at each pose are alike, however
+    large. A payload is known, not measured.
+    """
+    least = SAME_LOAD_SHARE * float(np.ptp(values))
+    ranges = np.array([np.ptp(values[rows]) for rows in _rows_of(pose) if len(rows) > 1])
+    if name == PAYLOAD or len(ranges) < LEAST_REPEATED:
+        return least
+    return max(least, LOAD_STDS * OVER_MEDIAN * float(np.median(np.abs(ranges - np.median(ranges)))) / STD_OF_RANGE)
+
+
 def _agreeing(readings: Readings, group: IntArray) -> IntArray:
     """Groups without the readings that do not agree with most of their group, which are alone."""
     values, several = _measured(readings), [rows for rows in _rows_of(group) if len(rows) > 1]
-    if _moved(values, several):
-        return np.arange(len(group))
-    stds = [float(np.sqrt(values[rows].var(axis=0, ddof=1).mean())) for rows in several] if values.size else []
-    most = max(MAX_OFF_MM, MAX_STDS * float(np.median(stds)) if len(stds) >= LEAST_REPEATED else 0.0)
+    off = [values[rows] - np.median(values[rows], axis=0) for rows in several]
+    most, n_further = MAX_OFF_MM, sum(len(rows) - 1 for rows in several)
+    if values.size and n_further >= LEAST_REPEATED:
+        freedom = n_further / (n_further + len(several))
+        std = OVER_MEDIAN * float(np.median(np.abs(np.concatenate(off)))) / np.sqrt(freedom)
+        most = max(most, MAX_STDS * std)
     found = group.copy()
-    for rows in several:
-        off = np.linalg.norm(values[rows] - np.median(values[rows], axis=0), axis=1)
-        agree: BoolArray = off <= most
+    for rows, away in zip(several, off, strict=True):
+        agree: BoolArray = np.linalg.norm(away, axis=1) <= most
         if 2 * agree.sum() <= len(rows):
             agree = np.zeros(len(rows), dtype=bool)
         found[rows[agree]] = rows[agree].min(initial=len(group))
@@ -150,16 +198,45 @@ def _agreeing(readings: Readings, group: IntArray) -> IntArray:
     return found
 
 
-def _moved(values: FloatArray, several: Sequence[IntArray]) -> bool:
-    """Whether the last reading of each pose differs from its first by the same on average.
+def _moved(readings: Readings, rounds: Sequence[tuple[int, int]]) -> bool:
+    """Whether poses changed between their rows in the first and in the last round by more than noise.
 
-    The base or the reference then moved between rounds through the poses. Means would hide it.
+    The base, the reference, the tip or a joint's zero then moved, and means would hide it. Noise is as often positive
+    as negative; such motions are alike at poses near each other in joint space, or at all.
     """
-    changes = np.array([values[rows[-1]] - values[rows[0]] for rows in several])
-    if len(changes) < LEAST_REPEATED or not changes.size:
+    values = _measured(readings)
+    if len(rounds) < LEAST_REPEATED or not values.size:
         return False
-    mean, error = changes.mean(axis=0), changes.std(axis=0, ddof=1) / np.sqrt(len(changes))
-    return bool(np.linalg.norm(mean) > MAX_OFF_MM and (np.abs(mean) > MAX_ERRORS * error).any())
+    first, last = np.array(rounds).T
+    changes = values[last] - values[first]
+    middle = np.median(changes, axis=0)
+    std = OVER_MEDIAN * np.median(np.abs(changes - middle))
+    error = MEDIAN_ERROR * std / np.sqrt(len(changes))
+    if np.linalg.norm(middle) > MAX_OFF_MM and (np.abs(middle) > MAX_ERRORS * error).any():
+        return True
+    length = np.linalg.norm(changes, axis=1, keepdims=True)
+    # A gross error counts no more than two large changes.
+    changes = changes * np.minimum(1.0, 2 * np.median(length) / np.maximum(length, np.finfo(float).tiny))
+    near = _nearest(readings, first)
+    alike = (changes * changes[near]).sum(axis=1)
+    if alike.mean() <= MAX_OFF_MM**2:
+        return False
+    signs = np.random.default_rng(0).choice(np.array([-1.0, 1.0]), (N_SIGNS, len(changes)))
+    by_chance = (signs * signs[:, near]) @ alike
+    return bool((1 + (by_chance >= alike.sum()).sum()) / (1 + N_SIGNS) < SIGNIFICANCE)
+
+
+def _nearest(readings: Readings, rows: IntArray) -> IntArray:
+    """Of each of some rows the one of the others that is nearest in joint space, of the same anchor and tip."""
+    from scipy.spatial import cKDTree
+
+    parts = [readings.angles / np.maximum(np.ptp(readings.angles, axis=0), SAME_ANGLE)]
+    for name in ("anchor", "tip"):
+        if (names := getattr(readings, name)) is not None:
+            parts.append(100.0 * np.unique(names, return_inverse=True)[1][:, None])
+    at = np.hstack(parts)[rows]
+    two = np.asarray(cKDTree(at).query(at, k=2)[1])
+    return np.where(two[:, 0] == np.arange(len(rows)), two[:, 1], two[:, 0])
 
 
 def _measured(readings: Readings) -> FloatArray:
@@ -184,7 +261,22 @@ def _merged(readings: Kept, first: IntArray, member: IntArray, scatter: float) -
         against = (quaternion * quaternion[first][member]).sum(axis=1, keepdims=True) < 0  # q and -q are one rotation
         return mean(np.where(against, -quaternion, quaternion))
 
-    names = {"angles": mean, "points": mean, "point_std": mean_std, "temperature_degC": mean, "quaternion": mean_turn}
+    def mean_angles(angles: FloatArray) -> FloatArray:
+        """Rounded angles stay on their grid: half a step of it is their uncertainty."""
+        means = mean(angles)
+        if (means == angles[first]).all():
+            return means
+        step = rounding_steps(angles)
+        on_grid = angles[first] + step * np.round((means - angles[first]) / np.where(step > 0, step, 1.0))
+        return np.where(step > 0, on_grid, means)
+
+    names = {
+        "angles": mean_angles,
+        "points": mean,
+        "point_std": mean_std,
+        "temperature_degC": mean,
+        "quaternion": mean_turn,
+    }
     names |= {"distance_mm": mean, "u_distance_mm": mean_std}
     stated = {name: getattr(readings, name) for name in names}
     changed: dict[str, Any] = {name: names[name](values) for name, values in stated.items() if values is not None}
@@ -199,6 +291,12 @@ def _means(values: FloatArray, first: IntArray, member: IntArray) -> FloatArray:
     total = np.zeros((len(first), *values.shape[1:]))
     np.add.at(total, member, more)
     return np.asarray(values[first] + total / count)
+
+
+def _first_rows(labels: IntArray | FloatArray) -> IntArray:
+    """(n,) the first row with the same labels (n, k)."""
+    first, same = np.unique(labels, axis=0, return_index=True, return_inverse=True)[1:]
+    return np.asarray(first[same.reshape(-1)])
 
 
 def _rows_of(group: IntArray) -> list[IntArray]:
