@@ -42,3 +42,9 @@ def test_each_joint_has_its_own_and_that_of_a_plan_is_none(rng):
     angles[:, 1] = 5 * np.round(angles[:, 1] / 5)
     angles[:, 2] = 30.0
     assert np.degrees(rounding_steps(np.radians(angles))).round(9).tolist() == [0.01, 0.0, 0.0, 0.0]
+
+
+def test_a_sliding_joint_has_steps_of_millimetres(rng):
+    angles = np.stack([np.round(rng.uniform(0, 800, 60), 1), rng.uniform(-2, 2, 60)], axis=1)
+    np.testing.assert_allclose(rounding_steps(angles, np.array([True, False])), [0.1, 0.0], rtol=1e-9)
+    assert rounding_steps(5 * np.round(angles / 5), np.array([True, True])).tolist() == [0, 0]

@@ -66,3 +66,16 @@ def test_a_model_learns_from_the_same_whether_fitted_by_verb_or_by_method(poses)
     model = ta.KinematicModel(ta.load_arm("ur5")).fit_readings(session)
     np.testing.assert_array_equal(model.predict(poses.angles), fitted(session).model.predict(poses.angles))
     assert len(model.held_out_.rows) == POSES
+
+
+def test_thirty_readings_of_three_poses_are_three_poses(poses):
+    with pytest.raises(ta.InputError, match=r"at least 4 poses, got 3 poses \(30 readings repeat them\)"):
+        fitted(poses.rows(np.repeat(np.arange(3), 10)))
+
+
+def test_rounds_between_which_something_moved_are_said_to_be_kept_apart(poses):
+    two = poses.rows(np.tile(np.arange(POSES), 2))
+    points = two.points + np.array([0.5, 0, 0]) * (np.arange(2 * POSES) >= POSES)[:, None]
+    result = ta.fit("ur5", ta.Session(two.angles, points=points), model="nominal")
+    assert "60 poses were read again in a later round and not merged" in " ".join(result.remarks)
+    assert len(result.frame_changes) == 1

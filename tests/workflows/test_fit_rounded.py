@@ -95,3 +95,26 @@ def test_digits_of_a_good_encoder_change_nothing(exact):
     result = fitted(fine)
     assert not any("deg" in remark for remark in result.remarks)
     assert result.model.training_.angle_std is None
+
+
+def test_where_noise_hides_it_angles_count_as_rounded_and_it_is_said(exact):
+    rough = rounded(exact)
+    for seed in range(3):
+        noise = np.random.default_rng(seed).normal(0, 2.0, rough.points.shape)
+        result = ta.fit("ur5", ta.Session(rough.angles, points=rough.points + noise), model="nominal")
+        assert result.model.training_.angle_std is not None
+        assert "they do not show whether it did" in " ".join(result.remarks)
+
+
+def test_rounding_is_no_stated_uncertainty(exact):
+    noisy = rounded(exact).points + np.random.default_rng(1).normal(0, 2.0, (POSES, 3))
+    result = fitted(ta.Session(rounded(exact).angles, points=noisy))
+    said = " ".join(result.remarks)
+    assert "These readings scatter by" in said
+    assert "stated uncertainty" not in said
+
+
+def test_a_weighted_fit_knows_of_the_rounding(exact):
+    session, weight = rounded(exact), np.where(np.arange(POSES) % 2, 1.0, 0.5)
+    model = ta.NominalModel(ta.load_arm("ur5")).fit(session.angles, session.points, sample_weight=weight)
+    assert model.training_.angle_std is not None

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from truearm.typing import FloatArray
+from truearm.typing import BoolArray, FloatArray
 
 # With fewer different values a step may be chance, or that of a plan.
 LEAST_VALUES = 10
-# Larger steps [rad or mm] are those of a plan: no encoder reads in whole degrees.
-LARGEST_STEP = 0.0175
-# Smaller ones are below the noise of any arm [rad or mm]: 3 um at the end of two metres.
-LEAST_STEP = 5e-6
+# Larger steps [rad; mm] are those of a plan: no encoder reads in whole degrees, and no scale of an axis above whole mm.
+LARGEST_STEP, LARGEST_STEP_MM = 0.0175, 1.01
+# Smaller ones are below the noise of any arm [rad; mm]: 3 um at the end of two metres, 0.5 um of an axis.
+LEAST_STEP, LEAST_STEP_MM = 5e-6, 5e-4
 # The nearest two values are no more steps apart: of forty values among a hundred thousand steps some sixty.
 MOST_STEPS = 200
 # Values differ from whole steps by up to this share of one, where counts were written in degrees with few decimals; by
@@ -26,13 +26,15 @@ MOST_OFF = 0.1
 REACHES = 12
 
 
-def rounding_steps(angles: FloatArray) -> FloatArray:
+def rounding_steps(angles: FloatArray, is_prismatic: BoolArray | None = None) -> FloatArray:
     """Step to which the angles of each joint are rounded [rad, or mm]; 0 where none is seen.
 
     Parameters
     ----------
     angles : (n, n_joints) array
         [rad, or mm], as they were read.
+    is_prismatic : (n_joints,) bool array, optional
+        Which joints slide; by default all turn.
 
     Examples
     --------
@@ -41,25 +43,28 @@ def rounding_steps(angles: FloatArray) -> FloatArray:
     >>> np.rad2deg(rounding_steps(angles)).round(6).tolist()
     [0.1, 0.0]
     """
-    return np.array([_step(np.unique(values)) for values in np.asarray(angles).T])
+    angles = np.asarray(angles)
+    slides = np.zeros(angles.shape[1], dtype=bool) if is_prismatic is None else is_prismatic
+    limits = [(LEAST_STEP_MM, LARGEST_STEP_MM) if one else (LEAST_STEP, LARGEST_STEP) for one in slides]
+    return np.array([_step(np.unique(values), *of) for values, of in zip(angles.T, limits, strict=True)])
 
 
-def _step(values: FloatArray) -> float:
+def _step(values: FloatArray, least: float, largest: float) -> float:
     """Common step of rising values; 0 if there is none."""
     differences: FloatArray = np.diff(values)
-    differences = differences[differences > LEAST_STEP]
+    differences = differences[differences > least]
     if len(values) < LEAST_VALUES or not len(differences):
         return 0.0
     from_first, nearest = values - values[0], float(differences.min())
     for n in range(1, MOST_STEPS + 1):
-        if step := _sharpened(nearest / n, from_first):
-            return step if step <= LARGEST_STEP else 0.0
+        if step := _sharpened(nearest / n, from_first, least):
+            return step if step <= largest else 0.0
     return 0.0
 
 
-def _sharpened(step: float, values: FloatArray) -> float:
+def _sharpened(step: float, values: FloatArray, least: float) -> float:
     """A step near `step` of which all values, rising from 0, are multiples; 0 if there is none."""
-    if step < LEAST_STEP:
+    if step < least:
         return 0.0
     for reach in np.geomspace(max(10 * step, float(values[1])), float(values[-1]), REACHES):
         near = values[: np.searchsorted(values, 1.0001 * reach)]

@@ -33,15 +33,19 @@ from truearm.identification.estimation.tip_offsets import describe_tips
 from truearm.identification.judgement.frame_changes import SessionChange, frame_changes
 from truearm.identification.judgement.gross_errors import excluded_readings
 from truearm.identification.judgement.outliers import Outlier, length_outliers, outliers
-from truearm.identification.judgement.stated_uncertainty import describe_rounding, describe_stated_uncertainty
+from truearm.identification.judgement.stated_uncertainty import (
+    as_stated,
+    describe_rounding,
+    describe_stated_uncertainty,
+)
 from truearm.identification.references.distances import is_offset
-from truearm.identification.references.prepared_readings import PreparedReadings
+from truearm.identification.references.prepared_readings import MIN_ROWS, PreparedReadings
 from truearm.identification.references.reading_references import (
     MIN_READINGS_ON,
     check_spread,
     surfaces_with_too_few_readings,
 )
-from truearm.readings import Lengths, Session, compare_errors, seat_errors
+from truearm.readings import Session, compare_errors, seat_errors
 from truearm.readings.anchors import LEAST_COMPARED, distance_errors, has_located_anchor
 from truearm.readings.distances import OFFSET_STD_MM, bars_without_certificate
 from truearm.readings.repeats import MergedReadings, merge_repeats, readings_of_one_pose
@@ -61,7 +65,7 @@ from truearm.workflows.inputs import (
     within_limits,
 )
 from truearm.workflows.record import Record, TextTable, format_fixed
-from truearm.workflows.sentences import compare_with_nominal, format_mm, listed
+from truearm.workflows.sentences import agree, compare_with_nominal, format_mm, listed, number_of
 
 if TYPE_CHECKING:
     from truearm.pages.plotting import Figure
@@ -146,6 +150,12 @@ def fit(
         raise InputError(f"expected a model that identifies terms, got {model!r}", hint="model='physical'")
     # Options are checked before anything is computed.
     chosen = None if model == "auto" else MODELS[model](nominal_arm, free=parts, **options)
+    if len(used) < MIN_ROWS <= merged.count.sum():
+        raise given.error(
+            f"expected at least {MIN_ROWS} poses, got {number_of(len(used), 'pose')} ({merged.count.sum()} readings "
+            "repeat them)",
+            hint="measure more poses, spread over all joints",
+        )
     check_session_fits(used, nominal_arm, model)
     known, length_remarks = session_lengths(lengths, given, used if len(checked.rows) < len(given) else None)
     if "base" in parts:
@@ -168,7 +178,7 @@ def fit(
         frame_changes=learned.changes,
         remarks=(
             *acceptance_remarks(accept),
-            *_scatter(learned.arm_model),
+            *_scatter(learned.arm_model, readings),
             *checked.remarks,
             *length_remarks,
             *_repeat_remarks(merged, fitted),
@@ -411,7 +421,7 @@ def _identifies_constants(model: Compensator) -> bool:
     return model.identified_arm is not None and model.kind != "nominal" and not on_nominal
 
 
-def _scatter(model: Compensator) -> Iterator[str]:
+def _scatter(model: Compensator, readings: PreparedReadings) -> Iterator[str]:
     """By how much readings scatter about the identified arm, where that is much and their uncertainty is not stated."""
     if (identified := model.identified_arm) is None:
         return
@@ -419,7 +429,7 @@ def _scatter(model: Compensator) -> Iterator[str]:
     scatter = of.noise_std * float(np.sqrt(len(of.residuals)))
     if not _identifies_constants(model):  # whose residuals are not noise; the check knows it where they are unusual
         scatter = model.nominal_check_.left.noise_mm
-    if of.kind in ("point", "distance") and scatter >= SAID_SCATTER_MM and not of.std.any():
+    if of.kind in ("point", "distance") and scatter >= SAID_SCATTER_MM and not readings.references[0].std.any():
         yield (
             f"These readings scatter by {format_mm(scatter)} about the identified arm; with a laser tracker it is "
             f"{TRACKER_MM:g} mm. The uncertainties contain it, and more readings average it."
@@ -428,20 +438,28 @@ def _scatter(model: Compensator) -> Iterator[str]:
 
 def _repeat_remarks(merged: MergedReadings[Session], model: Compensator) -> Iterator[str]:
     """How many readings are repeats, and how repeats scatter beside poses."""
+    if merged.n_changed:
+        were = f"{number_of(merged.n_changed, 'pose')} {agree(merged.n_changed, 'were')}"
+        yield (
+            f"{were} read again in a later round and not merged with it: between the rounds they changed by more than "
+            "noise. Something moved: the base, the reference, the tip or a joint."
+        )
     n, several = int(merged.count.sum()), merged.count[merged.count > 1]
     if not len(several):
         return
     least, most = int(several.min()), int(several.max())
     times = f"{most} times" if least == most else f"{least} to {most} times"
-    told = f"{n} readings are {len(several)} poses read {times}"
+    poses = number_of(len(several), "pose")
+    told = f"{n} readings are {poses} read {times}"
     if len(several) < len(merged.count):
-        told = f"{int(several.sum())} of {n} readings repeat each other: {len(several)} poses were read {times}"
-    if merged.scatter_mm == 0:
-        scatter = "Where they have coordinates or distances these agree to the last digit, as copies do."
-    else:
+        told = f"{several.sum()} of {n} readings repeat each other: {poses} {agree(len(several), 'were')} read {times}"
+    scatter = ""
+    if merged.scatter_mm > 0:
         left = model.facts().get("residual_std_mm", model.nominal_error())
-        scatter = f"The repeats scatter by {format_mm(merged.scatter_mm)}, the poses by {format_mm(left)}."
-    yield f"{told}; each counts as one reading, their mean, named by its first line. {scatter}"
+        scatter = f" The repeats scatter by {format_mm(merged.scatter_mm)}, the poses by {format_mm(left)}."
+    elif merged.readings.points is not None or merged.readings.distance_mm is not None:
+        scatter = " Where they have coordinates or distances these agree to the last digit, as copies do."
+    yield f"{told}; each counts as one reading, their mean, named by its first line.{scatter}"
 
 
 def _said(learned: Selection, nominal: NominalModel, readings: PreparedReadings) -> Iterator[str]:
@@ -450,7 +468,7 @@ def _said(learned: Selection, nominal: NominalModel, readings: PreparedReadings)
     yield from _held_out_remarks(model, nominal)
     if model.identified_arm is not None and (rounding := describe_rounding(readings, model.identified_arm)) is not None:
         yield rounding
-    yield from _remarks(model, readings.given, readings.lengths)
+    yield from _remarks(model, readings.given, readings)
     if learned.why_no_hybrid is not None:
         yield f"The hybrid model was not compared: {learned.why_no_hybrid}."
     yield from map(str, learned.changes)
@@ -469,7 +487,7 @@ def _held_out_remarks(model: Compensator, nominal: NominalModel) -> Iterator[str
         )
 
 
-def _remarks(model: Compensator, session: Session, lengths: Lengths | None) -> Iterator[str]:
+def _remarks(model: Compensator, session: Session, readings: PreparedReadings) -> Iterator[str]:
     """What a person must know about the fit, apart from what was skipped before it."""
     identified, arm = to_identified(model), model.identified_arm or model.nominal_
     if identified is not None:
@@ -488,12 +506,20 @@ def _remarks(model: Compensator, session: Session, lengths: Lengths | None) -> I
             f"The distances to anchor {name} are nearly equal, as those of a bar, and their common uncertainty is "
             f"assumed to be {OFFSET_STD_MM:g} mm, which leaves the size of the arm open: state u_offset_mm."
         )
-    if session.points is None and lengths is None and session.sphere_distance is None and session.distance_mm is None:
+    if (
+        session.points is None
+        and readings.lengths is None
+        and session.sphere_distance is None
+        and session.distance_mm is None
+    ):
         yield "No reference point and no length is known: the arm keeps its nominal size."
     yield from _still_joints(session, model.arm_)
     if not arm.converged:
         yield "The fit has not converged: more readings, or poses that differ more from each other, may help."
-    if identified is not None and (stated := describe_stated_uncertainty(arm)) is not None:
+    if (
+        identified is not None
+        and (stated := describe_stated_uncertainty(as_stated(arm, readings.references))) is not None
+    ):
         yield stated
     if (unusual := model.nominal_check_.remark()) is not None:
         yield unusual

@@ -222,3 +222,14 @@ def test_a_model_has_columns_as_a_session_has_them_and_no_others(name):
         replace(training, columns={name: known})
     assert "\n" not in error.value.problem
     assert replace(training, columns={"load_größe": known}).columns
+
+
+def test_whether_angles_are_rounded_is_judged_of_the_session(rng):
+    step = 1e-3
+    trained = Session(step * np.round(rng.uniform(-1, 1, (50, 1)) / step))
+    conditions = replace(TrainingConditions.of(trained, np.zeros(1, bool)), angle_std=np.array([step / np.sqrt(12)]))
+    exact = rng.uniform(-1, 1, (200, 1))
+    assert not conditions.is_rounded(exact).any()
+    assert conditions.is_rounded(step * np.round(exact / step)).all()
+    assert np.concatenate([conditions.is_rounded(row[None]) for row in exact]).mean() < 0.05
+    assert all(conditions.is_rounded(step * np.round(row[None] / step)).all() for row in exact)

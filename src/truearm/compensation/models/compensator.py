@@ -216,8 +216,7 @@ class Compensator(Regressor, ABC):
         self.nominal_ = placed.fit
         self._fit(readings, placed, nominal, progress or no_progress)
         self.accepted_ = accepted(() if nominal is None else nominal.accepted_)
-        if self.identified_arm is not None and counts_rounding(readings, self.identified_arm):
-            self.training_ = replace(self.training_, angle_std=readings.state.angle_std)
+        self._keep_rounding(readings)
         self.fit_seconds_ = time.perf_counter() - begun
         return self
 
@@ -544,6 +543,11 @@ class Compensator(Regressor, ABC):
         self.n_features_in_, self.tips_ = arm.n_joints, readings.tips
         self.free_, self.session_frames_ = readings.free, dict(readings.frames)
         self.training_ = TrainingConditions.of(readings.given, arm.chain.is_prismatic, readings.lengths)
+
+    def _keep_rounding(self, readings: PreparedReadings) -> None:
+        """Keep the uncertainty of rounded angles, where the readings scatter as if they were rounded."""
+        if self.identified_arm is not None and counts_rounding(readings, self.identified_arm):
+            self.training_ = replace(self.training_, angle_std=readings.state.angle_std)
 
     def _checked_arm(self) -> Arm:
         if not isinstance(self.arm, Arm):

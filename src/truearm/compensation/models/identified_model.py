@@ -192,6 +192,7 @@ class IdentifiedModel(Compensator):
             placed = self._place(data)
             self.nominal_ = placed.fit
             self._fit(data, placed, None, no_progress)
+            self._keep_rounding(data)
         return self
 
     def _has_thermal_terms(self) -> bool:

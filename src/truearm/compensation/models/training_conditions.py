@@ -18,7 +18,7 @@ from truearm.readings.checks import LIMIT_TOLERANCE, MAX_SKIPPED_SHARE
 from truearm.readings.lengths import Lengths
 from truearm.readings.readings import DIRECTION, LOAD, PAYLOAD
 from truearm.readings.repeats import merge_repeats
-from truearm.readings.rounding import MOST_OFF
+from truearm.readings.rounding import LEAST_VALUES, MOST_OFF
 from truearm.readings.session import Session
 from truearm.readings.thermal_expansion import REFERENCE_DEGC, UNSTATED_U_K
 from truearm.typing import BoolArray, FloatArray
@@ -40,6 +40,9 @@ LEAST_TRAVEL_MM = 1.0
 # Angles of joints without limits may be this far outside the trained ones [rad]: ten turns. Degrees read as radians are
 # more, from 63 degrees on.
 MAX_FURTHER_ANGLE = 20 * np.pi
+# Angles are rounded if as many of `LEAST_VALUES` or more are within `MOST_OFF` of whole steps: of exact ones, where one
+# joint is rounded, a fifth are. Fewer by this share of a step, which two in a hundred are.
+ROUNDED_SHARE, MOST_OFF_ALONE = 0.95, 0.01
 # Training readings that are kept: ten a constant of a six-axis arm, 24 kB of a model file.
 MAX_SAMPLE = 500
 
@@ -241,12 +244,18 @@ class TrainingConditions:
         return self.fingerprint == fingerprint(readings) or self.fingerprint == fingerprint(merged)
 
     def is_rounded(self, angles: FloatArray) -> BoolArray:
-        """(n,) whether angles (n, n_joints) are whole steps from those of the training, which were rounded to them."""
+        """(n,) whether angles (n, n_joints) are whole steps from those of the training, which were rounded to them.
+
+        Many are judged together, a few one by one.
+        """
         if self.angle_std is None or self.angle_sample is None:
             return np.zeros(len(angles), dtype=bool)
         rounded = self.angle_std > 0
         steps = (angles - self.angle_sample[0])[:, rounded] / (np.sqrt(12) * self.angle_std[rounded])
-        return np.asarray((np.abs(steps - np.round(steps)) < MOST_OFF).all(axis=1))
+        off = np.abs(steps - np.round(steps)).max(axis=1)
+        if len(angles) < LEAST_VALUES:
+            return np.asarray(off < MOST_OFF_ALONE)
+        return np.full(len(angles), (off < MOST_OFF).mean() >= ROUNDED_SHARE)
 
     def refuse_far(self, readings: Session, prismatic: BoolArray) -> None:
         """Refuse a session of which many joints are ten turns or more outside the trained range: degrees, as a rule.

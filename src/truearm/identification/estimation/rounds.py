@@ -47,6 +47,9 @@ COST_ROUNDING = 1e-9
 MOST_EFFECTIVE = 0.5
 # A residual of more than five standard deviations, squared, says nothing of the variances.
 MOST_SURPRISE = 25.0
+# Angles with few digits are rounded unless residuals are more probable of exact ones by these odds: where noise hides
+# it, both are nearly as probable, and the larger uncertainty is the safe one.
+EXACT_ODDS = 20.0
 # The problem is set up again without pruned terms if no larger share of the parameters remains.
 MOST_ACTIVE = 0.7
 
@@ -134,7 +137,7 @@ class Rounds:
         self.calm = self.calm + (2 if repeats else 1) if change < CALM_NOISE else 0
 
     def _settle_known(self, by_rounding: list[FloatArray]) -> None:
-        """Whether the angles are rounded, or exact and only written so: as the residuals are more probable.
+        """Whether the angles are rounded, or exact and only written so, as the residuals clearly say.
 
         The angles of a plan have few digits too. What rounding alone would do to the residuals they then do not show.
         Neither do residuals that are nearly as many parameters, before evidence has scaled these.
@@ -145,8 +148,10 @@ class Rounds:
             if effective > MOST_EFFECTIVE * int(used.sum()) * reference.n_residuals:
                 continue
             choices = (stated, stated + by_rounding[i].T)
-            costs = [_surprise(residual.T[used], known[used], effective, robust=self._robust) for known in choices]
-            self.known[i] = choices[int(np.argmin(costs))]
+            exact, rounded = (
+                _surprise(residual.T[used], known[used], effective, robust=self._robust) for known in choices
+            )
+            self.known[i] = choices[0 if exact + 2 * np.log(EXACT_ODDS) < rounded else 1]
 
     def improve(self) -> None:
         """A linearisation, scales by its evidence, and a step."""

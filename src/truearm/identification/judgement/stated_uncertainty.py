@@ -51,6 +51,12 @@ def stated_ratio(fit: IdentificationResult) -> float | None:
     return None
 
 
+def as_stated(fit: IdentificationResult, references: Sequence[Reference]) -> IdentificationResult:
+    """An identification with what its references state, without the rounding of the angles."""
+    parts = zip(fit.references, references, strict=True)
+    return replace(fit, references=tuple(replace(part, std=reference.std) for part, reference in parts))
+
+
 def check_stated_uncertainty(
     readings: Session,
     nominal: IdentificationResult,
@@ -73,18 +79,12 @@ def check_stated_uncertainty(
     InputError
         If they are `MAX_RATIO` times as large or more, with the likely mistake.
     """
-    ratio = stated_ratio(nominal)
+    ratio = stated_ratio(as_stated(nominal, references))
     if ratio is None or ratio * SUSPECT_NOMINAL < 1:
         return
     bare = [replace(one, point_std=None) if isinstance(one, Points) else one for one in references]
     fit = identify(bare)
-    stated = replace(
-        fit,
-        references=tuple(
-            replace(part, std=reference.std) for part, reference in zip(fit.references, references, strict=True)
-        ),
-    )
-    ratio = stated_ratio(stated)
+    ratio = stated_ratio(as_stated(fit, references))
     if ratio is not None and ratio >= MAX_RATIO:
         readings.contradict(
             f"the stated uncertainty of the reference points is {ratio:.0f} times their scatter about the identified "
@@ -126,6 +126,12 @@ def describe_rounding(readings: PreparedReadings, fit: IdentificationResult) -> 
     said = " and ".join(f"{step:.3g} {unit}" for unit, step in units.items() if step)
     moved = tip_motion_mm(state.chain, state.angles, state.angle_std)
     if counts_rounding(readings, fit):
+        if max(part.noise_std for part in fit.references) > moved:
+            return (
+                f"The angles have steps of {said}. Rounding to these would move the tip by {moved:.2g} mm (root mean "
+                "square), which is less than the readings scatter: they do not show whether it did. It counts as "
+                "uncertainty of the angles."
+            )
         return (
             f"The angles are rounded to {said}: that alone moves the tip by {moved:.2g} mm (root mean square). It "
             "counts as uncertainty of the angles, not of the arm."

@@ -99,7 +99,7 @@ class PreparedReadings(NamedTuple):
 
 def with_rounded_angles(state: ArmState) -> ArmState:
     """The state with the uncertainty of its angles by rounding, where that moves the tip by `LEAST_ROUNDING_MM`."""
-    std = rounding_steps(state.angles) / np.sqrt(12)
+    std = rounding_steps(state.angles, state.chain.is_prismatic) / np.sqrt(12)
     moved = tip_motion_mm(state.chain, state.angles, std)
     return replace(state, angle_std=std) if moved >= LEAST_ROUNDING_MM else state
 
