@@ -16,6 +16,7 @@ from truearm.compensation.models.refit import refit as refit_model
 from truearm.errors import InputError
 from truearm.identification.judgement.outliers import Outlier, outliers
 from truearm.readings import Session, stratified_rows
+from truearm.readings.repeats import merge_repeats
 from truearm.solve.threads import one_blas_thread
 from truearm.workflows.inputs import (
     LengthsLike,
@@ -101,6 +102,7 @@ def refit(
     used = allowed.session if n_readings is None else allowed.session.rows(rows)
     between, length_remarks = session_lengths(lengths, given, used)
     new = refit_model(known, used, free=parts, lengths=between, progress=progress)
+    of_means = allowed.rows[rows[merge_repeats(used).first]]
     _, covariance = new.predict_readings(new.at(allowed.session), return_cov=True)
     return RefitResult(
         model=new,
@@ -108,7 +110,7 @@ def refit(
         n_used=len(used),
         residual_std_before_mm=known.facts()["residual_std_mm"],
         median_u_mm=float(np.median(np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)))),
-        outliers=tuple(outlier.located(given, allowed.rows[rows]) for outlier in outliers(new.fit_)),
+        outliers=tuple(outlier.located(given, of_means) for outlier in outliers(new.fit_)),
         remarks=(
             *acceptance_remarks(accept),
             *allowed.remarks,

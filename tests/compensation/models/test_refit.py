@@ -226,3 +226,16 @@ def test_what_cannot_be_refitted_is_refused(real, fitted):
     points[held.seat == "S1"], points[held.seat == "S2"] = real.seats[:2]
     with pytest.raises(InputError, match="the 40 reference points lie within .* mm of a line"):
         refit(fitted, Session(held.angles, points, seat=held.seat))
+
+
+def test_repeats_are_no_new_poses_and_none_of_them_is_a_test(real, fitted):
+    rng = np.random.default_rng(12)
+    once = elsewhere(real, 8, rng)
+    five = once.rows(np.repeat(np.arange(8), 5))
+    new, of_once = refit(fitted, five), refit(fitted, once)
+    test = elsewhere(real, 20, rng)
+    points, u = new.predict_readings(test, return_cov=True)
+    points_once, u_once = of_once.predict_readings(test, return_cov=True)
+    np.testing.assert_array_equal(points, points_once)
+    np.testing.assert_array_equal(u, u_once)
+    assert used_in_refit(new, five).all()

@@ -41,6 +41,7 @@ from truearm.identification.terms import ArmState, Term, constants
 from truearm.readings.checks import check_scale, check_sessions
 from truearm.readings.distances import rows_with_distance
 from truearm.readings.lengths import Lengths
+from truearm.readings.repeats import merge_repeats
 from truearm.readings.session import Session
 from truearm.typing import BoolArray, FloatArray
 
@@ -59,8 +60,9 @@ def refit(
     """Transfer a model to a new set-up: another place of the tracker, another probe.
 
     Only the position of the base and of the tip is identified from the new readings, of which there must be four or
-    more. All other parameters keep their values; their uncertainty propagates into base and tip as that of consider
-    parameters (`truearm.identification.estimation.consider_parameters`). Where points place the base, a residual
+    more; those that repeat each other count as one, their mean. All other parameters keep their values; their
+    uncertainty propagates into base and tip as that of consider parameters
+    (`truearm.identification.estimation.consider_parameters`). Where points place the base, a residual
     process is kept if the new readings are predicted better with it; otherwise it was of the other set-up, and stays
     behind. Where the base is kept or no reading has a point, the process stays, and `residual_process_` says that it
     was not judged.
@@ -99,6 +101,7 @@ def refit(
         hint="fit the network or the hybrid model to the new readings, or refit a physical model",
     )
     begun, ids = time.perf_counter(), _reading_ids(readings)
+    readings = merge_repeats(readings).readings
     used, free, lengths, is_new_tip = _checked(known, readings, free, lengths)
     new = copy.copy(known)
     new.training_ = known.training_.after_transfer(readings, lengths)
