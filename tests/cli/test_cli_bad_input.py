@@ -94,7 +94,7 @@ FILES = {
     "empty cell": (changed(9, "x_mm", ""), ["s.csv, line 10, column 'x_mm'", "empty cell", "Try: "], True),
     "decimal comma": (changed(3, "x_mm", '"1,5"'), ["s.csv, line 4, column 'x_mm'", "decimal '.'", "points"], True),
     "row too long": (lambda rows: rows[5].append("1"), ["s.csv, line 6", "20 values", "got 21"], True),
-    "constant rows": (all_rows_as_first(), ["s.csv", "at least 4 readings, got 1", "Try: "], False),
+    "constant rows": (all_rows_as_first(), ["s.csv", "at least 4 poses, got 1 pose", "Try: "], False),
     "constant joint": (all_rows_as_first("q4_deg"), ["s.csv", "J4 did not move by the readings", "--accept"], False),
     "constant reference": (all_rows_as_first("x_mm", "y_mm", "z_mm"), ["s.csv", "same reference point"], False),
     "point far off": (changed(11, "x_mm", "1e200"), ["s.csv, line 12", "1e+200 mm", "Try: "], False),

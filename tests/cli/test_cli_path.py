@@ -22,7 +22,7 @@ ERROR_KEYS = {
 EVALUATION_KEYS = ERROR_KEYS | {"summary", "nominal", "coverage", "coverage_99", "n_refit", "outliers", "remarks"}
 FIT_KEYS = {
     *("summary", "model", "arm", "file", "fit_seconds", "n_readings", "n_poses", "held_out", "training"),
-    *("comparison", "outliers", "length_outliers", "frame_changes", "held_out_distances", "remarks"),
+    *("comparison", "outliers", "length_outliers", "frame_changes", "held_out_distances", "remarks", "accepted"),
 }
 MODELS = ("nominal", "kinematic", "network")
 

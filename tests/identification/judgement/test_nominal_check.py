@@ -111,6 +111,12 @@ def test_a_column_that_stands_still_while_the_joint_moved_is_refused(session):
     assert "J4 did not move by the readings" in caught.value.hint
 
 
+def test_a_base_that_is_stated_to_be_known_is_not_half_a_metre_away(session):
+    """Its constants would explain it."""
+    with pytest.raises(InputError, match="misses its references .* the base, which is stated to be known, 500 mm"):
+        ta.fit(ARM, replace(session, points=session.points + [500.0, 0.0, 0.0]), free=(), model="kinematic")
+
+
 def test_zeros_off_by_five_degrees_are_identified_and_named(session):
     result = ta.fit(ARM, with_zero(session, 4, 5.0), model="kinematic")
     assert result.nominal.nominal_check_.ratio > MAX_RATIO

@@ -10,6 +10,7 @@ import numpy as np
 
 from truearm.arm.arm import Arm
 from truearm.arm.joint_zeros import COLUMNS, table_changes
+from truearm.arm.nearest_table import drawn_convention, drawn_table, nearest_table
 from truearm.errors import InputError
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.typing import FloatArray
@@ -73,13 +74,20 @@ class IdentifiedConstants:
         name, joint = names[worst]
         value = float(changes[worst])
         size = f"{np.degrees(value):+.3g} deg" if name in ANGLES else f"{value:+.3g} mm"
+        largest, share = f"{name} of {joint} {size}", float(shares[worst])
+        for place, off in _displacements(fit, arm, free).items():
+            if off / (MAX_LENGTH * arm.chain.reach) > share:
+                largest, share = (
+                    f"the {place}, which is stated to be known, {off:.3g} mm",
+                    off / (MAX_LENGTH * arm.chain.reach),
+                )
         least = np.maximum(np.where(slides, NAMED_SLIDE_ZERO, NAMED_ZERO), SURE * std[zeros])
         named = {
             arm.joint_names[i]: (float(changes[zeros[i]]), float(std[zeros[i]]))
             for i in np.flatnonzero(np.abs(changes[zeros]) >= least).tolist()
         }
         sliding = tuple(arm.joint_names[i] for i in np.flatnonzero(slides).tolist())
-        return cls(named, f"{name} of {joint} {size}", float(shares[worst]), sliding)
+        return cls(named, largest, share, sliding)
 
     def __str__(self) -> str:
         if not self.zeros:
@@ -113,5 +121,14 @@ def _changes(fit: IdentificationResult, arm: Arm, free: Sequence[str]) -> tuple[
     found = changes(fit.coefficients)
     variances, vectors = np.linalg.eigh(fit.covariance)
     along = (vectors * np.sqrt(np.maximum(variances, 0.0))).T
-    squares = [(changes(fit.coefficients + STEP * one) - found) ** 2 for one in along]
+    squares = [np.zeros(len(found)), *((changes(fit.coefficients + STEP * one) - found) ** 2 for one in along)]
     return found, np.sqrt(np.sum(squares, axis=0)) / STEP
+
+
+def _displacements(fit: IdentificationResult, arm: Arm, free: Sequence[str]) -> dict[str, float]:
+    """By how much the base and the tip are displaced that are not free [mm]."""
+    convention = drawn_convention(arm.chain)
+    found, drawn = nearest_table(fit.chain, arm.chain, convention=convention, free=free), arm.chain
+    off = {"base": found.base[:3, 3] - drawn_table(drawn, convention).base[:3, 3]}
+    off["tip"] = found.tip_in_flange - drawn.tip_in_flange
+    return {place: float(np.linalg.norm(one)) for place, one in off.items() if place not in free}
