@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.signal import lfilter
 
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
@@ -107,6 +106,8 @@ def link_temperatures(air_degC: FloatArray, lag_s: npt.ArrayLike, *, interval_s:
     (n, n_links) array
         [degC].
     """
+    from scipy.signal import lfilter  # with much of SciPy, which a prediction does not need
+
     out = np.empty((len(air_degC), len(np.asarray(lag_s))))
     for link, lag in enumerate(np.asarray(lag_s, dtype=float)):
         memory = float(np.exp(-interval_s / lag)) if lag > 0 else 0.0
