@@ -22,15 +22,14 @@ from truearm.identification.estimation.identification_result import Identificati
 from truearm.identification.estimation.residual_variance import NONE_HELD_OUT
 from truearm.identification.judgement.description_check import explaining
 from truearm.identification.judgement.nominal_check import (
-    MOST_BY_NOISE,
     NominalCheck,
+    left_by,
     most_noise,
     refuse_implausible,
     typical_error,
     usual_nominal_error,
 )
 from truearm.identification.judgement.residual_process import ResidualProcess, transfer_improvement, without_process
-from truearm.identification.judgement.structure import remaining
 from truearm.identification.references.alignment import align
 from truearm.identification.references.prepared_readings import check_enough, lengths_in_seats
 from truearm.identification.references.reading_references import check_spread, references_of, without_sizes
@@ -188,9 +187,7 @@ def _judge_set_up(model: IdentifiedModel, set_up: _SetUp) -> NominalCheck:
         typical_error(model.fit_), usual, most_noise_mm=most_noise(model.nominal_, state, arm.chain.reach)
     )
     if not check.is_usual:
-        left = remaining(model.fit_, state, bare, set_up.terms)
-        # The noise is that of the training: readings that scatter more have lost their weight, and count here.
-        check = replace(check, left=left._replace(noise_mm=max(left.noise_mm, check.error_mm / MOST_BY_NOISE)))
+        check = replace(check, left=left_by(model.fit_, state, bare, set_up.terms))
     tips = model.nominal_.tips(state)
     with explaining(arm, readings, lengths=lengths, free=free):
         check_scale(readings, tips)

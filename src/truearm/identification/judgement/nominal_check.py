@@ -173,7 +173,7 @@ def check_nominal_arm(
     if check.is_usual:
         return check
     fit = identify(constants)
-    left = remaining(fit, state, references, constants)
+    left = left_by(fit, state, references, constants)
     # What a joint does of which the angle is not read looks like noise.
     hidden = not np.ptp(state.angles, axis=0).all()
     return replace(
@@ -186,10 +186,23 @@ def check_nominal_arm(
 
 
 def most_noise(nominal: IdentificationResult, state: ArmState, reach: float) -> float:
-    """Noise above which readings say nothing of an arm of a reach, by the nominal tips of those with points [mm]."""
+    """Noise above which readings say nothing of an arm of a reach, by the nominal tips of those with points [mm].
+
+    A root mean square distance: of lengths, which are one coordinate of three, as much less.
+    """
     rows = np.concatenate([np.zeros(0, np.intp), *(one.rows for one in nominal.references if one.kind == "point")])
     spread = float(np.sqrt(nominal.tips(state)[rows].var(axis=0).sum())) if len(rows) else np.inf
-    return min(MAX_NOISE * reach, MAX_NOISE_SHARE * spread)
+    n_coordinates = max((len(one.residuals) for one in nominal.references), default=3)
+    return min(MAX_NOISE * reach, MAX_NOISE_SHARE * spread) * float(np.sqrt(min(n_coordinates, 3) / 3))
+
+
+def left_by(
+    fit: IdentificationResult, state: ArmState, references: Sequence[Reference], absorbed: Sequence[Term]
+) -> Remaining:
+    """What an arm leaves; readings that scatter more and have lost their weight count as noise. See `remaining`."""
+    left = remaining(fit, state, references, absorbed)
+    whole = typical_error(fit) / MOST_BY_NOISE
+    return left._replace(noise_mm=max(left.noise_mm, float(np.sqrt(max(whole**2 - left.structure_mm**2, 0.0)))))
 
 
 def usual_nominal_error(
