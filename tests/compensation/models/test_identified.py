@@ -40,7 +40,7 @@ def mean_error(model, real, angles):
     ],
 )
 def test_groups_are_positions_else_seats_else_single_readings(columns, expected):
-    readings = Session(np.zeros((6, 2)), **{name: np.array(names) for name, names in columns.items()})
+    readings = Session(np.arange(12.0).reshape(6, 2), **{name: np.array(names) for name, names in columns.items()})
     assert cross_validation_groups(readings).tolist() == expected
 
 
@@ -49,7 +49,9 @@ def test_a_position_that_is_all_of_a_session_with_a_frame_of_its_own_counts_for_
     points = np.zeros((8, 3))
     points[7] = np.nan
     names = {"session": ["s"] * 3 + ["t"] * 5, "position": ["p", "p", "p", "q", "q", "r", "r", "r"]}
-    readings = Session(np.zeros((8, 2)), points, **{name: np.array(values) for name, values in names.items()})
+    readings = Session(
+        np.arange(16.0).reshape(8, 2), points, **{name: np.array(values) for name, values in names.items()}
+    )
     assert cross_validation_groups(readings).tolist() == [0, 0, 0, 1, 1, 2, 2, 2]
     assert cross_validation_groups(readings, ["s", "t"]).tolist() == [0, 1, 2, 3, 3, 4, 4, 4]
     pointed = replace(readings, position=np.array(["p", "p", "p", "q", "q", "q", "q", "r"]))

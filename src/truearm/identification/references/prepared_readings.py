@@ -15,13 +15,15 @@ from truearm.identification.references.rounded_angles import tip_motion_mm
 from truearm.identification.references.session_frames import rough_session_frames, to_first_session_frame
 from truearm.identification.references.tips import free_tips
 from truearm.identification.terms import ArmState
+from truearm.identification.terms.catalogue import relative_size
 from truearm.readings.checks import check_sessions
 from truearm.readings.lengths import Lengths
 from truearm.readings.rounding import rounding_steps
 from truearm.readings.session import Session
 from truearm.typing import FloatArray
 
-# Root mean square motion of the tip by rounding of the angles that counts [mm]: what a laser tracker is uncertain by.
+# Root mean square motion of the tip by rounding of the angles that counts, on an arm of usual reach [mm]: what a laser
+# tracker is uncertain by.
 LEAST_ROUNDING_MM = 0.01
 # Readings that determine base (6) and tip (3): 3 coordinates each, and one reading to spare.
 MIN_ROWS = 4
@@ -101,7 +103,7 @@ def with_rounded_angles(state: ArmState) -> ArmState:
     """The state with the uncertainty of its angles by rounding, where that moves the tip by `LEAST_ROUNDING_MM`."""
     std = rounding_steps(state.angles, state.chain.is_prismatic) / np.sqrt(12)
     moved = tip_motion_mm(state.chain, state.angles, std)
-    return replace(state, angle_std=std) if moved >= LEAST_ROUNDING_MM else state
+    return replace(state, angle_std=std) if moved >= LEAST_ROUNDING_MM * relative_size(state.chain) else state
 
 
 def lengths_in_seats(readings: Session, lengths: Lengths | None) -> Lengths | None:
