@@ -40,7 +40,9 @@ def mean_error(model, real, angles):
     ],
 )
 def test_groups_are_positions_else_seats_else_single_readings(columns, expected):
-    readings = Session(np.arange(12.0).reshape(6, 2), **{name: np.array(names) for name, names in columns.items()})
+    readings = Session(
+        np.arange(12.0).reshape(6, 2), np.zeros((6, 3)), **{name: np.array(names) for name, names in columns.items()}
+    )
     assert cross_validation_groups(readings).tolist() == expected
 
 
