@@ -35,14 +35,14 @@ MOST_FLICKER = 2e-4
 # A repeat that is off by more standard deviations of repeats, or by this [mm], is not merged: a slipped tip, whose
 # reading is then judged by itself. Trackers and probing tips repeat to a few micrometres.
 MAX_STDS, MAX_OFF_MM = 10.0, 0.02
-# A median change from the first round through the poses to the last of so many standard errors is none of chance [1],
+# A median change from the first round through the poses to the last of so many standard errors is none of chance,
 # and changes at neighbouring poses are not alike by chance in one session of so many, as
 # `identification.judgement.change_point` has it.
 MAX_ERRORS, SIGNIFICANCE, N_SIGNS = 6.0, 0.002, 1999
 # Readings beyond the first of each pose, from which the standard deviation of repeats is known to a factor of two; and
 # poses of which the median change is known so.
 LEAST_REPEATED = 5
-# Standard deviation of normal numbers over their median magnitude, and of a median over that of a mean [1].
+# Standard deviation of normal numbers over their median magnitude, and of a median over that of a mean.
 OVER_MEDIAN, MEDIAN_ERROR = 1.4826, 1.2533
 
 

@@ -76,11 +76,8 @@ class IdentifiedConstants:
         size = f"{np.degrees(value):+.3g} deg" if name in ANGLES else f"{value:+.3g} mm"
         largest, share = f"{name} of {joint} {size}", float(shares[worst])
         for place, off in _displacements(fit, arm, free).items():
-            if off / (MAX_LENGTH * arm.chain.reach) > share:
-                largest, share = (
-                    f"the {place}, which is stated to be known, {off:.3g} mm",
-                    off / (MAX_LENGTH * arm.chain.reach),
-                )
+            if (of_place := off / (MAX_LENGTH * arm.chain.reach)) > share:
+                largest, share = f"the {place}, which is stated to be known, {off:.3g} mm", of_place
         least = np.maximum(np.where(slides, NAMED_SLIDE_ZERO, NAMED_ZERO), SURE * std[zeros])
         named = {
             arm.joint_names[i]: (float(changes[zeros[i]]), float(std[zeros[i]]))
@@ -92,8 +89,10 @@ class IdentifiedConstants:
     def __str__(self) -> str:
         if not self.zeros:
             return f"The largest difference is {self.largest}: correct the arm file if it is wrong there."
-        turning = ", ".join(f"{j} {_degrees(*zero)}" for j, zero in self.zeros.items() if j not in self.slides)
-        sliding = ", ".join(f"{j} {_mm(*zero)}" for j, zero in self.zeros.items() if j in self.slides)
+        turning = ", ".join(
+            f"{j} {_with_u(np.degrees(zero), 'deg')}" for j, zero in self.zeros.items() if j not in self.slides
+        )
+        sliding = ", ".join(f"{j} {_with_u(zero, 'mm')}" for j, zero in self.zeros.items() if j in self.slides)
         of = [f"to their {name}: {zeros}" for name, zeros in (("theta", turning), ("d", sliding)) if zeros]
         return (
             f"Zeros of joints are off, add {' and '.join(of)}; `truearm fit ... --apply my-arm.toml` writes a new "
@@ -101,14 +100,10 @@ class IdentifiedConstants:
         )
 
 
-def _degrees(zero: float, u: float) -> str:
+def _with_u(stated: Sequence[float] | FloatArray, unit: str) -> str:
     """A zero with its standard uncertainty, where that is seen."""
-    return f"{np.degrees(zero):+.3g} deg" + (f" (u {np.degrees(u):.1g})" if u > 0.01 * abs(zero) else "")
-
-
-def _mm(zero: float, u: float) -> str:
-    """The zero of a slide with its standard uncertainty, where that is seen."""
-    return f"{zero:+.3g} mm" + (f" (u {u:.1g})" if u > 0.01 * abs(zero) else "")
+    zero, u = stated
+    return f"{zero:+.3g} {unit}" + (f" (u {u:.1g})" if u > 0.01 * abs(zero) else "")
 
 
 def _changes(fit: IdentificationResult, arm: Arm, free: Sequence[str]) -> tuple[FloatArray, FloatArray]:
