@@ -1,0 +1,1 @@
+"""Tables of other programs: read from text, spreadsheets, arrays and logs as named columns."""
