@@ -20,9 +20,11 @@ import numpy as np
 
 from truearm.errors import InputError
 from truearm.readings.columns import AngleUnit
+from truearm.readings.joint_scale import JointScale
 from truearm.readings.lengths import Lengths
 from truearm.readings.session import Session
-from truearm.readings.tables import JointScale, TableColumns, import_table
+from truearm.readings.table_columns import TableColumns
+from truearm.readings.tables import import_table
 
 Source = Literal["ipa_ur10_leica", "tsinghua_ur5_wam", "mukca_ball_socket"]
 MukcaRobot: TypeAlias = Literal["panda_1", "panda_2", "panda_3", "dinova_1"]
@@ -303,8 +305,8 @@ def _named(name: str) -> DataSet:
 def _load_tsinghua(name: str, n_joints: int) -> Session:
     path, targets = fetch(name), ("x_t", "y_t", "z_t")
     joints = [f"joint_{i + 1}" for i in range(n_joints)]
-    target = import_table(path, TableColumns(joints, targets, position=targets), JointScale("deg"))
-    off = import_table(path, TableColumns(joints, ("x_dif", "y_dif", "z_dif")), JointScale("deg"))
+    target = import_table(path, TableColumns(joints, targets, position=targets), JointScale("deg"), point_unit="mm")
+    off = import_table(path, TableColumns(joints, ("x_dif", "y_dif", "z_dif")), JointScale("deg"), point_unit="mm")
     assert target.points is not None
     assert off.points is not None
     # The publisher does not say the sign of the differences. Added to the target, they let the cable-driven WAM sag,

@@ -120,10 +120,10 @@ def test_degrees_read_as_radians_are_refused(tmp_path):
 @pytest.mark.parametrize(
     ("n_columns", "options", "said"),
     [
-        (5, {}, "expected the columns of an orientation, 3 (rotation vector rx, ry, rz); 4"),
+        (5, {}, "expected the columns of an orientation, 3 (rotation vector rx, ry, rz, or Euler angles); 4"),
         (3, {}, "expected the unit of the rotation vector, deg or rad, got none"),
         (3, {"unit": "gon"}, "expected the unit of the rotation vector, deg or rad, got 'gon'"),
-        (9, {"unit": "rad"}, "a unit belongs to a rotation vector (three columns) only"),
+        (9, {"unit": "rad"}, "a unit belongs to a rotation vector or Euler angles (three columns) only"),
         (16, {"points": ["r3", "r7", "r11"]}, "the points are given twice"),
     ],
 )

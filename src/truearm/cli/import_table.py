@@ -8,29 +8,36 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 import typer
 from typer import Argument, Option
 
-from truearm.cli.console import check_output_is_not_input, print_line, progress
-from truearm.cli.options import FormDate, FormTemperature, IntoForm, numbers_of, refuse_typed
+from truearm.cli.console import check_output_is_not_input, print_json, print_line, progress
+from truearm.cli.options import FormDate, FormTemperature, IntoForm, Json, numbers_of, refuse_typed
 
 if TYPE_CHECKING:
-    from truearm.readings import JointScale, Session
+    from truearm.files.tables.table import TableForm
+    from truearm.readings import ImportedTable
     from truearm.typing import FloatArray
 
 # Options of points to measure, and of sessions, that the other does not take.
-FOR_FORMS = ("date", "artefact_temperature", "serial_number")
+FOR_FORMS = ("date", "artefact_temperature")
 NOT_FOR_FORMS = (
-    *("out", "angles", "angle_unit", "counts_per_turn", "sign", "zero", "point_std", "orientation", "orientation_unit"),
-    *("temperature", "seat", "position", "session", "session_name"),
+    *("out", "angles", "angle_unit", "counts_per_turn", "sign", "zero", "point_std", "u_mm"),
+    *("orientation", "orientation_unit", "orientation_order", "temperature", "seat", "tip", "position", "session"),
+    *("column", "session_name", "preview", "as_json"),
 )
 _ONE_EACH = "one, or one a joint, separated by commas"
+PREVIEW_ROWS = 5
+MOST_IN_A_RANGE = 100  # columns of 1-6
 
 
 def import_table(
     context: typer.Context,
-    table: Annotated[Path, Argument(metavar="TABLE", help="Delimited text: CSV, TSV, ..")],
+    table: Annotated[Path, Argument(metavar="TABLE", help="Text, workbook, array or log: see docs/session-file.md.")],
     out: Annotated[Path | None, Option(help="Session file to write, .csv or .parquet.")] = None,
     into: IntoForm = None,
-    angles: Annotated[str, Option(help="Columns of the joints, base to tip: names or numbers.")] = "",
-    angle_unit: Annotated[str, Option(help=f"deg, rad, counts, or mm (sliding): {_ONE_EACH}.")] = "",
+    preview: Annotated[bool, Option("--preview", help="Show the first rows as understood; write nothing.")] = False,
+    angles: Annotated[
+        str, Option(help="Columns of the joints, base to tip: names or numbers (1-6). Without it, all are recognised.")
+    ] = "",
+    angle_unit: Annotated[str, Option(help=f"deg, rad, counts, or mm or m (sliding): {_ONE_EACH}.")] = "",
     counts_per_turn: Annotated[str, Option(help=f"Counts of an encoder in a full turn: {_ONE_EACH}.")] = "",
     sign: Annotated[str, Option(help="+ or - for each joint, as +,-,+; all + by default.")] = "",
     zero: Annotated[
@@ -38,89 +45,160 @@ def import_table(
     ] = "",
     points: Annotated[str, Option(help="Columns x,y,z of the reference point; with --into of the point.")] = "",
     point_std: Annotated[str, Option(help="Columns of its three standard uncertainties.")] = "",
-    point_unit: Annotated[str, Option(help="Unit of the point and its uncertainties: mm, m, um or in.")] = "mm",
+    u_mm: Annotated[
+        float | None, Option(help="Standard uncertainty of every coordinate, or distance, without one of its own.")
+    ] = None,
+    point_unit: Annotated[
+        str, Option(help="Unit of points, their uncertainties and distances: mm, m, cm, um or in.")
+    ] = "",
     orientation: Annotated[
         str,
         Option(
-            help="Columns of the flange's orientation in the frame of the points: 3 of a rotation vector, 4 of a "
-            "quaternion (w first), 9, 12 or 16 of a matrix row by row; 12 and 16 have the point too."
+            help="Columns of the flange's orientation in the frame of the points: 3 of a rotation vector or of Euler "
+            "angles, 4 of a quaternion, 9, 12 or 16 of a matrix row by row; 12 and 16 have the point too."
         ),
     ] = "",
-    orientation_unit: Annotated[str, Option(help="Unit of a rotation vector: deg or rad.")] = "",
+    orientation_unit: Annotated[str, Option(help="Unit of a rotation vector or Euler angles: deg or rad.")] = "",
+    orientation_order: Annotated[
+        str,
+        Option(
+            help="Of a quaternion: wxyz (default) or xyzw. Of Euler angles: ZYX (turned axes; KUKA), xyz (fixed axes; "
+            "Fanuc), .."
+        ),
+    ] = "",
     temperature: Annotated[str, Option(help="Column of the temperature [degC].")] = "",
     seat: Annotated[str, Option(help="Column that names the seat.")] = "",
+    tip: Annotated[str, Option(help="Column that names the tip.")] = "",
     position: Annotated[str, Option(help="Columns that name the position aimed at.")] = "",
     session: Annotated[str, Option(help="Column that names the session.")] = "",
+    column: Annotated[
+        list[str] | None,
+        Option(
+            metavar="NAME=COLUMN",
+            help="What else a session file holds: anchor=Wire, distance_mm=D, payload_kg=Mass, load_1_Nm=.. (repeat).",
+        ),
+    ] = None,
     session_name: Annotated[str, Option(help="Name of the session of all readings.")] = "",
-    separator: Annotated[str, Option(help="One character, TAB, or SPACE: one or more.")] = ",",
-    decimal: Annotated[str, Option(help="Decimal sign, . or ,")] = ".",
-    no_header: Annotated[bool, Option("--no-header", help="The first line is a reading.")] = False,
-    skip_lines: Annotated[int, Option(min=0, help="Lines above the header to skip.")] = 0,
-    encoding: Annotated[str, Option(help="utf-8, cp1252, utf-16, ..")] = "utf-8",
+    serial_number: Annotated[str, Option(help="Serial number of the arm.")] = "",
+    separator: Annotated[str, Option(help="One character, TAB, or SPACE: one or more; recognised.")] = "",
+    decimal: Annotated[str, Option(help="Decimal sign, . or , ; recognised.")] = "",
+    thousands: Annotated[str | None, Option(help="Thousands separator, or '' for none; recognised.")] = None,
+    header: Annotated[
+        bool | None, Option("--header/--no-header", help="Whether the first line names the columns; recognised.")
+    ] = None,
+    skip_lines: Annotated[int | None, Option(min=0, help="Lines above the header to skip; recognised.")] = None,
+    encoding: Annotated[str, Option(help="utf-8, cp1252, utf-16, ..; recognised.")] = "",
+    part: Annotated[str, Option(help="Sheet of a workbook, variable of an archive, topic of a recording.")] = "",
     date: FormDate = None,
     artefact_temperature: FormTemperature = None,
-    serial_number: Annotated[str, Option(help="With --into: serial number of the arm.")] = "",
+    as_json: Json = False,
 ) -> None:
     """Turn a table of another program into a session file.
 
-    State its columns, units, signs, zeros and separators here, once. A column is given by its name, or by its number
-    from 1. The ranges of the result are printed: they show a wrong unit or sign.
+    How the table is written and the columns of programs that truearm knows are recognised, and one line says what was
+    assumed; options override it. Where the table may mean two things that differ in a number, it is refused with both.
+    A column is given by its name, or by its number from 1. The ranges of the result are printed: they show a wrong
+    unit or sign.
 
     --into fills in a file of points to measure from the export of a metrology program (--points X,Y,Z), a point for
     each row without coordinates, in their order.
     """
     from truearm.errors import InputError
+    from truearm.files.tables.table import TableForm
 
-    layout: dict[str, Any] = {
-        "separator": {"TAB": "\t", "\\t": "\t", "SPACE": " "}.get(separator, separator),
-        "decimal": decimal,
-        "header": not no_header,
-        "skip_lines": skip_lines,
-        "encoding": encoding,
-    }
+    signs = {"TAB": "\t", "\\t": "\t", "SPACE": " "}
+    form = TableForm(
+        signs.get(separator, separator) or None, decimal or None, thousands, header, skip_lines, encoding or None,
+        part or None,
+    )  # fmt: skip
     if into is not None:
         refuse_typed(context, NOT_FOR_FORMS, "does not apply to --into")
-        _fill(table, into, _listed(points), point_unit, layout, date, artefact_temperature, serial_number)
+        _fill(table, into, _listed(points), point_unit, form, date, artefact_temperature, serial_number)
         return
     refuse_typed(context, FOR_FORMS, "applies to --into only", hint="omit it, or use --into")
-    if out is None:
-        raise InputError("expected --out or --into", hint="--out session.csv")
-    for name, value in (("--angles", angles), ("--angle-unit", angle_unit)):
-        if not value:
-            raise InputError(f"a session file needs {name}", hint=f"{name} {'deg' if 'unit' in name else 'J1,J2,..'}")
+    if out is None and not preview:
+        raise InputError("expected --out, --preview or --into", hint="--out session.csv")
 
-    from truearm.readings import JointScale, TableColumns, check_session_path, write_session
-    from truearm.readings import import_table as read_table
-    from truearm.workflows.sentences import number_of
+    from truearm.readings import JointScale, TableColumns, check_session_path, interpret_table, write_session
+    from truearm.readings.tables import as_table
 
-    check_output_is_not_input(out, table)
-    check_session_path(out)
-
+    if out is not None:
+        check_output_is_not_input(out, table)
+        check_session_path(out)
     scale = JointScale(
-        unit=cast(Any, _listed(angle_unit)),
+        unit=cast(Any, _listed(angle_unit) or None),
         counts_per_turn=_numbers(counts_per_turn, "--counts-per-turn"),
         sign=_signs(sign),
         zero=_numbers(zero, "--zero"),
     )
     columns = TableColumns(
         _listed(angles), _listed(points), _listed(point_std), seat or None, session or None, temperature or None,
-        _listed(position), _listed(orientation),
+        _listed(position), _listed(orientation), _others(column or [], tip),
     )  # fmt: skip
     with progress(f"importing {table.name}"):
-        readings = read_table(
-            table,
+        found = interpret_table(
+            as_table(table, form),
             columns,
             scale,
-            point_unit=cast(Any, point_unit),
+            point_unit=cast(Any, point_unit or None),
+            u_mm=u_mm,
             orientation_unit=cast(Any, orientation_unit or None),
-            **layout,
+            orientation_order=orientation_order or None,
             session_name=session_name or None,
+            serial_number=serial_number or None,
         )
-        units = scale.units(readings.n_joints)
-        unit = "rad" if "rad" in units else "deg"
-        write_session(readings, out, prismatic=[u == "mm" for u in units], angle_unit=cast(Any, unit))
-    print_line(f"{out}: {number_of(len(readings))} of {readings.n_joints} joints from {table.name}")
-    _print_ranges(readings, scale)
+        if out is not None and not preview:
+            unit = "rad" if "rad" in found.units else "deg"
+            slides = [u in ("mm", "m") for u in found.units]
+            write_session(found.session, out, prismatic=slides, angle_unit=cast(Any, unit))
+    written = None if preview else out
+    if as_json:
+        print_json(_record(found, written))
+        return
+    _print_result(found, table, written)
+
+
+def _print_result(found: ImportedTable, table: Path, out: Path | None) -> None:
+    from truearm.workflows.sentences import number_of
+
+    said = f"{number_of(len(found.session))} of {found.session.n_joints} joints from {table.name}"
+    print_line(f"{out}: {said}" if out else said)
+    if found.assumed:
+        print_line(f"Assumed: {'; '.join(found.assumed)}.")
+    for sentence in found.left_out:
+        print_line(f"Left out: {sentence}")
+    if out is None:
+        _print_first_rows(found)
+    _print_ranges(found)
+
+
+def _record(found: ImportedTable, out: Path | None) -> dict[str, Any]:
+    """The import as JSON: what was read, assumed and left out."""
+    from dataclasses import asdict
+
+    return {
+        "file": None if out is None else str(out),
+        "n_readings": len(found.session),
+        "n_joints": found.session.n_joints,
+        "units": list(found.units),
+        "columns": asdict(found.columns),
+        "assumed": list(found.assumed),
+        "left_out": list(found.left_out),
+    }
+
+
+def _print_first_rows(found: ImportedTable) -> None:
+    """Print the first readings in the columns of a session file."""
+    import numpy as np
+
+    from truearm.readings.columns import session_columns
+    from truearm.workflows.record import TextTable
+
+    head = found.session.rows(np.arange(min(len(found.session), PREVIEW_ROWS)))
+    columns = session_columns(head, [u in ("mm", "m") for u in found.units], "deg")
+    cells = [[f"{v:.6g}" if isinstance(v, float) else str(v) for v in column.tolist()] for column in columns.values()]
+    called = [head.called(i) for i in range(len(head))]
+    print_line(str(TextTable(["", *columns], [list(row) for row in zip(called, *cells, strict=True)])))
 
 
 def _fill(
@@ -128,7 +206,7 @@ def _fill(
     into: Path,
     columns: tuple[str, ...],
     point_unit: str,
-    layout: dict[str, Any],
+    form: TableForm,
     date: str | None,
     artefact_degC: float | None,
     serial_number: str,
@@ -142,29 +220,31 @@ def _fill(
     check_output_is_not_input(into, table)
     moment = now() if date is None else parse_moment(date)
     with progress(f"importing {table.name}"):
-        found = import_points(table, columns, point_unit=cast(Any, point_unit), **layout)
+        found = import_points(table, columns, point_unit=cast(Any, point_unit or "mm"), form=form)
         n = fill_points_form(into, found, day=moment.date(), artefact_degC=artefact_degC, serial_number=serial_number)
     print_line(f"{into}: {n} points from {table.name}")
     rows = [[axis, *_range(values, "mm")] for axis, values in zip("xyz", found.T, strict=True)]
     print_line(str(TextTable(["", "min", "max", "unit"], rows)))
 
 
-def _print_ranges(readings: Session, scale: JointScale) -> None:
+def _print_ranges(found: ImportedTable) -> None:
     """Print the ranges of the result, which show a wrong unit or sign."""
     import numpy as np
 
     from truearm.workflows.record import TextTable
 
-    rows = []
-    for i, unit in enumerate(scale.units(readings.n_joints)):
-        values = readings.angles[:, i] if unit == "mm" else np.degrees(readings.angles[:, i])
+    rows, readings = [], found.session
+    for i, unit in enumerate(found.units):
+        slides = unit in ("mm", "m")
+        values = readings.angles[:, i] if slides else np.degrees(readings.angles[:, i])
         name = readings.angle_columns[i] if readings.angle_columns else ""
-        rows.append([f"J{i + 1}", name, *_range(values, "mm" if unit == "mm" else "deg")])
+        rows.append([f"J{i + 1}", name, *_range(values, "mm" if slides else "deg")])
     if readings.points is not None:
         rows += [[axis, "reference", *_range(at, "mm")] for axis, at in zip("xyz", readings.points.T, strict=True)]
     if readings.quaternion is not None:
         # The angle between each flange and the first one: a wrong unit or order of columns shows.
-        half = np.arccos(np.clip(np.abs(readings.quaternion @ readings.quaternion[0]), 0.0, 1.0))
+        known = readings.quaternion[~np.isnan(readings.quaternion[:, 0])]
+        half = np.arccos(np.clip(np.abs(known @ known[0]), 0.0, 1.0))
         rows.append(["turned", "from the first flange", *_range(np.degrees(2 * half), "deg")])
     if readings.temperature_degC is not None:
         rows.append(["temperature", "", *_range(readings.temperature_degC, "degC", decimals=2)])
@@ -175,11 +255,34 @@ def _print_ranges(readings: Session, scale: JointScale) -> None:
 
 
 def _range(values: FloatArray, unit: str, *, decimals: int = 3) -> list[str]:
-    return [f"{values.min():.{decimals}f}", f"{values.max():.{decimals}f}", unit]
+    import numpy as np
+
+    return [f"{np.nanmin(values):.{decimals}f}", f"{np.nanmax(values):.{decimals}f}", unit]
 
 
 def _listed(text: str) -> tuple[str, ...]:
-    return tuple(part.strip() for part in text.split(",")) if text.strip() else ()
+    """Parts between commas; 1-6 stands for 1,2,3,4,5,6."""
+    parts: list[str] = []
+    for part in text.split(",") if text.strip() else ():
+        first, _, last = part.strip().partition("-")
+        if first.isdecimal() and last.isdecimal() and int(first) <= int(last) < int(first) + MOST_IN_A_RANGE:
+            parts += map(str, range(int(first), int(last) + 1))
+        else:
+            parts.append(part.strip())
+    return tuple(parts)
+
+
+def _others(stated: list[str], tip: str) -> dict[str, str]:
+    """What --column and --tip state: columns of the table by those of a session file."""
+    from truearm.errors import InputError
+
+    others = {"tip": tip} if tip else {}
+    for text in stated:
+        name, sign, column = text.partition("=")
+        if not (sign and name.strip() and column.strip()):
+            raise InputError(f"--column expects NAME=COLUMN, got {text!r}", hint="--column payload_kg=Mass")
+        others[name.strip()] = column.strip()
+    return others
 
 
 def _numbers(text: str, option: str) -> tuple[float, ...] | None:

@@ -1,173 +1,144 @@
-"""Import of tables with other column names, separators, decimal signs and units, or encoder counts."""
+"""Import of foreign tables: other names, separators, units and kinds of file than those of a session file."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal, TypeVar, get_args
+from typing import TYPE_CHECKING, Any, Literal, cast, get_args
 
 import numpy as np
 
 from truearm.errors import InputError
-from truearm.files.delimited import Sheet, quoted_cell, read_columns, read_sheet
+from truearm.files.delimited import quoted_cell
+from truearm.files.tables.reading import read_table
+from truearm.files.tables.table import Table, TableForm
+from truearm.readings.joint_scale import JointScale, JointUnit, certain_unit
+from truearm.readings.no_readings import lost_targets, mean_row
 from truearm.readings.orientations import OrientationUnit, check_orientation_columns, read_orientations
+from truearm.readings.readings import ANCHOR_DISTANCE, DIRECTION, LOAD, SHARED_UNCERTAINTIES, SPHERE_DISTANCE
 from truearm.readings.session import Session
-from truearm.typing import FloatArray, NameArray
+from truearm.readings.table_columns import OTHER_NAMES, TableColumns
+from truearm.typing import BoolArray, FloatArray, NameArray
 
-JointUnit = Literal["deg", "rad", "counts", "mm"]
-PointUnit = Literal["mm", "m", "um", "in"]
-_T = TypeVar("_T")
+if TYPE_CHECKING:
+    import pandas as pd
 
-_TO_MM: dict[str, float] = {"mm": 1.0, "m": 1000.0, "um": 0.001, "in": 25.4}
+PointUnit = Literal["mm", "m", "um", "in", "cm"]
+
+_TO_MM: dict[str, float] = {"mm": 1.0, "m": 1000.0, "um": 0.001, "in": 25.4, "cm": 10.0}
+
+# Units as tables write them.
+_ANGLE_UNITS: dict[str, JointUnit] = {
+    **dict.fromkeys(("deg", "degree", "degrees", "\u00b0", "\u00ba"), "deg"),
+    **dict.fromkeys(("rad", "radian", "radians"), "rad"),
+    **dict.fromkeys(("counts", "count", "cts", "ticks", "inc"), "counts"),
+    "mm": "mm",
+    "m": "m",
+}
+_LENGTH_UNITS: dict[str, PointUnit] = {
+    **dict.fromkeys(("mm", "millimeter", "millimeters", "millimetre", "millimetres"), "mm"),
+    **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), "m"),
+    **dict.fromkeys(("cm", "centimeter", "centimetre"), "cm"),
+    **dict.fromkeys(("um", "\u00b5m", "\u03bcm", "micron", "microns", "micrometer", "micrometre"), "um"),
+    **dict.fromkeys(("in", "inch", "inches", '"'), "in"),
+}
 
 # Goal coordinates that differ by less than this many decimals name one position.
 _POSITION_DECIMALS = 6
 
+# A session's points lie between three centimetres and twenty metres apart [mm]; where a table's numbers do not, as
+# those of an arm in metres or micrometres, their unit is asked. Fewer points than these do not tell.
+_SMALLEST_SPAN, _LARGEST_SPAN, _FEWEST_POINTS = 30.0, 20_000.0, 5
 
-@dataclass(frozen=True)
-class TableColumns:
-    """Which column of a table holds what: each by its name in the header, or by its number counted from 1.
 
-    Parameters
+@dataclass(frozen=True, eq=False)
+class ImportedTable:
+    """A session read from a foreign table, and what was assumed.
+
+    Attributes
     ----------
-    angles : sequence of str
-        One column a joint, base to tip.
-    points, point_std : sequence of three str, optional
-        Reference point and its standard uncertainties, x, y, z.
-    seat, session, temperature : str, optional
-        Temperature in degC.
-    position : sequence of str
-        One column, or several that together name the position a reading aimed at, as its goal x, y and z.
-    orientation : sequence of str
-        Orientation of the flange in the frame of the points: 3 columns of a rotation vector, 4 of a quaternion (w
-        first), or 9, 12 or 16 of a matrix, row by row. A matrix of 12 or 16 has the point too, in its last column.
+    session : Session
+    columns : TableColumns
+        Those that were read.
+    units : tuple of str
+        Unit of each joint in the table.
+    assumed : tuple of str
+        Form, columns and units that were recognised, a phrase each.
+    left_out : tuple of str
+        Rows that are no readings, and points that are none, a sentence each.
     """
 
-    angles: Sequence[str]
-    points: Sequence[str] = ()
-    point_std: Sequence[str] = ()
-    seat: str | None = None
-    session: str | None = None
-    temperature: str | None = None
-    position: Sequence[str] = ()
-    orientation: Sequence[str] = ()
-
-    def __post_init__(self) -> None:
-        if not self.angles:
-            raise InputError("expected at least one column of angles, got none", hint="--angles 'J1,J2,J3'")
-        for name in ("points", "point_std"):
-            if len(getattr(self, name)) not in (0, 3):
-                raise InputError(f"expected three columns (x, y, z) for {name}, got {len(getattr(self, name))}")
-        if len(self.orientation) in (12, 16) and self.points:
-            raise InputError("the points are given twice, by columns of their own and by the last column of a matrix")
-        if self.point_std and not self.points and len(self.orientation) not in (12, 16):
-            raise InputError("point_std needs points: without a reference point it has no meaning")
-
-
-@dataclass(frozen=True)
-class JointScale:
-    """Conversion of a table's joint values to angles: ``sign (value - zero) factor``, in rad (sliding joints in mm).
-
-    Parameters
-    ----------
-    unit : str or sequence of str
-        ``deg``, ``rad``, ``counts`` of an encoder, or ``mm`` for a sliding joint; one for all joints or one each.
-    counts_per_turn : float or sequence, optional
-        For ``counts``: how many make a full turn; one for all joints or one each.
-    sign : sequence of {1, -1}, optional
-        One a joint; all 1 by default.
-    zero : sequence of float, optional
-        The table's value where the angle is zero, in the table's unit, one a joint; all 0 by default.
-    """
-
-    unit: JointUnit | Sequence[JointUnit]
-    counts_per_turn: float | Sequence[float] | None = None
-    sign: Sequence[float] | None = None
-    zero: Sequence[float] | None = None
-
-    def units(self, n_joints: int) -> list[str]:
-        """List the unit of each joint."""
-        units = [self.unit] if isinstance(self.unit, str) else list(self.unit)
-        if bad := [u for u in units if u not in get_args(JointUnit)]:
-            raise InputError(
-                f"unknown unit of angles {quoted_cell(bad[0])}", hint=f"one of {', '.join(get_args(JointUnit))}"
-            )
-        return [str(u) for u in _for_each(units, n_joints, "angle unit")]
-
-    def to_angles(self, values: FloatArray) -> FloatArray:
-        """Scale (n, n_joints) values of a table to angles [rad], or displacements of sliding joints [mm]."""
-        n = values.shape[1]
-        factor = np.array([{"deg": np.pi / 180, "rad": 1.0, "mm": 1.0}.get(u, 2 * np.pi) for u in self.units(n)])
-        counted = np.array([unit == "counts" for unit in self.units(n)])
-        if counted.any():
-            factor = factor / np.where(counted, self._per_turn(n), 1.0)
-        sign = np.ones(n) if self.sign is None else np.array(_each(self.sign, n, "sign"), dtype=float)
-        if not np.isin(sign, (1, -1)).all():
-            raise InputError(f"signs must be + or - for each joint, got {quoted_cell(self.sign)}")
-        zero = np.zeros(n) if self.zero is None else np.array(_for_each(self.zero, n, "zero"), dtype=float)
-        if not np.isfinite(zero).all():
-            raise InputError(f"zeros must be finite numbers, got {quoted_cell(self.zero)}")
-        return np.asarray(sign * (values - zero) * factor + 0.0)  # + 0.0: no "-0"
-
-    def _per_turn(self, n: int) -> FloatArray:
-        if self.counts_per_turn is None:
-            raise InputError("encoder counts need the counts of a full turn", hint="--counts-per-turn 65536")
-        given = np.atleast_1d(np.asarray(self.counts_per_turn, dtype=float)).tolist()
-        counts = np.array(_for_each(given, n, "counts per turn"))
-        if not (np.isfinite(counts) & (counts > 0)).all():
-            raise InputError(f"counts per turn must be positive, got {quoted_cell(self.counts_per_turn)}")
-        return counts
+    session: Session
+    columns: TableColumns
+    units: tuple[str, ...]
+    assumed: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
 
 
 def import_table(
-    path: str | Path,
-    columns: TableColumns,
-    scale: JointScale,
+    table: str | Path | Table | pd.DataFrame,
+    columns: TableColumns | None = None,
+    scale: JointScale | None = None,
     *,
-    point_unit: PointUnit = "mm",
+    point_unit: PointUnit | None = None,
+    u_mm: float | None = None,
     orientation_unit: OrientationUnit | None = None,
-    separator: str = ",",
-    decimal: str = ".",
-    header: bool = True,
-    skip_lines: int = 0,
-    encoding: str = "utf-8",
+    orientation_order: str | None = None,
+    separator: str | None = None,
+    decimal: str | None = None,
+    thousands: str | None = None,
+    header: bool | None = None,
+    skip_lines: int | None = None,
+    encoding: str | None = None,
+    part: str | None = None,
     session_name: str | None = None,
+    serial_number: str | None = None,
 ) -> Session:
     r"""Read a session from a table with other columns and units than the session file.
 
+    What is not stated is recognised: how the table is written, and the columns of programs that truearm knows. Only
+    where two interpretations differ in a number, the table is refused with both.
+
     Parameters
     ----------
-    path : path
-        Delimited text.
-    columns : TableColumns
-        Which column holds what.
-    scale : JointScale
+    table : path or pandas.DataFrame
+        Delimited text, a workbook, an array, a log: see docs/session-file.md.
+    columns : TableColumns, optional
+        Which column holds what. Those not stated are recognised by their names if no angles are stated.
+    scale : JointScale, optional
         How its joint values become angles.
-    point_unit : {"mm", "m", "um", "in"}
-        Unit of the points and their uncertainties.
+    point_unit : {"mm", "m", "cm", "um", "in"}, optional
+        Unit of the points, their uncertainties and of distances.
+    u_mm : float, optional
+        Standard uncertainty of every coordinate of every point, or of every distance, that has none of its own [mm].
     orientation_unit : {"deg", "rad"}, optional
-        Unit of a rotation vector; it has no default.
-    separator, decimal : str
+        Unit of a rotation vector or of Euler angles.
+    orientation_order : str, optional
+        Of a quaternion, ``wxyz`` (the default) or ``xyzw``; of Euler angles, ``ZYX`` about the axes as turned before,
+        ``xyz`` about fixed ones, and so on. Three columns without an order are a rotation vector.
+    separator, decimal, thousands : str, optional
         One character each; a blank as separator stands for one blank or more.
-    header : bool
-        Whether the first line names the columns; without, columns go by number.
-    skip_lines : int
+    header : bool, optional
+        Whether a line names the columns; without, columns go by number.
+    skip_lines : int, optional
         Lines above the header, or above the first row, that do not belong to the table.
-    encoding : str
+    encoding : str, optional
         Any text encoding that Python knows.
-    session_name : str, optional
-        Name of the session of all readings, if no column holds it.
+    part : str, optional
+        Which sheet of a workbook, variable of an archive, or topic of a recording.
+    session_name, serial_number : str, optional
+        Of all readings, if no column holds it.
 
     Returns
     -------
     Session
-        Angles in rad (sliding joints in mm), points in mm.
+        Angles in rad (sliding joints in mm), points in mm. A reading whose target was lost has no point.
 
     Raises
     ------
     InputError
-        If the table does not fit `columns` and `scale`; with file, line, column and what to do.
+        If the table does not fit what is stated, or may mean two things; with file, line, column and what to do.
 
     Examples
     --------
@@ -176,84 +147,116 @@ def import_table(
     >>> from truearm.readings import JointScale, TableColumns
     >>> _ = Path("table.txt").write_text("J1;J2;X;Y;Z\n0,1;-0,2;0,5;0,0;0,25\n")
     >>> columns = TableColumns(["J1", "J2"], points=["X", "Y", "Z"])
-    >>> session = ta.import_table("table.txt", columns, JointScale("rad"), point_unit="m", separator=";", decimal=",")
+    >>> session = ta.import_table("table.txt", columns, JointScale("rad"), point_unit="m")
     >>> session.points.tolist()
     [[500.0, 0.0, 250.0]]
     """
-    _check_point_unit(point_unit)
-    if columns.session and session_name is not None:
-        raise InputError("the session is given twice, by a column and by a name")
-    check_orientation_columns(len(columns.orientation), orientation_unit)
-    scale.to_angles(np.zeros((1, len(columns.angles))))  # wrong numbers of signs or zeros before the file is read
-    sheet = read_sheet(
-        path,
-        separator=separator,
-        decimal=decimal,
-        encoding=encoding,
-        header=header,
-        skip_lines=skip_lines,
-    )
-    degC, named = (
-        _optional(columns.temperature),
-        (_optional(columns.seat), _optional(columns.session), columns.position),
-    )
-    groups = (columns.angles, columns.points, columns.point_std, degC, columns.orientation)
-    numeric = [[_index(sheet, c) for c in g] for g in groups]
-    words = [[_index(sheet, c) for c in g] for g in named]
-    _check_once(sheet, [i for group in numeric for i in group])
-    numbers, texts = read_columns(sheet, [i for g in numeric for i in g], [i for g in words for i in g])
-    values, points, std, temperature, turned = np.split(numbers, np.cumsum([len(g) for g in numeric])[:-1], axis=1)
-    quaternion = None
-    if columns.orientation:
-        names = [sheet.names[i] for i in numeric[4]]
-        quaternion, inside = read_orientations(
-            turned, orientation_unit, file=sheet.file, first_line=sheet.first_line, names=names
-        )
-        points = points if inside is None else inside
-    seat, sessions = (
-        next(iter(group), None) for group in (texts[: len(words[0])], texts[len(words[0]) :][: len(words[1])])
-    )
-    if session_name is not None:
-        sessions = np.full(len(numbers), session_name)
-    return Session(
+    form = TableForm(separator, decimal, thousands, header, skip_lines, encoding, part)
+    return interpret_table(
+        as_table(table, form),
+        columns or TableColumns(),
+        scale or JointScale(),
+        point_unit=point_unit,
+        u_mm=u_mm,
+        orientation_unit=orientation_unit,
+        orientation_order=orientation_order,
+        session_name=session_name,
+        serial_number=serial_number,
+    ).session
+
+
+def as_table(table: str | Path | Table | pd.DataFrame, form: TableForm) -> Table:
+    """Read a table's cells; a data frame has them already.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read as a table.
+    """
+    if isinstance(table, Table):
+        return table
+    if isinstance(table, str | Path):
+        return read_table(table, form)
+    raise InputError(f"expected the path of a table or a data frame, got {type(table).__name__}")
+
+
+def interpret_table(
+    table: Table,
+    columns: TableColumns,
+    scale: JointScale,
+    *,
+    point_unit: PointUnit | None = None,
+    u_mm: float | None = None,
+    orientation_unit: OrientationUnit | None = None,
+    orientation_order: str | None = None,
+    session_name: str | None = None,
+    serial_number: str | None = None,
+) -> ImportedTable:
+    """Give a table's columns their meaning; parameters and errors as those of `import_table`."""
+    _check_stated(point_unit, u_mm)
+    for what, stated, column in (
+        ("session", session_name, columns.session),
+        ("serial number", serial_number, columns.others.get("serial_number")),
+    ):
+        if column and stated is not None:
+            raise InputError(f"the {what} is given twice, by a column and by a name")
+    check_orientation_columns(len(columns.orientation), orientation_unit, orientation_order)
+    if scale.unit is not None:  # wrong numbers of signs or zeros before all else
+        scale.to_angles(np.zeros((1, len(columns.angles))))
+    _check_once(table, columns)
+    whole = np.ones(len(table), bool)
+    left_out: list[str] = []
+    values = _numbers(table, columns.angles)
+    points = _numbers(table, columns.points)
+    if len(table) and mean_row(np.hstack([values, points])):
+        whole[-1] = False
+        left_out.append(f"{_called(table, whole)} holds the means of the rows above: no reading.")
+    if (gone := np.isnan(values).any(axis=1) & whole).any():
+        whole &= ~gone
+        left_out.append(f"{_called(table, ~gone)}: a joint angle is missing. No reading.")
+    if not whole.any():
+        raise table.error("expected at least one row of numbers, got none", hint=left_out[0] if left_out else None)
+    assumed = list(table.assumed)
+    table, values, points = table.rows(np.flatnonzero(whole)), values[whole], points[whole]
+    scale = _with_unit(scale, table, columns.angles, values, assumed)
+    unit = point_unit or _point_unit(table, columns, points, assumed)
+    fields = _tip_fields(table, columns, points * _TO_MM[unit], unit, orientation_unit, orientation_order, left_out)
+    fields |= _other_fields(table, columns, unit)
+    for name, stated in (("session", session_name), ("serial_number", serial_number)):
+        if stated is not None:
+            fields[name] = np.full(len(table), stated)
+    if u_mm is not None:
+        _state_uncertainty(fields, u_mm)
+    session = Session(
         scale.to_angles(values),
-        points * _TO_MM[point_unit] if points.size else None,
-        point_std=std * _TO_MM[point_unit] if columns.point_std else None,
-        seat=seat,
-        position=_positions(texts[len(texts) - len(columns.position) :], decimal),
-        session=sessions,
-        quaternion=quaternion,
-        temperature_degC=temperature[:, 0] if degC else None,
-        file=sheet.file,
-        angle_columns=tuple(sheet.names[i] for i in numeric[0]),
-        numbers=np.arange(len(numbers)) + sheet.first_line,
-        by_line=True,
+        **fields,
+        file=table.file,
+        angle_columns=tuple(table.names[table.index(c)] for c in columns.angles),
+        numbers=table.lines if table.place == "line" else None,
+        by_line=table.place == "line",
     )
+    return ImportedTable(session, columns, tuple(scale.units(session.n_joints)), tuple(assumed), tuple(left_out))
 
 
 def import_points(
-    path: str | Path,
+    path: str | Path | Table,
     columns: Sequence[str],
     *,
     point_unit: PointUnit = "mm",
-    separator: str = ",",
-    decimal: str = ".",
-    header: bool = True,
-    skip_lines: int = 0,
-    encoding: str = "utf-8",
+    form: TableForm | None = None,
 ) -> FloatArray:
     r"""Read points from a table, such as the export of a metrology program.
 
     Parameters
     ----------
     path : path
-        Delimited text.
+        As `import_table` takes it.
     columns : sequence of three str
         x, y and z: each by its name in the header, or by its number counted from 1.
-    point_unit : {"mm", "m", "um", "in"}
+    point_unit : {"mm", "m", "cm", "um", "in"}
         Unit of the points.
-    separator, decimal, header, skip_lines, encoding
-        See `import_table`.
+    form : TableForm, optional
+        How the table is written, as far as it is stated.
 
     Returns
     -------
@@ -263,98 +266,201 @@ def import_points(
     Raises
     ------
     InputError
-        If the table does not fit `columns`; with file, line, column and what to do.
+        If the table does not fit `columns`, or a point is missing; with file, line, column and what to do.
 
     Examples
     --------
     >>> from pathlib import Path
     >>> from truearm.readings import import_points
     >>> _ = Path("export.txt").write_text("point 1  0.5  0.25  1.0\npoint 2  0.5  0.75  1.0\n")
-    >>> import_points("export.txt", ["3", "4", "5"], point_unit="in", separator=" ", header=False).tolist()
+    >>> import_points("export.txt", ["3", "4", "5"], point_unit="in").tolist()
     [[12.7, 6.35, 25.4], [12.7, 19.05, 25.4]]
     """
-    _check_point_unit(point_unit)
+    _check_stated(point_unit, None)
     if len(columns) != 3:
         raise InputError(f"expected three columns of points, got {len(columns)}", hint="--points 'X,Y,Z'")
-    sheet = read_sheet(
-        path, separator=separator, decimal=decimal, encoding=encoding, header=header, skip_lines=skip_lines
-    )
-    where = [_index(sheet, column) for column in columns]
-    _check_once(sheet, where)
-    numbers, _ = read_columns(sheet, where)
-    return numbers * _TO_MM[point_unit]
+    table = as_table(path, form or TableForm())
+    _check_once(table, TableColumns(points=tuple(columns)))
+    points = _numbers(table, columns)
+    if np.isnan(points).any():
+        row, k = np.argwhere(np.isnan(points))[0].tolist()
+        hint = "measure the point, or delete its row"
+        raise table.error("expected a number, got an empty cell", row, column=table.index(columns[k]), hint=hint)
+    return points * _TO_MM[point_unit]
 
 
-def _check_point_unit(unit: str) -> None:
-    if unit not in _TO_MM:
-        raise InputError(f"unknown unit of points {quoted_cell(unit)}", hint=f"one of {', '.join(_TO_MM)}")
+def _check_stated(point_unit: str | None, u_mm: float | None) -> None:
+    if point_unit is not None and point_unit not in _TO_MM:
+        raise InputError(f"unknown unit of points {quoted_cell(point_unit)}", hint=f"one of {', '.join(_TO_MM)}")
+    if u_mm is not None and not 0 < u_mm < np.inf:
+        raise InputError(f"expected a standard uncertainty above zero, got {u_mm:g} mm", hint="--u-mm 0.05")
 
 
-def _optional(column: str | None) -> tuple[str, ...]:
-    return () if column is None else (column,)
-
-
-def _index(sheet: Sheet, column: str) -> int:
-    """Return the index of a column, given by its name in the header or by its number counted from 1."""
-    name = column.strip()
-    found = [i for i, n in enumerate(sheet.names) if n == name]
-    if len(found) > 1:
-        numbers = " and ".join(str(i + 1) for i in found)
-        raise sheet.error(f"{quoted_cell(name)} names columns {numbers}", hint="give its number")
-    if found:
-        return found[0]
-    if name.isdecimal() and 1 <= int(name) <= len(sheet.names):
-        return int(name) - 1
-    raise sheet.error(
-        f"there is no column {quoted_cell(name)}; the columns are {_listed(sheet.names)}", hint=_other_separator(sheet)
-    )
-
-
-def _listed(names: Sequence[str], most: int = 30) -> str:
-    if names[0] == "1":
-        return f"1 .. {len(names)}"
-    listed = ", ".join(name or "''" for name in names[:most])
-    shortened = listed if len(listed) <= 600 else f"{listed[:600]}.."
-    return shortened + (f" and {len(names) - most} more" if len(names) > most else "")
-
-
-def _other_separator(sheet: Sheet) -> str | None:
-    if len(sheet.names) > 1:
-        return "give a column by its number if its name is hard to type"
-    best = max(";,\t ", key=sheet.head.count)
-    return f"--separator {'TAB' if best == chr(9) else repr(best)}" if best in sheet.head else None
-
-
-def _check_once(sheet: Sheet, indices: Sequence[int]) -> None:
+def _check_once(table: Table, columns: TableColumns) -> None:
+    """Refuse columns that are not there, and one that holds two different numbers."""
+    stated = [*columns.angles, *columns.points, *columns.point_std, *columns.orientation]
+    indices = [table.index(c) for c in (*stated, *([columns.temperature] if columns.temperature else ()))]
     for i in indices:
         if indices.count(i) > 1:
-            raise InputError("the column is used for two things", file=sheet.file, column=sheet.names[i])
+            raise table.error("the column is used for two things", column=i)
 
 
-def _positions(parts: Sequence[NameArray], decimal: str) -> NameArray | None:
+def _numbers(table: Table, columns: Sequence[str]) -> FloatArray:
+    """(n, len(columns)) numbers, NaN where a cell is empty."""
+    found = [table.numbers(table.index(column)) for column in columns]
+    return np.stack(found, axis=1) if found else np.empty((len(table), 0))
+
+
+def _called(table: Table, kept: BoolArray, most: int = 5) -> str:
+    """Name the rows that are not `kept`."""
+    places = table.lines[~kept].tolist()
+    shown = ", ".join(map(str, places[:most])) + (f" and {len(places) - most} more" if len(places) > most else "")
+    return f"{table.place}{'s' if len(places) > 1 else ''} {shown}"
+
+
+def _with_unit(
+    scale: JointScale, table: Table, angles: Sequence[str], values: FloatArray, assumed: list[str]
+) -> JointScale:
+    """Settle the unit of the joints: as stated, as the table states it, or the only one that its numbers can have."""
+    if scale.unit is not None:
+        return scale
+    stated = [_ANGLE_UNITS.get(table.units[table.index(column)].casefold().strip()) for column in angles]
+    certain = certain_unit(values)
+    units = [unit or certain for unit in stated]
+    if None not in units:
+        if None in stated:
+            assumed.append(f"angles in {certain}, as some turn {np.abs(values).max():.4g}")
+        return replace(scale, unit=tuple(cast(JointUnit, unit) for unit in units))
+    column = table.index(angles[units.index(None)])
+    value = float(values[0, units.index(None)])
+    raise table.error(
+        f"the unit of the joint angles is not stated: {value:g} may be {value:g} deg or {value:g} rad = "
+        f"{np.degrees(value):.5g} deg",
+        0,
+        column=column,
+        hint="--angle-unit deg, --angle-unit rad, or --angle-unit counts with --counts-per-turn",
+    )
+
+
+def _point_unit(table: Table, columns: TableColumns, points: FloatArray, assumed: list[str]) -> PointUnit:
+    """Unit of the points: as the table states it, or mm where an arm's points can be in nothing else."""
+    if not columns.points:
+        return "mm"
+    stated = {_unit_of(table, column) for column in columns.points} - {None}
+    if len(stated) == 1:
+        return cast(PointUnit, stated.pop())
+    if len(stated) > 1:
+        raise table.error(f"the points are in two units, {' and '.join(sorted(map(str, stated)))}", hint="--point-unit")
+    seen = points[~(np.isnan(points).any(axis=1) | lost_targets(points))]
+    if len(seen) < _FEWEST_POINTS:
+        return "mm"
+    span = float(np.ptp(seen, axis=0).max())
+    if _SMALLEST_SPAN <= span <= _LARGEST_SPAN:
+        assumed.append("points in mm")
+        return "mm"
+    raise table.error(
+        f"the unit of the points is not stated: they span {span:.4g}, which may be mm or {'m' if span < 30 else 'um'}",
+        0,
+        column=table.index(columns.points[0]),
+        hint=f"--point-unit mm, or --point-unit {'m' if span < 30 else 'um'} (one of {', '.join(get_args(PointUnit))})",
+    )
+
+
+def _tip_fields(
+    table: Table,
+    columns: TableColumns,
+    points: FloatArray,
+    unit: str,
+    orientation_unit: OrientationUnit | None,
+    orientation_order: str | None,
+    left_out: list[str],
+) -> dict[str, Any]:
+    """Points, their uncertainties and orientations; lost targets have none."""
+    fields: dict[str, Any] = {}
+    if columns.orientation:
+        indices = [table.index(column) for column in columns.orientation]
+
+        def refuse(row: int, problem: str, hint: str, column: int) -> InputError:
+            return table.error(problem, row, column=indices[column], hint=hint)
+
+        found = read_orientations(_numbers(table, columns.orientation), orientation_unit, orientation_order, refuse)
+        fields["quaternion"] = found.quaternion
+        points = points if found.translation is None else found.translation * _TO_MM[unit]
+    if not points.size:
+        return fields
+    lost = lost_targets(points / _TO_MM[unit]) | (np.isnan(points).any(axis=1) & ~np.isnan(points).all(axis=1))
+    if lost.any():
+        row = int(np.argmax(lost))
+        got = ", ".join(f"{v:g}" for v in (points[row] / _TO_MM[unit]).tolist())
+        left_out.append(f"{_called(table, ~lost)}: {got} is no point (target lost). The reading has no point.")
+    points = np.where(lost[:, None], np.nan, points)
+    fields["points"] = points
+    if columns.point_std:
+        std = _numbers(table, columns.point_std) * _TO_MM[unit]
+        fields["point_std"] = np.where(np.isnan(points), np.nan, std)
+    return fields
+
+
+def _other_fields(table: Table, columns: TableColumns, unit: str) -> dict[str, Any]:
+    """Names, temperature, loads, distances and what else a session holds beside angles and tips."""
+    fields: dict[str, Any] = {"position": _positions(table, columns.position)}
+    named = {"seat": columns.seat, "session": columns.session}
+    named |= {name: column for name, column in columns.others.items() if name in OTHER_NAMES}
+    fields |= {name: table.words(table.index(column)) for name, column in named.items() if column}
+    if columns.temperature:
+        fields["temperature_degC"] = _carried_on(table.numbers(table.index(columns.temperature)))
+    numbers = {
+        name: table.numbers(table.index(column)) * (_TO_MM[_unit_of(table, column) or unit] if "_mm" in name else 1.0)
+        for name, column in columns.others.items()
+        if name not in OTHER_NAMES
+    }
+    fields |= {name: v for name, v in numbers.items() if name in (*ANCHOR_DISTANCE, *SHARED_UNCERTAINTIES)}
+    if sphere := [numbers[name] for name in SPHERE_DISTANCE if name in numbers]:
+        if len(sphere) < 2:
+            raise InputError(f"expected both {' and '.join(SPHERE_DISTANCE)}, got one of them")
+        fields["sphere_distance"] = np.stack(sphere, axis=1)
+    directions = {int(name.removeprefix(DIRECTION)): v for name, v in numbers.items() if name.startswith(DIRECTION)}
+    if directions:
+        if sorted(directions) != list(range(1, len(columns.angles) + 1)):
+            raise InputError(f"expected a direction of each of {len(columns.angles)} joints, got {sorted(directions)}")
+        fields["directions"] = np.stack([directions[i] for i in sorted(directions)], axis=1)
+    fields["columns"] = {name: v for name, v in numbers.items() if LOAD.fullmatch(name)}
+    return fields
+
+
+def _unit_of(table: Table, column: str) -> str | None:
+    return _LENGTH_UNITS.get(table.units[table.index(column)].casefold().strip())
+
+
+def _state_uncertainty(fields: dict[str, Any], u_mm: float) -> None:
+    """State one standard uncertainty for all points, or all distances, that have none [mm]."""
+    points = fields.get("points")
+    if points is not None and "point_std" not in fields:
+        fields["point_std"] = np.where(np.isnan(points), np.nan, u_mm)
+    elif fields.get("distance_mm") is not None and "u_distance_mm" not in fields:
+        fields["u_distance_mm"] = np.where(np.isnan(fields["distance_mm"]), np.nan, u_mm)
+    else:
+        raise InputError("an uncertainty is given, but there is no point or distance without one", hint="omit --u-mm")
+
+
+def _carried_on(degC: FloatArray) -> FloatArray:
+    """Temperatures that were not logged in every row: the last one above, or the first below."""
+    known = np.flatnonzero(~np.isnan(degC))
+    if not len(known):
+        return degC  # the session refuses it
+    last = np.searchsorted(known, np.arange(len(degC)), side="right") - 1
+    return degC[known[np.maximum(last, 0)]]
+
+
+def _positions(table: Table, columns: Sequence[str]) -> NameArray | None:
     """Join columns to one name; numbers are rounded first, so that 0.8 and 0.80000001 name one position."""
-    if not parts:
+    if not columns:
         return None
-    texts = [_rounded(part, decimal) for part in parts]
+    texts = [_rounded(table, table.index(column)) for column in columns]
     return np.array([" ".join(row) for row in zip(*texts, strict=True)], dtype=np.str_)
 
 
-def _rounded(words: NameArray, decimal: str) -> list[str]:
-    try:
-        numbers = np.char.replace(words, decimal, ".").astype(float)
-    except ValueError:
-        numbers = np.array([np.nan])
-    if not np.isfinite(numbers).all():
-        return list(words.tolist())
+def _rounded(table: Table, index: int) -> list[str]:
+    if table.columns[index].dtype.kind != "f" or not np.isfinite(numbers := table.numbers(index)).all():
+        return list(table.words(index).tolist())
     return [f"{v:.15g}" for v in (np.round(numbers, _POSITION_DECIMALS) + 0.0).tolist()]  # + 0.0: no "-0"
-
-
-def _for_each(given: Sequence[_T], n: int, what: str) -> list[_T]:
-    """Repeat one value for all joints, or return one for each."""
-    return list(given) * n if len(given) == 1 else _each(given, n, what)
-
-
-def _each(given: Sequence[_T], n: int, what: str) -> list[_T]:
-    if len(given) != n:
-        raise InputError(f"expected one {what} for each of the {n} joints, got {len(given)}")
-    return list(given)
