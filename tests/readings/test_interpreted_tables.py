@@ -102,7 +102,7 @@ def test_a_lost_target_is_a_reading_without_a_point(sign):
     found = read(values)
     assert len(found.session) == 8
     assert found.session.has_point.tolist() == [True] * 3 + [False] + [True] * 4
-    assert np.isnan(sign) != any("line 5" in sentence and "target lost" in sentence for sentence in found.left_out)
+    assert np.isnan(sign) != any("Line 5" in sentence and "target lost" in sentence for sentence in found.remarks)
 
 
 def test_a_point_at_the_origin_is_one_where_others_are_near_it():
@@ -117,7 +117,7 @@ def test_half_a_point_is_none():
     values[2, 4] = np.nan
     found = read(values)
     assert not found.session.has_point[2]
-    assert "line 4" in found.left_out[0]
+    assert "Line 4" in found.remarks[0]
 
 
 def test_a_row_without_all_its_angles_is_no_reading():
@@ -125,7 +125,7 @@ def test_a_row_without_all_its_angles_is_no_reading():
     values[[1, 4], 0] = np.nan
     found = read(values)
     assert found.session.numbers.tolist() == [2, 4, 5, 7, 8, 9]
-    assert "lines 3, 6" in found.left_out[0]
+    assert "Lines 3, 6" in found.remarks[0]
     values[:, 0] = np.nan
     assert "at least one row" in refusal(values).problem
 
@@ -134,7 +134,7 @@ def test_a_row_of_means_at_the_foot_is_no_reading():
     values = session_like()
     found = read(np.vstack([values, np.round(values.mean(axis=0), 3)]))
     assert len(found.session) == 8
-    assert "line 10 holds the means" in found.left_out[0]
+    assert "Line 10 holds the means" in found.remarks[0]
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(5, 40))

@@ -165,15 +165,15 @@ def _print_result(found: ImportedTable, table: Path, out: Path | None) -> None:
     print_line(f"{out}: {said}" if out else said)
     if found.assumed:
         print_line(f"Assumed: {'; '.join(found.assumed)}.")
-    for sentence in found.left_out:
-        print_line(f"Left out: {sentence}")
+    for sentence in found.remarks:
+        print_line(sentence)
     if out is None:
         _print_first_rows(found)
     _print_ranges(found)
 
 
 def _record(found: ImportedTable, out: Path | None) -> dict[str, Any]:
-    """The import as JSON: what was read, assumed and left out."""
+    """The import as JSON: what was read and assumed, with remarks."""
     from dataclasses import asdict
 
     return {
@@ -183,7 +183,7 @@ def _record(found: ImportedTable, out: Path | None) -> dict[str, Any]:
         "units": list(found.units),
         "columns": asdict(found.columns),
         "assumed": list(found.assumed),
-        "left_out": list(found.left_out),
+        "remarks": list(found.remarks),
     }
 
 

@@ -65,7 +65,7 @@ class ImportedTable:
         Unit of each joint in the table.
     assumed : tuple of str
         Form, columns and units that were recognised, a phrase each.
-    left_out : tuple of str
+    remarks : tuple of str
         Rows that are no readings, and points that are none, a sentence each.
     """
 
@@ -73,7 +73,7 @@ class ImportedTable:
     columns: TableColumns
     units: tuple[str, ...]
     assumed: tuple[str, ...] = ()
-    left_out: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
 
 
 def import_table(
@@ -205,22 +205,22 @@ def interpret_table(
         scale.to_angles(np.zeros((1, len(columns.angles))))
     _check_once(table, columns)
     whole = np.ones(len(table), bool)
-    left_out: list[str] = []
+    remarks: list[str] = []
     values = _numbers(table, columns.angles)
     points = _numbers(table, columns.points)
     if len(table) and mean_row(np.hstack([values, points])):
         whole[-1] = False
-        left_out.append(f"{_called(table, whole)} holds the means of the rows above: no reading.")
+        remarks.append(f"{_called(table, whole)} holds the means of the rows above: no reading.")
     if (gone := np.isnan(values).any(axis=1) & whole).any():
         whole &= ~gone
-        left_out.append(f"{_called(table, ~gone)}: a joint angle is missing. No reading.")
+        remarks.append(f"{_called(table, ~gone)}: a joint angle is missing: no reading.")
     if not whole.any():
-        raise table.error("expected at least one row of numbers, got none", hint=left_out[0] if left_out else None)
+        raise table.error("expected at least one row of numbers, got none", hint=remarks[0] if remarks else None)
     assumed = list(table.assumed)
     table, values, points = table.rows(np.flatnonzero(whole)), values[whole], points[whole]
     scale = _with_unit(scale, table, columns.angles, values, assumed)
     unit = point_unit or _point_unit(table, columns, points, assumed)
-    fields = _tip_fields(table, columns, points * _TO_MM[unit], unit, orientation_unit, orientation_order, left_out)
+    fields = _tip_fields(table, columns, points * _TO_MM[unit], unit, orientation_unit, orientation_order, remarks)
     fields |= _other_fields(table, columns, unit)
     for name, stated in (("session", session_name), ("serial_number", serial_number)):
         if stated is not None:
@@ -235,7 +235,7 @@ def interpret_table(
         numbers=table.lines if table.place == "line" else None,
         by_line=table.place == "line",
     )
-    return ImportedTable(session, columns, tuple(scale.units(session.n_joints)), tuple(assumed), tuple(left_out))
+    return ImportedTable(session, columns, tuple(scale.units(session.n_joints)), tuple(assumed), tuple(remarks))
 
 
 def import_points(
@@ -312,10 +312,10 @@ def _numbers(table: Table, columns: Sequence[str]) -> FloatArray:
 
 
 def _called(table: Table, kept: BoolArray, most: int = 5) -> str:
-    """Name the rows that are not `kept`."""
+    """Name the rows that are not `kept`, at the beginning of a sentence."""
     places = table.lines[~kept].tolist()
     shown = ", ".join(map(str, places[:most])) + (f" and {len(places) - most} more" if len(places) > most else "")
-    return f"{table.place}{'s' if len(places) > 1 else ''} {shown}"
+    return f"{table.place.capitalize()}{'s' if len(places) > 1 else ''} {shown}"
 
 
 def _with_unit(
@@ -373,7 +373,7 @@ def _tip_fields(
     unit: str,
     orientation_unit: OrientationUnit | None,
     orientation_order: str | None,
-    left_out: list[str],
+    remarks: list[str],
 ) -> dict[str, Any]:
     """Points, their uncertainties and orientations; lost targets have none."""
     fields: dict[str, Any] = {}
@@ -392,7 +392,7 @@ def _tip_fields(
     if lost.any():
         row = int(np.argmax(lost))
         got = ", ".join(f"{v:g}" for v in (points[row] / _TO_MM[unit]).tolist())
-        left_out.append(f"{_called(table, ~lost)}: {got} is no point (target lost). The reading has no point.")
+        remarks.append(f"{_called(table, ~lost)}: {got} is no point (target lost); the reading has no point.")
     points = np.where(lost[:, None], np.nan, points)
     fields["points"] = points
     if columns.point_std:
