@@ -421,9 +421,9 @@ def test_wrong_options(refused, arguments, phrases):
 
 
 def test_an_option_that_is_missing_names_itself(refused):
-    for option in ("--arm", "--out"):
+    for option, phrase in (("--arm", "needs the nominal arm. Try: --arm ARM"), ("--out", "Missing option '--out'")):
         i = FIT.index(option)
-        refused([*FIT[:i], *FIT[i + 2 :]], f"Missing option '{option}'")
+        refused([*FIT[:i], *FIT[i + 2 :]], phrase)
 
 
 @pytest.mark.parametrize("kind", [RuntimeError, ValueError, KeyError, AssertionError, RecursionError])

@@ -144,6 +144,11 @@ class Arm:
         """Number of joints."""
         return self.chain.n_joints
 
+    @property
+    def has_kinematics(self) -> bool:
+        """Whether the chain describes an arm; False if only the number and kind of the joints are known."""
+        return bool((self.chain.fixed != np.eye(4)).any() or self.chain.tip_in_flange.any())
+
     @cached_property
     def limits(self) -> FloatArray:
         """(n_joints, 2) lower and upper limits [rad, or mm for sliding joints]."""

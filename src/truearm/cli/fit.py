@@ -12,8 +12,8 @@ from typer import Argument, Option
 from truearm.choices import ModelName, Trainer
 from truearm.cli.console import check_new_file, check_output, print_record, progress
 from truearm.cli.options import (
+    ARM_HELP,
     AcceptOption,
-    ArmOption,
     Force,
     Json,
     LengthsFile,
@@ -42,8 +42,8 @@ MODELS_OF: dict[str, tuple[str, ...]] = {
 def fit(
     context: typer.Context,
     session: Annotated[Path, Argument(metavar="SESSION", help="Session file with reference points or seats.")],
-    arm: ArmOption,
     out: ModelOut,
+    arm: Annotated[str | None, Option("--arm", help=f"{ARM_HELP} A network needs none.")] = None,
     model: Annotated[ModelName, Option(help="What to fit: see above.")] = "auto",
     lengths: LengthsFile = None,
     free: Annotated[str, Option(help="What is unknown of the nominal arm's placement: base,tip or none.")] = "base,tip",
@@ -102,11 +102,12 @@ def fit(
     from truearm.workflows.fit import fit as fit_model
 
     check_options(context, model)
-    check_output(out, session, arm_path(arm), lengths)
+    arm_file = None if arm is None else arm_path(arm)
+    check_output(out, session, arm_file, lengths)
     if apply is not None:
-        check_output(apply, session, arm_path(arm), lengths, out, endings=(".toml", ".urdf"))
+        check_output(apply, session, arm_file, lengths, out, endings=(".toml", ".urdf"))
         check_new_file(apply, force=force)
-        if apply.suffix == ".toml":
+        if arm is not None and apply.suffix == ".toml":
             dh_table(load_arm(arm).chain)  # refused before the fit where a table cannot hold the arm
     options: dict[str, Any] = {}
     total = 4 if model == "auto" else None

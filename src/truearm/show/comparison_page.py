@@ -123,6 +123,12 @@ class ModelComparison(ComparedReadings):
     errors: Mapping[str, Mapping[str, float]]
     std_mm: Mapping[str, FloatArray] = field(default_factory=dict)
 
+    @property
+    def before(self) -> str | None:
+        """The state before compensation, the first of `errors`; None for models without a nominal arm."""
+        first = next(iter(self.errors))
+        return first if "removed_percent" in self.errors[first] else None
+
 
 def comparison_page(
     compared: ModelComparison,
@@ -206,7 +212,8 @@ def _best(compared: ModelComparison) -> str:
 def error_sentence(compared: ModelComparison) -> str:
     """The answer a reader came for, in a sentence."""
     mean = {name: errors["mean_mm"] for name, errors in compared.errors.items()}
-    sentence = improvement_sentence("Mean error", mean[next(iter(mean))], mean[_best(compared)])
+    before = None if compared.before is None else mean[compared.before]
+    sentence = improvement_sentence("Mean error", before, mean[_best(compared)])
     p95 = compared.errors[_best(compared)]["p95_mm"]
     n = format_count(len(compared.points), "reading")
     return f"{sentence} 95 % of the errors of {n} are below {format_mm(p95)}."
@@ -228,8 +235,8 @@ def comparison_verdict(
     doubts : mapping of str to str, optional
         Models that were trained on these readings, or may have been, each with a sentence that says so.
     """
-    best, before = _best(compared), next(iter(compared.errors))
-    if not compared.errors[best]["mean_mm"] < compared.errors[before]["mean_mm"]:
+    best, before = _best(compared), compared.before
+    if before is not None and not compared.errors[best]["mean_mm"] < compared.errors[before]["mean_mm"]:
         return PageVerdict(error_sentence(compared), "bad", "Do not use this model for these readings.")
     details: list[str] = []
     state: State = "good"
@@ -263,8 +270,10 @@ def _in_space(compared: ModelComparison) -> Section:
     )
 
 
-def improvement_sentence(what: str, before_mm: float, after_mm: float) -> str:
-    """Say how large an error is after compensation, and how many times smaller than before."""
+def improvement_sentence(what: str, before_mm: float | None, after_mm: float) -> str:
+    """Say how large an error is after compensation, and how many times smaller than before if that is known."""
+    if before_mm is None:
+        return f"{what} {format_mm(after_mm)}."
     if not after_mm < before_mm:
         return f"{what} {format_mm(before_mm)}; compensation does not reduce it."
     factor = f"{before_mm / after_mm:.2g}" if before_mm < 100 * after_mm else "over 100"
@@ -272,14 +281,16 @@ def improvement_sentence(what: str, before_mm: float, after_mm: float) -> str:
 
 
 def _summary(compared: ModelComparison) -> tuple[LabelledValue, ...]:
-    before, best = next(iter(compared.errors)), _best(compared)
-    rows = [LabelledValue(f"mean error, {before}", compared.errors[before]["mean_mm"], "mm")]
+    before, best = compared.before, _best(compared)
+    rows = [LabelledValue(f"mean error, {name}", compared.errors[name]["mean_mm"], "mm") for name in [before] if name]
     if best != before:
         rows += [
             LabelledValue(f"mean error, {best}", compared.errors[best]["mean_mm"], "mm"),
             LabelledValue(f"largest error, {best}", compared.errors[best]["max_mm"], "mm"),
-            LabelledValue("reduction of the mean coordinate error", compared.errors[best]["removed_percent"], "%"),
         ]
+    if before not in (None, best):
+        removed = compared.errors[best]["removed_percent"]
+        rows.append(LabelledValue("reduction of the mean coordinate error", removed, "%"))
     return tuple(rows)
 
 
@@ -291,11 +302,12 @@ def _result(compared: ModelComparison, remarks: Sequence[str], floor: Mapping[st
     )
     text = (
         "An error is the difference between a model's point and the reference point of the same reading. Distances "
-        "are in space; a coordinate is one of x, y, z. The reduction is that of the nominal arm's mean absolute "
-        "coordinate error."
+        "are in space; a coordinate is one of x, y, z."
     )
+    if compared.before is not None:
+        text += " The reduction is that of the nominal arm's mean absolute coordinate error."
     return Section(
-        "Error before and after",
+        "Errors" if compared.before is None else "Error before and after",
         "\n\n".join([*remarks, text]),
         figures=(before_after(distances),),
         tables=(table,),

@@ -9,7 +9,7 @@ import numpy as np
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.training_conditions import fingerprint
 from truearm.errors import InputError
-from truearm.readings import Lengths, Session, check_sessions, compare_errors, length_errors
+from truearm.readings import Lengths, Session, check_sessions, compare_errors, length_errors, point_errors
 from truearm.show.comparison_page import ModelComparison
 from truearm.show.readings_scene import arm_at_readings
 from truearm.show.seat_page import SeatComparison
@@ -24,14 +24,16 @@ def compare_models(models: dict[str, Compensator], readings: Session, regressors
     assert points is not None  # checked by the caller
     first = one_arm(models)
     predicted = _predicted(models, readings, regressors)
-    # A regressor has no nominal arm of its own: its reduction is that of the first model's.
-    nominal = {name: models.get(name, first).predict_nominal_readings(readings) for name in predicted}
-    errors = {name: compare_errors(one, nominal[name], points) for name, one in predicted.items()}
+    errors: dict[str, Any] = {name: point_errors(one, points) for name, one in predicted.items()}
+    if first.arm.has_kinematics:
+        # A regressor has no nominal arm of its own: its reduction is that of the first model's.
+        nominal = {name: models.get(name, first).predict_nominal_readings(readings) for name in predicted}
+        errors = {name: compare_errors(one, nominal[name], points) for name, one in predicted.items()}
     return ModelComparison(
         angles=readings.angles,
         points=points,
         predicted=predicted,
-        errors={name: dict(e) for name, e in errors.items()},  # type: ignore[arg-type]
+        errors={name: dict(e) for name, e in errors.items()},
         reading_names=[readings.called(row) for row in range(len(readings))],
         mechanism=arm_at_readings(models, readings),
         **joint_facts(first),
@@ -39,8 +41,10 @@ def compare_models(models: dict[str, Compensator], readings: Session, regressors
 
 
 def _predicted(models: dict[str, Compensator], readings: Session, regressors: Regressors) -> dict[str, FloatArray]:
-    """Points [mm] of the nominal arm of the first model, of the other models and of the regressors, by name."""
-    predicted = {"nominal": one_arm(models).predict_nominal_readings(readings)}
+    """Points [mm] of the nominal arm of the first model if it has one, of the models and of the regressors, by name."""
+    first, predicted = one_arm(models), {}
+    if first.arm.has_kinematics:
+        predicted["nominal"] = first.predict_nominal_readings(readings)
     others = {name: model for name, model in models.items() if model.kind != "nominal"}
     if "nominal" in {*others, *regressors}:
         raise InputError("'nominal' is the name of the nominal arm on the page", hint="another name for the model")

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from truearm.acceptance import accepted_in_fit
 from truearm.choices import TargetDirection
 from truearm.compensation.models import Compensator
+from truearm.compensation.models.arm_check import check_has_kinematics
 from truearm.compensation.targets.correction import (
     JOINTS_OF_A_POSE,
     Correction,
@@ -117,6 +118,7 @@ def correct(
     True
     """
     fitted = to_model_of_tip(model)
+    check_has_kinematics(fitted.arm_, "corrected targets need")
     wanted = _to_targets(targets, start)
     equipped = fitted if tool is None else with_tool(fitted, _checked_tool(tool))
     corrected = correct_targets(

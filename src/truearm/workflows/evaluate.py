@@ -112,10 +112,11 @@ def evaluate(
     check_sessions(used, known, own_frame="base" not in fitted.free)
     known = expanded_lengths(known, used)
     at = fitted.at(used)
-    predicted = {"nominal": fitted.predict_nominal_readings(at), "model": fitted.predict_readings(at)}
-    if fitted.kind == "nominal":
-        del predicted["nominal"]
-    errors = {name: _errors(one, predicted.get("nominal", one), used, known) for name, one in predicted.items()}
+    predicted = {"model": fitted.predict_readings(at)}
+    if fitted.kind != "nominal" and fitted.arm_.has_kinematics:
+        predicted = {"nominal": fitted.predict_nominal_readings(at)} | predicted
+    nominal = predicted.get("nominal", predicted["model"]) if fitted.arm_.has_kinematics else None
+    errors = {name: _errors(one, nominal, used, known) for name, one in predicted.items()}
     coverage: float | None = None
     coverage_99: float | None = None
     outliers: tuple[Outlier, ...] = ()

@@ -12,6 +12,7 @@ from truearm.choices import Convention, ExportFormat, Frame
 from truearm.compensation.export.file_check import Finding, compare_with_model
 from truearm.compensation.export.formats import FORMATS, format_of
 from truearm.compensation.models import Compensator
+from truearm.compensation.models.arm_check import check_has_kinematics
 from truearm.compensation.targets.manifest import Manifest, read_manifest
 from truearm.errors import InputError
 from truearm.readings.checks import check_angles
@@ -88,6 +89,8 @@ def export(
     """
     name = format_of(out, format)
     spec, fitted = FORMATS[name], to_model_of_tip(model, tip)
+    if spec.holds_constants:
+        check_has_kinematics(fitted.arm_, "constants need")
     check_output(out, *input_files(model, region, source))
     given = {"region": region, "source": source, "frame": frame, "convention": convention}
     options: dict[str, Any] = {option: value for option, value in given.items() if value is not None}

@@ -14,7 +14,7 @@ from truearm.arm import Arm
 from truearm.arm.joint_zeros import joint_zeros, with_zeros
 from truearm.choices import ModelName
 from truearm.compensation.models import MODELS, Compensator, HybridModel, KinematicModel, NominalModel
-from truearm.compensation.models.arm_check import with_serial_number
+from truearm.compensation.models.arm_check import WAYS_TO_AN_ARM, arm_of_readings, with_serial_number
 from truearm.compensation.models.compensator import CheckedReadings
 from truearm.compensation.models.identified_model import IdentifiedModel, to_identified
 from truearm.compensation.models.model_file import save_model
@@ -45,7 +45,7 @@ from truearm.identification.references.reading_references import (
     check_spread,
     surfaces_with_too_few_readings,
 )
-from truearm.readings import Session, compare_errors, seat_errors
+from truearm.readings import Session, compare_errors, point_errors, seat_errors
 from truearm.readings.anchors import LEAST_COMPARED, distance_errors, has_located_anchor
 from truearm.readings.distances import OFFSET_STD_MM, bars_without_certificate
 from truearm.readings.repeats import MergedReadings, merge_repeats, readings_of_one_pose
@@ -81,7 +81,7 @@ MAX_GROUPS = 8
 @one_blas_thread()
 @accepts
 def fit(
-    arm: ArmLike,
+    arm: ArmLike | None,
     session: SessionLike,
     *,
     model: ModelName = "auto",
@@ -96,8 +96,9 @@ def fit(
 
     Parameters
     ----------
-    arm : Arm, str or Path
-        The nominal arm: an `Arm`, a name of `list_arms`, or an arm file or URDF.
+    arm : Arm, str, Path or None
+        The nominal arm: an `Arm`, a name of `list_arms`, or an arm file or URDF. None for a network, which needs none:
+        the number and kind of the joints, and all ranges, are those of the readings.
     session : Session, DataFrame, str or Path
         Readings with reference points, seats, distances to anchors or surfaces.
     model : {"auto", "nominal", "kinematic", "physical", "network", "hybrid"}
@@ -140,9 +141,11 @@ def fit(
         raise InputError(f"expected a model among auto, {', '.join(MODELS)}, got {model!r}")
     if model == "auto" and (foreign := sorted(options.keys() - {"residual", "terms"})):
         raise InputError(f"options {foreign} belong to one model, got model 'auto'", hint="name the model")
-    nominal_arm, parts = to_arm(arm), to_free_parts(free)
-    given = to_session(session, n_joints=nominal_arm.n_joints)
-    nominal_arm = with_serial_number(nominal_arm, given)
+    if arm is None and model != "network":
+        raise InputError(f"model {model!r} needs the nominal arm", hint=f"--arm ARM: {WAYS_TO_AN_ARM}")
+    parts, known_arm = to_free_parts(free), None if arm is None else to_arm(arm)
+    given = to_session(session, n_joints=None if known_arm is None else known_arm.n_joints)
+    nominal_arm = with_serial_number(known_arm or arm_of_readings(given), given)
     checked = within_limits(given, nominal_arm, limits)
     merged = merge_repeats(checked.session)
     used = merged.readings
@@ -160,10 +163,16 @@ def fit(
     known, length_remarks = session_lengths(lengths, given, used if len(checked.rows) < len(given) else None)
     if "base" in parts:
         check_spread(used, nominal_arm)
-    nominal = NominalModel(nominal_arm, free=parts)
-    readings = (chosen or nominal).prepare(used, known)
-    nominal.learn(readings)
-    learned = _learn(chosen, nominal, readings, progress=progress, **options)
+    if known_arm is None:
+        assert chosen is not None  # a network
+        nominal, readings = None, chosen.prepare(used, known)
+        fitted = chosen.learn(readings, progress=progress)
+        learned = Selection(fitted, (), None, (), fitted)
+    else:
+        nominal = NominalModel(nominal_arm, free=parts)
+        readings = (chosen or nominal).prepare(used, known)
+        nominal.learn(readings)
+        learned = _learn(chosen, nominal, readings, progress=progress, **options)
     fitted = learned.model
     at = fitted.at(used)
     return FitResult(
@@ -227,8 +236,8 @@ class FitResult(Record):
     training : dict or None
         Errors on them, without those excluded as gross errors: of points, or of the scatter in seats, or of distances
         to anchors; None without any of these.
-    nominal : NominalModel
-        The nominal arm with base and tip fitted to the same readings.
+    nominal : NominalModel or None
+        The nominal arm with base and tip fitted to the same readings; None without an arm.
     outliers : tuple of Outlier
         Training readings whose residual is too large, the largest first.
     length_outliers : tuple of Outlier
@@ -251,7 +260,7 @@ class FitResult(Record):
     session: Session
     n_readings: int
     training: Mapping[str, Any] | None
-    nominal: NominalModel
+    nominal: NominalModel | None
     outliers: tuple[Outlier, ...]
     length_outliers: tuple[Outlier, ...]
     frame_changes: tuple[SessionChange, ...]
@@ -273,7 +282,7 @@ class FitResult(Record):
 
         Without those that are gross errors of the model.
         """
-        if not len(self.model.held_out_.rows) or not len(self.nominal.held_out_.rows):
+        if self.nominal is None or not len(self.model.held_out_.rows) or not len(self.nominal.held_out_.rows):
             return None
         nominal = on_common_readings({"model": self.model, "nominal": self.nominal})["nominal"]
         taken = np.isin(nominal.rows, self.model.held_out_.rows)
@@ -327,11 +336,9 @@ class FitResult(Record):
             of = " of a distance" if self.model.held_out_.n_coordinates < 3 else ""
             return f"Mean error{of} {format_mm(error)} on held-out readings{compared}{about}"
         if self.training is not None and "mean_mm" in self.training:
-            nominal = self.nominal.nominal_error()
-            return (
-                f"Mean error {format_mm(self.training['mean_mm'])} on the training readings"
-                f"{compare_with_nominal(self.training['mean_mm'], nominal)}{about}"
-            )
+            mean = self.training["mean_mm"]
+            compared = "" if self.nominal is None else compare_with_nominal(mean, self.nominal.nominal_error())
+            return f"Mean error {format_mm(mean)} on the training readings{compared}{about}"
         return f"Residual standard deviation {format_mm(self.model.facts()['residual_std_mm'])} of a coordinate{about}"
 
     def blocks(self) -> Iterator[str | TextTable]:
@@ -341,7 +348,8 @@ class FitResult(Record):
             yield _comparison_table(self.comparison)
             if n_excluded := self.comparison[0].n_excluded:
                 yield f"mean, 95 % and max without {n_excluded} readings that are gross errors of the selected model"
-        yield from _training_lines(self.training, compare=self.model_name != "nominal")
+        compare = self.nominal is not None and self.model_name != "nominal"
+        yield from _training_lines(self.training, compare=compare)
         if self.held_out_distances is not None:
             mean, largest = self.held_out_distances["mean_mm"], self.held_out_distances["max_mm"]
             yield f"error of a distance to an anchor, held out: mean {mean:.4f} mm, maximum {largest:.4f} mm"
@@ -383,7 +391,7 @@ class FitResult(Record):
         """Distribution of the errors on held-out readings, of the model and of the nominal arm."""
         from truearm.show.error_figures import error_distribution
 
-        if self.held_out_mm is None or self.model_name == "nominal":
+        if self.held_out_mm is None or self.nominal is None or self.model_name == "nominal":
             return None
         return error_distribution(
             {"nominal": self.nominal.held_out_.errors_mm, self.model_name: self.model.held_out_.errors_mm}
@@ -396,6 +404,8 @@ def _training_errors(model: Compensator, at: CheckedReadings) -> Mapping[str, An
         at = at.rows(np.setdiff1d(np.arange(len(at.session)), excluded))
     session, predicted = at.session, model.predict_readings(at)
     if session.points is not None:
+        if not model.arm.has_kinematics:
+            return point_errors(predicted, session.points)
         return compare_errors(predicted, model.predict_nominal_readings(at), session.points)
     if has_repeated_seat(session):
         assert session.seat is not None
@@ -455,17 +465,23 @@ def _repeat_remarks(merged: MergedReadings[Session], model: Compensator) -> Iter
         told = f"{several.sum()} of {n} readings repeat each other: {poses} {agree(len(several), 'were')} read {times}"
     scatter = ""
     if merged.scatter_mm > 0:
-        left = model.facts().get("residual_std_mm", model.nominal_error())
-        scatter = f" The repeats scatter by {format_mm(merged.scatter_mm)}, the poses by {format_mm(left)}."
+        scatter = f" The repeats scatter by {format_mm(merged.scatter_mm)}"
+        if model.arm.has_kinematics:
+            left = model.facts().get("residual_std_mm", model.nominal_error())
+            scatter += f", the poses by {format_mm(left)}"
+        scatter += "."
     elif merged.readings.points is not None or merged.readings.distance_mm is not None:
         scatter = " Where they have coordinates or distances these agree to the last digit, as copies do."
     yield f"{told}; each counts as one reading, their mean, named by its first line.{scatter}"
 
 
-def _said(learned: Selection, nominal: NominalModel, readings: PreparedReadings) -> Iterator[str]:
+def _said(learned: Selection, nominal: NominalModel | None, readings: PreparedReadings) -> Iterator[str]:
     """What a person must know of a fit: of its readings held out, its readings, and what changed during them."""
     model = learned.model
-    yield from _held_out_remarks(model, nominal)
+    if nominal is None:
+        yield "Without an arm nothing is compared with nominal points, and no change during the readings is looked for."
+    else:
+        yield from _held_out_remarks(model, nominal)
     if model.identified_arm is not None and (rounding := describe_rounding(readings, model.identified_arm)) is not None:
         yield rounding
     yield from _remarks(model, readings.given, readings)
@@ -514,7 +530,7 @@ def _remarks(model: Compensator, session: Session, readings: PreparedReadings) -
     ):
         yield "No reference point and no length is known: the arm keeps its nominal size."
     yield from _still_joints(session, model.arm_)
-    if not arm.converged:
+    if not arm.converged and model.arm.has_kinematics:
         yield "The fit has not converged: more readings, or poses that differ more from each other, may help."
     if (
         identified is not None
@@ -582,8 +598,7 @@ def _training_lines(errors: Mapping[str, Any] | None, *, compare: bool) -> Itera
         yield f"training error of a distance to an anchor: mean {mean:.4f} mm, maximum {largest:.4f} mm"
         return
     line = f"training error: mean {errors['mean_mm']:.4f} mm, maximum {errors['max_mm']:.4f} mm"
-    removed = errors["removed_percent"]
-    if compare and removed < 0:
+    if compare and (removed := errors["removed_percent"]) < 0:
         line += f" ({1 - removed / 100:.1f} times the nominal error)"
     elif compare:
         line += f" ({removed:.1f} % of the nominal mean absolute coordinate error removed)"

@@ -280,7 +280,8 @@ def check_session_fits(session: Session, arm: Arm, model: str) -> None:
             f"anchors and {n_further} further tips: that takes {least}",
             hint="measure more poses, spread over all joints",
         )
-    check_reach(session, reach=arm.chain.reach, sliding=arm.chain.is_prismatic)
+    if arm.has_kinematics:
+        check_reach(session, reach=arm.chain.reach, sliding=arm.chain.is_prismatic)
 
 
 def check_has_reference(session: Session, arm: Arm | None, *, purpose: str, least: int = LEAST_READINGS) -> None:
@@ -298,7 +299,7 @@ def check_has_reference(session: Session, arm: Arm | None, *, purpose: str, leas
             "has none of these",
             hint="predict needs none",
         )
-    if arm is not None:
+    if arm is not None and arm.has_kinematics:
         check_reach(session, reach=arm.chain.reach, sliding=arm.chain.is_prismatic)
 
 
@@ -492,7 +493,7 @@ def evaluation_remarks(model: Compensator, readings: ReadingsLike) -> list[str]:
     """What a person must know of a model before the errors on these readings are believed."""
     at, remarks = model.checked(readings), []
     session = at.session
-    if session.points is not None:
+    if session.points is not None and model.arm_.has_kinematics:
         nominal = point_errors(model.predict_nominal_readings(at), session.points)["mean_mm"]
         if nominal > MAX_NOMINAL_ERROR * model.arm.chain.reach:
             remarks.append(

@@ -131,9 +131,9 @@ class ReportResult(PageRecord):
         what = "Mean error" if self.session.points is not None else "Mean distance from the mean of the seat"
         mean = {name: errors["mean_mm"] for name, errors in self.errors.items()}
         n = len(self.models) + len(self.regressors)
-        sentence = improvement_sentence(what, mean["nominal"], min(mean.values()))
+        sentence = improvement_sentence(what, mean.get("nominal"), min(mean.values()))
         yield sentence.replace("\N{NARROW NO-BREAK SPACE}", " ")  # of pages; in a terminal nobody could search for it
-        heads = [_HEADS[key] for key in self.errors["nominal"]]
+        heads = [_HEADS[key] for key in next(iter(self.errors.values()))]
         rows = [[name, *(f"{value:.4f}" for value in errors.values())] for name, errors in self.errors.items()]
         yield TextTable(["model", *heads], rows)
         yield f"{n} model{'s' * (n > 1)} compared on {len(self.session)} readings"

@@ -1,13 +1,49 @@
-"""Whether readings are of an arm: number and kind of joints, limits, serial number."""
+"""Whether readings are of an arm (number and kind of joints, limits, serial number), and what they show of one."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from truearm.arm.arm import Arm
+from truearm.arm.chain import Chain
 from truearm.errors import InputError
 from truearm.readings.checks import check_angles, serial_number_of, skip_beyond_limits
+from truearm.readings.columns import ANGLE
 from truearm.readings.session import Session
+
+WAYS_TO_AN_ARM = (
+    "a name of `truearm arms`, an arm file or URDF, or an arm measured by its circles (truearm arms --from-circles "
+    "CIRCLES); model 'network' needs none"
+)
+
+
+def arm_of_readings(readings: Session) -> Arm:
+    """What readings show of an arm without a description: how many joints, and by their units which of them slide.
+
+    Its chain has no lengths (`Arm.has_kinematics`). A network needs no more, as in Gao et al. (2017).
+    """
+    units = [ANGLE.fullmatch(column) for column in readings.angle_columns or ()]
+    slides = np.array([unit is not None and unit[2] == "mm" for unit in units] or [False] * readings.n_joints)
+    motions = np.tile(np.eye(4), (readings.n_joints + 1, 1, 1))
+    return Arm(
+        "unknown arm",
+        Chain(motions, np.zeros(3), slides),
+        title="no kinematics: its joints are known from readings",
+        working_pose=np.median(readings.angles, axis=0),
+    )
+
+
+def check_has_kinematics(arm: Arm, what: str) -> None:
+    """Refuse what needs kinematics, named at the begin of the message, for an arm that is known from readings only.
+
+    Raises
+    ------
+    InputError
+    """
+    if not arm.has_kinematics:
+        raise InputError(f"{what} the kinematics of an arm, and none is given", hint=f"give one: {WAYS_TO_AN_ARM}")
 
 
 def check_readings_of(arm: Arm, readings: Session) -> None:

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from truearm.acceptance import Acceptance, accepted, accepting_afresh
 from truearm.arm.arm import Arm
-from truearm.compensation.models.arm_check import check_readings_of, with_serial_number
+from truearm.compensation.models.arm_check import check_has_kinematics, check_readings_of, with_serial_number
 from truearm.compensation.models.estimator import Regressor
 from truearm.compensation.models.model_archive import save_model
 from truearm.compensation.models.training_conditions import TrainingConditions
@@ -210,7 +210,8 @@ class Compensator(Regressor, ABC):
         if nominal is None:
             with explaining(readings.arm, readings.given, lengths=readings.lengths, free=readings.free):
                 placed = self._place(readings)
-            self.nominal_check_ = judge_description(readings, placed.fit)
+            if readings.arm.has_kinematics:
+                self.nominal_check_ = judge_description(readings, placed.fit)
         else:
             placed, self.nominal_check_ = Found(self._nominal_of(nominal), NONE_HELD_OUT), nominal.nominal_check_
         self.nominal_ = placed.fit
@@ -416,6 +417,7 @@ class Compensator(Regressor, ABC):
     @one_blas_thread()
     def predict_nominal_readings(self, readings: ReadingsLike) -> FloatArray:
         """(n, 3) the same at the readings of a session, in the frames of `predict_readings` [mm]."""
+        check_has_kinematics(self.arm_, "nominal points need")
         at = self.checked(readings)
         return points_to_session_frames(self.nominal_.tips(at.state), at.session, self.session_frames_)
 
@@ -553,6 +555,8 @@ class Compensator(Regressor, ABC):
         if not isinstance(self.arm, Arm):
             raise InputError(f"expected an Arm, got {type(self.arm).__name__}", hint="load_arm(name or path) gives one")
         self._check_options()
+        if self.kind != "network":
+            check_has_kinematics(self.arm, f"a {self.kind} model needs")
         return self.arm
 
     def _session_of(self, X: ReadingsLike | npt.ArrayLike) -> Session:
