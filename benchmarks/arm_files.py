@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import itertools
 import time
 from collections import Counter
@@ -20,7 +21,10 @@ from truearm.arm import Arm, Chain, chain_from_dh, load_arm, read_ur_kinematics
 from truearm.arm.denavit_hartenberg import DHTable
 from truearm.arm.description_mistakes import Interpretation, Mistake, likely_mistakes
 from truearm.arm.rigid_motions import frame_from_xyz_rpy, screw_x, screw_z
+from truearm.arm.urdf_ends import Ends, find_ends
+from truearm.arm.urdf_tree import UrdfTree
 from truearm.errors import InputError
+from truearm.files.xml_reader import parse_xml
 from truearm.identification.judgement.description_check import DescriptionCheck, check_description
 from truearm.identification.judgement.reference_table import reference_table
 from truearm.pages.palette import GREY, INK, NAVY, ORANGE, TEAL
@@ -226,6 +230,55 @@ def errors_of(robot: Constants, *, quadrants: bool) -> dict[str, FloatArray]:
         tips = Chain(np.array([*frames, end]), np.zeros(3)).tip_in_base(POSES)
         found[reading] = np.linalg.norm(tips - true, axis=1)
     return found
+
+
+# URDFs of public collections -----------------------------------------------------------------------------------------
+
+# Difference of two forward kinematics that is rounding [m].
+SAME_M = 1e-7
+
+
+def pinocchio_differs(path: Path, arm: Arm, ends: Ends) -> float:
+    """Largest difference of an arm's tips from Pinocchio's at 20 poses [m]; joints beside the arm stay at zero."""
+    import pinocchio
+
+    model = pinocchio.buildModelFromUrdf(str(path))
+    data, rng = model.createData(), np.random.default_rng(0)
+    largest, body = 0.0, pinocchio.FrameType.BODY
+    for _ in range(20):
+        q, state = rng.uniform(-1, 1, arm.n_joints), pinocchio.neutral(model)
+        for name, angle, slides in zip(arm.joint_names, q, arm.chain.is_prismatic, strict=True):
+            joint = model.joints[model.getJointId(name)]
+            state[joint.idx_q : joint.idx_q + joint.nq] = [angle] if joint.nq == 1 else [np.cos(angle), np.sin(angle)]
+            q[arm.joint_names.index(name)] = angle * (1000 if slides else 1)
+        pinocchio.framesForwardKinematics(model, data, state)
+        at_base, at_tip = (data.oMf[model.getFrameId(link, body)] for link in (ends.base, ends.tip))
+        tip_mm = 1000 * at_base.actInv(at_tip).translation
+        largest = max(largest, float(np.abs(arm.chain.tip_in_base(q[None])[0] - tip_mm).max()) / 1000)
+    return largest
+
+
+@ROWS.row("urdf", quick={"folder": ""})
+def urdf(folder: str = "") -> RowResult:
+    """URDFs in a folder and below it: loaded by their file name alone, or refused and why; against Pinocchio.
+
+    Where Pinocchio is installed, the tips of every arm are compared with its own.
+    """
+    counts, table, differ = Counter[str](), [], []
+    for path in sorted(Path(folder).rglob("*.urdf")) if folder else ():
+        try:
+            arm, tree = load_arm(path), UrdfTree(parse_xml(path.read_bytes()))
+        except InputError as error:
+            said = str(error.problem)
+            kind = next((kind for kind in ("arms could be meant", "no moving joint", "has no <") if kind in said), said)
+            counts[kind] += 1
+            continue
+        counts["loaded"] += 1
+        counts["loaded, with a remark on its tip"] += bool(arm.remarks)
+        if importlib.util.find_spec("pinocchio") is not None:
+            differ.append(pinocchio_differs(path, arm, find_ends(tree)))
+    table = [{"what became of it": kind, "files": n} for kind, n in counts.most_common()]
+    return RowResult(table, [Target(f"{len(differ)} arms against Pinocchio [m]", max(differ, default=None), SAME_M)])
 
 
 @ROWS.row("ur-angles")

@@ -369,8 +369,8 @@ def test_a_broken_file_is_refused_with_its_name_and_the_key(tmp_path, case):
 def test_other_files_are_refused(tmp_path):
     with pytest.raises(InputError, match="does not exist"):
         read_arm(tmp_path / "none.toml")
-    with pytest.raises(InputError, match=r"ends in .toml, .urdf or .yaml, got '.xacro'"):
-        read_arm(tmp_path / "arm.xacro")
+    with pytest.raises(InputError, match=r"ends in .toml, .urdf or .yaml, got '.dae'"):
+        read_arm(tmp_path / "arm.dae")
     with pytest.raises(InputError, match=r"ends in .toml or .urdf, got '.csv'"):
         write_arm(load_arm("ur5"), tmp_path / "arm.csv")
     (tmp_path / "latin.toml").write_bytes(b'name = "x"\ntitle = "\xe4"\n')

@@ -53,6 +53,8 @@ class Arm:
     table : DHTable, optional
         The table that the chain was built from, as its file states it; not kept in a model file. It counts only as long
         as it is that of the chain.
+    remarks : tuple of str
+        What was assumed when its file was read; not kept in a model file.
 
     Raises
     ------
@@ -84,6 +86,7 @@ class Arm:
     serial_number: str = ""
     nominal_error_mm: float = 0.0
     table: DHTable | None = field(default=None, repr=False, metadata={NOT_KEPT: True})
+    remarks: tuple[str, ...] = field(default=(), repr=False, metadata={NOT_KEPT: True})
 
     def __post_init__(self) -> None:
         n = self.chain.n_joints

@@ -189,7 +189,7 @@ def read_arm(path: str | Path) -> Arm:
         If the file is missing, of another kind, or breaks a rule of its format; with the key.
     """
     path = Path(path)
-    if path.suffix.lower() == ".urdf":
+    if path.suffix.lower() in (".urdf", ".xacro"):
         return read_urdf(path)
     if path.suffix.lower() in (".yaml", ".yml"):
         return read_ur_kinematics(path)

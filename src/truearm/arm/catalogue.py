@@ -13,7 +13,7 @@ from truearm.arm.urdf import read_urdf
 from truearm.errors import InputError
 
 _SUFFIXES = (".toml", ".urdf")
-_FILE_SUFFIXES = (*_SUFFIXES, ".yaml", ".yml")
+_FILE_SUFFIXES = (*_SUFFIXES, ".yaml", ".yml", ".xacro")
 # A URDF with the links between which the arm is, either may be empty: robot.urdf:base_link:tool0
 _WITH_LINKS = re.compile(r"(?P<file>.+\.urdf):(?P<base>[^:]*):(?P<tip>[^:]*)", re.IGNORECASE | re.DOTALL)
 
@@ -38,7 +38,7 @@ def load_arm(arm: str | Path, *, base: str | None = None, tip: str | None = None
     arm : str or path
         A name of `list_arms`. What ends in ``.toml``, ``.urdf`` or ``.yaml``, holds a path separator or is a `Path` is
         a file. After a URDF may stand the links between which the arm is, as in ``robot.urdf:base_link:tool0``; without
-        one of them (``robot.urdf::tool0``) it is the only one possible.
+        one of them (``robot.urdf::tool0``) it is found: the arm's ``remarks`` say where others were possible.
     base, tip : str, optional
         The links in place of those after the file's name; only of a URDF.
 

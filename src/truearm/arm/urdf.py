@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Collection
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.arm.masses import PointMass, combine_point_masses
 from truearm.arm.rigid_motions import xyz_rpy_from_frame
+from truearm.arm.urdf_ends import find_ends
 from truearm.arm.urdf_tree import MM_PER_M, UrdfJoint, UrdfTree, axis_rotation, limits_of, origin_of
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
@@ -42,22 +44,26 @@ def read_urdf(path: str | Path, *, base: str | None = None, tip: str | None = No
     ----------
     path : path
     base : str, optional
-        Name of the link to start from; by default the one that the element ``truearm`` states as ``base``, or the one
-        that is no joint's child.
+        Name of the link to start from; by default the one that the element ``truearm`` states as ``base``, or the root
+        of the robot.
     tip : str, optional
-        Name of the link to end at; by default the one that the element ``truearm`` states as ``tip``, or the one that
-        is no joint's parent.
+        Name of the link to end at; by default the one that the element ``truearm`` states as ``tip``, or the end of
+        the longest chain of moving joints (see `find_ends`): the arm's remarks say what was chosen.
 
     Raises
     ------
     InputError
-        If the file is missing, too large, no XML, declares a document type, or is no URDF; if the chain is not
-        unique, has no moving joint, or has one that a serial chain cannot have (floating, planar, mimic).
+        If the file is missing, too large, no XML, declares a document type, or is no URDF; if several arms are in it,
+        or the chain has no moving joint, or has one that a serial chain cannot have (floating, planar, mimic).
     """
 
     def parsed(content: bytes) -> Arm:
         tree = UrdfTree(parse_xml(content))
-        return arm_of_joints(tree, tree.path(base, tip))
+        ends = find_ends(tree, base, tip)
+        arm = arm_of_joints(tree, tree.path(ends.base, ends.tip))
+        if not ends.remark:
+            return arm
+        return replace(arm, remarks=(f"{ends.remark}; {Path(path).name}::LINK takes another.",))
 
     return parse_file(path, parsed, limit_bytes=MAX_BYTES)
 

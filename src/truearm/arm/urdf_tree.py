@@ -85,16 +85,8 @@ class UrdfTree:
             )
         self.joint_above[joint.child] = joint
 
-    def path(self, base: str | None, tip: str | None) -> list[UrdfJoint]:
-        """List the joints from the link `base` to the link `tip`.
-
-        By default the links that the file itself states, else the only ones possible.
-        """
-        stated_base, stated_tip = self.stated_ends
-        base, tip = base or stated_base, tip or stated_tip
-        parents = {joint.parent for joint in self.joints}
-        base = self._only(base, [link for link in self.links if link not in self.joint_above], "base")
-        tip = self._only(tip, [link for link in self.links if link not in parents], "tip")
+    def path(self, base: str, tip: str) -> list[UrdfJoint]:
+        """List the joints from the link `base` to the link `tip`."""
         joints: list[UrdfJoint] = []
         link = tip
         while link != base:
@@ -108,26 +100,23 @@ class UrdfTree:
             link = joints[-1].parent
         return joints[::-1]
 
+    def standing_link_above(self, link: str) -> str:
+        """Where the joints above a link begin: the root, or what a floating or planar joint carries."""
+        start = link
+        for _ in self.joints:
+            joint = self.joint_above.get(link)
+            if joint is None or joint.kind in ("floating", "planar"):
+                return link
+            link = joint.parent
+        if link in self.joint_above:
+            raise InputError(f"the joints above the link {start!r} form a loop")
+        return link
+
     @property
     def stated_ends(self) -> tuple[str | None, str | None]:
         """Base and tip link that the file itself names in its element ``truearm``; None where it names none."""
         extra = child(self.robot, "truearm")
         return (None, None) if extra is None else (extra.get("base"), extra.get("tip"))
-
-    def _only(self, asked: str | None, candidates: list[str], end: str) -> str:
-        if asked is not None:
-            if asked not in self.links:
-                raise InputError(f"there is no link {asked!r}", hint=f"use one of {_named(list(self.links))}")
-            return asked
-        if not candidates:
-            raise InputError(f"no link can be the {end}: the joints form a loop")
-        if len(candidates) > 1:
-            form = "FILE.urdf:LINK:" if end == "base" else "FILE.urdf::LINK"
-            raise InputError(
-                f"{len(candidates)} links could be the {end}: {_named(candidates)}",
-                hint=f"name one after the file: {form.replace('LINK', candidates[0])} (FILE.urdf:BASE:TIP)",
-            )
-        return candidates[0]
 
 
 def _joint_of(element: Element) -> UrdfJoint:
@@ -187,7 +176,7 @@ def _axis_of(joint: UrdfJoint) -> FloatArray:
 
 
 def limits_of(joint: UrdfJoint) -> tuple[float, float]:
-    """Lower and upper limit [rad, or mm]."""
+    """Lower and upper limit [rad, or mm]; none where both are zero, which an exporter of CAD writes by default."""
     limit = child(joint.element, "limit")
     if joint.kind == "continuous" or limit is None or not {"lower", "upper"} & set(limit.attrib):
         return -np.inf, np.inf
@@ -197,17 +186,18 @@ def limits_of(joint: UrdfJoint) -> tuple[float, float]:
         unit * float(float_attribute(limit, end, what, 1)[0]) if end in limit.attrib else 0.0
         for end in ("lower", "upper")
     )
-    return lower, upper
+    return (lower, upper) if lower or upper else (-np.inf, np.inf)
 
 
 def _check_expanded(robot: Element) -> None:
-    """Refuse a file with instructions of xacro, which is a program that writes a URDF."""
+    """Refuse a file with instructions of xacro: a program that writes a URDF, and may do anything else on the way."""
     for element in robot.iter():
         if isinstance(element, Element) and element.tag.startswith("xacro:"):
             raise InputError(
                 f"expected a URDF, got a xacro file: it has <{element.tag}>",
                 line=element.line,
-                hint="expand it first: xacro FILE.xacro > robot.urdf",
+                hint="expand it first, with xacro of ROS or with xacrodoc (pip install xacrodoc), which needs no ROS: "
+                "xacrodoc FILE.xacro -o robot.urdf",
             )
 
 
@@ -218,5 +208,6 @@ def _unique(names: list[str], what: str) -> list[str]:
     return names
 
 
-def _named(names: list[str]) -> str:
+def named(names: list[str]) -> str:
+    """Join names, the first 20 of them."""
     return ", ".join(names[:20]) + (", ..." if len(names) > 20 else "")

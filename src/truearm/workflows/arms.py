@@ -161,6 +161,7 @@ class ArmDescription(PageRecord):
         """See `Record.blocks`."""
         arm, table = self.arm, self.table
         yield f"{arm.name}: {arm.title}"
+        yield from arm.remarks
         yield self._joint_table()
         for where, frame in (("before J1", table.base), (f"after J{arm.n_joints}", table.flange)):
             if np.abs(frame - np.eye(4)).max() > ROUNDING:

@@ -124,6 +124,7 @@ class Diagnosis(Record):
         """See `Record.blocks`."""
         check = self.check
         yield self.summary()
+        yield from self.arm.remarks
         if len(check.findings) > 1:
             yield f"These readings do not tell {len(check.findings)} mistakes apart: look at the arm for each of them."
         rows = [("as stated", check.stated), *((str(one), one) for one in check.findings)]

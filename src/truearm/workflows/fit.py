@@ -187,6 +187,7 @@ def fit(
         frame_changes=learned.changes,
         remarks=(
             *acceptance_remarks(accept),
+            *nominal_arm.remarks,
             *_scatter(learned.arm_model, readings),
             *checked.remarks,
             *length_remarks,

@@ -19,6 +19,7 @@ from truearm.arm.arm import Arm
 from truearm.arm.catalogue import split_links
 from truearm.arm.rigid_motions import xyz_rpy_from_frame
 from truearm.arm.urdf import MAX_BYTES, arm_of_joints, free_name, read_urdf, spaced, urdf_bytes
+from truearm.arm.urdf_ends import find_ends
 from truearm.arm.urdf_tree import MM_PER_M, UrdfJoint, UrdfTree, axis_rotation, origin_of
 from truearm.compensation.export.constants_file import ConstantsFile, ConstantsRequest, writer
 from truearm.compensation.export.rigid_arm import RigidArm
@@ -92,7 +93,8 @@ def _made(arm: Arm) -> bytes:
 def _robot(content: bytes, base: str | None, tip: str | None) -> _Robot:
     root = parse_xml(content)
     tree = UrdfTree(root)
-    joints = tree.path(base, tip)
+    ends = find_ends(tree, base, tip)
+    joints = tree.path(ends.base, ends.tip)
     if not joints:
         raise InputError("there is no joint between the base and the tip")
     if _has_wide_characters(content, root):
