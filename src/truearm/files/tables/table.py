@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from truearm.errors import InputError
 from truearm.files.delimited import quoted_cell
+from truearm.files.tables.units import name_without_unit
 from truearm.typing import FloatArray, IntArray, NameArray
 
 Place = Literal["line", "row", "record"]
@@ -65,6 +66,8 @@ class Table:
         Where the names stand.
     assumed : tuple of str
         What was recognised and may surprise, a phrase each, such as ``decimal comma``.
+    questions : mapping of int to InputError
+        Columns whose cells have two readings, and what a person must state before they are used.
     """
 
     names: tuple[str, ...]
@@ -75,6 +78,7 @@ class Table:
     file: Path | None = None
     header_line: int | None = None
     assumed: tuple[str, ...] = ()
+    questions: Mapping[int, InputError] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.lines)
@@ -82,9 +86,7 @@ class Table:
     def rows(self, chosen: IntArray | slice) -> Table:
         """Return a table of the rows `chosen`."""
         columns = tuple(column[chosen] for column in self.columns)
-        return Table(
-            self.names, self.units, columns, self.lines[chosen], self.place, self.file, self.header_line, self.assumed
-        )
+        return replace(self, columns=columns, lines=self.lines[chosen])
 
     def numbers(self, index: int) -> FloatArray:
         """Return a column as (n,) numbers, NaN where a cell is empty.
@@ -92,8 +94,10 @@ class Table:
         Raises
         ------
         InputError
-            If a cell holds text; with its place.
+            If a cell holds text, or may be two numbers; with its place.
         """
+        if index in self.questions:
+            raise self.questions[index]
         column = self.columns[index]
         if column.dtype.kind == "f":
             return np.asarray(column, dtype=float)
@@ -125,7 +129,7 @@ class Table:
         return InputError(problem, file=self.file, row=f"{self.place} {line}", column=name, hint=hint)
 
     def index(self, column: str) -> int:
-        """Return the index of a column, given by its name or by its number counted from 1.
+        """Return the index of a column, given by its name, without its unit too, or by its number counted from 1.
 
         Raises
         ------
@@ -133,9 +137,9 @@ class Table:
             If there is none, or several have the name.
         """
         name = column.strip()
-        found = [i for i, n in enumerate(self.names) if n == name] or [
-            i for i, n in enumerate(self.names) if n.casefold() == name.casefold()
-        ]
+        found: list[int] = []
+        for form in (str, str.casefold, name_without_unit):
+            found = found or [i for i, n in enumerate(self.names) if form(n) == form(name)]
         if len(found) > 1:
             numbers = " and ".join(str(i + 1) for i in found)
             raise self.error(f"{quoted_cell(name)} names columns {numbers}", hint="give its number")

@@ -3,15 +3,56 @@
 from __future__ import annotations
 
 import csv
+import re
+from bisect import bisect
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-
-import numpy as np
 
 from truearm.errors import InputError
 from truearm.files.delimited import MAX_BYTES, as_utf8
 from truearm.files.file_reading import read_limited
+from truearm.files.tables.cell_rows import table_of_rows
+from truearm.files.tables.cells import is_number
+from truearm.files.tables.layout import HEAD, Layout, recognise_layout, table_width
+from truearm.files.tables.separators import (
+    SEPARATORS,
+    Splitting,
+    recognise_fixed_width,
+    recognise_separator,
+    split_names,
+)
 from truearm.files.tables.table import Table, TableForm
-from truearm.typing import FloatArray, NameArray
+from truearm.files.tables.text_encoding import recognise_encoding
+
+_COMMENT = re.compile(r"\s*(?:#(?!N/A|DIV)|%|//|!)+")
+_SEPARATOR_LINE = re.compile(r"\"?sep=(.)\"?\s*", re.IGNORECASE)
+_BRACKETS = re.compile(r"[\[({]")
+_ASSIGNED = re.compile(r"^[^\[({]*(?::=|=|:)\s*(?=[\[({])")
+_LONGEST_QUOTE = 20  # lines
+
+
+@dataclass
+class TextLines:
+    """Lines of a text that may belong to a table.
+
+    Attributes
+    ----------
+    lines : list of str
+    numbers : list of int
+        Where each stands in the file, counted from 1.
+    comments : list of (int, str)
+        Lines of remarks, without their mark.
+    cut_off : bool
+        Whether the last line has no end.
+    assumed : list of str
+    """
+
+    lines: list[str]
+    numbers: list[int]
+    comments: list[tuple[int, str]]
+    cut_off: bool
+    assumed: list[str]
 
 
 def read_text_table(path: Path, form: TableForm) -> Table:
@@ -20,38 +61,186 @@ def read_text_table(path: Path, form: TableForm) -> Table:
     Raises
     ------
     InputError
-        If the file is missing, too large, binary or no table.
+        If the file is missing, too large, binary or no table, or a row does not fit; with the line and what to do.
     """
-    text = as_utf8(read_limited(path, limit_bytes=MAX_BYTES), path, form.encoding or "utf-8").decode()
-    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    data = read_limited(path, limit_bytes=MAX_BYTES)
+    encoding = form.encoding or recognise_encoding(data)
+    text = as_utf8(data, path, encoding, hint="--encoding, such as cp1252, gb18030, shift_jis or utf-16").decode()
+    del data
+    found = _lines(text, form)
+    if encoding != "utf-8" and form.encoding is None:
+        found.assumed.insert(0, f"encoding {encoding}")
+    del text
+    try:
+        return _table(found, path, form)
+    except csv.Error as error:
+        raise InputError(
+            f"a line cannot be split into cells ({error})", file=path, hint='close the quotation mark (")'
+        ) from None
+
+
+def _table(found: TextLines, path: Path, form: TableForm) -> Table:
+    splitting = _splitting(found, form)
+    if splitting.separator != ";":
+        _take_comments(found, re.compile(r"\s*;+"))
+    _join_quoted(found, path, splitting)
+    rows = TextRows(found, splitting)
+    layout = recognise_layout(rows.head(), form.header)
+    if layout is None:
+        raise _no_table(found, path, form)
+    if splitting.separator == "," and form.separator is None and layout.header is not None:
+        names = rows.head()[layout.header]
+        body = rows.head()[layout.first :]
+        if all(len(row) == 2 * len(names) and all(re.fullmatch(r"[+-]?\d+", cell) for cell in row) for row in body):
+            rows = TextRows(found, replace(splitting, paired=True), layout.header)
+            found.assumed.append("commas also within numbers")
+    elif layout.header is None and form.header is not False:
+        _insert_comments(found, rows, layout)
+    _drop_repeated_head(found, layout.first)
+    if found.comments:
+        n = len(found.comments)
+        found.assumed.append(f"{n} comment line{'s' * (n > 1)}")
+    if len(found.lines) > 1 and found.cut_off and _is_short(rows, len(layout.names)):
+        found.assumed.append(f"line {found.numbers.pop()} is cut off: ignored")
+        found.lines.pop()
+    return table_of_rows(rows, path, form, "line", found.assumed)
+
+
+@dataclass(frozen=True)
+class TextRows:
+    """The cells of lines.
+
+    Attributes
+    ----------
+    text : TextLines
+    splitting : Splitting
+    header : int, optional
+        Index of the line of names, if commas within numbers are split differently there.
+    """
+
+    text: TextLines
+    splitting: Splitting
+    header: int | None = None
+
+    @property
+    def numbers(self) -> Sequence[int]:
+        """Where each row stands in the file, counted from 1."""
+        return self.text.numbers
+
+    def cells(self, start: int, stop: int) -> list[list[str]]:
+        """Cells of rows."""
+        return self.splitting.split(self.text.lines[start:stop])
+
+    def head(self) -> list[list[str]]:
+        """Cells of the first rows, without blanks; lines of names may have another separator."""
+        lines = self.text.lines[:HEAD]
+        rows = self.splitting.strip(lines)
+        if self.header is not None:
+            rows[: self.header + 1] = replace(self.splitting, paired=False).strip(lines[: self.header + 1])
+        width = table_width(rows)
+        return [split_names(line, row, width) for line, row in zip(lines, rows, strict=True)]
+
+
+def _lines(text: str, form: TableForm) -> TextLines:
+    """Lines that may belong to the table."""
+    cut_off = not text.endswith(("\n", "\r"))
+    every = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    assumed = []
     skipped = form.skip_lines or 0
-    separator = form.separator or max(",;\t", key=lines[skipped].count)
-    rows = [
-        (number, [cell.strip() for cell in next(csv.reader([line], delimiter=separator))])
-        for number, line in enumerate(lines, 1)
-        if number > skipped and line.strip()
-    ]
-    header = form.header if form.header is not None else not any(map(_is_number, rows[0][1]))
-    names = rows[0][1] if header else [str(i + 1) for i in range(len(rows[0][1]))]
-    body = rows[1:] if header else rows
-    for number, cells in body:
-        if len(cells) != len(names):
-            raise InputError(f"expected {len(names)} values, got {len(cells)}", file=path, line=number)
-    columns = tuple(_column(cells, form.decimal or ".") for cells in zip(*(cells for _, cells in body), strict=True))
-    numbers = np.array([number for number, _ in body], dtype=int)
-    return Table(tuple(names), ("",) * len(names), columns, numbers, "line", path, rows[0][0] if header else None)
+    if skipped == 0 and (match := _SEPARATOR_LINE.fullmatch(every[0])):
+        skipped, assumed = 1, [f"separator stated in line 1: {match[1]}"]
+    numbers = [i for i, line in enumerate(every, 1) if i > skipped and line and not line.isspace()]
+    lines = every if len(numbers) == len(every) else [every[i - 1] for i in numbers]
+    found = TextLines(lines, numbers, [], cut_off and bool(every[-1].strip()), assumed)
+    _take_comments(found, _COMMENT)
+    return found
 
 
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
+def _take_comments(found: TextLines, mark: re.Pattern[str]) -> None:
+    """Move lines that begin with a mark of comments to the comments."""
+    match = mark.match
+    if marked := [i for i, line in enumerate(found.lines) if not line[0].isalnum() and match(line)]:
+        if len(marked) > len(found.lines) / 2:  # the mark belongs to the rows
+            return
+        found.comments += [(found.numbers[i], mark.sub("", found.lines[i], count=1)) for i in marked]
+        taken = set(marked)
+        found.numbers = [number for i, number in enumerate(found.numbers) if i not in taken]
+        found.lines = [line for i, line in enumerate(found.lines) if i not in taken]
 
 
-def _column(cells: tuple[str, ...], decimal: str) -> FloatArray | NameArray:
-    try:
-        return np.array([float(cell.replace(decimal, ".") or "nan") for cell in cells])
-    except ValueError:
-        return np.array(cells, dtype=np.str_)
+def _insert_comments(found: TextLines, rows: TextRows, layout: Layout) -> None:
+    """Let comments above the first row that name columns or units be lines of the table."""
+    above = [(n, line) for n, line in found.comments if n < found.numbers[layout.first]]
+    width, chosen = len(layout.names), []
+    for number, line in above:
+        cells = split_names(line, rows.splitting.strip([line])[0], width)
+        if len(cells) in (width, width - 1) and not any(map(is_number, cells)):
+            chosen.append((number, line))
+    for number, line in chosen[-2:]:
+        found.comments.remove((number, line))
+        at = bisect(found.numbers, number)
+        found.numbers.insert(at, number)
+        found.lines.insert(at, line)
+
+
+def _drop_repeated_head(found: TextLines, first: int) -> None:
+    """Drop names that stand again between rows, as where files were joined."""
+    head = set(found.lines[:first])
+    repeated = {i for i, line in enumerate(found.lines[first:], first) if line in head} if head else ()
+    if repeated:
+        found.assumed.append(f"line {found.numbers[min(repeated)]} repeats the head: ignored")
+        found.lines = [line for i, line in enumerate(found.lines) if i not in repeated]
+        found.numbers = [number for i, number in enumerate(found.numbers) if i not in repeated]
+
+
+def _splitting(found: TextLines, form: TableForm) -> Splitting:
+    lines, n = found.lines, len(found.lines)
+    sample = lines[:HEAD] + lines[max(HEAD, n - 20) :]
+    if sum(bool(_BRACKETS.search(line)) for line in sample) > 0.8 * len(sample) > 0:
+        found.lines[:] = map(_without_brackets, lines)
+        sample = list(map(_without_brackets, sample))
+        found.assumed.append("brackets around the numbers")
+    stated = re.match(r"separator stated in line 1: (.)", found.assumed[0]) if found.assumed else None
+    separator = form.separator or (stated[1] if stated else recognise_separator(sample))
+    if separator == " " and (cuts := recognise_fixed_width(lines[:2000])):
+        found.assumed.append("columns of fixed width")
+        return Splitting(separator, cuts)
+    if form.separator is None and not stated and separator != ",":
+        found.assumed.append(SEPARATORS[separator])
+    return Splitting(separator)
+
+
+def _without_brackets(line: str) -> str:
+    line = re.sub(r"[\])}]\s*,?\s*[\[({]", ",", _ASSIGNED.sub("", line))
+    return re.sub(r"[\[\](){}]", "", line).strip().rstrip(";,")
+
+
+def _join_quoted(found: TextLines, path: Path, splitting: Splitting) -> None:
+    """Make one line of those between which a quoted cell goes on."""
+    if splitting.separator == " " or not any(line.count('"') % 2 for line in found.lines):
+        return
+    reader = csv.reader((f"{line}\n" for line in found.lines), delimiter=splitting.separator, skipinitialspace=True)
+    lines, numbers, begin = [], [], 0
+    for _ in reader:
+        end = reader.line_num
+        if end - begin > _LONGEST_QUOTE:
+            line = found.numbers[begin]
+            raise InputError("a quoted cell does not end", file=path, line=line, hint='close the quotation mark (")')
+        lines.append(" ".join(found.lines[begin:end]))
+        numbers.append(found.numbers[begin])
+        begin = end
+    found.lines, found.numbers = lines, numbers
+
+
+def _is_short(rows: TextRows, width: int) -> bool:
+    n = len(rows.numbers)
+    before, last = rows.cells(n - 2, n)
+    return len(last) < width <= len(before)
+
+
+def _no_table(found: TextLines, path: Path, form: TableForm) -> InputError:
+    if not found.lines:
+        return InputError(
+            "expected a table, got no line", file=path, hint=None if form.skip_lines is None else "--skip-lines 0"
+        )
+    return InputError("expected rows of numbers, got none", file=path, line=found.numbers[0])

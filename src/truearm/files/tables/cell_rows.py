@@ -1,0 +1,207 @@
+"""Rows of cells become a table: names, units and numbers, whichever kind of file they come from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from truearm.errors import InputError
+from truearm.files.delimited import MAX_NAME, quoted_cell
+from truearm.files.tables.layout import Layout, foot_length, is_text, numeric_columns, recognise_layout
+from truearm.files.tables.number_columns import NumberColumn, thousands_of, two_readings, words_of
+from truearm.files.tables.table import Place, Table, TableForm, listed
+from truearm.typing import FloatArray, NameArray
+
+_CHUNK = 500
+_FOOT = 60  # rows at the end that may be statistics or remarks
+_MOST_GAPS = 10_000
+
+
+class CellRows(Protocol):
+    """Rows of cells that can be read more than once; empty rows and comments are not among them."""
+
+    @property
+    def numbers(self) -> Sequence[int]:
+        """Where each row stands in the file, counted from 1."""
+
+    def cells(self, start: int, stop: int) -> list[list[str]]:
+        """Cells of rows, with the blanks around them."""
+
+    def head(self) -> list[list[str]]:
+        """Cells of the first rows, at most `HEAD`, without blanks around them."""
+
+
+def table_of_rows(rows: CellRows, path: Path | None, form: TableForm, place: Place, assumed: Sequence[str]) -> Table:
+    """Make a table of rows of cells: recognise its head, foot and notation, and read its columns.
+
+    Raises
+    ------
+    InputError
+        If no row holds a number, or a row does not fit the names.
+    """
+    layout = recognise_layout(head := rows.head(), form.header)
+    if layout is None:
+        raise InputError("expected rows of numbers, got none", file=path)
+    body = _Body(rows, layout, numeric_columns(head[layout.first :], len(layout.names)), path, place)
+    columns, texts, questions = _columns(body, form)
+    names = layout.names
+    units = tuple(unit or column.unit for unit, column in zip(layout.units, columns, strict=True))
+    header_line = None if layout.header is None else rows.numbers[layout.header]
+    said = [*assumed, *_said_of_head(body), *body.said, *_said_of_columns(columns, names, form)]
+    lines = np.concatenate(body.lines) if body.lines else np.empty(0, int)
+    return Table(names, units, tuple(texts), lines, place, path, header_line, tuple(said), questions)
+
+
+class _Body:
+    """The rows below the head, without the foot."""
+
+    def __init__(self, rows: CellRows, layout: Layout, numeric: Sequence[int], path: Path | None, place: Place) -> None:
+        self.rows, self.layout, self.path, self.place = rows, layout, path, place
+        self.width = len(layout.names)
+        self.said: list[str] = []
+        self.lines: list[np.ndarray] = []
+        self.stop = self._stop(numeric)
+        self._short = 0
+
+    def _stop(self, numeric: Sequence[int]) -> int:
+        """Index behind the last row of the table."""
+        numbers, first = self.rows.numbers, self.layout.first
+        stop = len(numbers)
+        tail = self._stripped(max(first + 1, stop - _FOOT), stop)
+        if n := foot_length(tail, numeric, self.width):
+            foot = next(filter(None, tail[-n]), "")
+            self.said.append(f"foot from {self.place} {numbers[stop - n]}: {foot[:40]}")
+            stop -= n
+        gaps = np.flatnonzero(np.diff(np.asarray(numbers[first:stop])) > 1) + first + 1
+        for gap in gaps.tolist() if len(gaps) < _MOST_GAPS else ():
+            row = self._stripped(gap, gap + 1)[0]
+            if any(row[self.width :]) or is_text(row, numeric):
+                self.said.append(f"another table from {self.place} {numbers[gap]}: ignored")
+                return int(gap)
+        return stop
+
+    def _stripped(self, start: int, stop: int) -> list[list[str]]:
+        return [[cell.strip() for cell in row] for row in self.rows.cells(start, stop)]
+
+    def chunks(self) -> Iterator[tuple[int, list[tuple[str, ...]]]]:
+        """Cells column by column, with the number of rows before them; they fit the names."""
+        n, self.lines = 0, []
+        for start in range(self.layout.first, self.stop, _CHUNK):
+            end = min(start + _CHUNK, self.stop)
+            cells, lines = self.rows.cells(start, end), np.asarray(self.rows.numbers[start:end])
+            if set(map(len, cells)) != {self.width} or any(not row[0] and not "".join(row).strip() for row in cells):
+                filled = [i for i, row in enumerate(cells) if "".join(row).strip()]
+                cells, lines = [self._fitting(cells[i], int(lines[i])) for i in filled], lines[filled]
+            if cells:
+                self.lines.append(lines)
+                yield n, list(zip(*cells, strict=True))
+                n += len(cells)
+
+    def _fitting(self, row: list[str], line: int) -> list[str]:
+        """A row with as many cells as there are names; those missing at its end are empty."""
+        if "".join(row[self.width :]).strip():
+            problem = f"expected {self.width} values, got {len(row)}"
+            names = self.layout.names
+            hint = f"the columns are {listed(names)}: state --separator, --skip-lines, or --no-header if these are not"
+            where = {"line": line} if self.place == "line" else {"row": f"{self.place} {line}"}
+            raise InputError(problem, file=self.path, hint=hint, **where)
+        return row[: self.width] + [""] * (self.width - len(row))
+
+
+def _columns(
+    body: _Body, form: TableForm
+) -> tuple[list[NumberColumn], list[FloatArray | NameArray], dict[int, InputError]]:
+    """Read all columns; those whose notation turns out to be another one are read again."""
+    width = body.width
+    labels = [name if body.layout.header is None and not name.isdigit() else "" for name in body.layout.names]
+    columns = [NumberColumn(label=label) for label in labels]
+    for start, cells in body.chunks():
+        for column, of_column in zip(columns, cells, strict=True):
+            column.add(of_column, start)
+    if not body.lines:
+        raise InputError("expected at least one row of numbers, got none", file=body.path)
+    again = {
+        i: NumberColumn(thousands, label=labels[i])
+        for i, thousands in enumerate(thousands_of(columns, form))
+        if thousands and not columns[i].words
+    }
+    asked = {i for i, thousands in enumerate(thousands_of(columns, form)) if thousands is None and not columns[i].words}
+    texts: dict[int, list[NameArray]] = {i: [] for i in range(width) if columns[i].words or i in asked}
+    too_long: dict[int, int] = {}
+    for start, cells in body.chunks() if again or texts else ():
+        for i, column in again.items():
+            column.add(cells[i], start)
+        for i, parts in texts.items():
+            if i not in too_long and max(map(len, cells[i])) > MAX_NAME:
+                too_long[i] = start + next(row for row, cell in enumerate(cells[i]) if len(cell) > MAX_NAME)
+            parts.append(words_of(cells[i], columns[i], as_written=i in asked))
+    lines = np.concatenate(body.lines)
+
+    def error(i: int, row: int, problem: str, hint: str | None = None) -> InputError:
+        table = Table(body.layout.names, (), (), lines, body.place, body.path)
+        return table.error(problem, row, column=i, hint=hint)
+
+    questions = {i: error(i, row, f"expected a name of at most {MAX_NAME} characters") for i, row in too_long.items()}
+    for i in asked:
+        row, cell = next(iter(columns[i].doubtful.values()))
+        problem, *options = two_readings(cell)
+        questions[i] = error(i, row, problem, " or ".join(options))
+    for i, column in enumerate(columns):
+        if column.other_unit:
+            row, cell = column.other_unit
+            problem = f"expected a number in {column.unit}, got {quoted_cell(cell)}"
+            questions[i] = error(i, row, problem, "write the column in one unit")
+    columns = [again.get(i, column) for i, column in enumerate(columns)]
+    return (
+        columns,
+        [np.concatenate(texts[i]) if i in texts else column.readings() for i, column in enumerate(columns)],
+        questions,
+    )
+
+
+def _said_of_head(body: _Body) -> list[str]:
+    layout, numbers, said = body.layout, body.rows.numbers, []
+    used = [i for i in (layout.header, layout.unit_row) if i is not None]
+    titles = (min(used) if used else layout.first) - layout.group_rows
+    if titles > 0:
+        said.append(f"{titles} line{'s' * (titles > 1)} above the table")
+    if layout.header is None:
+        by_label = any(not name.isdigit() for name in layout.names)
+        said.append("names of columns before the numbers" if by_label else "no header: columns go by number")
+    if layout.group_rows:
+        said.append("names of groups in front of repeated names")
+    if layout.row_names:
+        said.append("row names in the first column")
+    if layout.unit_row is not None:
+        said.append(f"units from {body.place} {numbers[layout.unit_row]}")
+    return said
+
+
+def _said_of_columns(columns: Sequence[NumberColumn], names: Sequence[str], form: TableForm) -> list[str]:
+    """How numbers are written, where that is not plainly."""
+
+    def where(holds: Callable[[NumberColumn], object]) -> str:
+        found = [name for name, column in zip(names, columns, strict=True) if not column.words and holds(column)]
+        return listed(found, most=4) if found else ""
+
+    said = []
+    commas = where(lambda column: "," in column.decimal_signs)
+    points = where(lambda column: "." in column.decimal_signs)
+    if commas and form.decimal is None:
+        said.append(f"decimal comma in {commas}" if points else "decimal comma")
+    for sign, name in ((".", "points"), (",", "commas")):
+        if found := where(partial(_separates_thousands, sign)):
+            said.append(f"{name} between thousands in {found}")
+    if found := where(lambda column: column.sexagesimal):
+        said.append(f"degrees, minutes and seconds in {found}")
+    if n := sum(column.without_value for column in columns if column.numbers > column.words):
+        said.append(f"{n} cell{'s' * (n > 1)} that say there is no value")
+    return said
+
+
+def _separates_thousands(sign: str, column: NumberColumn) -> bool:
+    return sign in column.thousands or sign in column.thousands_signs

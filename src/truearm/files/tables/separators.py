@@ -1,0 +1,111 @@
+"""What stands between the cells of a text, and its lines split by it."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from truearm.files.tables.cells import is_number
+
+SEPARATORS = {"\t": "tabs", ";": "semicolons", "|": "pipes", ",": "commas", " ": "blanks"}
+_BLANKS = re.compile(r"[ \t]+")
+# Other ways to write the names, where their line has not as many cells as the rows.
+_OF_NAMES = tuple(map(re.compile, (r"[ \t]+", r"\t+|[ \t]{2,}", r"\s*,\s*", r"\s*;\s*", r"\s*\|\s*")))
+
+
+@dataclass(frozen=True)
+class Splitting:
+    """How lines become cells.
+
+    Attributes
+    ----------
+    separator : str
+        One character; a blank stands for one blank or tab or more.
+    cuts : tuple of int, optional
+        Where the columns begin, of a text with columns of fixed width.
+    paired : bool
+        Whether commas also stand within the numbers, so that every two cells are one.
+    """
+
+    separator: str
+    cuts: tuple[int, ...] = ()
+    paired: bool = False
+
+    def split(self, lines: Sequence[str]) -> list[list[str]]:
+        """Split lines into their cells; in cells that are not quoted blanks stay.
+
+        Raises
+        ------
+        csv.Error
+            If a line cannot be split.
+        """
+        if self.cuts:
+            ends = [*self.cuts[1:], None]
+            return [[line[a:b].strip() for a, b in zip(self.cuts, ends, strict=True)] for line in lines]
+        if self.separator == " ":
+            if any('"' in line for line in lines):
+                stripped = (_BLANKS.sub(" ", line).strip(" ") for line in lines)
+                return list(csv.reader(stripped, delimiter=" ", skipinitialspace=True))
+            return [line.split() if line.isascii() else _BLANKS.split(line.strip(" \t")) for line in lines]
+        rows = list(csv.reader(lines, delimiter=self.separator, skipinitialspace=True))
+        if self.paired:
+            return [[f"{a},{b}" for a, b in zip(row[::2], row[1::2], strict=False)] for row in rows]
+        return rows
+
+    def strip(self, lines: Sequence[str]) -> list[list[str]]:
+        """Split lines into cells without blanks around them."""
+        return [[cell.strip() for cell in row] for row in self.split(lines)]
+
+
+def recognise_separator(lines: Sequence[str]) -> str:
+    """Return the separator by which most cells of `lines` are numbers, as many in each line."""
+    return max(SEPARATORS, key=lambda separator: round(_fitness(lines, separator), 2))
+
+
+def recognise_fixed_width(lines: Sequence[str]) -> tuple[int, ...]:
+    """Where the columns begin, if rows that blanks separate have unequal numbers of cells; else nothing."""
+    rows = [line for line in lines if sum(map(is_number, line.split())) > 1]
+    counts = {len(line.split()) for line in rows}
+    if len(counts) < 2 or any("\t" in line for line in rows):
+        return ()
+    length = max(map(len, rows))
+    filled = np.zeros(length + 1, bool)
+    for line in rows:
+        filled[: len(line)] |= np.array([letter != " " for letter in line], bool)
+    # A column ends behind its last letter in any line.
+    begins = [0, *(np.flatnonzero(filled[:-1] & ~filled[1:])[:-1] + 1).tolist()]
+    return tuple(begins) if len(begins) >= max(counts) else ()
+
+
+def split_names(line: str, row: Sequence[str], width: int) -> list[str]:
+    """The cells of a line above the rows, by another separator if `row` has not one for each column."""
+    if len(row) != width and "\t" not in row:
+        for pattern in _OF_NAMES:
+            if len(cells := pattern.split(line.strip())) == width and not any(map(is_number, cells)):
+                return [cell.strip().strip('"') for cell in cells]
+    return list(row)
+
+
+def _fitness(lines: Sequence[str], separator: str) -> float:
+    """The share of numbers among the cells, in lines that have as many cells as most."""
+    try:
+        rows = Splitting(separator).strip(lines)
+    except csv.Error:
+        return 0.0
+    numbers: Counter[int] = Counter()
+    cells: Counter[int] = Counter()
+    for row in rows:
+        n = sum(map(is_number, row))
+        if n:
+            numbers[len(row)] += n
+            cells[len(row)] += sum(map(bool, row))
+    if not numbers:
+        return 0.0
+    width = max(numbers, key=lambda length: numbers[length])
+    fitting, of_all = cells[width], sum(cells.values())
+    return numbers[width] / fitting * (0.5 + 0.5 * fitting / of_all) * (1.0 if width > 1 else 0.5)

@@ -1,0 +1,100 @@
+"""Units as tables write them: in a row below the names, behind a name, or behind a number."""
+
+from __future__ import annotations
+
+import re
+
+# What is written (without case), by what it means.
+_WRITTEN = {
+    "deg": "deg degs degree degrees ° º grad_deg grd",
+    "rad": "rad rads radian radians",
+    "gon": "gon",
+    "mm": "mm millimeter millimeters millimetre millimetres millimetri",
+    "um": "um µm μm micron microns micrometer micrometers micrometre",
+    "cm": "cm centimeter centimeters centimetre",
+    "m": "m meter meters metre metres",
+    "in": 'in inch inches " ″',
+    "counts": "count counts cts inc increments ticks steps pulses",
+    "degC": "degc °c ℃ celsius",
+    "s": "s sec secs second seconds",
+    "ms": "ms msec millisecond milliseconds",
+    "us": "us µs μs",
+    "ns": "ns nsec",
+    "min": "min",
+    "kg": "kg",
+    "N": "n",
+    "Nm": "nm n·m n*m",
+    "deg/s": "deg/s °/s",
+    "rad/s": "rad/s",
+    "mm/s": "mm/s",
+    "m/s": "m/s",
+    "K": "k kelvin",
+    "Hz": "hz",
+    "A": "a",
+    "V": "v",
+    "%": "%",
+    "": "- -- 1 none unitless n/a",
+}
+_MEANING = {written: unit for unit, all_written in _WRITTEN.items() for written in all_written.split()}
+_MEANING["n/a"] = ""
+_BRACKETS = {"[": "]", "(": ")", "<": ">", "{": "}"}
+# Behind a name without brackets only what cannot be a part of the name itself: X_m may be "measured".
+_BEHIND = ["deg", "degrees", "°", "rad", "radians", "mm", "um", "µm", "μm", "counts", "degC", "°C", "inch"]
+_IN_NAME = re.compile(
+    r".*\S\s*(?:[\[(<{]\s*(?P<within>[^\[\](){}<>]{1,20}?)\s*[\])>}]"
+    r"|\s*[/,]\s*(?P<divided>[^\W\d_]{1,12}|°|°C)"
+    rf"|[\s_.](?P<behind>{'|'.join(_BEHIND)}))",
+    re.IGNORECASE,
+)
+
+
+def canonical_unit(written: str) -> str | None:
+    """The usual sign of a unit (``deg`` of ``°`` or ``Degrees``); empty for none, None if it is unknown.
+
+    Examples
+    --------
+    >>> canonical_unit("Degrees"), canonical_unit("[mm]"), canonical_unit("furlong")
+    ('deg', 'mm', None)
+    """
+    text = written.strip()
+    if text[:1] in _BRACKETS and text.endswith(_BRACKETS[text[0]]):
+        text = text[1:-1].strip()
+    return _MEANING.get(text.casefold())
+
+
+def unit_in_name(name: str) -> str:
+    """The unit that a column's name states, as it is written; empty if it states none.
+
+    Examples
+    --------
+    >>> [unit_in_name(name) for name in ("J1 [deg]", "X (mm)", "q1_rad", "X/mm", "X_m", "time")]
+    ['deg', 'mm', 'rad', 'mm', '', '']
+    """
+    match = _IN_NAME.fullmatch(name.strip())
+    written = next((part for part in match.groups() if part), "") if match else ""
+    return written if canonical_unit(written) else ""
+
+
+def name_without_unit(name: str) -> str:
+    """A column's name without the unit in brackets behind it.
+
+    Examples
+    --------
+    >>> name_without_unit("J1 [deg]"), name_without_unit("q1_deg")
+    ('J1', 'q1_deg')
+    """
+    return re.sub(r"\s*[\[(<{][^\[\](){}<>]*[\])>}]$", "", name) if unit_in_name(name) else name
+
+
+def units_of_row(cells: list[str]) -> tuple[str, ...] | None:
+    """The units of a row in which every cell that is not empty is one, without brackets; None if it is none.
+
+    Examples
+    --------
+    >>> units_of_row(["[deg]", "", "mm"]), units_of_row(["X", "Y"])
+    (('deg', '', 'mm'), None)
+    """
+    filled = [cell for cell in cells if cell]
+    if not any(canonical_unit(cell) for cell in filled) or any(canonical_unit(cell) is None for cell in filled):
+        return None
+    return tuple(re.sub(r"^[\[(<{]\s*|\s*[\])>}]$", "", cell) if canonical_unit(cell) else "" for cell in cells)
