@@ -1,0 +1,424 @@
+"""Columns that programs write: which of them hold joint angles, the tip, and what else belongs to a reading.
+
+The names are those of the programs' own documentation and of public recordings: UR's RTDE (``actual_q_0``), KUKA's
+system variables and RSI (``$AXIS_ACT.A1``, ``AIPos.A1``), ABB's RAPID (``rax_1``), ROS's JointState as rostopic, ros2
+and PlotJuggler export it, libfranka's log (``state.q[0]``), Kinova's Kortex (``actuators[0].position``), Yaskawa's
+joints S, L, U, R, B, T, OptiTrack Motive (rotation X, Y, Z, W, then position X, Y, Z), Vicon Nexus (TX, TY, TZ), and
+laser trackers (X, Y, Z, ux, uy, uz).
+"""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+from truearm.errors import InputError
+from truearm.readings.readings import PAYLOAD
+from truearm.readings.table_columns import TableColumns, is_other
+
+_SPELLINGS = {
+    "deg": "deg degs degree degrees °",
+    "rad": "rad rads radian radians",
+    "mm": "mm millimeter millimeters millimetre millimetres",
+    "m": "m meter meters metre metres",
+    "cm": "cm",
+    "um": "um µm μm micron microns",
+    "in": "in inch inches",
+    "counts": "counts count cts ticks pulse pulses inc",
+    "s": "s sec second seconds",
+    "degC": "degc °c c celsius",
+    "kg": "kg",
+    "Nm": "nm n*m n·m",
+    "A": "a amp ampere",
+}
+_UNITS = {spelling: unit for unit, spellings in _SPELLINGS.items() for spelling in spellings.split()}
+
+_JOINT_UNITS, _LENGTHS = ("deg", "rad", "counts", "mm", "m"), ("mm", "m", "cm", "um", "in")
+
+# Joints that have names instead of numbers, base to tip.
+_NAMED_JOINTS = {
+    "UR": ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"),
+    "Interbotix": ("waist", "shoulder", "elbow", "forearm_roll", "wrist_angle", "wrist_rotate"),
+    "LeRobot": ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll"),
+    "Yaskawa": ("s", "l", "u", "r", "b", "t"),
+}
+# Numbered joints: program, the unit that it fixes, and the name up to an end such as _pos. A program's own names win.
+_NUMBERED_JOINTS = tuple(
+    (
+        program,
+        unit,
+        re.compile(rf"(?:(?P<before>.*)_)?(?:{name})_?(?P<i>\d+)(?:_[a-z])?(?:_(?:pos|position|angle|value))?"),
+    )
+    for program, unit, name in (
+        ("UR RTDE", "rad", "actual_q"),
+        ("KUKA", "deg", "(?:axis_act|axisact|aipos)_a"),
+        ("ABB", "deg", "rax"),
+        ("libfranka", "rad", "state_q"),
+        ("Kinova Kortex", "deg", "actuators?"),
+        ("ROS JointState", "rad", "(?:field|msg|joint_?states?)_position"),
+        ("", "counts", "enc|encoder|counts?|ticks?|pulses?"),
+        ("", None, "position"),
+        ("", None, "q"),
+        ("", None, "j|a|joint|jnt|joint_?(?:angle|pos|position|value)s?|(?:joint|panda|fr3|iiwa)_[aj]"),
+        ("", None, "theta|th|θ|angle|winkel|axis|axe|achse|gelenk|articulacion|关节|关节角|轴"),
+    )
+)
+
+# Words beside a number that say what it is instead of a measured angle or a point.
+_NOT_MEASURED = re.compile(
+    r"(target|desired|des|d|cmd|command|commanded|goal|setpoint|set|nominal|nom|plan|planned|soll|aspos|home|max|min|limit)"
+)
+_OTHER_QUANTITY = re.compile(
+    r"(tau|torques?|effort|currents?|temp|temperatures?|temper|vel|velocity|speed|qd|dq|acc|acceleration|force|load|"
+    r"moment|voltage|power|mode|status|err|error|resid|residual|gyro|mag|motor|finger|gripper|knuckle|delta|diff|corr|"
+    r"poscorr|normal|euler|rot|rotation|orientation|quat|quaternion|imu|linear|angular|twist|wrench|com|cog|[^\Wpt])"
+)
+_CONTROLLER = re.compile(
+    r"(tcp|tcppose|flange|robot|controller|rist|rsol|pos_act|cart|cartesian|tool|tool0|ee|eef|fk|kin)"
+)
+_INSTRUMENT = re.compile(
+    r"(tracker|lasertracker|leica|at9\d0|at40\d|lt|laser|vicon|mocap|optitrack|motive|faro|api|radian|vantage|camera|cmm|"
+    r"photogrammetry|meas|measured|measurement|creaform|polyworks)"
+)
+_STD = re.compile(r"u|s|std|sigma|unc|uncertainty|stdev")
+_AXIS = re.compile(r"(?P<before>[a-z]*?)(?P<axis>[xyz])(?P<after>m|coord|pos)?")
+_QUATERNION = re.compile(r"(?:(?P<before>.*)_)?(?:q|quat|quaternion|orientation|rotation|rot)_?(?P<axis>[wxyz])")
+_MATRIX = re.compile(r"(?:r|rot|rotation|t|m|matrix)_?([0-4])_?([0-4])")
+_LOAD = re.compile(
+    r"(?:.*_)?(?P<kind>tau_j|torque|effort|geartorque|joint_torque|actual_current|current)_?(?P<letter>a|j)?(?P<i>\d+)"
+)
+_SINGLE = {
+    "time": r"(?:(?:.*_)?header_stamp(?:_secs?)?|time|time_?stamp|t|zeit|时间|x_value|time_seconds|elapsed(?:_time)?)",
+    "name": r"(?:point|target|pt)?_?(?:name|label)|point|punkt(?:name)?|messpunkt|点名",
+    "temperature": r"(?:(?:air|ambient|arm|room|env)_)?(?:temp|temperature?|温度)(?:_(?:air|ambient|arm|degc))?",
+    "payload": r"payload(?:_mass)?|nutzlast|traglast",
+    "seat": r"seat|nest|socket|sitz|cup",
+    "position": r"position|pose|pose_?id|pos_?id|position_?id",
+    "session": r"session|set_?up",
+    "serial_number": r"serial(?:_?(?:no|nr|number))?|seriennummer",
+}
+
+
+@dataclass(frozen=True)
+class ProgramColumns:
+    """Columns that were recognised: each by its name, or by its number where the name is not unique.
+
+    Attributes
+    ----------
+    columns : TableColumns
+        A quaternion is w first; Euler angles are roll, pitch and yaw.
+    angle_units : tuple of str or None
+        One a joint; None where neither the program nor the table fixes it.
+    point_unit, orientation_unit : str, optional
+        Where the table states them.
+    orientation_order : str, optional
+        Of Euler angles: ``xyz`` for roll, pitch and yaw about fixed axes.
+    time, name : str, optional
+        Columns of the time and of the measured point's name, by which two tables are joined.
+    phrases : tuple of str
+        What was recognised, to be printed.
+    remarks : tuple of str
+        What looks like a reference and is none, or may mean two things; a sentence each.
+    """
+
+    columns: TableColumns
+    angle_units: tuple[str | None, ...] = ()
+    point_unit: str | None = None
+    orientation_unit: str | None = None
+    orientation_order: str | None = None
+    time: str | None = None
+    name: str | None = None
+    phrases: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Name:
+    """A column: what it is called in messages, its words without the unit, and its unit."""
+
+    label: str
+    stem: str
+    unit: str | None
+    written: str
+
+
+@dataclass(frozen=True)
+class _Joints:
+    """A run of joint angles."""
+
+    program: str
+    columns: tuple[_Name, ...]
+    unit: str | None
+    is_program: bool
+
+
+def split_unit(name: str, unit: str = "") -> tuple[str, str | None]:
+    """Split a column's name into its words, in small letters and joined by _, and its unit.
+
+    Examples
+    --------
+    >>> from truearm.readings.program_columns import split_unit
+    >>> split_unit("Joint 1 (deg)"), split_unit("tip_x_mm"), split_unit("q[0]", "rad")
+    (('joint_1', 'deg'), ('tip_x', 'mm'), ('q_0', 'rad'))
+    """
+    text = unicodedata.normalize("NFC", name).casefold().strip().replace("º", "°")
+    known = _UNITS.get(unit.casefold().strip().strip("[]()"))
+    for pattern in (
+        r"(.*\S)\s*[\[({]\s*([^\[\](){}]+?)\s*[\])}]",
+        r"(.+?)\s*(?:[_\s/,.-]|\bin\b)+([^\W\d_]+|°c?)",
+        r"(.+\d)(°)",
+    ):
+        match = re.fullmatch(pattern, text)
+        if match and match[2] in _UNITS and match[1].strip("_ "):
+            text, known = match[1], known or _UNITS[match[2]]
+            break
+    return re.sub(r"[\W_]+", "_", text).strip("_"), known
+
+
+def recognise_program_columns(names: Sequence[str], units: Sequence[str] = ()) -> ProgramColumns:
+    """Recognise the columns of known programs by their names, in whatever order they stand.
+
+    Parameters
+    ----------
+    names, units : sequence of str
+        As `Table` has them.
+
+    Raises
+    ------
+    InputError
+        If two runs of columns may be the joint angles, or the reference points.
+
+    Examples
+    --------
+    >>> from truearm.readings.program_columns import recognise_program_columns
+    >>> found = recognise_program_columns([*(f"actual_q_{i}" for i in range(6)), "x_mm", "y_mm", "z_mm"])
+    >>> found.phrases
+    ('columns of UR RTDE: actual_q_0 .. actual_q_5 [rad]', 'points x_mm, y_mm, z_mm [mm]')
+    """
+    written = [unicodedata.normalize("NFC", name).strip() for name in names]
+    stated = [*units, *[""] * (len(names) - len(units))]
+    table = [
+        _Name(name if name and written.count(name) == 1 else str(i + 1), *split_unit(name, stated[i]), name)
+        for i, name in enumerate(written)
+    ]
+    remarks: list[str] = []
+    joints = _chosen_joints(table, remarks)
+    free = [column for column in table if joints is None or column not in joints.columns]
+    found = _tip(free, joints is not None, remarks) | _single(free, remarks)
+    joints = _of_controller(joints, free)
+    phrases = []
+    if joints:
+        found["others"] |= _loads(free, joints)
+        units_of = tuple(c.unit if c.unit in _JOINT_UNITS else joints.unit for c in joints.columns)
+        found |= {"angles": _labels(joints.columns), "angle_units": units_of}
+        unit = f" [{units_of[0]}]" if len(set(units_of)) == 1 and units_of[0] else ""
+        phrases.append(f"columns of {joints.program}: " * bool(joints.program) + f"{_span(joints.columns)}{unit}")
+    if points := found.get("points"):
+        unit = f" [{found['point_unit']}]" if found["point_unit"] else ""
+        phrases.append(f"points {', '.join(points)}{unit}")
+    if "position" in found:
+        found["position"] = (found["position"],)
+    columns = TableColumns(**{f.name: found.pop(f.name) for f in fields(TableColumns) if f.name in found})
+    return ProgramColumns(columns, **found, phrases=tuple(phrases), remarks=tuple(remarks))
+
+
+def _labels(columns: Iterable[_Name]) -> tuple[str, ...]:
+    return tuple(column.label for column in columns)
+
+
+def _span(columns: Sequence[_Name]) -> str:
+    """Names of columns that are numbered or not, for a message."""
+    labels = _labels(columns)
+    return f"{labels[0]} .. {labels[-1]}" if re.search(r"\d", labels[0]) else ", ".join(labels)
+
+
+def _words_match(pattern: re.Pattern[str], text: str) -> bool:
+    return bool(text) and (bool(pattern.fullmatch(text)) or any(pattern.fullmatch(word) for word in text.split("_")))
+
+
+def _chosen_joints(table: Sequence[_Name], remarks: list[str]) -> _Joints | None:
+    """The one run of measured joint angles; None if there is none."""
+    runs = [*_numbered(table, remarks), *_named(table)]
+    own = [run for run in runs if run.is_program] or runs
+    if len(own) > 1:  # q1 .. q4 beside joints may be a quaternion
+        own = [run for run in own if len(run.columns) != 4 or not run.columns[0].stem.startswith("q")] or own
+    if len(own) > 1:
+        both = " and ".join(_span(run.columns) for run in own)
+        hint = f"--angles {','.join(_labels(own[0].columns))}"
+        raise InputError(f"two runs of columns may be the joint angles: {both}", hint=hint)
+    return own[0] if own else None
+
+
+def _of_controller(joints: _Joints | None, free: Sequence[_Name]) -> _Joints | None:
+    """A1 .. A6 beside X, Y, Z, A, B, C are a KUKA's, J1 .. J6 beside X, Y, Z, W, P, R a Fanuc's: both in degrees."""
+    pose = {column.stem for column in free}
+    for program, letter, turned in (("KUKA", "a", {*"xyzabc"}), ("Fanuc", "j", {*"xyzwpr"})):
+        if joints and not joints.is_program and turned <= pose and joints.columns[0].stem == f"{letter}1":
+            return _Joints(program, joints.columns, "deg", True)
+    return joints
+
+
+def _numbered(table: Sequence[_Name], remarks: list[str]) -> list[_Joints]:
+    runs = []
+    taken: set[_Name] = set()
+    for program, unit, pattern in _NUMBERED_JOINTS:
+        groups: dict[str, dict[int, _Name]] = defaultdict(dict)
+        for column in table:
+            match = pattern.fullmatch(column.stem)
+            if match is None or column in taken:
+                continue
+            before = match["before"] or ""
+            if not (_words_match(_NOT_MEASURED, before) or _words_match(_OTHER_QUANTITY, before)):
+                groups[before][int(match["i"])] = column
+        for numbers in groups.values():
+            first, last = min(numbers), max(numbers)
+            if first > 1 or len(numbers) < 2:
+                continue
+            columns = tuple(numbers[i] for i in sorted(numbers))
+            if missing := sorted({*range(first, last + 1)} - numbers.keys()):
+                remarks.append(
+                    f"{', '.join(_labels(columns))} may be joint angles, but that of {missing[0]} is missing."
+                )
+                continue
+            taken |= set(columns)
+            if not program and all(re.search(r"[/.]position$", column.written) for column in columns):
+                runs.append(_Joints("ROS JointState", columns, "rad", True))
+            else:
+                runs.append(_Joints(program, columns, unit, bool(program)))
+    return runs
+
+
+def _named(table: Sequence[_Name]) -> list[_Joints]:
+    runs = []
+    for program, order in _NAMED_JOINTS.items():
+        name = "|".join(sorted(order, key=len, reverse=True))
+        before = r"(?:.*_)?" if len(order[0]) > 1 else ""
+        pattern = re.compile(rf"{before}(?P<joint>{name})(?:_joint)?(?:_(?:pos|position|angle|q))?")
+        found = [(match["joint"], column) for column in table if (match := pattern.fullmatch(column.stem))]
+        columns = dict(found)
+        if len(found) == len(columns) == len(order):
+            ordered = tuple(columns[joint] for joint in order)
+            is_ros = all("/position" in column.written or "_joint" in column.stem for column in ordered)
+            runs.append(_Joints("ROS JointState" if is_ros else program, ordered, "rad" if is_ros else None, is_ros))
+    return runs
+
+
+def _tip(free: Sequence[_Name], has_joints: bool, remarks: list[str]) -> dict[str, Any]:
+    """Points, their uncertainties and orientations."""
+    found: dict[str, Any] = _orientation(free, remarks)
+    used = set(found.pop("used", ()))
+    groups: dict[tuple[str, ...], dict[str, _Name]] = defaultdict(dict)
+    for column in free:
+        words = column.stem.split("_")
+        for k, word in enumerate(words):
+            match = _AXIS.fullmatch(word)
+            if match and column not in used:
+                key = (*words[:k], f"{match['before']}*", *words[k + 1 :])
+                groups[key].setdefault(match["axis"], column)
+    own = {column.stem for column in free}
+    of_controller = has_joints and ({"a", "b", "c"} <= own or {"w", "p", "r"} <= own)
+    ranked: dict[int, list[tuple[_Name, ...]]] = defaultdict(list)
+    for key, axes in groups.items():
+        if len(axes) < 3:
+            continue
+        columns = tuple(axes[axis] for axis in "xyz")
+        beside = "_".join(word.rstrip("*") for word in key if word != "*")
+        if _STD.fullmatch(beside) or any(_STD.fullmatch(w) for w in beside.split("_") if len(w) > 1):
+            found["point_std"] = _labels(columns)
+        elif _words_match(_CONTROLLER, beside) or (of_controller and not beside):
+            remarks.append(f"{_span(columns)} are the controller's own pose, which is no reference.")
+        elif not (_words_match(_NOT_MEASURED, beside) or _words_match(_OTHER_QUANTITY, beside)):
+            ranked[0 if _words_match(_INSTRUMENT, beside) else 1].append(columns)
+    points = ranked[min(ranked)] if ranked else []
+    if len(points) > 1:
+        both = " and ".join(", ".join(_labels(columns)) for columns in points)
+        raise InputError(
+            f"two sets of columns may be the points: {both}", hint=f"--points {','.join(_labels(points[0]))}"
+        )
+    if points:
+        stated = {column.unit for column in points[0]}
+        unit = stated.pop() if len(stated) == 1 else None
+        found |= {"points": _labels(points[0]), "point_unit": unit if unit in _LENGTHS else None}
+    else:
+        found.pop("point_std", None)
+    own_pose = [column for column in free if re.fullmatch(r"(?:.*_)?(?:tcp_pose|o_t_ee)_?\d+", column.stem)]
+    if own_pose:
+        remarks.append(f"{_span(own_pose)} are the controller's own pose, which is no reference.")
+    return found
+
+
+def _orientation(free: Sequence[_Name], remarks: list[str]) -> dict[str, Any]:
+    """Orientation columns, and which were used."""
+    stems = [column.stem for column in free]
+    if stems.count("x") == 2 and stems.count("w") == 1 and "z" in stems[: stems.index("w")]:  # Motive: rotation first
+        at = stems.index("w")
+        used = [free[at], *free[at - 3 : at]]
+        return {"orientation": _labels(used), "used": used}
+    groups: dict[str, dict[str, _Name]] = defaultdict(dict)
+    for column in free:
+        if match := _QUATERNION.fullmatch(column.stem):
+            groups[match["before"] or ""][match["axis"]] = column
+    whole = {b: axes for b, axes in groups.items() if len(axes) == 4 and not _words_match(_CONTROLLER, b)}
+    if len(whole) > 1:
+        remarks.append(f"{' and '.join(_span([*axes.values()]) for axes in whole.values())}: none is read of several.")
+    if len(whole) == 1:
+        used = [next(iter(whole.values()))[axis] for axis in "wxyz"]
+        return {"orientation": _labels(used), "used": used}
+    cells = {m.groups(): column for column in free if (m := _MATRIX.fullmatch(column.stem))}
+    for base in (0, 1):
+        rows = [[cells.get((str(i + base), str(j + base))) for j in range(3)] for i in range(3)]
+        if all(all(row) for row in rows):
+            used = [column for row in rows for column in row if column]
+            return {"orientation": _labels(used), "used": used}
+    turned = {column.stem: column for column in free}
+    if {"roll", "pitch", "yaw"} <= turned.keys():
+        used = [turned[name] for name in ("roll", "pitch", "yaw")]
+        return {
+            "orientation": _labels(used),
+            "orientation_order": "xyz",
+            "orientation_unit": used[0].unit,
+            "used": used,
+        }
+    if {"rx", "ry", "rz"} <= turned.keys():
+        remarks.append(
+            "rx, ry, rz may be a rotation vector or Euler angles: not read. Use --orientation rx,ry,rz with "
+            "--orientation-unit, and --orientation-order for Euler angles."
+        )
+        return {"used": [turned[name] for name in ("rx", "ry", "rz")]}
+    return {}
+
+
+def _single(free: Sequence[_Name], remarks: list[str]) -> dict[str, Any]:
+    """Columns of which a reading has one: time, names, temperature; and those with the names of a session file."""
+    others = {column.written: column.label for column in free if is_other(column.written)}
+    found: dict[str, Any] = {}
+    for what, pattern in _SINGLE.items():
+        matching = [column for column in free if re.fullmatch(pattern, column.stem)]
+        if what == "temperature" and len(matching) > 1:
+            remarks.append(f"{', '.join(_labels(matching))} are several temperatures: none is read. Use --temperature.")
+        elif matching and not (what == "payload" and matching[0].unit not in (None, "kg")):
+            others.pop(matching[0].written, None)
+            key = {"payload": PAYLOAD, "serial_number": "serial_number"}.get(what)
+            (others if key else found)[key or what] = matching[0].label
+    return {**found, "others": others}
+
+
+def _loads(free: Sequence[_Name], joints: _Joints) -> dict[str, str]:
+    """Loads of the joints, one each, by the names of a session file: torques [Nm] before currents [A]."""
+    kinds: dict[str, dict[int, _Name]] = defaultdict(dict)
+    for column in free:
+        match = _LOAD.fullmatch(column.stem)
+        if match and not _words_match(_NOT_MEASURED, column.stem):
+            kinds["A" if "current" in match["kind"] else "Nm"].setdefault(int(match["i"]), column)
+        for i, joint in enumerate(joints.columns):
+            if column.stem == joint.stem.removesuffix("_position") + "_effort":
+                kinds["Nm"][i] = column
+    for unit in ("Nm", "A"):
+        if len(kinds[unit]) == len(joints.columns) and min(kinds[unit]) < 2:
+            ordered = [kinds[unit][i] for i in sorted(kinds[unit])]
+            return {f"load_{i + 1}_{column.unit or unit}": column.label for i, column in enumerate(ordered)}
+    return {}
