@@ -2,11 +2,27 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from truearm.errors import InputError
-from truearm.files.tables.table import Table
-from truearm.readings.joined_tables import JoinedTable, join_by_name, join_by_row
+from truearm.files.tables.table import Table, listed
+from truearm.number_format import format_number
+from truearm.readings.clock_offset import ClockOffset, clock_offset, offset_of_points
+from truearm.readings.joined_tables import JoinedTable, beside, join_by_name, join_by_row, named, numeric_columns
+from truearm.readings.standstills import Log, common_times, robust_mean, standstills
+from truearm.readings.time_columns import Times, time_columns, time_of
+from truearm.typing import FloatArray, IntArray, NameArray
+
+# Points that come more slowly were taken one by one, at rest [s].
+SPORADIC_S = 0.5
+# Both logs rest at once for this share of the time of a standstill; repeated values are of a lost target after [s].
+COMMON, HELD_S = 0.5, 0.2
+# Times that differ by less are equal [s].
+TIME_ROUNDING_S = 1e-6
 
 
 def join_tables(
@@ -55,5 +71,208 @@ def join_tables(
         return join_by_name(joints, points)
     if by != "time":
         return join_by_name(joints, points, by)
-    del angles, point, point_unit_mm, time_offset_s, standstill_s, standstill_mm
-    raise InputError("joining by time is not available yet", hint="--by row")
+    if not standstill_s > 0 or not standstill_mm > 0:
+        raise InputError("a standstill needs a time and a span above zero", hint="--standstill-seconds 0.5")
+    of_joints, of_points = _times(joints), _times(points)
+    angle_columns = list(angles) or _numbers(joints, of_joints)
+    point_columns = list(point) or _coordinates(points, of_points)
+    q, _ = _log_of(joints, of_joints, angle_columns)
+    p, said = _log_of(points, of_points, point_columns, point_unit_mm)
+    return _join(
+        _Side(joints, q, angle_columns), _Side(points, p, point_columns), time_offset_s, standstill_s, standstill_mm,
+        [*of_joints.assumed, *of_points.assumed, *said],
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _Side:
+    """A table, its log and the columns from which that is."""
+
+    table: Table
+    log: Log
+    columns: list[int]
+
+    def rows(self, span: FloatArray) -> IntArray:
+        """Rows of the samples in a time."""
+        first, last = np.searchsorted(self.log.times, span + [-TIME_ROUNDING_S, TIME_ROUNDING_S])
+        return np.asarray(self.log.rows[first:last])
+
+    def means(self, spans: FloatArray) -> tuple[Table, FloatArray]:
+        """A table with a row for each time, and the uncertainty of its mean and the number of samples (n, 2).
+
+        Numbers are means; text is that of the first sample.
+        """
+        rows = [self.rows(span) for span in spans]
+        first = np.array([some[0] for some in rows], dtype=np.intp)
+        columns: list[FloatArray | NameArray] = []
+        for i, column in enumerate(self.table.columns):
+            columns.append(column[first] if column.dtype.kind == "U" or i in self.columns else _means(column, rows))
+        values = np.stack([self.table.numbers(i) for i in self.columns], axis=1)
+        found = [robust_mean(values[some]) for some in rows]
+        for place, i in enumerate(self.columns):
+            columns[i] = np.array([mean[place] for mean, _, _ in found])
+        return replace(self.table.rows(first), columns=tuple(columns)), np.array([[u, n] for _, u, n in found])
+
+
+def _join(
+    joints: _Side, points: _Side, given_s: float | None, seconds: float, span_mm: float, said: list[str]
+) -> JoinedTable:
+    q, p = joints.log, points.log
+    # A span of the tip in the unit of the joints, by how far both go: a tip goes as far as its joints, whatever these
+    # are counted in.
+    lever = float(np.linalg.norm(p.values.std(axis=0))) / max(float(np.linalg.norm(q.values.std(axis=0))), 1e-300)
+    still = standstills(q, span_mm / lever + 2 * _steps(q), seconds)
+    if not len(still):
+        raise _no_standstill(joints, q, span_mm / lever, seconds, "the joints")
+    if p.step >= SPORADIC_S:
+        clock = offset_of_points(p.times, still) if given_s is None else ClockOffset(given_s)
+        return _single_points(joints, points, still, clock, said)
+    clock = clock_offset(q, p, still, given_s)
+    p = replace(p, times=clock.to_joints(p.times))
+    of_tip = standstills(p, span_mm, seconds)
+    both = common_times(still, of_tip, COMMON * seconds)
+    if not len(both):
+        raise _no_standstill(points, p, span_mm, seconds, "the tip" if not len(of_tip) else "both logs at once")
+    angles, _ = joints.means(both)
+    tips, scatter = replace(points, log=p).means(both)
+    n_skipped = len(still) - len(both)
+    u = float(np.median(scatter[:, 0]))
+    said = [*said, _clocks(joints.table, points.table, clock)]
+    said.append(
+        f"{len(both)} standstills of {seconds:g} s or more within {span_mm:g} mm, a reading each: the mean of some "
+        f"{np.median(scatter[:, 1]):.0f} points, which repeats to {u:.2g} mm"
+    )
+    if n_skipped:
+        said.append(f"{n_skipped} standstills of the joints without one of the tip skipped")
+    notes = {
+        "note_repeatability_mm": scatter[:, 0],
+        "note_samples": scatter[:, 1],
+        "note_standstill_s": both[:, 1] - both[:, 0],
+    }
+    return replace(beside(angles, _with_columns(tips, notes), said), clock=clock)
+
+
+def _single_points(joints: _Side, points: _Side, still: FloatArray, clock: ClockOffset, said: list[str]) -> JoinedTable:
+    """Each point with the mean angles of the standstill in which it was taken."""
+    times = clock.to_joints(points.log.times)
+    place = np.searchsorted(still[:, 0], times, side="right") - 1
+    inside = (place >= 0) & (times <= still[place, 1])
+    if not inside.any():
+        raise points.table.error("no point lies in a standstill of the joints", hint="check --time-offset")
+    angles, _ = joints.means(still)
+    n_skipped = int((~inside).sum())
+    said = [
+        *said, _clocks(joints.table, points.table, clock),
+        f"{int(inside.sum())} points in {len(np.unique(place[inside]))} standstills of the joints, a reading each",
+        *([f"{n_skipped} points outside of standstills skipped"] if n_skipped else []),
+    ]  # fmt: skip
+    kept = points.log.rows[inside]
+    return replace(beside(angles.rows(place[inside]), points.table.rows(kept), said), clock=clock)
+
+
+def _clocks(joints: Table, points: Table, clock: ClockOffset) -> str:
+    said = f"times of {named(points)} + {format_number(clock.offset_s, uncertainty=clock.u_offset_s, digits=6)} s"
+    if clock.u_offset_s:
+        said += f" (u {format_number(clock.u_offset_s, digits=2)} s)"
+    said += f" are those of {named(joints)}"
+    if clock.drift:
+        drift, u = 1e6 * clock.drift, 1e6 * clock.u_drift
+        said += f", drift {format_number(drift, uncertainty=u)} ppm (u {format_number(u, digits=2)} ppm)"
+    return said + (f", from {clock.n_moves} moves" if clock.n_moves else "")
+
+
+def _no_standstill(side: _Side, log: Log, span: float, seconds: float, what: str) -> InputError:
+    """Say what the longest standstill is, and how to record."""
+    longest = 0.0
+    for shorter in (2.0, 4.0, 8.0):
+        if len(found := standstills(log, span, seconds / shorter)):
+            longest = float((found[:, 1] - found[:, 0]).max())
+            break
+    return side.table.error(
+        f"no standstill of {seconds:g} s: {what} stood still for {longest:.2g} s at most",
+        hint="let the arm rest at each pose for a second or more; or --standstill-seconds for shorter rests, "
+        "--standstill-mm for an instrument or an arm that moves more while it rests",
+    )
+
+
+# What the tables hold ------------------------------------------------------------------------------------------------
+
+
+def _times(table: Table) -> Times:
+    if (times := time_of(table)) is None:
+        raise table.error(
+            f"no column holds times; the columns are {listed(table.names)}",
+            hint="--by row, or --by name; or name the column of times 'time'",
+        )
+    return times
+
+
+def _numbers(table: Table, times: Times) -> list[int]:
+    """Columns of numbers that are no times and do not count the rows."""
+    skipped = {*times.columns, *time_columns(table)}
+    return [
+        i
+        for i, column in numeric_columns(table).items()
+        if i not in skipped and not (len(column) > 1 and (np.diff(column) == 1).all())
+    ]
+
+
+def _coordinates(table: Table, times: Times) -> list[int]:
+    """The columns x, y, z by their names, or the first three of numbers."""
+    letters = [re.sub(r"[^a-z]+(mm|m|um|in)?[^a-z]*$", "", name.strip().casefold()) for name in table.names]
+    if all(letters.count(axis) == 1 for axis in "xyz"):
+        return [letters.index(axis) for axis in "xyz"]
+    if len(found := _numbers(table, times)) < 3:
+        raise table.error(f"expected columns of x, y, z, got {listed(table.names)}", hint="--points X,Y,Z")
+    return found[:3]
+
+
+def _log_of(table: Table, times: Times, columns: list[int], unit: float = 1.0) -> tuple[Log, list[str]]:
+    """Samples that have a time and all values, those of one time as their mean, and what was skipped."""
+    values = np.stack([table.numbers(i) for i in columns], axis=1) * unit
+    known = np.isfinite(times.seconds) & np.isfinite(values).all(axis=1)
+    if len(columns) == 3:  # what instruments write for a lost target is no place: 0, 0, 0 or -9999, -9999, -9999
+        known &= (values != values[:, :1]).any(axis=1)
+    rows = np.flatnonzero(known)
+    rows = rows[np.diff(times.seconds[rows], prepend=-np.inf) > 0]
+    log = Log(times.seconds[rows], values[rows], rows)
+    n_lost = int((~known).sum())
+    if len(columns) == 3 and len(held := _held(log)):
+        log = Log(np.delete(log.times, held), np.delete(log.values, held, axis=0), np.delete(rows, held))
+        n_lost += len(held)
+    if len(log.times) < 2:
+        raise table.error(f"expected two or more rows with time and values, got {len(log.times)}")
+    return log, [f"{n_lost} rows of {named(table)} without a point skipped"] if n_lost else []
+
+
+def _held(log: Log) -> IntArray:
+    """Samples that an instrument without a target repeats, where it has noise while it sees one."""
+    if len(log.times) < 10 or log.step >= SPORADIC_S or not (log.noise() > 0).all():
+        return np.empty(0, dtype=np.intp)
+    same = np.r_[False, (np.diff(log.values, axis=0) == 0).all(axis=1)]
+    run = np.cumsum(~same)
+    count = np.bincount(run)
+    return np.flatnonzero(same & (count[run] * log.step >= HELD_S) & (count[run] >= 5))
+
+
+def _steps(log: Log) -> FloatArray:
+    """(k,) steps in which values are written, such as counts: the least difference between neighbours that differ."""
+    steps = np.abs(np.diff(log.values[:20000], axis=0))
+    least = np.where(steps > 1e-9 * np.ptp(log.values, axis=0), steps, np.inf).min(axis=0, initial=np.inf)
+    return np.asarray(np.where(np.isfinite(least), least, 0.0))
+
+
+def _means(column: FloatArray | NameArray, rows: list[IntArray]) -> FloatArray:
+    """Mean of a column over some rows each, without empty cells."""
+    numbers = np.asarray(column, dtype=float)
+    known = [numbers[some][np.isfinite(numbers[some])] for some in rows]
+    return np.array([float(some.mean()) if len(some) else np.nan for some in known])
+
+
+def _with_columns(table: Table, more: dict[str, FloatArray]) -> Table:
+    return replace(
+        table,
+        names=(*table.names, *more),
+        units=(*table.units, *("" for _ in more)),
+        columns=(*table.columns, *more.values()),
+    )

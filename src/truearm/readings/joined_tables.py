@@ -11,12 +11,17 @@ import numpy as np
 from truearm.errors import InputError
 from truearm.files.delimited import quoted_cell
 from truearm.files.tables.table import Table, listed
+from truearm.readings.clock_offset import ClockOffset
 from truearm.readings.time_columns import time_columns
 from truearm.typing import FloatArray, IntArray
 
 # Names of columns that number the rows, and of columns that name them.
-NUMBERS = frozenset("|#|no|no.|nr|nr.|n|i|idx|index|row|number|sample|id|seq|unnamed: 0|序号|编号".split("|"))
-NAMES = frozenset("name|point|pointname|pose|posename|pt|target|label|punkt|pos|position|点名|点号".split("|"))
+# fmt: off
+NUMBERS = {"", "#", "no", "no.", "nr", "nr.", "n", "i", "idx", "index", "row", "number", "sample", "id", "seq",
+           "unnamed: 0", "序号", "编号"}
+NAMES = {"name", "point", "pointname", "pose", "posename", "pt", "target", "label", "punkt", "pos", "position", "点名",
+         "点号"}
+# fmt: on
 # Rows that repeat each other lie so much closer together than different ones, at least.
 REPEATS = 0.02
 
@@ -30,9 +35,12 @@ class JoinedTable(Table):
     points : Table
         Rows of the second table, one for each row of this one; its columns are the last ones here, under its own
         names or, where both have a name, with the stem of its file before it.
+    clock : ClockOffset, optional
+        Offset and drift of the clocks of two logs.
     """
 
     points: Table | None = None
+    clock: ClockOffset | None = None
 
     def rows(self, chosen: IntArray | slice) -> JoinedTable:
         """Return a table of the rows `chosen`."""
@@ -197,7 +205,7 @@ def join_by_name(joints: Table, points: Table, columns: str | None = None) -> Jo
         there = rows.get(name, []) if name else []
         if len(there) > 1 and often[name] not in (1, len(there)):
             raise joints.error(
-                f"{quoted_cell(name)} is on {often[name]} rows here and on {len(there)} in {named(points)}: which rows "
+                f"{quoted_cell(joints.words(i)[row])} is on {often[name]} rows here and on {len(there)} in {named(points)}: which rows "
                 "belong together is not known",
                 row, column=i, hint="as many rows of a name in both files, in the same order, or one in either",
             )  # fmt: skip

@@ -24,9 +24,9 @@ REST = re.compile(r"(^|[^a-z])(nanosecs?|nsecs?|nanoseconds|nanos|tv_nsec)$")
 EPOCHS = [(1e9, 4e9, "s"), (1e12, 4e12, "ms"), (1e15, 4e15, "us"), (1e18, 4e18, "ns")]
 # Median steps of logs without a unit, where samples come regularly: 2 Hz to 2 kHz.
 REGULAR = [(5e-4, 0.5, "s"), (0.5, 500.0, "ms"), (500.0, 2e5, "us"), (2e5, 5e8, "ns")]
-FORMATS = ["%d.%m.%Y %H:%M:%S.%f", "%d.%m.%Y %H:%M:%S", "%H:%M:%S.%f", "%H:%M:%S", "%Y/%m/%d %H:%M:%S.%f",
-           "%Y/%m/%d %H:%M:%S", "%m/%d/%Y %H:%M:%S.%f", "%m/%d/%Y %H:%M:%S", "%d/%m/%Y %H:%M:%S.%f",
-           "%d/%m/%Y %H:%M:%S", "%m/%d/%Y %I:%M:%S %p", "%m/%d/%Y %I:%M:%S.%f %p"]  # fmt: skip
+CLOCK, TWELVE = "%H:%M:%S.%f", "%I:%M:%S.%f %p"
+DATES = ("%d.%m.%Y", "%Y/%m/%d", "%m/%d/%Y", "%d/%m/%Y")
+FORMATS = ("ISO8601", CLOCK, *(f"{date} {clock}" for date in DATES for clock in (CLOCK, TWELVE)))
 DAY = 86400.0
 
 
@@ -145,16 +145,17 @@ def _read_dates(words: NameArray) -> FloatArray | None:
     """Seconds since 1970, or since midnight (continued over the next); None where a cell is no time."""
     import pandas as pd
 
-    plain = pd.Series(words).str.replace(r"(:\d{2})[,:](\d+)", r"\1.\2", regex=True)
-    for form in ("ISO8601", *FORMATS):
+    plain = pd.Series(words).str.replace(r"(:\d{2}:\d{2})[,:](\d+)", r"\1.\2", regex=True)
+    plain = plain.str.replace(r"(:\d{2}:\d{2})(?![.\d])", r"\1.0", regex=True)
+    for form in FORMATS:
         if form == "ISO8601" and not plain.str.match(r"\d{4}-").all():
             continue
         try:
             read = pd.to_datetime(plain, format=form, utc=True)
         except (ValueError, OverflowError):
             continue
-        seconds = read.to_numpy().astype("datetime64[ns]").astype(np.int64) * 1e-9
-        if "%d" not in form and form != "ISO8601":
+        seconds = ((read - pd.Timestamp(0, tz="UTC")) / pd.Timedelta(seconds=1)).to_numpy(dtype=float)
+        if form == CLOCK:
             seconds = seconds + DAY * np.cumsum(np.diff(seconds, prepend=seconds[:1]) < -DAY / 2)
         return np.asarray(seconds, dtype=float)
     return None

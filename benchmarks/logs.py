@@ -1,0 +1,157 @@
+"""Two logs of one run joined by time: error of the clocks' offset and drift, and of the readings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+import truearm as ta
+from benchmarks.rows import Rows
+from truearm.errors import InputError
+from truearm.files.tables.table import Table
+from truearm.readings.joined_logs import join_tables
+from truearm.typing import FloatArray
+
+ROWS = Rows()
+
+
+@dataclass(frozen=True)
+class Run:
+    """How a robot was moved, and both instruments recorded it."""
+
+    poses: int = 60
+    joint_rate: float = 125.0
+    tip_rate: float = 50.0
+    noise_mm: float = 0.02
+    offset_s: float = 73.4
+    drift: float = 40e-6
+    reach_deg: float = 60.0  # of each joint about the working pose
+    speed: float = 1.0  # of the fastest joint [rad/s]
+    rest_s: tuple[float, float] = (1.5, 3.0)
+    same_duration: bool = False  # all moves last equally long
+    repeats: int = 1  # of the program
+    lost: float = 0.0  # share of the moves at which the tracker loses its target
+    quantum_deg: float = 0.0  # step of the encoders
+    ripple_deg: float = 0.0  # noise of the joints
+    vibration_mm: float = 0.0  # of the tip at 9 Hz, dying away within 0.3 s of a move's end
+    late_start_s: float = 20.0  # the tracker starts so much later, and ends so much earlier
+
+
+def virtual_logs(run: Run, seed: int = 0) -> tuple[Table, Table, FloatArray, FloatArray]:
+    """Logs of a virtual UR5's moves of minimum jerk between poses, and the poses with their tips."""
+    rng = np.random.default_rng(seed)
+    simulated = ta.simulate("ur5", poses=run.poses, half_width_deg=run.reach_deg, seed=seed, arm_seed=seed)
+    poses = np.tile(simulated.session.angles, (run.repeats, 1))
+    span = np.abs(np.diff(poses, axis=0)).max(axis=1)
+    lasts = np.full(len(span), 2.0) if run.same_duration else 1.875 * span / run.speed
+    rests = rng.uniform(*run.rest_s, run.poses)
+    rests = np.full(len(poses), rests[0]) if run.same_duration else np.tile(rests, run.repeats)
+    starts = np.cumsum(rests)[:-1] + np.r_[0.0, np.cumsum(lasts)[:-1]]
+    end = starts[-1] + lasts[-1] + rests[-1]
+
+    def angles_at(t: FloatArray) -> FloatArray:
+        k = np.clip(np.searchsorted(starts, t, side="right") - 1, 0, len(starts) - 1)
+        s = np.clip((t - starts[k]) / lasts[k], 0.0, 1.0)
+        s = s**3 * (10 - 15 * s + 6 * s**2)
+        return poses[k] + s[:, None] * (poses[k + 1] - poses[k])
+
+    def tips_at(t: FloatArray) -> FloatArray:
+        tips = np.concatenate(
+            [simulated.virtual.true_tip(angles_at(part)) for part in np.array_split(t, 1 + len(t) // 4000)]
+        )
+        k = np.clip(np.searchsorted(starts + lasts, t, side="right") - 1, 0, None)
+        since = t - (starts + lasts)[k]
+        shake = np.where(since > 0, np.exp(-np.maximum(since, 0) / 0.3) * np.sin(2 * np.pi * 9 * since), 0.0)
+        return np.asarray(tips + run.vibration_mm * shake[:, None])
+
+    t = np.arange(0.0, end, 1 / run.joint_rate)
+    q = angles_at(t) + np.radians(run.ripple_deg) * rng.standard_normal((len(t), poses.shape[1]))
+    if run.quantum_deg:
+        q = np.radians(run.quantum_deg) * np.round(q / np.radians(run.quantum_deg))
+    true = np.arange(run.late_start_s, end - run.late_start_s, 1 / run.tip_rate)
+    tips = tips_at(true) + run.noise_mm * rng.standard_normal((len(true), 3))
+    middle = float(true.mean())
+    shown = middle - run.offset_s + (true - middle) / (1 + run.drift)
+    for start in rng.choice(starts, round(run.lost * len(starts)), replace=False):
+        tips[(true > start) & (true < start + 0.8)] = 0.0
+    names = ("time_s", *(f"q{i + 1}" for i in range(poses.shape[1])))
+    joints = table(names, [t, *q.T])
+    return (
+        joints,
+        table(("time_s", "x_mm", "y_mm", "z_mm"), [shown, *tips.T]),
+        poses,
+        tips_at(np.append(starts, end) - 1e-3),
+    )
+
+
+def table(names: tuple[str, ...], columns: list[FloatArray]) -> Table:
+    """A table of numbers."""
+    return Table(names, ("",) * len(names), tuple(columns), np.arange(2, len(columns[0]) + 2))
+
+
+def errors_of(run: Run, seed: int, **options: Any) -> dict[str, float]:
+    """Join the logs of a run and compare with what was planted."""
+    joints, points, poses, tips = virtual_logs(run, seed)
+    joined = join_tables(joints, points, "time", **options)
+    clock = joined.clock
+    assert clock is not None
+    true = run.offset_s + run.drift * (clock.at_s - points.numbers(0).mean())
+    q, p = (np.stack([joined.numbers(i) for i in some], axis=1) for some in (range(1, 7), range(8, 11)))
+    nearest = np.argmin(np.abs(q[:, None] - poses).max(axis=2), axis=1)
+    return {
+        "offset_ms": 1e3 * (clock.offset_s - true),
+        "u_ms": 1e3 * clock.u_offset_s,
+        "drift_ppm": 1e6 * (clock.drift - run.drift),
+        "u_ppm": 1e6 * clock.u_drift,
+        "readings": len(joined),
+        "angle_deg": float(np.degrees(np.abs(q - poses[nearest]).max())),
+        "tip_mm": float(np.sqrt(((p - tips[nearest]) ** 2).mean())),
+    }
+
+
+KINDS = {
+    "as recorded by a UR5 and a tracker": Run(),
+    "moves of equal duration": Run(same_duration=True),
+    "tracker at 10 Hz": Run(tip_rate=10.0),
+    "log at 500 Hz, tracker at 1 kHz": Run(joint_rate=500.0, tip_rate=1000.0, poses=25),
+    "camera: 0.2 mm of noise, 30 Hz": Run(tip_rate=30.0, noise_mm=0.2),
+    "encoders of 12 bit": Run(quantum_deg=360 / 4096),
+    "ripple of 0.01 degrees": Run(ripple_deg=0.01),
+    "tip shakes by 0.5 mm": Run(vibration_mm=0.5),
+    "tracker loses a third of the moves": Run(lost=0.33),
+    "joints go up to 150 degrees from the working pose": Run(reach_deg=150.0),
+    "slow: 0.1 rad/s": Run(speed=0.1, poses=20),
+    "8 poses": Run(poses=8, late_start_s=2.0),
+    "2 poses": Run(poses=2, late_start_s=0.5),
+}
+
+
+@ROWS.row("clocks", quick={"seeds": 1})
+def clocks(seeds: int = 20) -> Iterator[dict[str, Any]]:
+    """Error of offset and drift over their stated standard uncertainties, and errors of readings."""
+    for kind, run in KINDS.items():
+        found, refused = [], 0
+        for seed in range(seeds):
+            try:
+                found.append(errors_of(run, seed))
+            except InputError as error:
+                refused += 1
+                message = str(error)
+        row: dict[str, Any] = {"runs": kind, "refused": refused}
+        if refused:
+            print(kind, message)
+        if found:
+            of = {name: np.array([one[name] for one in found]) for name in found[0]}
+            row |= {
+                "u offset [ms]": f"{np.median(of['u_ms']):.2g}",
+                "rms error/u": f"{np.sqrt(np.mean((of['offset_ms'] / of['u_ms']) ** 2)):.2f}",
+                "drift u [ppm]": f"{np.median(of['u_ppm']):.2g}",
+                "drift rms error/u": f"{np.sqrt(np.mean((of['drift_ppm'] / np.maximum(of['u_ppm'], 1e-9)) ** 2)):.2f}",
+                "readings": f"{np.mean(of['readings']):.1f}",
+                "angle [deg]": f"{np.max(of['angle_deg']):.2g}",
+                "tip rms [mm]": f"{np.sqrt(np.mean(of['tip_mm'] ** 2)):.2g}",
+            }
+        yield row
