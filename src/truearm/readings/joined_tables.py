@@ -205,8 +205,8 @@ def join_by_name(joints: Table, points: Table, columns: str | None = None) -> Jo
         there = rows.get(name, []) if name else []
         if len(there) > 1 and often[name] not in (1, len(there)):
             raise joints.error(
-                f"{quoted_cell(joints.words(i)[row])} is on {often[name]} rows here and on {len(there)} in {named(points)}: which rows "
-                "belong together is not known",
+                f"{quoted_cell(str(joints.words(i)[row]))} is on {often[name]} rows here and on {len(there)} in "
+                f"{named(points)}: which rows belong together is not known",
                 row, column=i, hint="as many rows of a name in both files, in the same order, or one in either",
             )  # fmt: skip
         if often[name] == len(there):
