@@ -18,10 +18,11 @@ if TYPE_CHECKING:
 
 # Options of points to measure, and of sessions, that the other does not take.
 FOR_FORMS = ("date", "artefact_temperature")
+FOR_TWO = ("by", "time_offset", "standstill_seconds", "standstill_mm")
 NOT_FOR_FORMS = (
     *("out", "angles", "angle_unit", "counts_per_turn", "sign", "zero", "point_std", "u_mm"),
     *("orientation", "orientation_unit", "orientation_order", "temperature", "seat", "tip", "position", "session"),
-    *("column", "session_name", "preview", "as_json"),
+    *("column", "session_name", "preview", "as_json", "points_from", *FOR_TWO),
 )
 _ONE_EACH = "one, or one a joint, separated by commas"
 PREVIEW_ROWS = 5
@@ -33,6 +34,17 @@ def import_table(
     table: Annotated[Path, Argument(metavar="TABLE", help="Text, workbook, array or log: see docs/session-file.md.")],
     out: Annotated[Path | None, Option(help="Session file to write, .csv or .parquet.")] = None,
     into: IntoForm = None,
+    points_from: Annotated[
+        Path | None, Option("--with", metavar="TABLE", help="A second table, which holds the points.")
+    ] = None,
+    by: Annotated[
+        str, Option(help="What joins the two: row, name, time, or a column of names (POSE, or POSE=POINT).")
+    ] = "row",
+    time_offset: Annotated[
+        float | None, Option(metavar="SECONDS", help="Add to the times of the second table; by default estimated.")
+    ] = None,
+    standstill_seconds: Annotated[float, Option(help="By time: the arm stands still for so long at a reading.")] = 0.5,
+    standstill_mm: Annotated[float, Option(help="By time: and its tip moves by no more.")] = 0.05,
     preview: Annotated[bool, Option("--preview", help="Show the first rows as understood; write nothing.")] = False,
     angles: Annotated[
         str, Option(help="Columns of the joints, base to tip: names or numbers (1-6). Without it, all are recognised.")
@@ -119,11 +131,16 @@ def import_table(
     if out is None and not preview:
         raise InputError("expected --out, --preview or --into", hint="--out session.csv")
 
-    from truearm.readings import JointScale, TableColumns, check_session_path, interpret_table, write_session
-    from truearm.readings.tables import as_table
+    if points_from is None:
+        refuse_typed(context, FOR_TWO, "joins two tables", hint="name the second one: --with TABLE")
 
+    from truearm.readings import JointScale, TableColumns, check_session_path, write_session
+    from truearm.readings.tables import as_table, read_foreign_tables
+
+    sources = [table] if points_from is None else [table, points_from]
     if out is not None:
-        check_output_is_not_input(out, table)
+        for source in sources:
+            check_output_is_not_input(out, source)
         check_session_path(out)
     scale = JointScale(
         unit=cast(Any, _listed(angle_unit) or None),
@@ -136,10 +153,14 @@ def import_table(
         _listed(position), _listed(orientation), _others(column or [], tip),
     )  # fmt: skip
     with progress(f"importing {table.name}"):
-        found = interpret_table(
-            as_table(table, form),
+        found = read_foreign_tables(
+            [as_table(source, form) for source in sources],
             columns,
             scale,
+            by=by,
+            time_offset_s=time_offset,
+            standstill_s=standstill_seconds,
+            standstill_mm=standstill_mm,
             point_unit=cast(Any, point_unit or None),
             u_mm=u_mm,
             orientation_unit=cast(Any, orientation_unit or None),
@@ -155,13 +176,13 @@ def import_table(
     if as_json:
         print_json(_record(found, written))
         return
-    _print_result(found, table, written)
+    _print_result(found, " and ".join(source.name for source in sources), written)
 
 
-def _print_result(found: ImportedTable, table: Path, out: Path | None) -> None:
+def _print_result(found: ImportedTable, tables: str, out: Path | None) -> None:
     from truearm.workflows.sentences import number_of
 
-    said = f"{number_of(len(found.session))} of {found.session.n_joints} joints from {table.name}"
+    said = f"{number_of(len(found.session))} of {found.session.n_joints} joints from {tables}"
     print_line(f"{out}: {said}" if out else said)
     if found.assumed:
         print_line(f"Assumed: {'; '.join(found.assumed)}.")

@@ -17,6 +17,8 @@ from truearm.readings.standstills import Log, common_times, robust_mean, standst
 from truearm.readings.time_columns import Times, time_columns, time_of
 from truearm.typing import FloatArray, IntArray, NameArray
 
+# A standstill lasts so long at least, and the tip moves by no more [s, mm].
+STANDSTILL_S, STANDSTILL_MM = 0.5, 0.05
 # Points that come more slowly were taken one by one, at rest [s].
 SPORADIC_S = 0.5
 # Both logs rest at once for this share of the time of a standstill; repeated values are of a lost target after [s].
@@ -34,8 +36,8 @@ def join_tables(
     point: Sequence[int] = (),
     point_unit_mm: float = 1.0,
     time_offset_s: float | None = None,
-    standstill_s: float = 0.5,
-    standstill_mm: float = 0.05,
+    standstill_s: float = STANDSTILL_S,
+    standstill_mm: float = STANDSTILL_MM,
 ) -> JoinedTable:
     """Join a table of angles and a table of points.
 
@@ -74,8 +76,8 @@ def join_tables(
     if not standstill_s > 0 or not standstill_mm > 0:
         raise InputError("a standstill needs a time and a span above zero", hint="--standstill-seconds 0.5")
     of_joints, of_points = _times(joints), _times(points)
-    angle_columns = list(angles) or _numbers(joints, of_joints)
-    point_columns = list(point) or _coordinates(points, of_points)
+    angle_columns = list(angles) or measured_columns(joints)
+    point_columns = list(point) or _coordinates(points)
     q, _ = _log_of(joints, of_joints, angle_columns)
     p, said = _log_of(points, of_points, point_columns, point_unit_mm)
     return _join(
@@ -207,9 +209,10 @@ def _times(table: Table) -> Times:
     return times
 
 
-def _numbers(table: Table, times: Times) -> list[int]:
-    """Columns of numbers that are no times and do not count the rows."""
-    skipped = {*times.columns, *time_columns(table)}
+def measured_columns(table: Table) -> list[int]:
+    """Indices of the columns of numbers that are no times and do not count the rows."""
+    times = time_of(table)
+    skipped = {*(times.columns if times else ()), *time_columns(table)}
     return [
         i
         for i, column in numeric_columns(table).items()
@@ -217,12 +220,12 @@ def _numbers(table: Table, times: Times) -> list[int]:
     ]
 
 
-def _coordinates(table: Table, times: Times) -> list[int]:
+def _coordinates(table: Table) -> list[int]:
     """The columns x, y, z by their names, or the first three of numbers."""
     letters = [re.sub(r"[^a-z]+(mm|m|um|in)?[^a-z]*$", "", name.strip().casefold()) for name in table.names]
     if all(letters.count(axis) == 1 for axis in "xyz"):
         return [letters.index(axis) for axis in "xyz"]
-    if len(found := _numbers(table, times)) < 3:
+    if len(found := measured_columns(table)) < 3:
         raise table.error(f"expected columns of x, y, z, got {listed(table.names)}", hint="--points X,Y,Z")
     return found[:3]
 

@@ -75,6 +75,7 @@ def beside(joints: Table, points: Table, assumed: Sequence[str]) -> JoinedTable:
         joints.file,
         joints.header_line,
         (*joints.assumed, *points.assumed, *assumed),
+        {**joints.questions, **{len(joints.names) + i: asked for i, asked in points.questions.items()}},
         points,
     )
 

@@ -7,7 +7,7 @@ import numpy as np
 from truearm.typing import BoolArray, FloatArray
 
 # What programs write for a point that they did not see, beside three zeros: all coordinates alike.
-NO_POINT = (-1.0, -99.0, -999.0, -9999.0, -99999.0, 999.0, 9999.0, 99999.0, 999999.0, -999999.0)
+NO_POINT = [-1.0, -99.0, *(s * v for s in (-1.0, 1.0) for v in (999.0, 999.9, 999.99, 9999.0, 99999.0, 999999.0))]
 # No tip is as far away [table's unit]; 9.9E+37 and 1e30 are "no value" of several instruments.
 FAR_AWAY = 1e15
 # A point this near the origin makes another of three zeros possible [share of the largest distance].

@@ -17,26 +17,12 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 from truearm.errors import InputError
+from truearm.files.tables.units import canonical_unit
 from truearm.readings.readings import PAYLOAD
 from truearm.readings.table_columns import TableColumns, is_other
 
-_SPELLINGS = {
-    "deg": "deg degs degree degrees °",
-    "rad": "rad rads radian radians",
-    "mm": "mm millimeter millimeters millimetre millimetres",
-    "m": "m meter meters metre metres",
-    "cm": "cm",
-    "um": "um µm μm micron microns",
-    "in": "in inch inches",
-    "counts": "counts count cts ticks pulse pulses inc",
-    "s": "s sec second seconds",
-    "degC": "degc °c c celsius",
-    "kg": "kg",
-    "Nm": "nm n*m n·m",
-    "A": "a amp ampere",
-}
-_UNITS = {spelling: unit for unit, spellings in _SPELLINGS.items() for spelling in spellings.split()}
-
+# Units that a name may end in, among those that tables write.
+_UNITS_OF_NAMES = ("deg", "rad", "mm", "m", "cm", "um", "in", "counts", "s", "degC", "kg", "Nm", "A")
 _JOINT_UNITS, _LENGTHS = ("deg", "rad", "counts", "mm", "m"), ("mm", "m", "cm", "um", "in")
 
 # Joints that have names instead of numbers, base to tip.
@@ -166,15 +152,15 @@ def split_unit(name: str, unit: str = "") -> tuple[str, str | None]:
     (('joint_1', 'deg'), ('tip_x', 'mm'), ('q_0', 'rad'))
     """
     text = unicodedata.normalize("NFC", name).casefold().strip().replace("º", "°")
-    known = _UNITS.get(unit.casefold().strip().strip("[]()"))
+    known = canonical_unit(unit) or None
     for pattern in (
         r"(.*\S)\s*[\[({]\s*([^\[\](){}]+?)\s*[\])}]",
         r"(.+?)\s*(?:[_\s/,.-]|\bin\b)+([^\W\d_]+|°c?)",
         r"(.+\d)(°)",
     ):
         match = re.fullmatch(pattern, text)
-        if match and match[2] in _UNITS and match[1].strip("_ "):
-            text, known = match[1], known or _UNITS[match[2]]
+        if match and match[1].strip("_ ") and (behind := canonical_unit(match[2])) in _UNITS_OF_NAMES:
+            text, known = match[1], known or behind
             break
     return re.sub(r"[\W_]+", "_", text).strip("_"), known
 

@@ -12,10 +12,13 @@ import numpy as np
 from truearm.errors import InputError
 from truearm.files.delimited import quoted_cell
 from truearm.files.tables.reading import read_table
-from truearm.files.tables.table import Table, TableForm
+from truearm.files.tables.table import Table, TableForm, listed
+from truearm.files.tables.units import canonical_unit
+from truearm.readings.joined_logs import STANDSTILL_MM, STANDSTILL_S, join_tables, measured_columns
 from truearm.readings.joint_scale import JointScale, JointUnit, certain_unit
 from truearm.readings.no_readings import lost_targets, mean_row
 from truearm.readings.orientations import OrientationUnit, check_orientation_columns, read_orientations
+from truearm.readings.program_columns import ProgramColumns, recognise_program_columns
 from truearm.readings.readings import ANCHOR_DISTANCE, DIRECTION, LOAD, SHARED_UNCERTAINTIES, SPHERE_DISTANCE
 from truearm.readings.session import Session
 from truearm.readings.table_columns import OTHER_NAMES, TableColumns
@@ -27,22 +30,6 @@ if TYPE_CHECKING:
 PointUnit = Literal["mm", "m", "um", "in", "cm"]
 
 _TO_MM: dict[str, float] = {"mm": 1.0, "m": 1000.0, "um": 0.001, "in": 25.4, "cm": 10.0}
-
-# Units as tables write them.
-_ANGLE_UNITS: dict[str, JointUnit] = {
-    **dict.fromkeys(("deg", "degree", "degrees", "\u00b0", "\u00ba"), "deg"),
-    **dict.fromkeys(("rad", "radian", "radians"), "rad"),
-    **dict.fromkeys(("counts", "count", "cts", "ticks", "inc"), "counts"),
-    "mm": "mm",
-    "m": "m",
-}
-_LENGTH_UNITS: dict[str, PointUnit] = {
-    **dict.fromkeys(("mm", "millimeter", "millimeters", "millimetre", "millimetres"), "mm"),
-    **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), "m"),
-    **dict.fromkeys(("cm", "centimeter", "centimetre"), "cm"),
-    **dict.fromkeys(("um", "\u00b5m", "\u03bcm", "micron", "microns", "micrometer", "micrometre"), "um"),
-    **dict.fromkeys(("in", "inch", "inches", '"'), "in"),
-}
 
 # Goal coordinates that differ by less than this many decimals name one position.
 _POSITION_DECIMALS = 6
@@ -81,6 +68,11 @@ def import_table(
     columns: TableColumns | None = None,
     scale: JointScale | None = None,
     *,
+    points_from: str | Path | Table | pd.DataFrame | None = None,
+    by: str = "row",
+    time_offset_s: float | None = None,
+    standstill_s: float = STANDSTILL_S,
+    standstill_mm: float = STANDSTILL_MM,
     point_unit: PointUnit | None = None,
     u_mm: float | None = None,
     orientation_unit: OrientationUnit | None = None,
@@ -108,6 +100,12 @@ def import_table(
         Which column holds what. Those not stated are recognised by their names if no angles are stated.
     scale : JointScale, optional
         How its joint values become angles.
+    points_from : path or pandas.DataFrame, optional
+        A second table, which holds the points.
+    by : str
+        What joins the two tables: ``row``, ``name``, ``time``, or a column of names, as `join_tables` has it.
+    time_offset_s, standstill_s, standstill_mm : float
+        As `join_tables` has them.
     point_unit : {"mm", "m", "cm", "um", "in"}, optional
         Unit of the points, their uncertainties and of distances.
     u_mm : float, optional
@@ -152,10 +150,15 @@ def import_table(
     [[500.0, 0.0, 250.0]]
     """
     form = TableForm(separator, decimal, thousands, header, skip_lines, encoding, part)
-    return interpret_table(
-        as_table(table, form),
+    tables = [as_table(one, form) for one in (table, points_from) if one is not None]
+    return read_foreign_tables(
+        tables,
         columns or TableColumns(),
         scale or JointScale(),
+        by=by,
+        time_offset_s=time_offset_s,
+        standstill_s=standstill_s,
+        standstill_mm=standstill_mm,
         point_unit=point_unit,
         u_mm=u_mm,
         orientation_unit=orientation_unit,
@@ -180,11 +183,87 @@ def as_table(table: str | Path | Table | pd.DataFrame, form: TableForm) -> Table
     raise InputError(f"expected the path of a table or a data frame, got {type(table).__name__}")
 
 
+def read_foreign_tables(
+    tables: Sequence[Table],
+    columns: TableColumns,
+    scale: JointScale,
+    *,
+    by: str = "row",
+    time_offset_s: float | None = None,
+    standstill_s: float = STANDSTILL_S,
+    standstill_mm: float = STANDSTILL_MM,
+    **meaning: Any,
+) -> ImportedTable:
+    """Read a session from one table, or from one of angles and one of points; see `import_table` and `interpret_table`.
+
+    Raises
+    ------
+    InputError
+        As `import_table`.
+    """
+    first, *more = tables
+    if not more:
+        known = recognise_program_columns(first.names, first.units) if not columns.angles else None
+        return interpret_table(first, columns, scale, known=known, **meaning)
+    points = more[0]
+    known = _known_of_two(first, points)
+    unit = meaning.get("point_unit") or known.point_unit or "mm"
+    joined = join_tables(
+        first,
+        points,
+        by,
+        angles=[first.index(column) for column in columns.angles or known.columns.angles],
+        point=[points.index(column) for column in columns.points or known.columns.points],
+        point_unit_mm=_TO_MM[unit],
+        time_offset_s=time_offset_s,
+        standstill_s=standstill_s,
+        standstill_mm=standstill_mm,
+    )
+    n = len(joined.names) - len(points.names)
+
+    def there(names: Sequence[str]) -> tuple[str, ...]:
+        """Columns of the table of points, by what they are called in the joined one."""
+        return tuple(joined.names[n + points.index(name)] for name in names)
+
+    stated = replace(columns, points=there(columns.points), point_std=there(columns.point_std))
+    at = known.columns
+    at = replace(at, points=there(at.points), point_std=there(at.point_std), orientation=there(at.orientation))
+    known = replace(known, columns=at)
+    return interpret_table(joined, stated, scale, known=None if columns.angles and columns.points else known, **meaning)
+
+
+def _known_of_two(joints: Table, points: Table) -> ProgramColumns:
+    """What two tables hold: angles and all else from the first, the tip from the second.
+
+    Where names tell nothing, the columns of numbers that are no times and do not count the rows do.
+    """
+    known, tip = (recognise_program_columns(table.names, table.units) for table in (joints, points))
+    angles, at = known.columns.angles, tip.columns.points
+    if not angles:
+        angles = tuple(str(i + 1) for i in measured_columns(joints))
+    if not at and len(free := measured_columns(points)) == 3:
+        at = tuple(str(i + 1) for i in free)
+    columns = replace(
+        known.columns, angles=angles, points=at, point_std=tip.columns.point_std, orientation=tip.columns.orientation
+    )
+    return replace(
+        known,
+        columns=columns,
+        angle_units=known.angle_units or (None,) * len(angles),
+        point_unit=tip.point_unit,
+        orientation_unit=tip.orientation_unit,
+        orientation_order=tip.orientation_order,
+        phrases=(*known.phrases, *tip.phrases),
+        remarks=(*known.remarks, *tip.remarks),
+    )
+
+
 def interpret_table(
     table: Table,
     columns: TableColumns,
     scale: JointScale,
     *,
+    known: ProgramColumns | None = None,
     point_unit: PointUnit | None = None,
     u_mm: float | None = None,
     orientation_unit: OrientationUnit | None = None,
@@ -192,33 +271,49 @@ def interpret_table(
     session_name: str | None = None,
     serial_number: str | None = None,
 ) -> ImportedTable:
-    """Give a table's columns their meaning; parameters and errors as those of `import_table`."""
+    """Give a table's columns their meaning.
+
+    Parameters
+    ----------
+    table : Table
+    columns : TableColumns
+        Those that a person states.
+    scale : JointScale
+    known : ProgramColumns, optional
+        Those that are recognised by their names, for what is not stated.
+    point_unit, u_mm, orientation_unit, orientation_order, session_name, serial_number
+        As `import_table` has them.
+
+    Raises
+    ------
+    InputError
+        As `import_table`.
+    """
     _check_stated(point_unit, u_mm)
-    for what, stated, column in (
-        ("session", session_name, columns.session),
-        ("serial number", serial_number, columns.others.get("serial_number")),
-    ):
-        if column and stated is not None:
-            raise InputError(f"the {what} is given twice, by a column and by a name")
+    assumed, remarks = list(table.assumed), list[str]()
+    units: Sequence[str | None] = ()
+    if known is not None:
+        units = () if columns.angles else known.angle_units
+        point_unit = point_unit or (None if columns.points else cast(PointUnit | None, known.point_unit))
+        if not columns.orientation:
+            orientation_unit = orientation_unit or cast(Any, known.orientation_unit)
+            orientation_order = orientation_order or known.orientation_order
+        columns = _whole_columns(table, columns, known, orientation_unit, remarks)
+        assumed += known.phrases
+        remarks += known.remarks
+    if not columns.angles:
+        raise table.error(
+            f"no column of joint angles is known among {listed(table.names)}",
+            hint="--angles 'A,B,C': their names, or their numbers as 1-6",
+        )
+    _check_named_twice(columns, session_name, serial_number)
     check_orientation_columns(len(columns.orientation), orientation_unit, orientation_order)
     if scale.unit is not None:  # wrong numbers of signs or zeros before all else
         scale.to_angles(np.zeros((1, len(columns.angles))))
     _check_once(table, columns)
-    whole = np.ones(len(table), bool)
-    remarks: list[str] = []
-    values = _numbers(table, columns.angles)
-    points = _numbers(table, columns.points)
-    if len(table) and mean_row(np.hstack([values, points])):
-        whole[-1] = False
-        remarks.append(f"{_called(table, whole)} holds the means of the rows above: no reading.")
-    if (gone := np.isnan(values).any(axis=1) & whole).any():
-        whole &= ~gone
-        remarks.append(f"{_called(table, ~gone)}: a joint angle is missing: no reading.")
-    if not whole.any():
-        raise table.error("expected at least one row of numbers, got none", hint=remarks[0] if remarks else None)
-    assumed = list(table.assumed)
-    table, values, points = table.rows(np.flatnonzero(whole)), values[whole], points[whole]
-    scale = _with_unit(scale, table, columns.angles, values, assumed)
+    table = _readings_of(table, columns, remarks)
+    values, points = _numbers(table, columns.angles), _numbers(table, columns.points)
+    scale = _with_unit(scale, table, columns.angles, units, values, assumed)
     unit = point_unit or _point_unit(table, columns, points, assumed)
     fields = _tip_fields(table, columns, points * _TO_MM[unit], unit, orientation_unit, orientation_order, remarks)
     fields |= _other_fields(table, columns, unit)
@@ -236,6 +331,50 @@ def interpret_table(
         by_line=table.place == "line",
     )
     return ImportedTable(session, columns, tuple(scale.units(session.n_joints)), tuple(assumed), tuple(remarks))
+
+
+def _whole_columns(
+    table: Table, stated: TableColumns, known: ProgramColumns, orientation_unit: str | None, remarks: list[str]
+) -> TableColumns:
+    """Columns as stated, or as recognised where those have a number in every row and a unit."""
+    columns = known.columns
+    if len(columns.orientation) == 3 and orientation_unit is None and not stated.orientation:
+        names = ",".join(columns.orientation)
+        remarks.append(f"{names} have no unit: not read. Use --orientation {names} with --orientation-unit.")
+        columns = replace(columns, orientation=())
+    others = {}
+    for name, column in columns.others.items():
+        if name in OTHER_NAMES or name in ANCHOR_DISTANCE or name in SPHERE_DISTANCE or name in stated.others:
+            others[name] = column
+        elif np.isnan(table.numbers(table.index(column))).any():
+            remarks.append(f"{column} has no number in some rows: not read. Use --column {name}={column} to insist.")
+        else:
+            others[name] = column
+    return stated.or_else(replace(columns, others=others))
+
+
+def _readings_of(table: Table, columns: TableColumns, remarks: list[str]) -> Table:
+    """Return the rows that are readings: all their angles are there, and they are no means of the rows above."""
+    values = _numbers(table, columns.angles)
+    whole = np.ones(len(table), bool)
+    if len(table) and mean_row(np.hstack([values, _numbers(table, columns.points)])):
+        whole[-1] = False
+        remarks.append(f"{_called(table, whole)} holds the means of the rows above: no reading.")
+    if (gone := np.isnan(values).any(axis=1) & whole).any():
+        whole &= ~gone
+        remarks.append(f"{_called(table, ~gone)}: a joint angle is missing: no reading.")
+    if not whole.any():
+        raise table.error("expected at least one row of numbers, got none", hint=remarks[-1] if remarks else None)
+    return table if whole.all() else table.rows(np.flatnonzero(whole))
+
+
+def _check_named_twice(columns: TableColumns, session_name: str | None, serial_number: str | None) -> None:
+    for what, stated, column in (
+        ("session", session_name, columns.session),
+        ("serial number", serial_number, columns.others.get("serial_number")),
+    ):
+        if column and stated is not None:
+            raise InputError(f"the {what} is given twice, by a column and by a name")
 
 
 def import_points(
@@ -319,25 +458,32 @@ def _called(table: Table, kept: BoolArray, most: int = 5) -> str:
 
 
 def _with_unit(
-    scale: JointScale, table: Table, angles: Sequence[str], values: FloatArray, assumed: list[str]
+    scale: JointScale,
+    table: Table,
+    angles: Sequence[str],
+    known: Sequence[str | None],
+    values: FloatArray,
+    assumed: list[str],
 ) -> JointScale:
-    """Settle the unit of the joints: as stated, as the table states it, or the only one that its numbers can have."""
+    """Settle the unit of the joints: as stated, as the table or its program has it, or the only one possible."""
     if scale.unit is not None:
         return scale
-    stated = [_ANGLE_UNITS.get(table.units[table.index(column)].casefold().strip()) for column in angles]
+    written = [canonical_unit(table.units[table.index(column)]) for column in angles]
+    stated = [unit if unit in get_args(JointUnit) else None for unit in written]
+    stated = [a or b for a, b in zip(stated, known or [None] * len(stated), strict=True)]
     certain = certain_unit(values)
     units = [unit or certain for unit in stated]
     if None not in units:
         if None in stated:
             assumed.append(f"angles in {certain}, as some turn {np.abs(values).max():.4g}")
         return replace(scale, unit=tuple(cast(JointUnit, unit) for unit in units))
-    column = table.index(angles[units.index(None)])
-    value = float(values[0, units.index(None)])
+    row, joint = 0, units.index(None)
+    value = float(values[row, joint])
     raise table.error(
         f"the unit of the joint angles is not stated: {value:g} may be {value:g} deg or {value:g} rad = "
         f"{np.degrees(value):.5g} deg",
-        0,
-        column=column,
+        row,
+        column=table.index(angles[joint]),
         hint="--angle-unit deg, --angle-unit rad, or --angle-unit counts with --counts-per-turn",
     )
 
@@ -429,7 +575,9 @@ def _other_fields(table: Table, columns: TableColumns, unit: str) -> dict[str, A
 
 
 def _unit_of(table: Table, column: str) -> str | None:
-    return _LENGTH_UNITS.get(table.units[table.index(column)].casefold().strip())
+    """Unit of a length as the table writes it; None where it states none."""
+    unit = canonical_unit(table.units[table.index(column)])
+    return unit if unit in _TO_MM else None
 
 
 def _state_uncertainty(fields: dict[str, Any], u_mm: float) -> None:

@@ -6,7 +6,7 @@ import re
 
 # What is written (without case), by what it means.
 _WRITTEN = {
-    "deg": "deg degs degree degrees ° º grad_deg grd",
+    "deg": "deg degs degree degrees ° º",
     "rad": "rad rads radian radians",
     "gon": "gon",
     "mm": "mm millimeter millimeters millimetre millimetres millimetri",
@@ -14,8 +14,8 @@ _WRITTEN = {
     "cm": "cm centimeter centimeters centimetre",
     "m": "m meter meters metre metres",
     "in": 'in inch inches " ″',
-    "counts": "count counts cts inc increments ticks steps pulses",
-    "degC": "degc °c ℃ celsius",
+    "counts": "count counts cts inc increments ticks steps pulse pulses",
+    "degC": "degc °c ℃ c celsius",
     "s": "s sec secs second seconds",
     "ms": "ms msec millisecond milliseconds",
     "us": "us µs μs",
@@ -30,7 +30,7 @@ _WRITTEN = {
     "m/s": "m/s",
     "K": "k kelvin",
     "Hz": "hz",
-    "A": "a",
+    "A": "a amp ampere",
     "V": "v",
     "%": "%",
     "": "- -- 1 none unitless n/a",
