@@ -159,7 +159,7 @@ def read_sheet(
         If the file is missing, too large, binary, or not in `encoding`, or its cells are separated by another sign.
     """
     path = Path(path)
-    _check_signs(separator, decimal)
+    check_signs(separator, decimal)
     hint = "save it as 'CSV UTF-8', or give its --encoding (often cp1252)"
     data = as_utf8(read_limited(path, limit_bytes=MAX_BYTES), path, encoding, hint=hint)
     head = first_line(
@@ -413,7 +413,8 @@ def _described(cell: str, sheet: Sheet) -> tuple[str, str | None]:
     return f"expected a number, got {quoted_cell(text)}", None
 
 
-def _check_signs(separator: str, decimal: str) -> None:
+def check_signs(separator: str, decimal: str) -> None:
+    """Refuse a separator or a decimal sign that cannot be one."""
     if len(separator) != 1 or separator in '\r\n"' or separator.isalnum():
         raise InputError(f"the separator must be one character such as , or ; got {quoted_cell(separator)}")
     if decimal not in (".", ","):

@@ -34,6 +34,14 @@ class CellRows(Protocol):
     def head(self) -> list[list[str]]:
         """Cells of the first rows, at most `HEAD`, without blanks around them."""
 
+    @property
+    def may_be_short(self) -> bool:
+        """Whether cells that a row lacks are those at its end."""
+
+    @property
+    def point_is_decimal(self) -> bool:
+        """Whether 1.235 is no 1235 unless other cells say so."""
+
 
 def table_of_rows(rows: CellRows, path: Path | None, form: TableForm, place: Place, assumed: Sequence[str]) -> Table:
     """Make a table of rows of cells: recognise its head, foot and notation, and read its columns.
@@ -46,6 +54,7 @@ def table_of_rows(rows: CellRows, path: Path | None, form: TableForm, place: Pla
     layout = recognise_layout(head := rows.head(), form.header)
     if layout is None:
         raise InputError("expected rows of numbers, got none", file=path)
+    _check_names(rows, head, layout, path, place, form)
     body = _Body(rows, layout, numeric_columns(head[layout.first :], len(layout.names)), path, place)
     columns, texts, questions = _columns(body, form)
     names = layout.names
@@ -54,6 +63,22 @@ def table_of_rows(rows: CellRows, path: Path | None, form: TableForm, place: Pla
     said = [*assumed, *_said_of_head(body), *body.said, *_said_of_columns(columns, names, form)]
     lines = np.concatenate(body.lines) if body.lines else np.empty(0, int)
     return Table(names, units, tuple(texts), lines, place, path, header_line, tuple(said), questions)
+
+
+def _check_names(
+    rows: CellRows, head: list[list[str]], layout: Layout, path: Path | None, place: Place, form: TableForm
+) -> None:
+    """Refuse a header with fewer names than the rows have cells, or more between blanks: which is whose is open."""
+    i = layout.unmatched
+    longer = layout.header is not None and len(head[layout.header]) > max(map(len, head[layout.first :]))
+    if longer and not rows.may_be_short:
+        i = layout.header
+    if i is None or form.header is False:
+        return
+    n, cells = len(head[i]), len(head[layout.first])
+    table = Table((), (), (), np.array(rows.numbers[i : i + 1]), place, path)
+    hint = f"--no-header, and columns by number, 1 to {cells}, or name every column"
+    raise table.error(f"the header has {n} names for {cells} columns", 0, hint=hint)
 
 
 class _Body:
@@ -103,13 +128,19 @@ class _Body:
 
     def _fitting(self, row: list[str], line: int) -> list[str]:
         """A row with as many cells as there are names; those missing at its end are empty."""
+        if len(row) < self.width and not self.rows.may_be_short:
+            problem = f"expected {self.width} values between blanks, got {len(row)}: which are missing?"
+            hint = "write - where there is no value, or separate by --separator TAB"
+            raise self._error(problem, line, hint)
         if "".join(row[self.width :]).strip():
             problem = f"expected {self.width} values, got {len(row)}"
             names = self.layout.names
             hint = f"the columns are {listed(names)}: state --separator, --skip-lines, or --no-header if these are not"
-            where = {"line": line} if self.place == "line" else {"row": f"{self.place} {line}"}
-            raise InputError(problem, file=self.path, hint=hint, **where)
+            raise self._error(problem, line, hint)
         return row[: self.width] + [""] * (self.width - len(row))
+
+    def _error(self, problem: str, line: int, hint: str) -> InputError:
+        return Table((), (), (), np.array([line]), self.place, self.path).error(problem, 0, hint=hint)
 
 
 def _columns(
@@ -124,12 +155,10 @@ def _columns(
             column.add(of_column, start)
     if not body.lines:
         raise InputError("expected at least one row of numbers, got none", file=body.path)
-    again = {
-        i: NumberColumn(thousands, label=labels[i])
-        for i, thousands in enumerate(thousands_of(columns, form))
-        if thousands and not columns[i].words
-    }
-    asked = {i for i, thousands in enumerate(thousands_of(columns, form)) if thousands is None and not columns[i].words}
+    signs = thousands_of(columns, form, point_is_decimal=body.rows.point_is_decimal)
+    signs = ["" if column.words else sign for sign, column in zip(signs, columns, strict=True)]
+    again = {i: NumberColumn(sign, label=labels[i]) for i, sign in enumerate(signs) if sign}
+    asked = {i for i, sign in enumerate(signs) if sign is None}
     texts: dict[int, list[NameArray]] = {i: [] for i in range(width) if columns[i].words or i in asked}
     too_long: dict[int, int] = {}
     for start, cells in body.chunks() if again or texts else ():

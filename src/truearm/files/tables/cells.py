@@ -26,6 +26,7 @@ _WITH_UNIT = re.compile(r"(?P<number>[+-]?[\d.,].*?)\s*(?P<unit>[^\W\d_][^\s\d]*
 _LABELLED = re.compile(
     r"(?P<label>[^\W\d]\w*)(?:\s*[:=]\s*(?P<stated>[+-]?\s*[\d.].*)|\s+(?P<plain>[+-]?\s*\d*[.,]\d.*))"
 )
+_LONGEST = 60  # characters of a number
 # Units behind a number; of the others 3A and 5V may be names.
 _UNITS = ("deg", "rad", "gon", "mm", "um", "cm", "m", "in", "degC", "counts", "s", "ms")
 # One sign with three digits behind and one to three before: a decimal sign, or one between thousands.
@@ -67,7 +68,9 @@ def parse_cell(cell: str) -> Cell | None:
     >>> round(parse_cell("-12 30 36").angle, 6)
     -12.51
     """
-    text = clean(cell)
+    text = clean(cell[:_LONGEST])
+    if len(cell) > _LONGEST and len(cell.strip()) > _LONGEST:
+        return None
     if not text or _NO_VALUE.fullmatch(text):
         return Cell("")
     if text[0] in "+-":

@@ -16,12 +16,16 @@ HEAD = 200  # rows from which the form of a table is recognised
 
 # What a row of statistics begins with, without case and without what stands in brackets.
 _STATISTICS = re.compile(
-    r"(?:mean|average|avg|median|st\.? ?d(?:ev)?|standard deviation|sd|sigma|rms|min(?:imum)?|max(?:imum)?|range|span"
-    r"|sum|total|count|mittel(?:wert)?|standardabweichung|stabw|summe|anzahl|spannweite|moyenne|[ée]cart[- ]type|somme"
-    r"|media|promedio|desviaci[óo]n.*|end of (?:file|data|table)|eof|end|平均值?|标准差|最大值|最小值)\b.*",
+    r"(?:mean|average|avg|median|st\.? ?d(?:ev)?|standard|sd|sigma|rms|min(?:imum)?|max(?:imum)?|range|span|sum|total"
+    r"|count|mittel(?:wert)?|standardabweichung|stabw|summe|anzahl|spannweite|moyenne|[ée]cart[- ]type|somme|media"
+    r"|promedio|desviaci[óo]n|eof|end|平均值?|标准差|最大值|最小值)"
+    r"(?: (?:values?|deviation|error|dev\.?|of .*|est[áa]ndar))?\s*(?:[.:=(\[].*)?",
     re.IGNORECASE,
 )
 _MOST_MISSING = 3  # cells at the end of all rows that the header names
+_COUNTERS = re.compile(
+    r"n[or]?\.?|#|id|i(?:ndex|dx)?|row|line|frame|point|pose|sample|num(?:ber)?|pos(?:ition)?", re.IGNORECASE
+)
 _GROUP_IDENTIFIERS = ("id", "type")  # rows of a head that name nothing a person would type
 
 
@@ -42,7 +46,9 @@ class Layout:
     group_rows : int
         How many rows above the names hold the names of groups.
     row_names : bool
-        Whether the rows have a first cell that the header has not.
+        Whether the rows have a first cell that the header has not: it counts them.
+    unmatched : int, optional
+        Index of a row of names that has fewer cells than the rows.
     """
 
     names: tuple[str, ...]
@@ -52,6 +58,7 @@ class Layout:
     unit_row: int | None = None
     group_rows: int = 0
     row_names: bool = False
+    unmatched: int | None = None
 
 
 def recognise_layout(rows: Sequence[Row], header: bool | None = None) -> Layout | None:
@@ -74,16 +81,18 @@ def recognise_layout(rows: Sequence[Row], header: bool | None = None) -> Layout 
         first = 1
     above, unit_row = _names_and_units(rows[:first], width)
     longer = len(_trimmed(rows[above])) - width if above is not None else 0
-    width += longer if 0 < longer <= _MOST_MISSING else 0
+    width += longer if 0 < longer <= _MOST_MISSING and header is not False else 0
     units = _filled(units_of_row(list(rows[unit_row])) or () if unit_row is not None else (), width)
     layout = Layout(tuple(str(i + 1) for i in range(width)), units, None, first, unit_row)
     if header and above is None:
         above = max(first - 1, 0)
     if header is False or above is None:
         return _with_labels(rows, layout)
-    cells = _trimmed(rows[above])
-    if row_names := len(cells) == width - 1 and _has_row_names(rows[first:], width):
+    cells = list(rows[above])
+    if row_names := len(cells) == width - 1 and _has_row_names(cells, rows[first:], width):
         cells = ["", *cells]
+    if len(cells) < width:
+        return replace(layout, unmatched=above)
     names, groups = _with_groups(_filled(cells, width), rows[:above], width, shifted=row_names)
     units = tuple(unit or unit_in_name(name) for unit, name in zip(layout.units, names, strict=True))
     return replace(layout, names=names, units=units, header=above, group_rows=groups, row_names=row_names)
@@ -118,7 +127,7 @@ def numeric_columns(rows: Sequence[Row], width: int) -> list[int]:
     return [
         i
         for i in range(width)
-        if (filled := [is_number(row[i]) for row in full if row[i]]) and sum(filled) > len(filled) / 2
+        if (filled := [is_number(row[i]) for row in full if row[i]]) and sum(filled) >= len(filled) / 2
     ]
 
 
@@ -130,7 +139,7 @@ def foot_length(rows: Sequence[Row], numeric: Sequence[int], width: int) -> int:
         label = next((cell for cell in filled if not is_value(cell)), "")
         if not (is_remark or _STATISTICS.fullmatch(label) or is_text(row, numeric)):
             return n
-    return len(rows)
+    return 0  # a foot is not all there is: these are names
 
 
 def is_text(row: Row, numeric: Sequence[int]) -> bool:
@@ -171,7 +180,7 @@ def _counts_columns(rows: Sequence[Row], first: int, width: int) -> bool:
 
 
 def _names_columns(row: Row, width: int) -> bool:
-    cells = _trimmed(row)
+    cells = row if len(row) <= width else _trimmed(row)
     words = [cell for cell in cells if cell and not is_number(cell)]
     enough = len(cells) in (width, width - 1) or len(words) >= max(2, width / 2)
     return (
@@ -182,11 +191,11 @@ def _names_columns(row: Row, width: int) -> bool:
     )
 
 
-def _has_row_names(rows: Sequence[Row], width: int) -> bool:
-    """Whether the first cells of full rows are words, or count the rows."""
+def _has_row_names(names: Row, rows: Sequence[Row], width: int) -> bool:
+    """Whether the first cells of full rows count them, but no name says that they do."""
     first = [row[0] for row in rows if len(row) == width]
-    counted = [str(i + 1) for i in range(len(first))]
-    return len(first) > 1 and (first == counted or not any(map(is_number, first)))
+    counted = [[str(i + start) for i in range(len(first))] for start in (0, 1)]
+    return len(first) > 2 and first in counted and not _COUNTERS.fullmatch(names[0])
 
 
 def _with_groups(

@@ -131,15 +131,20 @@ class NumberColumn:
         return np.concatenate(self.parts)
 
 
-def thousands_of(columns: Sequence[NumberColumn], form: TableForm) -> list[str | None]:
+def thousands_of(
+    columns: Sequence[NumberColumn], form: TableForm, *, point_is_decimal: bool = False
+) -> list[str | None]:
     """Which signs separate thousands in each column, where cells leave it open; None where a person must say.
 
     Notes
     -----
     ``1.235`` is 1.235, or 1235. Its column decides if another cell has one reading only (``1.235,5``, ``12,5``,
-    ``0.25``, ``1.2345``, ``1235``). Else the file's other columns do, unless whole numbers stand beside it.
+    ``0.25``, ``1.2345``, ``1235``). Else the file's other columns do, unless whole numbers stand beside it. In a file
+    of nothing but such numbers, or between commas (`point_is_decimal`), the point is decimal.
     """
     in_file = {sign for column in columns if not column.words for sign in column.decimal_signs}
+    if not in_file and (point_is_decimal or not any(column.has_short for column in columns if not column.words)):
+        in_file = {"."}
     found: list[str | None] = []
     for column in columns:
         signs: str | None = ""
@@ -172,9 +177,7 @@ def _by_column(column: NumberColumn, sign: str) -> bool | None:
 def _by_file(column: NumberColumn, sign: str, in_file: set[str]) -> bool | None:
     if in_file == {OTHER[sign]}:
         return True
-    if not column.has_short and OTHER[sign] not in in_file and (in_file == {sign} or sign == "."):
-        return False
-    return None
+    return False if not column.has_short and in_file == {sign} else None
 
 
 def two_readings(cell: str) -> tuple[str, str, str]:
@@ -195,7 +198,7 @@ def two_readings(cell: str) -> tuple[str, str, str]:
 def words_of(cells: Sequence[str], column: NumberColumn, *, as_written: bool = False) -> NameArray:
     """Cells as words; in a column of numbers those of its numbers that Python does not read are written plainly."""
     words = [cell.strip() for cell in cells]
-    if column.numbers > column.words and not as_written:
+    if column.numbers >= column.words and not as_written:
         words = [_plainly(cell, column) for cell in words]
     return np.array([word[:MAX_NAME] for word in words], dtype=np.str_)
 

@@ -13,6 +13,7 @@ import numpy as np
 from truearm.files.tables.cells import is_number
 
 SEPARATORS = {"\t": "tabs", ";": "semicolons", "|": "pipes", ",": "commas", " ": "blanks"}
+_ROWS = 2000  # from which unequal numbers of cells are seen
 _BLANKS = re.compile(r"[ \t]+")
 # Other ways to write the names, where their line has not as many cells as the rows.
 _OF_NAMES = tuple(map(re.compile, (r"[ \t]+", r"\t+|[ \t]{2,}", r"\s*,\s*", r"\s*;\s*", r"\s*\|\s*")))
@@ -61,6 +62,14 @@ class Splitting:
         """Split lines into cells without blanks around them."""
         return [[cell.strip() for cell in row] for row in self.split(lines)]
 
+    def split_names(self, line: str, row: Sequence[str], width: int) -> list[str]:
+        """Cells of a line above the rows, by another separator if `row` has not a name for each of `width` columns."""
+        if len(row) != width or self.cuts:
+            for pattern in _OF_NAMES:
+                if len(cells := pattern.split(line.strip())) == width and not any(map(is_number, cells)):
+                    return [cell.strip().strip('"') for cell in cells]
+        return list(row)
+
 
 def recognise_separator(lines: Sequence[str]) -> str:
     """Return the separator by which most cells of `lines` are numbers, as many in each line."""
@@ -69,34 +78,22 @@ def recognise_separator(lines: Sequence[str]) -> str:
 
 def recognise_fixed_width(lines: Sequence[str]) -> tuple[int, ...]:
     """Where the columns begin, if rows that blanks separate have unequal numbers of cells; else nothing."""
-    rows = [line for line in lines if sum(map(is_number, line.split())) > 1]
-    counts = {len(line.split()) for line in rows}
-    if len(counts) < 2 or any("\t" in line for line in rows):
+    sample = [i for i, line in enumerate(lines[:_ROWS]) if sum(map(is_number, line.split())) > 1]
+    counts = {len(lines[i].split()) for i in sample}
+    if len(counts) < 2 or any("\t" in lines[i] for i in sample):
         return ()
-    length = max(map(len, rows))
-    filled = np.zeros(length + 1, bool)
+    rows = [line for line in lines[sample[0] :] if line[0] == " " or is_number(line.split()[-1])]
+    filled = np.zeros(max(map(len, rows)) + 1, bool)
     for line in rows:
-        filled[: len(line)] |= np.array([letter != " " for letter in line], bool)
+        filled[: len(line)] |= np.frombuffer(line.encode("utf-32-le"), np.uint32) != ord(" ")
     # A column ends behind its last letter in any line.
     begins = [0, *(np.flatnonzero(filled[:-1] & ~filled[1:])[:-1] + 1).tolist()]
     return tuple(begins) if len(begins) >= max(counts) else ()
 
 
-def split_names(line: str, row: Sequence[str], width: int) -> list[str]:
-    """The cells of a line above the rows, by another separator if `row` has not one for each column."""
-    if len(row) != width and "\t" not in row:
-        for pattern in _OF_NAMES:
-            if len(cells := pattern.split(line.strip())) == width and not any(map(is_number, cells)):
-                return [cell.strip().strip('"') for cell in cells]
-    return list(row)
-
-
 def _fitness(lines: Sequence[str], separator: str) -> float:
     """The share of numbers among the cells, in lines that have as many cells as most."""
-    try:
-        rows = Splitting(separator).strip(lines)
-    except csv.Error:
-        return 0.0
+    rows = Splitting(separator).strip([line for line in lines if len(line) < csv.field_size_limit()])
     numbers: Counter[int] = Counter()
     cells: Counter[int] = Counter()
     for row in rows:

@@ -108,7 +108,9 @@ class Table:
             try:
                 values[row] = float(cell)
             except ValueError:
-                raise self.error(f"expected a number, got {quoted_cell(cell)}", row, column=index) from None
+                values[row] = np.inf
+            if np.isinf(values[row]) or "_" in cell:  # Python reads 1_000
+                raise self.error(f"expected a number, got {quoted_cell(cell)}", row, column=index)
         return values
 
     def words(self, index: int) -> NameArray:

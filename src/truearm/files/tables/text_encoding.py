@@ -23,8 +23,9 @@ def recognise_encoding(data: bytes) -> str:
 
     Notes
     -----
-    In Chinese text of GB18030 the usual characters are pairs of bytes from A1 on (GB 2312), so runs of such bytes are
-    even; in cp1252 an accented letter or a degree sign mostly stands alone.
+    In Chinese text of GB18030 the usual characters are pairs of bytes from A1 on (GB 2312; the first up to D7), so runs
+    of such bytes are even. In cp1252 an accented letter or a degree sign mostly stands alone, and small letters with
+    accents begin at E0.
     """
     for mark, encoding in _MARKS.items():
         if data.startswith(mark):
@@ -37,7 +38,7 @@ def recognise_encoding(data: bytes) -> str:
         data.decode()
     except UnicodeDecodeError:
         runs = _NOT_ASCII.findall(data)
-        if all(len(run) % 2 == 0 and min(run) >= 0xA1 for run in runs):
-            return CHINESE
-        return WINDOWS
+        leads = [byte for run in runs for byte in run[::2]]
+        in_pairs = all(len(run) % 2 == 0 and min(run) >= 0xA1 for run in runs)
+        return CHINESE if in_pairs and sum(byte <= 0xD7 for byte in leads) > 0.8 * len(leads) else WINDOWS
     return "utf-8"

@@ -7,10 +7,11 @@ import re
 from bisect import bisect
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 
 from truearm.errors import InputError
-from truearm.files.delimited import MAX_BYTES, as_utf8
+from truearm.files.delimited import MAX_BYTES, as_utf8, check_signs, quoted_cell
 from truearm.files.file_reading import read_limited
 from truearm.files.tables.cell_rows import table_of_rows
 from truearm.files.tables.cells import is_number
@@ -20,15 +21,16 @@ from truearm.files.tables.separators import (
     Splitting,
     recognise_fixed_width,
     recognise_separator,
-    split_names,
 )
 from truearm.files.tables.table import Table, TableForm
 from truearm.files.tables.text_encoding import recognise_encoding
 
 _COMMENT = re.compile(r"\s*(?:#(?!N/A|DIV)|%|//|!)+")
 _SEPARATOR_LINE = re.compile(r"\"?sep=(.)\"?\s*", re.IGNORECASE)
-_BRACKETS = re.compile(r"[\[({]")
+_BRACKETS = re.compile(r"[\[({]\s*(?:[A-Za-z]\w*\s+)?[+-]?[\d.]+\s*[,;\s]\s*[^\s\])}]")  # around several numbers
 _ASSIGNED = re.compile(r"^[^\[({]*(?::=|=|:)\s*(?=[\[({])")
+_DIGITS = re.compile(r"[+-]?\d+")
+_FRACTION = re.compile(r"^[^.,]*[.,]?")  # all before the decimals
 _LONGEST_QUOTE = 20  # lines
 
 
@@ -45,6 +47,8 @@ class TextLines:
         Lines of remarks, without their mark.
     cut_off : bool
         Whether the last line has no end.
+    separator : str, optional
+        Stated by a person, or by the first line.
     assumed : list of str
     """
 
@@ -52,6 +56,7 @@ class TextLines:
     numbers: list[int]
     comments: list[tuple[int, str]]
     cut_off: bool
+    separator: str | None
     assumed: list[str]
 
 
@@ -63,6 +68,7 @@ def read_text_table(path: Path, form: TableForm) -> Table:
     InputError
         If the file is missing, too large, binary or no table, or a row does not fit; with the line and what to do.
     """
+    _check_form(form)
     data = read_limited(path, limit_bytes=MAX_BYTES)
     encoding = form.encoding or recognise_encoding(data)
     text = as_utf8(data, path, encoding, hint="--encoding, such as cp1252, gb18030, shift_jis or utf-16").decode()
@@ -74,9 +80,18 @@ def read_text_table(path: Path, form: TableForm) -> Table:
     try:
         return _table(found, path, form)
     except csv.Error as error:
-        raise InputError(
-            f"a line cannot be split into cells ({error})", file=path, hint='close the quotation mark (")'
-        ) from None
+        longest = max(range(len(found.lines)), key=lambda i: len(found.lines[i]))
+        problem, hint = f"the line cannot be split into cells ({error})", 'close the quotation mark (")'
+        raise InputError(problem, file=path, line=found.numbers[longest], hint=hint) from None
+
+
+def _check_form(form: TableForm) -> None:
+    if form.separator is not None:
+        check_signs(form.separator, form.decimal or "." if form.separator != "." else ",")
+    if form.decimal not in (None, ".", ","):
+        raise InputError(f"the decimal sign must be . or , got {quoted_cell(form.decimal)}")
+    if form.decimal is not None and form.decimal == form.thousands:
+        raise InputError(f"the decimal sign and the sign between thousands are both {quoted_cell(form.decimal)}")
 
 
 def _table(found: TextLines, path: Path, form: TableForm) -> Table:
@@ -88,19 +103,16 @@ def _table(found: TextLines, path: Path, form: TableForm) -> Table:
     layout = recognise_layout(rows.head(), form.header)
     if layout is None:
         raise _no_table(found, path, form)
-    if splitting.separator == "," and form.separator is None and layout.header is not None:
-        names = rows.head()[layout.header]
-        body = rows.head()[layout.first :]
-        if all(len(row) == 2 * len(names) and all(re.fullmatch(r"[+-]?\d+", cell) for cell in row) for row in body):
-            rows = TextRows(found, replace(splitting, paired=True), layout.header)
-            found.assumed.append("commas also within numbers")
+    if splitting.separator == "," and _are_paired(rows.head(), layout):
+        rows = TextRows(found, replace(splitting, paired=True), layout.first)
+        found.assumed.append("commas also within numbers")
     elif layout.header is None and form.header is not False:
         _insert_comments(found, rows, layout)
     _drop_repeated_head(found, layout.first)
     if found.comments:
         n = len(found.comments)
         found.assumed.append(f"{n} comment line{'s' * (n > 1)}")
-    if len(found.lines) > 1 and found.cut_off and _is_short(rows, len(layout.names)):
+    if found.cut_off and _is_cut_off(rows, len(layout.names)):
         found.assumed.append(f"line {found.numbers.pop()} is cut off: ignored")
         found.lines.pop()
     return table_of_rows(rows, path, form, "line", found.assumed)
@@ -114,13 +126,13 @@ class TextRows:
     ----------
     text : TextLines
     splitting : Splitting
-    header : int, optional
-        Index of the line of names, if commas within numbers are split differently there.
+    paired_from : int
+        Index of the first line whose numbers have commas within, if the splitting says so.
     """
 
     text: TextLines
     splitting: Splitting
-    header: int | None = None
+    paired_from: int = 0
 
     @property
     def numbers(self) -> Sequence[int]:
@@ -135,23 +147,31 @@ class TextRows:
         """Cells of the first rows, without blanks; lines of names may have another separator."""
         lines = self.text.lines[:HEAD]
         rows = self.splitting.strip(lines)
-        if self.header is not None:
-            rows[: self.header + 1] = replace(self.splitting, paired=False).strip(lines[: self.header + 1])
+        if n := self.paired_from:
+            rows[:n] = replace(self.splitting, paired=False).strip(lines[:n])
         width = table_width(rows)
-        return [split_names(line, row, width) for line, row in zip(lines, rows, strict=True)]
+        return [self.splitting.split_names(line, row, width) for line, row in zip(lines, rows, strict=True)]
+
+    @property
+    def may_be_short(self) -> bool:
+        """Whether cells that a row lacks are those at its end: between blanks any of them may be missing."""
+        return self.splitting.separator != " "
+
+    @property
+    def point_is_decimal(self) -> bool:
+        """Whether commas separate cells: then they are not decimal, so points do not group digits."""
+        return self.splitting.separator == "," and not self.splitting.paired
 
 
 def _lines(text: str, form: TableForm) -> TextLines:
     """Lines that may belong to the table."""
-    cut_off = not text.endswith(("\n", "\r"))
     every = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
-    assumed = []
-    skipped = form.skip_lines or 0
-    if skipped == 0 and (match := _SEPARATOR_LINE.fullmatch(every[0])):
-        skipped, assumed = 1, [f"separator stated in line 1: {match[1]}"]
+    skipped, separator = form.skip_lines or 0, form.separator
+    if match := _SEPARATOR_LINE.fullmatch(every[0]):
+        skipped, separator = max(skipped, 1), separator or match[1]
     numbers = [i for i, line in enumerate(every, 1) if i > skipped and line and not line.isspace()]
     lines = every if len(numbers) == len(every) else [every[i - 1] for i in numbers]
-    found = TextLines(lines, numbers, [], cut_off and bool(every[-1].strip()), assumed)
+    found = TextLines(lines, numbers, [], bool(every[-1].strip()), separator, [])
     _take_comments(found, _COMMENT)
     return found
 
@@ -160,10 +180,11 @@ def _take_comments(found: TextLines, mark: re.Pattern[str]) -> None:
     """Move lines that begin with a mark of comments to the comments."""
     match = mark.match
     if marked := [i for i, line in enumerate(found.lines) if not line[0].isalnum() and match(line)]:
-        if len(marked) > len(found.lines) / 2:  # the mark belongs to the rows
-            return
-        found.comments += [(found.numbers[i], mark.sub("", found.lines[i], count=1)) for i in marked]
         taken = set(marked)
+        rest = (line for i, line in enumerate(found.lines) if i not in taken)
+        if not any(is_number(cell) for line in islice(rest, HEAD) for cell in re.split(r"[,;\t| ]+", line)):
+            return  # the mark belongs to the rows
+        found.comments += [(found.numbers[i], mark.sub("", found.lines[i], count=1)) for i in marked]
         found.numbers = [number for i, number in enumerate(found.numbers) if i not in taken]
         found.lines = [line for i, line in enumerate(found.lines) if i not in taken]
 
@@ -173,8 +194,8 @@ def _insert_comments(found: TextLines, rows: TextRows, layout: Layout) -> None:
     above = [(n, line) for n, line in found.comments if n < found.numbers[layout.first]]
     width, chosen = len(layout.names), []
     for number, line in above:
-        cells = split_names(line, rows.splitting.strip([line])[0], width)
-        if len(cells) in (width, width - 1) and not any(map(is_number, cells)):
+        cells = rows.splitting.split_names(line, rows.splitting.strip([line])[0], width)
+        if len(cells) == width and not any(map(is_number, cells)):
             chosen.append((number, line))
     for number, line in chosen[-2:]:
         found.comments.remove((number, line))
@@ -200,13 +221,12 @@ def _splitting(found: TextLines, form: TableForm) -> Splitting:
         found.lines[:] = map(_without_brackets, lines)
         sample = list(map(_without_brackets, sample))
         found.assumed.append("brackets around the numbers")
-    stated = re.match(r"separator stated in line 1: (.)", found.assumed[0]) if found.assumed else None
-    separator = form.separator or (stated[1] if stated else recognise_separator(sample))
-    if separator == " " and (cuts := recognise_fixed_width(lines[:2000])):
+    separator = found.separator or recognise_separator(sample)
+    if separator == " " and (cuts := recognise_fixed_width(found.lines)):
         found.assumed.append("columns of fixed width")
         return Splitting(separator, cuts)
-    if form.separator is None and not stated and separator != ",":
-        found.assumed.append(SEPARATORS[separator])
+    if form.separator is None and separator != ",":
+        found.assumed.append(SEPARATORS.get(separator, f"separator {separator}"))
     return Splitting(separator)
 
 
@@ -232,10 +252,27 @@ def _join_quoted(found: TextLines, path: Path, splitting: Splitting) -> None:
     found.lines, found.numbers = lines, numbers
 
 
-def _is_short(rows: TextRows, width: int) -> bool:
+def _are_paired(head: list[list[str]], layout: Layout) -> bool:
+    """Whether commas stand between cells and within their numbers: every number is in two cells."""
+    body, width = head[layout.first :], len(head[layout.first])
+    if any(len(row) != width or not all(map(_DIGITS.fullmatch, row)) for row in body) or width % 2:
+        return False
+    fractions = [cell for row in body for cell in row[1::2]]
+    if not all(map(str.isdecimal, fractions)):
+        return False
+    named = layout.unmatched is not None and 2 * len(head[layout.unmatched]) == width
+    return named or any(cell[0] == "0" and len(cell) > 1 for cell in fractions)
+
+
+def _is_cut_off(rows: TextRows, width: int) -> bool:
+    """Whether the last line ends before the others do: it lacks cells, or decimals that all others have."""
     n = len(rows.numbers)
-    before, last = rows.cells(n - 2, n)
-    return len(last) < width <= len(before)
+    *others, last = rows.cells(max(n - HEAD, 0), n)
+    full = [row for row in others if len(row) >= width]
+    if len(last) < width:
+        return len(full) == len(others) > 1
+    decimals = {len(_FRACTION.sub("", row[width - 1].strip())) for row in full[1:]}
+    return len(full) > 3 and len(decimals) == 1 and len(_FRACTION.sub("", last[width - 1].strip())) < decimals.pop()
 
 
 def _no_table(found: TextLines, path: Path, form: TableForm) -> InputError:
