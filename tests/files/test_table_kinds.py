@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from truearm.errors import InputError
-from truearm.files.tables.lost_targets import lost_targets
+from truearm.readings.no_readings import lost_targets
 from truearm.files.tables.reading import read_table
 from truearm.files.tables.table import TableForm
 
