@@ -66,7 +66,6 @@ def test_radians_and_sliding_joints_keep_their_units(tmp_path):
         ("--zero", "1,two", "--zero expects numbers separated by commas, got '1,two'"),
         ("--angle-unit", "grad", "unknown unit of angles 'grad'"),
         ("--angles", "a1,a9", "no column 'a9'"),
-        ("--decimal", ".", "got '1,5'"),
     ],
 )
 def test_a_failed_import_writes_nothing(table, option, value, said):

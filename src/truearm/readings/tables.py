@@ -498,10 +498,8 @@ def _point_unit(table: Table, columns: TableColumns, points: FloatArray, assumed
     if len(stated) > 1:
         raise table.error(f"the points are in two units, {' and '.join(sorted(map(str, stated)))}", hint="--point-unit")
     seen = points[~(np.isnan(points).any(axis=1) | lost_targets(points))]
-    if len(seen) < _FEWEST_POINTS:
-        return "mm"
-    span = float(np.ptp(seen, axis=0).max())
-    if _SMALLEST_SPAN <= span <= _LARGEST_SPAN:
+    span = float(np.ptp(seen, axis=0).max()) if len(seen) else 0.0
+    if len(seen) < _FEWEST_POINTS or _SMALLEST_SPAN <= span <= _LARGEST_SPAN:
         assumed.append("points in mm")
         return "mm"
     raise table.error(

@@ -75,10 +75,11 @@ def _check_names(
         i = layout.header
     if i is None or form.header is False:
         return
-    n, cells = len(head[i]), len(head[layout.first])
-    table = Table((), (), (), np.array(rows.numbers[i : i + 1]), place, path)
-    hint = f"--no-header, and columns by number, 1 to {cells}, or name every column"
-    raise table.error(f"the header has {n} names for {cells} columns", 0, hint=hint)
+    n, widths = len(head[i]), [len(row) for row in head[layout.first :]]
+    other = next(k for k, width in enumerate(widths) if width != n)
+    table = Table((), (), (), np.array(rows.numbers[layout.first + other :][:1]), place, path)
+    hint = f"--no-header, and columns by number, 1 to {widths[other]}, or name every column"
+    raise table.error(f"the header has {n} names, expected as many cells, got {widths[other]}", 0, hint=hint)
 
 
 class _Body:
