@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from truearm.errors import InputError
-from truearm.files.delimited import escape_formula, read_columns, read_sheet, write_columns
+from truearm.files.delimited import escape_formula, read_columns, write_columns
+from truearm.files.spreadsheet_forms import read_form
 
 names = st.text(st.characters(blacklist_categories=("Cs", "Cc")) | st.sampled_from("'=+-@\t"), max_size=8)
 
@@ -15,7 +16,7 @@ names = st.text(st.characters(blacklist_categories=("Cs", "Cc")) | st.sampled_fr
 def test_names_come_back_as_they_were_written(tmp_path_factory, cells):
     path = tmp_path_factory.mktemp("names") / "table.csv"
     write_columns(path, {"number": np.arange(float(len(cells))), "name": np.array(cells)})
-    assert read_columns(read_sheet(path), [0], [1])[1][0].tolist() == np.array(cells).tolist()
+    assert read_columns(read_form(path), [0], [1])[1][0].tolist() == np.array(cells).tolist()
 
 
 @pytest.mark.parametrize("cell", ["=cmd|' /C calc'!A0", "+1+cmd", "-2+3+cmd|x", "@SUM(A1)", "\t=1", "'=1"])
@@ -34,7 +35,7 @@ def test_lines_are_counted_whatever_they_end_in(tmp_path, end, mark):
     path = tmp_path / "table.csv"
     path.write_bytes((mark + end.join(["a,b", "1,x", "2,y", "three,z"]) + end).encode())
     with pytest.raises(InputError, match="expected a number, got 'three'") as caught:
-        read_columns(read_sheet(path), [0])
+        read_columns(read_form(path), [0])
     assert (caught.value.line, caught.value.column) == (4, "a")
 
 
@@ -42,7 +43,7 @@ def test_a_quotation_mark_that_is_never_closed_is_found_where_it_opens(tmp_path)
     path = tmp_path / "table.csv"
     path.write_text('a,b\n1,x\n2,"y\n' + "3,z\n" * 50_000)
     with pytest.raises(InputError, match="quotation mark") as caught:
-        read_columns(read_sheet(path), [0])
+        read_columns(read_form(path), [0])
     assert caught.value.line == 3
 
 
@@ -50,13 +51,13 @@ def test_a_quotation_mark_that_is_never_closed_is_found_where_it_opens(tmp_path)
 def test_numbers_come_back_to_the_last_bit(tmp_path_factory, values):
     path = tmp_path_factory.mktemp("numbers") / "table.csv"
     write_columns(path, {"a": np.array(values)})
-    np.testing.assert_array_equal(read_columns(read_sheet(path), [0])[0][:, 0], values)
+    np.testing.assert_array_equal(read_columns(read_form(path), [0])[0][:, 0], values)
 
 
 def test_a_decimal_comma_is_one_and_a_point_is_not(tmp_path):
     path = tmp_path / "table.csv"
     path.write_text("a;b\n1,5;-0,25e1\n")
-    assert read_columns(read_sheet(path, separator=";", decimal=","), [0, 1])[0].tolist() == [[1.5, -2.5]]
-    path.write_text("a;b\n1.5;2\n")
+    assert read_columns(read_form(path), [0, 1])[0].tolist() == [[1.5, -2.5]]
+    path.write_text("a;b\n1,5;2\n1.5;2\n")
     with pytest.raises(InputError, match="decimal ',', got '1.5'"):
-        read_columns(read_sheet(path, separator=";", decimal=","), [0, 1])
+        read_columns(read_form(path), [0, 1])

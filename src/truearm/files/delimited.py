@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 
 from truearm.errors import InputError
-from truearm.files.file_reading import read_limited
 from truearm.typing import BoolArray, FloatArray, IntArray, NameArray
 
 # Characters in a name of a seat, position or session: an array of names reserves the longest for each of them.
@@ -65,8 +64,6 @@ class Sheet:
         One character each.
     data : bytes
         The whole file in UTF-8.
-    stated : bool
-        Whether a person stated separator and decimal sign (`truearm import`), so that messages may name the options.
     """
 
     file: Path
@@ -76,7 +73,6 @@ class Sheet:
     separator: str
     decimal: str
     data: bytes
-    stated: bool = False
 
     def error(
         self, problem: str, row: int | None = None, *, column: str | int | None = None, hint: str | None = None
@@ -127,50 +123,6 @@ class Sheet:
             hint = "a separator or a value is missing"
         problem = f"expected {len(self.names)} values as in the line above, got {len(cells)}"
         return self.error(problem, row, hint=hint)
-
-
-def read_sheet(
-    path: str | Path,
-    *,
-    separator: str = ",",
-    decimal: str = ".",
-    encoding: str = "utf-8",
-    header: bool = True,
-    skip_lines: int = 0,
-) -> Sheet:
-    """Read delimited text and its header, with the separator and the decimal sign that a person stated.
-
-    Parameters
-    ----------
-    path : path
-        At most `MAX_BYTES`.
-    separator, decimal : str
-        One character each, different from each other; a blank stands for one blank or more.
-    encoding : str
-        Any text encoding that Python knows. A byte order mark is skipped.
-    header : bool
-        Whether the first line names the columns.
-    skip_lines : int
-        Lines before the header (or before the first row) that are not part of the table.
-
-    Raises
-    ------
-    InputError
-        If the file is missing, too large, binary, or not in `encoding`, or its cells are separated by another sign.
-    """
-    path = Path(path)
-    check_signs(separator, decimal)
-    hint = "save it as 'CSV UTF-8', or give its --encoding (often cp1252)"
-    data = as_utf8(read_limited(path, limit_bytes=MAX_BYTES), path, encoding, hint=hint)
-    head = first_line(
-        data, path, skip_lines, "a header line with the names of the columns" if header else "a row of numbers"
-    )
-    cells = split_line(head, separator)
-    names = tuple(cells) if header else tuple(str(i + 1) for i in range(len(cells)))
-    sheet = Sheet(path, names, skip_lines + header + 1, head, separator, decimal, data, stated=True)
-    if header:
-        _check_separator(sheet)
-    return sheet
 
 
 def first_line(data: bytes, path: Path, skip_lines: int, expected: str) -> str:
@@ -409,26 +361,5 @@ def _described(cell: str, sheet: Sheet) -> tuple[str, str | None]:
         other = "," if sheet.decimal == "." else "."
         if other == sheet.separator:
             return problem, "write decimal points"
-        return problem, f"--decimal '{other}'" if sheet.stated else "write all numbers with the same decimal sign"
+        return problem, "write all numbers with the same decimal sign"
     return f"expected a number, got {quoted_cell(text)}", None
-
-
-def check_signs(separator: str, decimal: str) -> None:
-    """Refuse a separator or a decimal sign that cannot be one."""
-    if len(separator) != 1 or separator in '\r\n"' or separator.isalnum():
-        raise InputError(f"the separator must be one character such as , or ; got {quoted_cell(separator)}")
-    if decimal not in (".", ","):
-        raise InputError(f"the decimal sign must be . or , got {quoted_cell(decimal)}")
-    if separator == decimal:
-        raise InputError(
-            f"the separator and the decimal sign are both {separator!r}",
-            hint="--separator ';' --decimal ','",
-        )
-
-
-def _check_separator(sheet: Sheet) -> None:
-    """Refuse a table whose header is one piece that holds another separator."""
-    for separator, name, typed in ((";", "semicolons", "';'"), ("\t", "tabs", "TAB")):
-        if sheet.separator == "," and len(sheet.names) == 1 and separator in sheet.names[0]:
-            decimal = " --decimal ','" if re.search(rb"\d,\d", sheet.data) else ""
-            raise sheet.error(f"cells are separated by {name}, expected commas", hint=f"--separator {typed}{decimal}")

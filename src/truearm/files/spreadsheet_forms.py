@@ -6,18 +6,16 @@ asked, UTF-8. The numbers are the same.
 
 from __future__ import annotations
 
-import codecs
 import re
 from dataclasses import replace
 from pathlib import Path
 
 from truearm.files.delimited import MAX_BYTES, Sheet, as_utf8, first_line, quoted_cell, split_line
 from truearm.files.file_reading import read_limited
+from truearm.files.tables.text_encoding import CHINESE, WINDOWS, recognise_encoding
 
 # Comma first: it is the separator of the files that truearm writes.
 SEPARATORS = ",;\t"
-# The encoding of spreadsheets under Windows where they are not asked for UTF-8.
-WINDOWS = "cp1252"
 
 _WITH_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?", re.ASCII)
 # 1,234 is a number with three decimals, or one with a thousands separator; 0,234 and 1,2340 are decimals.
@@ -57,14 +55,9 @@ def _separator(head: str) -> str:
 
 def _encoding(data: bytes) -> str:
     """UTF-8, or Windows' encoding where the separator is a local one too."""
-    if data[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
-        return "utf-8"  # as_utf8 says what is wrong
-    try:
-        data.decode()
-    except UnicodeDecodeError:
-        head = data.partition(b"\n")[0].decode("latin-1")
-        return "utf-8" if _separator(head) == "," else WINDOWS
-    return "utf-8"
+    encoding = recognise_encoding(data)
+    head = data.partition(b"\n")[0].decode("latin-1")
+    return WINDOWS if encoding in (WINDOWS, CHINESE) and _separator(head) != "," else "utf-8"
 
 
 def _decimal(sheet: Sheet) -> str:

@@ -11,7 +11,7 @@ from itertools import islice
 from pathlib import Path
 
 from truearm.errors import InputError
-from truearm.files.delimited import MAX_BYTES, as_utf8, check_signs, quoted_cell
+from truearm.files.delimited import MAX_BYTES, as_utf8, quoted_cell
 from truearm.files.file_reading import read_limited
 from truearm.files.tables.cell_rows import table_of_rows
 from truearm.files.tables.cells import is_number
@@ -86,12 +86,14 @@ def read_text_table(path: Path, form: TableForm) -> Table:
 
 
 def _check_form(form: TableForm) -> None:
-    if form.separator is not None:
-        check_signs(form.separator, form.decimal or "." if form.separator != "." else ",")
-    if form.decimal not in (None, ".", ","):
-        raise InputError(f"the decimal sign must be . or , got {quoted_cell(form.decimal)}")
-    if form.decimal is not None and form.decimal == form.thousands:
-        raise InputError(f"the decimal sign and the sign between thousands are both {quoted_cell(form.decimal)}")
+    separator, decimal = form.separator, form.decimal
+    if separator is not None and (len(separator) != 1 or separator in '\r\n"' or separator.isalnum()):
+        raise InputError(f"the separator must be one character such as , or ; got {quoted_cell(separator)}")
+    if decimal not in (None, ".", ","):
+        raise InputError(f"the decimal sign must be . or , got {quoted_cell(decimal)}")
+    if decimal is not None and decimal in (separator, form.thousands):
+        what = "separator" if decimal == separator else "thousands separator"
+        raise InputError(f"the {what} and the decimal sign are both {decimal!r}", hint="--separator ';' --decimal ','")
 
 
 def _table(found: TextLines, path: Path, form: TableForm) -> Table:
