@@ -157,6 +157,17 @@ def test_a_target_that_is_held_through_a_standstill_gives_no_reading():
     assert "1 standstills of the joints without one of the tip skipped" in joined.assumed
 
 
+def test_angles_that_are_written_within_a_turn():
+    motion = Motion(6)
+    joints, points = motion.logs()
+    shifted = np.degrees(joints.columns[6]) + 180 - np.degrees(motion.poses[2, 5])  # a pose at the end of the turn
+    shifted = (shifted + 0.001 * np.random.default_rng(1).standard_normal(len(shifted)) + 180) % 360 - 180
+    degrees = [np.degrees(c) for c in joints.columns[1:6]]
+    joined = join_tables(table(joints.names, joints.columns[0], *degrees, shifted), points, "time")
+    assert len(joined) == 6
+    assert abs(abs(joined.numbers(6)[2]) - 180) < 0.01
+
+
 # What cannot be known ------------------------------------------------------------------------------------------------
 
 

@@ -78,42 +78,40 @@ def join_tables(
     of_joints, of_points = _times(joints), _times(points)
     angle_columns = list(angles) or measured_columns(joints)
     point_columns = list(point) or _coordinates(points)
-    q, _ = _log_of(joints, of_joints, angle_columns)
-    p, said = _log_of(points, of_points, point_columns, point_unit_mm)
-    return _join(
-        _Side(joints, q, angle_columns), _Side(points, p, point_columns), time_offset_s, standstill_s, standstill_mm,
-        [*of_joints.assumed, *of_points.assumed, *said],
-    )  # fmt: skip
+    values = np.stack([joints.numbers(i) for i in angle_columns], axis=1)
+    q = _log(joints, of_joints, _without_turns(values))
+    p, said = _log_of_points(points, of_points, point_columns, point_unit_mm)
+    said = [*of_joints.assumed, *of_points.assumed, *said]
+    sides = _Side(joints, q, angle_columns), _Side(points, p, point_columns, point_unit_mm)
+    return _join(*sides, time_offset_s, standstill_s, standstill_mm, said)
 
 
 @dataclass(frozen=True, eq=False)
 class _Side:
-    """A table, its log and the columns from which that is."""
+    """A table, its log, the columns from which that is, and how many units of the log a unit of the table is."""
 
     table: Table
     log: Log
     columns: list[int]
-
-    def rows(self, span: FloatArray) -> IntArray:
-        """Rows of the samples in a time."""
-        first, last = np.searchsorted(self.log.times, span + [-TIME_ROUNDING_S, TIME_ROUNDING_S])
-        return np.asarray(self.log.rows[first:last])
+    unit: float = 1.0
 
     def means(self, spans: FloatArray) -> tuple[Table, FloatArray]:
         """A table with a row for each time, and the uncertainty of its mean and the number of samples (n, 2).
 
-        Numbers are means; text is that of the first sample.
+        Numbers are means, those of the log without stray samples; text is that of the first sample.
         """
-        rows = [self.rows(span) for span in spans]
-        first = np.array([some[0] for some in rows], dtype=np.intp)
-        columns: list[FloatArray | NameArray] = []
-        for i, column in enumerate(self.table.columns):
-            columns.append(column[first] if column.dtype.kind == "U" or i in self.columns else _means(column, rows))
-        values = np.stack([self.table.numbers(i) for i in self.columns], axis=1)
-        found = [robust_mean(values[some]) for some in rows]
+        ends = np.searchsorted(self.log.times, spans + [-TIME_ROUNDING_S, TIME_ROUNDING_S])
+        parts = [slice(a, b) for a, b in ends.tolist()]
+        rows = [self.log.rows[part] for part in parts]
+        found = [robust_mean(self.log.values[part]) for part in parts]
+        columns = [
+            column[self.log.rows[ends[:, 0]]] if column.dtype.kind == "U" else _means(column, rows)
+            for column in self.table.columns
+        ]
         for place, i in enumerate(self.columns):
-            columns[i] = np.array([mean[place] for mean, _, _ in found])
-        return replace(self.table.rows(first), columns=tuple(columns)), np.array([[u, n] for _, u, n in found])
+            columns[i] = np.array([mean[place] for mean, _, _ in found]) / self.unit
+        table = replace(self.table.rows(self.log.rows[ends[:, 0]]), columns=tuple(columns))
+        return table, np.array([[u, n] for _, u, n in found])
 
 
 def _join(
@@ -211,12 +209,11 @@ def _times(table: Table) -> Times:
 
 def measured_columns(table: Table) -> list[int]:
     """Indices of the columns of numbers that are no times and do not count the rows."""
-    times = time_of(table)
-    skipped = {*(times.columns if times else ()), *time_columns(table)}
+    times = time_columns(table)
     return [
         i
         for i, column in numeric_columns(table).items()
-        if i not in skipped and not (len(column) > 1 and (np.diff(column) == 1).all())
+        if i not in times and not (len(column) > 1 and (np.diff(column) == 1).all())
     ]
 
 
@@ -230,21 +227,34 @@ def _coordinates(table: Table) -> list[int]:
     return found[:3]
 
 
-def _log_of(table: Table, times: Times, columns: list[int], unit: float = 1.0) -> tuple[Log, list[str]]:
-    """Samples that have a time and all values, those of one time as their mean, and what was skipped."""
-    values = np.stack([table.numbers(i) for i in columns], axis=1) * unit
-    known = np.isfinite(times.seconds) & np.isfinite(values).all(axis=1)
-    if len(columns) == 3:  # what instruments write for a lost target is no place: 0, 0, 0 or -9999, -9999, -9999
-        known &= (values != values[:, :1]).any(axis=1)
-    rows = np.flatnonzero(known)
+def _log(table: Table, times: Times, values: FloatArray) -> Log:
+    """The samples that have a time, later than that of the one before, and all values."""
+    rows = np.flatnonzero(np.isfinite(times.seconds) & np.isfinite(values).all(axis=1))
     rows = rows[np.diff(times.seconds[rows], prepend=-np.inf) > 0]
-    log = Log(times.seconds[rows], values[rows], rows)
-    n_lost = int((~known).sum())
-    if len(columns) == 3 and len(held := _held(log)):
-        log = Log(np.delete(log.times, held), np.delete(log.values, held, axis=0), np.delete(rows, held))
-        n_lost += len(held)
-    if len(log.times) < 2:
-        raise table.error(f"expected two or more rows with time and values, got {len(log.times)}")
+    if len(rows) < 2:
+        raise table.error(f"expected two or more rows with time and values, got {len(rows)}")
+    return Log(times.seconds[rows], values[rows], rows)
+
+
+def _without_turns(angles: FloatArray) -> FloatArray:
+    """Angles that are written within a turn, of 360 or 2 pi, continued over its ends."""
+    known = np.isfinite(angles).all(axis=1)
+    for column in angles.T:
+        for turn in (360.0, 2 * np.pi):
+            if known.any() and 0.9 * turn < np.ptp(column[known]) < 1.01 * turn:
+                column[known] = np.unwrap(column[known], period=turn)
+    return angles
+
+
+def _log_of_points(table: Table, times: Times, columns: list[int], unit: float) -> tuple[Log, list[str]]:
+    """The samples that have a point, and how many have none."""
+    points = np.stack([table.numbers(i) for i in columns], axis=1) * unit
+    # What instruments write for a lost target is no place: 0, 0, 0 or -9999, -9999, -9999.
+    points[(points == points[:, :1]).all(axis=1)] = np.nan
+    log = _log(table, times, points)
+    held = _held(log)
+    log = Log(np.delete(log.times, held), np.delete(log.values, held, axis=0), np.delete(log.rows, held))
+    n_lost = int(np.isnan(points).any(axis=1).sum()) + len(held)
     return log, [f"{n_lost} rows of {named(table)} without a point skipped"] if n_lost else []
 
 
