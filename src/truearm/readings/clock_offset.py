@@ -29,10 +29,13 @@ MOST_PEAKS, PROMINENCE, FEW_MOVES = 8, 0.05, 8
 LEAST_SHARE, DIFFER, EQUAL_S, EXCLUDED = 0.25, 3.0, 0.01, 3.0
 # At no offset do the logs match if offsets of neighbouring moves differ by more [s].
 UNEQUAL_S = 0.2
+# Fewer moves may match others than their own, unless the joints made no more.
+FEWEST_MOVES = 3
 # Offsets tried around the coarse one [s], in steps; degree of the tip along a move; most moves, and samples of each.
-SEARCH_S, STEP_S, DEGREE, MOST_MOVES, MOST_SAMPLES = 1.0, 0.04, 12, 200, 400
-# The tip moves as the joints do if the polynomial leaves less than this share of how far it goes.
-MISFIT = 0.02
+SEARCH_S, STEP_S, DEGREE, MOST_MOVES, MOST_SAMPLES = 1.0, 0.08, 12, 200, 300
+# A move counts if the points have this share of its samples at least: without its ends it fits at any offset. The tip
+# moves as the joints do if the polynomial leaves less than a share of how far it goes.
+COMPLETE, MISFIT = 0.9, 0.02
 # Moves from which a drift is estimated, and standard deviations beyond which a move's offset is not used; standard
 # uncertainty of time stamps that all of a log share, as a share of the step between samples: no log is stamped better.
 LEAST_MOVES, STRAY_STDS, STAMPS = 5, 4.0, 0.05
@@ -101,6 +104,7 @@ def _most_likely(joints: Log, points: Log, still: FloatArray) -> float:
         moves = _moves_at(joints, points, offset, still, FEW_MOVES)
         start, end = points.times[[0, -1]] + offset
         n_moves = int(((still[:-1, 1] > start) & (still[1:, 0] < end)).sum())
+        n_moves = len(moves) if n_moves <= FEW_MOVES else n_moves  # of few those that both logs have
         found.append((-0.5 * np.log1p(-(min(r, 0.9999) ** 2)), offset, n_moves))
         misfit, unequal = moves[:, 3], np.abs(np.diff(moves[:, 1]))
         unlike.append((np.median(misfit) if len(moves) else 1.0, np.median(unequal) if len(moves) > 1 else 0.0))
@@ -120,6 +124,11 @@ def _most_likely(joints: Log, points: Log, still: FloatArray) -> float:
             f"the motion repeats: {best[1]:.1f} s or {rivals[0]:.1f} s may be to be added to the times of the points",
             hint=f"--time-offset {best[1]:.1f} or --time-offset {rivals[0]:.1f}; logs that start and end at rest, at "
             "other times than the program, leave one",
+        )
+    if best[2] < min(FEWEST_MOVES, len(still) - 1):
+        raise InputError(
+            f"the points' log has {best[2]} whole moves of {len(still) - 1}: too few to be certain of an offset",
+            hint=f"--time-offset {best[1]:.1f} if that is right: what to add to the times of the points",
         )
     return best[1]
 
@@ -170,7 +179,7 @@ def _offset_of_move(
     every = max(1, int(b - a) // MOST_SAMPLES)
     tip, times = points.values[a:b:every], points.times[a:b:every] + coarse
     n_moving = int(((times > start) & (times < end)).sum())
-    if n_moving < 8 or b - a < 0.7 * (last - first) / points.step:
+    if n_moving < 8 or b - a < COMPLETE * (last - first) / points.step:
         return None
     rows = slice(*np.searchsorted(joints.times, [first, last]))
     q, t = joints.values[rows], joints.times[rows]
@@ -192,7 +201,7 @@ def _offset_of_move(
     near = (best - STEP_S, best + STEP_S)
     shift = float(minimize_scalar(squares, bounds=near, method="bounded", options={"xatol": 1e-6}).x)
     e = left(shift)
-    least, h = max(float((e**2).sum()), np.finfo(float).tiny), STEP_S / 4
+    least, h = max(float((e**2).sum()), np.finfo(float).tiny), STEP_S / 8
     bend = (squares(shift + h) + squares(shift - h) - 2 * least) / h**2
     # Where the polynomial does not follow the tip, errors of neighbours are alike.
     r = min(max(float((e[1:] * e[:-1]).sum()) / least, 0.0), 0.99)
