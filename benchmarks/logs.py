@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -9,9 +10,11 @@ from typing import Any
 import numpy as np
 
 import truearm as ta
-from benchmarks.rows import Rows
+from benchmarks.rows import RowResult, Rows
 from truearm.errors import InputError
 from truearm.files.tables.table import Table
+from truearm.pages.palette import NAVY, ORANGE
+from truearm.pages.plotting import Figure, figure_style, make_panel, save_figure
 from truearm.readings.joined_logs import join_tables
 from truearm.typing import FloatArray
 
@@ -155,3 +158,53 @@ def clocks(seeds: int = 20) -> Iterator[dict[str, Any]]:
                 "tip rms [mm]": f"{np.sqrt(np.mean(of['tip_mm'] ** 2)):.2g}",
             }
         yield row
+
+
+EXAMPLE = Run(poses=60, reach_deg=70.0, late_start_s=-4.0, vibration_mm=0.2, ripple_deg=0.0005, lost=0.1)
+
+
+@ROWS.row("files", is_long=True)
+def files(folder: str = ".") -> RowResult:
+    """Write robot.csv and tracker.csv of docs/two-logs.md, and draw the two speeds into two-logs.png."""
+    joints, points, _, _ = virtual_logs(EXAMPLE, 1)
+    names = ["timestamp", *(f"actual_q_{i}" for i in range(6))]
+    data = np.stack([joints.numbers(i) for i in range(7)], axis=1) + [5211.008, *[0.0] * 6]
+    np.savetxt(
+        f"{folder}/robot.csv", data, fmt=["%.3f", *["%.6f"] * 6], delimiter=",", header=",".join(names), comments=""
+    )
+    start = datetime.datetime(2026, 5, 11, 9, 14, 3)
+    shown = points.numbers(0) - points.numbers(0)[0]
+    with open(f"{folder}/tracker.csv", "w", encoding="cp1252", newline="\r\n") as file:
+        file.write("Zeit;X [mm];Y [mm];Z [mm]\n")
+        for t, *tip in zip(shown, *(points.numbers(i) for i in (1, 2, 3)), strict=True):
+            stamp = (start + datetime.timedelta(seconds=float(t))).strftime("%d.%m.%Y %H:%M:%S.%f")[:-3]
+            file.write(
+                ";".join([stamp, *(f"{value:.4f}" for value in tip)]).replace(".", ",").replace(",", ".", 2) + "\n"
+            )
+    picture(joints, points, f"{folder}/two-logs.png")
+    return RowResult(notes=[f"robot.csv, tracker.csv and two-logs.png in {folder}"])
+
+
+def picture(joints: Table, points: Table, file: str) -> None:
+    """Draw the speeds of joints and tip over their own clocks, and over one."""
+    clock = join_tables(joints, points, "time").clock
+    assert clock is not None
+    with figure_style():
+        panels = []
+        for title, shift in (("Each on its own clock", 0.0), ("After alignment", 1.0)):
+            panel, (axes,) = make_panel(5.4, 2.0)
+            for one, last, name, color in ((joints, 7, "joints", NAVY), (points, 4, "tip", ORANGE)):
+                t = one.numbers(0)
+                values = np.stack([one.numbers(i) for i in range(1, last)], axis=1)
+                values[(values == 0).all(axis=1)] = np.nan
+                speed = np.linalg.norm(values[10:] - values[:-10], axis=1) / (t[10:] - t[:-10])
+                at = t[5:-5] if one is joints else t[5:-5] + shift * (clock.to_joints(t[5:-5]) - t[5:-5])
+                axes.plot(at, speed / np.nanquantile(speed, 0.995), color=color, label=name, linewidth=0.9)
+            axes.set_xlim(100, 160)
+            axes.set_xlabel("time of the joints' clock [s]" if shift else "time as recorded [s]")
+            axes.set_ylabel("speed / fastest")
+            axes.set_title(title)
+            axes.legend(loc="upper right")
+            panels.append(panel)
+        alt = "Speeds of joints and tip before and after alignment."
+        save_figure(Figure(tuple(panels), "Speeds of two logs.", alt, columns=1), file)

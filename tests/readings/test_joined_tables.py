@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -46,6 +47,15 @@ def test_a_fault_names_the_file_that_has_it():
         joined.numbers(1)
     with pytest.raises(InputError, match=r"points.csv, line 3, column 'X': expected a number"):
         join_tables(table(J1=[1, 2, 3]), table("points.csv", X=["1", "lost", "2"]), "row").rows(slice(1, 3)).numbers(1)
+
+
+def test_a_column_with_two_meanings_is_asked_when_it_is_used():
+    points = table("points.csv", Y=[3, 4], X=[1.235, 2])
+    asked = replace(points, questions={1: InputError("1.235 or 1235")})
+    joined = join_tables(table(J1=[1, 2]), asked, "row").rows(slice(1))
+    assert joined.numbers(1).tolist() == [3]
+    with pytest.raises(InputError, match="1.235 or 1235"):
+        joined.numbers(2)
 
 
 def test_a_count_that_differs_is_refused():

@@ -44,9 +44,10 @@ class JoinedTable(Table):
 
     def rows(self, chosen: IntArray | slice) -> JoinedTable:
         """Return a table of the rows `chosen`."""
+        rows = super().rows(chosen)
+        assert isinstance(rows, JoinedTable)
         assert self.points is not None
-        columns = tuple(column[chosen] for column in self.columns)
-        return replace(self, columns=columns, lines=self.lines[chosen], points=self.points.rows(chosen))
+        return replace(rows, points=self.points.rows(chosen))
 
     def error(
         self, problem: str, row: int | None = None, *, column: int | None = None, hint: str | None = None
@@ -67,16 +68,16 @@ def beside(joints: Table, points: Table, assumed: Sequence[str]) -> JoinedTable:
     if joints.names[:1] == points.names[:1] == ("1",):
         names = [str(len(known) + i + 1) for i in range(len(names))]
     return JoinedTable(
-        joints.names + tuple(names),
-        joints.units + points.units,
-        joints.columns + points.columns,
+        (*joints.names, *names),
+        (*joints.units, *points.units),
+        (*joints.columns, *points.columns),
         joints.lines,
         joints.place,
         joints.file,
         joints.header_line,
         (*joints.assumed, *points.assumed, *assumed),
-        {**joints.questions, **{len(joints.names) + i: asked for i, asked in points.questions.items()}},
-        points,
+        {**joints.questions, **{len(joints.names) + i: question for i, question in points.questions.items()}},
+        points=points,
     )
 
 
@@ -257,7 +258,7 @@ def _candidates(table: Table) -> list[int]:
 
 def numeric_columns(table: Table) -> dict[int, FloatArray]:
     """The columns of numbers, by their indices."""
-    return {i: table.numbers(i) for i, column in enumerate(table.columns) if column.dtype.kind == "f"}
+    return {i: np.asarray(column, dtype=float) for i, column in enumerate(table.columns) if column.dtype.kind == "f"}
 
 
 def _whole(column: FloatArray) -> bool:
