@@ -37,6 +37,7 @@ _HOMES = {
     "truearm.workflows.operator_sheet": ("OperatorSheetResult", "operator_sheet"),
     "truearm.workflows.plan": ("CheckPlan", "PlanResult", "plan", "plan_check"),
     "truearm.workflows.predict": ("Prediction", "predict"),
+    "truearm.workflows.procedure": ("ProcedureResult",),
     "truearm.workflows.refit": ("RefitResult", "refit"),
     "truearm.workflows.report": ("ReportResult", "report"),
     "truearm.workflows.reproduce": ("ReproductionResult", "reproduce"),

@@ -1,13 +1,13 @@
-"""`reproduce`: the tables and figures of a paper beside their reproduction."""
+"""`reproduce`: the tables and figures of a paper beside their reproduction, and its procedure on other readings."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
@@ -16,7 +16,9 @@ from truearm.papers.gao2017.reproduction import reproduce as run_trainings
 from truearm.papers.gao2017.results import FinalTestResult, Reproduction, RowResult
 from truearm.papers.gao2017.training_plan import PARTS
 from truearm.solve.threads import one_blas_thread
+from truearm.workflows.inputs import ArmLike, SessionLike, to_free_parts
 from truearm.workflows.outputs import PageRecord, check_folder
+from truearm.workflows.procedure import ProcedureResult, follow_procedure
 from truearm.workflows.record import TextTable
 
 if TYPE_CHECKING:
@@ -112,22 +114,38 @@ class ReproductionResult(PageRecord):
 def reproduce(
     paper: Literal["gao2017"] = "gao2017",
     *,
+    readings: SessionLike | None = None,
+    test: SessionLike | None = None,
+    arm: ArmLike | None = None,
+    free: Iterable[str] = ("base", "tip"),
     table: int | None = None,
     figure: int | None = None,
     quick: bool = False,
     time_limit: float | None = None,
     folder: str | Path = FOLDER,
     progress: Callable[[float, str], None] | None = None,
-) -> ReproductionResult:
-    """Reproduce the tables and figures of a paper.
+    **search: Any,
+) -> ReproductionResult | ProcedureResult:
+    """Reproduce the tables and figures of a paper, or follow its procedure on readings of one's own.
 
     Every row of the paper's tables is trained by MATLAB's rules (``trainlm``) and by truearm's own trainer
     (``varpro``). Finished trainings stay in the folder: after an interruption the same call resumes with the next one.
+
+    With `readings` the network is chosen by cross-validation on them, as the paper chooses its own, trained on all of
+    them, and tested on fresh ones beside models of the arm.
 
     Parameters
     ----------
     paper : {"gao2017"}
         Gao et al., Complexity 2017, article 5156264.
+    readings : Session, DataFrame, str or Path, optional
+        Readings with a reference point each, in one frame, to choose and train a network.
+    test : Session, DataFrame, str or Path, optional
+        Fresh readings to test it; without them those that the cross-validation held out.
+    arm : Arm, str or Path, optional
+        The nominal arm, for the models to compare with.
+    free : iterable of {"base", "tip"}
+        What is unknown of its placement.
     table, figure : int, optional
         One of tables 2 to 4, or one of figures 1 to 8 (without 5); by default everything, which takes an
         hour and a quarter.
@@ -140,15 +158,19 @@ def reproduce(
         Folder for the trainings; created if it does not exist.
     progress : callable, optional
         Called with the share of the estimated time that is over, and the training that runs.
+    **search
+        With `readings`, what to try, a sequence each: ``hidden``, ``trainer``, ``goal``, ``learning_rate``,
+        ``amount`` (numbers of readings); and the numbers ``epochs``, ``folds`` and ``seed``.
 
     Returns
     -------
-    ReproductionResult
+    ReproductionResult or ProcedureResult
 
     Raises
     ------
     InputError
-        If there is no such part, the time limit is not above 0, or the folder cannot be written or has a damaged file.
+        If there is no such part, the time limit is not above 0, or the folder cannot be written, has a damaged file or
+        trainings of other readings; if readings have no points, are of several frames, or contradict the arm.
 
     Examples
     --------
@@ -160,6 +182,15 @@ def reproduce(
     """
     from truearm.papers.gao2017 import training_plan
 
+    if readings is not None:
+        if (table, figure, time_limit) != (None, None, None):
+            raise InputError("table, figure and time_limit are of the paper's own arm", hint="omit them, or readings")
+        parts = to_free_parts(free)
+        return follow_procedure(
+            readings, test, arm, free=parts, quick=quick, folder=Path(folder), progress=progress, search=search
+        )
+    if test is not None or arm is not None or search:
+        raise InputError("test, arm and options of the search need readings", hint="readings, --readings FILE")
     if time_limit is not None and not time_limit > 0:
         raise InputError(f"expected a time limit above 0 s, got {time_limit}", hint="inf: no limit")
     if paper != "gao2017":

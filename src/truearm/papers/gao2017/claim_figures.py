@@ -257,7 +257,7 @@ def share_figure(errors: Mapping[str, float], *, before: str) -> Figure:
         axes.spines["left"].set_visible(False)
         _share_scale(axes, first, low, high)
     summary = "; ".join(
-        f"{name} {format_number(value)} mm" + ("" if name == before else f", {_percent(1 - value / first)} removed")
+        f"{name} {format_number(value)} mm{'' if name == before else _removed(value / first, before)}"
         for name, value in errors.items()
     )
     return Figure(
@@ -265,6 +265,10 @@ def share_figure(errors: Mapping[str, float], *, before: str) -> Figure:
         caption=f"Mean errors on a logarithmic scale, and above it the removed share of {before}. {summary}.",
         alt=f"Mean errors on a logarithmic scale: {summary}.",
     )
+
+
+def _removed(ratio: float, before: str) -> str:
+    return f", {_percent(1 - ratio)} removed" if ratio <= 1 else f", {format_in_text(ratio)} times {before}"
 
 
 def _share_scale(axes: Axes, first: float, low: float, high: float) -> None:

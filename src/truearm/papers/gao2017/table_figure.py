@@ -20,6 +20,7 @@ STYLES: dict[str, Style] = {
     **styles_of((*METHODS, *MODELS, "noise floor", "nominal")),
     "paper": PAPER_STYLE,
     **styles_of(("row 1", "row 15")),
+    "network": styles_of(METHODS)["varpro"],
 }
 _WIDTH_IN, _ROW_IN, _HEAD_IN, _FOOT_IN = 4.7, 0.25, 0.52, 0.44
 _LETTER_IN = 0.082
