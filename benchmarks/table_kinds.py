@@ -47,11 +47,9 @@ class Kind:
     right_angles, right_points : array
         What shall be read [deg], [mm].
     options : dict
-        What a person states beside the columns: options of ``truearm import``.
+        What a person states beside columns and units: options of ``truearm import``.
     remedy : dict
         What the refusal shall advise, and what then makes it right; empty if the kind shall be read at once.
-    columns_known : bool
-        Whether the names tell what the columns hold, so that a person states neither columns nor units.
     """
 
     name: str
@@ -65,7 +63,6 @@ class Kind:
     right_points: FloatArray = field(default_factory=lambda: POINTS)
     options: dict[str, str] = field(default_factory=dict)
     remedy: dict[str, str] = field(default_factory=dict)
-    columns_known: bool = False
 
     def is_right(self, found: tuple[FloatArray, FloatArray | None]) -> bool:
         """Whether angles [deg] and points [mm] are those of the table; a lost target has no point."""
