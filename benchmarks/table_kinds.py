@@ -27,7 +27,7 @@ WHOLE = np.round(POINTS)
 AXES = ("X", "Y", "Z")
 JOINTS = tuple(f"J{i}" for i in range(1, 7))
 KINDS: dict[str, Kind] = {}
-MODULES = ("table_programs",)  # beside this one, where more are registered
+MODULES = ("table_programs", "table_formats")  # beside this one, where more are registered
 
 
 @dataclass(frozen=True)

@@ -61,7 +61,7 @@ _NOT_MEASURED = re.compile(
 _OTHER_QUANTITY = re.compile(
     r"(tau|torques?|effort|currents?|temp|temperatures?|temper|vel|velocity|speed|qd|dq|acc|acceleration|force|load|"
     r"moment|voltage|power|mode|status|err|error|resid|residual|gyro|mag|motor|finger|gripper|knuckle|delta|diff|corr|"
-    r"poscorr|normal|euler|rot|rotation|orientation|quat|quaternion|imu|linear|angular|twist|wrench|com|cog|[^\Wpt])"
+    r"poscorr|normal|euler|rot|rotation|orientation|quat|quaternion|imu|linear|angular|twist|wrench|com|cog|[a-oq-su-z])"
 )
 _CONTROLLER = re.compile(
     r"(tcp|tcppose|flange|robot|controller|rist|rsol|pos_act|cart|cartesian|tool|tool0|ee|eef|fk|kin)"

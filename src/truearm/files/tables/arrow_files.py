@@ -1,0 +1,93 @@
+"""Tables from Parquet, Feather and Arrow files, and from data frames."""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from truearm.errors import InputError, MissingTool
+from truearm.files.delimited import MAX_BYTES
+from truearm.files.file_reading import check_readable
+from truearm.files.tables.named_arrays import MAX_CELLS, columns_of, table_of_columns
+from truearm.files.tables.table import Table, TableForm
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+def read_arrow_table(path: Path, _: TableForm | None = None) -> Table:
+    """Read a Parquet, Feather or Arrow file; lists of one length become columns such as ``q[0]``.
+
+    Raises
+    ------
+    InputError
+        If it is damaged, too large when unpacked, or pyarrow is missing.
+    """
+    check_readable(path, limit_bytes=MAX_BYTES)
+    try:
+        arrow, parquet = importlib.import_module("pyarrow"), importlib.import_module("pyarrow.parquet")
+        ipc = importlib.import_module("pyarrow.ipc")
+    except ImportError:
+        problem = "Parquet needs the package pyarrow, which is not installed"
+        raise MissingTool(problem, file=path, hint="pip install 'truearm[parquet]', or save it as CSV") from None
+    try:
+        with path.open("rb") as file:
+            if file.read(4) == b"PAR1":
+                with parquet.ParquetFile(path) as source:
+                    n_cells = source.metadata.num_rows * source.metadata.num_columns
+                    if n_cells > MAX_CELLS:
+                        raise InputError(f"expected at most {MAX_CELLS} cells, got {n_cells}", file=path)
+                    frame = source.read().to_pandas()
+            else:
+                file.seek(0)
+                frame = ipc.open_file(file).read_pandas()
+    except (arrow.ArrowException, OSError, ValueError, TypeError, KeyError) as error:  # it can be damaged in many ways
+        if isinstance(error, InputError):
+            raise
+        reason = (str(error).splitlines() or [""])[0][:200]
+        problem = f"expected a Parquet or Arrow file, got one that cannot be read ({reason})"
+        raise InputError(problem, file=path, hint="save it again") from None
+    return _table(frame, path)
+
+
+def table_of_frame(frame: pd.DataFrame) -> Table:
+    """Make a table of a data frame; its rows are counted from 1 in their order, whatever its index.
+
+    Names of several levels are joined by blanks. Missing values are NaN in columns of numbers, and empty in text.
+
+    Raises
+    ------
+    InputError
+        If it has no rows or no columns.
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> from truearm.files.tables.arrow_files import table_of_frame
+    >>> table = table_of_frame(pd.DataFrame({"J1": [10, 20], "point": [[1.0, 2.0], [3.0, 4.0]]}))
+    >>> table.names
+    ('J1', 'point[0]', 'point[1]')
+    """
+    return _table(frame, None)
+
+
+def _table(frame: pd.DataFrame, file: Path | None) -> Table:
+    import pandas as pd
+
+    columns = []
+    for name, series in frame.items():
+        parts = (str(part) for part in name if str(part)) if isinstance(name, tuple) else (str(name),)
+        dtype = series.dtype
+        if isinstance(dtype, pd.DatetimeTZDtype):
+            values = series.dt.tz_convert("UTC").dt.tz_localize(None).to_numpy()
+        elif pd.api.types.is_numeric_dtype(dtype) and not pd.api.types.is_bool_dtype(dtype):
+            values = series.to_numpy(dtype=complex if dtype.kind == "c" else float, na_value=np.nan)
+        elif dtype.kind in "mM":
+            values = series.to_numpy()
+        else:
+            values = series.astype(object).where(series.notna(), None).to_numpy()
+        columns += columns_of(" ".join(parts), values, file)
+    return table_of_columns(columns, file=file)
