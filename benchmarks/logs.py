@@ -102,7 +102,7 @@ def errors_of(run: Run, seed: int, **options: Any) -> dict[str, float]:
     clock = joined.clock
     assert clock is not None
     true = run.offset_s + run.drift * (clock.at_s - points.numbers(0).mean())
-    q, p = (np.stack([joined.numbers(i) for i in some], axis=1) for some in (range(1, 7), range(8, 11)))
+    q, p = (np.stack([joined.numbers(i) for i in some], axis=1) for some in (range(1, 7), range(-3, 0)))
     nearest = np.argmin(np.abs(q[:, None] - poses).max(axis=2), axis=1)
     return {
         "offset_ms": 1e3 * (clock.offset_s - true),

@@ -21,8 +21,8 @@ from truearm.typing import BoolArray, FloatArray, IntArray
 GRID_S, MOST_POINTS = 0.05, 2**20
 # Least correlation of speeds that is a match; least share of a log's motion (squared speed) that overlaps the other's.
 LEAST_CORRELATION, LEAST_MOTION = 0.6, 0.3
-# Peaks of the correlation that are compared, by how much they stand out, and how many moves of each are looked at.
-MOST_PEAKS, PROMINENCE, FEW_MOVES = 8, 0.05, 8
+# Peaks of the correlation that are compared, the least of them, and how many moves of each are looked at.
+MOST_PEAKS, LEAST_PEAK, FEW_MOVES = 8, 0.1, 8
 # An offset is excluded if it has less than a share of the moves of another; if its moves, or from some time on [s]
 # their own offsets, differ so many times as much; or if the correlation of another is better by so much in log
 # likelihood, with a normal error for each move: odds of 20 to 1.
@@ -93,8 +93,9 @@ def clock_offset(joints: Log, points: Log, still: FloatArray, given_s: float | N
         raise _no_match(f"at {coarse:.1f} s {len(moves) - len(alike)} of {len(moves)} moves differ")
     if not len(alike):
         return ClockOffset(coarse, 0.0 if given_s is not None else SEARCH_S / 2, at_s=float(points.times.mean()))
-    clock = _line(alike[:, 0], coarse + alike[:, 1], alike[:, 2])
-    return replace(clock, u_offset_s=float(np.hypot(clock.u_offset_s, STAMPS * max(joints.step, points.step))))
+    clock = _line(*alike[:, :3].T)
+    u = float(np.hypot(clock.u_offset_s, STAMPS * max(joints.step, points.step)))
+    return replace(clock, offset_s=coarse + clock.offset_s, u_offset_s=u)
 
 
 def _most_likely(joints: Log, points: Log, still: FloatArray) -> float:
@@ -148,7 +149,7 @@ def _line(at: FloatArray, offset: FloatArray, u: FloatArray) -> ClockOffset:
     u = np.hypot(u, np.median(u))
     for _ in range(5):
         w, n = 1 / u[kept] ** 2, int(kept.sum())
-        middle = float(np.average(at[kept], weights=w))
+        middle = float(at[0] + np.average(at[kept] - at[0], weights=w))  # dates count 1e9 seconds
         away, value = at - middle, float(np.average(offset[kept], weights=w))
         lever = float((w * away[kept] ** 2).sum())
         drift = float((w * away[kept] * offset[kept]).sum()) / lever if n >= LEAST_MOVES and lever > 0 else 0.0
@@ -217,7 +218,7 @@ def _offset_of_move(
 
 def _correlated(joints: Log, points: Log) -> list[tuple[float, float]]:
     """Offsets at which the speeds of two logs correlate, to the grid [s], the most likely first, and how much."""
-    from scipy.signal import find_peaks
+    from scipy.ndimage import maximum_filter1d
 
     longest = max(np.ptp(joints.times), np.ptp(points.times))
     grid = max(GRID_S, 2 * joints.step, 2 * points.step, longest / MOST_POINTS)
@@ -226,7 +227,8 @@ def _correlated(joints: Log, points: Log) -> list[tuple[float, float]]:
     scale = np.maximum(std, 0.01 * std.max())
     r, overlap, share = _masked_correlation(np.sqrt((v / scale**2).sum(axis=1)), np.sqrt(w))
     r = np.where(share >= LEAST_MOTION, np.clip(r, 0.0, 0.9999), 0.0)
-    peaks = find_peaks(np.r_[0.0, r, 0.0], height=0.1, prominence=PROMINENCE)[0] - 1
+    highest = maximum_filter1d(r, 2 * max(1, round(SEARCH_S / grid)) + 1)
+    peaks = np.flatnonzero((r >= LEAST_PEAK) & (r == highest))
     merit = -overlap[peaks] * np.log1p(-(r[peaks] ** 2))  # log likelihood of normal errors
     lags = peaks[np.argsort(-merit)[:MOST_PEAKS]] - len(w) + 1
     start = joints.times[0] - points.times[0]
@@ -259,10 +261,12 @@ def _masked_correlation(a: FloatArray, b: FloatArray) -> tuple[FloatArray, Float
 
     The lag of index i is ``i - len(b) + 1``: b[0] lies at a[lag].
     """
-    from scipy.signal import fftconvolve
+    length = len(a) + len(b) - 1
+    size = 1 << (length - 1).bit_length()
 
     def with_each(x: FloatArray, y: FloatArray) -> FloatArray:
-        return np.asarray(fftconvolve(x, y[::-1]))
+        product = np.fft.rfft(x, size) * np.fft.rfft(y[::-1], size)
+        return np.asarray(np.fft.irfft(product, size)[:length])
 
     in_a, in_b = np.isfinite(a).astype(float), np.isfinite(b).astype(float)
     # Speeds over their root mean square: rounding of the transforms is then small beside one.

@@ -13,6 +13,7 @@ from truearm.files.tables.table import Table, listed
 from truearm.number_format import format_number
 from truearm.readings.clock_offset import ClockOffset, clock_offset, offset_of_points
 from truearm.readings.joined_tables import JoinedTable, beside, join_by_name, join_by_row, named, numeric_columns
+from truearm.readings.no_readings import lost_targets
 from truearm.readings.standstills import Log, common_times, robust_mean, standstills
 from truearm.readings.time_columns import Times, time_columns, time_of
 from truearm.typing import FloatArray, IntArray, NameArray
@@ -128,6 +129,7 @@ def _join(
         clock = offset_of_points(p.times, still) if given_s is None else ClockOffset(given_s)
         return _single_points(joints, points, still, clock, said)
     clock = clock_offset(q, p, still, given_s)
+    clocks = _clocks(joints, points, clock)
     p = replace(p, times=clock.to_joints(p.times))
     of_tip = standstills(p, span_mm, seconds)
     both = common_times(still, of_tip, COMMON * seconds)
@@ -137,7 +139,7 @@ def _join(
     tips, scatter = replace(points, log=p).means(both)
     n_skipped = len(still) - len(both)
     u = float(np.median(scatter[:, 0]))
-    said = [*said, _clocks(joints.table, points.table, clock)]
+    said = [*said, clocks]
     said.append(
         f"{len(both)} standstills of {seconds:g} s or more within {span_mm:g} mm, a reading each: the mean of some "
         f"{np.median(scatter[:, 1]):.0f} points, which repeats to {u:.2g} mm"
@@ -149,7 +151,7 @@ def _join(
         "note_samples": scatter[:, 1],
         "note_standstill_s": both[:, 1] - both[:, 0],
     }
-    return replace(beside(angles, _with_columns(tips, notes), said), clock=clock)
+    return replace(beside(_with_columns(angles, notes), tips, said), clock=clock)
 
 
 def _single_points(joints: _Side, points: _Side, still: FloatArray, clock: ClockOffset, said: list[str]) -> JoinedTable:
@@ -162,7 +164,7 @@ def _single_points(joints: _Side, points: _Side, still: FloatArray, clock: Clock
     angles, _ = joints.means(still)
     n_skipped = int((~inside).sum())
     said = [
-        *said, _clocks(joints.table, points.table, clock),
+        *said, _clocks(joints, points, clock),
         f"{int(inside.sum())} points in {len(np.unique(place[inside]))} standstills of the joints, a reading each",
         *([f"{n_skipped} points outside of standstills skipped"] if n_skipped else []),
     ]  # fmt: skip
@@ -170,15 +172,17 @@ def _single_points(joints: _Side, points: _Side, still: FloatArray, clock: Clock
     return replace(beside(angles.rows(place[inside]), points.table.rows(kept), said), clock=clock)
 
 
-def _clocks(joints: Table, points: Table, clock: ClockOffset) -> str:
-    said = f"times of {named(points)} + {format_number(clock.offset_s, uncertainty=clock.u_offset_s, digits=6)} s"
+def _clocks(joints: _Side, points: _Side, clock: ClockOffset) -> str:
+    """Say when the points begin, and what is added to their times, as the option takes it."""
+    late = float(clock.to_joints(points.log.times[:1])[0] - joints.log.times[0])
+    said = f"{named(points.table)} starts {abs(late):.3f} s {'after' if late >= 0 else 'before'} {named(joints.table)}"
+    said += f" (its times {clock.offset_s:+.3f} s"
     if clock.u_offset_s:
-        said += f" (u {format_number(clock.u_offset_s, digits=2)} s)"
-    said += f" are those of {named(joints)}"
+        said += f", u {format_number(clock.u_offset_s, digits=2)} s"
     if clock.drift:
         drift, u = 1e6 * clock.drift, 1e6 * clock.u_drift
-        said += f", drift {format_number(drift, uncertainty=u)} ppm (u {format_number(u, digits=2)} ppm)"
-    return said + (f", from {clock.n_moves} moves" if clock.n_moves else "")
+        said += f"; drift {format_number(drift, uncertainty=u)} ppm, u {format_number(u, digits=2)} ppm"
+    return said + (f"; from {clock.n_moves} moves)" if clock.n_moves else ")")
 
 
 def _no_standstill(side: _Side, log: Log, span: float, seconds: float, what: str) -> InputError:
@@ -249,8 +253,7 @@ def _without_turns(angles: FloatArray) -> FloatArray:
 def _log_of_points(table: Table, times: Times, columns: list[int], unit: float) -> tuple[Log, list[str]]:
     """The samples that have a point, and how many have none."""
     points = np.stack([table.numbers(i) for i in columns], axis=1) * unit
-    # What instruments write for a lost target is no place: 0, 0, 0 or -9999, -9999, -9999.
-    points[(points == points[:, :1]).all(axis=1)] = np.nan
+    points[lost_targets(points)] = np.nan
     log = _log(table, times, points)
     held = _held(log)
     log = Log(np.delete(log.times, held), np.delete(log.values, held, axis=0), np.delete(log.rows, held))
