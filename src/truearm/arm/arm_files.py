@@ -30,6 +30,9 @@ The format::
 
     [flange]                           # optional, after the last row, as [base]
 
+    [coupling]                         # optional: joints whose angles are sums of the encoders' angles
+    matrix = [[1, 0], [1, 1]]          # joint angles = matrix times encoder angles [rad, or mm], moving joints only
+
 Every ``_mm`` may be ``_m`` and every ``_deg`` may be ``_rad``, but not both at once.
 """
 
@@ -37,6 +40,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import accumulate, pairwise
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -165,6 +169,10 @@ class _Joint(_Strict):
         return [key for key in cls.model_fields if key.rpartition("_")[0] == quantity]
 
 
+class _Coupling(_Strict):
+    matrix: Annotated[list[list[_Number]], Field(min_length=1, max_length=100)]
+
+
 class _ArmFile(_Strict):
     name: Annotated[str, Field(min_length=1)]
     title: str = ""
@@ -178,6 +186,7 @@ class _ArmFile(_Strict):
     gravity_in_base: _Triple | None = None
     nominal_error_mm: Annotated[float, Field(ge=0, le=1e4)] = 0.0
     joints: Annotated[list[_Joint], Field(min_length=1, max_length=100)]
+    coupling: _Coupling | None = None
 
 
 def read_arm(path: str | Path) -> Arm:
@@ -227,15 +236,16 @@ def write_arm(arm: Arm, path: str | Path, *, convention: Convention = "dh") -> N
 def _arm_of(file: _ArmFile) -> Arm:
     moving = [joint for joint in file.joints if joint.type != "fixed"]
     lower, upper, working = np.array([_states_of(joint) for joint in moving]).reshape(-1, 3).T
+    chain = chain_from_dh(
+        **_table_of(file),
+        base=_frame_of(file.base),
+        flange=_frame_of(file.flange),
+        tip_in_flange=_triple(file, "tip"),
+        convention=file.convention,
+    )
     return Arm(
         name=file.name,
-        chain=chain_from_dh(
-            **_table_of(file),
-            base=_frame_of(file.base),
-            flange=_frame_of(file.flange),
-            tip_in_flange=_triple(file, "tip"),
-            convention=file.convention,
-        ),
+        chain=chain if file.coupling is None else replace(chain, coupling=_matrix_of(file.coupling)),
         title=file.title,
         joint_names=tuple(joint.name or f"J{number}" for number, joint in enumerate(moving, 1)),
         lower=lower,
@@ -248,6 +258,12 @@ def _arm_of(file: _ArmFile) -> Arm:
         gravity_in_base=None if file.gravity_in_base is None else np.asarray(file.gravity_in_base),
         table=_stated_table(file),
     )
+
+
+def _matrix_of(coupling: _Coupling) -> FloatArray:
+    if len({len(coupling.matrix), *map(len, coupling.matrix)}) > 1:
+        raise InputError("expected the matrix of the coupling with as many columns as rows, one a moving joint")
+    return np.array(coupling.matrix)
 
 
 def _stated_table(file: _ArmFile) -> DHTable | None:
@@ -342,6 +358,9 @@ def _toml_lines(arm: Arm, table: DHTable) -> Iterator[str]:
             yield f"mass_kg = {_plain(arm.masses.mass_kg[i])}"
             yield f"centre_of_mass_mm = {_listed(centres[i])}  # in the frame at the end of this row"
     yield from _frame_lines("flange", table.flange)
+    if arm.chain.coupling is not None:
+        yield from ("", "[coupling]  # joint angles by those of the encoders")
+        yield f"matrix = [{', '.join(map(_listed, arm.chain.coupling))}]"
 
 
 def _centres_at_row_ends(chain: Chain, masses: LinkMasses, table: DHTable) -> FloatArray:

@@ -109,6 +109,9 @@ class Chain:
         The tip in the frame after Fn [mm].
     prismatic : (n_joints,) bool array, optional
         Which joints slide along their z axis [mm] instead of turning about it [rad]. None by default.
+    coupling : (n_joints, n_joints) array, optional
+        ``joint = coupling @ encoder``, see `truearm.arm.couplings`: the angles that methods take are then those of the
+        encoders. None by default, as for the identity.
 
     Raises
     ------
@@ -119,6 +122,7 @@ class Chain:
     fixed: FloatArray
     tip_in_flange: FloatArray
     prismatic: BoolArray | None = None
+    coupling: FloatArray | None = None
 
     def __post_init__(self) -> None:
         fixed = np.array(self.fixed, dtype=float)
@@ -147,6 +151,17 @@ class Chain:
         for name, value in (("fixed", fixed), ("tip_in_flange", tip), ("prismatic", prismatic)):
             value.flags.writeable = False
             object.__setattr__(self, name, value)
+        if self.coupling is not None:
+            object.__setattr__(self, "coupling", self._checked_coupling())
+
+    def _checked_coupling(self) -> FloatArray | None:
+        matrix, n = np.array(self.coupling, dtype=float), self.n_joints
+        if matrix.shape != (n, n) or not np.isfinite(matrix).all():
+            raise InputError(f"expected a coupling of {n} x {n} finite numbers, got shape {matrix.shape}")
+        if not matrix.any(axis=1).all():
+            raise InputError(f"no encoder moves joint {int(np.argmin(matrix.any(axis=1))) + 1} of the coupling")
+        matrix.flags.writeable = False
+        return None if np.array_equal(matrix, np.eye(n)) else matrix
 
     def __repr__(self) -> str:
         return f"Chain({self.n_joints} joints, tip {self.tip_in_flange.tolist()} mm)"
@@ -171,6 +186,14 @@ class Chain:
     def reach(self) -> float:
         """Upper bound of the distance from joint 1 to the tip with sliding joints at zero [mm]."""
         return float(np.linalg.norm(self.fixed[1:, :3, 3], axis=1).sum() + np.linalg.norm(self.tip_in_flange))
+
+    def joint_angles(self, angles: FloatArray) -> FloatArray:
+        """(n, n_joints) angles of the joints by those of the encoders [rad, or mm]; the same without a coupling."""
+        return angles if self.coupling is None else angles @ self.coupling.T
+
+    def by_encoders(self, by_joints: FloatArray) -> FloatArray:
+        """Derivatives (.., n_joints) by the encoders from those by the joints; the same without a coupling."""
+        return by_joints if self.coupling is None else by_joints @ self.coupling
 
     def tip_in_base(self, angles: npt.ArrayLike, motions: npt.ArrayLike | None = None) -> FloatArray:
         """Tip positions.
@@ -222,7 +245,7 @@ class Chain:
             Finite motions composed exactly at every place [rad, mm]; the derivatives by motions are those by their
             components, and those by joints are at constant motions.
         """
-        q = _by_component(self._checked(angles))
+        q = _by_component(self.joint_angles(self._checked(angles)))
         by_motion = np.zeros((self.n_places, 6, 6, q.shape[1]))
         finite = None if motions is None else _turned_by_with_jacobians(motions)
         tip, _ = self._small_motions_into(q, by_motion[:, :, :3], motions, finite)
@@ -263,7 +286,7 @@ class Chain:
         Pose
         (n, 6, n_joints) array
             Translation of the tip [mm], then rotation of the flange [rad], along the axes of the base frame, per rad or
-            mm of the joint.
+            mm of the joint, or of its encoder where joints are coupled.
         """
         angles = self._checked(angles)
         R, tip = np.empty((len(angles), 3, 3)), np.empty((len(angles), 3))
@@ -271,7 +294,7 @@ class Chain:
         for rows in _chunks(len(angles)):
             here = self.pose_derivatives(angles[rows]) if derivatives is None else derivatives(rows)
             R[rows], tip[rows] = here.R_base_tip.transpose(2, 0, 1), here.tip_in_base.T
-            jacobian[rows] = here.by_joint.transpose(2, 1, 0)
+            jacobian[rows] = self.by_encoders(here.by_joint.transpose(2, 1, 0))
         return Pose(R, tip), jacobian
 
     def tip_derivatives(self, angles: npt.ArrayLike) -> TipDerivatives:
@@ -286,6 +309,7 @@ class Chain:
             Joint angles [rad], or displacements of sliding joints [mm].
         """
         angles = self._checked(angles)
+        angles = self.joint_angles(angles)
         tip = np.empty((3, len(angles)))
         motion_jacobian = np.empty((self.n_places, 6, 3, len(angles)))
         for rows in _chunks(len(angles)):
@@ -320,7 +344,7 @@ class Chain:
         motion_jacobian : (n_places, 6, 3, m) array
             As in `TipDerivatives`, poses last. The array is overwritten by the next piece.
         """
-        angles = self._checked(angles)
+        angles = self.joint_angles(self._checked(angles))
         work = np.empty((self.n_places, 6, 3, min(chunk, len(angles))))
         for rows in _chunks(len(angles), chunk):
             q = _by_component(angles[rows])
@@ -348,7 +372,7 @@ class Chain:
             turned = Rotation.from_rotvec(motions[-1, :3]).as_matrix()
             fixed[-1, :3, :3] = fixed[-1, :3, :3] @ turned
             tip = turned.T @ tip
-        return Chain(fixed, tip, self.prismatic)
+        return Chain(fixed, tip, self.prismatic, self.coupling)
 
     def with_reference_frame(self, T_reference_base: npt.ArrayLike) -> Chain:
         """Build the chain in another frame: its tips are then in the reference frame.
@@ -360,11 +384,11 @@ class Chain:
         """
         fixed = self.fixed.copy()
         fixed[0] = np.asarray(T_reference_base, dtype=float) @ fixed[0]
-        return Chain(fixed, self.tip_in_flange, self.prismatic)
+        return Chain(fixed, self.tip_in_flange, self.prismatic, self.coupling)
 
     def with_tip(self, tip_in_flange: npt.ArrayLike) -> Chain:
         """Build the chain with another tip (3,) [mm]."""
-        return Chain(self.fixed, np.asarray(tip_in_flange, dtype=float), self.prismatic)
+        return Chain(self.fixed, np.asarray(tip_in_flange, dtype=float), self.prismatic, self.coupling)
 
     # One pass from the tip to the base carries the tip through every frame; one pass from the base to the flange
     # carries the frames' axes. Everything above is one or both of them. Arrays are laid out by component, poses last.
@@ -503,6 +527,7 @@ class Chain:
         self, angles: FloatArray, motions: npt.ArrayLike | None
     ) -> Iterator[tuple[slice, FloatArray, FloatArray | None]]:
         """Poses that are evaluated together: which, their angles (n_joints, m) and motions (n_places, 6, m)."""
+        angles = self.joint_angles(angles)
         moved, shape = None if motions is None else np.asarray(motions, dtype=float), (len(angles), self.n_places, 6)
         if moved is not None and moved.shape != shape:
             raise InputError(f"expected motions of shape {shape}, got {moved.shape}")

@@ -62,7 +62,8 @@ class Interpretation:
     def stated(cls, arm: Arm) -> Interpretation:
         """The arm and its readings as they are stated."""
         n = arm.n_joints
-        return cls(_stated_table(arm), np.eye(n), np.zeros(n))
+        coupling = arm.chain.coupling
+        return cls(_stated_table(arm), np.eye(n) if coupling is None else coupling, np.zeros(n))
 
     def angles(self, stated: FloatArray) -> FloatArray:
         """(m, n_joints) angles of the chain by the stated ones [rad, or mm]."""

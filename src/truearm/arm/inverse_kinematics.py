@@ -193,7 +193,7 @@ class _Problem:
             about = np.ascontiguousarray(about) * self.scale[:, None, None]
             missing = np.concatenate([missing, np.einsum("nkc,nc->nk", about, turn)], axis=1)
             J = np.concatenate([J, np.einsum("nkc,njc->nkj", about, joint_axes)], axis=1)
-        return missing, J / self.mm_per_unit[:, None]
+        return missing, self.chain.by_encoders(J) / self.mm_per_unit[:, None]
 
     def errors(self, missing: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Distance [mm] and angle between axes or orientations [rad]."""

@@ -16,7 +16,7 @@ import numpy as np
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.arm.masses import PointMass, combine_point_masses
-from truearm.arm.rigid_motions import xyz_rpy_from_frame
+from truearm.arm.rigid_motions import screw_z, xyz_rpy_from_frame
 from truearm.arm.urdf_ends import find_ends
 from truearm.arm.urdf_tree import MM_PER_M, UrdfJoint, UrdfTree, axis_rotation, limits_of, origin_of
 from truearm.errors import InputError
@@ -32,7 +32,8 @@ BASE_LINK, TIP_LINK = "base", "tip"
 def read_urdf(path: str | Path, *, base: str | None = None, tip: str | None = None) -> Arm:
     """Read the chain between two links of a URDF.
 
-    Fixed joints are folded into their neighbours. A revolute or sliding joint without a lower and upper limit has
+    Fixed joints are folded into their neighbours. A joint that mimics another on the way is coupled with it: a joint of
+    the arm whose own column in a table is not used. A revolute or sliding joint without a lower and upper limit has
     none here; if one of the two is given, the other is 0, as URDF has it. The frame of the tip's link is the flange,
     its origin the tip. Masses are those of the chain's own links; a link without ``<inertial>`` has none; if none has
     more than zero, the masses are not known. Links attached to the chain at its side are ignored. A title, a source, a
@@ -54,7 +55,8 @@ def read_urdf(path: str | Path, *, base: str | None = None, tip: str | None = No
     ------
     InputError
         If the file is missing, too large, no XML, declares a document type, or is no URDF; if several arms are in it,
-        or the chain has no moving joint, or has one that a serial chain cannot have (floating, planar, mimic).
+        or the chain has no moving joint, or has one that a serial chain cannot have (floating, planar, or a mimic of a
+        joint beside it).
     """
 
     def parsed(content: bytes) -> Arm:
@@ -81,7 +83,8 @@ def arm_of_joints(tree: UrdfTree, joints: list[UrdfJoint]) -> Arm:
             fixed.append(turn.T)
             prismatic.append(joint.kind == "prismatic")
             names.append(joint.name)
-            limits.append(limits_of(joint))
+            is_read = child(joint.element, "mimic") is None  # no encoder of its own
+            limits.append(limits_of(joint) if is_read else (-np.inf, np.inf))
         inertial = child(tree.links[joint.child], "inertial")
         if inertial is not None and names:  # a mass that does not move has no effect
             mass, centre = _mass_of(joint.child, inertial)
@@ -89,13 +92,14 @@ def arm_of_joints(tree: UrdfTree, joints: list[UrdfJoint]) -> Arm:
     if not names:
         raise InputError("there is no moving joint between the base and the tip")
     lower, upper = np.array(limits).T
+    fixed, coupling = _coupled(joints, fixed)
     extra, known = child(robot, "truearm"), {joint.name for joint in tree.joints}
     gravity = None
     if extra is not None and "gravity_in_base" in extra.attrib:
         gravity = float_attribute(extra, "gravity_in_base", "the direction of gravity", 3)
     return Arm(
         name=attribute(robot, "name"),
-        chain=Chain(np.array(fixed), np.zeros(3), np.array(prismatic)),
+        chain=Chain(np.array(fixed), np.zeros(3), np.array(prismatic), coupling),
         title="" if extra is None else extra.get("title", ""),
         joint_names=tuple(names),
         lower=lower,
@@ -106,6 +110,42 @@ def arm_of_joints(tree: UrdfTree, joints: list[UrdfJoint]) -> Arm:
         masses=combine_point_masses(lumps, len(names)),
         gravity_in_base=gravity,
     )
+
+
+def _coupled(joints: list[UrdfJoint], fixed: list[FloatArray]) -> tuple[list[FloatArray], FloatArray | None]:
+    """The fixed motions with the offsets of joints that mimic others, and the coupling; None where none does."""
+    moving = [joint for joint in joints if joint.is_moving]
+    unit = [MM_PER_M if joint.kind == "prismatic" else 1.0 for joint in moving]
+    at = {joint.name: i for i, joint in enumerate(moving)}
+    follows: dict[int, tuple[int, float, float]] = {}
+    for i, joint in enumerate(moving):
+        if (mimic := child(joint.element, "mimic")) is None:
+            continue
+        master = attribute(mimic, "joint")
+        if master not in at:
+            raise InputError(
+                f"joint {joint.name!r} mimics {master!r}, which is not on the way to the tip", line=mimic.line
+            )
+        what = f"the mimic of joint {joint.name!r}"
+        factor, offset = (
+            float(float_attribute(mimic, name, what, 1)[0]) if name in mimic.attrib else default
+            for name, default in (("multiplier", 1.0), ("offset", 0.0))
+        )
+        follows[i] = at[master], factor * unit[i] / unit[at[master]], offset * unit[i]
+    if not follows:
+        return fixed, None
+    matrix, shift = np.eye(len(moving)), np.zeros(len(moving))
+    for i in follows:
+        factor, j, passed = 1.0, i, 0
+        while j in follows:
+            leader, by, offset = follows[j]
+            shift[i] += factor * offset
+            factor, j, passed = factor * by, leader, passed + 1
+            if passed > len(follows):
+                raise InputError(f"joint {moving[i].name!r} mimics itself", line=moving[i].element.line)
+        matrix[i] = factor * (np.arange(len(moving)) == j)
+    moved = (screw_z(0.0, s) if u != 1 else screw_z(s, 0.0) for s, u in zip(shift, unit, strict=True))
+    return [fixed[0], *(move @ one for move, one in zip(moved, fixed[1:], strict=True))], matrix
 
 
 def _working_pose(
@@ -151,8 +191,8 @@ def write_urdf(arm: Arm, path: str | Path) -> None:
     Raises
     ------
     InputError
-        If a joint has one limit only, which URDF cannot state, a text holds a control character, or the file
-        cannot be written.
+        If joints are coupled or one has one limit only, which URDF cannot state, a text holds a control character, or
+        the file cannot be written.
     """
     content = urdf_bytes(arm)
     with atomic_file(path) as beside:
@@ -161,6 +201,10 @@ def write_urdf(arm: Arm, path: str | Path) -> None:
 
 def urdf_bytes(arm: Arm, *, tip_link: str = TIP_LINK) -> bytes:
     """The content of the file that `write_urdf` writes, with another name for its last link; errors as there."""
+    if arm.chain.coupling is not None:
+        raise InputError(
+            f"arm {arm.name!r} has coupled joints, which truearm writes to no URDF", hint="write a .toml file"
+        )
     robot = ET.Element("robot", name=arm.name)
     n = arm.n_joints
     links = [BASE_LINK, *(f"link_{i + 1}" for i in range(n)), tip_link]

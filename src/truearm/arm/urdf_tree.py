@@ -141,10 +141,6 @@ def origin_of(joint: UrdfJoint) -> FloatArray:
             f"joint {joint.name!r} is {joint.kind}: a chain has {', '.join(MOVING)} and fixed joints",
             line=joint.element.line,
         )
-    if child(joint.element, "mimic") is not None:
-        raise InputError(
-            f"joint {joint.name!r} mimics another: truearm reads no coupled joints", line=joint.element.line
-        )
     origin = child(joint.element, "origin")
     if origin is None:
         return np.eye(4)

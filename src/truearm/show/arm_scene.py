@@ -44,8 +44,10 @@ def arm_mechanism(
     shown = arm.chain
     slides = shown.is_prismatic
     scale = np.where(slides, 1.0, np.degrees(1.0))
-    values = (arm.working if start is None else np.asarray(start, dtype=float)) * scale
-    lower, upper = arm.limits.T * scale
+    values = shown.joint_angles(arm.working if start is None else np.asarray(start, dtype=float)) * scale
+    own = np.eye(arm.n_joints) == (np.eye(arm.n_joints) if shown.coupling is None else shown.coupling)
+    # Limits are those of encoders: of a coupled joint they say nothing.
+    lower, upper = np.where(own.all(axis=1)[:, None], arm.limits, [-np.inf, np.inf]).T * scale
     span = np.where(slides, _SLIDE_OF_REACH * max(shown.reach, 1.0), _FULL_TURN_DEG)
     limited = np.isfinite(lower) & np.isfinite(upper)
     return Mechanism(
@@ -76,7 +78,7 @@ def joint_columns(angles: FloatArray, sliding: npt.ArrayLike, names: Sequence[st
 def joint_frames(chain: Chain, angles: npt.ArrayLike) -> FloatArray:
     """Frames (n_joints + 1, 4, 4) right before each joint at a pose (n_joints,), and that of the flange [rad, mm]."""
     frames = [chain.fixed[0]]
-    for i, angle in enumerate(np.asarray(angles, dtype=float)):
+    for i, angle in enumerate(chain.joint_angles(np.asarray(angles, dtype=float))):
         moved = np.eye(4)
         if chain.is_prismatic[i]:
             moved[2, 3] = angle

@@ -77,7 +77,7 @@ def poses_scene(arm: Arm, poses: Candidates, still: Figure) -> Scene:
         arm.chain.tip_in_base(poses.angles),
         [f"pose {number}" for number in range(1, n + 1)],
         [PointColumn("largest turn of a joint since the pose before", "deg", np.degrees([0.0, *moves]))],
-        joint_columns(poses.angles, arm.chain.is_prismatic),
+        joint_columns(arm.chain.joint_angles(poses.angles), arm.chain.is_prismatic),
         noun="pose",
     )
     follows = [*range(arm.n_joints)]

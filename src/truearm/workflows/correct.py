@@ -267,10 +267,9 @@ class CorrectedTargets(Record):
     def _content(self, language: str | None, fanuc_j3: FanucJ3 | None) -> tuple[str, str]:
         """What begins a comment in a file, and the file's text after the line of the manifest."""
         if language is not None:
-            coupled = fanuc_j3 == "coupled"
             text = program_text(
                 language,
-                fanuc_joints(self.joints, self.model.arm_.chain.fixed) if coupled else self.joints,
+                self._joints_for(fanuc_j3),
                 labels=[self.targets.label(row) for row in range(len(self.targets))],
                 reasons=self.reasons,
                 prismatic=self.model.arm_.chain.is_prismatic,
@@ -283,6 +282,13 @@ class CorrectedTargets(Record):
                 frame[name] = frame[name].map(lambda cell: escape_formula(cell) if isinstance(cell, str) else cell)
         table = frame.to_csv(index=False, float_format="%.12g", lineterminator="\n")
         return "#", "".join(f"# {line}\n" for line in self._header()) + table
+
+    def _joints_for(self, fanuc_j3: FanucJ3 | None) -> FloatArray:
+        """The joints as a program has them. An arm with a coupling has those of its controller already."""
+        chain = self.model.arm_.chain
+        if chain.coupling is None:
+            return fanuc_joints(self.joints, chain.fixed) if fanuc_j3 == "coupled" else self.joints
+        return chain.joint_angles(self.joints) if fanuc_j3 == "independent" else self.joints
 
     def check_output(self, path: str | Path, language: str | None = None, fanuc_j3: FanucJ3 | None = None) -> None:
         """Check that the targets can be written under a name; see `save`."""

@@ -119,7 +119,9 @@ def best_rigid_arm(
     T_reference_base = np.eye(4)
     if "base" in free:
         T_reference_base = chain.fixed[0] @ np.linalg.inv(arm.chain.fixed[0])
-        chain = Chain(np.concatenate([arm.chain.fixed[:1], chain.fixed[1:]]), chain.tip_in_flange, chain.prismatic)
+        chain = Chain(
+            np.concatenate([arm.chain.fixed[:1], chain.fixed[1:]]), chain.tip_in_flange, chain.prismatic, chain.coupling
+        )
     kind = type(model).__name__.removesuffix("Model").lower()
     title = f"{arm.title}, constants refitted to a {kind} model".strip(", ")
     rigid = replace(arm, chain=chain, title=title, serial_number=model.arm_.serial_number or arm.serial_number)
@@ -213,6 +215,9 @@ def same_chain(one: Chain, other: Chain) -> bool:
         and (one.is_prismatic == other.is_prismatic).all()
         and np.allclose(one.fixed, other.fixed, rtol=0, atol=1e-9)
         and np.allclose(one.tip_in_flange, other.tip_in_flange, rtol=0, atol=1e-9)
+        and np.allclose(
+            one.by_encoders(np.eye(one.n_joints)), other.by_encoders(np.eye(one.n_joints)), rtol=0, atol=1e-9
+        )
     )
 
 
@@ -221,7 +226,7 @@ def _with_nominal_flange(chain: Chain, nominal: Chain) -> Chain:
     turn = nominal.fixed[-1, :3, :3].T @ chain.fixed[-1, :3, :3]
     fixed = chain.fixed.copy()
     fixed[-1, :3, :3] = nominal.fixed[-1, :3, :3]
-    return Chain(fixed, turn @ chain.tip_in_flange, chain.prismatic)
+    return Chain(fixed, turn @ chain.tip_in_flange, chain.prismatic, chain.coupling)
 
 
 def _terms(chain: Chain, free: tuple[str, ...]) -> list[Term]:

@@ -62,7 +62,7 @@ def is_fast(terms: Sequence[Term], groups: tuple[str, ...], state: ArmState) -> 
     for term in terms:
         basis = term.basis
         fast[term.group] &= isinstance(basis, Harmonics) and bool(
-            basis.orders[0] * np.ptp(state.angles[:, basis.joint - 1]) >= 2 * np.pi
+            basis.orders[0] * np.ptp(state.joint_angles[:, basis.joint - 1]) >= 2 * np.pi
         )
     return np.array([*fast.values(), False])
 

@@ -291,7 +291,7 @@ class Harmonics(Basis):
         Consecutive orders are computed by the addition theorems, from one to two, from two to four and so on: products
         instead of cosines and sines; rounding grows with the number of doublings only.
         """
-        angle = of_joint(state.angles, self.joint)
+        angle = of_joint(state.joint_angles, self.joint)
         out = np.empty((2 * len(self.orders), len(angle)))
         work = np.empty((len(self.orders) // 2 + 1, len(angle)))
         cos, sin = out[::2], out[1::2]
@@ -322,7 +322,7 @@ class Harmonics(Basis):
         def values(state: ArmState) -> FloatArray:
             if last > state.angles.shape[1]:
                 of_joint(state.angles, last)  # which refuses it
-            found = np.stack(cos_sin(multiples * state.angles.T[joints]), axis=1)
+            found = np.stack(cos_sin(multiples * state.joint_angles.T[joints]), axis=1)
             return found[rows].reshape(-1, len(state))
 
         return values

@@ -339,13 +339,13 @@ def candidate_terms(
                     travel = f"J{joint} moved by only {np.ptp(state.angles[:, 0]):.3g} mm"
                     skipped.append(SkippedTerm(f"J{joint} linear axis", travel))
             continue
-        orders, lost = determined_orders(joint, state.angles[:, joint - 1], max(highest, *WOBBLE_ORDERS))
+        orders, lost = determined_orders(joint, state.joint_angles[:, joint - 1], max(highest, *WOBBLE_ORDERS))
         skipped += lost
         for band in bands(highest):
             if kept := tuple(k for k in band if k in orders):
                 terms.append(_own_axis_band(joint, kept, band))
         # Few sessions sample these densely enough; skipping them is not worth a message.
-        fine, _ = determined_orders(joint, state.angles[:, joint - 1], INTERPOLATION_ORDERS[-1])
+        fine, _ = determined_orders(joint, state.joint_angles[:, joint - 1], INTERPOLATION_ORDERS[-1])
         terms += interpolation(chain, joint, tuple(k for k in INTERPOLATION_ORDERS if k in fine))
         if kept := tuple(k for k in WOBBLE_ORDERS if k in orders):
             wobbles += wobble(chain, joint, kept)

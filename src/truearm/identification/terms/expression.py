@@ -63,7 +63,7 @@ def _torque(state: ArmState, torques: FloatArray, joint: int, axis: int) -> Floa
     torque = torques[:, 0]
     if axis == 2 or state.chain.is_prismatic[0]:
         return np.ascontiguousarray(torque[:, axis])
-    cos, sin = np.cos(state.angles[:, 0]), np.sin(state.angles[:, 0])
+    cos, sin = np.cos(state.joint_angles[:, 0]), np.sin(state.joint_angles[:, 0])
     x, y = torque[:, 0], torque[:, 1]
     return np.asarray(cos * x - sin * y if axis == 0 else sin * x + cos * y)
 
@@ -124,7 +124,7 @@ def _is_one(*of: object) -> bool:
 
 _JOINT, _PLACE, _AXIS, _POWER = _whole(1, MOST_JOINTS), _whole(0, MOST_JOINTS), _whole(0, 2), _whole(2, HIGHEST_POWER)
 INPUTS: Mapping[str, Input] = {
-    "angle": Input((_JOINT,), "q{0}", lambda state, joint: of_joint(state.angles, joint), False),
+    "angle": Input((_JOINT,), "q{0}", lambda state, joint: of_joint(state.joint_angles, joint), False),
     "gravity torque": Input(
         (_PLACE, _AXIS),
         "gravity torque about {axis} of {place}",

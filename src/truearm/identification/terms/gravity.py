@@ -105,7 +105,7 @@ def gravity_loads(
         raise InputError(f"gravity must be three finite numbers in m/s^2, got {gravity_in_base!r}")
     if len(links.mass_kg) != chain.n_joints:
         raise InputError(f"expected {chain.n_joints} link masses, one a joint, got {len(links.mass_kg)}")
-    q = np.ascontiguousarray(np.asarray(angles, dtype=float).T)
+    q = np.ascontiguousarray(chain.joint_angles(np.asarray(angles, dtype=float)).T)
     slides = chain.is_prismatic.tolist()
     turn = np.where(chain.is_prismatic[:, None], 0.0, q) if any(slides) else q
     force = np.empty((len(q), 3, q.shape[1]))

@@ -35,7 +35,7 @@ class ArmState:
     chain : Chain
         Nominal kinematics in the base frame of the arm, not in that of a reference: it defines gravity and the stand.
     angles : (n, n_joints) array
-        Joint angles [rad], displacements of prismatic joints [mm].
+        Joint angles [rad], displacements of prismatic joints [mm]; those of the encoders where joints are coupled.
     temperature_degC : (n,) or (n, n_joints + 1) array, optional
         Of the arm, or of the stand and each link [degC].
     directions : (n, n_joints) array, optional
@@ -135,6 +135,11 @@ class ArmState:
         if "gravity_loads" in vars(self):
             vars(other)["gravity_loads"] = self.gravity_loads
         return other
+
+    @cached_property
+    def joint_angles(self) -> FloatArray:
+        """(n, n_joints) angles of the joints [rad, or mm]: those of the encoders, if none are coupled."""
+        return self.chain.joint_angles(self.angles)
 
     @property
     def gravity_torques(self) -> FloatArray:

@@ -245,7 +245,8 @@ class VirtualArm:
                 return angles
             own_axes = self.nominal.chain.tip_derivatives(angles).motion_jacobian[:, 1:-1, 2]
             # A new array: a state keeps what it has computed at its angles.
-            angles = angles + (np.linalg.pinv(own_axes.transpose(0, 2, 1), rcond=1e-6) @ gap[:, :, None])[:, :, 0]
+            by_encoders = self.nominal.chain.by_encoders(own_axes.transpose(0, 2, 1))
+            angles = angles + (np.linalg.pinv(by_encoders, rcond=1e-6) @ gap[:, :, None])[:, :, 0]
         distance = np.linalg.norm(gap, axis=1)
         worst = int(np.argmax(distance))
         raise InputError(

@@ -66,7 +66,7 @@ def stance(arm: Arm) -> Stance:
 
 def joint_origins(chain: Chain, angles: FloatArray) -> FloatArray:
     """Origins of the joints, (n, n_joints, 3) [mm] in the base frame."""
-    out = np.empty((len(angles), chain.n_joints, 3))
+    angles, out = chain.joint_angles(angles), np.empty((len(angles), chain.n_joints, 3))
     out[:, 0] = chain.fixed[0, :3, 3]
     for i in range(1, chain.n_joints):  # the chain cut at the next joint has its tip there
         out[:, i] = Chain(chain.fixed[: i + 1], np.zeros(3), chain.is_prismatic[:i]).tip_in_base(angles[:, :i])
