@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 FOR_FORMS = ("date", "artefact_temperature")
 FOR_TWO = ("by", "time_offset", "standstill_seconds", "standstill_mm")
 NOT_FOR_FORMS = (
-    *("out", "angles", "angle_unit", "counts_per_turn", "sign", "zero", "point_std", "u_mm"),
+    *("out", "angles", "angle_unit", "counts_per_turn", "sign", "zero", "couple", "point_std", "u_mm"),
     *("orientation", "orientation_unit", "orientation_order", "temperature", "seat", "tip", "position", "session"),
     *("column", "session_name", "preview", "as_json", "points_from", *FOR_TWO),
 )
@@ -54,6 +54,9 @@ def import_table(
     sign: Annotated[str, Option(help="+ or - for each joint, as +,-,+; all + by default.")] = "",
     zero: Annotated[
         str, Option(help="Each joint's value where its angle is zero, in the table's unit; 0 by default.")
+    ] = "",
+    couple: Annotated[
+        str, Option(metavar="SUMS", help="Joints that are sums of the table's: 'J3+=J2', 'J3=J3-0.5*J2; J5=J5+J4'.")
     ] = "",
     points: Annotated[str, Option(help="Columns x,y,z of the reference point; with --into of the point.")] = "",
     point_std: Annotated[str, Option(help="Columns of its three standard uncertainties.")] = "",
@@ -168,6 +171,8 @@ def import_table(
             session_name=session_name or None,
             serial_number=serial_number or None,
         )
+        if couple:
+            found = _coupled(found, couple)
         if out is not None and not preview:
             unit = "rad" if "rad" in found.units else "deg"
             slides = [u in ("mm", "m") for u in found.units]
@@ -177,6 +182,16 @@ def import_table(
         print_json(_record(found, written))
         return
     _print_result(found, " and ".join(source.name for source in sources), written)
+
+
+def _coupled(found: ImportedTable, sums: str) -> ImportedTable:
+    """The same readings with the angles of joints in place of those of their encoders."""
+    from dataclasses import replace
+
+    from truearm.arm.couplings import parse_coupling
+
+    matrix = parse_coupling(sums, found.session.n_joints)
+    return replace(found, session=replace(found.session, angles=found.session.angles @ matrix.T))
 
 
 def _print_result(found: ImportedTable, tables: str, out: Path | None) -> None:
