@@ -16,11 +16,13 @@ import scipy.io
 from hypothesis import given
 from hypothesis import strategies as st
 
+import truearm as ta
 from truearm.errors import InputError
 from truearm.files.tables import array_files
 from truearm.files.tables.arrow_files import table_of_frame
 from truearm.files.tables.reading import read_table
 from truearm.files.tables.table import TableForm
+from truearm.readings import JointScale
 
 CHECKOUT = Path(__file__).resolve().parents[2]
 if not (CHECKOUT / "benchmarks").is_dir():
@@ -245,6 +247,15 @@ def test_a_frame_keeps_its_values():
 def test_numbers_of_a_frame_come_exactly(values):
     table = table_of_frame(pd.DataFrame(values, columns=["a", "b", "c"]))
     assert np.column_stack(table.columns).tolist() == values
+
+
+def test_a_frame_is_imported_as_a_file_is():
+    frame = pd.DataFrame(np.arange(54.0).reshape(6, 9) * 5, columns=[*(f"J{i}" for i in range(1, 7)), "X", "Y", "Z"])
+    session = ta.import_table(frame, scale=JointScale("deg"), point_unit="mm")
+    assert np.degrees(session.angles[1]).tolist() == pytest.approx([45, 50, 55, 60, 65, 70])
+    assert session.points[1].tolist() == [75, 80, 85]
+    with pytest.raises(InputError, match="data frame, got list"):
+        ta.import_table([1, 2])
 
 
 def test_a_frame_without_rows_is_refused():

@@ -116,7 +116,8 @@ def test_the_controllers_own_pose_is_no_reference(name):
     "points",
     [["X", "Y", "Z"], ["px", "py", "pz"], ["x_mm", "y_mm", "z_mm"], ["tip_x", "tip_y", "tip_z"], ["TX", "TY", "TZ"],
      ["ref_x", "ref_y", "ref_z"], ["meas_x [mm]", "meas_y [mm]", "meas_z [mm]"], ["Leica X", "Leica Y", "Leica Z"],
-     ["pose.position.x", "pose.position.y", "pose.position.z"]],
+     ["pose.position.x", "pose.position.y", "pose.position.z"],
+     ["run.p[0]", "run.p[1]", "run.p[2]"], ["tip[0]", "tip[1]", "tip[2]"]],
 )  # fmt: skip
 def test_points_by_their_names(points):
     found = recognise_program_columns([*numbered("J{}"), *points])

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
@@ -298,8 +298,12 @@ def _tip(free: Sequence[_Name], has_joints: bool, remarks: list[str]) -> dict[st
     found: dict[str, Any] = _orientation(free, remarks)
     used = set(found.pop("used", ()))
     groups: dict[tuple[str, ...], dict[str, _Name]] = defaultdict(dict)
+    of_array = Counter(re.sub(r"\[\d+\]$", "", column.written) for column in free)
     for column in free:
         words = column.stem.split("_")
+        match = re.fullmatch(r"(.*)\[([0-2])\]", column.written)
+        if match and of_array[match[1]] == 3:  # p[0], p[1], p[2] of an array
+            words[-1] = "xyz"[int(match[2])]
         for k, word in enumerate(words):
             match = _AXIS.fullmatch(word)
             if match and column not in used:

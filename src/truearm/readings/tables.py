@@ -180,6 +180,12 @@ def as_table(table: str | Path | Table | pd.DataFrame, form: TableForm) -> Table
         return table
     if isinstance(table, str | Path):
         return read_table(table, form)
+    import pandas as pd
+
+    from truearm.files.tables.arrow_files import table_of_frame
+
+    if isinstance(table, pd.DataFrame):
+        return table_of_frame(table)
     raise InputError(f"expected the path of a table or a data frame, got {type(table).__name__}")
 
 

@@ -44,6 +44,9 @@ class SheetRows:
         Rows at the top that do not belong to the table.
     """
 
+    may_be_short = True
+    point_is_decimal = True
+
     def __init__(self, rows: Sequence[Sequence[Any]], skip: int = 0) -> None:
         # Numbers are typed: beside text with decimal commas they are written without any sign.
         exact = any(isinstance(cell, str) and _DECIMAL_COMMA.fullmatch(cell) for row in rows for cell in row)
