@@ -31,7 +31,7 @@ MOST_IN_A_RANGE = 100  # columns of 1-6
 
 def import_table(
     context: typer.Context,
-    table: Annotated[Path, Argument(metavar="TABLE", help="Text, workbook, array or log: see docs/session-file.md.")],
+    table: Annotated[Path, Argument(metavar="TABLE", help="Text, workbook, array or log: see docs/import.md.")],
     out: Annotated[Path | None, Option(help="Session file to write, .csv or .parquet.")] = None,
     into: IntoForm = None,
     points_from: Annotated[

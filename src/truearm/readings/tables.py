@@ -95,7 +95,7 @@ def import_table(
     Parameters
     ----------
     table : path or pandas.DataFrame
-        Delimited text, a workbook, an array, a log: see docs/session-file.md.
+        Delimited text, a workbook, an array, a log: see docs/import.md.
     columns : TableColumns, optional
         Which column holds what. Those not stated are recognised by their names if no angles are stated.
     scale : JointScale, optional
