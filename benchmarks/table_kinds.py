@@ -174,6 +174,8 @@ kind("one blank", suffix=".txt")(lambda: text(rows(), HEAD, sep=" "))
 kind("blanks in runs", suffix=".txt")(lambda: fixed(rows(), HEAD))
 kind("blanks, decimal commas", suffix=".txt")(lambda: fixed(comma(rows()), HEAD))
 kind("pipes", suffix=".txt")(lambda: text(rows(), HEAD, sep=" | "))
+kind("Markdown", suffix=".md")(lambda: "".join(f"| {' | '.join(row)} |\n" for row in (HEAD, ["---"] * 9, *rows())))
+kind("a ruler below the names", suffix=".txt")(lambda: fixed([], HEAD) + "-" * 108 + "\n" + fixed(rows()))
 kind("commas and blanks")(lambda: text(rows(), HEAD, sep=", "))
 kind("no header", **NUMBERS)(lambda: text(rows()))
 kind("no header, blanks", suffix=".txt", **NUMBERS)(lambda: fixed(rows()))
@@ -229,6 +231,10 @@ kind("a title")(lambda: text(rows(), "Calibration of arm 7, May", "", HEAD))
 kind("key and value above", suffix=".txt")(
     lambda: text(rows(), "Serial number: 4711", "Date: 02.05.2024 10:31", "Temperature: 20,5", "", HEAD, sep="\t")
 )
+kind("remark behind a row", suffix=".txt")(
+    lambda: text(rows()[:4], HEAD, sep=" ") + " ".join(rows()[4]) + "  # again\n" + text(rows()[5:], sep=" ")
+)
+kind("number of rows at the foot")(lambda: text(counted(rows()), ["No", *HEAD], sep=";", foot="n = 12\n"))
 kind("mean at the foot")(lambda: text(counted(rows()), ["No", *HEAD], foot="Mean," + ",".join(["1.5"] * 9) + "\n"))
 kind("statistics at the foot")(
     lambda: text(
@@ -250,6 +256,9 @@ kind("groups with blanks", angles=JOINTS, points=[f"Tool tip {a}" for a in AXES]
         ["Robot arm", *[""] * 5, "Tool tip", "", "", "Base ball", "", ""],
         [*JOINTS, *AXES, *AXES],
     )
+)
+kind("groups above numbers", angles=tuple("123456"))(
+    lambda: text(rows(), ["Joint"] * 6 + ["Tip"] * 3, [*"123456", *AXES])
 )
 kind("names with blanks", suffix=".txt", angles=[f"Axis {i}" for i in range(1, 7)], points=[f"Tip {a}" for a in AXES])(
     lambda: fixed(rows(), [f"Axis {i}" for i in range(1, 7)] + [f"Tip {a}" for a in AXES])
@@ -285,6 +294,8 @@ kind("exponents")(lambda: text(rows(form=".9E"), HEAD))
 kind("exponents of Fortran", suffix=".txt")(lambda: fixed(rows(form=".9e"), HEAD, width=20).replace("e", "D"))
 kind("unit in the cell")(lambda: text(changed(rows(), POINT_CELLS, lambda c: f"{c} mm"), HEAD))
 kind("degree sign in the cell")(lambda: text(changed(rows(), ANGLE_CELLS, lambda c: f"{c}°"), HEAD))
+kind("formulas of text")(lambda: text([[f'="{cell}"' for cell in row] for row in rows()], HEAD))
+kind("apostrophes before numbers")(lambda: text([[f"'{cell}" for cell in row] for row in rows()], HEAD))
 kind("full-width digits")(
     lambda: ",".join(HEAD) + "\n" + text(rows()).translate({ord(c): ord(c) + 0xFEE0 for c in "0123456789.-"})
 )
@@ -353,4 +364,7 @@ kind("German time stamps")(
     lambda: text([[f"02.05.2024 10:31:{i:02d}", *row] for i, row in enumerate(comma(rows()))], ["Zeit", *HEAD], sep=";")
 )
 kind("epoch time stamps")(lambda: text(timed(lambda i: f"17146{i:05d}.125"), ["stamp", *HEAD]))
+kind("names of points with blanks", suffix=".txt")(
+    lambda: text([[f"P {i}", *row] for i, row in enumerate(rows())], ["Name", *HEAD], sep="   ")
+)
 kind("names of points")(lambda: text([[f"P {i}", *row] for i, row in enumerate(rows())], ["Name", *HEAD], sep=";"))

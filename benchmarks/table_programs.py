@@ -152,6 +152,11 @@ kind("NumPy print", suffix=".txt", **NUMBERS)(
     lambda: "[[" + "]\n [".join(" ".join(f"{c:>10}" for c in row) for row in rows()) + "]]\n"
 )
 kind("Python lists", suffix=".txt", **NUMBERS)(lambda: "".join(f"[{', '.join(row)}]\n" for row in rows()))
+kind("Python dicts", suffix=".txt")(
+    lambda: "".join(
+        "{" + ", ".join(f"'{name}': {cell}" for name, cell in zip(HEAD, row, strict=True)) + "}\n" for row in rows()
+    )
+)
 kind("pandas with index")(lambda: text(counted(rows(), 0), ["", *HEAD]))
 kind("pandas without names", **numbers_from(1))(lambda: text(rows(), [str(i) for i in range(9)]))
 kind("MATLAB writematrix", **NUMBERS)(lambda: text(rows(form=".15g")))

@@ -129,6 +129,8 @@ class _Body:
 
     def _fitting(self, row: list[str], line: int) -> list[str]:
         """A row with as many cells as there are names; those missing at its end are empty."""
+        if len(row) > self.width and row[self.width].lstrip()[:1] in ("#", "%", "!", "/"):
+            row = row[: self.width]  # a remark on the reading
         if len(row) < self.width and not self.rows.may_be_short:
             problem = f"expected {self.width} values between blanks, got {len(row)}: which are missing?"
             hint = "write - where there is no value, or separate by --separator TAB"

@@ -23,8 +23,10 @@ _ANGLE = re.compile(
     r"(?:(?P<sec>[0-5]?\d(?:[.,]\d*)?)\s*(?:\"|''|\u2033|\u2032\u2032|s)?)?"
 )
 _WITH_UNIT = re.compile(r"(?P<number>[+-]?[\d.,].*?)\s*(?P<unit>[^\W\d_][^\s\d]*|°|°C|\")")
+_AS_TEXT = re.compile(r"=\"(.*)\"|'(.+)")
+# ``A1 -90.0``; but ``Axis 1`` is a name.
 _LABELLED = re.compile(
-    r"(?P<label>[^\W\d]\w*)(?:\s*[:=]\s*(?P<stated>[+-]?\s*[\d.].*)|\s+(?P<plain>[+-]?\s*\d*[.,]\d.*))"
+    r"[\"']?(?P<label>[^\W\d]\w*)[\"']?(?:\s*[:=]\s*(?P<stated>[+-]?\s*[\d.].*)|\s+(?P<plain>[+-]?\s*\d*[.,]\d.*))"
 )
 _LONGEST = 60  # characters of a number
 # Units behind a number; of the others 3A and 5V may be names.
@@ -52,10 +54,13 @@ class Cell(NamedTuple):
 
 
 def clean(cell: str) -> str:
-    """A cell with ASCII digits, signs and blanks."""
+    """A cell with ASCII digits, signs and blanks, without what makes a spreadsheet keep a number as text."""
     if not cell.isascii():
         cell = unicodedata.normalize("NFKC", cell.translate(_DASHES)).translate(_DASHES)
-    return cell.strip()
+    cell = cell.strip()
+    if cell[:1] in "'=" and (match := _AS_TEXT.fullmatch(cell)):
+        return match[1] or match[2]
+    return cell
 
 
 def parse_cell(cell: str) -> Cell | None:

@@ -22,6 +22,7 @@ _STATISTICS = re.compile(
     r"(?: (?:values?|deviation|error|dev\.?|of .*|est[áa]ndar))?\s*(?:[.:=(\[].*)?",
     re.IGNORECASE,
 )
+_NAME = re.compile(r"\d{0,2}|[^\d.,+-].*")
 _MOST_MISSING = 3  # cells at the end of all rows that the header names
 _COUNTERS = re.compile(
     r"n[or]?\.?|#|id|i(?:ndex|dx)?|row|line|frame|point|pose|sample|num(?:ber)?|pos(?:ition)?", re.IGNORECASE
@@ -135,7 +136,7 @@ def foot_length(rows: Sequence[Row], numeric: Sequence[int], width: int) -> int:
     """How many of the last rows are statistics or remarks."""
     for n, row in enumerate(reversed(rows)):
         filled = [cell for cell in row if cell]
-        is_remark = width > 2 and len(row) == 1 and not is_number(row[0])
+        is_remark = width > 2 and len(row) == 1 and not is_value(row[0])
         label = next((cell for cell in filled if not is_value(cell)), "")
         if not (is_remark or _STATISTICS.fullmatch(label) or is_text(row, numeric)):
             return n
@@ -151,6 +152,8 @@ def is_text(row: Row, numeric: Sequence[int]) -> bool:
 def _first_row(rows: Sequence[Row], numeric: Sequence[int], width: int) -> int:
     def fits(row: Row, share: float) -> bool:
         cells = [row[i] for i in numeric if i < len(row)]
+        if any(not is_value(cell) and not is_number(cell) for cell in cells) and all(map(_NAME.fullmatch, cells)):
+            return False  # names such as 1, 2, 3, X, Y, Z
         return len(_trimmed(row)) <= width and sum(map(is_number, cells)) >= max(1, share * len(numeric))
 
     first = next((i for i, row in enumerate(rows) if fits(row, 0.5)), 0)
@@ -183,12 +186,8 @@ def _names_columns(row: Row, width: int) -> bool:
     cells = row if len(row) <= width else _trimmed(row)
     words = [cell for cell in cells if cell and not is_number(cell)]
     enough = len(cells) in (width, width - 1) or len(words) >= max(2, width / 2)
-    return (
-        enough
-        and len(cells) <= width + _MOST_MISSING
-        and len(words) >= max(1, len(cells) / 2)
-        and not all(is_value(cell) for cell in cells)
-    )
+    fits = enough and len(cells) <= width + _MOST_MISSING and not all(map(is_value, cells))
+    return fits and (len(words) >= len(cells) / 2 or (bool(words) and all(map(_NAME.fullmatch, cells))))
 
 
 def _has_row_names(names: Row, rows: Sequence[Row], width: int) -> bool:

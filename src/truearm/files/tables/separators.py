@@ -14,6 +14,8 @@ from truearm.files.tables.cells import is_number
 
 SEPARATORS = {"\t": "tabs", ";": "semicolons", "|": "pipes", ",": "commas", " ": "blanks"}
 _ROWS = 2000  # from which unequal numbers of cells are seen
+WIDE_BLANKS = "  "
+_WIDE_BLANKS = re.compile(r"\t+| {2,}")
 _BLANKS = re.compile(r"[ \t]+")
 # Other ways to write the names, where their line has not as many cells as the rows.
 _OF_NAMES = tuple(map(re.compile, (r"[ \t]+", r"\t+|[ \t]{2,}", r"\s*,\s*", r"\s*;\s*", r"\s*\|\s*")))
@@ -26,7 +28,7 @@ class Splitting:
     Attributes
     ----------
     separator : str
-        One character; a blank stands for one blank or tab or more.
+        One character; a blank stands for one blank or tab or more, two for two or more.
     cuts : tuple of int, optional
         Where the columns begin, of a text with columns of fixed width.
     paired : bool
@@ -48,6 +50,8 @@ class Splitting:
         if self.cuts:
             ends = [*self.cuts[1:], None]
             return [[line[a:b].strip() for a, b in zip(self.cuts, ends, strict=True)] for line in lines]
+        if self.separator == WIDE_BLANKS:
+            return [_WIDE_BLANKS.split(line.strip()) for line in lines]
         if self.separator == " ":
             if any('"' in line for line in lines):
                 stripped = (_BLANKS.sub(" ", line).strip(" ") for line in lines)
@@ -74,6 +78,12 @@ class Splitting:
 def recognise_separator(lines: Sequence[str]) -> str:
     """Return the separator by which most cells of `lines` are numbers, as many in each line."""
     return max(SEPARATORS, key=lambda separator: round(_fitness(lines, separator), 2))
+
+
+def stands_between_wide_blanks(lines: Sequence[str]) -> bool:
+    """Whether all lines have as many cells between two blanks or more, and not between any: names have blanks."""
+    wide, any_blank = ({len(row) for row in Splitting(blanks).strip(lines)} for blanks in (WIDE_BLANKS, " "))
+    return len(wide) == 1 and len(any_blank) > 1 and max(wide) > 2
 
 
 def recognise_fixed_width(lines: Sequence[str]) -> tuple[int, ...]:

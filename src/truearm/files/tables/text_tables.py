@@ -18,17 +18,23 @@ from truearm.files.tables.cells import is_number
 from truearm.files.tables.layout import HEAD, Layout, recognise_layout, table_width
 from truearm.files.tables.separators import (
     SEPARATORS,
+    WIDE_BLANKS,
     Splitting,
     recognise_fixed_width,
     recognise_separator,
+    stands_between_wide_blanks,
 )
 from truearm.files.tables.table import Table, TableForm
 from truearm.files.tables.text_encoding import recognise_encoding
 
 _COMMENT = re.compile(r"\s*(?:#(?!N/A|DIV)|%|//|!)+")
 _SEPARATOR_LINE = re.compile(r"\"?sep=(.)\"?\s*", re.IGNORECASE)
-_BRACKETS = re.compile(r"[\[({]\s*(?:[A-Za-z]\w*\s+)?[+-]?[\d.]+\s*[,;\s]\s*[^\s\])}]")  # around several numbers
+# Around several numbers, with labels or not.
+_BRACKETS = re.compile(
+    r"[\[({]\s*(?:[\"']?[A-Za-z]\w*[\"']?:?\s+)?[+-]?[\d.]+\s*[,;\s]\s*[^\s\])}]"
+)  # around several numbers
 _ASSIGNED = re.compile(r"^[^\[({]*(?::=|=|:)\s*(?=[\[({])")
+_EMPTY = re.compile(r"\s+|(?=.*[-=]{3})[-=+|:_*\s]+")  # or a ruler
 _DIGITS = re.compile(r"[+-]?\d+")
 _FRACTION = re.compile(r"^[^.,]*[.,]?")  # all before the decimals
 _LONGEST_QUOTE = 20  # lines
@@ -157,7 +163,7 @@ class TextRows:
     @property
     def may_be_short(self) -> bool:
         """Whether cells that a row lacks are those at its end: between blanks any of them may be missing."""
-        return self.splitting.separator != " "
+        return bool(self.splitting.separator.strip(" "))
 
     @property
     def point_is_decimal(self) -> bool:
@@ -171,8 +177,10 @@ def _lines(text: str, form: TableForm) -> TextLines:
     skipped, separator = form.skip_lines or 0, form.separator
     if match := _SEPARATOR_LINE.fullmatch(every[0]):
         skipped, separator = max(skipped, 1), separator or match[1]
-    numbers = [i for i, line in enumerate(every, 1) if i > skipped and line and not line.isspace()]
+    numbers = [i for i, line in enumerate(every, 1) if i > skipped and line and not _EMPTY.fullmatch(line)]
     lines = every if len(numbers) == len(every) else [every[i - 1] for i in numbers]
+    if lines and all(line[0] == "|" == line.rstrip()[-1] for line in lines):  # a table of Markdown
+        lines = [line.rstrip()[1:-1] for line in lines]
     found = TextLines(lines, numbers, [], bool(every[-1].strip()), separator, [])
     _take_comments(found, _COMMENT)
     return found
@@ -224,11 +232,13 @@ def _splitting(found: TextLines, form: TableForm) -> Splitting:
         sample = list(map(_without_brackets, sample))
         found.assumed.append("brackets around the numbers")
     separator = found.separator or recognise_separator(sample)
+    if separator == " " and stands_between_wide_blanks(sample):
+        separator = WIDE_BLANKS
     if separator == " " and (cuts := recognise_fixed_width(found.lines)):
         found.assumed.append("columns of fixed width")
         return Splitting(separator, cuts)
     if form.separator is None and separator != ",":
-        found.assumed.append(SEPARATORS.get(separator, f"separator {separator}"))
+        found.assumed.append(SEPARATORS.get(separator[0], f"separator {separator}"))
     return Splitting(separator)
 
 
@@ -239,7 +249,7 @@ def _without_brackets(line: str) -> str:
 
 def _join_quoted(found: TextLines, path: Path, splitting: Splitting) -> None:
     """Make one line of those between which a quoted cell goes on."""
-    if splitting.separator == " " or not any(line.count('"') % 2 for line in found.lines):
+    if splitting.separator[0] == " " or not any(line.count('"') % 2 for line in found.lines):
         return
     reader = csv.reader((f"{line}\n" for line in found.lines), delimiter=splitting.separator, skipinitialspace=True)
     lines, numbers, begin = [], [], 0
@@ -273,6 +283,8 @@ def _is_cut_off(rows: TextRows, width: int) -> bool:
     full = [row for row in others if len(row) >= width]
     if len(last) < width:
         return len(full) == len(others) > 1
+    if not any(row[width - 1].strip().endswith("0") for row in full):  # as many decimals as a number needs
+        return False
     decimals = {len(_FRACTION.sub("", row[width - 1].strip())) for row in full[1:]}
     return len(full) > 3 and len(decimals) == 1 and len(_FRACTION.sub("", last[width - 1].strip())) < decimals.pop()
 
