@@ -77,6 +77,7 @@ PROGRAMS = {
     "german": (numbered("Achse {} [°]"), "deg", "", []),
     "gelenk": (numbered("Gelenk{}"), None, "", []),
     "chinese": (numbered("关节{}"), None, "", []),
+    "chinese angles": (numbered("关节{}角度"), None, "", []),
     "axis": (numbered("axis{}_rad"), "rad", "", []),
     "matlab": (numbered("robot.q[{}]", 0), None, "", ["robot.dq[0]"]),
 }  # fmt: skip
@@ -117,7 +118,8 @@ def test_the_controllers_own_pose_is_no_reference(name):
     [["X", "Y", "Z"], ["px", "py", "pz"], ["x_mm", "y_mm", "z_mm"], ["tip_x", "tip_y", "tip_z"], ["TX", "TY", "TZ"],
      ["ref_x", "ref_y", "ref_z"], ["meas_x [mm]", "meas_y [mm]", "meas_z [mm]"], ["Leica X", "Leica Y", "Leica Z"],
      ["pose.position.x", "pose.position.y", "pose.position.z"],
-     ["run.p[0]", "run.p[1]", "run.p[2]"], ["tip[0]", "tip[1]", "tip[2]"]],
+     ["run.p[0]", "run.p[1]", "run.p[2]"], ["tip[0]", "tip[1]", "tip[2]"],
+     ["坐标X", "坐标Y", "坐标Z"], ["Tool tip X", "Tool tip Y", "Tool tip Z"]],
 )  # fmt: skip
 def test_points_by_their_names(points):
     found = recognise_program_columns([*numbered("J{}"), *points])
@@ -126,7 +128,7 @@ def test_points_by_their_names(points):
 
 
 @pytest.mark.parametrize(
-    "quantity", ["v", "vel_", "f", "force_", "a", "m", "e", "err_", "target_", "nominal_", "tcp_", "gyro_"]
+    "quantity", ["v", "vel_", "f", "force_", "a", "m", "e", "err_", "target_", "nominal_", "tcp_", "tool_", "gyro_"]
 )
 def test_what_is_no_measured_point(quantity):
     found = recognise_program_columns([*numbered("J{}"), *(f"{quantity}{axis}" for axis in "xyz")])
@@ -142,6 +144,12 @@ def test_ros_quaternions_have_names_and_come_w_first():
     names = ["orientation.x", "orientation.y", "orientation.z", "orientation.w"]
     found = recognise_program_columns([*numbered("J{}"), *names])
     assert found.columns.orientation == ("orientation.w", "orientation.x", "orientation.y", "orientation.z")
+
+
+@pytest.mark.parametrize("pattern", ["field.point.{}", "/tracker/pose/position/{}"])
+def test_points_of_ros_are_in_metres(pattern):
+    found = recognise_program_columns([*numbered("field.position{}", 0), *map(pattern.format, "xyz")])
+    assert found.point_unit == "m"
 
 
 def test_motive_has_the_rotation_first():
@@ -209,6 +217,7 @@ def test_a_session_file_means_itself():
     [
         (["left_j1", "left_j2", "right_j1", "right_j2"], "joint angles: left_j1 .. left_j2 and right_j1 .. right_j2"),
         (["J1", "J2", "theta1", "theta2"], "joint angles"),
+        (["J1", "J2", *(f"{what} {c}" for what in ("Tool tip", "Base ball") for c in "XYZ")], "points: Tool tip X"),
         (["J1", "J2", "ref_x", "ref_y", "ref_z", "tip_x", "tip_y", "tip_z"], "points: ref_x, ref_y, ref_z and tip_x"),
     ],
 )

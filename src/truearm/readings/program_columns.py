@@ -37,7 +37,7 @@ _NUMBERED_JOINTS = tuple(
     (
         program,
         unit,
-        re.compile(rf"(?:(?P<before>.*)_)?(?:{name})_?(?P<i>\d+)(?:_[a-z])?(?:_(?:pos|position|angle|value))?"),
+        re.compile(rf"(?:(?P<before>.*)_)?(?:{name})_?(?P<i>\d+)(?:_[a-z])?(?:_?(?:pos|position|angle|value)|角度?)?"),
     )
     for program, unit, name in (
         ("UR RTDE", "rad", "actual_q"),
@@ -64,14 +64,15 @@ _OTHER_QUANTITY = re.compile(
     r"poscorr|normal|euler|rot|rotation|orientation|quat|quaternion|imu|linear|angular|twist|wrench|com|cog|[a-oq-su-z])"
 )
 _CONTROLLER = re.compile(
-    r"(tcp|tcppose|flange|robot|controller|rist|rsol|pos_act|cart|cartesian|tool|tool0|ee|eef|fk|kin)"
+    r"(tcp|tcppose|flange|robot|controller|rist|rsol|pos_act|cart|cartesian|tool0|tool_pos|tool_position|ee|eef|fk|kin)"
 )
 _INSTRUMENT = re.compile(
     r"(tracker|lasertracker|leica|at9\d0|at40\d|lt|laser|vicon|mocap|optitrack|motive|faro|api|radian|vantage|camera|cmm|"
     r"photogrammetry|meas|measured|measurement|creaform|polyworks)"
 )
 _STD = re.compile(r"u|s|std|sigma|unc|uncertainty|stdev")
-_AXIS = re.compile(r"(?P<before>[a-z]*?)(?P<axis>[xyz])(?P<after>m|coord|pos)?")
+_AXIS = re.compile(r"(?P<before>[^\W\d_]*?)(?P<axis>[xyz])(?P<after>m|coord|pos)?")
+_OF_ROS = re.compile(r"field\.|/")  # as rostopic and PlotJuggler begin names
 _QUATERNION = re.compile(r"(?:(?P<before>.*)_)?(?:q|quat|quaternion|orientation|rotation|rot)_?(?P<axis>[wxyz])")
 _MATRIX = re.compile(r"(?:r|rot|rotation|t|m|matrix)_?([0-4])_?([0-4])")
 _LOAD = re.compile(
@@ -319,7 +320,7 @@ def _tip(free: Sequence[_Name], has_joints: bool, remarks: list[str]) -> dict[st
         beside = "_".join(word.rstrip("*") for word in key if word != "*")
         if _STD.fullmatch(beside) or any(_STD.fullmatch(w) for w in beside.split("_") if len(w) > 1):
             found["point_std"] = _labels(columns)
-        elif _words_match(_CONTROLLER, beside) or (of_controller and not beside):
+        elif _words_match(_CONTROLLER, beside) or beside == "tool" or (of_controller and not beside):
             remarks.append(f"{_span(columns)} are the controller's own pose, which is no reference.")
         elif not (_words_match(_NOT_MEASURED, beside) or _words_match(_OTHER_QUANTITY, beside)):
             ranked[0 if _words_match(_INSTRUMENT, beside) else 1].append(columns)
@@ -332,6 +333,8 @@ def _tip(free: Sequence[_Name], has_joints: bool, remarks: list[str]) -> dict[st
     if points:
         stated = {column.unit for column in points[0]}
         unit = stated.pop() if len(stated) == 1 else None
+        if unit is None and all(_OF_ROS.match(column.written) for column in points[0]):
+            unit = "m"  # as ROS has it (REP 103)
         found |= {"points": _labels(points[0]), "point_unit": unit if unit in _LENGTHS else None}
     else:
         found.pop("point_std", None)
