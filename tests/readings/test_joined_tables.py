@@ -59,9 +59,7 @@ def test_a_column_with_two_meanings_is_asked_when_it_is_used():
 
 
 def test_a_count_that_differs_is_refused():
-    with pytest.raises(
-        InputError, match=r"joints.csv has 3 rows and points.csv 2: 1 are missing in points.csv, .*--by name"
-    ):
+    with pytest.raises(InputError, match=r"joints.csv has 3 rows and points.csv 2: points.csv lacks 1, .*--by name"):
         join_tables(table(J1=[1, 2, 5]), table("points.csv", X=[1, 4]), "row")
 
 
@@ -80,7 +78,7 @@ def test_rows_are_found_by_their_numbers_where_some_lack():
     assert joined.assumed == (
         "rows by their numbers",
         "2 rows only in joints.csv skipped",
-        "1 rows only in points.csv skipped",
+        "1 row only in points.csv skipped",
     )
 
 
@@ -120,8 +118,8 @@ def test_names_find_their_rows():
     assert joined.assumed == (
         "rows by the names in columns 'pose' and 'Name'",
         "names that differ in case or blanks only are one name",
-        "1 rows only in joints.csv skipped",
-        "1 rows only in points.csv skipped",
+        "1 row only in joints.csv skipped",
+        "1 row only in points.csv skipped",
     )
 
 

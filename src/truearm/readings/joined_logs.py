@@ -12,7 +12,15 @@ from truearm.errors import InputError
 from truearm.files.tables.table import Table, listed
 from truearm.number_format import format_number
 from truearm.readings.clock_offset import ClockOffset, clock_offset, offset_of_points
-from truearm.readings.joined_tables import JoinedTable, beside, join_by_name, join_by_row, named, numeric_columns
+from truearm.readings.joined_tables import (
+    JoinedTable,
+    beside,
+    join_by_name,
+    join_by_row,
+    named,
+    numeric_columns,
+    rows_said,
+)
 from truearm.readings.no_readings import lost_targets
 from truearm.readings.standstills import Log, common_times, robust_mean, standstills
 from truearm.readings.time_columns import Times, time_columns, time_of
@@ -145,7 +153,7 @@ def _join(
         f"{np.median(scatter[:, 1]):.0f} points, which repeats to {u:.2g} mm"
     )
     if n_skipped:
-        said.append(f"{n_skipped} standstills of the joints without one of the tip skipped")
+        said.append(f"{n_skipped} more of the joints alone skipped")
     notes = {
         "note_repeatability_mm": scatter[:, 0],
         "note_samples": scatter[:, 1],
@@ -258,7 +266,7 @@ def _log_of_points(table: Table, times: Times, columns: list[int], unit: float) 
     held = _held(log)
     log = Log(np.delete(log.times, held), np.delete(log.values, held, axis=0), np.delete(log.rows, held))
     n_lost = int(np.isnan(points).any(axis=1).sum()) + len(held)
-    return log, [f"{n_lost} rows of {named(table)} without a point skipped"] if n_lost else []
+    return log, [f"{rows_said(n_lost)} of {named(table)} without a point skipped"] if n_lost else []
 
 
 def _held(log: Log) -> IntArray:

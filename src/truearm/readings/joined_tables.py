@@ -75,7 +75,7 @@ def beside(joints: Table, points: Table, assumed: Sequence[str]) -> JoinedTable:
         joints.place,
         joints.file,
         joints.header_line,
-        (*joints.assumed, *points.assumed, *assumed),
+        tuple(dict.fromkeys((*joints.assumed, *points.assumed, *assumed))),
         {**joints.questions, **{len(joints.names) + i: question for i, question in points.questions.items()}},
         points=points,
     )
@@ -112,8 +112,7 @@ def join_by_row(joints: Table, points: Table) -> JoinedTable:
         return beside(*pair, (said, "rows repeat each other one after the other" if pattern == "rows" else "in rounds"))
     less = joints if n < m else points
     raise less.error(
-        f"{named(joints)} has {n} rows and {named(points)} {m}: {abs(n - m)} are missing in {named(less)}, and nothing "
-        f"says which",
+        f"{named(joints)} has {n} rows and {named(points)} {m}: {named(less)} lacks {abs(n - m)}, nothing says which",
         hint="--by name (a column names the poses in both files) or --by time (both have times)",
     )
 
@@ -270,7 +269,12 @@ def _plain(name: str) -> str:
 
 
 def _only_in(joints: Table, n: int, points: Table, m: int) -> list[str]:
-    return [f"{k} rows only in {named(table)} skipped" for table, k in ((joints, n), (points, m)) if k]
+    return [f"{rows_said(k)} only in {named(table)} skipped" for table, k in ((joints, n), (points, m)) if k]
+
+
+def rows_said(n: int) -> str:
+    """A number of rows, for a sentence."""
+    return f"{n} row{'' if n == 1 else 's'}"
 
 
 def named(table: Table) -> str:
