@@ -2,6 +2,8 @@
 
 import json
 import os
+import re
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +11,11 @@ import pandas as pd
 import pytest
 
 from truearm.arm import list_arms, load_arm, read_urdf, write_arm
+from truearm.arm.catalogue import known_name, maker_of
 from truearm.errors import InputError
 
+DOCUMENTED = Path(__file__).parents[2] / "docs" / "arms.md"
+POSES = tomllib.loads((Path(__file__).parent / "catalogue_poses.toml").read_text("utf-8"))
 DATA = Path(os.environ.get("TRUEARM_DATA", Path(__file__).parents[3] / "shared" / "datasets"))
 
 
@@ -22,7 +27,66 @@ def data_file(name: str) -> Path:
 
 
 def test_the_catalogue_is_what_is_documented():
-    assert list_arms() == ("gao2017", "gen3lite", "measuring7", "panda", "ur10", "ur5", "wam")
+    rows = re.findall(r"^\| `([^`]+)` \| ([^|]+) \| (\d+) \|", DOCUMENTED.read_text("utf-8"), re.MULTILINE)
+    assert sorted(name for name, *_ in rows) == list(list_arms())
+    for name, title, joints in rows:
+        arm = load_arm(name)
+        assert (title, int(joints)) == (arm.title, arm.n_joints)
+        assert arm.source.split(";")[0] in DOCUMENTED.read_text("utf-8")
+
+
+def test_there_are_at_least_fifty_arms():
+    assert len(list_arms()) >= 50
+
+
+@pytest.mark.parametrize("name", POSES)
+def test_poses_are_those_of_the_public_description(name):
+    arm = load_arm(name)
+    angles, tips, x_axes, z_axes = (np.array(column) for column in zip(*POSES[name]["poses"], strict=True))
+    pose = arm.chain.pose(np.radians(angles))
+    np.testing.assert_allclose(pose.tip_in_base, tips, rtol=0, atol=1e-4)  # mm, printed to 1e-4
+    np.testing.assert_allclose(pose.R_base_tip[:, :, 0], x_axes, rtol=0, atol=1e-6)  # printed to 1e-6
+    np.testing.assert_allclose(pose.R_base_tip[:, :, 2], z_axes, rtol=0, atol=1e-6)
+    assert (np.radians(angles) >= arm.limits[:, 0] - 1e-9).all()
+    assert (np.radians(angles) <= arm.limits[:, 1] + 1e-9).all()
+
+
+def test_every_arm_has_poses_or_readings_of_its_own():
+    assert {*list_arms()} - {*POSES} == {"gao2017", "gen3lite", "measuring7", "panda", "ur10", "ur5", "wam"}
+
+
+# Reach to the centre of the wrist, as data sheets state it [mm].
+STATED_REACH = {
+    "irb120": 580,
+    "irb1200-5-09": 901,
+    "irb1200-7-07": 703,
+    "irb140": 810,
+    "irb2600-12-165": 1653,
+    "irb4600-60-205": 2050,
+    "kr6r900": 901.5,
+    "kr10r1100": 1101,
+    "kr16": 1611,
+    "lrmate200id": 717,
+    "m10ia": 1420,
+    "m20ia": 1811,
+    "m710ic50": 2050,
+    "gp7": 927,
+    "gp8": 727,
+    "gp12": 1440,
+    "tx2-60": 600,
+    "tx2-90": 900,
+    "rx160": 1600,
+    "rs007n": 730,
+    "vs060": 605,
+}
+
+
+@pytest.mark.parametrize("name", STATED_REACH)
+def test_the_reach_is_that_of_the_data_sheet(name):
+    chain = load_arm(name).chain
+    out, upper = chain.fixed[1, 0, 3], np.linalg.norm(chain.fixed[2, :2, 3])  # axis 1 to the shoulder, to the elbow
+    fore = chain.fixed[3, :3, 3] + chain.fixed[3, :3, :3] @ chain.fixed[4, :3, 3]
+    assert out + upper + np.linalg.norm(fore) == pytest.approx(STATED_REACH[name], abs=1)  # mm
 
 
 @pytest.mark.parametrize("name", list_arms())
@@ -131,12 +195,55 @@ def test_an_arm_is_found_by_name_or_by_path(tmp_path):
         assert load_arm(str(path)).name == "wam"
 
 
-def test_an_unknown_arm_is_refused_with_the_names_of_the_catalogue():
-    with pytest.raises(InputError, match=r"no arm 'ur15'.*gao2017, gen3lite, measuring7.*Try: ur(5|10)"):
+@pytest.mark.parametrize(
+    ("written", "name"),
+    [
+        ("UR 5e", "ur5e"),
+        ("UR10", "ur10"),
+        ("Universal Robots UR3", "ur3"),
+        ("KUKA KR 6 R900", "kr6r900"),
+        ("KR 6 R900 sixx", "kr6r900"),
+        ("LBR iiwa 7 R800", "iiwa7"),
+        ("fanuc lrmate 200id", "lrmate200id"),
+        ("M-20iA", "m20ia"),
+        ("ABB IRB 1200-5/0.9", "irb1200-5-09"),
+        ("IRB 6700-200/2.60", "irb6700-200-260"),
+        ("stäubli TX2-60", "tx2-60"),
+        ("Staubli tx2 60", "tx2-60"),
+        ("Motoman GP7", "gp7"),
+        ("Franka Emika Panda", "panda"),
+        ("SO-101", "so101"),
+        ("xArm 6", "xarm6"),
+    ],
+)
+def test_an_arm_is_found_as_its_maker_writes_it(written, name):
+    assert load_arm(written).name == name
+
+
+@pytest.mark.parametrize("name", list_arms())
+def test_a_title_begins_with_the_maker_and_leads_to_the_arm(name):
+    title = load_arm(name).title
+    assert maker_of(title) or "measuring arm" in title
+    assert known_name(re.split(r"[,(;]| with ", title)[0]) == name
+    assert name in list_arms(f"{maker_of(title)} {name}")
+
+
+def test_a_search_needs_all_its_words():
+    assert list_arms("fanuc") == ("lrmate200id", "m10ia", "m20ia", "m710ic50", "r2000ic165f")
+    assert list_arms("KUKA iiwa 14") == ("iiwa14",)
+    assert list_arms("measuring arm") == ("aacmm2018", "gao2017", "measuring7")
+    assert list_arms("abb kuka") == ()
+    assert list_arms(" ") == list_arms()
+
+
+def test_an_unknown_arm_is_refused_with_the_nearest_names():
+    with pytest.raises(InputError, match=r"no arm 'ur15' in the catalogue of \d+ arms.*Try: ur\d+e? or ur"):
         load_arm("ur15")
-    with pytest.raises(InputError, match=r"no arm 'UR10'.*Try: ur10"):
-        load_arm("UR10")
-    with pytest.raises(InputError, match=r"no arm 'xyzzy'.*Try: give the path of an arm file"):
+    with pytest.raises(InputError, match=r"no arm 'IRB 2600'.*Try: irb2600-12-165"):
+        load_arm("IRB 2600")
+    with pytest.raises(
+        InputError, match=r"no arm 'xyzzy'.*Try: truearm arms lists all; or give the path of an arm file"
+    ):
         load_arm("xyzzy")
 
 

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from truearm.arm import list_arms, load_arm, read_arm, write_arm
+from arms_of_each_build import ARMS
+from truearm.arm import load_arm, read_arm, write_arm
 from truearm.arm.description_mistakes import Interpretation, likely_mistakes
 
 
@@ -21,7 +22,7 @@ def test_what_is_stated_is_the_arm_itself(name, rng):
     assert np.abs(stated.table.chain().tip_in_base(angles) - arm.chain.tip_in_base(angles)).max() < 1e-9
 
 
-@pytest.mark.parametrize("name", list_arms())
+@pytest.mark.parametrize("name", ARMS)
 def test_every_mistake_changes_something_and_has_its_own_name(name):
     arm = load_arm(name)
     stated = Interpretation.stated(arm)

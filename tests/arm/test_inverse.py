@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from truearm.arm import Arm, Chain, chain_from_dh, list_arms, load_arm, solve_inverse_kinematics
+from arms_of_each_build import ARMS
+from truearm.arm import Arm, Chain, chain_from_dh, load_arm, solve_inverse_kinematics
 from truearm.errors import InputError
 
 SPREAD = np.deg2rad(30)
@@ -19,7 +20,7 @@ def reachable(name: str, n: int, spread: float = SPREAD):
 
 @pytest.mark.parametrize("with_axis", [False, True])
 @pytest.mark.parametrize("with_posture", [False, True])
-@pytest.mark.parametrize("name", list_arms())
+@pytest.mark.parametrize("name", ARMS)
 def test_reachable_targets_are_reached_within_the_limits(name, with_axis, with_posture):
     arm, q = reachable(name, 300)
     pose = arm.chain.pose(q)
@@ -191,7 +192,7 @@ def test_the_chain_is_left_as_it_was():
     assert isinstance(chain, Chain)
 
 
-@pytest.mark.parametrize("name", list_arms())
+@pytest.mark.parametrize("name", ARMS)
 def test_whole_poses_are_reached_within_the_limits(name):
     arm, q = reachable(name, 200)
     pose = arm.forward(q)

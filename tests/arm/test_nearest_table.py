@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from arms_of_each_build import ARMS
 from truearm.arm import chain_from_dh, drawn_table, list_arms, load_arm, nearest_table
 from truearm.arm.denavit_hartenberg import DHTable
 from truearm.arm.nearest_table import drawn_convention
@@ -34,7 +35,7 @@ GAUGE = {
 
 
 def chains():
-    found = {name: load_arm(name).chain for name in list_arms()}
+    found = {name: load_arm(name).chain for name in ARMS}
     found["scara"] = chain_from_dh(**SCARA, kinds=SCARA_KINDS)
     found["rail"] = chain_from_dh(**RAIL, kinds=["prismatic", "revolute", "revolute", "revolute"])
     found["gauge"] = chain_from_dh(**GAUGE)

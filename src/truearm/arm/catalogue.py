@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import difflib
 import re
+import unicodedata
+from functools import cache
 from importlib import resources
 from pathlib import Path
 
@@ -12,22 +14,57 @@ from truearm.arm.arm_files import read_arm
 from truearm.arm.urdf import read_urdf
 from truearm.errors import InputError
 
+# With one of them begins the title of every arm that has a maker.
+MAKERS = (
+    "ABB",
+    "AUBO",
+    "Barrett",
+    "Denso",
+    "Dobot",
+    "Doosan",
+    "Elephant Robotics",
+    "Fanuc",
+    "Franka",
+    "Immersion",
+    "Interbotix",
+    "Kawasaki",
+    "Kinova",
+    "KUKA",
+    "Niryo",
+    "Stäubli",
+    "Techman",
+    "TheRobotStudio",
+    "UFACTORY",
+    "Universal Robots",
+    "Yaskawa",
+)
 _SUFFIXES = (".toml", ".urdf")
 _FILE_SUFFIXES = (*_SUFFIXES, ".yaml", ".yml", ".xacro")
 # A URDF with the links between which the arm is, either may be empty: robot.urdf:base_link:tool0
 _WITH_LINKS = re.compile(r"(?P<file>.+\.urdf):(?P<base>[^:]*):(?P<tip>[^:]*)", re.IGNORECASE | re.DOTALL)
+_TITLE = re.compile(r'\btitle ?= ?"([^"]*)"')  # of a TOML file and of a URDF
 
 
-def list_arms() -> tuple[str, ...]:
+def list_arms(search: str = "") -> tuple[str, ...]:
     """Return the names of the arms in the catalogue, in alphabetical order.
+
+    Parameters
+    ----------
+    search : str
+        Words; only the arms whose name or title has all of them, whatever their case, blanks and dashes.
 
     Examples
     --------
     >>> import truearm as ta
     >>> "ur10" in ta.list_arms()
     True
+    >>> ta.list_arms("kuka iiwa")
+    ('iiwa14', 'iiwa7')
     """
-    return tuple(sorted(_files()))
+    words = [_plain(word) for word in search.split()]
+    if not words:
+        return tuple(sorted(_files()))
+    return tuple(name for name, title in _titles().items() if all(word in _plain(name + " " + title) for word in words))
 
 
 def load_arm(arm: str | Path, *, base: str | None = None, tip: str | None = None) -> Arm:
@@ -36,9 +73,10 @@ def load_arm(arm: str | Path, *, base: str | None = None, tip: str | None = None
     Parameters
     ----------
     arm : str or path
-        A name of `list_arms`. What ends in ``.toml``, ``.urdf`` or ``.yaml``, holds a path separator or is a `Path` is
-        a file. After a URDF may stand the links between which the arm is, as in ``robot.urdf:base_link:tool0``; without
-        one of them (``robot.urdf::tool0``) it is found: the arm's ``remarks`` say where others were possible.
+        A name of `list_arms`, also as its maker writes it: ``"UR 5e"``, ``"KUKA KR 6 R900"``, ``"IRB 1200-5/0.9"``.
+        What ends in ``.toml``, ``.urdf`` or ``.yaml``, holds a path separator or is a `Path` is a file. After a URDF
+        may stand the links between which the arm is, as in ``robot.urdf:base_link:tool0``; without one of them
+        (``robot.urdf::tool0``) it is found: the arm's ``remarks`` say where others were possible.
     base, tip : str, optional
         The links in place of those after the file's name; only of a URDF.
 
@@ -60,17 +98,34 @@ def load_arm(arm: str | Path, *, base: str | None = None, tip: str | None = None
         if path.suffix.lower() != ".urdf":
             raise InputError(f"only a URDF has links to choose as base and tip, got the arm {str(arm)!r}")
         return read_urdf(path, base=base, tip=tip)
+    name = None if isinstance(arm, Path) or path.suffix.lower() in _FILE_SUFFIXES else known_name(arm)
+    if name is not None:
+        with resources.as_file(_files()[name]) as file:
+            return read_arm(file)
     if isinstance(arm, Path) or path.suffix.lower() in _FILE_SUFFIXES or len(path.parts) > 1:
         return read_arm(path)
-    arm, files = str(arm), _files()
-    if arm not in files:
-        close = difflib.get_close_matches(arm.lower(), files, n=1, cutoff=0.5)
-        raise InputError(
-            f"there is no arm {arm!r} in the catalogue; it has {', '.join(sorted(files))}",
-            hint=close[0] if close else "give the path of an arm file (.toml) or a URDF (.urdf)",
-        )
-    with resources.as_file(files[arm]) as file:
-        return read_arm(file)
+    known, plain = _known_names(), _plain(arm)
+    longer = [one for one in known if plain and one.startswith(plain)]
+    close = dict.fromkeys(known[one] for one in longer + difflib.get_close_matches(plain, known, n=6, cutoff=0.6))
+    nearest = " or ".join(list(close)[:3])
+    otherwise = "truearm arms lists all; or give the path of an arm file (.toml) or a URDF (.urdf)"
+    raise InputError(
+        f"there is no arm {arm!r} in the catalogue of {len(_files())} arms",
+        hint=f"{nearest}; truearm arms lists all" if nearest else otherwise,
+    )
+
+
+def known_name(arm: str) -> str | None:
+    """The name in the catalogue of an arm that may be written as its maker does; None if it is not there or a path."""
+    if arm in _files():
+        return arm
+    without = re.sub(r"(?<=\w)/(?=\d)", "", arm)  # IRB 1200-5/0.9, M-710iC/50
+    return None if "/" in without or "\\" in without else _known_names().get(_plain(without))
+
+
+def maker_of(title: str) -> str:
+    """The maker with whose name an arm's title begins; empty if with none."""
+    return next((maker for maker in MAKERS if title.startswith(f"{maker} ")), "")
 
 
 def arm_path(arm: str | Path) -> Path:
@@ -86,6 +141,30 @@ def split_links(arm: str | Path) -> tuple[Path, str | None, str | None]:
     return Path(found["file"]), found["base"] or None, found["tip"] or None
 
 
+def _plain(text: str) -> str:
+    """Letters and digits alone, small and without accents."""
+    letters = unicodedata.normalize("NFKD", text).casefold()
+    return "".join(letter for letter in letters if letter.isalnum())
+
+
+@cache
+def _known_names() -> dict[str, str]:
+    """Every way to write an arm, plain: its name and the model that its title begins with, with and without maker."""
+    found = {}
+    for name, title in _titles().items():
+        maker, model = maker_of(title), re.split(r"[,(;]| with ", title)[0]
+        for written in (model.removeprefix(maker), model, f"{maker}{name}", name):
+            found[_plain(written)] = name
+    return found
+
+
+@cache
+def _titles() -> dict[str, str]:
+    found = {name: _TITLE.search(file.read_text("utf-8")) for name, file in sorted(_files().items())}
+    return {name: title[1] if title else "" for name, title in found.items()}
+
+
+@cache
 def _files() -> dict[str, resources.abc.Traversable]:
     folder = resources.files("truearm.arm") / "arms"
     entries = (entry for entry in folder.iterdir() if entry.name.endswith(_SUFFIXES))

@@ -25,6 +25,7 @@ def arms(
         Path | None, Option(help="A session: say which mistake in the arm file or the readings explains it.")
     ] = None,
     lengths: Annotated[Path | None, Option(help="Known lengths between seats of the session.")] = None,
+    search: Annotated[str, Option(help="List only the arms whose name or title has these words.")] = "",
     free: Annotated[
         str, Option(help="With --readings: what is unknown of the arm's placement, as in fit.")
     ] = "base,tip",
@@ -32,10 +33,11 @@ def arms(
 ) -> None:
     """List the arms known by name, or print or write one.
 
-    Without a name: the list. With a name: the constants of the nominal arm. With a model file: the identified arm, with
-    base and tip in the frame of the reference. With a name and --out: an arm file, to edit into your own arm's, or to
-    use elsewhere. With --page: a page on which the arm is turned with the mouse and its joints are moved, to see
-    whether a file describes an arm; NAME.html unless --out names another.
+    Without a name: the list, with --search those of a maker or type. With a name, also as its maker writes it: the
+    constants of the nominal arm. With a model file: the identified arm, with base and tip in the frame of the
+    reference. With a name and --out: an arm file, to edit into your own arm's, or to use elsewhere. With --page: a page
+    on which the arm is turned with the mouse and its joints are moved, to see whether a file describes an arm;
+    NAME.html unless --out names another.
     With --readings: what is wrong where arm and readings contradict each other. Nothing is changed.
     """
     from truearm.arm import write_arm
@@ -55,12 +57,14 @@ def arms(
 
         print_record(diagnose(arm, readings, lengths=lengths, free=free_parts(free)), as_json=as_json)
         return
+    if search and arm:
+        raise InputError("--search needs no name of an arm", hint=f"truearm arms --search '{search}'")
     if not arm:
         if out is not None or page:
             option = "--page" if page else "--out"
             hint = "truearm arms my-arm.toml --page" if page else "truearm arms gao2017 --out my-arm.toml"
             raise InputError(f"{option} needs the name of an arm", hint=hint)
-        print_record(catalogue(), as_json=as_json)
+        print_record(catalogue(search), as_json=as_json)
         return
     if page:
         out = out or page_name(arm)

@@ -10,10 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from truearm.arm import Arm, Chain, DHTable, list_arms, load_arm, nearest_table
+from truearm.arm.catalogue import MAKERS, maker_of
 from truearm.arm.rigid_motions import xyz_rpy_from_frame
 from truearm.choices import Convention
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.identified_model import require_identified
+from truearm.errors import InputError
 from truearm.typing import FloatArray
 from truearm.workflows.inputs import ArmLike, ModelLike, is_model_file, to_arm, to_model, to_model_of_tip
 from truearm.workflows.outputs import PageRecord, version_row
@@ -28,9 +30,23 @@ _IF_NOT_ZERO = ("beta_deg", "b_mm")
 ROUNDING = 1e-9
 
 
-def catalogue() -> Catalogue:
-    """List the arms that are known by name."""
-    return Catalogue(tuple(load_arm(name) for name in list_arms()))
+def catalogue(search: str = "") -> Catalogue:
+    """List the arms that are known by name, of one maker after the other.
+
+    Parameters
+    ----------
+    search : str
+        Words, as in `list_arms`.
+
+    Raises
+    ------
+    InputError
+        If no arm matches.
+    """
+    names = list_arms(search)
+    if not names:
+        raise InputError(f"no arm of the catalogue matches {search!r}", hint=f"a maker: {', '.join(MAKERS)}")
+    return Catalogue(tuple(sorted(map(load_arm, names), key=lambda arm: (maker_of(arm.title).casefold(), arm.name))))
 
 
 def describe_arm(arm: ArmLike | ModelLike, *, convention: Convention = "dh") -> ArmDescription:
@@ -90,12 +106,24 @@ class Catalogue(Record):
 
     def blocks(self) -> Iterator[TextTable]:
         """See `Record.blocks`."""
-        rows = [(arm.name, str(arm.n_joints), f"{arm.chain.reach:.0f}", arm.title) for arm in self.arms]
-        yield TextTable(("name", "joints", "reach mm", "what it is"), rows, left_aligned=(0, 3))
+        rows, before = [], None
+        for arm in self.arms:
+            maker = maker_of(arm.title)
+            cells = (arm.name, str(arm.n_joints), f"{arm.chain.reach:.0f}", arm.title.removeprefix(f"{maker} "))
+            rows.append(("" if maker == before else maker or "no maker", *cells))
+            before = maker
+        yield TextTable(("maker", "name", "joints", "reach mm", "what it is"), rows, left_aligned=(0, 1, 4))
 
     def _json(self) -> object:
         return {
-            arm.name: {"title": arm.title, "n_joints": arm.n_joints, "reach_mm": arm.chain.reach} for arm in self.arms
+            arm.name: {
+                "maker": maker_of(arm.title) or None,
+                "title": arm.title,
+                "source": arm.source,
+                "n_joints": arm.n_joints,
+                "reach_mm": arm.chain.reach,
+            }
+            for arm in self.arms
         }
 
 

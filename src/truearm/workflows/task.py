@@ -11,7 +11,8 @@ from zipfile import is_zipfile
 
 import numpy.typing as npt
 
-from truearm.arm import Arm, list_arms
+from truearm.arm import Arm
+from truearm.arm.catalogue import known_name
 from truearm.choices import FeatureKind
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.model_file import load_model
@@ -238,7 +239,7 @@ def to_arm_distribution(
 def _read_source(file: Path) -> Compensator | Specification:
     if file.is_file() and is_zipfile(file):
         return load_model(file)
-    is_arm = str(file) in list_arms() or file.suffix.lower() == ".urdf"
+    is_arm = known_name(str(file)) is not None or file.suffix.lower() == ".urdf"
     if file.suffix.lower() == ".toml" and not is_arm:
         return read_specification(file)
     raise InputError(

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from arms_of_each_build import ARMS
 from truearm.arm.arm import Arm
-from truearm.arm.catalogue import list_arms, load_arm
+from truearm.arm.catalogue import load_arm
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
 from truearm.identification.planning.candidates import Candidates, bar_places, seat_poses, tracker_poses, volume_poses
@@ -122,7 +123,7 @@ def test_bars_lie_in_all_directions():
 # --- tracker ---
 
 
-@pytest.mark.parametrize("name", list_arms())
+@pytest.mark.parametrize("name", ARMS)
 def test_half_of_the_poses_under_a_tracker_are_a_technicians(name):
     arm = load_arm(name)
     found = tracker_poses(arm, 41, seed=3)

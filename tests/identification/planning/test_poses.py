@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from arms_of_each_build import ARMS
 from truearm.arm.arm import Arm
-from truearm.arm.catalogue import list_arms, load_arm
+from truearm.arm.catalogue import load_arm
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
 from truearm.identification.planning.sampling import STRATEGIES, Sector, box, measuring_poses, seat, uniform
@@ -40,7 +41,7 @@ def slider() -> Arm:
     return Arm("gantry", Chain(np.tile(np.eye(4), (3, 1, 1)), [0, 0, 0], np.array([True, False])))
 
 
-@pytest.mark.parametrize("name", list_arms())
+@pytest.mark.parametrize("name", ARMS)
 @pytest.mark.parametrize("strategy", list(STRATEGIES))
 def test_every_strategy_keeps_every_arm_inside_its_limits_and_repeats(name, strategy):
     arm = load_arm(name)
