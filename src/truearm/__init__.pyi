@@ -31,6 +31,8 @@ from truearm.verification.standards.specification import Specification as Specif
 from truearm.verification.standards.specification import read_specification as read_specification
 from truearm.verification.standards.verification_plan import VerificationPlan as VerificationPlan
 from truearm.verification.standards.verification_plan import load_verification_plan as load_verification_plan
+from truearm.workflows.arm_from_circles import CircleArm as CircleArm
+from truearm.workflows.arm_from_circles import arm_from_circles as arm_from_circles
 from truearm.workflows.certificate import CertificateResult as CertificateResult
 from truearm.workflows.certificate import ReadCertificate as ReadCertificate
 from truearm.workflows.certificate import certificate as certificate

@@ -76,6 +76,7 @@ _Triple = Annotated[list[_Number], Field(min_length=3, max_length=3)]
 _UNITS = {"mm": 1.0, "m": 1000.0, "deg": np.pi / 180, "rad": 1.0}  # to mm and rad
 _LENGTHS = ("_mm", "_m")
 _ANGLES = ("_deg", "_rad")
+_COLUMNS = ("a", "d", "alpha", "theta", "beta", "b")
 
 
 class _Strict(BaseModel):
@@ -118,6 +119,10 @@ class _Joint(_Strict):
     alpha_rad: _Number | None = None
     theta_deg: _Number | None = None
     theta_rad: _Number | None = None
+    beta_deg: _Number | None = None
+    beta_rad: _Number | None = None
+    b_mm: _Number | None = None
+    b_m: _Number | None = None
     min_deg: _Number | None = None
     min_rad: _Number | None = None
     min_mm: _Number | None = None
@@ -228,9 +233,16 @@ def write_arm(arm: Arm, path: str | Path, *, convention: Convention = "dh") -> N
         return
     if path.suffix.lower() != ".toml":
         raise InputError(f"a file that an arm is written to ends in .toml or .urdf, got {path.suffix!r}", file=path)
-    table = dh_table(arm.chain) if convention == "dh" else mdh_table(arm.chain)
+    table = arm.table
+    if table is None or table.convention != convention or not _is_hayatis(table, arm.chain):
+        table = dh_table(arm.chain) if convention == "dh" else mdh_table(arm.chain)
     with atomic_file(path) as beside:
         beside.write_text("\n".join(_toml_lines(arm, table)) + "\n", encoding="utf-8")
+
+
+def _is_hayatis(table: DHTable, chain: Chain) -> bool:
+    """Whether a table has Hayati's constants between nearly parallel axes, and is that of the chain."""
+    return bool(table.beta.any() or table.b.any()) and np.allclose(table.chain().fixed, chain.fixed, rtol=0, atol=1e-9)
 
 
 def _arm_of(file: _ArmFile) -> Arm:
@@ -270,16 +282,14 @@ def _stated_table(file: _ArmFile) -> DHTable | None:
     """The table as it stands in the file; None if it has rows that are no joints."""
     if any(joint.type == "fixed" for joint in file.joints):
         return None
-    a, d, alpha, theta = (
-        np.array([_number(joint, name) for joint in file.joints]) for name in ("a", "d", "alpha", "theta")
-    )
+    a, d, alpha, theta, beta, b = (np.array([_number(joint, name) for joint in file.joints]) for name in _COLUMNS)
     base, flange = (np.eye(4) if one is None else one for one in (_frame_of(file.base), _frame_of(file.flange)))
     prismatic = np.array([joint.type == "prismatic" for joint in file.joints])
-    return DHTable(file.convention, a, d, alpha, theta, prismatic, base, flange, _triple(file, "tip"))
+    return DHTable(file.convention, a, d, alpha, theta, prismatic, base, flange, _triple(file, "tip"), beta, b)
 
 
 def _table_of(file: _ArmFile) -> dict[str, Any]:
-    return {q: [_number(joint, q) for joint in file.joints] for q in ("a", "d", "alpha", "theta")} | {
+    return {q: [_number(joint, q) for joint in file.joints] for q in _COLUMNS} | {
         "kinds": [joint.type for joint in file.joints]
     }
 
@@ -345,6 +355,9 @@ def _toml_lines(arm: Arm, table: DHTable) -> Iterator[str]:
         yield from ("", "[[joints]]", f"name = {_quoted(name)}", f'type = "{"prismatic" if slides else "revolute"}"')
         yield from (f"a_mm = {_plain(table.a[i])}", f"d_mm = {_plain(table.d[i])}")
         yield from (f"alpha_deg = {_plain_deg(table.alpha[i])}", f"theta_deg = {_plain_deg(table.theta[i])}")
+        if table.beta[i] or table.b[i]:
+            yield f"beta_deg = {_plain_deg(table.beta[i])}  # about y after alpha: the axes are nearly parallel"
+            yield f"b_mm = {_plain(table.b[i])}"
         plain, unit = (_plain, "mm") if slides else (_plain_deg, "deg")
         lower, upper = arm.limits[i]
         if np.isfinite(lower):
@@ -369,7 +382,8 @@ def _centres_at_row_ends(chain: Chain, masses: LinkMasses, table: DHTable) -> Fl
     The table's places lie on the same axes as the chain's, but turned about and shifted along them.
     """
     kinds: list[Kind] = ["prismatic" if slides else "revolute" for slides in table.prismatic]
-    ends = row_end_frames(table.convention, a=table.a, d=table.d, alpha=table.alpha, theta=table.theta, kinds=kinds)
+    columns = {name: getattr(table, name) for name in _COLUMNS}
+    ends = row_end_frames(table.convention, **columns, kinds=kinds)
     places = [np.stack(list(accumulate(c.fixed[:-1], np.matmul))) for c in (chain, table.chain())]
     at_ends = np.linalg.inv(places[0]) @ places[1] @ np.stack([end for _, end in ends])
     off = masses.centre_in_joint_mm - at_ends[:, :3, 3]

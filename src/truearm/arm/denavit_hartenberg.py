@@ -92,6 +92,8 @@ def chain_from_dh(
     alpha: npt.ArrayLike,
     theta: npt.ArrayLike | None = None,
     kinds: Sequence[Kind] | None = None,
+    beta: npt.ArrayLike | None = None,
+    b: npt.ArrayLike | None = None,
     base: npt.ArrayLike | None = None,
     flange: npt.ArrayLike | None = None,
     tip_in_flange: npt.ArrayLike = (0.0, 0.0, 0.0),
@@ -109,6 +111,8 @@ def chain_from_dh(
         Constants added to the joint angles [rad]; zeros by default.
     kinds : sequence of {"revolute", "prismatic", "fixed"}, optional
         One a row, all revolute by default. A fixed row is folded into its neighbours and is no joint of the chain.
+    beta, b : (n_rows,) array, optional
+        Angles about y [rad] and lengths along y [mm] between nearly parallel axes (Hayati); zeros by default.
     base : (4, 4) array, optional
         Rigid motion before the first row [mm].
     flange : (4, 4) array, optional
@@ -123,7 +127,8 @@ def chain_from_dh(
     InputError
         If lengths do not fit each other, a kind is unknown, a number is not finite, or no joint moves.
     """
-    return _folded(_links(convention, _rows(a, d, alpha, theta, kinds)), base, flange, tip_in_flange)
+    rows = _rows(a, d, alpha, theta, kinds, beta=beta, b=b)
+    return _folded(_links(convention, rows), base, flange, tip_in_flange)
 
 
 def chain_from_mdh(**table: Any) -> Chain:

@@ -5,14 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
+import typer
 from typer import Argument, Option
 
 from truearm.choices import Convention
 from truearm.cli.console import check_output_is_not_input, check_page_path, print_line, print_record
-from truearm.cli.options import ARM_HELP, Json, free_parts
+from truearm.cli.options import ARM_HELP, AcceptOption, Json, free_parts, refuse_typed
 
 
 def arms(
+    context: typer.Context,
     arm: Annotated[str, Argument(metavar="[ARM]", help=f"{ARM_HELP} Or a model file.", show_default=False)] = "",
     out: Annotated[
         Path | None, Option(help="Write it as an arm file, .toml or .urdf; with --page: the page, .html.")
@@ -29,6 +31,17 @@ def arms(
     free: Annotated[
         str, Option(help="With --readings: what is unknown of the arm's placement, as in fit.")
     ] = "base,tip",
+    from_circles: Annotated[
+        Path | None, Option(help="A session in which each joint in turn moves alone: measure an arm without a drawing.")
+    ] = None,
+    circles_plan: Annotated[
+        int | None, Option(metavar="N", help="Write the session of --from-circles to fill in, for N joints, to --out.")
+    ] = None,
+    points: Annotated[int, Option(help="With --circles-plan: points of each circle.")] = 12,
+    span: Annotated[
+        float, Option(help="With --circles-plan: from the first to the last angle of a circle [deg].")
+    ] = 60,
+    accept: AcceptOption = None,
     as_json: Json = False,
 ) -> None:
     """List the arms known by name, or print or write one.
@@ -39,6 +52,7 @@ def arms(
     on which the arm is turned with the mouse and its joints are moved, to see whether a file describes an arm;
     NAME.html unless --out names another.
     With --readings: what is wrong where arm and readings contradict each other. Nothing is changed.
+    With --from-circles: an arm without a drawing, measured by the circles that its joints describe one by one.
     """
     from truearm.arm import write_arm
     from truearm.arm.catalogue import arm_path
@@ -46,6 +60,20 @@ def arms(
     from truearm.workflows.arms import catalogue, describe_arm, page_name
     from truearm.workflows.inputs import is_model_file
 
+    if circles_plan is None:
+        refuse_typed(context, ("points", "span"), "applies to --circles-plan only")
+    if from_circles is None:
+        refuse_typed(context, ("accept",), "applies to --from-circles only")
+    if from_circles is not None or circles_plan is not None:
+        of_name = ("arm", "page", "readings", "lengths", "free")
+        refuse_typed(context, of_name, "does not apply to --from-circles and --circles-plan")
+        if from_circles is not None and circles_plan is not None:
+            raise InputError("--circles-plan writes the file that --from-circles reads", hint="one of them at a time")
+        if circles_plan is not None:
+            _write_circles_plan(out, circles_plan, points, span)
+        elif from_circles is not None:
+            _measure(from_circles, out, convention, accept, as_json=as_json)
+        return
     if readings is not None or lengths is not None:
         if readings is None or not arm or out is not None or page or is_model_file(arm):
             name = arm if arm and not is_model_file(arm) else "my-arm.toml"
@@ -86,3 +114,31 @@ def arms(
     check_output_is_not_input(out, arm_path(arm))
     write_arm(description.arm, out, convention=convention)
     print_line(f"{out}: {description.arm.name}, {description.arm.n_joints} joints")
+
+
+def _write_circles_plan(out: Path | None, n_joints: int, points: int, span: float) -> None:
+    """The session to fill in: each joint in turn at its angles, the others at zero."""
+    from truearm.errors import InputError
+    from truearm.workflows.arm_from_circles import write_circles_form
+
+    if out is None:
+        raise InputError("--circles-plan needs --out", hint=f"truearm arms --circles-plan {n_joints} --out circles.csv")
+    write_circles_form(out, n_joints, points=points, span_deg=span)
+    print_line(
+        f"{out}: {n_joints * points} readings, {points} of each of {n_joints} joints. Fill in angles and points; then "
+        f"truearm arms --from-circles {out} --out my-arm.toml"
+    )
+
+
+def _measure(circles: Path, out: Path | None, convention: Convention, accept: str | None, *, as_json: bool) -> None:
+    """The arm of a session of circles, printed and, with --out, written."""
+    from truearm.cli.console import check_output
+    from truearm.workflows.arm_from_circles import arm_from_circles
+
+    if out is not None:
+        check_output(out, circles, endings=(".toml", ".urdf"))
+    name = "my-arm" if out is None else out.stem
+    measured = arm_from_circles(circles, name=name, convention=convention, accept=accept)
+    if out is not None:
+        measured.save(out)
+    print_record(measured, as_json=as_json, files={"arm": out})
