@@ -11,7 +11,9 @@ import pytest
 from truearm.compensation.models import NominalModel
 from truearm.papers.gao2017 import training_plan as gao2017_training_plan
 from truearm.papers.gao2017.tables import TABLES
+from truearm.readings.files import write_session
 from truearm.workflows.reproduce import reproduce
+from truearm.workflows.simulate import simulate
 
 
 @pytest.fixture
@@ -136,6 +138,9 @@ def test_an_interrupted_reproduction_resumes(truearm, small, tmp_path, monkeypat
         (["--table", 2, "--all"], "expected one of --table, --figure and --all"),
         (["--table", 2, "--figure", 1], "expected one of --table, --figure and --all"),
         (["--table", "two"], "--table"),
+        (["--table", 4, "--hidden", "3", "--test", "a.csv"], "--test and --hidden apply to --readings only"),
+        (["--readings", "a.csv", "--table", 4], "--table does not go with --readings"),
+        (["--readings", "a.csv", "--hidden", "3x"], "--hidden expects numbers of units"),
         (["--table", 4, "--time-limit", 0], "expected a time limit above 0 s, got 0.0"),
         (["--table", 4, "--time-limit", "nan"], "expected a time limit above 0 s, got nan"),
     ],
@@ -171,3 +176,74 @@ def test_a_damaged_training_is_named_with_the_remedy(truearm, small, tmp_path):
     assert ran.code == 2
     assert str(file) in ran.err
     assert "delete it" in ran.err
+
+
+# On readings of one's own --------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def own(tmp_path):
+    """The command on a few readings, with fresh ones, of an arm that it is not told."""
+    session = simulate("gao2017", poses=60, seed=4).session
+    for name, rows in {"mine.csv": slice(0, 40), "fresh.csv": slice(40, 60)}.items():
+        write_session(session.rows(rows), tmp_path / name)
+    files = ["--readings", tmp_path / "mine.csv", "--test", tmp_path / "fresh.csv", "--out", tmp_path / "own"]
+    return [
+        "reproduce",
+        "gao2017",
+        *files,
+        "--hidden",
+        "1",
+        "--hidden",
+        "2",
+        "--folds",
+        2,
+        "--epochs",
+        5,
+        "--amount",
+        10,
+    ]
+
+
+def test_the_procedure_on_own_readings_prints_the_answer_and_writes_a_model(truearm, own, tmp_path):
+    ran = truearm(*own)
+    assert (ran.code, ran.err) == (0, "")
+    lines = ran.out.splitlines()
+    assert lines[0].startswith("Your network (")
+    assert "mean error" in lines[0]
+    assert "on 20 fresh readings, 2 sigma" in lines[0]
+    assert any(line.startswith("Of 60 coordinates the network errs by more than 0.05 mm in ") for line in lines)
+    assert sum(line.split()[-1:] == ["chosen"] for line in lines) == 1
+    folder = tmp_path / "own"
+    names = {path.name for path in folder.iterdir()}
+    assert names == {"runs", "procedure.html", "procedure.json", "network.truearm", "figure-7.png", "figure-8.png"}
+    assert truearm("predict", folder / "network.truearm", tmp_path / "fresh.csv", "--out", tmp_path / "p.csv").code == 0
+    again = truearm(*own, "--json")
+    assert json.loads(again.out) == json.loads((folder / "procedure.json").read_text())
+    # Another file of readings is noticed.
+    text = (tmp_path / "mine.csv").read_text().splitlines()
+    (tmp_path / "mine.csv").write_text("\n".join(text[:-1]) + "\n")
+    ran = truearm(*own)
+    assert ran.code == 2
+    assert "are of other readings (40 readings of" in ran.err
+    assert "--out" in ran.err
+
+
+def test_an_interrupted_search_keeps_what_has_finished(truearm, own, tmp_path, monkeypatch):
+    from truearm.papers.gao2017 import search
+
+    calls, run = [], search.run_trial
+
+    def stop_at_the_third(*arguments):
+        calls.append(arguments)
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+        return run(*arguments)
+
+    monkeypatch.setattr(search, "run_trial", stop_at_the_third)
+    ran = truearm(*own)
+    assert (ran.code, ran.out) == (130, "")
+    assert ran.err.splitlines()[0].startswith(f"truearm: finished trainings are in {tmp_path / 'own' / 'runs'}")
+    assert [path.name for path in (tmp_path / "own").iterdir()] == ["runs"]
+    assert len(list((tmp_path / "own" / "runs").glob("own-*.json"))) == 2
+    assert truearm(*own).code == 0

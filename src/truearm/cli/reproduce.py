@@ -28,7 +28,7 @@ def reproduce(
     figure: Annotated[int | None, Option(metavar="1..8", help="One figure only, also as figure-N.png.")] = None,
     everything: Annotated[bool, Option("--all", help="All of it: an hour and a quarter on two cores.")] = False,
     quick: Annotated[
-        bool, Option("--quick", help="One start a row, long trainings skipped: minutes; alone: --all.")
+        bool, Option("--quick", help="One start a row, long trainings skipped; with --readings three small networks.")
     ] = False,
     time_limit: Annotated[
         float | None,
@@ -44,21 +44,29 @@ def reproduce(
     arm: Annotated[str | None, Option(help=f"With --readings: the arm, to compare with its models. {ARM_HELP}")] = None,
     free: Annotated[str, Option(help="With --arm: what is unknown of its placement: base,tip or none.")] = "base,tip",
     hidden: Annotated[
-        list[str] | None, Option(help="Units of the hidden layers to try, such as 20,20; repeat it for more.")
+        list[str] | None, Option(metavar="20,20", help="Units of the hidden layers to try; repeat it for more.")
     ] = None,
     trainer: Annotated[
         list[str] | None,
-        Option(help=f"Trainer to try ({', '.join(get_args(Trainer))}), varpro by default; repeat for more."),
+        Option(
+            metavar="TRAINER",
+            help=f"Trainer to try ({', '.join(get_args(Trainer))}), varpro by default; repeat for more.",
+        ),
     ] = None,
     goal: Annotated[
-        list[float] | None, Option(help="Goal to try, 0 (none) by default, the paper's is 4e-9; repeat for more.")
+        list[float] | None,
+        Option(metavar="MSE", help="Goal to try, 0 (none) by default, the paper's is 4e-9; repeat for more."),
     ] = None,
     learning_rate: Annotated[
-        list[float] | None, Option(help="Learning rate to try, of traingd and traingdx; repeat for more.")
+        list[float] | None,
+        Option(metavar="RATE", help="Learning rate to try, of traingd and traingdx; repeat for more."),
     ] = None,
     amount: Annotated[
         list[int] | None,
-        Option(help="Number of training readings to try; by default an eighth, a quarter, a half; repeat for more."),
+        Option(
+            metavar="N",
+            help="Number of training readings to try; by default an eighth, a quarter, a half; repeat for more.",
+        ),
     ] = None,
     epochs: Annotated[int, Option(min=1, help="Maximum epochs of a training of the search.")] = 200,
     folds: Annotated[int, Option(min=2, help="Folds of the cross-validation.")] = 5,

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 FILES = ("procedure.json", "procedure.html", "network.truearm")
 PICTURES = {number: f"figure-{number}.png" for number in (6, 7, 8)}
 NUMBERS = (
-    "n_readings", "n_groups", "fresh", "best", "errors", "seconds", "n_outside", "refused", "grid", "search", "chosen",
+    "n_readings", "n_groups", "fresh", "best", "errors", "n_outside", "refused", "grid", "search", "chosen",
     "amounts", "points", "predicted",
 )  # fmt: skip
 NO_ARM = (

@@ -47,8 +47,6 @@ class Procedure:
     predicted : dict of str to (n, 3) array
         By model [mm]: the network and, of an arm that is known, nominal, kinematic, hybrid and physical.
     errors : dict of str to CoordinateErrors
-    seconds : dict of str to float
-        CPU time of the fits.
     n_outside : int
         Readings of the test outside the trained range.
     best : str or None
@@ -68,7 +66,6 @@ class Procedure:
     points: FloatArray
     predicted: dict[str, FloatArray]
     errors: dict[str, CoordinateErrors]
-    seconds: dict[str, float]
     n_outside: int
     best: str | None
     refused: dict[str, str]
@@ -112,7 +109,7 @@ class Procedure:
             return valid
         if self.errors["network"].mean_mm > 1.05 * self.errors[self.best].mean_mm:
             n = format_count(self.n_readings, "reading")
-            return f"{n} are too few for a network to reach the {self.best} model. {valid}"
+            return f"With {n} a network does not reach the {self.best} model. {valid}"
         return f"The {self.best} model is the simpler one, and the network is no better. {valid}"
 
     def amounts_sentence(self) -> str:
@@ -157,6 +154,8 @@ def run_procedure(
     """
     run = CrossValidation(arm, readings, grid, fit, folder, progress)
     settings = grid.settings(len(readings), readings.n_joints)
+    for setting in settings:
+        setting.model(arm, seed=grid.seed).prepare(readings)  # refuses impossible settings before the first training
     times = [sum(one.estimated_seconds for one in run.trials(setting)) for setting in settings]
     # The last ones: the chosen network with fewer readings and with all, and the models.
     run.total = (
@@ -170,13 +169,13 @@ def run_procedure(
     network = run.final_network(chosen.setting)
     tested = readings if test is None else test
     predicted = {"network": held_out[chosen] if test is None else network.predict_readings(test)}
-    seconds, refused = {"network": chosen.seconds if test is None else network.fit_seconds_}, {}
+    refused: dict[str, str] = {}
     for name in models:
         points, results = run.predict(name, f"{name} model", test=test)
         if why := next((one.refused for one in results if one.refused), ""):
             refused[name] = why
         else:
-            predicted[name], seconds[name] = points, sum(one.seconds for one in results)
+            predicted[name] = points
     truth = np.asarray(tested.points)
     return Procedure(
         grid=grid,
@@ -194,7 +193,6 @@ def run_procedure(
             for name in ("nominal", "network", *MODELS)
             if name in predicted
         },
-        seconds=seconds,
         n_outside=int(network.outside_training(tested).sum()),
         best=_best(predicted, tested) if models else None,
         refused=refused,

@@ -77,19 +77,19 @@ def _comparison(results: Procedure, remarks: tuple[str, ...]) -> Section:
     shares = (share_figure(means, before="nominal"),) if "nominal" in means and min(means.values()) > 0 else ()
     columns = Column.of(
         "model", "mean [mm]", "rms [mm]", "95 % [mm]", "max [mm]", "2 sigma [mm]",
-        *(Column(f"> {level:g}\u00a0mm", group="coordinates") for level in own.over_mm), "distance [mm]", "fit [s]",
+        *(Column(f"> {level:g}\u00a0mm", group="coordinates") for level in own.over_mm), "distance [mm]",
     )  # fmt: skip
     rows: list[tuple[Cell, ...]] = []
     for name, one in results.errors.items():
         sizes = one.mean_mm, one.rms_mm, one.p95_mm, one.max_mm, one.two_sigma_mm
-        rows.append((name, *sizes, *one.over_mm.values(), one.mean_distance_mm, results.seconds[name]))
+        rows.append((name, *sizes, *one.over_mm.values(), one.mean_distance_mm))
     for name, printed in FINAL_TEST.items():
         sizes_printed = printed.mean_mm, None, None, printed.max_mm, None
-        rows.append((f"the paper's, {name}", *sizes_printed, *(printed.over_mm.values() or (None, None)), None, None))
+        rows.append((f"the paper's, {name}", *sizes_printed, *(printed.over_mm.values() or (None, None)), None))
     caption = (
         f"Absolute error of a coordinate {results.test_phrase()}, {3 * own.n} coordinates. 2 sigma is twice the root "
-        "mean square error, distance the mean distance of the points; the fit is CPU time. The last rows are the "
-        f"paper's own arm, {N_FINAL_TEST} poses"
+        "mean square error, distance the mean distance of the points. The last rows are the paper's own arm, "
+        f"{N_FINAL_TEST} poses"
     )
     figures = (*shares, *paper_figures(results).values())
     table = Table(columns, tuple(rows), caption)
@@ -103,7 +103,7 @@ def _search(results: Procedure) -> Section:
         f"{format_count(len(results.search), 'network')}, each trained {grid.folds} times without one of {grid.folds} "
         "folds, from another random start, and tested on this fold. Kept is the smallest mean error, as in the paper. "
         f"Folds and starts alone make the chosen one err by {_span(chosen.fold_mean_mm)} mm. "
-        f"{format_count(results.n_groups, 'position or pose').replace('or poses', 'and poses')} were kept together. "
+        f"Readings of one position or pose are in one fold; there are {format_number(results.n_groups)} of them. "
         "Without a goal (0) 15 % of the readings end a training when their error grows. "
     )
     if not rated:

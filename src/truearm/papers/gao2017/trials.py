@@ -61,6 +61,8 @@ class NetworkSetting:
     def model(self, arm: Arm, *, seed: int) -> NetworkModel:
         """The network, not yet trained."""
         options: dict[str, Any] = {name: value for name, value in vars(self).items() if value is not None}
+        if self.trainer == "trainbr":  # the evidence stops it, and validation data would only be lost to it
+            options["validation"] = 0.0
         return NetworkModel(arm, seed=seed, **options)
 
     def n_weights(self, n_joints: int) -> int:
