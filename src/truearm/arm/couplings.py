@@ -37,7 +37,7 @@ def parse_coupling(text: str, n_joints: int) -> FloatArray:
     Raises
     ------
     InputError
-        If it is no such text, names a joint that the arm lacks, or two joints could not be told apart.
+        If it is no such text, names a joint that the arm lacks, or joints cannot be distinguished.
 
     Examples
     --------

@@ -60,6 +60,7 @@ from truearm.identification.judgement.gross_errors import (
     own_variance,
 )
 from truearm.identification.judgement.held_out_errors import HeldOutErrors, predicted_by_refits
+from truearm.identification.judgement.joint_gains import gains_asked
 from truearm.identification.judgement.nominal_check import (
     NominalCheck,
     check_nominal_arm,
@@ -268,7 +269,10 @@ def identify_offered(
     readings = _at_mean_temperature(readings)
     terms = [*terms, *day_to_day_terms(readings.arm.chain, readings.frames)]
     start = Start(_weights_without(readings, known))
-    return _concluded(readings, estimate_without_gross_errors(readings, terms, start, progress), tuple(excluded))
+    found = estimate_without_gross_errors(readings, terms, start, progress)
+    if gains := gains_asked(found.fit, readings.state, readings.references, terms):
+        found = estimate_without_gross_errors(readings, [*terms, *gains], start, progress)
+    return _concluded(readings, found, tuple(excluded))
 
 
 def identify_physical(
@@ -315,6 +319,9 @@ def identify_physical(
         weights = start.weights.copy()
         weights[excluded_readings(rigid)] = 0.0
         start = Start(weights, rigid)
+    if (simpler := start.arm or (known[-1] if has_constants else None)) is not None:
+        rigid_terms = constants(readings.state.chain, free=readings.free)
+        terms += gains_asked(simpler, readings.state, readings.references, rigid_terms)
     estimate = partial(estimate_without_gross_errors, readings, start=start, progress=progress)
     everything, process = estimate(terms), None
     if everything.fit.residual_freedom(readings.references) < LEAST_FREEDOM:

@@ -32,6 +32,7 @@ from truearm.identification.estimation.diagnostics import identifiability
 from truearm.identification.estimation.tip_offsets import describe_tips
 from truearm.identification.judgement.frame_changes import SessionChange, frame_changes
 from truearm.identification.judgement.gross_errors import excluded_readings
+from truearm.identification.judgement.joint_gains import describe_gains
 from truearm.identification.judgement.outliers import Outlier, length_outliers, outliers
 from truearm.identification.judgement.stated_uncertainty import (
     as_stated,
@@ -188,6 +189,7 @@ def fit(
         remarks=(
             *acceptance_remarks(accept),
             *nominal_arm.remarks,
+            *_gains(fitted),
             *_scatter(learned.arm_model, readings),
             *checked.remarks,
             *length_remarks,
@@ -195,6 +197,11 @@ def fit(
             *_said(learned, nominal, readings),
         ),
     )
+
+
+def _gains(model: Compensator) -> tuple[str, ...]:
+    said = None if model.identified_arm is None else describe_gains(model.identified_arm)
+    return () if said is None else (said,)
 
 
 def _learn(

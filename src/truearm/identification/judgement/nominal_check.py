@@ -32,6 +32,7 @@ from truearm.identification.estimation.linearisation import eliminate_unknowns, 
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.judgement.description_check import VERY_STRONG, DescriptionCheck, check_description
 from truearm.identification.judgement.identified_constants import IdentifiedConstants
+from truearm.identification.judgement.joint_gains import gains_asked
 from truearm.identification.judgement.outliers import constraint_residuals
 from truearm.identification.judgement.reference_table import ReferenceTable
 from truearm.identification.judgement.structure import UNKNOWN, Remaining, remaining
@@ -173,6 +174,9 @@ def check_nominal_arm(
     if check.is_usual:
         return check
     fit = identify(constants)
+    if gains := gains_asked(fit, state, references, constants):
+        constants = [*constants, *gains]
+        fit = identify(constants)
     left = left_by(fit, state, references, constants)
     # What a joint does of which the angle is not read looks like noise.
     hidden = not np.ptp(state.angles, axis=0).all()

@@ -73,10 +73,53 @@ def remaining(
     absorbed : sequence of Term
         What was identified from these readings, with any that the evidence pruned; other terms of the result are known.
     """
+    features = pose_features(fit.chain.n_joints, relative_size(fit.chain))
+    left = contrasts(fit, state, references, absorbed, features)
+    stds = np.concatenate([term.prior_stds for term in features])
+    values, vectors = np.linalg.eigh(stds[:, None] * left.gram * stds)
+    counts = values > LEAST_EIGENVALUE * values.max(initial=0.0)
+    values, vectors = values[counts], vectors[:, counts]
+    squares = (vectors.T @ (stds * left.slope)) ** 2 / values
+    rest = max(left.squares - squares.sum(), 0.0)
+    largest = slice(max(len(values) - left.freedom, 0), None)  # they ascend
+    return _components(values[largest], squares[largest], rest, left.freedom, left.n_readings)
+
+
+class Contrasts(NamedTuple):
+    """Residuals of an arm by features, of the contrasts that its constants do not affect.
+
+    Attributes
+    ----------
+    gram : (n, n) array
+        Normal matrix of the features' coefficients.
+    slope : (n,) array
+        Gradient of half the sum of squares by them, at zero.
+    squares : float
+        The sum of squares [mm^2].
+    freedom : int
+        Number of contrasts.
+    n_readings : float
+        Sum of the weights of the readings.
+    """
+
+    gram: FloatArray
+    slope: FloatArray
+    squares: float
+    freedom: int
+    n_readings: float
+
+
+def contrasts(
+    fit: IdentificationResult,
+    state: ArmState,
+    references: Sequence[Reference],
+    absorbed: Sequence[Term],
+    features: Sequence[Term],
+) -> Contrasts:
+    """Residuals of an arm by the coefficients of features; other parameters are those of `remaining`."""
     fitted = fit.perturbed_chain
     known = dict(zip(fitted.terms, fitted.columns, strict=True))
     terms = (*known, *(term for term in absorbed if term not in known))
-    features = pose_features(fit.chain.n_joints, relative_size(fit.chain))
     chain = PerturbedChain(fitted.chain, (*terms, *features))
     problem, _ = initial_problem(chain, state, references)
     coefficients = [fit.coefficients[known[t]] if t in known else np.zeros(t.n_coefficients) for t in chain.terms]
@@ -95,16 +138,10 @@ def remaining(
         gram, slope, rank, gain = _without(reduced.gram[np.ix_(of_use, of_use)], reduced.gradient[of_use], n_absorbed)
         n_features = chain.n_coefficients - n_terms
         gram, slope = gram[:n_features, :n_features], slope[:n_features]
-    stds = np.concatenate([term.prior_stds for term in features])
-    values, vectors = np.linalg.eigh(stds[:, None] * gram * stds)
-    counts = values > LEAST_EIGENVALUE * values.max(initial=0.0)
-    values, vectors = values[counts], vectors[:, counts]
-    squares = (vectors.T @ (stds * slope)) ** 2 / values
     # A reading counts by its weight, as residual and as reading.
     n = max(round(sum(float(one.sum()) for one in weights)) - rank - round(reduced.n_determined), 0)
-    rest = max(2 * whole.cost - reduced.gain - gain - squares.sum(), 0.0)
-    largest = slice(max(len(values) - n, 0), None)  # they ascend
-    return _components(values[largest], squares[largest], rest, n, sum(float(one[0].sum()) for one in weights))
+    squares = 2 * whole.cost - reduced.gain - gain
+    return Contrasts(gram, slope, squares, n, sum(float(one[0].sum()) for one in weights))
 
 
 def pose_features(n_joints: int, size: float) -> list[Term]:

@@ -13,7 +13,17 @@ import numpy as np
 from truearm.arm.chain import Chain
 from truearm.arm.masses import LinkMasses
 from truearm.errors import InputError
-from truearm.identification.terms.basis import AXES, Basis, Column, Constant, Direction, Harmonics, Temperature
+from truearm.identification.terms.basis import (
+    AXES,
+    Basis,
+    Column,
+    Constant,
+    Direction,
+    Formula,
+    Harmonics,
+    Temperature,
+)
+from truearm.identification.terms.expression import Expression
 from truearm.identification.terms.harmonic_orders import bands, determined_orders, orders_name
 from truearm.identification.terms.linear_axis import linear_axis
 from truearm.identification.terms.payload import payload_terms
@@ -45,6 +55,8 @@ WOBBLE_ORDERS = (1, 2)
 WOBBLE_ANGLE_STD, WOBBLE_LENGTH_STD = 5e-4, 0.2  # rad, mm; at order 1
 GRAVITY_STD = 2e-5  # rad/(N m); torques of assumed masses grow with the square of the reach, and this falls with it
 JOINT_COMPLIANCE = "joint compliance"  # the group
+JOINT_GAINS = "joint gains"  # the group
+GAIN_STD = 1e-2  # servos and potentiometers of hobby arms have 0.5 to 3 %
 GROWTH_STD = 2e-5  # 1/K: steel 1.2e-5, aluminium 2.3e-5, carbon fibre 1e-6; see `expansion_prior` for what follows
 HYSTERESIS_STD = {"revolute": 5e-5, "prismatic": 0.02}  # rad, mm
 COLUMN_STD = {"revolute": 1e-4, "prismatic": 0.05}  # rad, mm, by a column's spread
@@ -282,6 +294,26 @@ def hysteresis(chain: Chain, joint: int) -> list[Term]:
     name, group = f"J{joint} hysteresis", f"hysteresis, {how} joints"
     std = HYSTERESIS_STD[how] * (relative_size(chain) if how == "prismatic" else 1.0)
     return [Term(name, joint, _unit(component), Direction(joint), group, std)]
+
+
+def gains(state: ArmState) -> list[Term]:
+    """Turning joints whose angle is wrong in proportion, about the middle of what the readings have of it.
+
+    They are offered where readings ask for them: see `truearm.identification.judgement.joint_gains`.
+    """
+    middles = np.round(state.joint_angles.mean(axis=0), 3).tolist()
+    return [
+        Term(
+            f"J{joint} gain",
+            joint,
+            _unit(OWN_AXIS),
+            Formula((Expression.angle(joint) - middle,)),
+            JOINT_GAINS,
+            GAIN_STD,
+        )
+        for joint, middle in enumerate(middles, start=1)
+        if _is_revolute(state.chain, joint) and np.ptp(state.joint_angles[:, joint - 1]) > 0
+    ]
 
 
 def column(chain: Chain, joint: int, name: str, *, prior_std: float) -> list[Term]:

@@ -1,0 +1,86 @@
+"""Gains of joints: found to the noise on an arm with servos, never asked for on an arm without such errors."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import truearm as ta
+from truearm.arm import chain_from_dh
+from truearm.identification.judgement.joint_gains import describe_gains
+from truearm.identification.references.prepared_readings import PreparedReadings
+from truearm.identification.terms.catalogue import JOINT_GAINS, gains
+
+NOISE_MM = 1.0
+GAINS = np.array([0.012, -0.03, 0.02, -0.005, 0.025])
+
+
+def hobby_arm() -> ta.Arm:
+    """Five servos, a reach of 400 mm."""
+    chain = chain_from_dh(
+        a=[0, 120, 120, 0, 0],
+        d=[80, 0, 0, 0, 70],
+        alpha=np.radians([90, 0, 0, 90, 0]),
+        theta=np.radians([0, 0, 0, 90, 0]),
+        tip_in_flange=[20.0, 0.0, 90.0],
+    )
+    return ta.Arm("hobby", chain, lower=np.full(5, -1.7), upper=np.full(5, 1.7))
+
+
+def readings(gain, *, n=60, seed=1):
+    rng = np.random.default_rng(seed)
+    arm = hobby_arm()
+    angles = rng.uniform(-1.6, 1.6, (n + 200, 5))
+    zeros = rng.normal(0, 0.01, 5)
+    points = arm.chain.tip_in_base((1 + gain) * angles + zeros)
+    measured = points + rng.normal(0, NOISE_MM, points.shape)
+    return arm, ta.Session(angles[:n], measured[:n]), ta.Session(angles[n:], points[n:])
+
+
+def has_gains(model):
+    return any(term.group == JOINT_GAINS for term in model.fit_.perturbed_chain.terms)
+
+
+def mean_error(model, session):
+    return np.linalg.norm(model.predict(session.angles) - session.points, axis=1).mean()
+
+
+def test_an_arm_with_gains_ends_at_the_noise(tmp_path):
+    arm, training, test = readings(GAINS)
+    result = ta.fit(arm, training, model="kinematic")
+    fit = result.model.fit_
+    found = {
+        term.name: (fit.coefficients[columns[0]], np.sqrt(fit.covariance[columns[0], columns[0]]))
+        for term, columns in zip(fit.perturbed_chain.terms, fit.perturbed_chain.columns, strict=True)
+        if term.group == JOINT_GAINS
+    }
+    for joint in (2, 3, 4):  # the first and the last trade with base and tip
+        value, std = found[f"J{joint} gain"]
+        assert abs(value - GAINS[joint - 1]) < 4 * std < 0.02
+    assert mean_error(result.model, test) < NOISE_MM  # of 3 coordinates the noise is 1.6 mm
+    assert describe_gains(fit) in result.remarks
+    assert "J2 by -3" in describe_gains(fit)
+    sent = ta.correct(result.model, training.angles[2:5] / 2)
+    assert not sent.refused.any(), sent.reasons
+    exported = ta.export(result.model, tmp_path / "m.json")  # which reads the file again at its check poses
+    assert exported.format == "json"
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_an_arm_without_gains_has_none(seed):
+    arm, training, _ = readings(np.zeros(5), seed=seed)
+    assert not has_gains(ta.KinematicModel(arm).fit_readings(training))
+
+
+@pytest.mark.parametrize("preset", ["research", "worn"])
+def test_a_measuring_arm_has_none(preset):
+    session = ta.simulate("gao2017", poses=60, preset=preset, seed=2, strategy="uniform").session
+    assert not has_gains(ta.KinematicModel(ta.load_arm("gao2017")).fit_readings(session))
+
+
+def test_gains_are_of_joints_that_turn_and_moved():
+    arm, training, _ = readings(GAINS)
+    still = replace(training, angles=training.angles * [1, 1, 0, 1, 1])
+    prepared = PreparedReadings.of(arm, still, None, free=("base", "tip"), robust=True)
+    assert [term.name for term in gains(prepared.state)] == ["J1 gain", "J2 gain", "J4 gain", "J5 gain"]
+    assert all(term.basis.values(prepared.state).mean() == pytest.approx(0, abs=1e-3) for term in gains(prepared.state))
