@@ -54,6 +54,9 @@ _NUMBERED_JOINTS = tuple(
     )
 )
 
+# What else of a reading is named when it is recognised.
+BESIDE = ("position", "seat", "session", "temperature")
+
 # Words beside a number that say what it is instead of a measured angle or a point.
 _NOT_MEASURED = re.compile(
     r"(target|desired|des|d|cmd|command|commanded|goal|setpoint|set|nominal|nom|plan|planned|soll|aspos|home|max|min|limit)"
@@ -81,7 +84,7 @@ _LOAD = re.compile(
 _SINGLE = {
     "time": r"(?:(?:.*_)?header_stamp(?:_secs?)?|time|time_?stamp|t|zeit|时间|x_value|time_seconds|elapsed(?:_time)?)",
     "name": r"(?:point|target|pt)?_?(?:name|label)|point|punkt(?:name)?|messpunkt|点名",
-    "temperature": r"(?:(?:air|ambient|arm|room|env)_)?(?:temp|temperature?|温度)(?:_(?:air|ambient|arm|degc))?",
+    "temperature": r"(?:(?:air|ambient|arm|room|env|meas|measured|measurement)_)?(?:temp|temperature?|温度)(?:_(?:air|ambient|arm|degc))?",
     "payload": r"payload(?:_mass)?|nutzlast|traglast",
     "seat": r"seat|nest|socket|sitz|cup",
     "position": r"position|pose|pose_?id|pos_?id|position_?id",
@@ -207,8 +210,11 @@ def recognise_program_columns(names: Sequence[str], units: Sequence[str] = ()) -
     if points := found.get("points"):
         unit = f" [{found['point_unit']}]" if found["point_unit"] else ""
         phrases.append(f"points {', '.join(points)}{unit}")
-    if "position" in found:
+    if isinstance(found.get("position"), str):
         found["position"] = (found["position"],)
+    phrases += [
+        f"{what} {', '.join([at] if isinstance(at, str) else at)}" for what in BESIDE if (at := found.get(what))
+    ]
     columns = TableColumns(**{f.name: found.pop(f.name) for f in fields(TableColumns) if f.name in found})
     return ProgramColumns(columns, **found, phrases=tuple(phrases), remarks=tuple(remarks))
 
@@ -322,7 +328,9 @@ def _tip(free: Sequence[_Name], has_joints: bool, remarks: list[str]) -> dict[st
             found["point_std"] = _labels(columns)
         elif _words_match(_CONTROLLER, beside) or beside == "tool" or (of_controller and not beside):
             remarks.append(f"{_span(columns)} are the controller's own pose, which is no reference.")
-        elif not (_words_match(_NOT_MEASURED, beside) or _words_match(_OTHER_QUANTITY, beside)):
+        elif _words_match(_NOT_MEASURED, beside) and not _words_match(_OTHER_QUANTITY, beside):
+            found.setdefault("position", _labels(columns))  # readings of one goal are neighbours
+        elif not _words_match(_OTHER_QUANTITY, beside):
             ranked[0 if _words_match(_INSTRUMENT, beside) else 1].append(columns)
     points = ranked[min(ranked)] if ranked else []
     if len(points) > 1:
