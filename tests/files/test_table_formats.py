@@ -238,7 +238,7 @@ def test_a_frame_keeps_its_values():
     assert cells["text"] == ["x", "", "z"]
     assert cells["kind"] == ["u", "v", "u"]
     assert cells["ok"] == ["true", "false", "true"]
-    assert cells["at"] == ["2024-05-01T10:00:00.250000", "", "2024-05-01T11:00:00.000000"]
+    assert cells["at"] == ["2024-05-01T10:00:00.250000+00:00", "", "2024-05-01T11:00:00+00:00"]
     assert cells["took"] == [1.5, 2.0, 3.0]
     np.testing.assert_equal(cells["tip[1]"], [2.0, 4.0, np.nan])
 

@@ -143,7 +143,11 @@ class _Joints:
     program: str
     columns: tuple[_Name, ...]
     unit: str | None
-    is_program: bool
+
+    @property
+    def is_program(self) -> bool:
+        """Whether a program's own names fix the unit."""
+        return bool(self.program and self.unit)
 
 
 def split_unit(name: str, unit: str = "") -> tuple[str, str | None]:
@@ -251,7 +255,7 @@ def _of_controller(joints: _Joints | None, free: Sequence[_Name]) -> _Joints | N
     pose = {column.stem for column in free}
     for program, letter, turned in (("KUKA", "a", {*"xyzabc"}), ("Fanuc", "j", {*"xyzwpr"})):
         if joints and not joints.is_program and turned <= pose and joints.columns[0].stem == f"{letter}1":
-            return _Joints(program, joints.columns, "deg", True)
+            return _Joints(program, joints.columns, "deg")
     return joints
 
 
@@ -279,9 +283,9 @@ def _numbered(table: Sequence[_Name], remarks: list[str]) -> list[_Joints]:
                 continue
             taken |= set(columns)
             if not program and all(re.search(r"[/.]position$", column.written) for column in columns):
-                runs.append(_Joints("ROS JointState", columns, "rad", True))
+                runs.append(_Joints("ROS JointState", columns, "rad"))
             else:
-                runs.append(_Joints(program, columns, unit, bool(program)))
+                runs.append(_Joints(program, columns, unit))
     return runs
 
 
@@ -296,7 +300,7 @@ def _named(table: Sequence[_Name]) -> list[_Joints]:
         if len(found) == len(columns) == len(order):
             ordered = tuple(columns[joint] for joint in order)
             is_ros = all("/position" in column.written or "_joint" in column.stem for column in ordered)
-            runs.append(_Joints("ROS JointState" if is_ros else program, ordered, "rad" if is_ros else None, is_ros))
+            runs.append(_Joints("ROS JointState" if is_ros else program, ordered, "rad" if is_ros else None))
     return runs
 
 

@@ -80,13 +80,10 @@ def _table(frame: pd.DataFrame, file: Path | None) -> Table:
     columns = []
     for name, series in frame.items():
         parts = (str(part) for part in name if str(part)) if isinstance(name, tuple) else (str(name),)
-        dtype = series.dtype
-        if isinstance(dtype, pd.DatetimeTZDtype):
-            values = series.dt.tz_convert("UTC").dt.tz_localize(None).to_numpy()
-        elif pd.api.types.is_numeric_dtype(dtype) and not pd.api.types.is_bool_dtype(dtype):
-            values = series.to_numpy(dtype=complex if dtype.kind == "c" else float, na_value=np.nan)
-        elif dtype.kind in "mM":
-            values = series.to_numpy()
+        if pd.api.types.is_timedelta64_dtype(series):
+            series = series.dt.total_seconds()
+        if pd.api.types.is_any_real_numeric_dtype(series):
+            values = series.to_numpy(dtype=float, na_value=np.nan)
         else:
             values = series.astype(object).where(series.notna(), None).to_numpy()
         columns += columns_of(" ".join(parts), values, file)

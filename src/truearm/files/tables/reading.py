@@ -10,44 +10,16 @@ from truearm.files.file_reading import access_error
 from truearm.files.tables.table import Table, TableForm
 from truearm.files.tables.text_tables import read_text_table
 
-# How a file of each kind begins; a zip archive is of NumPy by its suffix.
-_BEGINNINGS = (
-    (b"\x93NUMPY", "numpy"),
-    (b"MATLAB ", "matlab"),
-    (b"\x89HDF", "matlab"),
-    (b"PAR1", "arrow"),
-    (b"ARROW1", "arrow"),
-    (b"FEA1", "arrow"),
-    (b"PK\x03\x04", "workbook"),
-    (b"PK\x05\x06", "workbook"),
-    (b"\xd0\xcf\x11\xe0", "workbook"),
-    (b"\x89MCAP", "recording"),
-    (b"SQLite format 3", "recording"),
-    (b"#ROSBAG", "recording"),
-    (b"LabVIEW Measurement", "labview"),
-    (b'{"', "json"),
-    (b'[{"', "json"),
+# What reads a kind of file; how such files begin, and how their names end where that does not show.
+_READERS: tuple[tuple[str, tuple[bytes, ...], tuple[str, ...]], ...] = (
+    ("workbooks.read_workbook", (b"PK\x03\x04", b"PK\x05\x06", b"\xd0\xcf\x11\xe0"), ()),
+    ("array_files.read_numpy_table", (b"\x93NUMPY",), (".npz",)),
+    ("array_files.read_matlab_table", (b"MATLAB ", b"\x89HDF"), (".mat",)),
+    ("arrow_files.read_arrow_table", (b"PAR1", b"ARROW1", b"FEA1"), ()),
+    ("recordings.read_recording", (b"\x89MCAP", b"SQLite format 3", b"#ROSBAG"), (".bag", ".mcap", ".db3")),
+    ("labview.read_labview_table", (b"LabVIEW Measurement",), ()),
+    ("json_tables.read_json_table", (b'{"', b'[{"'), (".json", ".jsonl", ".ndjson")),
 )
-_SUFFIXES = {
-    ".npz": "numpy",
-    ".mat": "matlab",
-    ".bag": "recording",
-    ".mcap": "recording",
-    ".db3": "recording",
-    ".json": "json",
-    ".jsonl": "json",
-    ".ndjson": "json",
-}
-# Imported when they are needed: a prediction needs none.
-_READERS = {
-    "workbook": "workbooks.read_workbook",
-    "numpy": "array_files.read_numpy_table",
-    "matlab": "array_files.read_matlab_table",
-    "arrow": "arrow_files.read_arrow_table",
-    "json": "json_tables.read_json_table",
-    "labview": "labview.read_labview_table",
-    "recording": "recordings.read_recording",
-}
 
 
 def read_table(path: str | Path, form: TableForm | None = None) -> Table:
@@ -70,25 +42,21 @@ def read_table(path: str | Path, form: TableForm | None = None) -> Table:
         If the file is missing, too large, no table, or its numbers have two readings; with the place and what to do.
     """
     path = Path(path)
-    kind = _kind(path)
-    if not kind:
+    reader = _reader(path)
+    if reader is None:
         return read_text_table(path, form or TableForm())
-    module, function = _READERS[kind].split(".")
+    module, function = reader.split(".")  # imported when it is needed: a prediction needs none
     read: Callable[[Path, TableForm], Table] = getattr(import_module(f"truearm.files.tables.{module}"), function)
     return read(path, form or TableForm())
 
 
-def _kind(path: Path) -> str:
-    if path.is_dir():
-        return "recording"
-    begin = b""
-    if path.is_file():
+def _reader(path: Path) -> str | None:
+    begin, suffix = b"", ".bag" if path.is_dir() else path.suffix.lower()
+    if path.is_file() and suffix != ".npz":  # which begins as a workbook does
         try:
             with path.open("rb") as file:
-                begin = file.read(64)
+                begin = file.read(64).removeprefix(b"\xef\xbb\xbf").lstrip()
         except OSError as error:
             raise access_error(path, error) from None
-    begin = begin.removeprefix(b"\xef\xbb\xbf").lstrip()
-    kind = next((kind for beginning, kind in _BEGINNINGS if begin.startswith(beginning)), "")
-    by_suffix = _SUFFIXES.get(path.suffix.lower(), "")
-    return by_suffix if by_suffix == "numpy" and kind == "workbook" else kind or by_suffix
+    by_content = (name for name, beginnings, _ in _READERS if begin.startswith(beginnings))
+    return next(by_content, None) or next((name for name, _, suffixes in _READERS if suffix in suffixes), None)
