@@ -242,6 +242,42 @@ def test_single_points_at_equal_steps_are_asked():
     np.testing.assert_allclose(joined.numbers(1), np.arange(2.0, 9.0), atol=1e-6)
 
 
+def test_poses_that_the_program_wrote_down_lie_in_standstills_of_the_tip():
+    motion = Motion(15)
+    _, points = motion.logs()
+    rng = np.random.default_rng(4)
+    at = np.r_[motion.starts, motion.end][:-1] - rng.uniform(0.2, 0.8, 14)
+    joints = table(["time", *(f"q{i}" for i in range(1, 7))], at, *motion.angles(at).T)
+    joined = join_tables(joints, points, "time")
+    assert abs(joined.clock.offset_s - OFFSET) < 3 * joined.clock.u_offset_s
+    assert_readings(joined, motion, readings=14)
+    assert any("14 rows in standstills of the other file" in said for said in joined.assumed)
+    with pytest.raises(InputError, match=r"both tables have single rows, .* Try: --by row"):
+        join_tables(joints, single_points(motion), "time")
+
+
+def test_time_stamps_of_whole_seconds():
+    motion = Motion(8)
+    joints, points = motion.logs()
+    whole = table(points.names, np.floor(points.columns[0]), *points.columns[1:])
+    joined = join_tables(joints, whole, "time")
+    assert abs(joined.clock.offset_s - OFFSET) < 0.1
+    assert_readings(joined, motion, readings=8)
+
+
+def test_an_offset_that_is_stated_wrong_is_refused():
+    joints, points = Motion(9).logs()
+    with pytest.raises(InputError, match="at an offset of 60.0 s their moves do not begin and end together"):
+        join_tables(joints, points, "time", time_offset_s=60.0)
+
+
+def test_joints_that_never_move_are_named():
+    joints, points = Motion(3).logs()
+    still = table(joints.names, joints.columns[0], *np.ones((6, len(joints))))
+    with pytest.raises(InputError, match="the joints never move"):
+        join_tables(still, points, "time")
+
+
 # Standstills ---------------------------------------------------------------------------------------------------------
 
 

@@ -89,8 +89,9 @@ def clock_offset(joints: Log, points: Log, still: FloatArray, given_s: float | N
     coarse = _most_likely(joints, points, still) if given_s is None else given_s
     moves = _moves_at(joints, points, coarse, still, MOST_MOVES)
     alike = moves[moves[:, 3] < MISFIT]
-    if given_s is None and len(alike) < len(moves) / 2:
-        raise _no_match(f"at {coarse:.1f} s {len(moves) - len(alike)} of {len(moves)} moves differ")
+    unequal = float(np.median(np.abs(np.diff(moves[:, 1])))) if len(moves) > 2 else 0.0
+    if len(alike) < len(moves) / 2 or unequal > UNEQUAL_S:
+        raise _no_match(f"at an offset of {coarse:.1f} s their moves do not begin and end together")
     if not len(alike):
         return ClockOffset(coarse, 0.0 if given_s is not None else SEARCH_S / 2, at_s=float(points.times.mean()))
     clock = _line(*alike[:, :3].T)
@@ -315,16 +316,16 @@ def offset_of_points(times: FloatArray, still: FloatArray) -> ClockOffset:
     at = at[order]
     best, least = int(count.max(initial=0)), 3
     if best < max(least, 0.9 * len(chosen)):
-        raise _no_match(f"at no offset do more than {best} of {len(chosen)} points lie in standstills of the joints")
-    high = count >= best - max(1, len(chosen) // 20)
+        raise _no_match(f"at no offset do more than {best} of {len(chosen)} single rows lie in standstills")
+    high = count >= best - len(chosen) // 20
     starts = np.flatnonzero(high & ~np.r_[False, high[:-1]])
     middles = [_middle(at, count, start, high) for start in starts.tolist()]
     if len(middles) > 1:
         middles.sort(key=lambda one: (-one[2], abs(one[0])))
         (one, _, n), (other, _, m) = middles[:2]
         raise InputError(
-            f"the points lie in standstills of the joints at several offsets: {n} of {len(chosen)} at {one:.1f} s, {m} "
-            f"at {other:.1f} s",
+            f"single rows lie in standstills of the other file at several offsets: {n} of {len(chosen)} at {one:.1f} s"
+            f", {m} at {other:.1f} s",
             hint=f"--time-offset {one:.1f} or --time-offset {other:.1f}: what to add to the times of the points",
         )
     return ClockOffset(middles[0][0], middles[0][1], at_s=float(times.mean()))

@@ -32,6 +32,8 @@ STANDSTILL_S, STANDSTILL_MM = 0.5, 0.05
 SPORADIC_S = 0.5
 # Both logs rest at once for this share of the time of a standstill; repeated values are of a lost target after [s].
 COMMON, HELD_S = 0.5, 0.2
+# No encoder has larger steps, as a share of how far its joint goes.
+MOST_STEP = 5e-3
 # Times that differ by less are equal [s].
 TIME_ROUNDING_S = 1e-6
 
@@ -127,15 +129,35 @@ def _join(
     joints: _Side, points: _Side, given_s: float | None, seconds: float, span_mm: float, said: list[str]
 ) -> JoinedTable:
     q, p = joints.log, points.log
+    if min(q.step, p.step) >= SPORADIC_S:
+        raise points.table.error(
+            f"both tables have single rows, {q.step:.2g} and {p.step:.2g} s apart: no motion tells which belong together",
+            hint="--by row, or --by name",
+        )
+    for side, what in ((joints, "joints"), (points, "points")):
+        if not side.log.values.std(axis=0).any():
+            raise side.table.error(f"the {what} never move", column=side.columns[0])
+    if q.step >= SPORADIC_S:  # poses that the robot's program wrote down at rest
+        still = standstills(p, span_mm, seconds)
+        if not len(still):
+            raise _no_standstill(points, p, span_mm, seconds, "the tip")
+        # t_joints - offset lies in a standstill: as an offset of the points, with all signs turned.
+        turned = offset_of_points(-q.times, -still[:, ::-1][::-1]) if given_s is None else ClockOffset(given_s)
+        clock = replace(turned, at_s=float(p.times.mean()))
+        tips, angles, n_skipped = _single_rows(points, joints, still, replace(clock, offset_s=-clock.offset_s))
+        said = [*said, *_single_said(joints, points, clock, len(angles), n_skipped)]
+        return replace(beside(angles, tips, said), clock=clock)
     # A span of the tip in the unit of the joints, by how far both go: a tip goes as far as its joints, whatever these
     # are counted in.
-    lever = float(np.linalg.norm(p.values.std(axis=0))) / max(float(np.linalg.norm(q.values.std(axis=0))), 1e-300)
+    lever = float(np.linalg.norm(p.values.std(axis=0))) / float(np.linalg.norm(q.values.std(axis=0)))
     still = standstills(q, span_mm / lever + 2 * _steps(q), seconds)
     if not len(still):
         raise _no_standstill(joints, q, span_mm / lever, seconds, "the joints")
     if p.step >= SPORADIC_S:
         clock = offset_of_points(p.times, still) if given_s is None else ClockOffset(given_s)
-        return _single_points(joints, points, still, clock, said)
+        angles, tips, n_skipped = _single_rows(joints, points, still, clock)
+        said = [*said, *_single_said(joints, points, clock, len(tips), n_skipped)]
+        return replace(beside(angles, tips, said), clock=clock)
     clock = clock_offset(q, p, still, given_s)
     clocks = _clocks(joints, points, clock)
     p = replace(p, times=clock.to_joints(p.times))
@@ -162,22 +184,20 @@ def _join(
     return replace(beside(_with_columns(angles, notes), tips, said), clock=clock)
 
 
-def _single_points(joints: _Side, points: _Side, still: FloatArray, clock: ClockOffset, said: list[str]) -> JoinedTable:
-    """Each point with the mean angles of the standstill in which it was taken."""
-    times = clock.to_joints(points.log.times)
+def _single_rows(resting: _Side, single: _Side, still: FloatArray, clock: ClockOffset) -> tuple[Table, Table, int]:
+    """Means of the standstills in which single rows were taken, these rows, and how many were taken in none."""
+    times = clock.to_joints(single.log.times)
     place = np.searchsorted(still[:, 0], times, side="right") - 1
     inside = (place >= 0) & (times <= still[place, 1])
     if not inside.any():
-        raise points.table.error("no point lies in a standstill of the joints", hint="check --time-offset")
-    angles, _ = joints.means(still)
-    n_skipped = int((~inside).sum())
-    said = [
-        *said, _clocks(joints, points, clock),
-        f"{int(inside.sum())} points in {len(np.unique(place[inside]))} standstills of the joints, a reading each",
-        *([f"{n_skipped} points outside of standstills skipped"] if n_skipped else []),
-    ]  # fmt: skip
-    kept = points.log.rows[inside]
-    return replace(beside(angles.rows(place[inside]), points.table.rows(kept), said), clock=clock)
+        raise single.table.error(f"no row lies in a standstill of {named(resting.table)}", hint="check --time-offset")
+    means = resting.means(still)[0].rows(place[inside])
+    return means, single.table.rows(single.log.rows[inside]), int((~inside).sum())
+
+
+def _single_said(joints: _Side, points: _Side, clock: ClockOffset, n: int, n_skipped: int) -> list[str]:
+    said = [_clocks(joints, points, clock), f"{rows_said(n)} in standstills of the other file, a reading each"]
+    return said + ([f"{n_skipped} outside of standstills skipped"] if n_skipped else [])
 
 
 def _clocks(joints: _Side, points: _Side, clock: ClockOffset) -> str:
@@ -240,12 +260,18 @@ def _coordinates(table: Table) -> list[int]:
 
 
 def _log(table: Table, times: Times, values: FloatArray) -> Log:
-    """The samples that have a time, later than that of the one before, and all values."""
+    """The samples that have a time, other than that of the one before, and all values."""
     rows = np.flatnonzero(np.isfinite(times.seconds) & np.isfinite(values).all(axis=1))
-    rows = rows[np.diff(times.seconds[rows], prepend=-np.inf) > 0]
-    if len(rows) < 2:
-        raise table.error(f"expected two or more rows with time and values, got {len(rows)}")
-    return Log(times.seconds[rows], values[rows], rows)
+    t = times.seconds[rows]
+    first = np.flatnonzero(np.diff(t, prepend=-np.inf) > 0)
+    if len(first) < 2:
+        raise table.error(f"expected two or more rows with different times and values, got {len(first)}")
+    if 2 * len(first) < len(rows):  # stamps of whole seconds: rows of one stamp are spread over the time to the next
+        n, step = np.median(np.diff(first)), np.median(np.diff(t[first]))
+        knots = [first[1] - n, *first[1:], first[-1] + n]  # the log begins and ends within a second
+        t = np.interp(np.arange(len(t)), knots, [t[first[1]] - step, *t[first[1:]], t[-1] + step])
+        first = np.flatnonzero(np.diff(t, prepend=-np.inf) > 0)
+    return Log(t[first], values[rows[first]], rows[first])
 
 
 def _without_turns(angles: FloatArray) -> FloatArray:
@@ -282,8 +308,9 @@ def _held(log: Log) -> IntArray:
 def _steps(log: Log) -> FloatArray:
     """(k,) steps in which values are written, such as counts: the least difference between neighbours that differ."""
     steps = np.abs(np.diff(log.values[:20000], axis=0))
-    least = np.where(steps > 1e-9 * np.ptp(log.values, axis=0), steps, np.inf).min(axis=0, initial=np.inf)
-    return np.asarray(np.where(np.isfinite(least), least, 0.0))
+    spans = np.ptp(log.values, axis=0)
+    least = np.where(steps > 1e-9 * spans, steps, np.inf).min(axis=0, initial=np.inf)
+    return np.asarray(np.minimum(least, MOST_STEP * spans))
 
 
 def _means(column: FloatArray | NameArray, rows: list[IntArray]) -> FloatArray:
