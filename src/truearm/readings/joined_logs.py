@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -60,7 +59,7 @@ def join_tables(
         ``row``, ``name``, ``time``; or the column of names, ``pose``, or ``pose=point`` where its name differs.
     angles, point : sequence of int, optional
         For ``time``: indices of the columns of the angles in `joints`, and of x, y, z in `points`. By default all
-        columns of numbers in `joints` that are no time, and the columns of `points` that are so named, or its first.
+        columns of numbers in `joints` that are no time, and the first three of `points`.
     point_unit_mm : float
         How many mm a unit of the points is.
     time_offset_s : float, optional
@@ -88,7 +87,10 @@ def join_tables(
         raise InputError("a standstill needs a time and a span above zero", hint="--standstill-seconds 0.5")
     of_joints, of_points = _times(joints), _times(points)
     angle_columns = list(angles) or measured_columns(joints)
-    point_columns = list(point) or _coordinates(points)
+    point_columns = list(point) or measured_columns(points)[:3]
+    if not angle_columns or len(point_columns) != 3:
+        table, what = (joints, "angles") if not angle_columns else (points, "x, y, z")
+        raise table.error(f"expected columns of {what}, got {listed(table.names)}", hint="--angles, --points X,Y,Z")
     values = np.stack([joints.numbers(i) for i in angle_columns], axis=1)
     q = _log(joints, of_joints, _without_turns(values))
     p, said = _log_of_points(points, of_points, point_columns, point_unit_mm)
@@ -131,7 +133,7 @@ def _join(
     q, p = joints.log, points.log
     if min(q.step, p.step) >= SPORADIC_S:
         raise points.table.error(
-            f"both tables have single rows, {q.step:.2g} and {p.step:.2g} s apart: no motion tells which belong together",
+            f"both tables have single rows, {q.step:.2g} and {p.step:.2g} s apart: nothing shows which belong together",
             hint="--by row, or --by name",
         )
     for side, what in ((joints, "joints"), (points, "points")):
@@ -247,16 +249,6 @@ def measured_columns(table: Table) -> list[int]:
         for i, column in numeric_columns(table).items()
         if i not in times and not (len(column) > 1 and (np.diff(column) == 1).all())
     ]
-
-
-def _coordinates(table: Table) -> list[int]:
-    """The columns x, y, z by their names, or the first three of numbers."""
-    letters = [re.sub(r"[^a-z]+(mm|m|um|in)?[^a-z]*$", "", name.strip().casefold()) for name in table.names]
-    if all(letters.count(axis) == 1 for axis in "xyz"):
-        return [letters.index(axis) for axis in "xyz"]
-    if len(found := measured_columns(table)) < 3:
-        raise table.error(f"expected columns of x, y, z, got {listed(table.names)}", hint="--points X,Y,Z")
-    return found[:3]
 
 
 def _log(table: Table, times: Times, values: FloatArray) -> Log:
