@@ -136,8 +136,8 @@ def test_a_row_between_blanks_that_lacks_a_value_is_refused(tmp_path):
 )
 def test_names_that_do_not_fit_the_columns_are_refused(tmp_path, content, names, cells):
     error = refusal(tmp_path, content)
-    assert f"{names} names for {cells} columns" in error.problem
-    assert error.line == 1
+    assert f"{names} names, expected as many cells, got {cells}" in error.problem
+    assert error.line == 2
     assert "--no-header" in error.hint
     assert len(read(tmp_path, content, header=False).names) == cells
 

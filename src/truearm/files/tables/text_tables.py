@@ -34,7 +34,6 @@ _BRACKETS = re.compile(
     r"[\[({]\s*(?:[\"']?[A-Za-z]\w*[\"']?:?\s+)?[+-]?[\d.]+\s*[,;\s]\s*[^\s\])}]"
 )  # around several numbers
 _ASSIGNED = re.compile(r"^[^\[({]*(?::=|=|:)\s*(?=[\[({])")
-_EMPTY = re.compile(r"\s+|(?=.*[-=]{3})[-=+|:_*\s]+")  # or a ruler
 _DIGITS = re.compile(r"[+-]?\d+")
 _FRACTION = re.compile(r"^[^.,]*[.,]?")  # all before the decimals
 _LONGEST_QUOTE = 20  # lines
@@ -177,13 +176,18 @@ def _lines(text: str, form: TableForm) -> TextLines:
     skipped, separator = form.skip_lines or 0, form.separator
     if match := _SEPARATOR_LINE.fullmatch(every[0]):
         skipped, separator = max(skipped, 1), separator or match[1]
-    numbers = [i for i, line in enumerate(every, 1) if i > skipped and line and not _EMPTY.fullmatch(line)]
+    numbers = [i for i, line in enumerate(every, 1) if i > skipped and not _is_empty(line)]
     lines = every if len(numbers) == len(every) else [every[i - 1] for i in numbers]
     if lines and all(line[0] == "|" == line.rstrip()[-1] for line in lines):  # a table of Markdown
         lines = [line.rstrip()[1:-1] for line in lines]
     found = TextLines(lines, numbers, [], bool(every[-1].strip()), separator, [])
     _take_comments(found, _COMMENT)
     return found
+
+
+def _is_empty(line: str) -> bool:
+    """Whether a line holds nothing, or a ruler."""
+    return not line.strip("-=+|:_* \t") and (not line.strip() or "---" in line or "===" in line)
 
 
 def _take_comments(found: TextLines, mark: re.Pattern[str]) -> None:
