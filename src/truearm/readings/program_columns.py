@@ -84,7 +84,7 @@ _LOAD = re.compile(
 _SINGLE = {
     "time": r"(?:(?:.*_)?header_stamp(?:_secs?)?|time|time_?stamp|t|zeit|时间|x_value|time_seconds|elapsed(?:_time)?)",
     "name": r"(?:point|target|pt)?_?(?:name|label)|point|punkt(?:name)?|messpunkt|点名",
-    "temperature": r"(?:(?:air|ambient|arm|room|env|meas\w*)_)?(?:temp|temperature?|温度)(?:_(?:air|ambient|arm|degc))?",
+    "temperature": r"(?:(?:air|ambient|arm|room|env|meas\w*)_)?(?:temp|temperature?|温度)(?:_(?:air|arm|degc))?",
     "payload": r"payload(?:_mass)?|nutzlast|traglast",
     "seat": r"seat|nest|socket|sitz|cup",
     "position": r"position|pose|pose_?id|pos_?id|position_?id",
