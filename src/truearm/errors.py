@@ -38,7 +38,7 @@ class InputError(TruearmError, ValueError):
     ...     ta.load_arm("ur11")
     ... except ta.InputError as error:
     ...     print(error.hint)
-    ur10
+    ur10 or ur16e or ur10e; truearm arms lists all
     """
 
     def __init__(

@@ -208,10 +208,10 @@ def test_a_session_without_reference_points(refused, verb):
 # Arms and models -----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("name", "close"), [("ur11", "ur10"), ("Gao2017", "gao2017"), ("pandas", "panda")])
+@pytest.mark.parametrize(("name", "close"), [("ur11", "ur10"), ("Gao2016", "gao2017"), ("pandas", "panda")])
 def test_an_unknown_arm_with_a_close_name(refused, name, close):
     for verb in ([*FIT[:3], name, *FIT[4:]], ["simulate", name, "--out", "x.csv"], ["arms", name]):
-        refused(verb, f"no arm {name!r}", f"Try: {close}", "measuring7")
+        refused(verb, f"no arm {name!r}", f"Try: {close}", "truearm arms lists all")
 
 
 def test_an_arm_file_that_is_missing_or_none(refused, bench):
@@ -412,6 +412,8 @@ def test_too_little_memory(refused, monkeypatch):
         (["import", "s.csv", "--angles", "1,1", "--angle-unit", "deg", "--out", "x.csv"], ["used for two things"]),
         (["fetch", "ur10"], ["no data set 'ur10'", "ur10-a"]),
         (["arms", "--out", "x.toml"], ["--out needs the name of an arm", "Try: truearm arms gao2017"]),
+        (["arms", "--search", "xyzzy"], ["no arm of the catalogue matches 'xyzzy'", "KUKA"]),
+        (["arms", "ur5", "--search", "ur"], ["--search needs no name of an arm"]),
         (["demo", "--seed", "x"], ["--seed", "integer", "Try: truearm demo --help"]),
     ],
     ids=lambda value: " ".join(value)[:60] if isinstance(value, list | tuple) else None,

@@ -5,7 +5,7 @@ import pytest
 
 import truearm as ta
 from truearm.arm import chain_from_dh
-from truearm.workflows.arms import describe_arm
+from truearm.workflows.arms import catalogue, describe_arm
 
 
 def test_an_identified_arm_is_described_near_its_drawing():
@@ -32,3 +32,27 @@ def test_every_arm_has_a_table(name):
     text = str(describe_arm(name))
     assert ("beta_deg" in text) == (name == "gen3lite")
     assert "alpha_deg" in text
+
+
+# The catalogue
+
+
+def test_the_list_names_each_maker_once_before_its_arms():
+    lines = str(catalogue("iiwa")).splitlines()
+    assert [line.split()[0] for line in lines] == ["maker", "KUKA", "iiwa7"]
+    assert "LBR iiwa 14 R820" in lines[1]
+    found = catalogue("stäubli").to_dict()
+    assert list(found) == ["rx160", "tx2-60", "tx2-90"]
+    assert found["rx160"]["maker"] == "Stäubli"
+    assert set(catalogue().to_dict()) == set(ta.list_arms())
+
+
+@pytest.mark.parametrize("name", ["ur5e", "kr6r900", "vx300s"])
+def test_an_arm_that_the_catalogue_has_nearly_twice_is_not_contradicted(name):
+    # ur5 and ur5e, kr6r900 and kr10r1100, vx300s and wx250s: the check weighs mistakes, no other arms.
+    arm = ta.load_arm(name)
+    rng = np.random.default_rng(3)
+    angles = np.clip(arm.working + rng.uniform(-0.8, 0.8, (40, 6)), *arm.limits.T)
+    real = arm.chain.with_motions(rng.normal(size=(arm.chain.n_places, 6)) * ([1e-3] * 3 + [0.5] * 3))
+    found = ta.diagnose(arm, ta.Session(angles=angles, points=real.tip_in_base(angles)))
+    assert not found.check.findings
