@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import truearm as ta
+from truearm.arm.masses import LinkMasses
 from truearm.compensation.models import NetworkModel
 from truearm.compensation.models.arm_check import arm_of_readings
 from truearm.compensation.nets.perceptron import Perceptron
 from truearm.errors import InputError
 from truearm.papers.gao2017.search import CoordinateErrors, SearchGrid, fold_rows
 from truearm.papers.gao2017.training import LARGEST_FILE
-from truearm.papers.gao2017.trials import NetworkSetting
+from truearm.papers.gao2017.trials import NetworkSetting, Trial
 from truearm.readings import Session
 
 TINY = {"hidden": ((1,), (4,)), "epochs": 25, "folds": 2, "amount": (20,)}
@@ -172,6 +174,22 @@ def test_without_a_test_every_model_predicts_what_its_folds_held_out(measured, s
         others = train.rows(np.setdiff1d(groups, rows))
         kinematic = ta.fit("gao2017", others, model="kinematic").model.predict_readings(train.rows(rows))
         np.testing.assert_array_equal(results.predicted["kinematic"][rows], kinematic)
+
+
+def test_another_arm_or_placement_is_another_trial(measured):
+    train, test = measured
+    arm = ta.load_arm("gao2017")
+    trial = Trial("kinematic", train, test, arm, free=("base",))
+    heavier = replace(arm, masses=LinkMasses(np.ones(6), np.zeros((6, 3))))
+    others = [
+        replace(trial, free=("base", "tip")),
+        replace(trial, arm=heavier),
+        replace(trial, what="physical"),
+        replace(trial, train=train.rows(np.arange(50))),
+        replace(trial, tested=test.rows(np.arange(20))),
+    ]
+    assert len({one.fingerprint for one in (trial, *others)}) == 6
+    assert replace(trial).fingerprint == trial.fingerprint
 
 
 def test_two_sigma_by_hand():

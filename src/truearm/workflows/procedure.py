@@ -175,7 +175,7 @@ def follow_procedure(
     claim_folder(runs, train)
     models = () if known is None else ("nominal", *MODELS)
     results = run_procedure(
-        described, train, fresh, grid=grid, models=models, fit=fitted, folder=runs, progress=progress
+        described, train, fresh, grid=grid, models=models, fit=fitted, free=free, folder=runs, progress=progress
     )
     return ProcedureResult(results, known, remarks, files)
 

@@ -130,6 +130,7 @@ def run_procedure(
     grid: SearchGrid,
     models: Sequence[str],
     fit: Fit,
+    free: tuple[str, ...],
     folder: Path,
     progress: ProgressCallback | None = None,
 ) -> Procedure:
@@ -144,6 +145,8 @@ def run_procedure(
     models : sequence of str
         Models of the arm to compare with.
     fit : callable
+    free : tuple of str
+        What is unknown of the placement of the arm.
     folder : path
     progress : callable, optional
 
@@ -152,7 +155,7 @@ def run_procedure(
     InputError
         If there are too few poses, or a network cannot learn from the readings.
     """
-    run = CrossValidation(arm, readings, grid, fit, folder, progress)
+    run = CrossValidation(arm, readings, grid, fit, free, folder, progress)
     settings = grid.settings(len(readings), readings.n_joints)
     for setting in settings:
         setting.model(arm, seed=grid.seed).prepare(readings)  # refuses impossible settings before the first training

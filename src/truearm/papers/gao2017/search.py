@@ -194,6 +194,8 @@ class CrossValidation:
         All with points.
     grid : SearchGrid
     fit : callable
+    free : tuple of str
+        What is unknown of the placement of the arm.
     folder : path
         Has a file for every finished trial.
     progress : callable, optional
@@ -210,6 +212,7 @@ class CrossValidation:
     readings: Session
     grid: SearchGrid
     fit: Fit
+    free: tuple[str, ...]
     folder: Path
     progress: ProgressCallback | None = None
     total: float = 1.0
@@ -233,7 +236,7 @@ class CrossValidation:
             rows = np.setdiff1d(np.arange(len(self.readings)), held_out)
             rows = np.sort(rows[np.argsort(place[rows], kind="stable")[:amount]])
             train, tested = self.readings.rows(rows), self.readings.rows(held_out)
-            found.append(Trial(what, train, tested, self.arm, self.grid.seed + k))
+            found.append(Trial(what, train, tested, self.arm, self.grid.seed + k, self.free))
         return found
 
     def predict(
@@ -243,7 +246,7 @@ class CrossValidation:
         if test is None:
             trials, rows = self.trials(what, amount), self.folds
         else:
-            trials, rows = [Trial(what, self.readings, test, self.arm)], (np.arange(len(test)),)
+            trials, rows = [Trial(what, self.readings, test, self.arm, free=self.free)], (np.arange(len(test)),)
         results, points = [], np.full((sum(map(len, rows)), 3), np.nan)
         for k, (trial, where) in enumerate(zip(trials, rows, strict=True), 1):
             label = note if test is not None else f"{note}, fold {k}"

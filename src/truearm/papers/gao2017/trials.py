@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
 from time import process_time
@@ -86,6 +86,8 @@ class Trial:
     arm : Arm
     seed : int
         Of a network's start weights.
+    free : tuple of str
+        What is unknown of the placement of the arm.
     """
 
     what: NetworkSetting | str
@@ -93,18 +95,18 @@ class Trial:
     tested: Session
     arm: Arm
     seed: int = 0
+    free: tuple[str, ...] = ()
 
     @property
     def fingerprint(self) -> str:
         """SHA-256 of the version, the recipe, the readings and all settings that determine the prediction."""
         if isinstance(self.what, str):
-            chain = self.arm.chain
-            parts = (chain.fixed, chain.tip_in_flange, self.arm.limits, self.arm.gravity_direction)
-            setting: object = [self.what, *(np.asarray(part).tolist() for part in parts)]
+            setting: object = [self.what, self.free, asdict(self.arm)]
         else:
             setting = [vars(self.what), self.seed]
         readings = fingerprint(self.train), fingerprint(self.tested)
-        return hashlib.sha256(json.dumps([__version__, RECIPE, setting, readings]).encode()).hexdigest()
+        text = json.dumps([__version__, RECIPE, setting, readings], default=np.ndarray.tolist)
+        return hashlib.sha256(text.encode()).hexdigest()
 
     @property
     def name(self) -> str:
