@@ -1,4 +1,4 @@
-"""The doctor at every door: the verb, the command, and the hints of refusals. It proposes and changes nothing."""
+"""The doctor at every door: the verb, the command, and the hints of refusals. It proposes, and changes no file."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import truearm as ta
 from truearm.arm import write_arm
+from truearm.arm.description_mistakes import mended_arm
 from truearm.errors import InputError
 from truearm.readings import Session, write_lengths, write_session
 
@@ -80,6 +81,48 @@ def test_the_command_prints_it_and_changes_no_file(wrong, truearm, tmp_path, mon
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
+def test_apply_writes_an_arm_that_explains_the_readings(wrong, readings, truearm, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_session(wrong, "readings.csv")
+    ran = truearm("arms", "gao2017", "--readings", "readings.csv", "--apply", "mended.toml")
+    assert ran.code == 0, ran.err
+    mended, nominal = ta.load_arm("mended.toml"), ta.load_arm("gao2017")
+    np.testing.assert_allclose(
+        mended.chain.tip_in_base(wrong.angles), nominal.chain.tip_in_base(readings.angles), rtol=0, atol=1e-6
+    )  # mm
+    assert "mended: sign of J4 reversed" in mended.source
+    assert ta.diagnose(mended, wrong).check.stated.is_usual
+    assert truearm("arms", "gao2017", "--readings", "readings.csv", "--apply", "mended.toml").code == 2  # exists
+
+
+@pytest.mark.parametrize(
+    ("mistake", "matrix"),
+    [
+        ("angle of J3 lacks that of J2 (coupled joints)", {(2, 1): 1.0}),
+        ("zero of J3 off by 90 deg: add 90 deg to its theta", {}),
+    ],
+)
+def test_sums_and_zeros_are_mended(mistake, matrix, readings):
+    arm = ta.load_arm("gao2017")
+    mended = mended_arm(arm, [mistake])
+    coupling = np.eye(arm.n_joints) if mended.chain.coupling is None else mended.chain.coupling
+    expected = np.eye(arm.n_joints)
+    for place, value in matrix.items():
+        expected[place] = value
+    np.testing.assert_array_equal(coupling, expected)
+    shift = np.radians(90) * (np.arange(arm.n_joints) == 2) * (not matrix)
+    joints = readings.angles @ expected.T + shift
+    np.testing.assert_allclose(
+        mended.chain.tip_in_base(readings.angles), arm.chain.tip_in_base(joints), rtol=0, atol=1e-6
+    )
+
+
+def test_what_is_wrong_in_the_readings_is_not_mended_in_the_arm():
+    for mistake in ("reference points are in m, stated in mm", "J2 is in rad, stated in deg"):
+        with pytest.raises(InputError, match="no arm file mends this"):
+            mended_arm(ta.load_arm("gao2017"), [mistake])
+
+
 def test_seats_and_a_bar_serve_the_command(truearm, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     simulated = ta.simulate("gao2017", poses=40, strategy="seat", preset="shop", bars=2, reference=False, seed=1)
@@ -93,7 +136,8 @@ def test_seats_and_a_bar_serve_the_command(truearm, tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (["arms", "gao2017", "--lengths", "x.csv"], "--lengths needs --readings"),
+        (["arms", "gao2017", "--lengths", "x.csv"], "--lengths and --apply need --readings"),
+        (["arms", "gao2017", "--apply", "a.toml"], "--apply need --readings"),
         (["arms", "gao2017", "--readings", "x.csv", "--out", "a.toml"], "--readings needs a nominal arm"),
         (["arms", "gao2017", "--readings", "x.csv", "--page"], "--readings needs a nominal arm"),
         (["arms", "gao2017", "--readings", "x.csv"], "x.csv"),

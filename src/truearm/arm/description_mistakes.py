@@ -8,7 +8,7 @@ them is decided in `truearm.identification.judgement.description_check`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 
@@ -16,6 +16,7 @@ import numpy as np
 
 from truearm.arm.arm import Arm
 from truearm.arm.denavit_hartenberg import Convention, DHTable
+from truearm.arm.joint_zeros import with_zeros
 from truearm.arm.nearest_table import drawn_convention, drawn_table, has_table_form
 from truearm.errors import InputError
 from truearm.typing import FloatArray
@@ -23,6 +24,8 @@ from truearm.typing import FloatArray
 QUARTER = np.pi / 2
 # A change below this is none: of a table [mm, rad] and of the meaning of the angles.
 _NO_CHANGE = 1e-9
+# What an interpretation says of readings alone.
+_OF_READINGS = ("point_factor", "length_factor", "shift")
 # Units in which lengths are entered as if they were mm.
 ARM_UNITS_MM = {"m": 1e3, "cm": 10.0, "inch": 25.4}
 POINT_UNITS_MM = {"m": 1e3, "cm": 10.0, "inch": 25.4, "ft": 304.8, "um": 1e-3}
@@ -126,6 +129,41 @@ def likely_mistakes(
     for step, where in ((1, "later"), (-1, "earlier")):
         found.append(Mistake(f"references stand one row {where} than their readings", _with(shift=step), "rows"))
     return tuple(mistake for mistake in found if _changes(mistake, stated))
+
+
+def mended_arm(arm: Arm, descriptions: Sequence[str]) -> Arm:
+    """The arm without mistakes, by their descriptions: its table, zeros and the meaning of its angles.
+
+    Signs, order and sums of angles become its coupling; of joints that it changes the limits are not known.
+
+    Raises
+    ------
+    InputError
+        If a mistake is in the table of readings: units, references.
+    """
+    stated = one = Interpretation.stated(arm)
+    for mistake in likely_mistakes(arm, has_lengths=True, base_is_known=True):
+        if mistake.description in descriptions:
+            one = mistake.mend(one)
+    points = (one.points_turn == stated.points_turn).all()
+    matrix = one.angle_matrix
+    is_of_arm = points and all(getattr(one, name) == getattr(stated, name) for name in _OF_READINGS)
+    if (
+        not is_of_arm
+        or one is stated
+        or not np.isin(np.abs(matrix @ np.linalg.pinv(stated.angle_matrix)), [0, 1]).all()
+    ):
+        raise InputError(
+            f"no arm file mends this: {' and '.join(descriptions)}",
+            hint="correct the readings; truearm import has options",
+        )
+    own = (matrix == stated.angle_matrix).all(axis=1)
+    chain = replace(arm.chain if one.table is stated.table else one.table.chain(), coupling=matrix)
+    lower, upper = np.where(own[:, None], arm.limits, [-np.inf, np.inf]).T
+    at_encoders = np.linalg.lstsq(matrix, arm.chain.joint_angles(arm.working), rcond=None)[0]
+    working = np.clip(np.where(own, arm.working, at_encoders), lower, upper)
+    found = replace(arm, chain=chain, lower=lower, upper=upper, working_pose=working, table=None)
+    return with_zeros(found, one.angle_offset) if one.angle_offset.any() else found
 
 
 def _changes(mistake: Mistake, stated: Interpretation) -> bool:

@@ -9,7 +9,14 @@ import typer
 from typer import Argument, Option
 
 from truearm.choices import Convention
-from truearm.cli.console import check_output_is_not_input, check_page_path, print_line, print_record
+from truearm.cli.console import (
+    check_new_file,
+    check_output,
+    check_output_is_not_input,
+    check_page_path,
+    print_line,
+    print_record,
+)
 from truearm.cli.options import ARM_HELP, AcceptOption, Json, free_parts, refuse_typed
 
 
@@ -31,6 +38,9 @@ def arms(
     free: Annotated[
         str, Option(help="With --readings: what is unknown of the arm's placement, as in fit.")
     ] = "base,tip",
+    apply: Annotated[
+        Path | None, Option(help="With --readings: write the arm without the mistake to a new arm file, .toml.")
+    ] = None,
     from_circles: Annotated[
         Path | None, Option(help="A session in which each joint in turn moves alone: measure an arm without a drawing.")
     ] = None,
@@ -51,7 +61,8 @@ def arms(
     reference. With a name and --out: an arm file, to edit into your own arm's, or to use elsewhere. With --page: a page
     on which the arm is turned with the mouse and its joints are moved, to see whether a file describes an arm;
     NAME.html unless --out names another.
-    With --readings: what is wrong where arm and readings contradict each other. Nothing is changed.
+    With --readings: what is wrong where arm and readings contradict each other. Nothing is changed; --apply writes the
+    arm without the mistake to a new file.
     With --from-circles: an arm without a drawing, measured by the circles that its joints describe one by one.
     """
     from truearm.arm import write_arm
@@ -65,7 +76,7 @@ def arms(
     if from_circles is None:
         refuse_typed(context, ("accept",), "applies to --from-circles only")
     if from_circles is not None or circles_plan is not None:
-        of_name = ("arm", "page", "readings", "lengths", "free")
+        of_name = ("arm", "page", "readings", "lengths", "free", "apply")
         refuse_typed(context, of_name, "does not apply to --from-circles and --circles-plan")
         if from_circles is not None and circles_plan is not None:
             raise InputError("--circles-plan writes the file that --from-circles reads", hint="one of them at a time")
@@ -74,16 +85,22 @@ def arms(
         elif from_circles is not None:
             _measure(from_circles, out, convention, accept, as_json=as_json)
         return
-    if readings is not None or lengths is not None:
+    if readings is not None or lengths is not None or apply is not None:
         if readings is None or not arm or out is not None or page or is_model_file(arm):
             name = arm if arm and not is_model_file(arm) else "my-arm.toml"
             raise InputError(
-                "--readings needs a nominal arm, without --out and --page; --lengths needs --readings",
+                "--readings needs a nominal arm, without --out and --page; --lengths and --apply need --readings",
                 hint=f"truearm arms {name} --readings {readings or 'session.csv'}",
             )
         from truearm.workflows.diagnose import diagnose
 
-        print_record(diagnose(arm, readings, lengths=lengths, free=free_parts(free)), as_json=as_json)
+        if apply is not None:
+            check_output(apply, readings, arm_path(arm), lengths, endings=(".toml",))
+            check_new_file(apply, force=False)
+        found = diagnose(arm, readings, lengths=lengths, free=free_parts(free))
+        if apply is not None:
+            write_arm(found.mended_arm(), apply)
+        print_record(found, as_json=as_json, files={"arm": apply})
         return
     if search and arm:
         raise InputError("--search needs no name of an arm", hint=f"truearm arms --search '{search}'")

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from truearm.arm.arm import Arm
+from truearm.arm.description_mistakes import mended_arm
 from truearm.errors import InputError
 from truearm.identification.judgement.description_check import DescriptionCheck, Explanation, check_description
 from truearm.identification.judgement.reference_table import LEAST_READINGS, MOST_READINGS, reference_table
@@ -97,6 +98,20 @@ class Diagnosis(Record):
     arm: Arm
     check: DescriptionCheck
     n_given: int
+
+    def mended_arm(self) -> Arm:
+        """The arm without the mistake that was found. `truearm.write_arm` writes it.
+
+        Raises
+        ------
+        InputError
+            If none was found, or several that the readings do not distinguish, or it is in the readings.
+        """
+        if len(self.check.findings) != 1:
+            raise InputError(f"there is no single mistake to mend. {self.summary()}")
+        found = self.check.findings[0].mistakes
+        source = f"{self.arm.source}; mended: {' and '.join(found)}".strip("; ")
+        return replace(mended_arm(self.arm, found), source=source)
 
     def summary(self) -> str:
         """The answer in one sentence."""
