@@ -223,3 +223,7 @@ def test_a_cell_of_a_million_characters_is_refused_at_once(tmp_path):
 )
 def test_encodings_are_told_apart(tmp_path, text, encoding):
     assert read(tmp_path, f"{text},x\n1,2.5\n2,3.5\n".encode(encoding)).names == (text, "x")
+
+
+def test_a_table_of_ten_thousand_columns_is_refused(tmp_path):
+    assert "columns" in refusal(tmp_path, ",".join(["1.5"] * 10_000) + "\n").problem

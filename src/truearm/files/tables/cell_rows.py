@@ -18,6 +18,7 @@ from truearm.typing import FloatArray, NameArray
 
 _CHUNK = 500
 _FOOT = 60  # rows at the end that may be statistics or remarks
+_MOST_COLUMNS = 4096
 _MOST_GAPS = 10_000
 
 
@@ -54,6 +55,8 @@ def table_of_rows(rows: CellRows, path: Path | None, form: TableForm, place: Pla
     layout = recognise_layout(head := rows.head(), form.header)
     if layout is None:
         raise InputError("expected rows of numbers, got none", file=path)
+    if len(layout.names) > _MOST_COLUMNS:
+        raise InputError(f"expected at most {_MOST_COLUMNS} columns, got {len(layout.names)}", file=path)
     _check_names(rows, head, layout, path, place, form)
     body = _Body(rows, layout, numeric_columns(head[layout.first :], len(layout.names)), path, place)
     columns, texts, questions = _columns(body, form)

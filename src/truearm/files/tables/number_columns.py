@@ -12,6 +12,7 @@ from truearm.files.delimited import MAX_NAME, quoted_cell
 from truearm.files.tables.cells import DOUBTFUL, clean, number_of, parse_cell, split_label
 from truearm.files.tables.table import TableForm
 from truearm.files.tables.units import canonical_unit
+from truearm.number_format import MINUS
 from truearm.typing import FloatArray, NameArray
 
 OTHER = {".": ",", ",": "."}
@@ -66,6 +67,9 @@ class NumberColumn:
     def add(self, cells: Sequence[str], start: int) -> None:
         """Read more cells, the first of them in row `start`."""
         text = "\n".join(cells)
+        if MINUS in text and text.count("\n") == len(cells) - 1:
+            text = text.replace(MINUS, "-")
+            cells = text.split("\n")
         if (values := self._plain(cells, text)) is None:
             self.parts.append(self._parsed(cells, start))
             return
@@ -78,7 +82,7 @@ class NumberColumn:
         """Numbers that Python reads, possibly with decimal commas."""
         if "_" in text or any(sign in text for sign in self.thousands):
             return None
-        if "," in text and "." not in text and "," not in self.thousands:
+        if "," in text and "." not in text and "," not in self.thousands and text.count("\n") == len(cells) - 1:
             cells = text.replace(",", ".").split("\n")
         elif "," in text or (self.decimal_signs == {","} and "." in text):
             return None
