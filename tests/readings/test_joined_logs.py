@@ -126,6 +126,23 @@ def test_slow_robots_and_joints_that_tremble(speed, ripple):
     assert_readings(joined, motion, readings=6, angle=1e-4 + ripple)
 
 
+def test_moves_by_way_of_other_poses():
+    """The joints do not go straight, so that how far they have come is the length of their path."""
+    motion = Motion(8)
+    straight = motion.angles
+
+    def bent(t):
+        q = straight(t)
+        k = np.clip(np.searchsorted(motion.starts, t, side="right") - 1, 0, len(motion.starts) - 1)
+        s = np.clip((t - motion.starts[k]) / motion.lasts[k], 0.0, 1.0)
+        return q + (np.sin(np.pi * s) ** 4)[:, None] * [0.3, -0.5, 0.4, 0.0, 0.0, 0.0]
+
+    motion.angles = bent
+    joined = join_tables(*motion.logs(), "time")
+    assert abs(joined.clock.offset_s - OFFSET) < max(0.05, 3 * joined.clock.u_offset_s)
+    assert_readings(joined, motion, readings=8)
+
+
 def test_a_single_move_gives_an_offset_and_no_drift():
     motion = Motion(2, 3)
     joined = join_tables(*motion.logs(), "time")

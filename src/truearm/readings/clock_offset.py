@@ -36,6 +36,8 @@ SEARCH_S, STEP_S, DEGREE, MOST_MOVES, MOST_SAMPLES = 1.0, 0.08, 12, 200, 300
 # A move counts if the points have this share of its samples at least: without its ends it fits at any offset. The tip
 # moves as the joints do if the polynomial leaves less than a share of how far it goes.
 COMPLETE, MISFIT = 0.9, 0.02
+# Joints that deviate by more from a straight line, as a share of its length, take a bent path; its steps [s].
+BENT, PATH_STEP_S = 0.05, 0.04
 # Moves from which a drift is estimated, and standard deviations beyond which a move's offset is not used; standard
 # uncertainty of time stamps that all of a log share, as a share of the step between samples: no log is stamped better.
 LEAST_MOVES, STRAY_STDS, STAMPS = 5, 4.0, 0.05
@@ -186,7 +188,13 @@ def _offset_of_move(
     rows = slice(*np.searchsorted(joints.times, [first, last]))
     q, t = joints.values[rows], joints.times[rows]
     from_q, to_q = q[t <= start].mean(axis=0), q[t >= end].mean(axis=0)
-    way = (q - from_q) @ (to_q - from_q) / max(float(((to_q - from_q) ** 2).sum()), np.finfo(float).tiny)
+    chord = to_q - from_q
+    way = (q - from_q) @ chord / max(float(chord @ chord), np.finfo(float).tiny)
+    if np.linalg.norm(q - from_q - way[:, None] * chord, axis=1).max() > BENT * np.linalg.norm(chord):
+        # By way of other poses: the length of the path, over steps that are longer than what noise adds.
+        nodes = np.r_[0 : len(q) - 1 : max(1, round(PATH_STEP_S / joints.step)), len(q) - 1]
+        length = np.cumsum(np.r_[0.0, np.linalg.norm(np.diff(q[nodes], axis=0), axis=1)])
+        way = np.interp(t, t[nodes], length / length[-1])
     degree = min(DEGREE, n_moving // 4)
 
     def left(shift: float) -> FloatArray:
