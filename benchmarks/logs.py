@@ -137,7 +137,7 @@ KINDS = {
 }
 
 
-@ROWS.row("clocks", quick={"seeds": 1})
+@ROWS.row("clocks", quick={"seeds": 1}, is_long=True)
 def clocks(seeds: int = 20) -> Iterator[dict[str, Any]]:
     """Error of offset and drift over their stated standard uncertainties, and errors of readings."""
     for kind, run in KINDS.items():
