@@ -81,6 +81,8 @@ def test_without_an_arm_the_models_of_an_arm_are_missing_and_it_is_said(found):
     assert result.results.best is None
     assert any("No arm is given" in remark and "truearm arms" in remark for remark in result.remarks)
     assert "on 80 fresh readings" in result.summary()
+    assert result.page().verdict.state == "none"
+    assert "still falls with the number of readings" in result.page().verdict.detail
 
 
 def test_the_model_file_is_the_network_of_the_test(found, planted):

@@ -80,8 +80,9 @@ class Procedure:
         if self.fresh:
             return f"The test has {format_count(len(self.points), 'fresh reading')}, which no model has learned."
         return (
-            "There are no fresh readings: every reading is predicted by models that were fitted without its fold. The "
-            "same readings chose the network, so that its error elsewhere is slightly larger. Fresh readings: --test."
+            "There are no fresh readings: every reading is predicted by models that were fitted without its fold. That "
+            "the same readings chose the network makes its error too small, that it learned fewer of them too large. "
+            "Fresh readings: --test."
         )
 
     def summary(self) -> str:
@@ -104,7 +105,8 @@ class Procedure:
         """What to know before using the result."""
         valid = "A network is valid only within the joint ranges of its readings."
         if self.best is None:
-            return f"{valid} With an arm (--arm) this page shows what models of the arm reach."
+            few = "Its error still falls with the number of readings. " if self.is_falling else ""
+            return f"{few}{valid} A model of the arm (--arm) needs far fewer readings."
         if self.best == "network":
             return valid
         if self.errors["network"].mean_mm > 1.05 * self.errors[self.best].mean_mm:
@@ -112,14 +114,19 @@ class Procedure:
             return f"With {n} a network does not reach the {self.best} model. {valid}"
         return f"The {self.best} model is the simpler one, and the network is no better. {valid}"
 
+    @property
+    def is_falling(self) -> bool:
+        """Whether the last doubling of the readings, or what was tried of it, lowered the error by a tenth or more."""
+        errors = [one.errors.mean_mm for one in self.amounts]
+        return len(errors) > 1 and errors[-2] > GAIN * errors[-1]
+
     def amounts_sentence(self) -> str:
         """How the error falls with the number of readings."""
         values = ", ".join(f"{format_number(one.errors.mean_mm)} mm from {one.n_train}" for one in self.amounts)
         text = f"Amount of data: mean error {values} readings."
         if len(self.amounts) < 2:
             return text
-        before, last = (one.errors.mean_mm for one in self.amounts[-2:])
-        return f"{text} " + ("More readings will help." if before > GAIN * last else "More readings hardly help.")
+        return f"{text} " + ("More readings will help." if self.is_falling else "More readings hardly help.")
 
 
 def run_procedure(

@@ -31,11 +31,11 @@ def procedure_page(results: Procedure, *, arm: str | None, remarks: tuple[str, .
     """
     own, best = results.errors["network"], results.best
     shown = {"network": own} if best is None else {"network": own, best: results.errors[best]}
-    state: State = "good" if best in (None, "network") else "doubtful"
+    state: State = "none" if best is None else "good" if best == "network" else "doubtful"
     return Page(
         title="The procedure of Gao et al. 2017 on these readings",
         subtitle=f"{arm or 'An arm without a description'}, {format_count(results.n_readings, 'reading')}: a network "
-        "is chosen by cross-validation, trained on all of them, and tested beside models of the arm.",
+        "is chosen by cross-validation, trained on all of them and tested, where the arm is known beside its models.",
         summary=(
             *(LabelledValue(f"mean error of a coordinate, {name}", one.mean_mm, "mm") for name, one in shown.items()),
             LabelledValue("2 sigma, network", own.two_sigma_mm, "mm"),
