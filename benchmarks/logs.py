@@ -15,7 +15,7 @@ from truearm.errors import InputError
 from truearm.files.tables.table import Table
 from truearm.pages.palette import NAVY, ORANGE
 from truearm.pages.plotting import Figure, figure_style, make_panel, save_figure
-from truearm.readings.joined_logs import join_tables
+from truearm.readings.foreign.joined_logs import join_tables
 from truearm.typing import FloatArray
 
 ROWS = Rows()

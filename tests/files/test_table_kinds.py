@@ -9,7 +9,7 @@ import pytest
 from truearm.errors import InputError
 from truearm.files.tables.reading import read_table
 from truearm.files.tables.table import TableForm
-from truearm.readings.no_readings import lost_targets
+from truearm.readings.foreign.no_readings import lost_targets
 
 CHECKOUT = Path(__file__).resolve().parents[2]
 if not (CHECKOUT / "benchmarks").is_dir():

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from truearm.errors import InputError
 from truearm.files.tables.table import Table
 from truearm.readings import JointScale, TableColumns, interpret_table
-from truearm.readings.no_readings import lost_targets, mean_row
+from truearm.readings.foreign.no_readings import lost_targets, mean_row
 
 NAMES = ("J1", "J2", "X", "Y", "Z")
 

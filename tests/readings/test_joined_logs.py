@@ -8,8 +8,8 @@ import pytest
 import truearm as ta
 from truearm.errors import InputError
 from truearm.files.tables.table import Table
-from truearm.readings.joined_logs import join_tables
-from truearm.readings.standstills import Log, common_times, robust_mean, standstills
+from truearm.readings.foreign.joined_logs import join_tables
+from truearm.readings.foreign.standstills import Log, common_times, robust_mean, standstills
 
 ARM = ta.load_arm("ur5")
 OFFSET, DRIFT = 73.4, 40e-6

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 from truearm.errors import InputError
 from truearm.files.tables.table import Table
-from truearm.readings.joined_logs import join_tables
-from truearm.readings.joined_tables import row_numbers
-from truearm.readings.time_columns import time_columns, time_of
+from truearm.readings.foreign.joined_logs import join_tables
+from truearm.readings.foreign.joined_tables import row_numbers
+from truearm.readings.foreign.time_columns import time_columns, time_of
 
 
 def table(file="joints.csv", **columns):

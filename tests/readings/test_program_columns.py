@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from truearm.errors import InputError
 from truearm.readings import Session
 from truearm.readings.columns import session_columns
-from truearm.readings.program_columns import recognise_program_columns, split_unit
+from truearm.readings.foreign.program_columns import recognise_program_columns, split_unit
 
 
 def numbered(pattern: str, first: int = 1, n: int = 6) -> list[str]:

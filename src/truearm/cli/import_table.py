@@ -138,7 +138,7 @@ def import_table(
         refuse_typed(context, FOR_TWO, "joins two tables", hint="name the second one: --with TABLE")
 
     from truearm.readings import JointScale, TableColumns, check_session_path, write_session
-    from truearm.readings.tables import as_table, read_foreign_tables
+    from truearm.readings.foreign.tables import as_table, read_foreign_tables
 
     sources = [table] if points_from is None else [table, points_from]
     if out is not None:

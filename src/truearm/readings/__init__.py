@@ -12,14 +12,14 @@ from truearm.readings.checks import (
     skip_beyond_limits,
 )
 from truearm.readings.files import check_session_path, write_session
-from truearm.readings.joint_scale import JointScale
+from truearm.readings.foreign.joint_scale import JointScale
+from truearm.readings.foreign.table_columns import TableColumns
+from truearm.readings.foreign.tables import ImportedTable, import_points, import_table, interpret_table
 from truearm.readings.lengths import Lengths, read_lengths, write_lengths
 from truearm.readings.point_errors import ErrorComparison, PointErrors, compare_errors, point_errors
 from truearm.readings.seats import SeatErrors, length_errors, seat_errors
 from truearm.readings.session import Session, read_session
 from truearm.readings.split import hold_out, stratified_rows
-from truearm.readings.table_columns import TableColumns
-from truearm.readings.tables import ImportedTable, import_points, import_table, interpret_table
 
 __all__ = [
     "ErrorComparison",

@@ -11,8 +11,8 @@ import numpy as np
 from truearm.errors import InputError
 from truearm.files.delimited import quoted_cell
 from truearm.files.tables.table import Table, listed
-from truearm.readings.clock_offset import ClockOffset
-from truearm.readings.time_columns import time_columns
+from truearm.readings.foreign.clock_offset import ClockOffset
+from truearm.readings.foreign.time_columns import time_columns
 from truearm.typing import FloatArray, IntArray
 
 # Names of columns that number the rows, and of columns that name them.

@@ -10,8 +10,8 @@ import numpy as np
 from truearm.errors import InputError
 from truearm.files.tables.table import Table, listed
 from truearm.number_format import format_number
-from truearm.readings.clock_offset import ClockOffset, clock_offset, offset_of_points
-from truearm.readings.joined_tables import (
+from truearm.readings.foreign.clock_offset import ClockOffset, clock_offset, offset_of_points
+from truearm.readings.foreign.joined_tables import (
     JoinedTable,
     beside,
     join_by_name,
@@ -20,9 +20,9 @@ from truearm.readings.joined_tables import (
     numeric_columns,
     rows_said,
 )
-from truearm.readings.no_readings import lost_targets
-from truearm.readings.standstills import Log, common_times, robust_mean, standstills
-from truearm.readings.time_columns import Times, time_columns, time_of
+from truearm.readings.foreign.no_readings import lost_targets
+from truearm.readings.foreign.standstills import Log, common_times, robust_mean, standstills
+from truearm.readings.foreign.time_columns import Times, time_columns, time_of
 from truearm.typing import FloatArray, IntArray, NameArray
 
 # A standstill lasts so long at least, and the tip moves by no more [s, mm].

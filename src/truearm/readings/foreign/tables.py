@@ -14,14 +14,14 @@ from truearm.files.delimited import quoted_cell
 from truearm.files.tables.reading import read_table
 from truearm.files.tables.table import Table, TableForm, listed
 from truearm.files.tables.units import canonical_unit
-from truearm.readings.joined_logs import STANDSTILL_MM, STANDSTILL_S, join_tables, measured_columns
-from truearm.readings.joint_scale import JointScale, JointUnit, certain_unit
-from truearm.readings.no_readings import lost_targets, mean_row
-from truearm.readings.orientations import OrientationUnit, check_orientation_columns, read_orientations
-from truearm.readings.program_columns import ProgramColumns, recognise_program_columns
+from truearm.readings.foreign.joined_logs import STANDSTILL_MM, STANDSTILL_S, join_tables, measured_columns
+from truearm.readings.foreign.joint_scale import JointScale, JointUnit, certain_unit
+from truearm.readings.foreign.no_readings import lost_targets, mean_row
+from truearm.readings.foreign.orientations import OrientationUnit, check_orientation_columns, read_orientations
+from truearm.readings.foreign.program_columns import ProgramColumns, recognise_program_columns
+from truearm.readings.foreign.table_columns import OTHER_NAMES, TableColumns
 from truearm.readings.readings import ANCHOR_DISTANCE, DIRECTION, LOAD, SHARED_UNCERTAINTIES, SPHERE_DISTANCE
 from truearm.readings.session import Session
-from truearm.readings.table_columns import OTHER_NAMES, TableColumns
 from truearm.typing import BoolArray, FloatArray, NameArray
 
 if TYPE_CHECKING:

@@ -18,8 +18,8 @@ from typing import Any
 
 from truearm.errors import InputError
 from truearm.files.tables.units import canonical_unit
+from truearm.readings.foreign.table_columns import TableColumns, is_other
 from truearm.readings.readings import PAYLOAD
-from truearm.readings.table_columns import TableColumns, is_other
 
 # Units that a name may end in, among those that tables write.
 _UNITS_OF_NAMES = ("deg", "rad", "mm", "m", "cm", "um", "in", "counts", "s", "degC", "kg", "Nm", "A")
@@ -155,7 +155,7 @@ def split_unit(name: str, unit: str = "") -> tuple[str, str | None]:
 
     Examples
     --------
-    >>> from truearm.readings.program_columns import split_unit
+    >>> from truearm.readings.foreign.program_columns import split_unit
     >>> split_unit("Joint 1 (deg)"), split_unit("tip_x_mm"), split_unit("q[0]", "rad")
     (('joint_1', 'deg'), ('tip_x', 'mm'), ('q_0', 'rad'))
     """
@@ -188,7 +188,7 @@ def recognise_program_columns(names: Sequence[str], units: Sequence[str] = ()) -
 
     Examples
     --------
-    >>> from truearm.readings.program_columns import recognise_program_columns
+    >>> from truearm.readings.foreign.program_columns import recognise_program_columns
     >>> found = recognise_program_columns([*(f"actual_q_{i}" for i in range(6)), "x_mm", "y_mm", "z_mm"])
     >>> found.phrases
     ('columns of UR RTDE: actual_q_0 .. actual_q_5 [rad]', 'points x_mm, y_mm, z_mm [mm]')

@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 
 from truearm.errors import InputError
-from truearm.readings.standstills import OVER_MEDIAN, Log
+from truearm.readings.foreign.standstills import OVER_MEDIAN, Log
 from truearm.typing import BoolArray, FloatArray, IntArray
 
 # Grid of the speeds [s], and the most points on it.
