@@ -9,6 +9,7 @@ import truearm as ta
 from truearm.arm import load_arm, read_arm, read_urdf, write_arm
 from truearm.arm.couplings import coupling_text, parse_coupling
 from truearm.errors import InputError
+from truearm.workflows.arms import describe_arm
 
 FANUC = "J3 += J2"
 
@@ -85,6 +86,7 @@ def test_an_arm_file_keeps_it(tmp_path):
     write_arm(arm, tmp_path / "arm.toml")
     again = read_arm(tmp_path / "arm.toml")
     np.testing.assert_array_equal(again.chain.coupling, arm.chain.coupling)
+    assert "joints by the encoders: J3 = J2 + J3" in str(describe_arm(again))
     assert "matrix = [[1.0, 0.0" in (tmp_path / "arm.toml").read_text()
     with pytest.raises(InputError, match=r"no URDF.*\.toml"):
         write_arm(arm, tmp_path / "arm.urdf")

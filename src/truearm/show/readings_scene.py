@@ -18,11 +18,12 @@ from truearm.typing import FloatArray
 def arm_at_readings(models: Mapping[str, Compensator], readings: Session) -> Mechanism | None:
     """The arm that the first identified model found, which goes to the reading that a reader points at.
 
-    None without such a model, and for readings of several sessions or tips, which have frames of their own.
+    None without such a model, for coupled joints, whose readings are not their angles, and for readings of several
+    sessions or tips, which have frames of their own.
     """
     several = len(tip_names(readings)) > 1 or (readings.session is not None and len(set(readings.session)) > 1)
     found = [one for one in map(to_identified, models.values()) if one is not None]
-    if several or not found:
+    if several or not found or found[0].arm.chain.coupling is not None:
         return None
     arm = replace(found[0].arm, chain=found[0].fit_.chain)
     return arm_mechanism(arm, start=readings.angles[0], follows=[*range(arm.n_joints)], from_origin=False)

@@ -159,7 +159,7 @@ def task_scene(task: TaskEstimates, arm: Arm) -> Scene:
         points,
         [f"point {number}" for number in range(1, n + 1)],
         [PointColumn("standard uncertainty u of the point", "mm", u)],
-        joint_columns(postures, arm.chain.is_prismatic),
+        joint_columns(arm.chain.joint_angles(postures), arm.chain.is_prismatic),
         [PointColumn(f"u of {axis}", "mm", column) for axis, column in zip("xyz", task.point_u_mm.T, strict=True)],
         marked={worst: f"u = {format_mm(float(u[worst]))}"},
     )

@@ -11,6 +11,7 @@ import numpy as np
 
 from truearm.arm import Arm, Chain, DHTable, list_arms, load_arm, nearest_table
 from truearm.arm.catalogue import MAKERS, maker_of
+from truearm.arm.couplings import coupling_text
 from truearm.arm.rigid_motions import xyz_rpy_from_frame
 from truearm.choices import Convention
 from truearm.compensation.models import Compensator
@@ -170,6 +171,7 @@ class ArmDescription(PageRecord):
             "tip_in_flange_mm": arm.chain.tip_in_flange,
             "reach_mm": arm.chain.reach,
             "gravity_in_base": arm.gravity_direction,
+            **({} if arm.chain.coupling is None else {"coupling": arm.chain.coupling}),
             **({} if arm.masses is None else {"mass_kg": arm.masses.mass_kg}),
             self.convention: self._columns(),
         }
@@ -196,6 +198,8 @@ class ArmDescription(PageRecord):
                 xyz, rpy = xyz_rpy_from_frame(frame)
                 numbers = (", ".join(map(format_fixed, one)) for one in (xyz, np.degrees(rpy)))
                 yield "{}: {} mm, roll pitch yaw {} deg".format(where, *numbers)
+        if (coupling := arm.chain.coupling) is not None:
+            yield f"joints by the encoders: {coupling_text(coupling)}"
         yield f"tip in the flange: {', '.join(map(format_fixed, table.tip_in_flange))} mm"
         if arm.masses is not None:
             yield f"masses of the links: {', '.join(f'{mass:.4g}' for mass in arm.masses.mass_kg)} kg"
