@@ -102,6 +102,10 @@ def test_counts_become_angles_by_sign_zero_and_resolution():
     np.testing.assert_allclose(scale.to_angles(np.array([[2000.0, 536.0]])), [[np.pi / 2, -np.pi]], rtol=1e-15)
 
 
+def test_gon_are_the_four_hundredth_part_of_a_turn():
+    np.testing.assert_allclose(JointScale("gon").to_angles(np.array([[100.0]])), [[np.pi / 2]], rtol=1e-15)
+
+
 def test_degrees_have_zeros_and_signs_too():
     scale = JointScale(["deg", "rad", "mm"], sign=[-1, 1, -1], zero=[90, 1, 10])
     np.testing.assert_allclose(scale.to_angles(np.array([[45.0, 1.5, 30.0]])), [[np.pi / 4, 0.5, -20.0]], rtol=1e-15)
@@ -126,7 +130,7 @@ def test_counts_come_back_within_half_a_count(angle, zero, turn, sign):
         ({"unit": "counts"}, "counts of a full turn"),
         ({"unit": "counts", "counts_per_turn": 0}, "counts per turn must be positive"),
         ({"unit": "counts", "counts_per_turn": [100, 100, 100]}, "counts per turn for each of the 2 joints, got 3"),
-        ({"unit": "gon"}, "unknown unit of angles 'gon'"),
+        ({"unit": "grad"}, "unknown unit of angles 'grad'"),
         ({"unit": ["deg", "deg", "deg"]}, "angle unit for each of the 2 joints, got 3"),
         ({"unit": "deg", "sign": [1]}, "sign for each of the 2 joints, got 1"),
         ({"unit": "deg", "sign": [1, 2]}, "signs must be + or -"),

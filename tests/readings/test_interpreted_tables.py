@@ -72,6 +72,12 @@ def test_angles_that_may_be_degrees_or_radians_are_asked_with_both_values(larges
     assert "--angle-unit rad" in error.hint
 
 
+def test_a_unit_of_two_meanings_is_asked_whatever_the_numbers():
+    assert "--angle-unit deg" in refusal(table(session_like(), units=("Grad", "Grad", "mm", "mm", "mm"))).hint
+    found = read(table(session_like(), units=("gon", "gon", "mm", "mm", "mm")))
+    assert found.session.angles[0] == pytest.approx(session_like()[0, :2] * np.pi / 200, rel=1e-15)
+
+
 def test_counts_are_never_taken_for_degrees():
     values = session_like()
     values[:, :2] = np.round(values[:, :2] * 100)

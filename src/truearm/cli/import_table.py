@@ -49,7 +49,7 @@ def import_table(
     angles: Annotated[
         str, Option(help="Columns of the joints, base to tip: names or numbers (1-6). Without it, all are recognised.")
     ] = "",
-    angle_unit: Annotated[str, Option(help=f"deg, rad, counts, or mm or m (sliding): {_ONE_EACH}.")] = "",
+    angle_unit: Annotated[str, Option(help=f"deg, rad, gon, counts, or mm or m (sliding): {_ONE_EACH}.")] = "",
     counts_per_turn: Annotated[str, Option(help=f"Counts of an encoder in a full turn: {_ONE_EACH}.")] = "",
     sign: Annotated[str, Option(help="+ or - for each joint, as +,-,+; all + by default.")] = "",
     zero: Annotated[

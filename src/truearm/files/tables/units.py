@@ -8,7 +8,8 @@ import re
 _WRITTEN = {
     "deg": "deg degs degree degrees ° º",
     "rad": "rad rads radian radians",
-    "gon": "gon",
+    "gon": "gon gons gradian gradians",
+    "grad": "grad",  # degrees in German, gon in English
     "mm": "mm millimeter millimeters millimetre millimetres millimetri",
     "um": "um µm μm micron microns micrometer micrometers micrometre",
     "cm": "cm centimeter centimeters centimetre",

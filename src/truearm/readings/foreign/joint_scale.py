@@ -12,10 +12,10 @@ from truearm.errors import InputError
 from truearm.files.delimited import quoted_cell
 from truearm.typing import FloatArray
 
-JointUnit = Literal["deg", "rad", "counts", "mm", "m"]
+JointUnit = Literal["deg", "rad", "gon", "counts", "mm", "m"]
 _T = TypeVar("_T")
 
-_FACTORS = {"deg": np.pi / 180, "rad": 1.0, "mm": 1.0, "m": 1000.0, "counts": 2 * np.pi}
+_FACTORS = {"deg": np.pi / 180, "rad": 1.0, "gon": np.pi / 200, "mm": 1.0, "m": 1000.0, "counts": 2 * np.pi}
 
 # No joint of an arm is three turns away from its zero: larger numbers are no radians [rad], those of more than three
 # turns no degrees either, but counts [deg].
@@ -29,7 +29,7 @@ class JointScale:
     Parameters
     ----------
     unit : str or sequence of str, optional
-        ``deg``, ``rad``, ``counts`` of an encoder, or ``mm`` or ``m`` for a sliding joint; one for all joints or one
+        ``deg``, ``rad``, ``gon``, ``counts`` of an encoder, or ``mm`` or ``m`` for a sliding joint; one for all joints or one
         each. By default what the table states or its numbers leave no doubt of.
     counts_per_turn : float or sequence, optional
         For ``counts``: how many make a full turn; one for all joints or one each.

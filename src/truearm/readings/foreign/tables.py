@@ -310,7 +310,7 @@ def interpret_table(
     if not columns.angles:
         raise table.error(
             f"no column of joint angles is known among {listed(table.names)}",
-            hint="--angles 'A,B,C': their names, or their numbers as 1-6",
+            hint=_columns_hint(table),
         )
     _check_named_twice(columns, session_name, serial_number)
     check_orientation_columns(len(columns.orientation), orientation_unit, orientation_order)
@@ -372,6 +372,14 @@ def _readings_of(table: Table, columns: TableColumns, remarks: list[str]) -> Tab
     if not whole.any():
         raise table.error("expected at least one row of numbers, got none", hint=remarks[-1] if remarks else None)
     return table if whole.all() else table.rows(np.flatnonzero(whole))
+
+
+def _columns_hint(table: Table) -> str:
+    """Options that state the columns of a table whose names tell nothing; the point is usually the last of them."""
+    n = len(measured_columns(table))
+    if table.header_line is None and n == len(table.names) > 3:
+        return f"--angles 1-{n - 3} --points {n - 2}-{n}, if the first {n - 3} of its {n} columns are the joint angles"
+    return "--angles 'A,B,C' and --points 'X,Y,Z': their names, or their numbers as 1-6"
 
 
 def _check_named_twice(columns: TableColumns, session_name: str | None, serial_number: str | None) -> None:
@@ -477,21 +485,23 @@ def _with_unit(
     written = [canonical_unit(table.units[table.index(column)]) for column in angles]
     stated = [unit if unit in get_args(JointUnit) else None for unit in written]
     stated = [a or b for a, b in zip(stated, known or [None] * len(stated), strict=True)]
-    certain = certain_unit(values)
+    certain = None if any(written) else certain_unit(values)  # grad: degrees or gon
     units = [unit or certain for unit in stated]
     if None not in units:
         if None in stated:
             assumed.append(f"angles in {certain}, as some turn {np.abs(values).max():.4g}")
         return replace(scale, unit=tuple(cast(JointUnit, unit) for unit in units))
-    row, joint = 0, units.index(None)
-    value = float(values[row, joint])
-    raise table.error(
-        f"the unit of the joint angles is not stated: {value:g} may be {value:g} deg or {value:g} rad = "
-        f"{np.degrees(value):.5g} deg",
-        row,
-        column=table.index(angles[joint]),
-        hint="--angle-unit deg, --angle-unit rad, or --angle-unit counts with --counts-per-turn",
-    )
+    joint = units.index(None)
+    column, value = table.index(angles[joint]), float(values[0, joint])
+    if written[joint]:
+        problem, hint = f"the unit {table.units[column]!r} is none that is known of an angle", "--angle-unit gon"
+    else:
+        problem = (
+            f"the unit of the joint angles is not stated: {value:g} may be {value:g} deg or {value:g} rad = "
+            f"{np.degrees(value):.5g} deg"
+        )
+        hint = "--angle-unit counts with --counts-per-turn"
+    raise table.error(problem, 0, column=column, hint=f"--angle-unit deg, --angle-unit rad, or {hint}")
 
 
 def _point_unit(table: Table, columns: TableColumns, points: FloatArray, assumed: list[str]) -> PointUnit:
