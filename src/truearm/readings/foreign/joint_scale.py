@@ -29,8 +29,8 @@ class JointScale:
     Parameters
     ----------
     unit : str or sequence of str, optional
-        ``deg``, ``rad``, ``gon``, ``counts`` of an encoder, or ``mm`` or ``m`` for a sliding joint; one for all joints or one
-        each. By default what the table states or its numbers leave no doubt of.
+        ``deg``, ``rad``, ``gon``, ``counts`` of an encoder, or ``mm`` or ``m`` for a sliding joint; one for all joints
+        or one each. By default what the table states or its numbers leave no doubt of.
     counts_per_turn : float or sequence, optional
         For ``counts``: how many make a full turn; one for all joints or one each.
     sign : sequence of {1, -1}, optional
