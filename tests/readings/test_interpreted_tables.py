@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from truearm.errors import InputError
 from truearm.files.tables.table import Table
 from truearm.readings import JointScale, TableColumns, interpret_table
-from truearm.readings.foreign.no_readings import lost_targets, mean_row
+from truearm.readings.foreign.no_readings import far_turned, lost_targets, not_seen, statistics_at_ends
 
 NAMES = ("J1", "J2", "X", "Y", "Z")
 
@@ -94,8 +94,19 @@ def test_points_that_no_arm_has_in_mm_are_asked(factor, unit):
     assert points == pytest.approx(session_like()[:, 2:], rel=1e-12)
 
 
-def test_points_in_two_units_are_refused():
-    assert "two units, m and mm" in refusal(table(session_like(), units=("", "", "mm", "m", "mm"))).problem
+def test_coordinates_and_uncertainties_have_their_own_units():
+    values = np.hstack([session_like() * [1, 1, 1, 0.001, 1], np.full((8, 3), 40.0)])
+    names = (*NAMES, "ux", "uy", "uz")
+    columns = TableColumns(NAMES[:2], NAMES[2:], ("ux", "uy", "uz"))
+    session = read(table(values, names, ("", "", "mm", "m", "mm", "um", "um", "um")), columns).session
+    assert session.points == pytest.approx(session_like()[:, 2:], rel=1e-12)
+    assert session.point_std[0] == pytest.approx([0.04] * 3, rel=1e-12)
+
+
+def test_units_that_the_numbers_contradict_are_refused():
+    assert "--angle-unit deg" in refusal(table(session_like(), units=("rad", "rad", "mm", "mm", "mm"))).hint
+    small = session_like() * [1, 1, 0.001, 0.001, 0.001]
+    assert "--point-unit m " in refusal(table(small, units=("deg", "deg", "mm", "mm", "mm"))).hint
 
 
 # Rows that are no readings --------------------------------------------------------------------------------------------
@@ -136,21 +147,57 @@ def test_a_row_without_all_its_angles_is_no_reading():
     assert "at least one row" in refusal(values).problem
 
 
-def test_a_row_of_means_at_the_foot_is_no_reading():
+@pytest.mark.parametrize("at_the_head", [False, True])
+def test_rows_of_statistics_are_no_readings(at_the_head):
     values = session_like()
-    found = read(np.vstack([values, np.round(values.mean(axis=0), 3)]))
-    assert len(found.session) == 8
-    assert "Line 10 holds the means" in found.remarks[0]
+    of_all = [values.mean(axis=0), values.std(axis=0, ddof=1), values.min(axis=0), values.max(axis=0)]
+    for n in range(1, 5):
+        rows = [np.round(of_all[:n], 4), values]
+        found = read(np.vstack(rows if at_the_head else rows[::-1]))
+        assert len(found.session) == 8
+        assert "means, limits or the like" in found.remarks[0]
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(5, 40))
-def test_no_reading_is_taken_for_a_row_of_means(seed, n):
-    assert not mean_row(session_like(n, seed))
+def test_no_reading_is_taken_for_a_row_of_statistics(seed, n):
+    assert not statistics_at_ends(session_like(n, seed)).any()
 
 
-def test_joints_that_stand_still_make_no_row_of_means():
-    values = np.ones((8, 5))
-    assert not mean_row(values)
+def test_joints_that_stand_still_make_no_statistics():
+    assert not statistics_at_ends(np.ones((8, 5))).any()
+
+
+def test_a_joint_beyond_all_others_is_no_reading():
+    values = session_like()
+    values[2, 1] = 9999.0
+    found = read(values)
+    assert len(found.session) == 7
+    assert any("Line 4" in said and "further than any joint" in said for said in found.remarks)
+    values[2, 1] = 179.0
+    values[:, 1] *= [0.03, 0.03, 1, *[0.03] * 5]
+    assert not far_turned(values[:, :2]).any()
+
+
+@pytest.mark.parametrize(("name", "bad"), [("Status", "BEAM LOST"), ("valid", "0"), ("visible", "False")])
+def test_a_column_that_says_that_the_target_was_lost_is_heard(name, bad):
+    cells = ["OK" if name == "Status" else "1"] * 8
+    cells[3] = bad
+    found = read(table(session_like(), words={name: cells}))
+    assert found.session.has_point.tolist() == [True] * 3 + [False] + [True] * 4
+    assert not not_seen("remark", np.array(cells)).any()
+    assert not not_seen(name, np.array([bad] * 8)).any()
+
+
+def test_a_point_that_repeats_to_the_last_digit_is_named():
+    values = session_like()
+    values[5, 2:] = values[4, 2:]
+    assert any("Line 7: the same point" in said for said in read(values).remarks)
+
+
+def test_columns_that_are_not_read_and_a_missing_reference_are_named():
+    found = read(session_like(), TableColumns(NAMES[:2]))
+    assert any("No reference is read" in said for said in found.remarks)
+    assert "Not read: X, Y, Z." in found.remarks
 
 
 # Kinds of readings ----------------------------------------------------------------------------------------------------

@@ -1,10 +1,12 @@
-"""Rows of a foreign table that are no readings: targets that were lost, and statistics below the last reading."""
+"""Rows of a foreign table that are no readings: targets that were lost, and statistics of the readings."""
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 
-from truearm.typing import BoolArray, FloatArray
+from truearm.typing import BoolArray, FloatArray, NameArray
 
 # What programs write for a point that they did not see, beside three zeros: all coordinates alike.
 NO_POINT = [-1.0, -99.0, *(s * v for s in (-1.0, 1.0) for v in (999.0, 999.9, 999.99, 9999.0, 99999.0, 999999.0))]
@@ -12,10 +14,19 @@ NO_POINT = [-1.0, -99.0, *(s * v for s in (-1.0, 1.0) for v in (999.0, 999.9, 99
 FAR_AWAY = 1e15
 # A point this near the origin makes another of three zeros possible [share of the largest distance].
 NEAR_ORIGIN = 1e-3
-# A row of means differs from the means of the rows above by its rounding [share of a column's standard deviation]; that
-# a reading does so in all columns by chance is impossible for a handful of columns.
-OF_A_MEAN = 1e-3
-FEWEST_ABOVE = 4
+# A row of statistics differs from those of the rows it sums up by its rounding [share of a column's standard
+# deviation]; that a reading does so in all columns by chance is impossible for a handful of columns.
+OF_A_STATISTIC = 1e-3
+FEWEST_ROWS, FEWEST_COLUMNS, MOST_STATISTICS = 4, 4, 8
+# What a column says of a point that was not seen, and what such a column is called.
+_STATUS = re.compile(
+    r"(beam|target|tracker|point|meas\w*)?_?(status|state|valid|visible|quality|use|used|ok|flag|locked)", re.I
+)
+_NOT_SEEN = re.compile(
+    r"(beam |target )?(lost|invalid|bad|no|nok|not ok|false|0|no beam|no target|occluded|not visible|hidden|"
+    r"verloren|ziel(verlust| verloren)|ung\u00fcltig|nein|non|error|fail(ed)?)",
+    re.I,
+)
 
 
 def lost_targets(points: FloatArray) -> BoolArray:
@@ -32,11 +43,51 @@ def lost_targets(points: FloatArray) -> BoolArray:
     return np.asarray(said | far | zero)
 
 
-def mean_row(numbers: FloatArray) -> bool:
-    """Whether the last of (n, k) rows, n above 4 and k above 3, holds the means of the rows above."""
-    above, last = numbers[:-1], numbers[-1]
-    moves = np.ptp(above, axis=0) > 0 if len(above) else np.zeros(numbers.shape[1], bool)
-    if len(above) < FEWEST_ABOVE or np.count_nonzero(moves) < 4 or np.isnan(numbers[:, moves]).any():
+def not_seen(name: str, cells: NameArray) -> BoolArray:
+    """(n,) Which cells of a column of this name say that the point was not seen, if fewer than half of them do."""
+    if not _STATUS.fullmatch(re.sub(r"[\W_]+", "_", name.strip())):
+        return np.zeros(len(cells), bool)
+    said = np.array([_NOT_SEEN.fullmatch(cell.strip()) is not None for cell in cells.tolist()], bool)
+    return said if 2 * np.count_nonzero(said) < len(said) else np.zeros(len(cells), bool)
+
+
+def far_turned(values: FloatArray) -> BoolArray:
+    """(n,) Which of (n, n_joints) rows of joint values hold one that is far beyond all others: a lost point or cell.
+
+    Whatever the unit, a joint is not 15 times as far from zero as three quarters of all readings.
+    """
+    whole = values[~np.isnan(values).any(axis=1)]
+    if len(whole) < FEWEST_ROWS:
+        return np.zeros(len(values), bool)
+    usual = np.quantile(np.abs(whole), 0.75, axis=0)
+    return np.asarray((np.abs(values) > 15 * np.maximum(usual, 0.2 * usual.max())).any(axis=1))
+
+
+def statistics_at_ends(numbers: FloatArray) -> BoolArray:
+    """(n,) Which first or last of (n, k) rows hold means, standard deviations, limits or ranges of all others."""
+    found = np.zeros(len(numbers), bool)
+    for end in (slice(None), slice(None, None, -1)):  # at the head, then at the foot
+        rows = numbers[end]
+        for n in range(min(MOST_STATISTICS, len(rows) - FEWEST_ROWS), 0, -1):
+            if _are_statistics(rows[:n], rows[n:]):
+                found[end][:n] = True
+                break
+    return found
+
+
+def _are_statistics(few: FloatArray, rows: FloatArray) -> bool:
+    if np.isnan(rows).any():
+        rows = rows[~np.isnan(rows).any(axis=1)]
+    if len(rows) < FEWEST_ROWS:
         return False
-    off = np.abs(last - above.mean(axis=0))[moves]
-    return bool((off <= OF_A_MEAN * above.std(axis=0)[moves]).all())
+    spread = rows.std(axis=0)
+    moves = spread > 0
+    if np.count_nonzero(moves) < FEWEST_COLUMNS or np.isnan(few[:, moves]).any():
+        return False
+    low, high, mean = rows.min(axis=0), rows.max(axis=0), rows.mean(axis=0)
+    std = rows.std(axis=0, ddof=1)
+    of_rows = np.stack(
+        [mean, spread, std, 2 * std, low, high, np.median(rows, axis=0), high - low, std / len(rows) ** 0.5]
+    )
+    off = np.abs(few[:, None] - of_rows)[:, :, moves]
+    return bool((off <= OF_A_STATISTIC * spread[moves]).all(axis=2).any(axis=1).all())

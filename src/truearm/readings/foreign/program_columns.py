@@ -59,7 +59,7 @@ BESIDE = ("position", "seat", "session", "temperature")
 
 # Words beside a number that say what it is instead of a measured angle or a point.
 _NOT_MEASURED = re.compile(
-    r"(target|desired|des|d|cmd|command|commanded|goal|setpoint|set|nominal|nom|plan|planned|soll|aspos|home|max|min|limit)"
+    r"(target|desired|des|d|calc|calculated|computed|model|cmd|command|commanded|goal|setpoint|set|nominal|nom|plan|planned|soll|aspos|home|max|min|limit)"
 )
 _OTHER_QUANTITY = re.compile(
     r"(tau|torques?|effort|currents?|temp|temperatures?|temper|vel|velocity|speed|qd|dq|acc|acceleration|force|load|"
@@ -173,13 +173,17 @@ def split_unit(name: str, unit: str = "") -> tuple[str, str | None]:
     return re.sub(r"[\W_]+", "_", text).strip("_"), known
 
 
-def recognise_program_columns(names: Sequence[str], units: Sequence[str] = ()) -> ProgramColumns:
+def recognise_program_columns(
+    names: Sequence[str], units: Sequence[str] = (), stated: TableColumns | None = None
+) -> ProgramColumns:
     """Recognise the columns of known programs by their names, in whatever order they stand.
 
     Parameters
     ----------
     names, units : sequence of str
         As `Table` has them.
+    stated : TableColumns, optional
+        Columns that a person states: they are nothing else, and what they hold is not looked for.
 
     Raises
     ------
@@ -194,15 +198,20 @@ def recognise_program_columns(names: Sequence[str], units: Sequence[str] = ()) -
     ('columns of UR RTDE: actual_q_0 .. actual_q_5 [rad]', 'points x_mm, y_mm, z_mm [mm]')
     """
     written = [unicodedata.normalize("NFC", name).strip() for name in names]
-    stated = [*units, *[""] * (len(names) - len(units))]
+    of_table = [*units, *[""] * (len(names) - len(units))]
+    known = stated or TableColumns()
+    taken = {*known.angles, *known.points, *known.point_std, *known.orientation}
+    plain = [_without_number(name, written) for name in written]
     table = [
-        _Name(name if name and written.count(name) == 1 else str(i + 1), *split_unit(name, stated[i]), name)
+        _Name(name if name and written.count(name) == 1 else str(i + 1), *split_unit(plain[i], of_table[i]), plain[i])
         for i, name in enumerate(written)
+        if not {name, str(i + 1)} & taken
     ]
     remarks: list[str] = []
-    joints = _chosen_joints(table, remarks)
+    joints = None if known.angles else _chosen_joints(table, remarks)
     free = [column for column in table if joints is None or column not in joints.columns]
-    found = _tip(free, joints is not None, remarks) | _single(free, remarks)
+    found = _tip(free, remarks, has_joints=bool(joints or known.angles), is_stated=bool(known.points))
+    found |= _single(free, remarks)
     joints = _of_controller(joints, free)
     phrases = []
     if joints:
@@ -221,6 +230,12 @@ def recognise_program_columns(names: Sequence[str], units: Sequence[str] = ()) -
     ]
     columns = TableColumns(**{f.name: found.pop(f.name) for f in fields(TableColumns) if f.name in found})
     return ProgramColumns(columns, **found, phrases=tuple(phrases), remarks=tuple(remarks))
+
+
+def _without_number(name: str, names: Sequence[str]) -> str:
+    """A name without the number by which pandas tells apart columns of one name: X.1 beside X."""
+    base, point, number = name.rpartition(".")
+    return base if point and number.isdecimal() and base in names else name
 
 
 def _labels(columns: Iterable[_Name]) -> tuple[str, ...]:
@@ -263,14 +278,15 @@ def _numbered(table: Sequence[_Name], remarks: list[str]) -> list[_Joints]:
     runs = []
     taken: set[_Name] = set()
     for program, unit, pattern in _NUMBERED_JOINTS:
-        groups: dict[str, dict[int, _Name]] = defaultdict(dict)
+        groups: dict[tuple[str, int], dict[int, _Name]] = defaultdict(dict)
         for column in table:
             match = pattern.fullmatch(column.stem)
             if match is None or column in taken:
                 continue
-            before = match["before"] or ""
+            before, i = match["before"] or "", int(match["i"])
             if not (_words_match(_NOT_MEASURED, before) or _words_match(_OTHER_QUANTITY, before)):
-                groups[before][int(match["i"])] = column
+                again = next(n for n in range(len(table)) if i not in groups[before, n])
+                groups[before, again][i] = column
         for numbers in groups.values():
             first, last = min(numbers), max(numbers)
             if first > 1 or len(numbers) < 2:
@@ -304,8 +320,8 @@ def _named(table: Sequence[_Name]) -> list[_Joints]:
     return runs
 
 
-def _tip(free: Sequence[_Name], has_joints: bool, remarks: list[str]) -> dict[str, Any]:
-    """Points, their uncertainties and orientations."""
+def _tip(free: Sequence[_Name], remarks: list[str], *, has_joints: bool, is_stated: bool) -> dict[str, Any]:
+    """Points, their uncertainties and orientations; where points are stated no others are looked for."""
     found: dict[str, Any] = _orientation(free, remarks)
     used = set(found.pop("used", ()))
     groups: dict[tuple[str, ...], dict[str, _Name]] = defaultdict(dict)
@@ -319,24 +335,30 @@ def _tip(free: Sequence[_Name], has_joints: bool, remarks: list[str]) -> dict[st
             match = _AXIS.fullmatch(word)
             if match and column not in used:
                 key = (*words[:k], f"{match['before']}*", *words[k + 1 :])
-                groups[key].setdefault(match["axis"], column)
+                again = next(str(n) for n in range(len(free)) if match["axis"] not in groups[(*key, str(n))])
+                groups[(*key, again)][match["axis"]] = column
     own = {column.stem for column in free}
-    of_controller = has_joints and ({"a", "b", "c"} <= own or {"w", "p", "r"} <= own)
+    of_controller = has_joints and ({"a", "b", "c"} <= own or {"w", "p", "r"} <= own or {"rx", "ry", "rz"} <= own)
     ranked: dict[int, list[tuple[_Name, ...]]] = defaultdict(list)
     for key, axes in groups.items():
         if len(axes) < 3:
             continue
         columns = tuple(axes[axis] for axis in "xyz")
-        beside = "_".join(word.rstrip("*") for word in key if word != "*")
+        beside = "_".join(word.rstrip("*") for word in key[:-1] if word != "*")
         if _STD.fullmatch(beside) or any(_STD.fullmatch(w) for w in beside.split("_") if len(w) > 1):
             found["point_std"] = _labels(columns)
         elif _words_match(_CONTROLLER, beside) or beside == "tool" or (of_controller and not beside):
-            remarks.append(f"{_span(columns)} are the controller's own pose, which is no reference.")
+            remarks.append(
+                f"{_span(columns)} are the controller's own pose, which is no reference. Use "
+                f"--points {','.join(_labels(columns))} if an instrument measured them."
+            )
         elif _words_match(_NOT_MEASURED, beside) and not _words_match(_OTHER_QUANTITY, beside):
             found.setdefault("position", _labels(columns))  # readings of one goal are neighbours
         elif not _words_match(_OTHER_QUANTITY, beside):
             ranked[0 if _words_match(_INSTRUMENT, beside) else 1].append(columns)
     points = ranked[min(ranked)] if ranked else []
+    if is_stated:
+        points = []
     if len(points) > 1:
         both = " and ".join(", ".join(_labels(columns)) for columns in points)
         raise InputError(

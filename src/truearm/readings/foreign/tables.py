@@ -14,9 +14,10 @@ from truearm.files.delimited import quoted_cell
 from truearm.files.tables.reading import read_table
 from truearm.files.tables.table import Table, TableForm, listed
 from truearm.files.tables.units import canonical_unit
+from truearm.readings.checks import has_reference
 from truearm.readings.foreign.joined_logs import STANDSTILL_MM, STANDSTILL_S, join_tables, measured_columns
 from truearm.readings.foreign.joint_scale import JointScale, JointUnit, certain_unit
-from truearm.readings.foreign.no_readings import lost_targets, mean_row
+from truearm.readings.foreign.no_readings import far_turned, lost_targets, not_seen, statistics_at_ends
 from truearm.readings.foreign.orientations import OrientationUnit, check_orientation_columns, read_orientations
 from truearm.readings.foreign.program_columns import ProgramColumns, recognise_program_columns
 from truearm.readings.foreign.table_columns import OTHER_NAMES, TableColumns
@@ -34,9 +35,9 @@ _TO_MM: dict[str, float] = {"mm": 1.0, "m": 1000.0, "um": 0.001, "in": 25.4, "cm
 # Goal coordinates that differ by less than this many decimals name one position.
 _POSITION_DECIMALS = 6
 
-# A session's points lie between three centimetres and twenty metres apart [mm]; where a table's numbers do not, as
+# Half of a session's points span more than 15 mm and less than ten metres [mm]; where a table's numbers do not, as
 # those of an arm in metres or micrometres, their unit is asked. Fewer points than these do not tell.
-_SMALLEST_SPAN, _LARGEST_SPAN, _FEWEST_POINTS = 30.0, 20_000.0, 5
+_SMALLEST_SPAN, _LARGEST_SPAN, _FEWEST_POINTS = 15.0, 10_000.0, 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,10 +210,10 @@ def read_foreign_tables(
     """
     first, *more = tables
     if not more:
-        known = recognise_program_columns(first.names, first.units) if not columns.angles else None
+        known = recognise_program_columns(first.names, first.units, columns)
         return interpret_table(first, columns, scale, known=known, **meaning)
     points = more[0]
-    known = _known_of_two(first, points)
+    known = _known_of_two(first, points, columns)
     unit = meaning.get("point_unit") or known.point_unit or "mm"
     joined = join_tables(
         first,
@@ -235,19 +236,19 @@ def read_foreign_tables(
     at = known.columns
     at = replace(at, points=there(at.points), point_std=there(at.point_std), orientation=there(at.orientation))
     known = replace(known, columns=at)
-    return interpret_table(joined, stated, scale, known=None if columns.angles and columns.points else known, **meaning)
+    return interpret_table(joined, stated, scale, known=known, **meaning)
 
 
-def _known_of_two(joints: Table, points: Table) -> ProgramColumns:
+def _known_of_two(joints: Table, points: Table, stated: TableColumns) -> ProgramColumns:
     """What two tables hold: angles and all else from the first, the tip from the second.
 
     Where names tell nothing, the columns of numbers that are no times and do not count the rows do.
     """
-    known, tip = (recognise_program_columns(table.names, table.units) for table in (joints, points))
+    known, tip = (recognise_program_columns(table.names, table.units, stated) for table in (joints, points))
     angles, at = known.columns.angles, tip.columns.points
-    if not angles:
+    if not angles and not stated.angles:
         angles = tuple(str(i + 1) for i in measured_columns(joints))
-    if not at and len(free := measured_columns(points)) == 3:
+    if not at and not stated.points and len(free := measured_columns(points)) == 3:
         at = tuple(str(i + 1) for i in free)
     columns = replace(
         known.columns, angles=angles, points=at, point_std=tip.columns.point_std, orientation=tip.columns.orientation
@@ -321,7 +322,8 @@ def interpret_table(
     values, points = _numbers(table, columns.angles), _numbers(table, columns.points)
     scale = _with_unit(scale, table, columns.angles, units, values, assumed)
     unit = point_unit or _point_unit(table, columns, points, assumed)
-    fields = _tip_fields(table, columns, points * _TO_MM[unit], unit, orientation_unit, orientation_order, remarks)
+    to_mm = [_TO_MM[unit] if point_unit else _TO_MM[_unit_of(table, c) or unit] for c in columns.points]
+    fields = _tip_fields(table, columns, points * to_mm, unit, orientation_unit, orientation_order, remarks)
     fields |= _other_fields(table, columns, unit)
     for name, stated in (("session", session_name), ("serial_number", serial_number)):
         if stated is not None:
@@ -336,6 +338,7 @@ def interpret_table(
         numbers=table.lines if table.place == "line" else None,
         by_line=table.place == "line",
     )
+    _name_unread(table, columns, session, remarks)
     return ImportedTable(session, columns, tuple(scale.units(session.n_joints)), tuple(assumed), tuple(remarks))
 
 
@@ -363,12 +366,15 @@ def _readings_of(table: Table, columns: TableColumns, remarks: list[str]) -> Tab
     """Return the rows that are readings: all their angles are there, and they are no means of the rows above."""
     values = _numbers(table, columns.angles)
     whole = np.ones(len(table), bool)
-    if len(table) and mean_row(np.hstack([values, _numbers(table, columns.points)])):
-        whole[-1] = False
-        remarks.append(f"{_called(table, whole)} holds the means of the rows above: no reading.")
+    if (summed := statistics_at_ends(np.hstack([values, _numbers(table, columns.points)]))).any():
+        whole &= ~summed
+        remarks.append(f"{_called(table, whole)}: means, limits or the like of the other rows: no reading.")
     if (gone := np.isnan(values).any(axis=1) & whole).any():
         whole &= ~gone
         remarks.append(f"{_called(table, ~gone)}: a joint angle is missing: no reading.")
+    if (odd := far_turned(values) & whole).any():
+        whole &= ~odd
+        remarks.append(f"{_called(table, ~odd)}: a joint turned further than any joint does: no reading.")
     if not whole.any():
         raise table.error("expected at least one row of numbers, got none", hint=remarks[-1] if remarks else None)
     return table if whole.all() else table.rows(np.flatnonzero(whole))
@@ -485,6 +491,9 @@ def _with_unit(
     written = [canonical_unit(table.units[table.index(column)]) for column in angles]
     stated = [unit if unit in get_args(JointUnit) else None for unit in written]
     stated = [a or b for a, b in zip(stated, known or [None] * len(stated), strict=True)]
+    if "rad" in stated and certain_unit(values) == "deg":
+        problem = f"the table states rad, but most joints turn up to {np.abs(values).max():.4g}"
+        raise table.error(problem, 0, column=table.index(angles[0]), hint="--angle-unit deg, or --angle-unit rad")
     certain = None if any(written) else certain_unit(values)  # grad: degrees or gon
     units = [unit or certain for unit in stated]
     if None not in units:
@@ -508,21 +517,29 @@ def _point_unit(table: Table, columns: TableColumns, points: FloatArray, assumed
     """Unit of the points: as the table states it, or mm where an arm's points can be in nothing else."""
     if not columns.points:
         return "mm"
-    stated = {_unit_of(table, column) for column in columns.points} - {None}
-    if len(stated) == 1:
-        return cast(PointUnit, stated.pop())
-    if len(stated) > 1:
-        raise table.error(f"the points are in two units, {' and '.join(sorted(map(str, stated)))}", hint="--point-unit")
+    stated = [_unit_of(table, column) for column in columns.points]
     seen = points[~(np.isnan(points).any(axis=1) | lost_targets(points))]
-    span = float(np.ptp(seen, axis=0).max()) if len(seen) else 0.0
-    if len(seen) < _FEWEST_POINTS or _SMALLEST_SPAN <= span <= _LARGEST_SPAN:
+    if None not in stated:
+        seen = seen * [_TO_MM[str(unit)] for unit in stated]
+    # Half of the points decide: one may be a mistake.
+    span = 2 * float(np.median(np.abs(seen - np.median(seen, axis=0)).max(axis=1))) if len(seen) else 0.0
+    is_usual = len(seen) < _FEWEST_POINTS or _SMALLEST_SPAN <= span <= _LARGEST_SPAN
+    if is_usual and None not in stated:
+        return cast(PointUnit, stated[0])
+    if is_usual and not any(stated):
         assumed.append("points in mm")
         return "mm"
+    other = "m" if span < _SMALLEST_SPAN else "um"
+    problem = (
+        f"the unit of the points is not stated: half of them span {span:.4g}, which may be mm or {other}"
+        if None in stated
+        else f"half of the points span {span:.4g} mm by the unit that the table states, {stated[0]}"
+    )
     raise table.error(
-        f"the unit of the points is not stated: they span {span:.4g}, which may be mm or {'m' if span < 30 else 'um'}",
+        problem,
         0,
         column=table.index(columns.points[0]),
-        hint=f"--point-unit mm, or --point-unit {'m' if span < 30 else 'um'} (one of {', '.join(get_args(PointUnit))})",
+        hint=f"--point-unit mm, or --point-unit {other} (one of {', '.join(get_args(PointUnit))})",
     )
 
 
@@ -549,6 +566,8 @@ def _tip_fields(
     if not points.size:
         return fields
     lost = lost_targets(points / _TO_MM[unit]) | (np.isnan(points).any(axis=1) & ~np.isnan(points).all(axis=1))
+    lost |= _said_lost(table, remarks)
+    _name_frozen(table, points, lost, remarks)
     if lost.any():
         row = int(np.argmax(lost))
         got = ", ".join(f"{v:g}" for v in (points[row] / _TO_MM[unit]).tolist())
@@ -556,9 +575,38 @@ def _tip_fields(
     points = np.where(lost[:, None], np.nan, points)
     fields["points"] = points
     if columns.point_std:
-        std = _numbers(table, columns.point_std) * _TO_MM[unit]
+        std = _numbers(table, columns.point_std) * [_TO_MM[_unit_of(table, c) or unit] for c in columns.point_std]
         fields["point_std"] = np.where(np.isnan(points), np.nan, std)
     return fields
+
+
+def _said_lost(table: Table, remarks: list[str]) -> BoolArray:
+    """Rows of which another column says that the point was not seen."""
+    lost = np.zeros(len(table), bool)
+    for i, name in enumerate(table.names):
+        if (said := not_seen(name, table.words(i))).any():
+            remarks.append(f"Column {name} says of {np.count_nonzero(said)} rows that their point was not seen.")
+            lost |= said
+    return lost
+
+
+def _name_frozen(table: Table, points: FloatArray, lost: BoolArray, remarks: list[str]) -> None:
+    """Name points that repeat the one above to the last digit: an instrument that lost its target may do that."""
+    same = np.r_[False, (np.diff(points, axis=0) == 0).all(axis=1)] & ~lost
+    if same.any() and np.abs(points % 1.0).any():
+        remarks.append(f"{_called(table, ~same)}: the same point as in the row above, to the last digit.")
+
+
+def _name_unread(table: Table, columns: TableColumns, session: Session, remarks: list[str], most: int = 8) -> None:
+    """Name the columns of numbers that were not read, and a session without any reference."""
+    read = [*columns.angles, *columns.points, *columns.point_std, *columns.orientation, *columns.position]
+    read += [c for c in (columns.seat, columns.session, columns.temperature, *columns.others.values()) if c]
+    known = {table.index(column) for column in read}
+    unread = [table.names[i] for i in measured_columns(table) if i not in known]
+    if not has_reference(session).any():
+        remarks.append("No reference is read: no points, seats or distances. A fit needs some: --points X,Y,Z")
+    if unread:
+        remarks.append(f"Not read: {listed(unread, most)}.")
 
 
 def _other_fields(table: Table, columns: TableColumns, unit: str) -> dict[str, Any]:
