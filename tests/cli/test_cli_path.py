@@ -249,8 +249,8 @@ def test_parquet_goes_the_same_way(truearm, made, tmp_path):
 def test_arms_lists_shows_and_writes(truearm, tmp_path):
     listed = truearm("arms").out
     for name in ("gao2017", "gen3lite", "measuring7", "panda", "ur10", "ur5", "wam"):
-        assert any(line.startswith(f"{name} ") for line in listed.splitlines())
-    assert set(json.loads(truearm("arms", "--json").out)["ur10"]) == {"title", "n_joints", "reach_mm"}
+        assert any(f" {name} " in line for line in listed.splitlines())
+    assert set(json.loads(truearm("arms", "--json").out)["ur10"]) >= {"title", "n_joints", "reach_mm"}
     assert "376.0000" in truearm("arms", "gao2017").out
     assert json.loads(truearm("arms", "gao2017", "--json").out)["dh"]["d_mm"][0] == 376
     out = tmp_path / "mine.toml"

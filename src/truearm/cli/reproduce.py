@@ -76,7 +76,7 @@ def reproduce(
     ),
     as_json: Json = False,
 ) -> None:
-    """Reproduce the tables and figures of a paper, or follow its procedure on your own readings.
+    """Reproduce a paper, or follow its procedure on your readings.
 
     Trains every row of the paper's tables by MATLAB's rules (trainlm) and by truearm's own trainer (varpro), and
     compares the results with the printed numbers. Finished trainings stay in the folder: after an
