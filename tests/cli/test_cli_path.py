@@ -383,7 +383,7 @@ def test_a_branching_robot_is_read_between_the_links_that_are_named(truearm, mad
     camera = '<link name="camera"/><joint name="c" type="fixed"><parent link="link_{}"/><child link="camera"/></joint>'
     urdf.write_text(urdf.read_text().replace("</robot>", f"{camera.format(6)}</robot>"))
     fit = ["fit", made / "train.csv", "--model", "nominal", "--free", "none", "--out", tmp_path / "m.truearm"]
-    said = "tip: link_6, of link_6, tip, camera; robot.urdf::LINK takes another."
+    said = "tip: tip, of tip, camera; robot.urdf::LINK takes another."
     assert said in truearm(*fit, "--arm", urdf).out
     assert said in truearm("arms", urdf).out
     assert said not in truearm(*fit, "--arm", f"{urdf}::tip", "--force").out

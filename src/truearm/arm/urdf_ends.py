@@ -20,7 +20,7 @@ TIP_NAMES = (
     ("tool0", r"tool_?0"),
     ("flange", r"flange"),
     ("ee_link", r"ee|eef|link_ee"),
-    ("tcp", r"tcp|tool_center_point|tool|tooltip"),
+    ("tcp", r"tcp|tool_center_point|tool|tooltip|tip"),
     ("end_effector", r"end_?effector(_tip)?"),
     ("gripper base", r"(gripper|hand)(_base|_body|_palm)?|palm"),
 )

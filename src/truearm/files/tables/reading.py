@@ -6,7 +6,8 @@ from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 
-from truearm.files.file_reading import access_error
+from truearm.files.delimited import MAX_BYTES
+from truearm.files.file_reading import access_error, check_readable
 from truearm.files.tables.table import Table, TableForm
 from truearm.files.tables.text_tables import read_text_table
 
@@ -42,6 +43,8 @@ def read_table(path: str | Path, form: TableForm | None = None) -> Table:
         If the file is missing, too large, no table, or its numbers have two readings; with the place and what to do.
     """
     path = Path(path)
+    if not path.is_dir():  # a recording of ROS is a folder
+        check_readable(path, limit_bytes=MAX_BYTES)
     reader = _reader(path)
     if reader is None:
         return read_text_table(path, form or TableForm())
