@@ -100,6 +100,11 @@ def join_by_row(joints: Table, points: Table) -> JoinedTable:
     if numbers[0] is not None and numbers[1] is not None and not (_counts(numbers[0]) and _counts(numbers[1])):
         return _by_numbers(joints, points, numbers[0], numbers[1])
     n, m = len(joints), len(points)
+    if n == m and (shared := _names_in_another_order(joints, points)):
+        raise joints.error(
+            f"columns {shared[0]} and {shared[1]} name the same rows in another order",
+            hint=f"--by name, or --by '{shared[0]}={shared[1]}'",
+        )
     if n == m and n > 0:
         return beside(joints, points, ("row by row",))
     if min(n, m) > 0 and max(n, m) % min(n, m) == 0 and (pattern := _repeats(joints if n > m else points, min(n, m))):
@@ -226,6 +231,19 @@ def join_by_name(joints: Table, points: Table, columns: str | None = None) -> Jo
     lacking = [sum(name not in set(b) for name in a) for a, b in ((first, second), (second, first))]
     said += _only_in(joints, lacking[0], points, lacking[1])
     return beside(joints.rows(kept), points.rows(other), said)
+
+
+def _names_in_another_order(joints: Table, points: Table) -> tuple[str, str] | None:
+    """Columns of text that share most of their names, but not row by row."""
+    for i, one in enumerate(joints.columns):
+        for j, other in enumerate(points.columns):
+            if one.dtype.kind != "U" or other.dtype.kind != "U" or len(set(one.tolist())) < 3:
+                continue
+            shared = len({*map(_plain, one.tolist())} & {*map(_plain, other.tolist())})
+            in_order = sum(_plain(a) == _plain(b) for a, b in zip(one.tolist(), other.tolist(), strict=True))
+            if 2 * shared > len(set(one.tolist())) and in_order < len(joints):
+                return joints.names[i], points.names[j]
+    return None
 
 
 def _columns_of_names(joints: Table, points: Table) -> tuple[int, int]:

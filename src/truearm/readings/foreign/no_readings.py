@@ -12,6 +12,8 @@ from truearm.typing import BoolArray, FloatArray, NameArray
 NO_POINT = [-1.0, -99.0, *(s * v for s in (-1.0, 1.0) for v in (999.0, 999.9, 999.99, 9999.0, 99999.0, 999999.0))]
 # No tip is as far away [table's unit]; 9.9E+37 and 1e30 are "no value" of several instruments.
 FAR_AWAY = 1e15
+# Three equal coordinates so many times as large as others are no point either: -32768, 99999.9999, 1e7.
+BEYOND_OTHERS = 8
 # A point this near the origin makes another of three zeros possible [share of the largest distance].
 NEAR_ORIGIN = 1e-3
 # A row of statistics differs from those of the rows it sums up by its rounding [share of a column's standard
@@ -35,12 +37,18 @@ def lost_targets(points: FloatArray) -> BoolArray:
         return np.zeros(0, bool)
     alike = np.all(points == points[:, :1], axis=1)
     said = alike & np.isin(points[:, 0], NO_POINT)
-    far = (np.abs(points) > FAR_AWAY).any(axis=1)
+    usual = np.nanmedian(np.abs(points)) if np.isfinite(points).any() else np.inf
+    far = (np.abs(points) > FAR_AWAY).any(axis=1) | (alike & (np.abs(points[:, 0]) > BEYOND_OTHERS * usual))
     zero = np.all(points == 0, axis=1)
     seen = np.linalg.norm(points[~(zero | said | far | np.isnan(points).any(axis=1))], axis=1)
     if not len(seen) or seen.min() < NEAR_ORIGIN * seen.max():
         zero[:] = False
     return np.asarray(said | far | zero)
+
+
+def lost_zero(points: FloatArray) -> BoolArray:
+    """(n,) Which of (n, 3) points are three zeros that are no point; of (n, 0) all."""
+    return lost_targets(points) & (points == 0).all(axis=1) if points.size else np.ones(len(points), bool)
 
 
 def not_seen(name: str, cells: NameArray) -> BoolArray:

@@ -17,10 +17,11 @@ from truearm.files.tables.units import canonical_unit
 from truearm.readings.checks import has_reference
 from truearm.readings.foreign.joined_logs import STANDSTILL_MM, STANDSTILL_S, join_tables, measured_columns
 from truearm.readings.foreign.joint_scale import JointScale, JointUnit, certain_unit
-from truearm.readings.foreign.no_readings import far_turned, lost_targets, not_seen, statistics_at_ends
+from truearm.readings.foreign.no_readings import far_turned, lost_targets, lost_zero, not_seen, statistics_at_ends
 from truearm.readings.foreign.orientations import OrientationUnit, check_orientation_columns, read_orientations
 from truearm.readings.foreign.program_columns import ProgramColumns, recognise_program_columns
 from truearm.readings.foreign.table_columns import OTHER_NAMES, TableColumns
+from truearm.readings.foreign.units_above import length_unit_above
 from truearm.readings.readings import ANCHOR_DISTANCE, DIRECTION, LOAD, SHARED_UNCERTAINTIES, SPHERE_DISTANCE
 from truearm.readings.session import Session
 from truearm.typing import BoolArray, FloatArray, NameArray
@@ -301,7 +302,6 @@ def interpret_table(
     units: Sequence[str | None] = ()
     if known is not None:
         units = () if columns.angles else known.angle_units
-        point_unit = point_unit or (None if columns.points else cast(PointUnit | None, known.point_unit))
         if not columns.orientation:
             orientation_unit = orientation_unit or cast(Any, known.orientation_unit)
             orientation_order = orientation_order or known.orientation_order
@@ -321,7 +321,8 @@ def interpret_table(
     table = _readings_of(table, columns, remarks)
     values, points = _numbers(table, columns.angles), _numbers(table, columns.points)
     scale = _with_unit(scale, table, columns.angles, units, values, assumed)
-    unit = point_unit or _point_unit(table, columns, points, assumed)
+    of_program = None if known is None or columns.points != known.columns.points else known.point_unit
+    unit = point_unit or _point_unit(table, columns, of_program, points, assumed)
     to_mm = [_TO_MM[unit] if point_unit else _TO_MM[_unit_of(table, c) or unit] for c in columns.points]
     fields = _tip_fields(table, columns, points * to_mm, unit, orientation_unit, orientation_order, remarks)
     fields |= _other_fields(table, columns, unit)
@@ -372,6 +373,9 @@ def _readings_of(table: Table, columns: TableColumns, remarks: list[str]) -> Tab
     if (gone := np.isnan(values).any(axis=1) & whole).any():
         whole &= ~gone
         remarks.append(f"{_called(table, ~gone)}: a joint angle is missing: no reading.")
+    if (empty := (values == 0).all(axis=1) & lost_zero(_numbers(table, columns.points)) & whole).any():
+        whole &= ~empty
+        remarks.append(f"{_called(table, ~empty)}: nothing but zeros: no reading.")
     if (odd := far_turned(values) & whole).any():
         whole &= ~odd
         remarks.append(f"{_called(table, ~odd)}: a joint turned further than any joint does: no reading.")
@@ -513,11 +517,16 @@ def _with_unit(
     raise table.error(problem, 0, column=column, hint=f"--angle-unit deg, --angle-unit rad, or {hint}")
 
 
-def _point_unit(table: Table, columns: TableColumns, points: FloatArray, assumed: list[str]) -> PointUnit:
+def _point_unit(
+    table: Table, columns: TableColumns, known: str | None, points: FloatArray, assumed: list[str]
+) -> PointUnit:
     """Unit of the points: as the table states it, or mm where an arm's points can be in nothing else."""
     if not columns.points:
         return "mm"
-    stated = [_unit_of(table, column) for column in columns.points]
+    stated = [_unit_of(table, column) or known for column in columns.points]
+    if None in stated and (above := length_unit_above(table)):
+        assumed.append(f"points in {above}, as the lines above the table say")
+        stated = [unit or above for unit in stated]
     seen = points[~(np.isnan(points).any(axis=1) | lost_targets(points))]
     if None not in stated:
         seen = seen * [_TO_MM[str(unit)] for unit in stated]
