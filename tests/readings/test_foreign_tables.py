@@ -130,7 +130,7 @@ def test_counts_come_back_within_half_a_count(angle, zero, turn, sign):
         ({"unit": "counts"}, "counts of a full turn"),
         ({"unit": "counts", "counts_per_turn": 0}, "counts per turn must be positive"),
         ({"unit": "counts", "counts_per_turn": [100, 100, 100]}, "counts per turn for each of the 2 joints, got 3"),
-        ({"unit": "grad"}, "unknown unit of angles 'grad'"),
+        ({"unit": "mil"}, "unknown unit of angles 'mil'"),
         ({"unit": ["deg", "deg", "deg"]}, "angle unit for each of the 2 joints, got 3"),
         ({"unit": "deg", "sign": [1]}, "sign for each of the 2 joints, got 1"),
         ({"unit": "deg", "sign": [1, 2]}, "signs must be + or -"),

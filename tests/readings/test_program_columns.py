@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from truearm.errors import InputError
@@ -90,7 +90,7 @@ def test_a_programs_angles_are_recognised(name):
     assert list(found.columns.angles) == angles
     assert set(found.angle_units) == {unit}
     assert list(found.columns.points) == POINT
-    assert found.phrases[0].startswith(f"columns of {program}: " if program else angles[0])
+    assert found.phrases["angles"].startswith(f"columns of {program}: " if program else angles[0])
 
 
 @given(st.sampled_from(sorted(PROGRAMS)), st.randoms(use_true_random=False))
@@ -158,7 +158,6 @@ def test_motive_has_the_rotation_first():
     )
     assert found.columns.orientation == ("W", "3", "4", "5")
     assert found.columns.points == ("7", "8", "9")
-    assert found.time == "Time (Seconds)"
 
 
 def test_vicon_states_units_in_a_row_and_its_rotation_is_asked():
@@ -183,7 +182,6 @@ def test_a_matrix_row_by_row(first):
 
 def test_tracker_tables_name_points_and_uncertainties():
     found = recognise_program_columns(["PointName", "X", "Y", "Z", "ux", "uy", "uz", "Temperature"])
-    assert found.name == "PointName"
     assert found.columns.point_std == ("ux", "uy", "uz")
     assert found.columns.temperature == "Temperature"
 
@@ -238,6 +236,7 @@ def test_a_quaternion_in_numbers_is_no_joint_beside_joints():
     assert list(recognise_program_columns(["q0", "q1", "q2", "q3", *numbered("J{}")]).columns.angles) == numbered("J{}")
 
 
+@settings(max_examples=25)
 @given(st.lists(st.text(max_size=12), max_size=12))
 def test_no_name_is_too_strange(names):
     found = recognise_program_columns(names)

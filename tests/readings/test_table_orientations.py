@@ -42,7 +42,7 @@ def pose(R, t) -> list[float]:
     return np.vstack([np.column_stack([R, t]), [0, 0, 0, 1]]).ravel().tolist()
 
 
-@settings(max_examples=40)
+@settings(max_examples=15)
 @given(st.lists(UNIT_QUATERNIONS, min_size=1, max_size=4))
 def test_every_form_is_the_same_orientation(tmp_path_factory, quaternions):
     folder = tmp_path_factory.mktemp("forms")

@@ -14,7 +14,7 @@ from truearm.readings.checks import (
 from truearm.readings.files import check_session_path, write_session
 from truearm.readings.foreign.joint_scale import JointScale
 from truearm.readings.foreign.table_columns import TableColumns
-from truearm.readings.foreign.tables import ImportedTable, import_points, import_table, interpret_table
+from truearm.readings.foreign.tables import ImportedTable, import_points, import_table
 from truearm.readings.lengths import Lengths, read_lengths, write_lengths
 from truearm.readings.point_errors import ErrorComparison, PointErrors, compare_errors, point_errors
 from truearm.readings.seats import SeatErrors, length_errors, seat_errors
@@ -42,7 +42,6 @@ __all__ = [
     "hold_out",
     "import_points",
     "import_table",
-    "interpret_table",
     "length_errors",
     "limit_excesses",
     "point_errors",

@@ -15,16 +15,23 @@ _WRITTEN = {
     "cm": "cm centimeter centimeters centimetre",
     "m": "m meter meters metre metres",
     "in": 'in inch inches " ″',
+    "ft": "ft foot feet",
+    "km": "km",
     "counts": "count counts cts inc increments ticks steps pulse pulses",
     "degC": "degc °c ℃ c celsius",
-    "s": "s sec secs second seconds",
-    "ms": "ms msec millisecond milliseconds",
-    "us": "us µs μs",
-    "ns": "ns nsec",
+    "degF": "degf °f ℉ f fahrenheit",
+    "s": "s sec secs second seconds sek",
+    "ms": "ms msec millis millisecond milliseconds",
+    "us": "us µs μs usec micros microseconds",
+    "ns": "ns nsec nanos nanoseconds",
     "min": "min",
+    "h": "h",
     "kg": "kg",
+    "g": "g gram grams",
+    "lb": "lb lbs",
     "N": "n",
     "Nm": "nm n·m n*m",
+    "mNm": "mnm",
     "deg/s": "deg/s °/s",
     "rad/s": "rad/s",
     "mm/s": "mm/s",
@@ -32,12 +39,23 @@ _WRITTEN = {
     "K": "k kelvin",
     "Hz": "hz",
     "A": "a amp ampere",
+    "mA": "ma",
     "V": "v",
     "%": "%",
     "": "- -- 1 none unitless n/a",
 }
 _MEANING = {written: unit for unit, all_written in _WRITTEN.items() for written in all_written.split()}
 _MEANING["n/a"] = ""
+# Units of one quantity, as multiples of the first one; and what that is where another unit is zero.
+_QUANTITIES: tuple[dict[str, float], ...] = (
+    {"mm": 1.0, "m": 1000.0, "um": 0.001, "in": 25.4, "cm": 10.0},
+    {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
+    {"degC": 1.0, "K": 1.0, "degF": 5 / 9},
+    {"kg": 1.0, "g": 0.001, "lb": 0.45359237},
+    {"Nm": 1.0, "mNm": 0.001},
+    {"A": 1.0, "mA": 0.001},
+)
+_AT_ZERO = {"K": -273.15, "degF": -160 / 9}
 _BRACKETS = {"[": "]", "(": ")", "<": ">", "{": "}"}
 # Behind a name without brackets only what cannot be a part of the name itself: X_m may be "measured".
 _BEHIND = ["deg", "degrees", "°", "rad", "radians", "mm", "um", "µm", "μm", "counts", "degC", "°C", "inch"]
@@ -61,6 +79,20 @@ def canonical_unit(written: str) -> str | None:
     if text[:1] in _BRACKETS and text.endswith(_BRACKETS[text[0]]):
         text = text[1:-1].strip()
     return _MEANING.get(text.casefold())
+
+
+def conversion(unit: str, to: str) -> tuple[float, float] | None:
+    """Factor and offset that turn a number of one unit into one of another; None if they measure different things.
+
+    Examples
+    --------
+    >>> conversion("m", "mm"), conversion("K", "degC"), conversion("kg", "mm")
+    ((1000.0, 0.0), (1.0, -273.15), None)
+    """
+    units = next((units for units in _QUANTITIES if unit in units and to in units), {unit: 1.0})
+    if to not in units:
+        return None
+    return units[unit] / units[to], (_AT_ZERO.get(unit, 0.0) - _AT_ZERO.get(to, 0.0)) / units[to]
 
 
 def unit_in_name(name: str) -> str:

@@ -178,12 +178,7 @@ def _join(
     )
     if n_skipped:
         said.append(f"{n_skipped} more of the joints alone skipped")
-    notes = {
-        "note_repeatability_mm": scatter[:, 0],
-        "note_samples": scatter[:, 1],
-        "note_standstill_s": both[:, 1] - both[:, 0],
-    }
-    return replace(beside(_with_columns(angles, notes), tips, said), clock=clock)
+    return replace(beside(angles, tips, said), clock=clock)
 
 
 def _single_rows(resting: _Side, single: _Side, still: FloatArray, clock: ClockOffset) -> tuple[Table, Table, int]:
@@ -310,12 +305,3 @@ def _means(column: FloatArray | NameArray, rows: list[IntArray]) -> FloatArray:
     numbers = np.asarray(column, dtype=float)
     known = [numbers[some][np.isfinite(numbers[some])] for some in rows]
     return np.array([float(some.mean()) if len(some) else np.nan for some in known])
-
-
-def _with_columns(table: Table, more: dict[str, FloatArray]) -> Table:
-    return replace(
-        table,
-        names=(*table.names, *more),
-        units=(*table.units, *("" for _ in more)),
-        columns=(*table.columns, *more.values()),
-    )

@@ -12,18 +12,19 @@ from __future__ import annotations
 import re
 import unicodedata
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from typing import Any, get_args
 
 from truearm.errors import InputError
 from truearm.files.tables.units import canonical_unit
+from truearm.readings.foreign.joint_scale import JointUnit
 from truearm.readings.foreign.table_columns import TableColumns, is_other
 from truearm.readings.readings import PAYLOAD
 
 # Units that a name may end in, among those that tables write.
-_UNITS_OF_NAMES = ("deg", "rad", "mm", "m", "cm", "um", "in", "counts", "s", "degC", "kg", "Nm", "A")
-_JOINT_UNITS, _LENGTHS = ("deg", "rad", "counts", "mm", "m"), ("mm", "m", "cm", "um", "in")
+_UNITS_OF_NAMES: tuple[str, ...] = ("deg", "rad", "gon", "mm", "m", "cm", "um", "in", "counts", "s")
+_UNITS_OF_NAMES += ("degC", "degF", "K", "kg", "g", "Nm", "mNm", "A", "mA")
 
 # Joints that have names instead of numbers, base to tip.
 _NAMED_JOINTS = {
@@ -82,8 +83,6 @@ _LOAD = re.compile(
     r"(?:.*_)?(?P<kind>tau_j|torque|effort|geartorque|joint_torque|actual_current|current)_?(?P<letter>a|j)?(?P<i>\d+)"
 )
 _SINGLE = {
-    "time": r"(?:(?:.*_)?header_stamp(?:_secs?)?|time|time_?stamp|t|zeit|时间|x_value|time_seconds|elapsed(?:_time)?)",
-    "name": r"(?:point|target|pt)?_?(?:name|label)|point|punkt(?:name)?|messpunkt|点名",
     "temperature": r"(?:(?:air|ambient|arm|room|env|meas\w*)_)?(?:temp|temperature?|温度)(?:_(?:air|arm|degc))?",
     "payload": r"payload(?:_mass)?|nutzlast|traglast",
     "seat": r"seat|nest|socket|sitz|cup",
@@ -107,10 +106,8 @@ class ProgramColumns:
         Where the table states them.
     orientation_order : str, optional
         Of Euler angles: ``xyz`` for roll, pitch and yaw about fixed axes.
-    time, name : str, optional
-        Columns of the time and of the measured point's name, by which two tables are joined.
-    phrases : tuple of str
-        What was recognised, to be printed.
+    phrases : mapping of str to str
+        What was recognised, to be printed, by the field of `columns`.
     remarks : tuple of str
         What looks like a reference and is none, or may mean two things; a sentence each.
     """
@@ -120,9 +117,7 @@ class ProgramColumns:
     point_unit: str | None = None
     orientation_unit: str | None = None
     orientation_order: str | None = None
-    time: str | None = None
-    name: str | None = None
-    phrases: tuple[str, ...] = ()
+    phrases: Mapping[str, str] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
 
 
@@ -161,13 +156,14 @@ def split_unit(name: str, unit: str = "") -> tuple[str, str | None]:
     """
     text = unicodedata.normalize("NFC", name).casefold().strip().replace("º", "°")
     known = canonical_unit(unit) or None
-    for pattern in (
-        r"(.*\S)\s*[\[({]\s*([^\[\](){}]+?)\s*[\])}]",
-        r"(.+?)\s*(?:[_\s/,.-]|\bin\b)+([^\W\d_]+|°c?)",
-        r"(.+\d)(°)",
+    for pattern, is_name in (
+        (r"(.*\S)\s*[\[({]\s*([^\[\](){}]*[^\[\](){}\d\s-])\s*[\])}]", False),
+        (r"(.+?)\s*(?:[_\s/,.-]|\bin\b)+([^\W\d_]+|°c?)", True),
+        (r"(.+\d)(°)", True),
     ):
         match = re.fullmatch(pattern, text)
-        if match and match[1].strip("_ ") and (behind := canonical_unit(match[2])) in _UNITS_OF_NAMES:
+        behind = canonical_unit(match[2]) if match and match[1].strip("_ ") else None
+        if match and behind and (behind in _UNITS_OF_NAMES or not is_name):
             text, known = match[1], known or behind
             break
     return re.sub(r"[\W_]+", "_", text).strip("_"), known
@@ -183,7 +179,7 @@ def recognise_program_columns(
     names, units : sequence of str
         As `Table` has them.
     stated : TableColumns, optional
-        Columns that a person states: they are nothing else, and what they hold is not looked for.
+        Angles or points that a person states are not looked for.
 
     Raises
     ------
@@ -194,42 +190,41 @@ def recognise_program_columns(
     --------
     >>> from truearm.readings.foreign.program_columns import recognise_program_columns
     >>> found = recognise_program_columns([*(f"actual_q_{i}" for i in range(6)), "x_mm", "y_mm", "z_mm"])
-    >>> found.phrases
-    ('columns of UR RTDE: actual_q_0 .. actual_q_5 [rad]', 'points x_mm, y_mm, z_mm [mm]')
+    >>> found.phrases["angles"], found.phrases["points"]
+    ('columns of UR RTDE: actual_q_0 .. actual_q_5 [rad]', 'points x_mm, y_mm, z_mm')
     """
     written = [unicodedata.normalize("NFC", name).strip() for name in names]
+    stated = stated or TableColumns()
     of_table = [*units, *[""] * (len(names) - len(units))]
-    known = stated or TableColumns()
-    taken = {*known.angles, *known.points, *known.point_std, *known.orientation}
     plain = [_without_number(name, written) for name in written]
+    taken = {*stated.angles, *stated.points, *stated.point_std, *stated.orientation}
     table = [
         _Name(name if name and written.count(name) == 1 else str(i + 1), *split_unit(plain[i], of_table[i]), plain[i])
         for i, name in enumerate(written)
         if not {name, str(i + 1)} & taken
     ]
     remarks: list[str] = []
-    joints = None if known.angles else _chosen_joints(table, remarks)
+    joints = None if stated.angles else _chosen_joints(table, remarks)
     free = [column for column in table if joints is None or column not in joints.columns]
-    found = _tip(free, remarks, has_joints=bool(joints or known.angles), is_stated=bool(known.points))
-    found |= _single(free, remarks)
+    found = _tip(free, bool(joints or stated.angles), bool(stated.points), remarks) | _single(free, remarks)
     joints = _of_controller(joints, free)
-    phrases = []
+    phrases: dict[str, str] = {}
     if joints:
         found["others"] |= _loads(free, joints)
-        units_of = tuple(c.unit if c.unit in _JOINT_UNITS else joints.unit for c in joints.columns)
+        units_of = tuple(c.unit if c.unit in get_args(JointUnit) else joints.unit for c in joints.columns)
         found |= {"angles": _labels(joints.columns), "angle_units": units_of}
-        unit = f" [{units_of[0]}]" if len(set(units_of)) == 1 and units_of[0] else ""
-        phrases.append(f"columns of {joints.program}: " * bool(joints.program) + f"{_span(joints.columns)}{unit}")
+        unit = units_of[0] if len(set(units_of)) == 1 else None
+        program = f"columns of {joints.program}: " * bool(joints.program)
+        phrases["angles"] = program + _with_unit(_span(joints.columns), unit)
     if points := found.get("points"):
-        unit = f" [{found['point_unit']}]" if found["point_unit"] else ""
-        phrases.append(f"points {', '.join(points)}{unit}")
+        phrases["points"] = _with_unit(f"points {', '.join(points)}", found["point_unit"])
     if isinstance(found.get("position"), str):
         found["position"] = (found["position"],)
-    phrases += [
-        f"{what} {', '.join([at] if isinstance(at, str) else at)}" for what in BESIDE if (at := found.get(what))
-    ]
+    for what in BESIDE:
+        if at := found.get(what):
+            phrases[what] = f"{what} {at if isinstance(at, str) else ', '.join(at)}"
     columns = TableColumns(**{f.name: found.pop(f.name) for f in fields(TableColumns) if f.name in found})
-    return ProgramColumns(columns, **found, phrases=tuple(phrases), remarks=tuple(remarks))
+    return ProgramColumns(columns, **found, phrases=phrases, remarks=tuple(remarks))
 
 
 def _without_number(name: str, names: Sequence[str]) -> str:
@@ -240,6 +235,11 @@ def _without_number(name: str, names: Sequence[str]) -> str:
 
 def _labels(columns: Iterable[_Name]) -> tuple[str, ...]:
     return tuple(column.label for column in columns)
+
+
+def _with_unit(said: str, unit: str | None) -> str:
+    """A phrase with the unit behind it, if its last name does not end in that."""
+    return said if unit is None or split_unit(said)[1] == unit else f"{said} [{unit}]"
 
 
 def _span(columns: Sequence[_Name]) -> str:
@@ -260,7 +260,7 @@ def _chosen_joints(table: Sequence[_Name], remarks: list[str]) -> _Joints | None
         own = [run for run in own if len(run.columns) != 4 or not run.columns[0].stem.startswith("q")] or own
     if len(own) > 1:
         both = " and ".join(_span(run.columns) for run in own)
-        hint = f"--angles {','.join(_labels(own[0].columns))}"
+        hint = f"--angles '{','.join(_labels(own[0].columns))}'"
         raise InputError(f"two runs of columns may be the joint angles: {both}", hint=hint)
     return own[0] if own else None
 
@@ -278,15 +278,17 @@ def _numbered(table: Sequence[_Name], remarks: list[str]) -> list[_Joints]:
     runs = []
     taken: set[_Name] = set()
     for program, unit, pattern in _NUMBERED_JOINTS:
-        groups: dict[tuple[str, int], dict[int, _Name]] = defaultdict(dict)
+        groups: dict[tuple[str, str, int], dict[int, _Name]] = defaultdict(dict)
         for column in table:
             match = pattern.fullmatch(column.stem)
             if match is None or column in taken:
                 continue
-            before, i = match["before"] or "", int(match["i"])
+            before = match["before"] or ""
             if not (_words_match(_NOT_MEASURED, before) or _words_match(_OTHER_QUANTITY, before)):
-                again = next(n for n in range(len(table)) if i not in groups[before, n])
-                groups[before, again][i] = column
+                end = column.stem[match.end("i") :]
+                one_run = (column.stem[: match.start("i")], end if len(end) != len("_s") else "")
+                again = next(n for n in range(len(table)) if int(match["i"]) not in groups[*one_run, n])
+                groups[*one_run, again][int(match["i"])] = column
         for numbers in groups.values():
             first, last = min(numbers), max(numbers)
             if first > 1 or len(numbers) < 2:
@@ -320,8 +322,8 @@ def _named(table: Sequence[_Name]) -> list[_Joints]:
     return runs
 
 
-def _tip(free: Sequence[_Name], remarks: list[str], *, has_joints: bool, is_stated: bool) -> dict[str, Any]:
-    """Points, their uncertainties and orientations; where points are stated no others are looked for."""
+def _tip(free: Sequence[_Name], has_joints: bool, is_stated: bool, remarks: list[str]) -> dict[str, Any]:
+    """Points, their uncertainties and orientations."""
     found: dict[str, Any] = _orientation(free, remarks)
     used = set(found.pop("used", ()))
     groups: dict[tuple[str, ...], dict[str, _Name]] = defaultdict(dict)
@@ -338,7 +340,7 @@ def _tip(free: Sequence[_Name], remarks: list[str], *, has_joints: bool, is_stat
                 again = next(str(n) for n in range(len(free)) if match["axis"] not in groups[(*key, str(n))])
                 groups[(*key, again)][match["axis"]] = column
     own = {column.stem for column in free}
-    of_controller = has_joints and ({"a", "b", "c"} <= own or {"w", "p", "r"} <= own or {"rx", "ry", "rz"} <= own)
+    of_controller = has_joints and any({*turned} <= own for turned in ("abc", "wpr", ("rx", "ry", "rz")))
     ranked: dict[int, list[tuple[_Name, ...]]] = defaultdict(list)
     for key, axes in groups.items():
         if len(axes) < 3:
@@ -350,26 +352,24 @@ def _tip(free: Sequence[_Name], remarks: list[str], *, has_joints: bool, is_stat
         elif _words_match(_CONTROLLER, beside) or beside == "tool" or (of_controller and not beside):
             remarks.append(
                 f"{_span(columns)} are the controller's own pose, which is no reference. Use "
-                f"--points {','.join(_labels(columns))} if an instrument measured them."
+                f"--points '{','.join(_labels(columns))}' if an instrument measured them."
             )
         elif _words_match(_NOT_MEASURED, beside) and not _words_match(_OTHER_QUANTITY, beside):
             found.setdefault("position", _labels(columns))  # readings of one goal are neighbours
         elif not _words_match(_OTHER_QUANTITY, beside):
             ranked[0 if _words_match(_INSTRUMENT, beside) else 1].append(columns)
-    points = ranked[min(ranked)] if ranked else []
-    if is_stated:
-        points = []
+    points = ranked[min(ranked)] if ranked and not is_stated else []
     if len(points) > 1:
         both = " and ".join(", ".join(_labels(columns)) for columns in points)
         raise InputError(
-            f"two sets of columns may be the points: {both}", hint=f"--points {','.join(_labels(points[0]))}"
+            f"two sets of columns may be the points: {both}", hint=f"--points '{','.join(_labels(points[0]))}'"
         )
     if points:
         stated = {column.unit for column in points[0]}
         unit = stated.pop() if len(stated) == 1 else None
         if unit is None and all(_OF_ROS.match(column.written) for column in points[0]):
             unit = "m"  # as ROS has it (REP 103)
-        found |= {"points": _labels(points[0]), "point_unit": unit if unit in _LENGTHS else None}
+        found |= {"points": _labels(points[0]), "point_unit": unit}
     else:
         found.pop("point_std", None)
     own_pose = [column for column in free if re.fullmatch(r"(?:.*_)?(?:tcp_pose|o_t_ee)_?\d+", column.stem)]
@@ -420,14 +420,14 @@ def _orientation(free: Sequence[_Name], remarks: list[str]) -> dict[str, Any]:
 
 
 def _single(free: Sequence[_Name], remarks: list[str]) -> dict[str, Any]:
-    """Columns of which a reading has one: time, names, temperature; and those with the names of a session file."""
+    """Columns of which a reading has one, such as its temperature; and those with the names of a session file."""
     others = {column.written: column.label for column in free if is_other(column.written)}
     found: dict[str, Any] = {}
     for what, pattern in _SINGLE.items():
         matching = [column for column in free if re.fullmatch(pattern, column.stem)]
         if what == "temperature" and len(matching) > 1:
             remarks.append(f"{', '.join(_labels(matching))} are several temperatures: none is read. Use --temperature.")
-        elif matching and not (what == "payload" and matching[0].unit not in (None, "kg")):
+        elif matching:
             others.pop(matching[0].written, None)
             key = {"payload": PAYLOAD, "serial_number": "serial_number"}.get(what)
             (others if key else found)[key or what] = matching[0].label

@@ -71,6 +71,12 @@ class TableColumns:
                 hint = f"one of {', '.join((*OTHER_NAMES, *OTHER_NUMBERS, 'load_..', f'{DIRECTION}1'))}"
                 raise InputError(f"a session file has no column {quoted_cell(name)} to import to", hint=hint)
 
+    def all(self) -> list[str]:
+        """Every column that is read."""
+        several = (*self.angles, *self.points, *self.point_std, *self.position, *self.orientation)
+        single = (self.seat, self.session, self.temperature)
+        return [*several, *(column for column in single if column), *self.others.values()]
+
     def or_else(self, known: TableColumns) -> Self:
         """Return these columns, and those of `known` for what is not stated here."""
         chosen = {f.name: getattr(self, f.name) or getattr(known, f.name) for f in fields(self)}

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, cast, get_args
 
@@ -13,14 +14,15 @@ from truearm.errors import InputError
 from truearm.files.delimited import quoted_cell
 from truearm.files.tables.reading import read_table
 from truearm.files.tables.table import Table, TableForm, listed
-from truearm.files.tables.units import canonical_unit
+from truearm.files.tables.units import canonical_unit, conversion, unit_in_name
 from truearm.readings.checks import has_reference
 from truearm.readings.foreign.joined_logs import STANDSTILL_MM, STANDSTILL_S, join_tables, measured_columns
 from truearm.readings.foreign.joint_scale import JointScale, JointUnit, certain_unit
 from truearm.readings.foreign.no_readings import far_turned, lost_targets, lost_zero, not_seen, statistics_at_ends
 from truearm.readings.foreign.orientations import OrientationUnit, check_orientation_columns, read_orientations
-from truearm.readings.foreign.program_columns import ProgramColumns, recognise_program_columns
+from truearm.readings.foreign.program_columns import ProgramColumns, recognise_program_columns, split_unit
 from truearm.readings.foreign.table_columns import OTHER_NAMES, TableColumns
+from truearm.readings.foreign.time_columns import time_columns
 from truearm.readings.foreign.units_above import length_unit_above
 from truearm.readings.readings import ANCHOR_DISTANCE, DIRECTION, LOAD, SHARED_UNCERTAINTIES, SPHERE_DISTANCE
 from truearm.readings.session import Session
@@ -31,7 +33,8 @@ if TYPE_CHECKING:
 
 PointUnit = Literal["mm", "m", "um", "in", "cm"]
 
-_TO_MM: dict[str, float] = {"mm": 1.0, "m": 1000.0, "um": 0.001, "in": 25.4, "cm": 10.0}
+# Columns that stand for those of the other table.
+_ANY = ("", "", "")
 
 # Goal coordinates that differ by less than this many decimals name one position.
 _POSITION_DECIMALS = 6
@@ -214,56 +217,49 @@ def read_foreign_tables(
         known = recognise_program_columns(first.names, first.units, columns)
         return interpret_table(first, columns, scale, known=known, **meaning)
     points = more[0]
-    known = _known_of_two(first, points, columns)
-    unit = meaning.get("point_unit") or known.point_unit or "mm"
+    # Each table is asked for its own part alone.
+    known = recognise_program_columns(first.names, first.units, replace(columns, points=_ANY))
+    tip = recognise_program_columns(points.names, points.units, replace(columns, angles=_ANY))
+    # Where names tell nothing, the columns of numbers that are no times and do not count the rows do.
+    angles = columns.angles or known.columns.angles or [str(i + 1) for i in measured_columns(first)]
+    at = columns.points or tip.columns.points or [str(i + 1) for i in measured_columns(points)]
+    unit = meaning.get("point_unit") or tip.point_unit or "mm"
     joined = join_tables(
         first,
         points,
         by,
-        angles=[first.index(column) for column in columns.angles or known.columns.angles],
-        point=[points.index(column) for column in columns.points or known.columns.points],
-        point_unit_mm=_TO_MM[unit],
+        angles=[first.index(column) for column in angles],
+        point=[points.index(column) for column in at[:3]],
+        point_unit_mm=_mm(unit),
         time_offset_s=time_offset_s,
         standstill_s=standstill_s,
         standstill_mm=standstill_mm,
     )
     n = len(joined.names) - len(points.names)
 
-    def there(names: Sequence[str]) -> tuple[str, ...]:
+    def there(column: Any) -> Any:
         """Columns of the table of points, by what they are called in the joined one."""
-        return tuple(joined.names[n + points.index(name)] for name in names)
+        if isinstance(column, str):
+            return joined.names[n + points.index(column)]
+        if isinstance(column, Mapping):
+            return {name: there(one) for name, one in column.items()}
+        return column and tuple(there(one) for one in column)
 
+    of_tip = {f.name: there(getattr(tip.columns, f.name)) for f in fields(TableColumns)}
+    if len(at) == 3:
+        of_tip["points"] = there(at)
+    measured = {name: of_tip[name] for name in ("points", "point_std", "orientation")}
     stated = replace(columns, points=there(columns.points), point_std=there(columns.point_std))
-    at = known.columns
-    at = replace(at, points=there(at.points), point_std=there(at.point_std), orientation=there(at.orientation))
-    known = replace(known, columns=at)
-    return interpret_table(joined, stated, scale, known=known, **meaning)
-
-
-def _known_of_two(joints: Table, points: Table, stated: TableColumns) -> ProgramColumns:
-    """What two tables hold: angles and all else from the first, the tip from the second.
-
-    Where names tell nothing, the columns of numbers that are no times and do not count the rows do.
-    """
-    known, tip = (recognise_program_columns(table.names, table.units, stated) for table in (joints, points))
-    angles, at = known.columns.angles, tip.columns.points
-    if not angles and not stated.angles:
-        angles = tuple(str(i + 1) for i in measured_columns(joints))
-    if not at and not stated.points and len(free := measured_columns(points)) == 3:
-        at = tuple(str(i + 1) for i in free)
-    columns = replace(
-        known.columns, angles=angles, points=at, point_std=tip.columns.point_std, orientation=tip.columns.orientation
-    )
-    return replace(
-        known,
-        columns=columns,
+    with suppress(InputError):  # of the first table
+        stated = replace(stated, orientation=there(columns.orientation))
+    recognised = replace(
+        tip,
+        columns=replace(known.columns, **measured, angles=angles).or_else(TableColumns(**of_tip)),
         angle_units=known.angle_units or (None,) * len(angles),
-        point_unit=tip.point_unit,
-        orientation_unit=tip.orientation_unit,
-        orientation_order=tip.orientation_order,
-        phrases=(*known.phrases, *tip.phrases),
+        phrases={**tip.phrases, **{k: said for k, said in known.phrases.items() if k not in measured}},
         remarks=(*known.remarks, *tip.remarks),
     )
+    return interpret_table(joined, stated, scale, known=recognised, **meaning)
 
 
 def interpret_table(
@@ -300,13 +296,15 @@ def interpret_table(
     _check_stated(point_unit, u_mm)
     assumed, remarks = list(table.assumed), list[str]()
     units: Sequence[str | None] = ()
+    known_unit = None
     if known is not None:
         units = () if columns.angles else known.angle_units
+        known_unit = None if columns.points else known.point_unit
         if not columns.orientation:
             orientation_unit = orientation_unit or cast(Any, known.orientation_unit)
             orientation_order = orientation_order or known.orientation_order
         columns = _whole_columns(table, columns, known, orientation_unit, remarks)
-        assumed += known.phrases
+        assumed += [said for k, said in known.phrases.items() if getattr(columns, k) == getattr(known.columns, k)]
         remarks += known.remarks
     if not columns.angles:
         raise table.error(
@@ -321,10 +319,12 @@ def interpret_table(
     table = _readings_of(table, columns, remarks)
     values, points = _numbers(table, columns.angles), _numbers(table, columns.points)
     scale = _with_unit(scale, table, columns.angles, units, values, assumed)
-    of_program = None if known is None or columns.points != known.columns.points else known.point_unit
-    unit = point_unit or _point_unit(table, columns, of_program, points, assumed)
-    to_mm = [_TO_MM[unit] if point_unit else _TO_MM[_unit_of(table, c) or unit] for c in columns.points]
-    fields = _tip_fields(table, columns, points * to_mm, unit, orientation_unit, orientation_order, remarks)
+    unit = point_unit or _point_unit(table, columns, points, known_unit, assumed)
+    if points.size and point_unit is None:
+        points = np.stack([_in_unit(table, column, "mm", unit) for column in columns.points], axis=1)
+    else:
+        points = points * _mm(unit)
+    fields = _tip_fields(table, columns, points, unit, orientation_unit, orientation_order, remarks)
     fields |= _other_fields(table, columns, unit)
     for name, stated in (("session", session_name), ("serial_number", serial_number)):
         if stated is not None:
@@ -339,7 +339,12 @@ def interpret_table(
         numbers=table.lines if table.place == "line" else None,
         by_line=table.place == "line",
     )
-    _name_unread(table, columns, session, remarks)
+    if not has_reference(session).any():
+        remarks.append("No reference is read: no points, seats or distances. A fit needs some: --points X,Y,Z")
+    read = {*columns.all(), *(known.columns.all() if known else ())}
+    seen = {*time_columns(table), *(table.index(column) for column in read)}
+    if unread := [name for i, name in enumerate(table.names) if i not in seen]:
+        remarks.append(f"Not read: {listed(unread, 10)}.")
     return ImportedTable(session, columns, tuple(scale.units(session.n_joints)), tuple(assumed), tuple(remarks))
 
 
@@ -356,11 +361,29 @@ def _whole_columns(
     for name, column in columns.others.items():
         if name in OTHER_NAMES or name in ANCHOR_DISTANCE or name in SPHERE_DISTANCE or name in stated.others:
             others[name] = column
-        elif np.isnan(table.numbers(table.index(column))).any():
-            remarks.append(f"{column} has no number in some rows: not read. Use --column {name}={column} to insist.")
+        elif why := _why_not(table, column, _unit_of(name), every_row=True):
+            remarks.append(f"{column}: {why}: not read. Use --column {name}={column} to insist.")
         else:
             others[name] = column
+    if columns.temperature and (why := _why_not(table, columns.temperature, "degC")) and not stated.temperature:
+        remarks.append(f"{columns.temperature}: {why}: not read.")
+        columns = replace(columns, temperature=None)
+    indices = [table.index(column) for column in columns.position]
+    if not stated.position and any("" in table.words(i) for i in indices):
+        remarks.append(f"{', '.join(columns.position)} are empty in some rows: not read.")
+        columns = replace(columns, position=())
     return stated.or_else(replace(columns, others=others))
+
+
+def _why_not(table: Table, column: str, unit: str, *, every_row: bool = False) -> str:
+    """Why a recognised column cannot be read; empty if it can."""
+    try:
+        lacks = np.isnan(_in_unit(table, column, unit))
+    except InputError as error:
+        return error.problem
+    if lacks.all():
+        return "no numbers"
+    return "no number in some rows" if every_row and lacks.any() else ""
 
 
 def _readings_of(table: Table, columns: TableColumns, remarks: list[str]) -> Table:
@@ -449,20 +472,21 @@ def import_points(
         row, k = np.argwhere(np.isnan(points))[0].tolist()
         hint = "measure the point, or delete its row"
         raise table.error("expected a number, got an empty cell", row, column=table.index(columns[k]), hint=hint)
-    return points * _TO_MM[point_unit]
+    return points * _mm(point_unit)
 
 
 def _check_stated(point_unit: str | None, u_mm: float | None) -> None:
-    if point_unit is not None and point_unit not in _TO_MM:
-        raise InputError(f"unknown unit of points {quoted_cell(point_unit)}", hint=f"one of {', '.join(_TO_MM)}")
+    if point_unit is not None and point_unit not in get_args(PointUnit):
+        hint = f"one of {', '.join(get_args(PointUnit))}"
+        raise InputError(f"unknown unit of points {quoted_cell(point_unit)}", hint=hint)
     if u_mm is not None and not 0 < u_mm < np.inf:
         raise InputError(f"expected a standard uncertainty above zero, got {u_mm:g} mm", hint="--u-mm 0.05")
 
 
 def _check_once(table: Table, columns: TableColumns) -> None:
     """Refuse columns that are not there, and one that holds two different numbers."""
-    stated = [*columns.angles, *columns.points, *columns.point_std, *columns.orientation]
-    indices = [table.index(c) for c in (*stated, *([columns.temperature] if columns.temperature else ()))]
+    numbers = replace(columns, seat=None, session=None, position=(), others={})
+    indices = [table.index(column) for column in numbers.all()]
     for i in indices:
         if indices.count(i) > 1:
             raise table.error("the column is used for two things", column=i)
@@ -517,19 +541,32 @@ def _with_unit(
     raise table.error(problem, 0, column=column, hint=f"--angle-unit deg, --angle-unit rad, or {hint}")
 
 
+def _mm(unit: str) -> float:
+    """How many mm a unit of length is."""
+    found = conversion(unit, "mm")
+    assert found is not None
+    return found[0]
+
+
 def _point_unit(
-    table: Table, columns: TableColumns, known: str | None, points: FloatArray, assumed: list[str]
+    table: Table, columns: TableColumns, points: FloatArray, known: str | None, assumed: list[str]
 ) -> PointUnit:
     """Unit of the points: as the table states it, or mm where an arm's points can be in nothing else."""
     if not columns.points:
         return "mm"
-    stated = [_unit_of(table, column) or known for column in columns.points]
+    stated = [known or canonical_unit(table.units[table.index(c)]) or None for c in columns.points]
     if None in stated and (above := length_unit_above(table)):
         assumed.append(f"points in {above}, as the lines above the table say")
         stated = [unit or above for unit in stated]
+    if odd := [unit for unit in stated if unit and unit not in get_args(PointUnit)]:
+        raise table.error(
+            f"the points are in {odd[0]}",
+            column=table.index(columns.points[0]),
+            hint=f"--point-unit with one of {', '.join(get_args(PointUnit))}; other columns: --points X,Y,Z",
+        )
     seen = points[~(np.isnan(points).any(axis=1) | lost_targets(points))]
     if None not in stated:
-        seen = seen * [_TO_MM[str(unit)] for unit in stated]
+        seen = seen * [_mm(str(unit)) for unit in stated]
     # Half of the points decide: one may be a mistake.
     span = 2 * float(np.median(np.abs(seen - np.median(seen, axis=0)).max(axis=1))) if len(seen) else 0.0
     is_usual = len(seen) < _FEWEST_POINTS or _SMALLEST_SPAN <= span <= _LARGEST_SPAN
@@ -571,20 +608,21 @@ def _tip_fields(
 
         found = read_orientations(_numbers(table, columns.orientation), orientation_unit, orientation_order, refuse)
         fields["quaternion"] = found.quaternion
-        points = points if found.translation is None else found.translation * _TO_MM[unit]
+        points = points if found.translation is None else found.translation * _mm(unit)
     if not points.size:
         return fields
-    lost = lost_targets(points / _TO_MM[unit]) | (np.isnan(points).any(axis=1) & ~np.isnan(points).all(axis=1))
+    in_table = points / _mm(unit)
+    lost = lost_targets(in_table) | (np.isnan(points).any(axis=1) & ~np.isnan(points).all(axis=1))
     lost |= _said_lost(table, remarks)
     _name_frozen(table, points, lost, remarks)
     if lost.any():
         row = int(np.argmax(lost))
-        got = ", ".join(f"{v:g}" for v in (points[row] / _TO_MM[unit]).tolist())
+        got = ", ".join(f"{v:g}" for v in in_table[row].tolist())
         remarks.append(f"{_called(table, ~lost)}: {got} is no point (target lost); the reading has no point.")
     points = np.where(lost[:, None], np.nan, points)
     fields["points"] = points
     if columns.point_std:
-        std = _numbers(table, columns.point_std) * [_TO_MM[_unit_of(table, c) or unit] for c in columns.point_std]
+        std = np.stack([_in_unit(table, column, "mm", unit) for column in columns.point_std], axis=1)
         fields["point_std"] = np.where(np.isnan(points), np.nan, std)
     return fields
 
@@ -606,18 +644,6 @@ def _name_frozen(table: Table, points: FloatArray, lost: BoolArray, remarks: lis
         remarks.append(f"{_called(table, ~same)}: the same point as in the row above, to the last digit.")
 
 
-def _name_unread(table: Table, columns: TableColumns, session: Session, remarks: list[str], most: int = 8) -> None:
-    """Name the columns of numbers that were not read, and a session without any reference."""
-    read = [*columns.angles, *columns.points, *columns.point_std, *columns.orientation, *columns.position]
-    read += [c for c in (columns.seat, columns.session, columns.temperature, *columns.others.values()) if c]
-    known = {table.index(column) for column in read}
-    unread = [table.names[i] for i in measured_columns(table) if i not in known]
-    if not has_reference(session).any():
-        remarks.append("No reference is read: no points, seats or distances. A fit needs some: --points X,Y,Z")
-    if unread:
-        remarks.append(f"Not read: {listed(unread, most)}.")
-
-
 def _other_fields(table: Table, columns: TableColumns, unit: str) -> dict[str, Any]:
     """Names, temperature, loads, distances and what else a session holds beside angles and tips."""
     fields: dict[str, Any] = {"position": _positions(table, columns.position)}
@@ -625,9 +651,9 @@ def _other_fields(table: Table, columns: TableColumns, unit: str) -> dict[str, A
     named |= {name: column for name, column in columns.others.items() if name in OTHER_NAMES}
     fields |= {name: table.words(table.index(column)) for name, column in named.items() if column}
     if columns.temperature:
-        fields["temperature_degC"] = _carried_on(table.numbers(table.index(columns.temperature)))
+        fields["temperature_degC"] = _carried_on(_in_unit(table, columns.temperature, "degC"))
     numbers = {
-        name: table.numbers(table.index(column)) * (_TO_MM[_unit_of(table, column) or unit] if "_mm" in name else 1.0)
+        name: _in_unit(table, column, _unit_of(name), unit if name.endswith("_mm") else None)
         for name, column in columns.others.items()
         if name not in OTHER_NAMES
     }
@@ -645,10 +671,23 @@ def _other_fields(table: Table, columns: TableColumns, unit: str) -> dict[str, A
     return fields
 
 
-def _unit_of(table: Table, column: str) -> str | None:
-    """Unit of a length as the table writes it; None where it states none."""
-    unit = canonical_unit(table.units[table.index(column)])
-    return unit if unit in _TO_MM else None
+def _unit_of(name: str) -> str:
+    """Unit of a column of a session file, by its name; empty if it has none."""
+    return canonical_unit(name.rpartition("_")[2]) or ""
+
+
+def _in_unit(table: Table, column: str, unit: str, default: str | None = None) -> FloatArray:
+    """Numbers of a column in a unit, from that which the table states, or else the default."""
+    index = table.index(column)
+    values = table.numbers(index)
+    written = canonical_unit(table.units[index] or unit_in_name(table.names[index]))
+    found = conversion(written or split_unit(table.names[index])[1] or default or unit, unit)
+    if not unit or (found is None and not written):  # T_m may be "measured"
+        found = conversion(default or unit, unit)
+    if found is None:
+        hint = f"another column, or one in {unit}"
+        raise table.error(f"expected numbers in {unit}, got {written}", column=index, hint=hint)
+    return values * found[0] + found[1]
 
 
 def _state_uncertainty(fields: dict[str, Any], u_mm: float) -> None:
@@ -664,11 +703,9 @@ def _state_uncertainty(fields: dict[str, Any], u_mm: float) -> None:
 
 def _carried_on(degC: FloatArray) -> FloatArray:
     """Temperatures that were not logged in every row: the last one above, or the first below."""
-    known = np.flatnonzero(~np.isnan(degC))
-    if not len(known):
-        return degC  # the session refuses it
-    last = np.searchsorted(known, np.arange(len(degC)), side="right") - 1
-    return degC[known[np.maximum(last, 0)]]
+    import pandas as pd
+
+    return np.asarray(pd.Series(degC).ffill().bfill(), dtype=float)
 
 
 def _positions(table: Table, columns: Sequence[str]) -> NameArray | None:

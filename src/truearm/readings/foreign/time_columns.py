@@ -8,22 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from truearm.files.tables.table import Table
+from truearm.files.tables.units import canonical_unit, conversion
 from truearm.typing import FloatArray, NameArray
 
-SECONDS = {"s": 1.0, "sec": 1.0, "secs": 1.0, "second": 1.0, "seconds": 1.0, "sek": 1.0, "min": 60.0, "h": 3600.0}
-SECONDS |= {"ms": 1e-3, "msec": 1e-3, "millis": 1e-3, "milliseconds": 1e-3, "us": 1e-6, "usec": 1e-6, "µs": 1e-6}
-SECONDS |= {"μs": 1e-6, "micros": 1e-6, "microseconds": 1e-6, "ns": 1e-9, "nsec": 1e-9, "nanos": 1e-9}
-SECONDS |= {"nanoseconds": 1e-9}
 TIME = re.compile(
     r"(^|[^a-z])(time|times|timestamp|stamp|t|zeit|datum|date|datetime|uhrzeit|clock|elapsed|时间)([^a-z]|$)|timestamp"
     r"|^(secs?|seconds|millis|milliseconds|micros|nanos)$",
 )
 WHOLE = re.compile(r"(^|[^a-z])(secs?|seconds|tv_sec)$")
 REST = re.compile(r"(^|[^a-z])(nanosecs?|nsecs?|nanoseconds|nanos|tv_nsec)$")
-# An epoch of Unix in 2001 .. 2096, in each unit.
-EPOCHS = [(1e9, 4e9, "s"), (1e12, 4e12, "ms"), (1e15, 4e15, "us"), (1e18, 4e18, "ns")]
-# Median steps of logs without a unit, where samples come regularly: 2 Hz to 2 kHz.
-REGULAR = [(5e-4, 0.5, "s"), (0.5, 500.0, "ms"), (500.0, 2e5, "us"), (2e5, 5e8, "ns")]
+# An epoch of Unix in 2001 .. 2096, and steps of logs whose samples come regularly, 2 Hz to 2 kHz [s].
+EPOCH, REGULAR = (1e9, 4e9), (5e-4, 0.5)
 CLOCK, TWELVE = "%H:%M:%S.%f", "%I:%M:%S.%f %p"
 DATES = ("%d.%m.%Y", "%Y/%m/%d", "%m/%d/%Y", "%d/%m/%Y")
 FORMATS = ("ISO8601", CLOCK, *(f"{date} {clock}" for date in DATES for clock in (CLOCK, TWELVE)))
@@ -82,31 +77,31 @@ def time_of(table: Table) -> Times | None:
 
 def _numeric(table: Table, i: int) -> Times:
     values, name = table.numbers(i), table.names[i]
-    unit = _unit_of(table.units[i], name)
     said = f"times from {name}"
-    if unit is None:
-        unit = _unit_by_size(values)
-        said += f", taken as {unit}"
-    return _rising(table, values * SECONDS[unit], (i,), said)
-
-
-def _unit_of(unit: str, name: str) -> str | None:
-    written = unit.strip(" []()").casefold()
-    if written in SECONDS:
-        return written
     last = re.split(r"[^a-zµμ]+", name.casefold().strip(" ])"))[-1]
-    return last if last in SECONDS else None
+    factor = _factor(table.units[i]) or _factor(last)
+    if factor is None:
+        unit = _unit_by_size(values)
+        said, factor = f"{said}, taken as {unit}", _factor(unit)
+    return _rising(table, values * (factor or 1.0), (i,), said)
+
+
+def _factor(written: str) -> float | None:
+    """How many seconds a written unit is; None if it is no unit of time."""
+    found = conversion(canonical_unit(written.casefold()) or "", "s")
+    return found and found[0]
 
 
 def _unit_by_size(values: FloatArray) -> str:
     known = values[np.isfinite(values)]
-    for low, high, unit in EPOCHS:
-        if len(known) and low <= np.median(known) < high:
-            return unit
     steps = np.diff(known)
-    step = float(np.median(steps)) if len(steps) else 1.0
-    if len(steps) >= 50 and np.median(np.abs(steps - step)) < 0.2 * step:
-        return next((unit for low, high, unit in REGULAR if low <= step < high), "s")
+    sizes = [(float(np.median(known)), EPOCH)] if len(known) else []
+    if len(steps) >= 50 and np.median(np.abs(steps - np.median(steps))) < 0.2 * np.median(steps):
+        sizes.append((float(np.median(steps)), REGULAR))
+    for size, (low, high) in sizes:
+        for k, unit in enumerate(("s", "ms", "us", "ns")):
+            if low <= size * 1e-3**k < high:
+                return unit
     return "s"
 
 
