@@ -99,6 +99,14 @@ def test_what_is_stated_is_not_said_to_be_recognised():
     assert not any("X [mm]" in phrase for phrase in found.assumed)
 
 
+def test_a_stated_name_wins_over_a_recognised_column():
+    options = {"session_name": "May", "serial_number": "7"}
+    found = read(JOINTS | POINTS | {"session": "a", "serial_number": "b"}, **options)
+    assert (set(found.session.session), set(found.session.serial_number)) == ({"May"}, {"7"})
+    with pytest.raises(InputError, match="the session is given twice"):
+        read(JOINTS | POINTS | {"run": "a"}, columns=TableColumns(session="run"), **options)
+
+
 def test_two_sets_of_points_are_settled_by_the_option_that_is_named():
     both = POINTS | {f"P{axis}": values for axis, values in zip("xyz", POINTS.values(), strict=True)}
     for tables in ((JOINTS | both,), (JOINTS, both), (JOINTS | both, both)):

@@ -16,14 +16,11 @@ if TYPE_CHECKING:
     from truearm.readings import ImportedTable
     from truearm.typing import FloatArray
 
-# Options of points to measure, and of sessions, that the other does not take.
+# Options of points to measure that a session does not take, those that both take, and those that join two tables.
 FOR_FORMS = ("date", "artefact_temperature")
+FOR_BOTH = {"table", "into", "points", "point_unit", "serial_number", "separator", "decimal", "thousands", "header"}
+FOR_BOTH |= {"skip_lines", "encoding", "part"}
 FOR_TWO = ("by", "time_offset", "standstill_seconds", "standstill_mm")
-NOT_FOR_FORMS = (
-    *("out", "angles", "angle_unit", "counts_per_turn", "sign", "zero", "couple", "point_std", "u_mm"),
-    *("orientation", "orientation_unit", "orientation_order", "temperature", "seat", "tip", "position", "session"),
-    *("column", "session_name", "preview", "as_json", "points_from", *FOR_TWO),
-)
 _ONE_EACH = "one, or one a joint, separated by commas"
 PREVIEW_ROWS = 5
 MOST_IN_A_RANGE = 100  # columns of 1-6
@@ -127,7 +124,8 @@ def import_table(
         part or None,
     )  # fmt: skip
     if into is not None:
-        refuse_typed(context, NOT_FOR_FORMS, "does not apply to --into")
+        others = [str(option.name) for option in context.command.params if option.name not in (*FOR_FORMS, *FOR_BOTH)]
+        refuse_typed(context, others, "does not apply to --into")
         _fill(table, into, _listed(points), point_unit, form, date, artefact_temperature, serial_number)
         return
     refuse_typed(context, FOR_FORMS, "applies to --into only", hint="omit it, or use --into")

@@ -179,7 +179,7 @@ def recognise_program_columns(
     names, units : sequence of str
         As `Table` has them.
     stated : TableColumns, optional
-        Angles or points that a person states are not looked for.
+        Columns that a person states: they are nothing else, and what they hold is not looked for.
 
     Raises
     ------
@@ -194,19 +194,20 @@ def recognise_program_columns(
     ('columns of UR RTDE: actual_q_0 .. actual_q_5 [rad]', 'points x_mm, y_mm, z_mm')
     """
     written = [unicodedata.normalize("NFC", name).strip() for name in names]
-    stated = stated or TableColumns()
     of_table = [*units, *[""] * (len(names) - len(units))]
+    known = stated or TableColumns()
+    taken = {*known.angles, *known.points, *known.point_std, *known.orientation}
     plain = [_without_number(name, written) for name in written]
-    taken = {*stated.angles, *stated.points, *stated.point_std, *stated.orientation}
     table = [
         _Name(name if name and written.count(name) == 1 else str(i + 1), *split_unit(plain[i], of_table[i]), plain[i])
         for i, name in enumerate(written)
         if not {name, str(i + 1)} & taken
     ]
     remarks: list[str] = []
-    joints = None if stated.angles else _chosen_joints(table, remarks)
+    joints = None if known.angles else _chosen_joints(table, remarks)
     free = [column for column in table if joints is None or column not in joints.columns]
-    found = _tip(free, bool(joints or stated.angles), bool(stated.points), remarks) | _single(free, remarks)
+    found = _tip(free, remarks, has_joints=bool(joints or known.angles), is_stated=bool(known.points))
+    found |= _single(free, remarks)
     joints = _of_controller(joints, free)
     phrases: dict[str, str] = {}
     if joints:
@@ -283,12 +284,12 @@ def _numbered(table: Sequence[_Name], remarks: list[str]) -> list[_Joints]:
             match = pattern.fullmatch(column.stem)
             if match is None or column in taken:
                 continue
-            before = match["before"] or ""
+            before, i = match["before"] or "", int(match["i"])
             if not (_words_match(_NOT_MEASURED, before) or _words_match(_OTHER_QUANTITY, before)):
                 end = column.stem[match.end("i") :]
-                one_run = (column.stem[: match.start("i")], end if len(end) != len("_s") else "")
-                again = next(n for n in range(len(table)) if int(match["i"]) not in groups[*one_run, n])
-                groups[*one_run, again][int(match["i"])] = column
+                run = (column.stem[: match.start("i")], end if len(end) != len("_s") else "")
+                again = next(n for n in range(len(table)) if i not in groups[*run, n])
+                groups[*run, again][i] = column
         for numbers in groups.values():
             first, last = min(numbers), max(numbers)
             if first > 1 or len(numbers) < 2:
@@ -322,8 +323,8 @@ def _named(table: Sequence[_Name]) -> list[_Joints]:
     return runs
 
 
-def _tip(free: Sequence[_Name], has_joints: bool, is_stated: bool, remarks: list[str]) -> dict[str, Any]:
-    """Points, their uncertainties and orientations."""
+def _tip(free: Sequence[_Name], remarks: list[str], *, has_joints: bool, is_stated: bool) -> dict[str, Any]:
+    """Points, their uncertainties and orientations; where points are stated no others are looked for."""
     found: dict[str, Any] = _orientation(free, remarks)
     used = set(found.pop("used", ()))
     groups: dict[tuple[str, ...], dict[str, _Name]] = defaultdict(dict)
@@ -340,7 +341,7 @@ def _tip(free: Sequence[_Name], has_joints: bool, is_stated: bool, remarks: list
                 again = next(str(n) for n in range(len(free)) if match["axis"] not in groups[(*key, str(n))])
                 groups[(*key, again)][match["axis"]] = column
     own = {column.stem for column in free}
-    of_controller = has_joints and any({*turned} <= own for turned in ("abc", "wpr", ("rx", "ry", "rz")))
+    of_controller = has_joints and ({"a", "b", "c"} <= own or {"w", "p", "r"} <= own or {"rx", "ry", "rz"} <= own)
     ranked: dict[int, list[tuple[_Name, ...]]] = defaultdict(list)
     for key, axes in groups.items():
         if len(axes) < 3:
@@ -352,13 +353,15 @@ def _tip(free: Sequence[_Name], has_joints: bool, is_stated: bool, remarks: list
         elif _words_match(_CONTROLLER, beside) or beside == "tool" or (of_controller and not beside):
             remarks.append(
                 f"{_span(columns)} are the controller's own pose, which is no reference. Use "
-                f"--points '{','.join(_labels(columns))}' if an instrument measured them."
+                f"--points {','.join(_labels(columns))} if an instrument measured them."
             )
         elif _words_match(_NOT_MEASURED, beside) and not _words_match(_OTHER_QUANTITY, beside):
             found.setdefault("position", _labels(columns))  # readings of one goal are neighbours
         elif not _words_match(_OTHER_QUANTITY, beside):
             ranked[0 if _words_match(_INSTRUMENT, beside) else 1].append(columns)
-    points = ranked[min(ranked)] if ranked and not is_stated else []
+    points = ranked[min(ranked)] if ranked else []
+    if is_stated:
+        points = []
     if len(points) > 1:
         both = " and ".join(", ".join(_labels(columns)) for columns in points)
         raise InputError(
@@ -390,8 +393,6 @@ def _orientation(free: Sequence[_Name], remarks: list[str]) -> dict[str, Any]:
         if match := _QUATERNION.fullmatch(column.stem):
             groups[match["before"] or ""][match["axis"]] = column
     whole = {b: axes for b, axes in groups.items() if len(axes) == 4 and not _words_match(_CONTROLLER, b)}
-    if len(whole) > 1:
-        remarks.append(f"{' and '.join(_span([*axes.values()]) for axes in whole.values())}: none is read of several.")
     if len(whole) == 1:
         used = [next(iter(whole.values()))[axis] for axis in "wxyz"]
         return {"orientation": _labels(used), "used": used}
@@ -404,12 +405,8 @@ def _orientation(free: Sequence[_Name], remarks: list[str]) -> dict[str, Any]:
     turned = {column.stem: column for column in free}
     if {"roll", "pitch", "yaw"} <= turned.keys():
         used = [turned[name] for name in ("roll", "pitch", "yaw")]
-        return {
-            "orientation": _labels(used),
-            "orientation_order": "xyz",
-            "orientation_unit": used[0].unit,
-            "used": used,
-        }
+        fixed = {"orientation_order": "xyz", "orientation_unit": used[0].unit}
+        return {"orientation": _labels(used), "used": used, **fixed}
     if {"rx", "ry", "rz"} <= turned.keys():
         remarks.append(
             "rx, ry, rz may be a rotation vector or Euler angles: not read. Use --orientation rx,ry,rz with "

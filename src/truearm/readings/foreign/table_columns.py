@@ -32,8 +32,7 @@ class TableColumns:
     Parameters
     ----------
     angles : sequence of str, optional
-        One column a joint, base to tip. Without them all columns are recognised by their names; those stated here
-        count all the same.
+        One column a joint, base to tip.
     points, point_std : sequence of three str, optional
         Reference point and its standard uncertainties, x, y, z.
     seat, session, temperature : str, optional

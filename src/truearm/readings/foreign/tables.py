@@ -22,7 +22,6 @@ from truearm.readings.foreign.no_readings import far_turned, lost_targets, lost_
 from truearm.readings.foreign.orientations import OrientationUnit, check_orientation_columns, read_orientations
 from truearm.readings.foreign.program_columns import ProgramColumns, recognise_program_columns, split_unit
 from truearm.readings.foreign.table_columns import OTHER_NAMES, TableColumns
-from truearm.readings.foreign.time_columns import time_columns
 from truearm.readings.foreign.units_above import length_unit_above
 from truearm.readings.readings import ANCHOR_DISTANCE, DIRECTION, LOAD, SHARED_UNCERTAINTIES, SPHERE_DISTANCE
 from truearm.readings.session import Session
@@ -32,9 +31,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 PointUnit = Literal["mm", "m", "um", "in", "cm"]
-
-# Columns that stand for those of the other table.
-_ANY = ("", "", "")
 
 # Goal coordinates that differ by less than this many decimals name one position.
 _POSITION_DECIMALS = 6
@@ -102,7 +98,7 @@ def import_table(
     table : path or pandas.DataFrame
         Delimited text, a workbook, an array, a log: see docs/import.md.
     columns : TableColumns, optional
-        Which column holds what. Those not stated are recognised by their names if no angles are stated.
+        Which column holds what. Those not stated are recognised by their names.
     scale : JointScale, optional
         How its joint values become angles.
     points_from : path or pandas.DataFrame, optional
@@ -217,9 +213,7 @@ def read_foreign_tables(
         known = recognise_program_columns(first.names, first.units, columns)
         return interpret_table(first, columns, scale, known=known, **meaning)
     points = more[0]
-    # Each table is asked for its own part alone.
-    known = recognise_program_columns(first.names, first.units, replace(columns, points=_ANY))
-    tip = recognise_program_columns(points.names, points.units, replace(columns, angles=_ANY))
+    known, tip = (recognise_program_columns(table.names, table.units, columns) for table in tables)
     # Where names tell nothing, the columns of numbers that are no times and do not count the rows do.
     angles = columns.angles or known.columns.angles or [str(i + 1) for i in measured_columns(first)]
     at = columns.points or tip.columns.points or [str(i + 1) for i in measured_columns(points)]
@@ -256,7 +250,8 @@ def read_foreign_tables(
         tip,
         columns=replace(known.columns, **measured, angles=angles).or_else(TableColumns(**of_tip)),
         angle_units=known.angle_units or (None,) * len(angles),
-        phrases={**tip.phrases, **{k: said for k, said in known.phrases.items() if k not in measured}},
+        phrases={k: said for k, said in known.phrases.items() if k not in measured}
+        | {k: said for k, said in tip.phrases.items() if k in measured or k not in known.phrases},
         remarks=(*known.remarks, *tip.remarks),
     )
     return interpret_table(joined, stated, scale, known=recognised, **meaning)
@@ -296,10 +291,9 @@ def interpret_table(
     _check_stated(point_unit, u_mm)
     assumed, remarks = list(table.assumed), list[str]()
     units: Sequence[str | None] = ()
-    known_unit = None
+    by_hand = columns
     if known is not None:
         units = () if columns.angles else known.angle_units
-        known_unit = None if columns.points else known.point_unit
         if not columns.orientation:
             orientation_unit = orientation_unit or cast(Any, known.orientation_unit)
             orientation_order = orientation_order or known.orientation_order
@@ -311,7 +305,6 @@ def interpret_table(
             f"no column of joint angles is known among {listed(table.names)}",
             hint=_columns_hint(table),
         )
-    _check_named_twice(columns, session_name, serial_number)
     check_orientation_columns(len(columns.orientation), orientation_unit, orientation_order)
     if scale.unit is not None:  # wrong numbers of signs or zeros before all else
         scale.to_angles(np.zeros((1, len(columns.angles))))
@@ -319,15 +312,18 @@ def interpret_table(
     table = _readings_of(table, columns, remarks)
     values, points = _numbers(table, columns.angles), _numbers(table, columns.points)
     scale = _with_unit(scale, table, columns.angles, units, values, assumed)
-    unit = point_unit or _point_unit(table, columns, points, known_unit, assumed)
-    if points.size and point_unit is None:
-        points = np.stack([_in_unit(table, column, "mm", unit) for column in columns.points], axis=1)
-    else:
-        points = points * _mm(unit)
-    fields = _tip_fields(table, columns, points, unit, orientation_unit, orientation_order, remarks)
+    of_program = None if known is None or columns.points != known.columns.points else known.point_unit
+    unit = point_unit or _point_unit(table, columns, of_program, points, assumed)
+    to_mm = [_mm(unit if point_unit else _length_unit(table, c) or unit) for c in columns.points]
+    fields = _tip_fields(table, columns, points * to_mm, unit, orientation_unit, orientation_order, remarks)
     fields |= _other_fields(table, columns, unit)
-    for name, stated in (("session", session_name), ("serial_number", serial_number)):
+    for name, stated, column in (
+        ("session", session_name, by_hand.session),
+        ("serial_number", serial_number, by_hand.others.get("serial_number")),
+    ):
         if stated is not None:
+            if column:
+                raise InputError(f"the {name.replace('_', ' ')} is given twice, by a column and by a name")
             fields[name] = np.full(len(table), stated)
     if u_mm is not None:
         _state_uncertainty(fields, u_mm)
@@ -339,12 +335,7 @@ def interpret_table(
         numbers=table.lines if table.place == "line" else None,
         by_line=table.place == "line",
     )
-    if not has_reference(session).any():
-        remarks.append("No reference is read: no points, seats or distances. A fit needs some: --points X,Y,Z")
-    read = {*columns.all(), *(known.columns.all() if known else ())}
-    seen = {*time_columns(table), *(table.index(column) for column in read)}
-    if unread := [name for i, name in enumerate(table.names) if i not in seen]:
-        remarks.append(f"Not read: {listed(unread, 10)}.")
+    _name_unread(table, columns, session, remarks)
     return ImportedTable(session, columns, tuple(scale.units(session.n_joints)), tuple(assumed), tuple(remarks))
 
 
@@ -548,22 +539,27 @@ def _mm(unit: str) -> float:
     return found[0]
 
 
+def _length_unit(table: Table, column: str) -> str | None:
+    """Unit of a coordinate as the table writes it; None where it states none."""
+    index = table.index(column)
+    unit = canonical_unit(table.units[index] or unit_in_name(table.names[index])) or None
+    if unit is not None and unit not in get_args(PointUnit):
+        hint = f"--point-unit with one of {', '.join(get_args(PointUnit))}; other columns: --points X,Y,Z"
+        raise table.error(f"the points are in {unit}", column=index, hint=hint)
+    return unit
+
+
 def _point_unit(
-    table: Table, columns: TableColumns, points: FloatArray, known: str | None, assumed: list[str]
+    table: Table, columns: TableColumns, known: str | None, points: FloatArray, assumed: list[str]
 ) -> PointUnit:
     """Unit of the points: as the table states it, or mm where an arm's points can be in nothing else."""
     if not columns.points:
         return "mm"
-    stated = [known or canonical_unit(table.units[table.index(c)]) or None for c in columns.points]
+    known = known if known in get_args(PointUnit) else None
+    stated = [_length_unit(table, column) or known for column in columns.points]
     if None in stated and (above := length_unit_above(table)):
         assumed.append(f"points in {above}, as the lines above the table say")
         stated = [unit or above for unit in stated]
-    if odd := [unit for unit in stated if unit and unit not in get_args(PointUnit)]:
-        raise table.error(
-            f"the points are in {odd[0]}",
-            column=table.index(columns.points[0]),
-            hint=f"--point-unit with one of {', '.join(get_args(PointUnit))}; other columns: --points X,Y,Z",
-        )
     seen = points[~(np.isnan(points).any(axis=1) | lost_targets(points))]
     if None not in stated:
         seen = seen * [_mm(str(unit)) for unit in stated]
@@ -642,6 +638,16 @@ def _name_frozen(table: Table, points: FloatArray, lost: BoolArray, remarks: lis
     same = np.r_[False, (np.diff(points, axis=0) == 0).all(axis=1)] & ~lost
     if same.any() and np.abs(points % 1.0).any():
         remarks.append(f"{_called(table, ~same)}: the same point as in the row above, to the last digit.")
+
+
+def _name_unread(table: Table, columns: TableColumns, session: Session, remarks: list[str], most: int = 8) -> None:
+    """Name the columns of numbers that were not read, and a session without any reference."""
+    known = {table.index(column) for column in columns.all()}
+    unread = [table.names[i] for i in measured_columns(table) if i not in known]
+    if not has_reference(session).any():
+        remarks.append("No reference is read: no points, seats or distances. A fit needs some: --points X,Y,Z")
+    if unread:
+        remarks.append(f"Not read: {listed(unread, most)}.")
 
 
 def _other_fields(table: Table, columns: TableColumns, unit: str) -> dict[str, Any]:
