@@ -98,6 +98,19 @@ def test_skipped_rows_remarks_and_errors(tmp_path):
     assert np.isnan(table.numbers(1)[0])
 
 
+def test_a_head_that_is_repeated_in_a_sheet_is_no_row(tmp_path):
+    table = read_table(written(tmp_path / "a.xlsx", xlsx({"A": [*HEADED, *HEADED]})))
+    assert table.lines.tolist() == [2, 3, 5, 6]
+    assert "row 4 repeats the head: ignored" in table.assumed
+
+
+def test_a_matlab_file_of_version_4_names_what_saves_a_later_one(tmp_path):
+    scipy.io.savemat(tmp_path / "a.mat", {"q": np.ones((4, 2))}, format="4")
+    with pytest.raises(InputError, match="version 5 to 7") as caught:
+        read_table(tmp_path / "a.mat")
+    assert "-v7" in caught.value.hint
+
+
 def far(cell):
     """A workbook with one cell far away."""
     unpacked = zipfile.ZipFile(io.BytesIO(xlsx({"A": HEADED})))

@@ -227,3 +227,60 @@ def test_encodings_are_told_apart(tmp_path, text, encoding):
 
 def test_a_table_of_ten_thousand_columns_is_refused(tmp_path):
     assert "columns" in refusal(tmp_path, ",".join(["1.5"] * 10_000) + "\n").problem
+
+
+@pytest.mark.parametrize(
+    "content", ["a,b\ndeg,mm\n1,2\n", "a;b\n1.5;2\n", "title\n\na,b\n[deg],[mm]\n1,2\n", "name,a,b\nP1,1,2\n"]
+)
+def test_one_row_below_the_names_is_a_row(tmp_path, content):
+    table = read(tmp_path, content)
+    assert table.names[-2:] == ("a", "b")
+    assert table.lines.tolist() == [content.count("\n")]
+
+
+@pytest.mark.parametrize(("separator", "written"), [(",", "commas"), (" ", "blanks")])
+def test_a_separator_may_also_group_digits_where_a_person_says_so(tmp_path, separator, written):
+    rows = ["t x y", "1.5 1 234.5 -988.0", "2.5 12.0 -2 988.0", "3.5 1 200.0 5 100.5", "4.5 3.0 1 234 567.5"]
+    content = "\n".join(rows).replace(" ", separator) + "\n"
+    asked = refusal(tmp_path, content)
+    assert asked.line == 2
+    assert separator == " " or "--thousands ','" in asked.hint
+    table = read(tmp_path, content, thousands=separator)
+    assert values(table) == [[1.5, 2.5, 3.5, 4.5], [1234.5, 12, 1200, 3], [-988, -2988, 5100.5, 1234567.5]]
+    assert f"thousands also between {written}" in table.assumed
+
+
+def test_cells_that_may_be_joined_in_two_ways_are_refused(tmp_path):
+    assert refusal(tmp_path, "t,x,y\n1.5,1,234,500\n2.5,12.0,-2.0\n", thousands=",").line == 2
+
+
+@pytest.mark.parametrize(
+    ("cell", "stated", "said"), [("1,5", ".", "decimal comma in x"), ("1.5", ",", "decimal point in x")]
+)
+def test_a_decimal_sign_other_than_the_stated_one_is_said(tmp_path, cell, stated, said):
+    table = read(tmp_path, f"a;x\n1;{cell}\n2;{cell}\n", decimal=stated)
+    assert table.numbers(1).tolist() == [1.5, 1.5]
+    assert said in table.assumed
+
+
+@pytest.mark.parametrize("form", [{"thousands": ";"}, {"thousands": "abc"}, {"decimal": ",", "thousands": ","}])
+def test_signs_that_separate_no_thousands_are_refused(tmp_path, form):
+    assert "--thousands" in refusal(tmp_path, "a;x\n1;1.5\n2;2.5\n", **form).hint
+
+
+def test_quoted_decimal_commas_between_commas_as_stated(tmp_path):
+    content = 'a,b\n"1,5","2,25"\n"3,5","4,25"\n'
+    assert values(read(tmp_path, content, separator=",", decimal=",")) == [[1.5, 3.5], [2.25, 4.25]]
+
+
+@pytest.mark.parametrize("again", ["a,b\n", "\nA, b\n", "a,b\ndeg,mm\n"])
+def test_a_file_that_was_appended_to_itself(tmp_path, again):
+    table = read(tmp_path, f"a,b\ndeg,mm\n1.5,2\n2.5,3\n{again}10,20\n11,21\n")
+    assert table.numbers(0).tolist() == [1.5, 2.5, 10, 11]
+    assert "repeats the head: ignored" in " ".join(table.assumed)
+
+
+def test_another_table_below_an_empty_line_is_ignored_and_said(tmp_path):
+    table = read(tmp_path, "a,b\n1.5,2\n2.5,3\n\nc,d\n10,20\n11,21\n")
+    assert table.lines.tolist() == [2, 3]
+    assert "another table from line 5: ignored" in table.assumed

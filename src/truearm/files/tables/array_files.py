@@ -69,7 +69,8 @@ def read_matlab_table(path: Path, form: TableForm) -> Table:
     except InputError:
         raise
     except (ValueError, KeyError, IndexError, TypeError, OverflowError, zlib.error, struct.error) as error:
-        raise _damaged(path, "a MATLAB file", error) from None
+        hint = "save it in MATLAB with save('readings.mat', '-v7')"
+        raise _damaged(path, "a MATLAB file of version 5 to 7", error, hint) from None
     if not numeric:
         hint = "save a table with S = table2struct(T, 'ToScalar', true); save('readings.mat', '-struct', 'S', '-v7')"
         problem = "expected numeric arrays, got none: tables and objects of MATLAB are none"
@@ -162,6 +163,6 @@ def _numeric(record: Mapping[str, Any], prefix: str = "") -> Any:
             yield label, array
 
 
-def _damaged(path: Path, what: str, error: Exception) -> InputError:
+def _damaged(path: Path, what: str, error: Exception, hint: str = "save it again") -> InputError:
     reason = (str(error).splitlines() or [type(error).__name__])[0][:200]
-    return InputError(f"expected {what}, got one that cannot be read ({reason})", file=path, hint="save it again")
+    return InputError(f"expected {what}, got one that cannot be read ({reason})", file=path, hint=hint)

@@ -20,6 +20,7 @@ _CHUNK = 500
 _FOOT = 60  # rows at the end that may be statistics or remarks
 _MOST_COLUMNS = 4096
 _MOST_GAPS = 10_000
+_BEGIN = "0123456789+-. "  # how most numbers begin
 
 
 class CellRows(Protocol):
@@ -58,7 +59,7 @@ def table_of_rows(rows: CellRows, path: Path | None, form: TableForm, place: Pla
     if len(layout.names) > _MOST_COLUMNS:
         raise InputError(f"expected at most {_MOST_COLUMNS} columns, got {len(layout.names)}", file=path)
     _check_names(rows, head, layout, path, place, form)
-    body = _Body(rows, layout, numeric_columns(head[layout.first :], len(layout.names)), path, place)
+    body = _Body(rows, head, layout, path, place)
     columns, texts, questions = _columns(body, form)
     names = layout.names
     units = tuple(unit or column.unit for unit, column in zip(layout.units, columns, strict=True))
@@ -82,19 +83,24 @@ def _check_names(
     other = next(k for k, width in enumerate(widths) if width != n)
     table = Table((), (), (), np.array(rows.numbers[layout.first + other :][:1]), place, path)
     hint = f"--no-header, and columns by number, 1 to {widths[other]}, or name every column"
+    hint += " (--thousands ',' if some commas group digits)" * (
+        place == "line" and rows.point_is_decimal and not form.thousands
+    )
     raise table.error(f"the header has {n} names, expected as many cells, got {widths[other]}", 0, hint=hint)
 
 
 class _Body:
     """The rows below the head, without the foot."""
 
-    def __init__(self, rows: CellRows, layout: Layout, numeric: Sequence[int], path: Path | None, place: Place) -> None:
+    def __init__(self, rows: CellRows, head: list[list[str]], layout: Layout, path: Path | None, place: Place) -> None:
         self.rows, self.layout, self.path, self.place = rows, layout, path, place
         self.width = len(layout.names)
         self.said: list[str] = []
         self.lines: list[np.ndarray] = []
-        self.stop = self._stop(numeric)
-        self._short = 0
+        self.repeated: list[int] = []
+        self._heads = {_without_case(row) for row in head[: layout.first]}
+        self._numeric = numeric_columns(head[layout.first :], self.width)
+        self.stop = self._stop(self._numeric)
 
     def _stop(self, numeric: Sequence[int]) -> int:
         """Index behind the last row of the table."""
@@ -108,7 +114,7 @@ class _Body:
         gaps = np.flatnonzero(np.diff(np.asarray(numbers[first:stop])) > 1) + first + 1
         for gap in gaps.tolist() if len(gaps) < _MOST_GAPS else ():
             row = self._stripped(gap, gap + 1)[0]
-            if any(row[self.width :]) or is_text(row, numeric):
+            if any(row[self.width :]) or (is_text(row, numeric) and _without_case(row) not in self._heads):
                 self.said.append(f"another table from {self.place} {numbers[gap]}: ignored")
                 return int(gap)
         return stop
@@ -118,10 +124,17 @@ class _Body:
 
     def chunks(self) -> Iterator[tuple[int, list[tuple[str, ...]]]]:
         """Cells column by column, with the number of rows before them; they fit the names."""
-        n, self.lines = 0, []
+        n, self.lines, self.repeated = 0, [], []
+        last = self._numeric[-1] if self._heads and self._numeric else self.width
         for start in range(self.layout.first, self.stop, _CHUNK):
             end = min(start + _CHUNK, self.stop)
             cells, lines = self.rows.cells(start, end), np.asarray(self.rows.numbers[start:end])
+            if again := [
+                i for i, row in enumerate(cells)
+                if len(row) > last and row[last][:1] not in _BEGIN and _without_case(row) in self._heads
+            ]:  # fmt: skip
+                self.repeated += lines[again].tolist()
+                cells, lines = [row for i, row in enumerate(cells) if i not in again], np.delete(lines, again)
             if set(map(len, cells)) != {self.width} or any(not row[0] and not "".join(row).strip() for row in cells):
                 filled = [i for i, row in enumerate(cells) if "".join(row).strip()]
                 cells, lines = [self._fitting(cells[i], int(lines[i])) for i in filled], lines[filled]
@@ -147,6 +160,10 @@ class _Body:
 
     def _error(self, problem: str, line: int, hint: str) -> InputError:
         return Table((), (), (), np.array([line]), self.place, self.path).error(problem, 0, hint=hint)
+
+
+def _without_case(row: Sequence[str]) -> tuple[str, ...]:
+    return tuple(cell.strip().casefold() for cell in row)
 
 
 def _columns(
@@ -211,6 +228,8 @@ def _said_of_head(body: _Body) -> list[str]:
         said.append("names of groups in front of repeated names")
     if layout.row_names:
         said.append("row names in the first column")
+    if body.repeated:
+        said.append(f"{body.place} {body.repeated[0]} repeats the head: ignored")
     if layout.unit_row is not None:
         said.append(f"units from {body.place} {numbers[layout.unit_row]}")
     return said
@@ -226,8 +245,10 @@ def _said_of_columns(columns: Sequence[NumberColumn], names: Sequence[str], form
     said = []
     commas = where(lambda column: "," in column.decimal_signs)
     points = where(lambda column: "." in column.decimal_signs)
-    if commas and form.decimal is None:
-        said.append(f"decimal comma in {commas}" if points else "decimal comma")
+    if commas and form.decimal != ",":
+        said.append(f"decimal comma in {commas}" if points or form.decimal else "decimal comma")
+    if points and form.decimal == ",":
+        said.append(f"decimal point in {points}")
     for sign, name in ((".", "points"), (",", "commas")):
         if found := where(partial(_separates_thousands, sign)):
             said.append(f"{name} between thousands in {found}")

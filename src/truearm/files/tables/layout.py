@@ -76,7 +76,8 @@ def recognise_layout(rows: Sequence[Row], header: bool | None = None) -> Layout 
     if not width:
         return None
     rows = [_filled(row[:width], width) if len(row) > width and not any(row[width:]) else row for row in rows]
-    numeric = numeric_columns(rows, width)
+    # Names and units are no cells of the columns: of a table with few rows they are the most.
+    numeric = numeric_columns(rows[next(i for i, row in enumerate(rows) if any(map(is_number, row))) :], width)
     first = _first_row(rows, numeric, width)
     if header and first == 0:
         first = 1

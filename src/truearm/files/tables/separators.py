@@ -6,7 +6,8 @@ import csv
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -17,6 +18,7 @@ _ROWS = 2000  # from which unequal numbers of cells are seen
 WIDE_BLANKS = "  "
 _WIDE_BLANKS = re.compile(r"\t+| {2,}")
 _BLANKS = re.compile(r"[ \t]+")
+_THOUSANDS = re.compile(r"\s*(?:[+-]?[1-9]\d{0,2}|\d{3}),\d{3}(?!\d)")
 # Other ways to write the names, where their line has not as many cells as the rows.
 _OF_NAMES = tuple(map(re.compile, (r"[ \t]+", r"\t+|[ \t]{2,}", r"\s*,\s*", r"\s*;\s*", r"\s*\|\s*")))
 
@@ -33,11 +35,14 @@ class Splitting:
         Where the columns begin, of a text with columns of fixed width.
     paired : bool
         Whether commas also stand within the numbers, so that every two cells are one.
+    grouped : int
+        How many cells a row has, if the separator also groups digits; 0 if not.
     """
 
     separator: str
     cuts: tuple[int, ...] = ()
     paired: bool = False
+    grouped: int = 0
 
     def split(self, lines: Sequence[str]) -> list[list[str]]:
         """Split lines into their cells; in cells that are not quoted blanks stay.
@@ -52,6 +57,9 @@ class Splitting:
             return [[line[a:b].strip() for a, b in zip(self.cuts, ends, strict=True)] for line in lines]
         if self.separator == WIDE_BLANKS:
             return [_WIDE_BLANKS.split(line.strip()) for line in lines]
+        if self.grouped:
+            rows = replace(self, grouped=0).split(lines)
+            return [self._with_thousands(row) if len(row) > self.grouped else row for row in rows]
         if self.separator == " ":
             if any('"' in line for line in lines):
                 stripped = (_BLANKS.sub(" ", line).strip(" ") for line in lines)
@@ -61,6 +69,16 @@ class Splitting:
         if self.paired:
             return [[f"{a},{b}" for a, b in zip(row[::2], row[1::2], strict=False)] for row in rows]
         return rows
+
+    def _with_thousands(self, row: list[str]) -> list[str]:
+        """Join cells such as 1 and 234.5, if as many as the row has too many can be."""
+        within = [bool(_THOUSANDS.match(f"{a},{b}")) for a, b in pairwise(row)]
+        if sum(within) != len(row) - self.grouped:
+            return row
+        cells = row[:1]
+        for joins, cell in zip(within, row[1:], strict=True):
+            cells[-1:] = [cells[-1] + self.separator + cell] if joins else [cells[-1], cell]
+        return cells
 
     def strip(self, lines: Sequence[str]) -> list[list[str]]:
         """Split lines into cells without blanks around them."""

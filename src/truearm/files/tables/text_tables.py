@@ -37,6 +37,7 @@ _ASSIGNED = re.compile(r"^[^\[({]*(?::=|=|:)\s*(?=[\[({])")
 _DIGITS = re.compile(r"[+-]?\d+")
 _FRACTION = re.compile(r"^[^.,]*[.,]?")  # all before the decimals
 _LONGEST_QUOTE = 20  # lines
+_THOUSANDS = (".", ",", "'", "\u2019", " ", "\u00a0", "\u202f")
 
 
 @dataclass
@@ -96,9 +97,12 @@ def _check_form(form: TableForm) -> None:
         raise InputError(f"the separator must be one character such as , or ; got {quoted_cell(separator)}")
     if decimal not in (None, ".", ","):
         raise InputError(f"the decimal sign must be . or , got {quoted_cell(decimal)}")
-    if decimal is not None and decimal in (separator, form.thousands):
-        what = "separator" if decimal == separator else "thousands separator"
-        raise InputError(f"the {what} and the decimal sign are both {decimal!r}", hint="--separator ';' --decimal ','")
+    if form.thousands not in (None, "", *_THOUSANDS):
+        hint = "--thousands ',' or '.', an apostrophe or a blank; '' for none"
+        raise InputError(f"the thousands separator cannot be {quoted_cell(form.thousands)}", hint=hint)
+    if decimal is not None and decimal == form.thousands:
+        hint = f"--decimal '{decimal}' --thousands ''"
+        raise InputError(f"the decimal sign and the thousands separator are both {decimal!r}", hint=hint)
 
 
 def _table(found: TextLines, path: Path, form: TableForm) -> Table:
@@ -110,12 +114,14 @@ def _table(found: TextLines, path: Path, form: TableForm) -> Table:
     layout = recognise_layout(rows.head(), form.header)
     if layout is None:
         raise _no_table(found, path, form)
-    if splitting.separator == "," and _are_paired(rows.head(), layout):
+    if form.thousands == splitting.separator and (names := _n_names(rows.head())):
+        rows = TextRows(found, replace(splitting, grouped=names))
+        found.assumed.append(f"thousands also between {SEPARATORS[splitting.separator]}")
+    elif splitting.separator == "," and _are_paired(rows.head(), layout):
         rows = TextRows(found, replace(splitting, paired=True), layout.first)
         found.assumed.append("commas also within numbers")
     elif layout.header is None and form.header is not False:
         _insert_comments(found, rows, layout)
-    _drop_repeated_head(found, layout.first)
     if found.comments:
         n = len(found.comments)
         found.assumed.append(f"{n} comment line{'s' * (n > 1)}")
@@ -218,16 +224,6 @@ def _insert_comments(found: TextLines, rows: TextRows, layout: Layout) -> None:
         found.lines.insert(at, line)
 
 
-def _drop_repeated_head(found: TextLines, first: int) -> None:
-    """Drop names that stand again between rows, as where files were joined."""
-    head = set(found.lines[:first])
-    repeated = {i for i, line in enumerate(found.lines[first:], first) if line in head} if head else ()
-    if repeated:
-        found.assumed.append(f"line {found.numbers[min(repeated)]} repeats the head: ignored")
-        found.lines = [line for i, line in enumerate(found.lines) if i not in repeated]
-        found.numbers = [number for i, number in enumerate(found.numbers) if i not in repeated]
-
-
 def _splitting(found: TextLines, form: TableForm) -> Splitting:
     lines, n = found.lines, len(found.lines)
     sample = lines[:HEAD] + lines[max(HEAD, n - 20) :]
@@ -278,6 +274,11 @@ def _are_paired(head: list[list[str]], layout: Layout) -> bool:
         return False
     named = layout.unmatched is not None and 2 * len(head[layout.unmatched]) == width
     return named or any(cell[0] == "0" and len(cell) > 1 for cell in fractions)
+
+
+def _n_names(head: list[list[str]]) -> int:
+    """How many cells the line of names has; 0 if there is none."""
+    return next((len(row) for row in reversed(head) if len(row) > 1 and not any(map(is_number, row))), 0)
 
 
 def _is_cut_off(rows: TextRows, width: int) -> bool:
