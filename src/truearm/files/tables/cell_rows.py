@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 
 from truearm.errors import InputError
-from truearm.files.delimited import MAX_NAME, quoted_cell
+from truearm.files.delimited import quoted_cell
 from truearm.files.tables.layout import Layout, foot_length, is_text, numeric_columns, recognise_layout
 from truearm.files.tables.number_columns import NumberColumn, thousands_of, two_readings, words_of
 from truearm.files.tables.table import Place, Table, TableForm, listed
-from truearm.typing import FloatArray, NameArray
+from truearm.typing import FloatArray, IntArray, NameArray
 
 _CHUNK = 500
 _FOOT = 60  # rows at the end that may be statistics or remarks
@@ -58,35 +57,14 @@ def table_of_rows(rows: CellRows, path: Path | None, form: TableForm, place: Pla
         raise InputError("expected rows of numbers, got none", file=path)
     if len(layout.names) > _MOST_COLUMNS:
         raise InputError(f"expected at most {_MOST_COLUMNS} columns, got {len(layout.names)}", file=path)
-    _check_names(rows, head, layout, path, place, form)
     body = _Body(rows, head, layout, path, place)
+    body.check_names(head, form)
     columns, texts, questions = _columns(body, form)
     names = layout.names
     units = tuple(unit or column.unit for unit, column in zip(layout.units, columns, strict=True))
     header_line = None if layout.header is None else rows.numbers[layout.header]
-    said = [*assumed, *_said_of_head(body), *body.said, *_said_of_columns(columns, names, form)]
-    lines = np.concatenate(body.lines) if body.lines else np.empty(0, int)
-    return Table(names, units, tuple(texts), lines, place, path, header_line, tuple(said), questions)
-
-
-def _check_names(
-    rows: CellRows, head: list[list[str]], layout: Layout, path: Path | None, place: Place, form: TableForm
-) -> None:
-    """Refuse a header with fewer names than the rows have cells, or more between blanks: which is whose is open."""
-    i = layout.unmatched
-    longer = layout.header is not None and len(head[layout.header]) > max(map(len, head[layout.first :]))
-    if longer and not rows.may_be_short:
-        i = layout.header
-    if i is None or form.header is False:
-        return
-    n, widths = len(head[i]), [len(row) for row in head[layout.first :]]
-    other = next(k for k, width in enumerate(widths) if width != n)
-    table = Table((), (), (), np.array(rows.numbers[layout.first + other :][:1]), place, path)
-    hint = f"--no-header, and columns by number, 1 to {widths[other]}, or name every column"
-    hint += " (--thousands ',' if some commas group digits)" * (
-        place == "line" and rows.point_is_decimal and not form.thousands
-    )
-    raise table.error(f"the header has {n} names, expected as many cells, got {widths[other]}", 0, hint=hint)
+    said = (*assumed, *_said_of_head(body), *body.said, *_said_of_columns(columns, names, form))
+    return Table(names, units, tuple(texts), np.concatenate(body.lines), place, path, header_line, said, questions)
 
 
 class _Body:
@@ -100,11 +78,27 @@ class _Body:
         self.repeated: list[int] = []
         self._heads = {_without_case(row) for row in head[: layout.first]}
         self._numeric = numeric_columns(head[layout.first :], self.width)
-        self.stop = self._stop(self._numeric)
+        self.stop = self._stop()
 
-    def _stop(self, numeric: Sequence[int]) -> int:
+    def check_names(self, head: list[list[str]], form: TableForm) -> None:
+        """Refuse a header with fewer names than the rows have cells, or more between blanks: which is whose is open."""
+        layout, rows = self.layout, self.rows
+        widths, i = [len(row) for row in head[layout.first :]], layout.unmatched
+        if layout.header is not None and len(head[layout.header]) > max(widths) and not rows.may_be_short:
+            i = layout.header
+        if i is None or form.header is False:
+            return
+        n = len(head[i])
+        other = next(k for k, width in enumerate(widths) if width != n)
+        hint = f"--no-header, and columns by number, 1 to {widths[other]}, or name every column"
+        if self.place == "line" and rows.point_is_decimal and not form.thousands:
+            hint += " (--thousands ',' if some commas group digits)"
+        problem = f"the header has {n} names, expected as many cells, got {widths[other]}"
+        raise self.error(problem, other, hint, lines=np.array(rows.numbers[layout.first :]))
+
+    def _stop(self) -> int:
         """Index behind the last row of the table."""
-        numbers, first = self.rows.numbers, self.layout.first
+        numbers, first, numeric = self.rows.numbers, self.layout.first, self._numeric
         stop = len(numbers)
         tail = self._stripped(max(first + 1, stop - _FOOT), stop)
         if n := foot_length(tail, numeric, self.width):
@@ -150,16 +144,21 @@ class _Body:
         if len(row) < self.width and not self.rows.may_be_short:
             problem = f"expected {self.width} values between blanks, got {len(row)}: which are missing?"
             hint = "write - where there is no value, or separate by --separator TAB"
-            raise self._error(problem, line, hint)
+            raise self.error(problem, 0, hint, lines=np.array([line]))
         if "".join(row[self.width :]).strip():
             problem = f"expected {self.width} values, got {len(row)}"
             names = self.layout.names
             hint = f"the columns are {listed(names)}: state --separator, --skip-lines, or --no-header if these are not"
-            raise self._error(problem, line, hint)
+            raise self.error(problem, 0, hint, lines=np.array([line]))
         return row[: self.width] + [""] * (self.width - len(row))
 
-    def _error(self, problem: str, line: int, hint: str) -> InputError:
-        return Table((), (), (), np.array([line]), self.place, self.path).error(problem, 0, hint=hint)
+    def error(
+        self, problem: str, row: int, hint: str, *, column: int | None = None, lines: IntArray | None = None
+    ) -> InputError:
+        """An error in `row`, by default of the rows that were read."""
+        lines = np.concatenate(self.lines) if lines is None else lines
+        table = Table(self.layout.names, (), (), lines, self.place, self.path)
+        return table.error(problem, row, column=column, hint=hint)
 
 
 def _without_case(row: Sequence[str]) -> tuple[str, ...]:
@@ -170,7 +169,6 @@ def _columns(
     body: _Body, form: TableForm
 ) -> tuple[list[NumberColumn], list[FloatArray | NameArray], dict[int, InputError]]:
     """Read all columns; those whose notation turns out to be another one are read again."""
-    width = body.width
     labels = [name if body.layout.header is None and not name.isdigit() else "" for name in body.layout.names]
     columns = [NumberColumn(label=label) for label in labels]
     for start, cells in body.chunks():
@@ -179,40 +177,26 @@ def _columns(
     if not body.lines:
         raise InputError("expected at least one row of numbers, got none", file=body.path)
     signs = thousands_of(columns, form, point_is_decimal=body.rows.point_is_decimal)
-    signs = ["" if column.words else sign for sign, column in zip(signs, columns, strict=True)]
-    again = {i: NumberColumn(sign, label=labels[i]) for i, sign in enumerate(signs) if sign}
-    asked = {i for i, sign in enumerate(signs) if sign is None}
-    texts: dict[int, list[NameArray]] = {i: [] for i in range(width) if columns[i].words or i in asked}
-    too_long: dict[int, int] = {}
-    for start, cells in body.chunks() if again or texts else ():
+    asked = {i for i, sign in enumerate(signs) if sign is None and not columns[i].words}
+    again = {i: NumberColumn(s, labels[i]) for i, s in enumerate(signs) if s and not columns[i].words}
+    words: dict[int, list[NameArray]] = {i: [] for i in range(body.width) if columns[i].words or i in asked}
+    for start, cells in body.chunks() if again or words else ():
         for i, column in again.items():
             column.add(cells[i], start)
-        for i, parts in texts.items():
-            if i not in too_long and max(map(len, cells[i])) > MAX_NAME:
-                too_long[i] = start + next(row for row, cell in enumerate(cells[i]) if len(cell) > MAX_NAME)
+        for i, parts in words.items():
             parts.append(words_of(cells[i], columns[i], as_written=i in asked))
-    lines = np.concatenate(body.lines)
-
-    def error(i: int, row: int, problem: str, hint: str | None = None) -> InputError:
-        table = Table(body.layout.names, (), (), lines, body.place, body.path)
-        return table.error(problem, row, column=i, hint=hint)
-
-    questions = {i: error(i, row, f"expected a name of at most {MAX_NAME} characters") for i, row in too_long.items()}
-    for i in asked:
-        row, cell = next(iter(columns[i].doubtful.values()))
-        problem, *options = two_readings(cell)
-        questions[i] = error(i, row, problem, " or ".join(options))
+    questions = {}
     for i, column in enumerate(columns):
-        if column.other_unit:
+        if i in asked:
+            row, cell = next(iter(column.doubtful.values()))
+            problem, *options = two_readings(cell)
+            questions[i] = body.error(problem, row, " or ".join(options), column=i)
+        elif column.other_unit:
             row, cell = column.other_unit
             problem = f"expected a number in {column.unit}, got {quoted_cell(cell)}"
-            questions[i] = error(i, row, problem, "write the column in one unit")
+            questions[i] = body.error(problem, row, "write the column in one unit", column=i)
     columns = [again.get(i, column) for i, column in enumerate(columns)]
-    return (
-        columns,
-        [np.concatenate(texts[i]) if i in texts else column.readings() for i, column in enumerate(columns)],
-        questions,
-    )
+    return columns, [np.concatenate(words.get(i, column.parts)) for i, column in enumerate(columns)], questions
 
 
 def _said_of_head(body: _Body) -> list[str]:
@@ -250,14 +234,10 @@ def _said_of_columns(columns: Sequence[NumberColumn], names: Sequence[str], form
     if points and form.decimal == ",":
         said.append(f"decimal point in {points}")
     for sign, name in ((".", "points"), (",", "commas")):
-        if found := where(partial(_separates_thousands, sign)):
+        if found := where(lambda column, sign=sign: sign in column.thousands or sign in column.thousands_signs):  # type: ignore[misc]
             said.append(f"{name} between thousands in {found}")
     if found := where(lambda column: column.sexagesimal):
         said.append(f"degrees, minutes and seconds in {found}")
     if n := sum(column.without_value for column in columns if column.numbers > column.words):
         said.append(f"{n} cell{'s' * (n > 1)} that say there is no value")
     return said
-
-
-def _separates_thousands(sign: str, column: NumberColumn) -> bool:
-    return sign in column.thousands or sign in column.thousands_signs

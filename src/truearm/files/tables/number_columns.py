@@ -18,23 +18,25 @@ from truearm.typing import FloatArray, NameArray
 OTHER = {".": ",", ",": "."}
 
 
-def _patterns(sign: str) -> tuple[re.Pattern[str], re.Pattern[str]]:
-    """Numbers in which `sign` can only be decimal, and only separate thousands."""
-    s, o = re.escape(sign), re.escape(OTHER[sign])
-    decimal = (
-        rf"(?:0\d*|\d{{4,}})?{s}\d+|\d{{1,3}}{s}(?:\d{{0,2}}|\d{{4,}})|\d*{s}\d*[eEdD][+-]?\d+"
-        rf"|\d{{1,3}}(?:[{o}' ]\d{{2,3}})*[{o}' ]\d{{3}}{s}\d*"
+def _cells(pattern: str) -> re.Pattern[str]:
+    """Cells of a column, a line each, that hold numbers of a form."""
+    return re.compile(rf"^[ \t]*[+-]?(?:{pattern})[ \t]*$", re.MULTILINE)
+
+
+def _patterns(s: str, o: str) -> tuple[re.Pattern[str], ...]:
+    """Numbers in which the sign `s` can only be decimal, can only separate thousands, and can be either."""
+    return (
+        _cells(
+            rf"(?:0\d*|\d{{4,}})?{s}\d+|\d{{1,3}}{s}(?:\d{{0,2}}|\d{{4,}})|\d*{s}\d*[eEdD][+-]?\d+"
+            rf"|\d{{1,3}}(?:[{o}' ]\d{{2,3}})*[{o}' ]\d{{3}}{s}\d*"
+        ),
+        _cells(rf"\d{{1,3}}(?:(?:{s}\d{{3}}){{2,}}|(?:{s}\d{{3}})+{o}\d*|(?:{s}\d{{2,3}})+{s}\d{{3}})"),
+        _cells(rf"[1-9]\d{{0,2}}{s}\d{{3}}"),
     )
-    thousands = rf"\d{{1,3}}(?:(?:{s}\d{{3}}){{2,}}|(?:{s}\d{{3}})+{o}\d*|(?:{s}\d{{2,3}})+{s}\d{{3}})"
-    return tuple(re.compile(rf"^[ \t]*[+-]?(?:{one})[ \t]*$", re.MULTILINE) for one in (decimal, thousands))  # type: ignore[return-value]
 
 
-_SETTLED = {sign: _patterns(sign) for sign in OTHER}
-_IN_DOUBT = {
-    sign: re.compile(rf"^[ \t]*[+-]?[1-9]\d{{0,2}}{re.escape(sign)}\d{{3}}[ \t]*$", re.MULTILINE) for sign in OTHER
-}
-_SHORT = re.compile(r"^[ \t]*[+-]?\d{1,3}[ \t]*$", re.MULTILINE)
-_LONG = re.compile(r"^[ \t]*[+-]?\d{4,}[ \t]*$", re.MULTILINE)
+_PATTERNS = {".": _patterns(r"\.", ","), ",": _patterns(",", r"\.")}
+_SHORT, _LONG = _cells(r"\d{1,3}"), _cells(r"\d{4,}")
 
 
 @dataclass
@@ -118,21 +120,17 @@ class NumberColumn:
 
     def _notice(self, text: str, start: int) -> None:
         """Keep what cells tell about the signs."""
-        for sign, (decimal, thousands) in _SETTLED.items():
+        for sign, (decimal, thousands, in_doubt) in _PATTERNS.items():
             if sign not in text:
                 continue
             if decimal.search(text):
                 self.decimal_signs.add(sign)
             if thousands.search(text):
                 self.thousands_signs.add(sign)
-            if sign not in self.doubtful and (match := _IN_DOUBT[sign].search(text)):
+            if sign not in self.doubtful and (match := in_doubt.search(text)):
                 self.doubtful[sign] = (start + text.count("\n", 0, match.start()), match[0].strip())
         self.has_short |= bool(_SHORT.search(text))
         self.has_long |= bool(_LONG.search(text))
-
-    def readings(self) -> NameArray | FloatArray:
-        """The numbers."""
-        return np.concatenate(self.parts)
 
 
 def thousands_of(
@@ -151,34 +149,20 @@ def thousands_of(
         in_file = {"."}
     found: list[str | None] = []
     for column in columns:
-        signs: str | None = ""
-        for sign in column.doubtful:
-            is_thousands = _stated(sign, form)
-            if is_thousands is None:
-                is_thousands = _by_column(column, sign)
-            if is_thousands is None:
-                is_thousands = _by_file(column, sign, in_file)
-            if is_thousands is None:
-                signs = None
-                break
-            signs += sign if is_thousands else ""  # type: ignore[operator]
-        found.append(signs)
+        groups = {sign: _groups_digits(sign, column, form, in_file) for sign in column.doubtful}
+        found.append(None if None in groups.values() else "".join(sign for sign, does in groups.items() if does))
     return found
 
 
-def _stated(sign: str, form: TableForm) -> bool | None:
+def _groups_digits(sign: str, column: NumberColumn, form: TableForm, in_file: set[str]) -> bool | None:
     if form.thousands is not None:
         return sign == form.thousands
-    return None if form.decimal is None else sign != form.decimal
-
-
-def _by_column(column: NumberColumn, sign: str) -> bool | None:
+    if form.decimal is not None:
+        return sign != form.decimal
     is_decimal = sign in column.decimal_signs or OTHER[sign] in column.thousands_signs or column.has_long
     is_thousands = sign in column.thousands_signs or OTHER[sign] in column.decimal_signs
-    return is_thousands if is_decimal != is_thousands else None
-
-
-def _by_file(column: NumberColumn, sign: str, in_file: set[str]) -> bool | None:
+    if is_decimal != is_thousands:
+        return is_thousands
     if in_file == {OTHER[sign]}:
         return True
     return False if not column.has_short and in_file == {sign} else None
@@ -204,7 +188,8 @@ def words_of(cells: Sequence[str], column: NumberColumn, *, as_written: bool = F
     words = [cell.strip() for cell in cells]
     if column.numbers >= column.words and not as_written:
         words = [_plainly(cell, column) for cell in words]
-    return np.array([word[:MAX_NAME] for word in words], dtype=np.str_)
+    # A longer one is no name, nor a number that its first digits make.
+    return np.array([word if len(word) <= MAX_NAME else f"{word[:MAX_NAME]}…" for word in words], dtype=np.str_)
 
 
 def _plainly(cell: str, column: NumberColumn) -> str:
