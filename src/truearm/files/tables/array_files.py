@@ -16,7 +16,7 @@ from truearm.errors import InputError
 from truearm.files.delimited import MAX_BYTES
 from truearm.files.file_reading import read_limited
 from truearm.files.tables.named_arrays import table_of_arrays
-from truearm.files.tables.table import Table, TableForm
+from truearm.files.tables.table import Table, TableForm, unreadable
 
 _UNPACKED = 2**29  # bytes
 # Elements and classes of a level 5 file (MathWorks, "MAT-File Format"). SciPy's reader of such files is not used, as
@@ -48,7 +48,7 @@ def read_numpy_table(path: Path, form: TableForm) -> Table:
             problem = "the file holds Python objects (pickle), which truearm does not load"
             hint = "save plain arrays: numpy.savez('readings.npz', q=numpy.array(q, float), ..)"
             raise InputError(problem, file=path, hint=hint) from None
-        raise _damaged(path, "a NumPy file", error) from None
+        raise unreadable(path, "a NumPy file", error, "save it again") from None
     return table_of_arrays(arrays, form, file=path)
 
 
@@ -70,7 +70,7 @@ def read_matlab_table(path: Path, form: TableForm) -> Table:
         raise
     except (ValueError, KeyError, IndexError, TypeError, OverflowError, zlib.error, struct.error) as error:
         hint = "save it in MATLAB with save('readings.mat', '-v7')"
-        raise _damaged(path, "a MATLAB file of version 5 to 7", error, hint) from None
+        raise unreadable(path, "a MATLAB file of version 5 to 7", error, hint) from None
     if not numeric:
         hint = "save a table with S = table2struct(T, 'ToScalar', true); save('readings.mat', '-struct', 'S', '-v7')"
         problem = "expected numeric arrays, got none: tables and objects of MATLAB are none"
@@ -161,8 +161,3 @@ def _numeric(record: Mapping[str, Any], prefix: str = "") -> Any:
             continue  # a cell of unlike arrays
         elif (array := np.asarray(value)).dtype.kind in "fiub":
             yield label, array
-
-
-def _damaged(path: Path, what: str, error: Exception, hint: str = "save it again") -> InputError:
-    reason = (str(error).splitlines() or [type(error).__name__])[0][:200]
-    return InputError(f"expected {what}, got one that cannot be read ({reason})", file=path, hint=hint)

@@ -12,7 +12,7 @@ from truearm.errors import InputError, MissingTool
 from truearm.files.delimited import MAX_BYTES
 from truearm.files.file_reading import check_readable
 from truearm.files.tables.named_arrays import MAX_CELLS, columns_of, table_of_columns
-from truearm.files.tables.table import Table, TableForm
+from truearm.files.tables.table import Table, TableForm, unreadable
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -28,28 +28,23 @@ def read_arrow_table(path: Path, _: TableForm | None = None) -> Table:
     """
     check_readable(path, limit_bytes=MAX_BYTES)
     try:
-        arrow, parquet = importlib.import_module("pyarrow"), importlib.import_module("pyarrow.parquet")
-        ipc = importlib.import_module("pyarrow.ipc")
+        parquet, feather = (importlib.import_module(f"pyarrow.{kind}") for kind in ("parquet", "feather"))
     except ImportError:
         problem = "Parquet needs the package pyarrow, which is not installed"
         raise MissingTool(problem, file=path, hint="pip install 'truearm[parquet]', or save it as CSV") from None
     try:
         with path.open("rb") as file:
             if file.read(4) == b"PAR1":
-                with parquet.ParquetFile(path) as source:
-                    n_cells = source.metadata.num_rows * source.metadata.num_columns
-                    if n_cells > MAX_CELLS:
-                        raise InputError(f"expected at most {MAX_CELLS} cells, got {n_cells}", file=path)
-                    frame = source.read().to_pandas()
+                size = parquet.read_metadata(path)
+                if (n_cells := size.num_rows * size.num_columns) > MAX_CELLS:
+                    raise InputError(f"expected at most {MAX_CELLS} cells, got {n_cells}", file=path)
+                frame = parquet.ParquetFile(file).read().to_pandas()
             else:
-                file.seek(0)
-                frame = ipc.open_file(file).read_pandas()
-    except (arrow.ArrowException, OSError, ValueError, TypeError, KeyError) as error:  # it can be damaged in many ways
-        if isinstance(error, InputError):
-            raise
-        reason = (str(error).splitlines() or [""])[0][:200]
-        problem = f"expected a Parquet or Arrow file, got one that cannot be read ({reason})"
-        raise InputError(problem, file=path, hint="save it again") from None
+                frame = feather.read_table(file).to_pandas()
+    except InputError:
+        raise
+    except Exception as error:  # it can be damaged in many ways
+        raise unreadable(path, "a Parquet or Arrow file", error, "save it again") from None
     return _table(frame, path)
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 
@@ -22,26 +22,29 @@ _MOST_GAPS = 10_000
 _BEGIN = "0123456789+-. "  # how most numbers begin
 
 
-class CellRows(Protocol):
-    """Rows of cells that can be read more than once; empty rows and comments are not among them."""
+@dataclass(frozen=True)
+class CellRows:
+    """Rows of cells that can be read more than once; empty rows and comments are not among them.
 
-    @property
-    def numbers(self) -> Sequence[int]:
-        """Where each row stands in the file, counted from 1."""
+    Attributes
+    ----------
+    numbers : sequence of int
+        Where each row stands in the file, counted from 1.
+    cells : callable
+        Returns the cells of the rows from a first to before a last, with the blanks around them.
+    head : list of list of str
+        Cells of the first rows, at most `HEAD`, without blanks around them.
+    may_be_short : bool
+        Whether cells that a row lacks are those at its end.
+    point_is_decimal : bool
+        Whether 1.235 is no 1235 unless other cells say so.
+    """
 
-    def cells(self, start: int, stop: int) -> list[list[str]]:
-        """Cells of rows, with the blanks around them."""
-
-    def head(self) -> list[list[str]]:
-        """Cells of the first rows, at most `HEAD`, without blanks around them."""
-
-    @property
-    def may_be_short(self) -> bool:
-        """Whether cells that a row lacks are those at its end."""
-
-    @property
-    def point_is_decimal(self) -> bool:
-        """Whether 1.235 is no 1235 unless other cells say so."""
+    numbers: Sequence[int]
+    cells: Callable[[int, int], list[list[str]]]
+    head: list[list[str]]
+    may_be_short: bool = True
+    point_is_decimal: bool = True
 
 
 def table_of_rows(rows: CellRows, path: Path | None, form: TableForm, place: Place, assumed: Sequence[str]) -> Table:
@@ -52,13 +55,13 @@ def table_of_rows(rows: CellRows, path: Path | None, form: TableForm, place: Pla
     InputError
         If no row holds a number, or a row does not fit the names.
     """
-    layout = recognise_layout(head := rows.head(), form.header)
+    layout = recognise_layout(rows.head, form.header)
     if layout is None:
         raise InputError("expected rows of numbers, got none", file=path)
     if len(layout.names) > _MOST_COLUMNS:
         raise InputError(f"expected at most {_MOST_COLUMNS} columns, got {len(layout.names)}", file=path)
-    body = _Body(rows, head, layout, path, place)
-    body.check_names(head, form)
+    body = _Body(rows, layout, path, place)
+    body.check_names(form)
     columns, texts, questions = _columns(body, form)
     names = layout.names
     units = tuple(unit or column.unit for unit, column in zip(layout.units, columns, strict=True))
@@ -70,19 +73,19 @@ def table_of_rows(rows: CellRows, path: Path | None, form: TableForm, place: Pla
 class _Body:
     """The rows below the head, without the foot."""
 
-    def __init__(self, rows: CellRows, head: list[list[str]], layout: Layout, path: Path | None, place: Place) -> None:
+    def __init__(self, rows: CellRows, layout: Layout, path: Path | None, place: Place) -> None:
         self.rows, self.layout, self.path, self.place = rows, layout, path, place
         self.width = len(layout.names)
         self.said: list[str] = []
         self.lines: list[np.ndarray] = []
         self.repeated: list[int] = []
-        self._heads = {_without_case(row) for row in head[: layout.first]}
-        self._numeric = numeric_columns(head[layout.first :], self.width)
+        self._heads = {_without_case(row) for row in rows.head[: layout.first]}
+        self._numeric = numeric_columns(rows.head[layout.first :], self.width)
         self.stop = self._stop()
 
-    def check_names(self, head: list[list[str]], form: TableForm) -> None:
+    def check_names(self, form: TableForm) -> None:
         """Refuse a header with fewer names than the rows have cells, or more between blanks: which is whose is open."""
-        layout, rows = self.layout, self.rows
+        layout, rows, head = self.layout, self.rows, self.rows.head
         widths, i = [len(row) for row in head[layout.first :]], layout.unmatched
         if layout.header is not None and len(head[layout.header]) > max(widths) and not rows.may_be_short:
             i = layout.header
@@ -196,27 +199,24 @@ def _columns(
             problem = f"expected a number in {column.unit}, got {quoted_cell(cell)}"
             questions[i] = body.error(problem, row, "write the column in one unit", column=i)
     columns = [again.get(i, column) for i, column in enumerate(columns)]
-    return columns, [np.concatenate(words.get(i, column.parts)) for i, column in enumerate(columns)], questions
+    found = [np.concatenate(words[i]) if i in words else np.concatenate(c.parts) for i, c in enumerate(columns)]
+    return columns, found, questions
 
 
 def _said_of_head(body: _Body) -> list[str]:
-    layout, numbers, said = body.layout, body.rows.numbers, []
-    used = [i for i in (layout.header, layout.unit_row) if i is not None]
-    titles = (min(used) if used else layout.first) - layout.group_rows
-    if titles > 0:
-        said.append(f"{titles} line{'s' * (titles > 1)} above the table")
-    if layout.header is None:
-        by_label = any(not name.isdigit() for name in layout.names)
-        said.append("names of columns before the numbers" if by_label else "no header: columns go by number")
-    if layout.group_rows:
-        said.append("names of groups in front of repeated names")
-    if layout.row_names:
-        said.append("row names in the first column")
-    if body.repeated:
-        said.append(f"{body.place} {body.repeated[0]} repeats the head: ignored")
-    if layout.unit_row is not None:
-        said.append(f"units from {body.place} {numbers[layout.unit_row]}")
-    return said
+    layout, place, numbers = body.layout, body.place, body.rows.numbers
+    titles = min(i for i in (layout.header, layout.unit_row, layout.first) if i is not None) - layout.group_rows
+    labelled = any(not name.isdigit() for name in layout.names)
+    unnamed = "names of columns before the numbers" if labelled else "no header: columns go by number"
+    said = [
+        f"{titles} line{'s' * (titles > 1)} above the table" if titles > 0 else "",
+        unnamed if layout.header is None else "",
+        "names of groups in front of repeated names" if layout.group_rows else "",
+        "row names in the first column" if layout.row_names else "",
+        f"{place} {body.repeated[0]} repeats the head: ignored" if body.repeated else "",
+        "" if layout.unit_row is None else f"units from {place} {numbers[layout.unit_row]}",
+    ]
+    return [phrase for phrase in said if phrase]
 
 
 def _said_of_columns(columns: Sequence[NumberColumn], names: Sequence[str], form: TableForm) -> list[str]:

@@ -6,6 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import zip_longest
 
 from truearm.files.tables.cells import is_number, is_value, split_label
 from truearm.files.tables.units import unit_in_name, units_of_row
@@ -162,25 +163,18 @@ def _first_row(rows: Sequence[Row], numeric: Sequence[int], width: int) -> int:
         return first + 1
     # Above the first full row there may be readings whose point was not seen.
     while (
-        first and len(rows[first - 1]) == width and fits(rows[first - 1], 0) and _only_values(rows[first - 1], numeric)
+        first and len(above := rows[first - 1]) == width and fits(above, 0) and all(is_value(above[i]) for i in numeric)
     ):
         first -= 1
     return first
 
 
-def _only_values(row: Row, numeric: Sequence[int]) -> bool:
-    return all(is_value(row[i]) for i in numeric)
-
-
 def _counts_columns(rows: Sequence[Row], first: int, width: int) -> bool:
     """Whether a row is 0, 1, 2, .. or 1, 2, 3, .., as programs name columns that have no names."""
-    row, rest = list(rows[first]), "".join("".join(row) for row in rows[first + 1 : first + 10])
-    counted = [[str(i + start) for i in range(width)] for start in (0, 1)]
-    return (
-        width > 3
-        and (row in counted or (row[:1] == [""] and row[1:] in (counted[0][:-1], counted[1][:-1])))
-        and ("." in rest or "," in rest)
-    )
+    rest = "".join("".join(row) for row in rows[first + 1 : first + 10])
+    row = rows[first][1:] if rows[first][:1] == [""] else rows[first]  # above row names there is none
+    counted = [[str(i + start) for i in range(len(row))] for start in (0, 1)]
+    return width > 3 and list(row) in counted and ("." in rest or "," in rest)
 
 
 def _names_columns(row: Row, width: int) -> bool:
@@ -227,20 +221,14 @@ def _with_groups(
 
 def _with_labels(rows: Sequence[Row], layout: Layout) -> Layout:
     """Names of a table without a header whose cells carry them: ``A1 -90.0``."""
-    names, width = list(layout.names), len(layout.names)
-    full = [row for row in rows[layout.first :] if len(row) == width]
-    for i in range(width):
-        labels = {split_label(row[i])[0] for row in full}
-        if len(labels) == 1 and (label := labels.pop()):
-            names[i] = label
-    return replace(layout, names=tuple(names))
+    full = [row for row in rows[layout.first :] if len(row) == len(layout.names)]
+    labels = [{split_label(cell)[0] for cell in column} for column in zip(*full, strict=True)] or [set()]
+    names = [label.pop() if len(label) == 1 else "" for label in labels]
+    return replace(layout, names=tuple(label or name for label, name in zip_longest(names, layout.names, fillvalue="")))
 
 
 def _trimmed(row: Row) -> list[str]:
-    cells = list(row)
-    while cells and not cells[-1]:
-        cells.pop()
-    return cells
+    return list(row[: max((i for i, cell in enumerate(row, 1) if cell), default=0)])
 
 
 def _filled(cells: Sequence[str], width: int) -> tuple[str, ...]:

@@ -11,27 +11,26 @@ import numpy as np
 
 from truearm.errors import InputError, MissingTool
 from truearm.files.tables.named_arrays import MAX_CELLS, choose_part, columns_of_records, table_of_columns
-from truearm.files.tables.table import Table, TableForm
-
-_AXES = ("x", "y", "z")
+from truearm.files.tables.table import Table, TableForm, unreadable
+from truearm.files.tables.units import name_without_unit, unit_in_name
 
 
 def _joints(message: Any) -> dict[str, float]:
     """Angles [rad] by joint name, and loads where there are some."""
     if len(message.position) != len(message.name):
         return {}
-    record = {f"{name}/position": float(v) for name, v in zip(message.name, message.position, strict=True)}
+    record = {f"{name}/position [rad]": float(v) for name, v in zip(message.name, message.position, strict=True)}
     if len(message.effort) == len(message.name):
-        record |= {f"{name}/effort": float(v) for name, v in zip(message.name, message.effort, strict=True)}
+        record |= {f"{name}/effort [Nm]": float(v) for name, v in zip(message.name, message.effort, strict=True)}
     return record
 
 
 def _point(at: Any) -> dict[str, float]:
-    return {f"{axis} [m]": float(getattr(at, axis)) for axis in _AXES}
+    return {f"{axis} [m]": float(getattr(at, axis)) for axis in "xyz"}
 
 
 def _pose(at: Any, turned: Any) -> dict[str, float]:
-    return _point(at) | {f"quat_{axis}": float(getattr(turned, axis)) for axis in ("w", *_AXES)}
+    return _point(at) | {f"quat_{axis}": float(getattr(turned, axis)) for axis in "wxyz"}
 
 
 # What a message holds, by its type; the definitions are ROS's own, not those in the file, which may say anything.
@@ -73,11 +72,8 @@ def read_recording(path: Path, form: TableForm) -> Table:
     except InputError:
         raise
     except Exception as error:  # of rosbags, SQLite, zstd, lz4: each has its own
-        reason = (str(error).splitlines() or [type(error).__name__])[0][:200]
         hint = "`ros2 bag reindex` mends a recording that was cut off"
-        raise InputError(
-            f"expected a recording, got one that cannot be read ({reason})", file=path, hint=hint
-        ) from None
+        raise unreadable(path, "a recording", error, hint) from None
     return _table(rows, topic, len(topics), path)
 
 
@@ -92,9 +88,8 @@ def _rows(
         record = of_message(message)
         cells += len(record)
         if cells > MAX_CELLS:
-            raise InputError(
-                f"expected at most {MAX_CELLS} numbers", file=path, hint="record fewer joints or less time"
-            )
+            hint = "record fewer joints or less time"
+            raise InputError(f"expected at most {MAX_CELLS} numbers", file=path, hint=hint)
         if record:
             yield {"time [s]": time or 1e-9 * stamp, **record}
 
@@ -107,7 +102,6 @@ def _table(rows: list[dict[str, float]], topic: str, n_topics: int, path: Path) 
     assumed = [f"topic {topic}" + (f" of {n_topics}" if n_topics > 1 else "")]
     if len(kept) < len(rows):
         assumed.append(f"{len(rows) - len(kept)} messages of other joints ignored")
-    titles = [name.rstrip("]").partition(" [") for name, _ in columns]
-    units = [{"/position": "rad", "/effort": "Nm"}.get(name[name.rfind("/") :], unit) for name, _, unit in titles]
-    values = [(name, column) for (name, _, _), (_, column) in zip(titles, columns, strict=True)]
+    values = [(name_without_unit(name), column) for name, column in columns]
+    units = [unit_in_name(name) for name, _ in columns]
     return table_of_columns(values, units=units, lines=kept + 1, file=path, assumed=assumed)

@@ -153,6 +153,12 @@ class Table:
         raise self.error(f"there is no column {quoted_cell(name)}; the columns are {listed(self.names)}", hint=hint)
 
 
+def unreadable(path: Path, what: str, error: BaseException, hint: str) -> InputError:
+    """A file that a library cannot read, with the first line of its reason."""
+    reason = (str(error).splitlines() or [type(error).__name__])[0][:200]
+    return InputError(f"expected {what}, got one that cannot be read ({reason})", file=path, hint=hint)
+
+
 def listed(names: Sequence[str], most: int = 30) -> str:
     """Names of columns for a message, not too many."""
     if names[:1] == ("1",):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import re
 from bisect import bisect
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
@@ -13,7 +12,7 @@ from pathlib import Path
 from truearm.errors import InputError
 from truearm.files.delimited import MAX_BYTES, as_utf8, quoted_cell
 from truearm.files.file_reading import read_limited
-from truearm.files.tables.cell_rows import table_of_rows
+from truearm.files.tables.cell_rows import CellRows, table_of_rows
 from truearm.files.tables.cells import is_number
 from truearm.files.tables.layout import HEAD, Layout, recognise_layout, table_width
 from truearm.files.tables.separators import (
@@ -30,9 +29,7 @@ from truearm.files.tables.text_encoding import recognise_encoding
 _COMMENT = re.compile(r"\s*(?:#(?!N/A|DIV)|%|//|!)+")
 _SEPARATOR_LINE = re.compile(r"\"?sep=(.)\"?\s*", re.IGNORECASE)
 # Around several numbers, with labels or not.
-_BRACKETS = re.compile(
-    r"[\[({]\s*(?:[\"']?[A-Za-z]\w*[\"']?:?\s+)?[+-]?[\d.]+\s*[,;\s]\s*[^\s\])}]"
-)  # around several numbers
+_BRACKETS = re.compile(r"[\[({]\s*(?:[\"']?[A-Za-z]\w*[\"']?:?\s+)?[+-]?[\d.]+\s*[,;\s]\s*[^\s\])}]")
 _ASSIGNED = re.compile(r"^[^\[({]*(?::=|=|:)\s*(?=[\[({])")
 _DIGITS = re.compile(r"[+-]?\d+")
 _FRACTION = re.compile(r"^[^.,]*[.,]?")  # all before the decimals
@@ -110,70 +107,42 @@ def _table(found: TextLines, path: Path, form: TableForm) -> Table:
     if splitting.separator != ";":
         _take_comments(found, re.compile(r"\s*;+"))
     _join_quoted(found, path, splitting)
-    rows = TextRows(found, splitting)
-    layout = recognise_layout(rows.head(), form.header)
+    layout = recognise_layout(head := _head(found, splitting), form.header)
     if layout is None:
-        raise _no_table(found, path, form)
-    if form.thousands == splitting.separator and (names := _n_names(rows.head())):
-        rows = TextRows(found, replace(splitting, grouped=names))
-        found.assumed.append(f"thousands also between {SEPARATORS[splitting.separator]}")
-    elif splitting.separator == "," and _are_paired(rows.head(), layout):
-        rows = TextRows(found, replace(splitting, paired=True), layout.first)
+        line, hint = next(iter(found.numbers), None), "--skip-lines 0" if form.skip_lines else None
+        raise InputError("expected rows of numbers, got none", file=path, line=line, hint=hint)
+    if form.thousands == splitting.separator and (names := _n_names(head)):
+        splitting = replace(splitting, grouped=names)
+        found.assumed.append(f"thousands also between {SEPARATORS.get(form.thousands, form.thousands)}")
+    elif splitting.separator == "," and _are_paired(head, layout):
+        splitting = replace(splitting, paired=True)
         found.assumed.append("commas also within numbers")
     elif layout.header is None and form.header is not False:
-        _insert_comments(found, rows, layout)
+        _insert_comments(found, splitting, layout)
     if found.comments:
         n = len(found.comments)
         found.assumed.append(f"{n} comment line{'s' * (n > 1)}")
-    if found.cut_off and _is_cut_off(rows, len(layout.names)):
+    if found.cut_off and _is_cut_off(splitting.split(found.lines[-HEAD:]), len(layout.names)):
         found.assumed.append(f"line {found.numbers.pop()} is cut off: ignored")
         found.lines.pop()
+    rows = CellRows(
+        found.numbers,
+        lambda start, stop: splitting.split(found.lines[start:stop]),
+        _head(found, splitting, layout.first),
+        may_be_short=bool(splitting.separator.strip(" ")),  # between blanks any cell may be missing
+        point_is_decimal=splitting.separator == "," and not splitting.paired,
+    )
     return table_of_rows(rows, path, form, "line", found.assumed)
 
 
-@dataclass(frozen=True)
-class TextRows:
-    """The cells of lines.
-
-    Attributes
-    ----------
-    text : TextLines
-    splitting : Splitting
-    paired_from : int
-        Index of the first line whose numbers have commas within, if the splitting says so.
-    """
-
-    text: TextLines
-    splitting: Splitting
-    paired_from: int = 0
-
-    @property
-    def numbers(self) -> Sequence[int]:
-        """Where each row stands in the file, counted from 1."""
-        return self.text.numbers
-
-    def cells(self, start: int, stop: int) -> list[list[str]]:
-        """Cells of rows."""
-        return self.splitting.split(self.text.lines[start:stop])
-
-    def head(self) -> list[list[str]]:
-        """Cells of the first rows, without blanks; lines of names may have another separator."""
-        lines = self.text.lines[:HEAD]
-        rows = self.splitting.strip(lines)
-        if n := self.paired_from:
-            rows[:n] = replace(self.splitting, paired=False).strip(lines[:n])
-        width = table_width(rows)
-        return [self.splitting.split_names(line, row, width) for line, row in zip(lines, rows, strict=True)]
-
-    @property
-    def may_be_short(self) -> bool:
-        """Whether cells that a row lacks are those at its end: between blanks any of them may be missing."""
-        return bool(self.splitting.separator.strip(" "))
-
-    @property
-    def point_is_decimal(self) -> bool:
-        """Whether commas separate cells: then they are not decimal, so points do not group digits."""
-        return self.splitting.separator == "," and not self.splitting.paired
+def _head(found: TextLines, splitting: Splitting, names: int = 0) -> list[list[str]]:
+    """Cells of the first lines without blanks; in the first of them, of names, no commas stand within cells."""
+    lines = found.lines[:HEAD]
+    rows = splitting.strip(lines)
+    if splitting.paired:
+        rows[:names] = replace(splitting, paired=False).strip(lines[:names])
+    width = table_width(rows)
+    return [splitting.split_names(line, row, width) for line, row in zip(lines, rows, strict=True)]
 
 
 def _lines(text: str, form: TableForm) -> TextLines:
@@ -209,12 +178,12 @@ def _take_comments(found: TextLines, mark: re.Pattern[str]) -> None:
         found.lines = [line for i, line in enumerate(found.lines) if i not in taken]
 
 
-def _insert_comments(found: TextLines, rows: TextRows, layout: Layout) -> None:
+def _insert_comments(found: TextLines, splitting: Splitting, layout: Layout) -> None:
     """Let comments above the first row that name columns or units be lines of the table."""
     above = [(n, line) for n, line in found.comments if n < found.numbers[layout.first]]
     width, chosen = len(layout.names), []
     for number, line in above:
-        cells = rows.splitting.split_names(line, rows.splitting.strip([line])[0], width)
+        cells = splitting.split_names(line, splitting.strip([line])[0], width)
         if len(cells) == width and not any(map(is_number, cells)):
             chosen.append((number, line))
     for number, line in chosen[-2:]:
@@ -281,10 +250,9 @@ def _n_names(head: list[list[str]]) -> int:
     return next((len(row) for row in reversed(head) if len(row) > 1 and not any(map(is_number, row))), 0)
 
 
-def _is_cut_off(rows: TextRows, width: int) -> bool:
-    """Whether the last line ends before the others do: it lacks cells, or decimals that all others have."""
-    n = len(rows.numbers)
-    *others, last = rows.cells(max(n - HEAD, 0), n)
+def _is_cut_off(rows: list[list[str]], width: int) -> bool:
+    """Whether the last row ends before the others do: it lacks cells, or decimals that all others have."""
+    *others, last = rows
     full = [row for row in others if len(row) >= width]
     if len(last) < width:
         return len(full) == len(others) > 1
@@ -292,11 +260,3 @@ def _is_cut_off(rows: TextRows, width: int) -> bool:
         return False
     decimals = {len(_FRACTION.sub("", row[width - 1].strip())) for row in full[1:]}
     return len(full) > 3 and len(decimals) == 1 and len(_FRACTION.sub("", last[width - 1].strip())) < decimals.pop()
-
-
-def _no_table(found: TextLines, path: Path, form: TableForm) -> InputError:
-    if not found.lines:
-        return InputError(
-            "expected a table, got no line", file=path, hint=None if form.skip_lines is None else "--skip-lines 0"
-        )
-    return InputError("expected rows of numbers, got none", file=path, line=found.numbers[0])

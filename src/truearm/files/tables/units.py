@@ -56,7 +56,6 @@ _QUANTITIES: tuple[dict[str, float], ...] = (
     {"A": 1.0, "mA": 0.001},
 )
 _AT_ZERO = {"K": -273.15, "degF": -160 / 9}
-_BRACKETS = {"[": "]", "(": ")", "<": ">", "{": "}"}
 # Behind a name without brackets only what cannot be a part of the name itself: X_m may be "measured".
 _BEHIND = ["deg", "degrees", "°", "rad", "radians", "mm", "um", "µm", "μm", "counts", "degC", "°C", "inch"]
 _IN_NAME = re.compile(
@@ -76,9 +75,7 @@ def canonical_unit(written: str) -> str | None:
     ('deg', 'mm', None)
     """
     text = written.strip()
-    if text[:1] in _BRACKETS and text.endswith(_BRACKETS[text[0]]):
-        text = text[1:-1].strip()
-    return _MEANING.get(text.casefold())
+    return _MEANING.get(text.casefold(), _MEANING.get(_within_brackets(text).casefold()))
 
 
 def conversion(unit: str, to: str) -> tuple[float, float] | None:
@@ -130,4 +127,8 @@ def units_of_row(cells: list[str]) -> tuple[str, ...] | None:
     filled = [cell for cell in cells if cell]
     if not any(canonical_unit(cell) for cell in filled) or any(canonical_unit(cell) is None for cell in filled):
         return None
-    return tuple(re.sub(r"^[\[(<{]\s*|\s*[\])>}]$", "", cell) if canonical_unit(cell) else "" for cell in cells)
+    return tuple(_within_brackets(cell) if canonical_unit(cell) else "" for cell in cells)
+
+
+def _within_brackets(text: str) -> str:
+    return re.sub(r"^[\[(<{]\s*|\s*[\])>}]$", "", text)

@@ -14,10 +14,10 @@ from typing import Any
 from truearm.errors import InputError
 from truearm.files.file_reading import read_limited
 from truearm.files.tables.array_files import check_unpacked
-from truearm.files.tables.cell_rows import table_of_rows
+from truearm.files.tables.cell_rows import CellRows, table_of_rows
 from truearm.files.tables.layout import HEAD
 from truearm.files.tables.named_arrays import choose_part
-from truearm.files.tables.table import Table, TableForm, listed
+from truearm.files.tables.table import Table, TableForm, listed, unreadable
 
 _MAX_BYTES = 2**27
 # Cells between the first and the last that are filled: the reader makes an array of them, and one cell in the last
@@ -32,39 +32,19 @@ _THREE_DECIMALS = re.compile(r"-?[1-9]\d{0,2}\.\d{3}")
 _REMARK = re.compile(r"\s*(?:#|%|//|!)")
 
 
-class SheetRows:
-    """Rows of a sheet that hold something, as text.
-
-    Parameters
-    ----------
-    rows : sequence of rows
-        Values of the cells, from the first row of the sheet.
-    skip : int
-        Rows at the top that do not belong to the table.
-    """
-
-    may_be_short = True
-    point_is_decimal = True
-
-    def __init__(self, rows: Sequence[Sequence[Any]], skip: int = 0) -> None:
-        # Numbers are typed: beside text with decimal commas they are written without any sign.
-        exact = any(isinstance(cell, str) and _DECIMAL_COMMA.fullmatch(cell) for row in rows for cell in row)
-        self._rows: list[list[str]] = []
-        self.numbers: list[int] = []
-        for number, row in enumerate(rows, start=1):
-            cells = [_text(cell, exact) for cell in row]
-            filled = [cell for cell in cells if cell.strip()]
-            if number > skip and filled and not (len(filled) == 1 and _REMARK.match(filled[0])):
-                self._rows.append(cells)
-                self.numbers.append(number)
-
-    def cells(self, start: int, stop: int) -> list[list[str]]:
-        """Cells of rows."""
-        return self._rows[start:stop]
-
-    def head(self) -> list[list[str]]:
-        """Cells of the first rows without blanks around them."""
-        return [[cell.strip() for cell in row] for row in self._rows[:HEAD]]
+def _rows(sheet: Sequence[Sequence[Any]], skip: int) -> CellRows:
+    """Rows of a sheet that hold something, as text; the first `skip` do not belong to the table."""
+    # Numbers are typed: beside text with decimal commas they are written without any sign.
+    exact = any(isinstance(cell, str) and _DECIMAL_COMMA.fullmatch(cell) for row in sheet for cell in row)
+    rows: dict[int, list[str]] = {}
+    for number, row in enumerate(sheet[skip:], start=skip + 1):
+        cells = [_text(cell, exact) for cell in row]
+        filled = [cell for cell in cells if cell.strip()]
+        if filled and not (len(filled) == 1 and _REMARK.match(filled[0])):
+            rows[number] = cells
+    found = list(rows.values())
+    head = [[cell.strip() for cell in row] for row in found[:HEAD]]
+    return CellRows(list(rows), lambda start, stop: found[start:stop], head)
 
 
 def read_workbook(path: Path, form: TableForm) -> Table:
@@ -98,7 +78,7 @@ def read_workbook(path: Path, form: TableForm) -> Table:
         if not isinstance(error, CalamineError) and type(error).__name__ != "PanicException":
             raise
         hint = "open it in a spreadsheet program and save it as .xlsx"
-        raise InputError(f"expected a workbook, got one that cannot be read ({error})", file=path, hint=hint) from None
+        raise unreadable(path, "a workbook", error, hint) from None
     return _table(rows, path, form)
 
 
@@ -110,14 +90,13 @@ def _table(sheets: dict[str, list[list[Any]]], path: Path, form: TableForm) -> T
         if path.suffix.lower() not in (".xlsx", ".xlsm", ".xls", ".ods"):
             said.append(f"a workbook, whatever {path.suffix or 'its name'} says")
         try:
-            tables[name] = table_of_rows(SheetRows(rows, form.skip_lines or 0), path, form, "row", said)
+            tables[name] = table_of_rows(_rows(rows, form.skip_lines or 0), path, form, "row", said)
         except InputError as error:
             if any(any(row) for row in rows):
                 fault = fault or error
     if not tables:
-        raise fault or InputError(
-            "expected a table, got no sheet with cells", file=path, hint="unhide it, or --part NAME"
-        )
+        hint = "unhide it, or --part NAME"
+        raise fault or InputError("expected a table, got no sheet with cells", file=path, hint=hint)
     first, *others = tables
     if alike := [name for name in others if tables[name].names == tables[first].names]:
         problem = f"sheets {listed([first, *alike])} hold tables with the same columns"
@@ -142,9 +121,7 @@ def _checked_archive(data: bytes, path: Path) -> bytes:
                 what = "a binary workbook (.xlsb)" if "xl/workbook.bin" in names else "another zip file"
                 raise InputError(f"expected a workbook, got {what}", file=path, hint="save the sheet as .xlsx or .csv")
             members = {name: archive.read(name) for name in names}
-            longest = max(
-                (len(text) for one in members.values() if b"<sst" in one for text in one.split(b"<si")), default=0
-            )
+            longest = max((len(text) for m in members.values() if b"<sst" in m for text in m.split(b"<si")), default=0)
             for name, member in members.items():
                 cells, characters = _area_of_ods(member) if name == "content.xml" else _area_of_xlsx(member, longest)
                 if cells > _MAX_CELLS or characters > _MAX_CHARACTERS:
@@ -154,8 +131,7 @@ def _checked_archive(data: bytes, path: Path) -> bytes:
     except InputError:
         raise
     except Exception as error:  # damage makes zipfile raise many kinds
-        problem = f"expected a workbook, got a damaged one ({error})"
-        raise InputError(problem, file=path, hint="save or copy it again") from None
+        raise unreadable(path, "a workbook", error, "save or copy it again") from None
     return unpacked.getvalue()
 
 
