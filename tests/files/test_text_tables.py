@@ -284,3 +284,13 @@ def test_another_table_below_an_empty_line_is_ignored_and_said(tmp_path):
     table = read(tmp_path, "a,b\n1.5,2\n2.5,3\n\nc,d\n10,20\n11,21\n")
     assert table.lines.tolist() == [2, 3]
     assert "another table from line 5: ignored" in table.assumed
+
+
+@pytest.mark.parametrize(
+    ("content", "form"),
+    [("a,x\n1,1.5\n2,2.5\n", {"decimal": ","}), ("a;x\n1;1,5\n", {"decimal": ",", "separator": ","})],
+)
+def test_a_decimal_sign_that_also_separates_is_refused(tmp_path, content, form):
+    error = refusal(tmp_path, content, **form)
+    assert "both ','" in error.problem
+    assert "--separator" in error.hint

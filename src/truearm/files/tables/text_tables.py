@@ -108,13 +108,17 @@ def _table(found: TextLines, path: Path, form: TableForm) -> Table:
         _take_comments(found, re.compile(r"\s*;+"))
     _join_quoted(found, path, splitting)
     layout = recognise_layout(head := _head(found, splitting), form.header)
+    are_paired = layout is not None and splitting.separator == "," and _are_paired(head, layout)
+    if form.decimal == splitting.separator and not are_paired and not any('"' in line for line in found.lines[:HEAD]):
+        hint = f"--separator ';', or --decimal {'.' if form.decimal == ',' else ','}"
+        raise InputError(f"the separator and the decimal sign are both {form.decimal!r}", file=path, hint=hint)
     if layout is None:
         line, hint = next(iter(found.numbers), None), "--skip-lines 0" if form.skip_lines else None
         raise InputError("expected rows of numbers, got none", file=path, line=line, hint=hint)
     if form.thousands == splitting.separator and (names := _n_names(head)):
         splitting = replace(splitting, grouped=names)
         found.assumed.append(f"thousands also between {SEPARATORS.get(form.thousands, form.thousands)}")
-    elif splitting.separator == "," and _are_paired(head, layout):
+    elif are_paired:
         splitting = replace(splitting, paired=True)
         found.assumed.append("commas also within numbers")
     elif layout.header is None and form.header is not False:
