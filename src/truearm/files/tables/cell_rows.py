@@ -131,9 +131,12 @@ class _Body:
                 if len(row) > last and row[last][:1] not in _BEGIN and _without_case(row) in self._heads
             ]:  # fmt: skip
                 self.repeated += lines[again].tolist()
-                cells, lines = [row for i, row in enumerate(cells) if i not in again], np.delete(lines, again)
-            if set(map(len, cells)) != {self.width} or any(not row[0] and not "".join(row).strip() for row in cells):
-                filled = [i for i, row in enumerate(cells) if "".join(row).strip()]
+            if (
+                again
+                or set(map(len, cells)) != {self.width}
+                or not all(row[0] or "".join(row).strip() for row in cells)
+            ):
+                filled = [i for i, row in enumerate(cells) if "".join(row).strip() and i not in again]
                 cells, lines = [self._fitting(cells[i], int(lines[i])) for i in filled], lines[filled]
             if cells:
                 self.lines.append(lines)

@@ -110,8 +110,11 @@ def _table(found: TextLines, path: Path, form: TableForm) -> Table:
     layout = recognise_layout(head := _head(found, splitting), form.header)
     are_paired = layout is not None and splitting.separator == "," and _are_paired(head, layout)
     if form.decimal == splitting.separator and not are_paired and not any('"' in line for line in found.lines[:HEAD]):
-        hint = f"--separator ';', or --decimal {'.' if form.decimal == ',' else ','}"
-        raise InputError(f"the separator and the decimal sign are both {form.decimal!r}", file=path, hint=hint)
+        problem, other = (
+            f"the separator and the decimal sign are both {form.decimal!r}",
+            {",": "."}.get(form.decimal, ","),
+        )
+        raise InputError(problem, file=path, hint=f"--separator ';', or --decimal {other}")
     if layout is None:
         line, hint = next(iter(found.numbers), None), "--skip-lines 0" if form.skip_lines else None
         raise InputError("expected rows of numbers, got none", file=path, line=line, hint=hint)
