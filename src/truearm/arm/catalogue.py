@@ -16,27 +16,8 @@ from truearm.errors import InputError
 
 # With one of them begins the title of every arm that has a maker.
 MAKERS = (
-    "ABB",
-    "AUBO",
-    "Barrett",
-    "Denso",
-    "Dobot",
-    "Doosan",
-    "Elephant Robotics",
-    "Fanuc",
-    "Franka",
-    "Immersion",
-    "Interbotix",
-    "Kawasaki",
-    "Kinova",
-    "KUKA",
-    "Niryo",
-    "Stäubli",
-    "Techman",
-    "TheRobotStudio",
-    "UFACTORY",
-    "Universal Robots",
-    "Yaskawa",
+    "ABB, AUBO, Barrett, Denso, Dobot, Doosan, Elephant Robotics, Fanuc, Franka, Immersion, Interbotix, Kawasaki, "
+    "Kinova, KUKA, Niryo, Stäubli, Techman, TheRobotStudio, UFACTORY, Universal Robots, Yaskawa"
 )
 _SUFFIXES = (".toml", ".urdf")
 _FILE_SUFFIXES = (*_SUFFIXES, ".yaml", ".yml", ".xacro")
@@ -125,7 +106,7 @@ def known_name(arm: str) -> str | None:
 
 def maker_of(title: str) -> str:
     """The maker with whose name an arm's title begins; empty if with none."""
-    return next((maker for maker in MAKERS if title.startswith(f"{maker} ")), "")
+    return next((maker for maker in MAKERS.split(", ") if title.startswith(f"{maker} ")), "")
 
 
 def arm_path(arm: str | Path) -> Path:

@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 from truearm.arm.urdf_tree import MOVING, UrdfJoint, UrdfTree, named
 from truearm.errors import InputError
-from truearm.files.xml_reader import child
 
 # Usual names of a tip, the first that fits: behind the name of a robot or a side, before "link" or "frame".
 TIP_NAMES = (
@@ -73,16 +72,11 @@ class _Branches:
         self.below: dict[str, list[UrdfJoint]] = {link: [] for link in tree.links}
         for joint in tree.joints:
             self.below[joint.parent].append(joint)
-        order = list(self._walk(roots))
-        beside = _moved_from_beside(tree, order)
         self.depth: dict[str, int] = {}
         self.fingers: set[str] = set()
-        for link in reversed(order):
-            last = [joint for joint in self.below[link] if joint.kind in MOVING and not self.depth[joint.child]]
-            slides = sum(joint.kind == "prismatic" for joint in last) > 1
-            for joint in last:
-                if joint.name in beside or (slides and joint.kind == "prismatic") or _is_named_finger(joint):
-                    self.fingers.add(joint.name)
+        for link in reversed(list(self._walk(roots))):
+            last = (joint for joint in self.below[link] if joint.kind in MOVING and not self.depth[joint.child])
+            self.fingers |= {joint.name for joint in last if _is_named_finger(joint)}
             self.depth[link] = max([0, *map(self.length, self.below[link])])
 
     def _walk(self, roots: list[str]) -> Iterator[str]:
@@ -165,26 +159,6 @@ class _Branches:
             f"{len(tips)} arms could be meant, the longest of {joints}, with the tips {named(tips)}",
             hint=f"name one after the file: FILE.urdf::{tips[0]} (FILE.urdf:BASE:TIP)",
         )
-
-
-def _moved_from_beside(tree: UrdfTree, order: list[str]) -> set[str]:
-    """Joints that follow one that is not above them, and those that they follow: fingers, and rods beside an arm."""
-    place = {link: i for i, link in enumerate(order)}
-    end: dict[str, int] = {}
-    for link in reversed(order):
-        joint = tree.joint_above.get(link)
-        end[link] = max(end.get(link, 0), place[link])
-        if joint is not None:
-            end[joint.parent] = max(end.get(joint.parent, 0), end[link])
-    at, found = {joint.name: joint.child for joint in tree.joints if joint.child in place}, set()
-    for joint in tree.joints:
-        mimic = child(joint.element, "mimic")
-        master = None if mimic is None else mimic.get("joint")
-        if master in at and joint.name in at:
-            carrier, link = at[master], at[joint.name]
-            if not place[carrier] <= place[link] <= end[carrier]:
-                found |= {joint.name, master}
-    return found
 
 
 def _is_named_finger(joint: UrdfJoint) -> bool:

@@ -46,7 +46,7 @@ def catalogue(search: str = "") -> Catalogue:
     """
     names = list_arms(search)
     if not names:
-        raise InputError(f"no arm of the catalogue matches {search!r}", hint=f"a maker: {', '.join(MAKERS)}")
+        raise InputError(f"no arm of the catalogue matches {search!r}", hint=f"a maker: {MAKERS}")
     return Catalogue(tuple(sorted(map(load_arm, names), key=lambda arm: (maker_of(arm.title).casefold(), arm.name))))
 
 
