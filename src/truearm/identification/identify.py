@@ -320,8 +320,10 @@ def identify_physical(
         weights[excluded_readings(rigid)] = 0.0
         start = Start(weights, rigid)
     if (simpler := start.arm or (known[-1] if has_constants else None)) is not None:
-        rigid_terms = constants(readings.state.chain, free=readings.free)
-        terms += gains_asked(simpler, readings.state, readings.references, rigid_terms)
+        # What a joint bends by its torque looks like a gain where it leans from upright.
+        compliance = (term for term in terms if term.group == JOINT_COMPLIANCE)
+        absorbed = [*constants(readings.state.chain, free=readings.free), *compliance]
+        terms += gains_asked(simpler, readings.state, readings.references, absorbed)
     estimate = partial(estimate_without_gross_errors, readings, start=start, progress=progress)
     everything, process = estimate(terms), None
     if everything.fit.residual_freedom(readings.references) < LEAST_FREEDOM:

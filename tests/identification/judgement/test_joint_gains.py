@@ -9,19 +9,19 @@ import truearm as ta
 from truearm.arm import chain_from_dh
 from truearm.identification.judgement.joint_gains import describe_gains
 from truearm.identification.references.prepared_readings import PreparedReadings
-from truearm.identification.terms.catalogue import JOINT_GAINS, gains
+from truearm.identification.terms.catalogue import JOINT_COMPLIANCE, JOINT_GAINS, gains, gravity
 
 NOISE_MM = 1.0
 GAINS = np.array([0.012, -0.03, 0.02, -0.005, 0.025])
 
 
-def hobby_arm() -> ta.Arm:
-    """Five servos, a reach of 400 mm."""
+def hobby_arm(*, upright: bool = False) -> ta.Arm:
+    """Five servos, a reach of 400 mm; its links are level, or upright, where its angles are zero."""
     chain = chain_from_dh(
         a=[0, 120, 120, 0, 0],
         d=[80, 0, 0, 0, 70],
         alpha=np.radians([90, 0, 0, 90, 0]),
-        theta=np.radians([0, 0, 0, 90, 0]),
+        theta=np.radians([0, 90 * upright, 0, 90, 0]),
         tip_in_flange=[20.0, 0.0, 90.0],
     )
     return ta.Arm("hobby", chain, lower=np.full(5, -1.7), upper=np.full(5, 1.7))
@@ -70,6 +70,24 @@ def test_an_arm_with_gains_ends_at_the_noise(tmp_path):
 def test_an_arm_without_gains_has_none(seed):
     arm, training, _ = readings(np.zeros(5), seed=seed)
     assert not has_gains(ta.KinematicModel(arm).fit_readings(training))
+
+
+def test_joints_that_give_way_have_no_gains_in_a_model_that_bends():
+    """Upright links lean, and their joints give way in proportion: a gain of a rigid arm, and none of a soft one."""
+    arm = replace(hobby_arm(upright=True), nominal_error_mm=20.0)
+    angles = np.random.default_rng(4).uniform(-1.0, 1.0, (60, 5))
+    exact = ta.Session(angles, arm.chain.tip_in_base(angles))
+    state = PreparedReadings.of(arm, exact, None, free=("base", "tip"), robust=True).state
+    sag = np.zeros_like(angles)
+    for joint in (2, 3):
+        (term,) = (one for one in gravity(arm.chain, joint) if one.group == JOINT_COMPLIANCE)
+        torque = term.basis.values(state)[0]
+        sag[:, joint - 1] = 0.03 * torque / np.abs(torque).max()
+    points = arm.chain.tip_in_base(angles + sag) + np.random.default_rng(5).normal(0, 0.3, (60, 3))
+    soft = ta.Session(angles, points)
+    assert has_gains(ta.KinematicModel(arm).fit_readings(soft))
+    assert not has_gains(ta.PhysicalModel(arm).fit_readings(soft))
+    assert has_gains(ta.PhysicalModel(hobby_arm()).fit_readings(readings(GAINS)[1]))
 
 
 @pytest.mark.parametrize("preset", ["research", "worn"])

@@ -42,7 +42,7 @@ def gains_asked(
     references : sequence of Reference
         Those of the identification.
     absorbed : sequence of Term
-        The constants.
+        The constants, and what else explains the residuals before gains do.
     """
     if known := [term for term in fit.perturbed_chain.terms if term.group == JOINT_GAINS]:
         return known
