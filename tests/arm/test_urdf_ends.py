@@ -1,9 +1,12 @@
 """Base and tip of a URDF: found where the file shows them, said where others were possible, asked for of two arms."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from truearm.arm import load_arm, read_urdf
+import truearm as ta
+from truearm.arm import Chain, load_arm, read_urdf
 from truearm.errors import InputError
 
 
@@ -63,6 +66,17 @@ def test_the_usual_names_win(tmp_path, more, tip):
     assert arm.n_joints == 6
     assert tip_of(arm) == tip
     assert arm.remarks[0].endswith("; robot.urdf::LINK takes another.")
+
+
+def test_a_plan_and_a_virtual_arm_say_which_tip_was_taken(tmp_path):
+    arm = read(tmp_path, *chain(3), "fixed e link_3 ee_link", "fixed s link_3 lamp")
+    moved = np.tile(np.eye(4), (4, 1, 1))
+    moved[1:, :3, 3] = [[0, 0, 300], [400, 0, 0], [300, 0, 0]]
+    moved[1, :3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
+    long = replace(arm, chain=Chain(moved, np.zeros(3)), lower=np.full(3, -2.0), upper=np.full(3, 2.0))
+    (said,) = arm.remarks
+    assert said in str(ta.simulate(long, poses=4, strategy="uniform", seed=1))
+    assert said in str(ta.plan(long, "tracker", poses=4, terms="constants"))
 
 
 def test_the_order_of_the_names_is_that_of_the_page(tmp_path):

@@ -130,6 +130,7 @@ class PlanResult(PageRecord):
         yield _mean_move(degrees(planned.proposal.mean_move))
         for sentence in self.limitations:
             yield f"- {sentence}"
+        yield from self.plan.arm.remarks
         yield from self.accepted
         numbers = ((name, one.rms_mm[-1], degrees(one.mean_move)) for name, one in self.plan.proposals.items())
         rows = ((name, f"{u:.4g}", f"{move:.0f}", "chosen" * (name == planned.strategy)) for name, u, move in numbers)

@@ -201,6 +201,7 @@ class SimulationResult(Record):
     def blocks(self) -> Iterator[str]:
         """See `Record.blocks`."""
         yield self.summary()
+        yield from self.virtual.nominal.remarks
         if self.rejected:
             yield f"rejected poses: {describe_rejections(self.rejected)}"
         for label, errors in (("nominal error", self.nominal_error), ("noise floor", self.noise_floor)):
