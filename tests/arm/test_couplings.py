@@ -8,6 +8,8 @@ import pytest
 import truearm as ta
 from truearm.arm import load_arm, read_arm, read_urdf, write_arm
 from truearm.arm.couplings import coupling_text, parse_coupling
+from truearm.compensation.export import c_source
+from truearm.compensation.targets.manifest import Manifest
 from truearm.errors import InputError
 from truearm.workflows.arms import describe_arm
 
@@ -112,9 +114,12 @@ def test_a_fit_with_the_pendants_angles_is_that_with_the_joints(tmp_path):
     )
     sent, there = ta.correct(fitted, shown.angles[:4]).joints, ta.correct(plain, session.angles[:4]).joints
     np.testing.assert_allclose(sent @ arm.chain.coupling.T, there, rtol=0, atol=1e-6)
-    with pytest.raises(InputError, match=r"coupled \(J3 = J2 \+ J3\)"):
-        ta.export(fitted, tmp_path / "m.json")
-    assert not (tmp_path / "m.json").exists()
+    for name, format in (("m.json", "json"), ("m.c", "c"), ("m.urdf", "urdf"), ("m.csv", "deltas")):
+        with pytest.raises(InputError, match=r"coupled \(J3 = J2 \+ J3\)"):
+            ta.export(fitted, tmp_path / name, format=format)
+        assert not (tmp_path / name).exists()
+    with pytest.raises(InputError, match=r"coupled \(J3 = J2 \+ J3\)"):  # by the writer of the format, too
+        c_source.write(fitted, Manifest.of(fitted, "c"), tmp_path / "m.c")
 
 
 def mimic(more: str, kinds=("revolute", "revolute", "prismatic")) -> str:

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 from truearm.acceptance import acceptance_remarks, accepted_in_fit, accepts
-from truearm.arm.couplings import coupling_text
 from truearm.choices import Convention, ExportFormat, Frame
 from truearm.compensation.export.file_check import Finding, compare_with_model
 from truearm.compensation.export.formats import FORMATS, format_of
@@ -99,12 +98,6 @@ def export(
         raise InputError(
             f"the option {surplus[0]} does not apply to the format {name}",
             hint=f"its options are {', '.join(spec.options)}" if spec.options else "leave it out: the model is whole",
-        )
-    if fitted.arm.chain.coupling is not None and (name != "urdf" or source is None):
-        raise InputError(
-            f"the joints of {fitted.arm.name!r} are coupled ({coupling_text(fitted.arm.chain.coupling)}), which a file "
-            f"of format {name} cannot state",
-            hint="of a robot with mimic joints: --as urdf with --source, its own URDF; truearm correct works without",
         )
     if not spec.holds_constants:
         spec.load().write(fitted, Manifest.of(fitted, name), out)

@@ -14,6 +14,7 @@ from truearm.arm.chain import Chain
 from truearm.arm.denavit_hartenberg import Convention
 from truearm.compensation.export.constants_table import ConstantsTable, constants_table
 from truearm.compensation.export.rigid_arm import RigidArm, best_rigid_arm
+from truearm.compensation.models.arm_check import check_not_coupled
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.targets.manifest import Direction, Frame, Manifest, check_joints, read_manifest
 from truearm.files.atomic_write import atomic_file
@@ -96,6 +97,8 @@ def writer(
 
     def write(model: Compensator, path: str | Path, **options: Any) -> RigidArm:
         request = ConstantsRequest(model, Path(path), **options)
+        if request.source is None or format != "urdf":
+            check_not_coupled(model.arm_, format)
         rigid, chain, content = file_of(request)
         tips = chain.tip_in_base(check_joints(model))
         made = content(Manifest.of(model, format, tips=tips, direction=direction, frame=request.frame, loss=rigid.loss))

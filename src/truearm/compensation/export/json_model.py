@@ -17,6 +17,7 @@ from truearm.arm.masses import LinkMasses
 from truearm.arm.nearest_table import drawn_convention, drawn_table
 from truearm.compensation.export import json_document as form
 from truearm.compensation.export.plain_model import expressions_of, loaded_links
+from truearm.compensation.models.arm_check import check_not_coupled
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.compensation.models.network import NetworkModel
@@ -118,6 +119,7 @@ def document_of(model: Compensator, manifest: Manifest) -> form.ModelDocument:
             f"expected a nominal, kinematic, physical or network model, got a {type(model).__name__}",
             hint="export the kinematic or physical model of the same readings",
         )
+    check_not_coupled(model.arm_, "json")
     network = _network_of(model) if isinstance(model, NetworkModel) else None
     return form.ModelDocument(
         **{MARKER: manifest},  # the key of the document is no name of Python

@@ -13,6 +13,7 @@ import numpy as np
 
 from truearm.arm.chain import Chain
 from truearm.arm.masses import LinkMasses
+from truearm.compensation.models.arm_check import check_not_coupled
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel, require_identified
 from truearm.errors import InputError
@@ -111,6 +112,7 @@ def plain_model(model: Compensator) -> PlainModel:
         f"expected a nominal, kinematic or physical model, got a {type(model).__name__}",
         hint="export a network as ONNX or JSON, or the kinematic or physical model of the same readings",
     )
+    check_not_coupled(model.arm_, "c, js or onnx")
     fit, state = identified.fit_, model.state(Session(np.zeros((1, model.arm_.n_joints))))
     links = loaded_links(identified)
     rows: dict[tuple[int, Expression], int] = {}
