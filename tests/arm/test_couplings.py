@@ -140,6 +140,8 @@ def test_a_mimic_joint_on_the_way_is_a_coupling_as_in_pinocchio(tmp_path):
     path.write_text(mimic("<mimic joint='j0' multiplier='-0.5' offset='0.2'/>"))
     arm, model = read_urdf(path), pinocchio.buildModelFromUrdf(str(path))
     np.testing.assert_allclose(arm.chain.coupling, [[1, 0, 0], [-0.5, 0, 0], [-500, 0, 0]])  # mm per rad
+    (said,) = arm.remarks
+    assert said.startswith("no angle is read of j1, j2, which mimics another joint")
     data = model.createData()
     for angle in np.linspace(-2, 2, 5):
         follows = -0.5 * angle + 0.2

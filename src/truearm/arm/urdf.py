@@ -63,9 +63,13 @@ def read_urdf(path: str | Path, *, base: str | None = None, tip: str | None = No
         tree = UrdfTree(parse_xml(content))
         ends = find_ends(tree, base, tip)
         arm = arm_of_joints(tree, tree.path(ends.base, ends.tip))
-        if not ends.remark:
-            return arm
-        return replace(arm, remarks=(f"{ends.remark}; {Path(path).name}::LINK takes another.",))
+        remarks = [f"{ends.remark}; {Path(path).name}::LINK takes another."] if ends.remark else []
+        if arm.chain.coupling is not None:
+            unread = ", ".join(np.array(arm.joint_names)[~arm.chain.coupling.any(axis=0)])
+            remarks.append(
+                f"no angle is read of {unread}, which mimics another joint: in a table its column may hold zeros."
+            )
+        return replace(arm, remarks=tuple(remarks))
 
     return parse_file(path, parsed, limit_bytes=MAX_BYTES)
 
