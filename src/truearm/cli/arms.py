@@ -78,12 +78,12 @@ def arms(
     if from_circles is not None or circles_plan is not None:
         of_name = ("arm", "page", "readings", "lengths", "free", "apply")
         refuse_typed(context, of_name, "does not apply to --from-circles and --circles-plan")
-        if from_circles is not None and circles_plan is not None:
-            raise InputError("--circles-plan writes the file that --from-circles reads", hint="one of them at a time")
-        if circles_plan is not None:
-            _write_circles_plan(out, circles_plan, points, span)
-        elif from_circles is not None:
+        if from_circles is None:
+            _write_circles_plan(out, circles_plan or 0, points, span)
+        elif circles_plan is None:
             _measure(from_circles, out, convention, accept, as_json=as_json)
+        else:
+            raise InputError("--circles-plan writes the file that --from-circles reads", hint="one of them at a time")
         return
     if readings is not None or lengths is not None or apply is not None:
         if readings is None or not arm or out is not None or page or is_model_file(arm):
@@ -149,7 +149,6 @@ def _write_circles_plan(out: Path | None, n_joints: int, points: int, span: floa
 
 def _measure(circles: Path, out: Path | None, convention: Convention, accept: str | None, *, as_json: bool) -> None:
     """The arm of a session of circles, printed and, with --out, written."""
-    from truearm.cli.console import check_output
     from truearm.workflows.arm_from_circles import arm_from_circles
 
     if out is not None:
