@@ -280,10 +280,17 @@ def test_a_file_that_was_appended_to_itself(tmp_path, again):
     assert "repeats the head: ignored" in " ".join(table.assumed)
 
 
-def test_another_table_below_an_empty_line_is_ignored_and_said(tmp_path):
-    table = read(tmp_path, "a,b\n1.5,2\n2.5,3\n\nc,d\n10,20\n11,21\n")
-    assert table.lines.tolist() == [2, 3]
-    assert "another table from line 5: ignored" in table.assumed
+def test_another_table_below_an_empty_line_is_asked(tmp_path):
+    text = "a,b,c\n1.5,2,3\n2.5,3,4\n\nc,d,e\n10,20,30\n11,21,31\n"
+    with pytest.raises(InputError, match="another table begins here") as caught:
+        read(tmp_path, text)
+    assert caught.value.line == 5
+    assert "--part 1" in caught.value.hint
+    assert "--skip-lines 4" in caught.value.hint
+    first = read(tmp_path, text, part="1")
+    assert first.lines.tolist() == [2, 3]
+    assert "from line 5 on ignored" in first.assumed
+    assert read(tmp_path, text, skip_lines=4).lines.tolist() == [6, 7]
 
 
 @pytest.mark.parametrize(

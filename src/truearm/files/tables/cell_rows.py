@@ -10,6 +10,7 @@ import numpy as np
 
 from truearm.errors import InputError
 from truearm.files.delimited import quoted_cell
+from truearm.files.tables.cells import is_number
 from truearm.files.tables.layout import Layout, foot_length, is_text, numeric_columns, recognise_layout
 from truearm.files.tables.number_columns import NumberColumn, thousands_of, two_readings, words_of
 from truearm.files.tables.table import Place, Table, TableForm, listed
@@ -19,6 +20,7 @@ _CHUNK = 500
 _FOOT = 60  # rows at the end that may be statistics or remarks
 _MOST_COLUMNS = 4096
 _MOST_GAPS = 10_000
+_FEWEST_NUMBERS = 3  # in a row of another table: its points
 _BEGIN = "0123456789+-. "  # how most numbers begin
 
 
@@ -62,6 +64,10 @@ def table_of_rows(rows: CellRows, path: Path | None, form: TableForm, place: Pla
         raise InputError(f"expected at most {_MOST_COLUMNS} columns, got {len(layout.names)}", file=path)
     body = _Body(rows, layout, path, place)
     body.check_names(form)
+    if body.second is not None and form.part is None:
+        at = rows.numbers[body.second]
+        hint = f"--part 1 for the first table alone, or --skip-lines {at - 1} for this one"
+        raise body.error("another table begins here", 0, hint, lines=np.array([at]))
     columns, texts, questions = _columns(body, form)
     names = layout.names
     units = tuple(unit or column.unit for unit, column in zip(layout.units, columns, strict=True))
@@ -79,6 +85,7 @@ class _Body:
         self.said: list[str] = []
         self.lines: list[np.ndarray] = []
         self.repeated: list[int] = []
+        self.second: int | None = None
         self._heads = {_without_case(row) for row in rows.head[: layout.first]}
         self._numeric = numeric_columns(rows.head[layout.first :], self.width)
         self.stop = self._stop()
@@ -112,7 +119,10 @@ class _Body:
         for gap in gaps.tolist() if len(gaps) < _MOST_GAPS else ():
             row = self._stripped(gap, gap + 1)[0]
             if any(row[self.width :]) or (is_text(row, numeric) and _without_case(row) not in self._heads):
-                self.said.append(f"another table from {self.place} {numbers[gap]}: ignored")
+                self.said.append(f"from {self.place} {numbers[gap]} on ignored")
+                after = self._stripped(gap, gap + _FOOT)
+                if sum(sum(map(is_number, one)) >= _FEWEST_NUMBERS for one in after) > 1:
+                    self.second = int(gap)
                 return int(gap)
         return stop
 

@@ -111,7 +111,7 @@ def recognise_fixed_width(lines: Sequence[str]) -> tuple[int, ...]:
     if len(counts) < 2 or any("\t" in lines[i] for i in sample):
         return ()
     rows = [line for line in lines[sample[0] :] if line[0] == " " or is_number(line.split()[-1])]
-    filled = np.zeros(max(map(len, rows)) + 1, bool)
+    filled = np.zeros(max(map(len, rows), default=0) + 1, bool)
     for line in rows:
         filled[: len(line)] |= np.frombuffer(line.encode("utf-32-le"), np.uint32) != ord(" ")
     # A column ends behind its last letter in any line.

@@ -18,7 +18,7 @@ from truearm.typing import FloatArray, IntArray
 # Names of columns that number the rows, and of columns that name them.
 # fmt: off
 NUMBERS = {"", "#", "no", "no.", "nr", "nr.", "n", "i", "idx", "index", "row", "number", "sample", "id", "seq",
-           "unnamed: 0", "序号", "编号"}
+           "unnamed: 0", "序号", "编号", "p", "pt", "point", "pose", "reading", "punkt"}
 NAMES = {"name", "point", "pointname", "pose", "posename", "pt", "target", "label", "punkt", "pos", "position", "点名",
          "点号"}
 # fmt: on

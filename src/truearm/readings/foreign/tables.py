@@ -557,7 +557,7 @@ def _point_unit(
         return "mm"
     known = known if known in get_args(PointUnit) else None
     stated = [_length_unit(table, column) or known for column in columns.points]
-    if None in stated and (above := length_unit_above(table)):
+    if None in stated and (above := length_unit_above(getattr(table, "points", table))):
         assumed.append(f"points in {above}, as the lines above the table say")
         stated = [unit or above for unit in stated]
     seen = points[~(np.isnan(points).any(axis=1) | lost_targets(points))]
