@@ -1,6 +1,7 @@
 """The paper can be deleted: without its folder every other module imports, and every command but `reproduce` starts."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -44,5 +45,10 @@ def test_no_source_outside_the_papers_folder_imports_it_but_the_reproduce_verb()
         for path in package.rglob("*.py")
         if "truearm.papers" in path.read_text(encoding="utf-8") and "papers" not in path.relative_to(package).parts
     }
-    # The verb has two files of its own: the paper's tables, and its procedure on readings of one's own.
-    assert users <= {"cli/reproduce.py", "workflows/reproduce.py", "workflows/procedure.py"}
+    # The verb's files: its command, the paper's tables, and the paper's procedure on readings of one's own.
+    verb = {"cli/reproduce.py", "workflows/reproduce.py", "workflows/procedure.py"}
+    assert users <= verb
+    # Nothing else calls them, not even within a function: the program finds command and results by their names.
+    names = re.compile(r"(workflows|cli)\.(reproduce|procedure) import|import (reproduce|procedure)\b")
+    callers = {path.relative_to(package).as_posix() for path in package.rglob("*.py") if names.search(path.read_text())}
+    assert callers <= verb

@@ -17,7 +17,7 @@ STEPS = 10_000  # of the bar
 # Options of one use of the command.
 OF_PAPER = ("table", "figure", "everything", "time_limit")
 OF_READINGS = (
-    "test", "arm", "free", "hidden", "trainer", "goal", "learning_rate", "amount", "epochs", "folds", "seed"
+    "test", "arm", "free", "hidden", "trainer", "goal", "epochs", "folds", "seed"
 )  # fmt: skip
 
 
@@ -47,33 +47,15 @@ def reproduce(
         list[str] | None, Option(metavar="20,20", help="Units of the hidden layers to try; repeat it for more.")
     ] = None,
     trainer: Annotated[
-        list[str] | None,
-        Option(
-            metavar="TRAINER",
-            help=f"Trainer to try ({', '.join(get_args(Trainer))}), varpro by default; repeat for more.",
-        ),
+        list[str] | None, Option(help=f"Trainer to try ({', '.join(get_args(Trainer))}); repeat it for more.")
     ] = None,
     goal: Annotated[
-        list[float] | None,
-        Option(metavar="MSE", help="Goal to try, 0 (none) by default, the paper's is 4e-9; repeat for more."),
-    ] = None,
-    learning_rate: Annotated[
-        list[float] | None,
-        Option(metavar="RATE", help="Learning rate to try, of traingd and traingdx; repeat for more."),
-    ] = None,
-    amount: Annotated[
-        list[int] | None,
-        Option(
-            metavar="N",
-            help="Number of training readings to try; by default an eighth, a quarter, a half; repeat for more.",
-        ),
+        list[float] | None, Option(metavar="MSE", help="Goal to try, 0 (none) by default; repeat it for more.")
     ] = None,
     epochs: Annotated[int, Option(min=1, help="Maximum epochs of a training of the search.")] = 200,
     folds: Annotated[int, Option(min=2, help="Folds of the cross-validation.")] = 5,
     seed: Annotated[int, Option(min=0, help="Seed of folds and start weights.")] = 0,
-    out: Annotated[Path, Option(metavar="DIR", help="Folder for the page and the trainings.")] = Path(
-        "truearm-gao2017"
-    ),
+    out: Annotated[Path, Option(metavar="DIR", help="For the page and the trainings.")] = Path("truearm-gao2017"),
     as_json: Json = False,
 ) -> None:
     """Reproduce a paper, or follow its procedure on your readings.
@@ -94,10 +76,10 @@ def reproduce(
             "hidden": tuple(map(layer_sizes, hidden or ())),
             "trainer": tuple(trainer or ("varpro",)),
             "goal": tuple(goal or (0.0,)),
-            "learning_rate": tuple(learning_rate or ()),
-            "amount": tuple(amount or ()),
+            "epochs": epochs,
+            "folds": folds,
+            "seed": seed,
         }
-        search |= {"epochs": epochs, "folds": folds, "seed": seed}
         given = {"readings": readings, "test": test, "arm": arm, "free": free_parts(free), **search}
         _run(paper, out, {"quick": quick, **given}, as_json=as_json)
         return

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from abc import abstractmethod
 from collections.abc import Iterable
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, get_args
 
 from truearm.choices import FigureFormat
 from truearm.errors import InputError
-from truearm.files.atomic_write import check_writable, is_same_file
+from truearm.files.atomic_write import atomic_file, check_writable, is_same_file
 from truearm.workflows.record import Record
 
 if TYPE_CHECKING:
@@ -104,6 +105,13 @@ def input_files(*given: object) -> tuple[Path, ...]:
 
     paths = (arm_path(one) for one in given if isinstance(one, str | Path))
     return tuple(path for path in paths if path.is_file())
+
+
+def write_numbers(record: Record, file: Path) -> None:
+    """Write what ``--json`` prints of a result."""
+    with atomic_file(file) as beside:
+        text = json.dumps(record.to_dict(), indent=1, allow_nan=False) + "\n"
+        beside.write_text(text, encoding="utf-8", newline="\n")
 
 
 def arm_row(arm: Arm) -> tuple[str, str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,19 +10,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from truearm.arm import Arm
-from truearm.compensation.models import Compensator, NetworkModel
+from truearm.compensation.models import Compensator
 from truearm.compensation.models.arm_check import WAYS_TO_AN_ARM, arm_of_readings
+from truearm.compensation.models.compensator import FREE_PARTS
 from truearm.compensation.models.model_file import save_model
 from truearm.errors import InputError
-from truearm.files.atomic_write import atomic_file
-from truearm.papers.gao2017.procedure import Procedure, run_procedure
+from truearm.papers.gao2017.procedure import Procedure, Row, run_procedure
 from truearm.papers.gao2017.results import MODELS
-from truearm.papers.gao2017.search import CoordinateErrors, SearchGrid, SettingResult
-from truearm.papers.gao2017.trials import claim_folder
+from truearm.papers.gao2017.search import SearchGrid
 from truearm.readings import Session
 from truearm.workflows.fit import fit
 from truearm.workflows.inputs import ArmLike, SessionLike, to_arm, to_session, within_limits
-from truearm.workflows.outputs import PageRecord, check_folder, check_output_is_not_input, input_files
+from truearm.workflows.outputs import PageRecord, check_folder, check_output_is_not_input, input_files, write_numbers
 from truearm.workflows.record import TextTable, format_fixed
 
 if TYPE_CHECKING:
@@ -31,13 +29,9 @@ if TYPE_CHECKING:
 
 FILES = ("procedure.json", "procedure.html", "network.truearm")
 PICTURES = {number: f"figure-{number}.png" for number in (6, 7, 8)}
-NUMBERS = (
-    "n_readings", "n_groups", "fresh", "best", "errors", "n_outside", "refused", "grid", "search", "chosen",
-    "amounts", "points", "predicted",
-)  # fmt: skip
 NO_ARM = (
-    "No arm is given: nominal, kinematic, hybrid and physical model are not compared. To compare them: "
-    f"{WAYS_TO_AN_ARM.partition(';')[0]}."
+    "No arm is given: no nominal, kinematic, hybrid or physical model stands beside the network, and these need far "
+    f"fewer readings. --arm takes {WAYS_TO_AN_ARM.partition(';')[0]}."
 )
 
 
@@ -83,9 +77,7 @@ class ProcedureResult(PageRecord):
         from truearm.papers.gao2017.procedure_page import paper_figures
 
         numbers, page, model = (Path(folder) / name for name in FILES)
-        with atomic_file(numbers) as beside:
-            text = json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n"
-            beside.write_text(text, encoding="utf-8", newline="\n")
+        write_numbers(self, numbers)
         write_page(self.page(), page)
         save_model(self.results.network, model)
         figures = {Path(folder) / PICTURES[number]: figure for number, figure in paper_figures(self.results).items()}
@@ -97,38 +89,27 @@ class ProcedureResult(PageRecord):
         """The answer, the errors of all models, the search, and the paper's figures of this arm."""
         from truearm.papers.gao2017.procedure_page import procedure_page
 
-        return procedure_page(self.results, arm=None if self.arm is None else self.arm.name, remarks=self.remarks)
+        return procedure_page(self.results, arm=None if self.arm is None else self.arm.name, remarks=self._remarks())
 
     def blocks(self) -> Iterator[str | TextTable]:
         """See `Record`."""
-        results = self.results
         yield self.summary()
-        yield results.advice()
-        yield from self.remarks
-        heads = [f"coordinate error {results.test_phrase()}, mm", "mean", "rms", "95 %", "max", "2 sigma"]
-        levels = [f"> {level:g}" for level in results.errors["network"].over_mm]
-        yield TextTable([*heads, *levels], [_error_cells(name, one) for name, one in results.errors.items()])
-        yield from (f"no {name} model: {why}" for name, why in results.refused.items())
-        yield results.errors["network"].two_sigma_sentence()
-        heads = [
-            f"search, {results.grid.folds} folds",
-            "trainer",
-            "goal",
-            "rate",
-            "weights",
-            "mean",
-            "max",
-            "epochs",
-            "s",
-            "",
-        ]
-        rows = [(*_setting_cells(row), "chosen" if row is results.chosen else "") for row in results.search]
-        yield TextTable(heads, rows, (0, 1, 9))
-        yield results.amounts_sentence()
+        yield from self._remarks()
+        yield f"Absolute error of a coordinate {self.results.test_phrase()}; how many exceed a length:"
+        yield _text_table(*self.results.error_table())
+        yield self.results.errors["network"].two_sigma_sentence()
+        yield f"Search with {self.results.grid.folds} folds, then the chosen network with fewer readings:"
+        yield _text_table(*self.results.search_table())
+        yield self.results.amounts_sentence()
+
+    def _remarks(self) -> tuple[str, ...]:
+        return (*self.results.remarks(), *self.remarks)
 
     def _json(self) -> object:
-        numbers = {name: getattr(self.results, name) for name in NUMBERS}
-        return {"summary": self.summary(), **numbers, "remarks": self.remarks}
+        numbers = {name: value for name, value in vars(self.results).items() if name != "network"}
+        sigma, amounts = self.results.errors["network"].two_sigma_sentence(), self.results.amounts_sentence()
+        said = {"summary": self.summary(), "two_sigma": sigma, "amount_of_data": amounts, "remarks": self._remarks()}
+        return said | {"arm": None if self.arm is None else self.arm.name} | numbers
 
 
 def follow_procedure(
@@ -151,6 +132,8 @@ def follow_procedure(
     for name in FILES:
         check_output_is_not_input(folder / name, *files)
     known = None if arm is None else to_arm(arm)
+    if known is None and set(free) != set(FREE_PARTS):
+        raise InputError("free is what is unknown of the placement of an arm, and no arm is given", hint="--arm ARM")
     given = to_session(readings, n_joints=None if known is None else known.n_joints)
     described = known or arm_of_readings(given)
     train, remarks = _usable(given, described, "training")
@@ -158,8 +141,6 @@ def follow_procedure(
         remarks += (NO_ARM,)
     else:
         fit(known, train, model="nominal", free=free)  # refuses readings of another arm, or in another unit
-    # A network of one unit refuses what any network refuses, in no time.
-    NetworkModel(described, hidden=(1,), epochs=1).fit_readings(train)
     fresh = None
     if test is not None:
         fresh, more = _usable(to_session(test, n_joints=described.n_joints), described, "test")
@@ -172,7 +153,6 @@ def follow_procedure(
 
     runs = folder / "runs"
     runs.mkdir(parents=True, exist_ok=True)
-    claim_folder(runs, train)
     models = () if known is None else ("nominal", *MODELS)
     results = run_procedure(
         described, train, fresh, grid=grid, models=models, fit=fitted, free=free, folder=runs, progress=progress
@@ -209,13 +189,8 @@ def _check_fresh(test: Session, train: Session) -> None:
         )
 
 
-def _error_cells(name: str, one: CoordinateErrors) -> list[str]:
-    sizes = one.mean_mm, one.rms_mm, one.p95_mm, one.max_mm, one.two_sigma_mm
-    return [name, *map(format_fixed, sizes), *map(str, one.over_mm.values())]
-
-
-def _setting_cells(row: SettingResult) -> tuple[str, ...]:
-    setting, errors = row.setting, row.errors
-    rate = "" if setting.learning_rate is None else f"{setting.learning_rate:g}"
-    sizes = format_fixed(errors.mean_mm), format_fixed(errors.max_mm), f"{row.epochs:.0f}", f"{row.seconds:.1f}"
-    return str(setting), setting.trainer, f"{setting.goal:g}", rate, str(row.n_weights), *sizes
+def _text_table(heads: list[str], rows: list[Row]) -> TextTable:
+    cells = [[format_fixed(cell) if isinstance(cell, float) else str(cell) for cell in row] for row in rows]
+    return TextTable(
+        heads, cells, tuple(i for i, head in enumerate(heads) if head in ("model", "network", "trainer", ""))
+    )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -10,14 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from truearm.errors import InputError
-from truearm.files.atomic_write import atomic_file
 from truearm.papers.gao2017.phrases import mark_cut
 from truearm.papers.gao2017.reproduction import reproduce as run_trainings
 from truearm.papers.gao2017.results import FinalTestResult, Reproduction, RowResult
 from truearm.papers.gao2017.training_plan import PARTS
 from truearm.solve.threads import one_blas_thread
 from truearm.workflows.inputs import ArmLike, SessionLike, to_free_parts
-from truearm.workflows.outputs import PageRecord, check_folder
+from truearm.workflows.outputs import PageRecord, check_folder, write_numbers
 from truearm.workflows.procedure import ProcedureResult, follow_procedure
 from truearm.workflows.record import TextTable
 
@@ -56,21 +54,18 @@ class ReproductionResult(PageRecord):
         InputError
             If a file cannot be written.
         """
-        from truearm.pages.html import render
+        from truearm.pages.html import write_page
         from truearm.pages.plotting import save_figure
         from truearm.papers.gao2017.reproduction_page import paper_figure
 
         files = result_files(self.parts, folder)
         page = self.page()
-        html = render(page)
         if files[2:]:
             picture = paper_figure(page, int(self.parts[0].split()[1]))
             assert picture is not None  # the figure was asked for
             save_figure(picture, files[2])
-        numbers = json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n"
-        for file, text in zip(files, (numbers, html), strict=False):
-            with atomic_file(file) as beside:
-                beside.write_text(text, encoding="utf-8", newline="\n")
+        write_numbers(self, files[0])
+        write_page(page, files[1])
         return files
 
     def page(self) -> Page:
@@ -159,8 +154,8 @@ def reproduce(
     progress : callable, optional
         Called with the share of the estimated time that is over, and the training that runs.
     **search
-        With `readings`, what to try, a sequence each: ``hidden``, ``trainer``, ``goal``, ``learning_rate``,
-        ``amount`` (numbers of readings); and the numbers ``epochs``, ``folds`` and ``seed``.
+        With `readings`, what to try, a sequence each: ``hidden``, ``trainer``, ``goal``; and the numbers ``epochs``,
+        ``folds`` and ``seed``.
 
     Returns
     -------
@@ -169,8 +164,8 @@ def reproduce(
     Raises
     ------
     InputError
-        If there is no such part, the time limit is not above 0, or the folder cannot be written, has a damaged file or
-        trainings of other readings; if readings have no points, are of several frames, or contradict the arm.
+        If there is no such part, the time limit is not above 0, or the folder cannot be written, has a damaged file;
+        if readings have no points, are of several frames, or contradict the arm.
 
     Examples
     --------

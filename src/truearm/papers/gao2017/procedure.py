@@ -2,25 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from truearm.arm import Arm
-from truearm.compensation.models import NetworkModel
+from truearm.compensation.models import Compensator, NetworkModel
+from truearm.errors import InputError
 from truearm.identification.judgement.cross_validation_groups import cross_validation_groups
 from truearm.identification.judgement.paired_comparison import exceeds
-from truearm.number_format import format_count, format_number
+from truearm.number_format import format_number
 from truearm.papers.gao2017.results import MODELS
-from truearm.papers.gao2017.search import LEAST_TRIED, CoordinateErrors, CrossValidation, SearchGrid, SettingResult
+from truearm.papers.gao2017.search import CoordinateErrors, CrossValidation, SearchGrid, SettingResult
 from truearm.papers.gao2017.training import ProgressCallback
-from truearm.papers.gao2017.trials import Fit
 from truearm.readings.session import Session
 from truearm.typing import FloatArray
 
 SIMPLEST_FIRST = ("nominal", "kinematic", "physical", "hybrid", "network")
+LEAST_READINGS = 6  # of a training with fewer readings
+Row = tuple[str | float | None, ...]
+"""Cells of a table."""
 GAIN = 1.1  # of twice the readings, from which more are worth measuring
 
 
@@ -75,16 +78,6 @@ class Procedure:
         n = len(self.points)
         return f"on {n} fresh readings" if self.fresh else f"on {n} readings that the cross-validation held out"
 
-    def test_sentence(self) -> str:
-        """What the test is, and what its errors are worth."""
-        if self.fresh:
-            return f"The test has {format_count(len(self.points), 'fresh reading')}, which no model has learned."
-        return (
-            "There are no fresh readings: every reading is predicted by models that were fitted without its fold. That "
-            "the same readings chose the network makes its error too small, that it learned fewer of them too large. "
-            "Fresh readings: --test."
-        )
-
     def summary(self) -> str:
         """The answer: errors of the network and of the model to use, and which that is."""
         own = self.errors["network"]
@@ -101,18 +94,46 @@ class Procedure:
         use = "network, within its joint ranges" if self.best == "network" else f"{name} model"
         return f"{text}; {name} model {format_number(others[name])} mm{compared}: use the {use}."
 
-    def advice(self) -> str:
+    def remarks(self) -> tuple[str, ...]:
         """What to know before using the result."""
-        valid = "A network is valid only within the joint ranges of its readings."
-        if self.best is None:
-            few = "Its error still falls with the number of readings. " if self.is_falling else ""
-            return f"{few}{valid} A model of the arm (--arm) needs far fewer readings."
-        if self.best == "network":
-            return valid
-        if self.errors["network"].mean_mm > 1.05 * self.errors[self.best].mean_mm:
-            n = format_count(self.n_readings, "reading")
-            return f"With {n} a network does not reach the {self.best} model. {valid}"
-        return f"The {self.best} model is the simpler one, and the network is no better. {valid}"
+        found = ["A network is valid only within the joint ranges of its readings."]
+        if self.n_outside:
+            found.append(f"{self.n_outside} of {len(self.points)} test readings lie outside them.")
+        if self.best not in (None, "network"):
+            found.append(f"This writes the {self.best} model: truearm fit SESSION --arm ARM --model {self.best}.")
+        if not self.fresh:
+            found.append(
+                "There are no fresh readings (--test): every reading is predicted by models that were fitted without "
+                "its fold. That the same readings chose the network makes its error too small."
+            )
+        return (*found, *(f"There is no {name} model: {why}." for name, why in self.refused.items()))
+
+    def error_table(self) -> tuple[list[str], list[Row]]:
+        """Heads and rows: absolute errors of a coordinate of every model [mm]."""
+        levels = [f"> {level:g} mm" for level in self.errors["network"].over_mm]
+        return ["model", "mean [mm]", "95 % [mm]", "max [mm]", "2 sigma [mm]", *levels], [
+            (name, one.mean_mm, one.p95_mm, one.max_mm, one.two_sigma_mm, *one.over_mm.values())
+            for name, one in self.errors.items()
+        ]
+
+    def search_table(self) -> tuple[list[str], list[Row]]:
+        """Heads and rows: the networks of the search, then the chosen one with fewer readings."""
+        heads = ["network", "trainer", "goal", "weights", "readings", "mean [mm]", "max [mm]", "epochs", "time [s]", ""]
+        return heads, [
+            (
+                str(one.setting),
+                one.setting.trainer,
+                f"{one.setting.goal:g}",
+                one.n_weights,
+                one.n_train,
+                one.errors.mean_mm,
+                one.errors.max_mm,
+                round(one.epochs),
+                f"{one.seconds:.1f}",
+                "chosen" if one is self.chosen else "",
+            )
+            for one in (*self.search, *self.amounts[:-1])
+        ]
 
     @property
     def is_falling(self) -> bool:
@@ -135,13 +156,13 @@ def run_procedure(
     test: Session | None,
     *,
     grid: SearchGrid,
-    models: Sequence[str],
-    fit: Fit,
+    models: Iterable[str],
+    fit: Callable[[str, Session], Compensator],
     free: tuple[str, ...],
     folder: Path,
     progress: ProgressCallback | None = None,
 ) -> Procedure:
-    """Search, train and test; trials that are in `folder` are read.
+    """Search, train and test; trainings whose files are in `folder` are read.
 
     Parameters
     ----------
@@ -149,9 +170,10 @@ def run_procedure(
     readings, test : Session
         All with points, in one frame; without a test the readings that the folds held out test the models.
     grid : SearchGrid
-    models : sequence of str
+    models : iterable of str
         Models of the arm to compare with.
     fit : callable
+        Fits one of these to readings.
     free : tuple of str
         What is unknown of the placement of the arm.
     folder : path
@@ -162,37 +184,42 @@ def run_procedure(
     InputError
         If there are too few poses, or a network cannot learn from the readings.
     """
-    run = CrossValidation(arm, readings, grid, fit, free, folder, progress)
+    run = CrossValidation(readings, grid, folder, progress)
     settings = grid.settings(len(readings), readings.n_joints)
     for setting in settings:
         setting.model(arm, seed=grid.seed).prepare(readings)  # refuses impossible settings before the first training
-    times = [sum(one.estimated_seconds for one in run.trials(setting)) for setting in settings]
-    # The last ones: the chosen network with fewer readings and with all, and the models.
-    run.total = (
-        sum(times) + 1.2 * max(times) + 0.005 * len(readings) * len(models) * (grid.folds if test is None else 1)
-    )
+    times = [grid.folds * run.seconds(setting, len(readings)) for setting in settings]
+    run.total = sum(times) + max(times)  # last the chosen network, with fewer readings and with all
     held_out = dict(run.result(setting) for setting in settings)
     chosen = min(held_out, key=lambda row: row.errors.mean_mm)
-    amounts = grid.amount or tuple(chosen.n_train // k for k in (8, 4, 2))
-    fewer = sorted({n for n in amounts if 2 * LEAST_TRIED <= n < chosen.n_train})
-    learned = tuple(run.result(chosen.setting, amount)[0] for amount in fewer)
-    network = run.final_network(chosen.setting)
+    amounts = []
+    for amount in (n for k in (8, 4, 2) if (n := chosen.n_train // k) >= LEAST_READINGS):
+        try:
+            amounts.append(run.result(chosen.setting, amount)[0])
+        except InputError:  # of one position, for example
+            continue
+    network = run.network(
+        chosen.setting.model(arm, seed=grid.seed, free=free), chosen.setting, readings, f"{chosen.setting}, all"
+    )
     tested = readings if test is None else test
     predicted = {"network": held_out[chosen] if test is None else network.predict_readings(test)}
     refused: dict[str, str] = {}
     for name in models:
-        points, results = run.predict(name, f"{name} model", test=test)
-        if why := next((one.refused for one in results if one.refused), ""):
-            refused[name] = why
-        else:
-            predicted[name] = points
+        run.tell(0.0, f"{name} model")
+        try:
+            if test is None:
+                predicted[name] = run.held_out(lambda _, train, name=name: fit(name, train))  # type: ignore[misc]
+            else:
+                predicted[name] = fit(name, readings).predict_readings(test)
+        except InputError as error:
+            refused[name] = error.problem
     truth = np.asarray(tested.points)
     return Procedure(
         grid=grid,
         n_readings=len(readings),
         n_groups=run.n_groups,
         search=tuple(held_out),
-        amounts=(*learned, chosen),
+        amounts=(*amounts, chosen),
         chosen=chosen,
         network=network,
         fresh=test is not None,
@@ -204,7 +231,7 @@ def run_procedure(
             if name in predicted
         },
         n_outside=int(network.outside_training(tested).sum()),
-        best=_best(predicted, tested) if models else None,
+        best=_best(predicted, tested) if len(predicted) > 1 else None,
         refused=refused,
     )
 

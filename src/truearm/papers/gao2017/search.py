@@ -1,28 +1,35 @@
 """The search for a network on readings of a person's own: a grid of settings, and a cross-validation.
 
-The paper varies the amount of data, the goal, the learning rate and the units, and keeps the network with the smallest
-error on further poses (Tables 2 to 4). Here further poses are those of a fold of a cross-validation, so that every
-reading is tested once: readings of one position or pose are in one fold.
+The paper varies the amount of data, the goal and the units, and keeps the network with the smallest error on further
+poses (Tables 2 to 4). Here further poses are those of a fold of a cross-validation, so that every reading is tested
+once: readings of one position or pose are in one fold. A finished training is a model file: after an interruption the
+same command resumes with the next one.
 """
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from statistics import median
 
 import numpy as np
 
+from truearm import __version__
 from truearm.arm import Arm
-from truearm.compensation.models import NetworkModel
+from truearm.compensation.models import Compensator, NetworkModel
+from truearm.compensation.models.arm_check import arm_of_readings
 from truearm.compensation.models.model_file import load_model, save_model
+from truearm.compensation.models.training_conditions import fingerprint
+from truearm.compensation.nets.perceptron import Perceptron
 from truearm.errors import InputError
 from truearm.identification.judgement.cross_validation_groups import cross_validation_groups
 from truearm.number_format import format_number
 from truearm.papers.gao2017.tables import FINAL_TEST
-from truearm.papers.gao2017.training import GRADIENT_TRAINERS, ProgressCallback
-from truearm.papers.gao2017.trials import Fit, NetworkSetting, Trial, TrialResult, run_trial
+from truearm.papers.gao2017.training import RECIPE, ProgressCallback
 from truearm.readings.session import Session
 from truearm.typing import FloatArray, IntArray
 
@@ -33,8 +40,42 @@ NORMAL_SHARE = math.erf(math.sqrt(2))
 # Structures of the paper's tables, those of few weights first.
 STRUCTURES = ((10,), (20,), (10, 10), (50,), (20, 20), (30, 30), (40, 40), (50, 50))
 LEAST_TRIED = 3
-# Share of the readings that a training fits; the others are its validation data.
-FITTED = 0.85
+# Share of the readings that a training has as validation data; it fits the others.
+VALIDATION = 0.15
+
+
+@dataclass(frozen=True)
+class NetworkSetting:
+    """What the paper varies from row to row of its tables.
+
+    Attributes
+    ----------
+    hidden : tuple of int
+        Units of the hidden layers.
+    trainer : str
+    goal : float
+        Mean squared error of scaled outputs to stop at; 0: the validation data end a training.
+    epochs : int
+        Maximum.
+    """
+
+    hidden: tuple[int, ...]
+    trainer: str = "varpro"
+    goal: float = 0.0
+    epochs: int = 200
+
+    def model(self, arm: Arm, *, seed: int, free: tuple[str, ...] = ("base", "tip")) -> NetworkModel:
+        """The network, not yet trained."""
+        # The evidence stops trainbr, and validation data would only be lost to it.
+        validation = 0.0 if self.trainer == "trainbr" else VALIDATION
+        return NetworkModel(arm, validation=validation, seed=seed, free=free, **vars(self))
+
+    def n_weights(self, n_joints: int) -> int:
+        """Number of weights with biases."""
+        return Perceptron.with_layers(n_joints, self.hidden, 3, activation="tansig").n_weights
+
+    def __str__(self) -> str:
+        return "-".join(map(str, self.hidden))
 
 
 @dataclass(frozen=True)
@@ -49,10 +90,6 @@ class SearchGrid:
         As in `NetworkModel`.
     goal : tuple of float
         Mean squared error of scaled outputs to stop at; 0: validation data alone end a training.
-    learning_rate : tuple of float
-        Of ``traingd`` and ``traingdx``; the Levenberg-Marquardt trainers have none.
-    amount : tuple of int
-        Numbers of training readings; empty: an eighth, a quarter and a half.
     epochs : int
         Maximum of a training.
     folds : int
@@ -64,36 +101,25 @@ class SearchGrid:
     hidden: tuple[tuple[int, ...], ...] = ()
     trainer: tuple[str, ...] = ("varpro",)
     goal: tuple[float, ...] = (0.0,)
-    learning_rate: tuple[float, ...] = ()
-    amount: tuple[int, ...] = ()
     epochs: int = 200
     folds: int = 5
     seed: int = 0
 
-    def __post_init__(self) -> None:
-        if self.learning_rate and not set(self.trainer) <= GRADIENT_TRAINERS.keys():
-            raise InputError(
-                f"a learning rate belongs to gradient descent, got the trainers {', '.join(self.trainer)}: the "
-                "Levenberg-Marquardt method has a damping in its place",
-                hint=f"no learning rate, or the trainers {' and '.join(GRADIENT_TRAINERS)} alone",
-            )
-        if self.folds < 2 or min(self.amount, default=1) < 1:
-            raise InputError(f"expected 2 folds or more and amounts of 1 or more, got {self.folds}, {self.amount}")
-
     def settings(self, n_readings: int, n_joints: int) -> tuple[NetworkSetting, ...]:
-        """The networks to try, those of few weights first."""
-        coordinates = 3 * FITTED * n_readings * (1 - 1 / self.folds)
-        weights = {hidden: NetworkSetting(hidden).n_weights(n_joints) for hidden in self.hidden or STRUCTURES}
-        structures = sorted(weights, key=lambda hidden: weights[hidden])
-        if not self.hidden:
-            structures = structures[: max(LEAST_TRIED, sum(n <= coordinates for n in weights.values()))]
-        return tuple(
-            NetworkSetting(hidden, trainer, goal, rate, self.epochs)
-            for hidden in structures
+        """The networks to try."""
+        coordinates = 3 * (1 - VALIDATION) * n_readings * (1 - 1 / self.folds)
+        hidden = self.hidden or [
+            one
+            for k, one in enumerate(STRUCTURES)
+            if k < LEAST_TRIED or NetworkSetting(one).n_weights(n_joints) <= coordinates
+        ]
+        found = [
+            NetworkSetting(units, trainer, goal, self.epochs)
+            for units in hidden
             for trainer in self.trainer
             for goal in self.goal
-            for rate in self.learning_rate or (None,)
-        )
+        ]
+        return tuple(dict.fromkeys(found))
 
     def quick(self) -> SearchGrid:
         """Three folds, and where none are named the three smallest structures."""
@@ -108,33 +134,28 @@ class CoordinateErrors:
     ----------
     n : int
         Readings; three coordinates each.
-    mean_mm, rms_mm, p95_mm, max_mm : float
-        The 95 % quantile is that of the coordinates.
+    mean_mm, p95_mm, max_mm : float
     two_sigma_mm : float
         Twice the root mean square error, which counts a common offset too.
     over_mm : dict of float to int
         Coordinates with an error above each length [mm].
-    mean_distance_mm : float
-        Mean distance of the points.
     """
 
     n: int
     mean_mm: float
-    rms_mm: float
     p95_mm: float
     max_mm: float
     two_sigma_mm: float
     over_mm: dict[float, int]
-    mean_distance_mm: float
 
     @classmethod
     def of(cls, deviations: FloatArray) -> CoordinateErrors:
         """Of deviations (n, 3) [mm]."""
         errors = np.abs(deviations)
-        rms, over = float(np.sqrt((errors**2).mean())), {level: int((errors > level).sum()) for level in LEVELS_MM}
+        over = {level: int((errors > level).sum()) for level in LEVELS_MM}
+        two_sigma = 2 * float(np.sqrt((errors**2).mean()))
         mean, p95, largest = float(errors.mean()), float(np.quantile(errors, 0.95)), float(errors.max())
-        distance = float(np.linalg.norm(errors, axis=1).mean())
-        return cls(len(errors), mean, rms, p95, largest, 2 * rms, over, distance)
+        return cls(len(errors), mean, p95, largest, two_sigma, over)
 
     def two_sigma_sentence(self) -> str:
         """The paper's statement, by count and by the root mean square."""
@@ -185,22 +206,18 @@ def fold_rows(groups: IntArray, folds: int, seed: int) -> tuple[IntArray, ...]:
 
 @dataclass
 class CrossValidation:
-    """Runs trials one after the other, and tells the share of the estimated time that is over.
+    """Trains networks one after the other, and tells the share of the estimated time that is over.
 
     Parameters
     ----------
-    arm : Arm
     readings : Session
         All with points.
     grid : SearchGrid
-    fit : callable
-    free : tuple of str
-        What is unknown of the placement of the arm.
     folder : path
-        Has a file for every finished trial.
+        Has a model file for every finished training.
     progress : callable, optional
     total : float
-        Estimated time of all trials [s].
+        Estimated time of all trainings [s].
 
     Raises
     ------
@@ -208,93 +225,101 @@ class CrossValidation:
         If there are fewer positions or poses than two a fold.
     """
 
-    arm: Arm
     readings: Session
     grid: SearchGrid
-    fit: Fit
-    free: tuple[str, ...]
     folder: Path
     progress: ProgressCallback | None = None
     total: float = 1.0
+    done: float = 0.0
 
     def __post_init__(self) -> None:
-        self.groups = cross_validation_groups(self.readings)
-        self.n_groups, folds = len(np.unique(self.groups)), self.grid.folds
+        self.groups, folds = cross_validation_groups(self.readings), self.grid.folds
+        self.n_groups = int(self.groups.max()) + 1
+        if folds < 2:
+            raise InputError(f"expected 2 folds or more, got {folds}")
         if self.n_groups < 2 * folds:
             raise self.readings.error(
                 f"expected {2 * folds} positions or poses for a cross-validation of {folds} folds, got {self.n_groups}",
                 hint="measure more poses: a network needs hundreds, a kinematic model some twenty",
             )
         self.folds = fold_rows(self.groups, folds, self.grid.seed)
-        self.done = 0.0
+        # Networks of the folds know no arm, so that the same trainings serve with and without its description.
+        self.no_arm = arm_of_readings(self.readings)
 
-    def trials(self, what: NetworkSetting | str, amount: int | None = None) -> list[Trial]:
-        """A trial for each fold; `amount` readings at most are learned, whole groups in random order."""
+    def seconds(self, setting: NetworkSetting, n: int) -> float:
+        """Rough time of a training with n readings [s], to divide a progress bar by."""
+        weights = setting.n_weights(self.readings.n_joints)
+        return setting.epochs / 2 * (1e-3 + n * weights**2 / 6e10 + weights**3 / 1e11)
+
+    def tell(self, seconds: float, note: str) -> None:
+        """Tell the share of the time that is over after more seconds."""
+        if self.progress is not None:
+            self.progress(min((self.done + seconds) / self.total, 1.0), note)
+
+    def held_out(self, learn: Callable[[int, Session], Compensator], amount: int | None = None) -> FloatArray:
+        """(n, 3) points of the readings by a model of the others [mm]; `learn` gets the number of the fold and these.
+
+        Of an amount that is given, whole groups in random order are learned.
+        """
         place = np.random.default_rng([self.grid.seed, *b"amount"]).permutation(self.n_groups)[self.groups]
-        found = []
-        for k, held_out in enumerate(self.folds):
-            rows = np.setdiff1d(np.arange(len(self.readings)), held_out)
+        points = np.full((len(self.readings), 3), np.nan)
+        for k, fold in enumerate(self.folds):
+            rows = np.setdiff1d(np.arange(len(self.readings)), fold)
             rows = np.sort(rows[np.argsort(place[rows], kind="stable")[:amount]])
-            train, tested = self.readings.rows(rows), self.readings.rows(held_out)
-            found.append(Trial(what, train, tested, self.arm, self.grid.seed + k, self.free))
-        return found
-
-    def predict(
-        self, what: NetworkSetting | str, note: str, *, amount: int | None = None, test: Session | None = None
-    ) -> tuple[FloatArray, list[TrialResult]]:
-        """(n, 3) points of the test by a model of all readings, or of all readings, each without its fold [mm]."""
-        if test is None:
-            trials, rows = self.trials(what, amount), self.folds
-        else:
-            trials, rows = [Trial(what, self.readings, test, self.arm, free=self.free)], (np.arange(len(test)),)
-        results, points = [], np.full((sum(map(len, rows)), 3), np.nan)
-        for k, (trial, where) in enumerate(zip(trials, rows, strict=True), 1):
-            label = note if test is not None else f"{note}, fold {k}"
-            tell = self.teller(trial, label)
-            result = run_trial(trial, self.folder, self.fit, tell)
-            tell(1.0, "")
-            self.done += trial.estimated_seconds
-            results.append(result)
-            if not result.refused:
-                points[where] = result.points
-        return points, results
-
-    def teller(self, trial: Trial, label: str) -> ProgressCallback:
-        """Progress within a trial as a share of all."""
-        before, own = self.done, trial.estimated_seconds
-
-        def tell(part: float, note: str) -> None:
-            if self.progress is not None:
-                self.progress(min((before + own * part) / self.total, 1.0), f"{label} {note}")
-
-        return tell
+            points[fold] = learn(k, self.readings.rows(rows)).predict_readings(self.readings.rows(fold))
+        return points
 
     def result(self, setting: NetworkSetting, amount: int | None = None) -> tuple[SettingResult, FloatArray]:
         """Errors of a network over all folds, and the points [mm] that it predicts of each reading without its fold."""
-        of = "" if amount is None else f" of {amount} readings"
-        points, results = self.predict(setting, f"{setting} {setting.trainer}{of}", amount=amount)
+        networks: list[NetworkModel] = []
+
+        def learn(k: int, train: Session) -> NetworkModel:
+            note = f"{setting} {setting.trainer}, {len(train)} readings, fold {k + 1}"
+            networks.append(self.network(setting.model(self.no_arm, seed=self.grid.seed + k), setting, train, note))
+            return networks[-1]
+
+        points = self.held_out(learn, amount)
         deviations = points - np.asarray(self.readings.points)
-        n_train = round(len(self.readings) * (1 - 1 / len(self.folds)))
         row = SettingResult(
             setting,
             setting.n_weights(self.readings.n_joints),
-            n_train if amount is None else amount,
+            amount or round(len(self.readings) * (1 - 1 / len(self.folds))),
             CoordinateErrors.of(deviations),
             tuple(float(np.abs(deviations[rows]).mean()) for rows in self.folds),
-            float(median(one.epochs or 0 for one in results)),
-            sum(one.seconds for one in results),
+            float(median(one.record_.num_epochs for one in networks)),
+            sum(float(one.record_.time[-1]) for one in networks),
         )
         return row, points
 
-    def final_network(self, setting: NetworkSetting) -> NetworkModel:
-        """The network trained on all readings, or the one that has been trained before: a model file in the folder."""
-        trial = Trial(setting, self.readings, self.readings, self.arm, self.grid.seed)
-        file, tell = self.folder / f"{trial.name}.truearm", self.teller(trial, f"{setting}, all readings,")
+    def network(self, network: NetworkModel, setting: NetworkSetting, train: Session, note: str) -> NetworkModel:
+        """Train a network, or read the one that has been trained before.
+
+        Raises
+        ------
+        InputError
+            If the readings cannot train it, or its file is damaged or cannot be written.
+        """
+        own, seconds = fingerprint(train), self.seconds(setting, len(train))
+        course = [__version__, RECIPE, vars(setting), network.seed, network.free, asdict(network.arm), own]
+        digest = hashlib.sha256(json.dumps(course, default=np.ndarray.tolist).encode()).hexdigest()
+        file = self.folder / f"own-{setting}-{len(train)}-{digest[:12]}.truearm"
         if file.exists():
-            found = load_model(file)
-            assert isinstance(found, NetworkModel)  # by its name
-            return found
-        network = setting.model(self.arm, seed=self.grid.seed)
-        network.fit_readings(self.readings, progress=lambda epoch, note: tell(epoch / setting.epochs, note))
-        save_model(network, file)
+            network = _read(file, setting, own)
+        else:
+            most = setting.epochs
+            network.fit_readings(train, progress=lambda e, text: self.tell(seconds * e / most, f"{note}, {text}"))
+            save_model(network, file)
+        self.done += seconds
+        self.tell(0.0, note)
         return network
+
+
+def _read(file: Path, setting: NetworkSetting, own: str) -> NetworkModel:
+    hint = "delete it and run the command again"
+    try:
+        found = load_model(file)
+    except InputError as error:
+        raise InputError(f"not the file of a finished training: {error.problem}", file=file, hint=hint) from None
+    if not isinstance(found, NetworkModel) or (found.data_fingerprint_, found.hidden) != (own, setting.hidden):
+        raise InputError("not the file of this training: it is of another one", file=file, hint=hint)
+    return found
