@@ -260,3 +260,10 @@ def test_options_of_the_other_use_are_refused(measured, tmp_path):
     assert not list(tmp_path.rglob("own-*"))
     with pytest.raises(InputError, match=r"unknown options \['units'\].*hidden"):
         ta.reproduce(readings=measured[0], folder=tmp_path, units=3)
+
+
+def test_learning_rates_are_tried_with_gradient_descent_alone():
+    grid = SearchGrid(hidden=((3,),), trainer=("traingdx",), learning_rate=(0.01, 0.1))
+    assert [one.training for one in grid.settings(100, 6)] == ["traingdx 0.01", "traingdx 0.1"]
+    with pytest.raises(InputError, match="belongs to gradient descent"):
+        SearchGrid(learning_rate=(0.1,))

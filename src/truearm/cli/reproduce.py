@@ -17,7 +17,7 @@ STEPS = 10_000  # of the bar
 # Options of one use of the command.
 OF_PAPER = ("table", "figure", "everything", "time_limit")
 OF_READINGS = (
-    "test", "arm", "free", "hidden", "trainer", "goal", "epochs", "folds", "seed"
+    "test", "arm", "free", "hidden", "trainer", "goal", "learning_rate", "epochs", "folds", "seed"
 )  # fmt: skip
 
 
@@ -52,6 +52,10 @@ def reproduce(
     goal: Annotated[
         list[float] | None, Option(metavar="MSE", help="Goal to try, 0 (none) by default; repeat it for more.")
     ] = None,
+    learning_rate: Annotated[
+        list[float] | None,
+        Option(metavar="RATE", help="Learning rate of traingd or traingdx to try; repeat it for more."),
+    ] = None,
     epochs: Annotated[int, Option(min=1, help="Maximum epochs of a training of the search.")] = 200,
     folds: Annotated[int, Option(min=2, help="Folds of the cross-validation.")] = 5,
     seed: Annotated[int, Option(min=0, help="Seed of folds and start weights.")] = 0,
@@ -76,6 +80,7 @@ def reproduce(
             "hidden": tuple(map(layer_sizes, hidden or ())),
             "trainer": tuple(trainer or ("varpro",)),
             "goal": tuple(goal or (0.0,)),
+            "learning_rate": tuple(learning_rate or ()),
             "epochs": epochs,
             "folds": folds,
             "seed": seed,

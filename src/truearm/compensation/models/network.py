@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -30,12 +30,13 @@ from truearm.readings.session import Session
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray, IntArray
 
-TRAINERS: dict[str, Callable[..., tuple[FloatArray, TrainingRecord]]] = {
+Training: TypeAlias = Callable[..., tuple[FloatArray, TrainingRecord]]
+GRADIENT_TRAINERS: dict[str, Training] = {"traingd": traingd, "traingdx": traingdx}
+TRAINERS: dict[str, Training] = {
     "varpro": train_varpro,
     "trainlm": trainlm,
     "trainbr": trainbr,
-    "traingd": traingd,
-    "traingdx": traingdx,
+    **GRADIENT_TRAINERS,
 }
 
 
@@ -81,6 +82,8 @@ class NetworkModel(Compensator):
         Maximum epochs per training run.
     goal : float
         Mean squared error of scaled outputs at which to stop.
+    learning_rate : float
+        Step of ``"traingd"`` and ``"traingdx"`` for a unit of the gradient; the other trainers have none.
     validation : float
         Share of the readings used for validation; training stops when their error grows, and the best weights are kept.
     max_fail : int
@@ -137,6 +140,7 @@ class NetworkModel(Compensator):
         trainer: str = "varpro",
         epochs: int = 200,
         goal: float = 0.0,
+        learning_rate: float = 0.01,
         validation: float = 0.15,
         max_fail: int = 10,
         n_restarts: int = 1,
@@ -150,6 +154,7 @@ class NetworkModel(Compensator):
         self.trainer = trainer
         self.epochs = epochs
         self.goal = goal
+        self.learning_rate = learning_rate
         self.validation = validation
         self.max_fail = max_fail
         self.n_restarts = n_restarts
@@ -239,6 +244,8 @@ class NetworkModel(Compensator):
         options = {"validation": validation, "epochs": self.epochs, "goal": self.goal}
         if self.trainer != "trainbr":  # stopped by the evidence, never by validation data
             options["max_fail"] = self.max_fail
+        if self.trainer in GRADIENT_TRAINERS:
+            options["lr"] = self.learning_rate
         least, best = np.inf, None
         for restart in range(self.n_restarts):
             weights = nguyen_widrow(self.network_, seed=self._stream(number, restart))
@@ -296,6 +303,8 @@ class NetworkModel(Compensator):
             raise InputError(f"expected validation, a share of the readings, from 0 to below 1, got {self.validation}")
         if not 0 <= self.goal < np.inf:
             raise InputError(f"expected goal, a mean squared error of scaled outputs, of 0 or more, got {self.goal}")
+        if not 0 < self.learning_rate < np.inf:
+            raise InputError(f"expected a learning rate above 0, got {self.learning_rate}")
 
     def _residual_covariance(
         self, angles: FloatArray, points: FloatArray, judges: list[IntArray], *, apart: bool

@@ -122,7 +122,7 @@ class Procedure:
         return heads, [
             (
                 str(one.setting),
-                one.setting.trainer,
+                one.setting.training,
                 f"{one.setting.goal:g}",
                 one.n_weights,
                 one.n_train,

@@ -1,9 +1,9 @@
 """The search for a network on readings of a person's own: a grid of settings, and a cross-validation.
 
-The paper varies the amount of data, the goal and the units, and keeps the network with the smallest error on further
-poses (Tables 2 to 4). Here further poses are those of a fold of a cross-validation, so that every reading is tested
-once: readings of one position or pose are in one fold. A finished training is a model file: after an interruption the
-same command resumes with the next one.
+The paper varies the amount of data, the goal, the learning rate and the units, and keeps the network with the smallest
+error on further poses (Tables 2 to 4). Here further poses are those of a fold of a cross-validation, so that every
+reading is tested once: readings of one position or pose are in one fold. A finished training is a model file: after an
+interruption the same command resumes with the next one.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from truearm.arm import Arm
 from truearm.compensation.models import Compensator, NetworkModel
 from truearm.compensation.models.arm_check import arm_of_readings
 from truearm.compensation.models.model_file import load_model, save_model
+from truearm.compensation.models.network import GRADIENT_TRAINERS
 from truearm.compensation.models.training_conditions import fingerprint
 from truearm.compensation.nets.perceptron import Perceptron
 from truearm.errors import InputError
@@ -57,18 +58,26 @@ class NetworkSetting:
         Mean squared error of scaled outputs to stop at; 0: the validation data end a training.
     epochs : int
         Maximum.
+    learning_rate : float
+        Of gradient descent; the other trainers have none.
     """
 
     hidden: tuple[int, ...]
     trainer: str = "varpro"
     goal: float = 0.0
     epochs: int = 200
+    learning_rate: float = 0.01
 
     def model(self, arm: Arm, *, seed: int, free: tuple[str, ...] = ("base", "tip")) -> NetworkModel:
         """The network, not yet trained."""
         # The evidence stops trainbr, and validation data would only be lost to it.
         validation = 0.0 if self.trainer == "trainbr" else VALIDATION
         return NetworkModel(arm, validation=validation, seed=seed, free=free, **vars(self))
+
+    @property
+    def training(self) -> str:
+        """The trainer, and its learning rate if it has one."""
+        return f"{self.trainer} {self.learning_rate:g}" if self.trainer in GRADIENT_TRAINERS else self.trainer
 
     def n_weights(self, n_joints: int) -> int:
         """Number of weights with biases."""
@@ -90,6 +99,8 @@ class SearchGrid:
         As in `NetworkModel`.
     goal : tuple of float
         Mean squared error of scaled outputs to stop at; 0: validation data alone end a training.
+    learning_rate : tuple of float
+        Of ``traingd`` and ``traingdx``; the Levenberg-Marquardt trainers have none.
     epochs : int
         Maximum of a training.
     folds : int
@@ -101,9 +112,18 @@ class SearchGrid:
     hidden: tuple[tuple[int, ...], ...] = ()
     trainer: tuple[str, ...] = ("varpro",)
     goal: tuple[float, ...] = (0.0,)
+    learning_rate: tuple[float, ...] = ()
     epochs: int = 200
     folds: int = 5
     seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.learning_rate and not set(self.trainer) <= GRADIENT_TRAINERS.keys():
+            raise InputError(
+                f"a learning rate belongs to gradient descent, got the trainers {', '.join(self.trainer)}: the "
+                "Levenberg-Marquardt method has a damping in its place",
+                hint=f"no learning rate, or the trainers {' and '.join(GRADIENT_TRAINERS)} alone",
+            )
 
     def settings(self, n_readings: int, n_joints: int) -> tuple[NetworkSetting, ...]:
         """The networks to try."""
@@ -114,10 +134,11 @@ class SearchGrid:
             if k < LEAST_TRIED or NetworkSetting(one).n_weights(n_joints) <= coordinates
         ]
         found = [
-            NetworkSetting(units, trainer, goal, self.epochs)
+            NetworkSetting(units, trainer, goal, self.epochs, rate)
             for units in hidden
             for trainer in self.trainer
             for goal in self.goal
+            for rate in self.learning_rate or (NetworkSetting.learning_rate,)
         ]
         return tuple(dict.fromkeys(found))
 
