@@ -202,16 +202,15 @@ def test_an_export_that_does_not_fit_fills_in_nothing(truearm, form, change, opt
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        ([], "expected --out or --into"),
-        (["--out", "s.csv"], "a session file needs --angles"),
-        (["--out", "s.csv", "--angles", "1"], "a session file needs --angle-unit"),
+        ([], "expected --out, --preview or --into"),
+        (["--out", "s.csv", "--by", "name"], "--by joins two tables. Try: name the second one: --with TABLE"),
         (
             ["--out", "s.csv", "--date", "2026-10-20"],
             "truearm: --date applies to --into only. Try: omit it, or use --into\n",
         ),
         (
-            ["--out", "s.csv", "--date", "2026-10-20", "--artefact-temperature", 20, "--serial-number", "A-17"],
-            "--date, --artefact-temperature and --serial-number apply to --into only. Try: omit them, or use --into\n",
+            ["--out", "s.csv", "--date", "2026-10-20", "--artefact-temperature", 20],
+            "--date and --artefact-temperature apply to --into only. Try: omit them, or use --into\n",
         ),
     ],
 )
