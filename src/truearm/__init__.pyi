@@ -19,9 +19,9 @@ from truearm.identification.terms import Term as Term
 from truearm.identification.virtual import VirtualArm as VirtualArm
 from truearm.readings import Lengths as Lengths
 from truearm.readings import Session as Session
-from truearm.readings import import_table as import_table
 from truearm.readings import read_lengths as read_lengths
 from truearm.readings import read_session as read_session
+from truearm.readings.foreign import import_table as import_table
 from truearm.verification.certificate.administrative_data import AdministrativeData as AdministrativeData
 from truearm.verification.standards.artefacts import Artefacts as Artefacts
 from truearm.verification.standards.artefacts import read_artefacts as read_artefacts

@@ -23,7 +23,7 @@ from truearm.files.tables import array_files
 from truearm.files.tables.arrow_files import table_of_frame
 from truearm.files.tables.reading import read_table
 from truearm.files.tables.table import TableForm
-from truearm.readings import JointScale
+from truearm.readings.foreign import JointScale
 
 CHECKOUT = Path(__file__).resolve().parents[2]
 if not (CHECKOUT / "benchmarks").is_dir():

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from truearm.errors import InputError
-from truearm.readings import JointScale, TableColumns, import_table
+from truearm.readings.foreign import JointScale, TableColumns, import_table
 
 # As a tracker's software writes it where commas are decimal signs.
 TRACKER = (

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from truearm.errors import InputError
 from truearm.files.tables.table import Table
-from truearm.readings import JointScale, TableColumns
+from truearm.readings.foreign import JointScale, TableColumns
 from truearm.readings.foreign.no_readings import far_turned, lost_targets, not_seen, statistics_at_ends
 from truearm.readings.foreign.tables import interpret_table
 

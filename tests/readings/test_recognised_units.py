@@ -9,7 +9,7 @@ import pytest
 import truearm as ta
 from truearm.errors import InputError
 from truearm.files.tables.table import TableForm
-from truearm.readings import JointScale, TableColumns
+from truearm.readings.foreign import JointScale, TableColumns
 from truearm.readings.foreign.tables import as_table, read_foreign_tables
 
 N = 8

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from truearm.errors import InputError
-from truearm.readings import JointScale, TableColumns, import_table, read_session, write_session
+from truearm.readings import read_session, write_session
+from truearm.readings.foreign import JointScale, TableColumns, import_table
 
 # Of printed matrices: rounding of doubles that are written in full.
 ROUNDING = 1e-12

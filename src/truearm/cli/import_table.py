@@ -13,7 +13,7 @@ from truearm.cli.options import FormDate, FormTemperature, IntoForm, Json, numbe
 
 if TYPE_CHECKING:
     from truearm.files.tables.table import TableForm
-    from truearm.readings import ImportedTable
+    from truearm.readings.foreign import ImportedTable
     from truearm.typing import FloatArray
 
 # Options of points to measure that a session does not take, those that both take, and those that join two tables.
@@ -135,7 +135,8 @@ def import_table(
     if points_from is None:
         refuse_typed(context, FOR_TWO, "joins two tables", hint="name the second one: --with TABLE")
 
-    from truearm.readings import JointScale, TableColumns, check_session_path, write_session
+    from truearm.readings import check_session_path, write_session
+    from truearm.readings.foreign import JointScale, TableColumns
     from truearm.readings.foreign.tables import as_table, read_foreign_tables
 
     sources = [table] if points_from is None else [table, points_from]
@@ -246,7 +247,7 @@ def _fill(
     serial_number: str,
 ) -> None:
     """Fill in points to measure, and print the ranges of the coordinates."""
-    from truearm.readings import import_points
+    from truearm.readings.foreign import import_points
     from truearm.verification.standards.dates import now, parse_moment
     from truearm.verification.standards.points_form import fill_points_form
     from truearm.workflows.record import TextTable

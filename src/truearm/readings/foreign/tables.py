@@ -143,7 +143,7 @@ def import_table(
     --------
     >>> from pathlib import Path
     >>> import truearm as ta
-    >>> from truearm.readings import JointScale, TableColumns
+    >>> from truearm.readings.foreign import JointScale, TableColumns
     >>> _ = Path("table.txt").write_text("J1;J2;X;Y;Z\n0,1;-0,2;0,5;0,0;0,25\n")
     >>> columns = TableColumns(["J1", "J2"], points=["X", "Y", "Z"])
     >>> session = ta.import_table("table.txt", columns, JointScale("rad"), point_unit="m")
@@ -448,7 +448,7 @@ def import_points(
     Examples
     --------
     >>> from pathlib import Path
-    >>> from truearm.readings import import_points
+    >>> from truearm.readings.foreign import import_points
     >>> _ = Path("export.txt").write_text("point 1  0.5  0.25  1.0\npoint 2  0.5  0.75  1.0\n")
     >>> import_points("export.txt", ["3", "4", "5"], point_unit="in").tolist()
     [[12.7, 6.35, 25.4], [12.7, 19.05, 25.4]]
