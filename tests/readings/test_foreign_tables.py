@@ -225,3 +225,13 @@ def test_columns_that_cannot_be_meant_are_refused():
         TableColumns(["a"], ["x", "y"])
     with pytest.raises(InputError, match="point_std needs points"):
         TableColumns(["a"], point_std=["x", "y", "z"])
+
+
+@pytest.mark.parametrize(
+    ("above", "mm"), [("// Units: Inches", 25.4), ("# all points in centimetres", 10.0), ("", 1.0)]
+)
+def test_a_unit_in_the_lines_above_is_that_of_points_without_one(tmp_path, above, mm):
+    text = f"{above}\nJ1,X,Y,Z\n" + "".join(f"{40 * i},{10 * i},{7 * i},5\n" for i in range(1, 8))
+    readings = read(tmp_path, text, TableColumns(["J1"], ["X", "Y", "Z"]), JointScale("deg"), separator=",",
+                    decimal=None, point_unit=None)  # fmt: skip
+    np.testing.assert_allclose(readings.points[0], np.array([10, 7, 5]) * mm, rtol=1e-15)

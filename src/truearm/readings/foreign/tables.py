@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, cast, get_args
+from typing import TYPE_CHECKING, Any, cast, get_args
 
 import numpy as np
 
@@ -14,15 +14,22 @@ from truearm.errors import InputError
 from truearm.files.delimited import quoted_cell
 from truearm.files.tables.reading import read_table
 from truearm.files.tables.table import Table, TableForm, listed
-from truearm.files.tables.units import canonical_unit, conversion, unit_in_name
 from truearm.readings.checks import has_reference
+from truearm.readings.foreign.column_units import (
+    PointUnit,
+    length_unit,
+    mm_of,
+    numbers_in_unit,
+    settle_joint_units,
+    settle_point_unit,
+    unit_of_name,
+)
 from truearm.readings.foreign.joined_logs import STANDSTILL_MM, STANDSTILL_S, join_tables, measured_columns
-from truearm.readings.foreign.joint_scale import JointScale, JointUnit, certain_unit
+from truearm.readings.foreign.joint_scale import JointScale
 from truearm.readings.foreign.no_readings import far_turned, lost_targets, lost_zero, not_seen, statistics_at_ends
 from truearm.readings.foreign.orientations import OrientationUnit, check_orientation_columns, read_orientations
-from truearm.readings.foreign.program_columns import ProgramColumns, recognise_program_columns, split_unit
+from truearm.readings.foreign.program_columns import ProgramColumns, recognise_program_columns
 from truearm.readings.foreign.table_columns import OTHER_NAMES, TableColumns
-from truearm.readings.foreign.units_above import length_unit_above
 from truearm.readings.readings import ANCHOR_DISTANCE, DIRECTION, LOAD, SHARED_UNCERTAINTIES, SPHERE_DISTANCE
 from truearm.readings.session import Session
 from truearm.typing import BoolArray, FloatArray, NameArray
@@ -30,14 +37,9 @@ from truearm.typing import BoolArray, FloatArray, NameArray
 if TYPE_CHECKING:
     import pandas as pd
 
-PointUnit = Literal["mm", "m", "um", "in", "cm"]
 
 # Goal coordinates that differ by less than this many decimals name one position.
 _POSITION_DECIMALS = 6
-
-# Half of a session's points span more than 15 mm and less than ten metres [mm]; where a table's numbers do not, as
-# those of an arm in metres or micrometres, their unit is asked. Fewer points than these do not tell.
-_SMALLEST_SPAN, _LARGEST_SPAN, _FEWEST_POINTS = 15.0, 10_000.0, 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,7 +226,7 @@ def read_foreign_tables(
         by,
         angles=[first.index(column) for column in angles],
         point=[points.index(column) for column in at[:3]],
-        point_unit_mm=_mm(unit),
+        point_unit_mm=mm_of(unit),
         time_offset_s=time_offset_s,
         standstill_s=standstill_s,
         standstill_mm=standstill_mm,
@@ -311,10 +313,10 @@ def interpret_table(
     _check_once(table, columns)
     table = _readings_of(table, columns, remarks)
     values, points = _numbers(table, columns.angles), _numbers(table, columns.points)
-    scale = _with_unit(scale, table, columns.angles, units, values, assumed)
+    scale = settle_joint_units(scale, table, columns.angles, units, values, assumed)
     of_program = None if known is None or columns.points != known.columns.points else known.point_unit
-    unit = point_unit or _point_unit(table, columns, of_program, points, assumed)
-    to_mm = [_mm(unit if point_unit else _length_unit(table, c) or unit) for c in columns.points]
+    unit = point_unit or settle_point_unit(table, columns, of_program, points, assumed)
+    to_mm = [mm_of(unit if point_unit else length_unit(table, c) or unit) for c in columns.points]
     fields = _tip_fields(table, columns, points * to_mm, unit, orientation_unit, orientation_order, remarks)
     fields |= _other_fields(table, columns, unit)
     for name, stated, column in (
@@ -352,7 +354,7 @@ def _whole_columns(
     for name, column in columns.others.items():
         if name in OTHER_NAMES or name in ANCHOR_DISTANCE or name in SPHERE_DISTANCE or name in stated.others:
             others[name] = column
-        elif why := _why_not(table, column, _unit_of(name), every_row=True):
+        elif why := _why_not(table, column, unit_of_name(name), every_row=True):
             remarks.append(f"{column}: {why}: not read. Use --column {name}={column} to insist.")
         else:
             others[name] = column
@@ -369,7 +371,7 @@ def _whole_columns(
 def _why_not(table: Table, column: str, unit: str, *, every_row: bool = False) -> str:
     """Why a recognised column cannot be read; empty if it can."""
     try:
-        lacks = np.isnan(_in_unit(table, column, unit))
+        lacks = np.isnan(numbers_in_unit(table, column, unit))
     except InputError as error:
         return error.problem
     if lacks.all():
@@ -463,7 +465,7 @@ def import_points(
         row, k = np.argwhere(np.isnan(points))[0].tolist()
         hint = "measure the point, or delete its row"
         raise table.error("expected a number, got an empty cell", row, column=table.index(columns[k]), hint=hint)
-    return points * _mm(point_unit)
+    return points * mm_of(point_unit)
 
 
 def _check_stated(point_unit: str | None, u_mm: float | None) -> None:
@@ -496,95 +498,6 @@ def _called(table: Table, kept: BoolArray, most: int = 5) -> str:
     return f"{table.place.capitalize()}{'s' if len(places) > 1 else ''} {shown}"
 
 
-def _with_unit(
-    scale: JointScale,
-    table: Table,
-    angles: Sequence[str],
-    known: Sequence[str | None],
-    values: FloatArray,
-    assumed: list[str],
-) -> JointScale:
-    """Settle the unit of the joints: as stated, as the table or its program has it, or the only one possible."""
-    if scale.unit is not None:
-        return scale
-    written = [canonical_unit(table.units[table.index(column)]) for column in angles]
-    stated = [unit if unit in get_args(JointUnit) else None for unit in written]
-    stated = [a or b for a, b in zip(stated, known or [None] * len(stated), strict=True)]
-    if "rad" in stated and certain_unit(values) == "deg":
-        problem = f"the table states rad, but most joints turn up to {np.abs(values).max():.4g}"
-        raise table.error(problem, 0, column=table.index(angles[0]), hint="--angle-unit deg, or --angle-unit rad")
-    certain = None if any(written) else certain_unit(values)  # grad: degrees or gon
-    units = [unit or certain for unit in stated]
-    if None not in units:
-        if None in stated:
-            assumed.append(f"angles in {certain}, as some turn {np.abs(values).max():.4g}")
-        return replace(scale, unit=tuple(cast(JointUnit, unit) for unit in units))
-    joint = units.index(None)
-    column, value = table.index(angles[joint]), float(values[0, joint])
-    if written[joint]:
-        problem, hint = f"the unit {table.units[column]!r} is none that is known of an angle", "--angle-unit gon"
-    else:
-        problem = (
-            f"the unit of the joint angles is not stated: {value:g} may be {value:g} deg or {value:g} rad = "
-            f"{np.degrees(value):.5g} deg"
-        )
-        hint = "--angle-unit counts with --counts-per-turn"
-    raise table.error(problem, 0, column=column, hint=f"--angle-unit deg, --angle-unit rad, or {hint}")
-
-
-def _mm(unit: str) -> float:
-    """How many mm a unit of length is."""
-    found = conversion(unit, "mm")
-    assert found is not None
-    return found[0]
-
-
-def _length_unit(table: Table, column: str) -> str | None:
-    """Unit of a coordinate as the table writes it; None where it states none."""
-    index = table.index(column)
-    unit = canonical_unit(table.units[index] or unit_in_name(table.names[index])) or None
-    if unit is not None and unit not in get_args(PointUnit):
-        hint = f"--point-unit with one of {', '.join(get_args(PointUnit))}; other columns: --points X,Y,Z"
-        raise table.error(f"the points are in {unit}", column=index, hint=hint)
-    return unit
-
-
-def _point_unit(
-    table: Table, columns: TableColumns, known: str | None, points: FloatArray, assumed: list[str]
-) -> PointUnit:
-    """Unit of the points: as the table states it, or mm where an arm's points can be in nothing else."""
-    if not columns.points:
-        return "mm"
-    known = known if known in get_args(PointUnit) else None
-    stated = [_length_unit(table, column) or known for column in columns.points]
-    if None in stated and (above := length_unit_above(getattr(table, "points", table))):
-        assumed.append(f"points in {above}, as the lines above the table say")
-        stated = [unit or above for unit in stated]
-    seen = points[~(np.isnan(points).any(axis=1) | lost_targets(points))]
-    if None not in stated:
-        seen = seen * [_mm(str(unit)) for unit in stated]
-    # Half of the points decide: one may be a mistake.
-    span = 2 * float(np.median(np.abs(seen - np.median(seen, axis=0)).max(axis=1))) if len(seen) else 0.0
-    is_usual = len(seen) < _FEWEST_POINTS or _SMALLEST_SPAN <= span <= _LARGEST_SPAN
-    if is_usual and None not in stated:
-        return cast(PointUnit, stated[0])
-    if is_usual and not any(stated):
-        assumed.append("points in mm")
-        return "mm"
-    other = "m" if span < _SMALLEST_SPAN else "um"
-    problem = (
-        f"the unit of the points is not stated: half of them span {span:.4g}, which may be mm or {other}"
-        if None in stated
-        else f"half of the points span {span:.4g} mm by the unit that the table states, {stated[0]}"
-    )
-    raise table.error(
-        problem,
-        0,
-        column=table.index(columns.points[0]),
-        hint=f"--point-unit mm, or --point-unit {other} (one of {', '.join(get_args(PointUnit))})",
-    )
-
-
 def _tip_fields(
     table: Table,
     columns: TableColumns,
@@ -604,10 +517,10 @@ def _tip_fields(
 
         found = read_orientations(_numbers(table, columns.orientation), orientation_unit, orientation_order, refuse)
         fields["quaternion"] = found.quaternion
-        points = points if found.translation is None else found.translation * _mm(unit)
+        points = points if found.translation is None else found.translation * mm_of(unit)
     if not points.size:
         return fields
-    in_table = points / _mm(unit)
+    in_table = points / mm_of(unit)
     lost = lost_targets(in_table) | (np.isnan(points).any(axis=1) & ~np.isnan(points).all(axis=1))
     lost |= _said_lost(table, remarks)
     _name_frozen(table, points, lost, remarks)
@@ -618,7 +531,7 @@ def _tip_fields(
     points = np.where(lost[:, None], np.nan, points)
     fields["points"] = points
     if columns.point_std:
-        std = np.stack([_in_unit(table, column, "mm", unit) for column in columns.point_std], axis=1)
+        std = np.stack([numbers_in_unit(table, column, "mm", unit) for column in columns.point_std], axis=1)
         fields["point_std"] = np.where(np.isnan(points), np.nan, std)
     return fields
 
@@ -657,9 +570,9 @@ def _other_fields(table: Table, columns: TableColumns, unit: str) -> dict[str, A
     named |= {name: column for name, column in columns.others.items() if name in OTHER_NAMES}
     fields |= {name: table.words(table.index(column)) for name, column in named.items() if column}
     if columns.temperature:
-        fields["temperature_degC"] = _carried_on(_in_unit(table, columns.temperature, "degC"))
+        fields["temperature_degC"] = _carried_on(numbers_in_unit(table, columns.temperature, "degC"))
     numbers = {
-        name: _in_unit(table, column, _unit_of(name), unit if name.endswith("_mm") else None)
+        name: numbers_in_unit(table, column, unit_of_name(name), unit if name.endswith("mm_of") else None)
         for name, column in columns.others.items()
         if name not in OTHER_NAMES
     }
@@ -675,25 +588,6 @@ def _other_fields(table: Table, columns: TableColumns, unit: str) -> dict[str, A
         fields["directions"] = np.stack([directions[i] for i in sorted(directions)], axis=1)
     fields["columns"] = {name: v for name, v in numbers.items() if LOAD.fullmatch(name)}
     return fields
-
-
-def _unit_of(name: str) -> str:
-    """Unit of a column of a session file, by its name; empty if it has none."""
-    return canonical_unit(name.rpartition("_")[2]) or ""
-
-
-def _in_unit(table: Table, column: str, unit: str, default: str | None = None) -> FloatArray:
-    """Numbers of a column in a unit, from that which the table states, or else the default."""
-    index = table.index(column)
-    values = table.numbers(index)
-    written = canonical_unit(table.units[index] or unit_in_name(table.names[index]))
-    found = conversion(written or split_unit(table.names[index])[1] or default or unit, unit)
-    if not unit or (found is None and not written):  # T_m may be "measured"
-        found = conversion(default or unit, unit)
-    if found is None:
-        hint = f"another column, or one in {unit}"
-        raise table.error(f"expected numbers in {unit}, got {written}", column=index, hint=hint)
-    return values * found[0] + found[1]
 
 
 def _state_uncertainty(fields: dict[str, Any], u_mm: float) -> None:
