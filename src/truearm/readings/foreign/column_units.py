@@ -149,5 +149,5 @@ def length_unit_above(table: Table) -> str | None:
         text = file.read(_MAX_HEAD_BYTES).replace(b"\0", b"").decode("utf-8", "replace")
     above = "\n".join(text.splitlines()[: first - 1])
     words = {(match[1] or match[2]).casefold().replace("zoll", "inch") for match in _WORD.finditer(above)}
-    units = {canonical_unit(word) for word in words} & {*get_args(PointUnit)}
+    units = {canonical_unit(word) or canonical_unit(word.rstrip("s")) for word in words} & {*get_args(PointUnit)}
     return units.pop() if len(units) == 1 else None
