@@ -48,6 +48,16 @@ class ProcedureResult(PageRecord):
         What was skipped, and what is missing.
     files : tuple of Path
         The files that were read.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import truearm as ta
+    >>> session = ta.simulate("gao2017", poses=40, seed=1).session
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     found = ta.reproduce(readings=session, hidden=((3,),), epochs=3, folds=2, folder=folder)
+    >>> found.results.chosen.setting.hidden
+    (3,)
     """
 
     results: Procedure
