@@ -205,8 +205,7 @@ def picture(joints: Table, points: Table, file: str) -> None:
                 axes.plot(at, speed / np.nanquantile(speed, 0.995), color=color, label=name, linewidth=0.9)
             axes.set_xlim(100, 160)
             axes.set_xlabel("time of the joints' clock [s]" if shift else "time as recorded [s]")
-            axes.set_ylabel("speed / fastest")
-            axes.set_title(title)
+            axes.set_title(f"{title}: speed / fastest")
             axes.legend(loc="upper right")
             panels.append(panel)
         alt = "Speeds of joints and tip before and after alignment."
