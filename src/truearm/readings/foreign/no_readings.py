@@ -24,11 +24,12 @@ FEWEST_ROWS, FEWEST_COLUMNS, MOST_STATISTICS = 4, 4, 8
 _STATUS = re.compile(
     r"(beam|target|tracker|point|meas\w*)?_?(status|state|valid|visible|quality|use|used|ok|flag|locked)", re.I
 )
-_NOT_SEEN = re.compile(
-    r"(beam |target )?(lost|invalid|bad|no|nok|not ok|false|0|no beam|no target|occluded|not visible|hidden|"
-    r"verloren|ziel(verlust| verloren)|ung\u00fcltig|nein|non|error|fail(ed)?)",
-    re.I,
+_LOST = (
+    r"(?:(?:beam|target|tracker|point) )?(?:lost|occluded|hidden|not visible|verloren)|no (?:beam|target)"
+    r"|ziel(?:verlust| verloren)"
 )
+_SAYS_LOST = re.compile(_LOST, re.I)
+_NOT_SEEN = re.compile(rf"{_LOST}|invalid|bad|no|nok|not ok|false|0|ung\u00fcltig|nein|non|error|fail(?:ed)?", re.I)
 
 
 def lost_targets(points: FloatArray) -> BoolArray:
@@ -51,11 +52,16 @@ def lost_zero(points: FloatArray) -> BoolArray:
     return lost_targets(points) & (points == 0).all(axis=1) if points.size else np.ones(len(points), bool)
 
 
+def is_status(name: str) -> bool:
+    """Whether a column of this name says how a point was measured."""
+    return _STATUS.fullmatch(re.sub(r"[\W_]+", "_", name.strip())) is not None
+
+
 def not_seen(name: str, cells: NameArray) -> BoolArray:
     """(n,) Which cells of a column of this name say that the point was not seen, if fewer than half of them do."""
-    if not _STATUS.fullmatch(re.sub(r"[\W_]+", "_", name.strip())):
-        return np.zeros(len(cells), bool)
-    said = np.array([_NOT_SEEN.fullmatch(cell.strip()) is not None for cell in cells.tolist()], bool)
+    words = _NOT_SEEN if is_status(name) else _SAYS_LOST
+    different, which = np.unique(cells, return_inverse=True)
+    said = np.array([words.fullmatch(cell.strip()) is not None for cell in different.tolist()], bool)[which]
     return said if 2 * np.count_nonzero(said) < len(said) else np.zeros(len(cells), bool)
 
 

@@ -26,7 +26,14 @@ from truearm.readings.foreign.column_units import (
 )
 from truearm.readings.foreign.joined_logs import STANDSTILL_MM, STANDSTILL_S, join_tables, measured_columns
 from truearm.readings.foreign.joint_scale import JointScale
-from truearm.readings.foreign.no_readings import far_turned, lost_targets, lost_zero, not_seen, statistics_at_ends
+from truearm.readings.foreign.no_readings import (
+    far_turned,
+    is_status,
+    lost_targets,
+    lost_zero,
+    not_seen,
+    statistics_at_ends,
+)
 from truearm.readings.foreign.orientations import OrientationUnit, check_orientation_columns, read_orientations
 from truearm.readings.foreign.program_columns import ProgramColumns, recognise_program_columns
 from truearm.readings.foreign.table_columns import OTHER_NAMES, TableColumns
@@ -540,6 +547,8 @@ def _said_lost(table: Table, remarks: list[str]) -> BoolArray:
     """Rows of which another column says that the point was not seen."""
     lost = np.zeros(len(table), bool)
     for i, name in enumerate(table.names):
+        if table.columns[i].dtype.kind == "f" and not is_status(name):
+            continue
         if (said := not_seen(name, table.words(i))).any():
             remarks.append(f"Column {name} says of {np.count_nonzero(said)} rows that their point was not seen.")
             lost |= said
