@@ -159,6 +159,12 @@ def test_rows_of_statistics_are_no_readings(at_the_head):
         assert "means, limits or the like" in found.remarks[0]
 
 
+def test_statistics_below_many_rows_are_found_too():
+    values = session_like(6000)
+    foot = [values.mean(axis=0), values.std(axis=0), values.min(axis=0), values.max(axis=0)]
+    assert statistics_at_ends(np.vstack([values, np.round(foot, 4)])).nonzero()[0].tolist() == [6000, 6001, 6002, 6003]
+
+
 @given(st.integers(0, 2**32 - 1), st.integers(5, 40))
 def test_no_reading_is_taken_for_a_row_of_statistics(seed, n):
     assert not statistics_at_ends(session_like(n, seed)).any()

@@ -19,7 +19,7 @@ NEAR_ORIGIN = 1e-3
 # A row of statistics differs from those of the rows it sums up by its rounding [share of a column's standard
 # deviation]; that a reading does so in all columns by chance is impossible for a handful of columns.
 OF_A_STATISTIC = 1e-3
-FEWEST_ROWS, FEWEST_COLUMNS, MOST_STATISTICS = 4, 4, 8
+FEWEST_ROWS, FEWEST_COLUMNS, MOST_STATISTICS, MANY_ROWS = 4, 4, 8, 5000
 # What a column says of a point that was not seen, and what such a column is called.
 _STATUS = re.compile(
     r"(beam|target|tracker|point|meas\w*)?_?(status|state|valid|visible|quality|use|used|ok|flag|locked)", re.I
@@ -82,6 +82,9 @@ def statistics_at_ends(numbers: FloatArray) -> BoolArray:
     found = np.zeros(len(numbers), bool)
     for end in (slice(None), slice(None, None, -1)):  # at the head, then at the foot
         rows = numbers[end]
+        # Of many rows the few at the end change little: the outermost tells whether to look at all.
+        if len(rows) > MANY_ROWS and not _are_statistics(rows[:1], rows[1:], 30 * OF_A_STATISTIC):
+            continue
         for n in range(min(MOST_STATISTICS, len(rows) - FEWEST_ROWS), 0, -1):
             if _are_statistics(rows[:n], rows[n:]):
                 found[end][:n] = True
@@ -89,7 +92,7 @@ def statistics_at_ends(numbers: FloatArray) -> BoolArray:
     return found
 
 
-def _are_statistics(few: FloatArray, rows: FloatArray) -> bool:
+def _are_statistics(few: FloatArray, rows: FloatArray, share: float = OF_A_STATISTIC) -> bool:
     if np.isnan(rows).any():
         rows = rows[~np.isnan(rows).any(axis=1)]
     if len(rows) < FEWEST_ROWS:
@@ -104,4 +107,4 @@ def _are_statistics(few: FloatArray, rows: FloatArray) -> bool:
         [mean, spread, std, 2 * std, low, high, np.median(rows, axis=0), high - low, std / len(rows) ** 0.5]
     )
     off = np.abs(few[:, None] - of_rows)[:, :, moves]
-    return bool((off <= OF_A_STATISTIC * spread[moves]).all(axis=2).any(axis=1).all())
+    return bool((off <= share * spread[moves]).all(axis=2).any(axis=1).all())
