@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import datetime
 import os
+import sys
+from pathlib import Path
 
 # One thread of the linear algebra library for each worker of the suite; set before NumPy is imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -11,6 +13,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 import pytest
 from hypothesis import settings
+
+# The benchmarks beside the tests make inputs of some of them; last, so that no folder here hides a package.
+sys.path.append(str(Path(__file__).resolve().parents[1]))
 
 # A suite that passed passes again: what hypothesis tries hangs on the test alone, and a busy machine fails none.
 settings.register_profile("fixed", derandomize=True, deadline=None)

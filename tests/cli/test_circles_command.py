@@ -10,8 +10,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from benchmarks.circles import planted, swept
 from truearm.arm import load_arm
+
+circles = pytest.importorskip("benchmarks.circles", reason="benchmarks are not beside the tests")
 
 PAGE = Path(__file__).parents[2] / "docs" / "describe-your-arm.md"
 
@@ -69,8 +70,8 @@ def test_options_that_do_not_fit(truearm, arguments, phrase):
 
 def test_the_transcript_of_the_page_is_true(truearm, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    chain, stand = planted("ur10", 1)
-    swept(chain, stand, 1, points=12, arc_deg=60).to_frame().to_csv("circles.csv", index=False)
+    chain, stand = circles.planted("ur10", 1)
+    circles.swept(chain, stand, 1, points=12, arc_deg=60).to_frame().to_csv("circles.csv", index=False)
     (shown,) = re.findall(
         r"```console circles\n\$ truearm (.*?)\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL
     )

@@ -25,14 +25,8 @@ from truearm.files.tables.reading import read_table
 from truearm.files.tables.table import TableForm
 from truearm.readings.foreign import JointScale
 
-CHECKOUT = Path(__file__).resolve().parents[2]
-if not (CHECKOUT / "benchmarks").is_dir():
-    pytest.skip("benchmarks are not beside the tests", allow_module_level=True)
-sys.path.insert(0, str(CHECKOUT))
-try:
-    from benchmarks.table_formats import ods, saved, xlsx
-finally:
-    sys.path.remove(str(CHECKOUT))
+formats = pytest.importorskip("benchmarks.table_formats", reason="benchmarks are not beside the tests")
+ods, saved, xlsx = formats.ods, formats.saved, formats.xlsx
 
 ROWS = [[1.5, 2.5, "a"], [3.5, 4.5, "b"]]
 HEADED = [["J1", "J2", "name"], *ROWS]

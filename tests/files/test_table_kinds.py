@@ -1,8 +1,5 @@
 """Laws of tables as programs write them: every kind is read right, or asks one question whose answer makes it right."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -11,16 +8,7 @@ from truearm.files.tables.reading import read_table
 from truearm.files.tables.table import TableForm
 from truearm.readings.foreign.no_readings import lost_targets
 
-CHECKOUT = Path(__file__).resolve().parents[2]
-if not (CHECKOUT / "benchmarks").is_dir():
-    pytest.skip("benchmarks are not beside the tests", allow_module_level=True)
-sys.path.insert(0, str(CHECKOUT))
-try:
-    from benchmarks.table_kinds import all_kinds
-
-    KINDS = all_kinds()
-finally:
-    sys.path.remove(str(CHECKOUT))
+KINDS = pytest.importorskip("benchmarks.table_kinds", reason="benchmarks are not beside the tests").all_kinds()
 
 IN = {"deg": 1.0, "rad": 180 / np.pi, "mm": 1.0, "m": 1000.0}
 

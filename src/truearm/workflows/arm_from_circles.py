@@ -21,6 +21,7 @@ from truearm.identification.circles.joint_circles import JointCircle, joint_circ
 from truearm.identification.planning.template import write_aims
 from truearm.readings import Session
 from truearm.readings.checks import serial_number_of
+from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 from truearm.workflows.inputs import SessionLike, to_session, unfilled_remarks
 from truearm.workflows.record import Record, TextTable, format_fixed
@@ -39,6 +40,7 @@ LEAST_ARC_PLANNED = 10.0
 ROUNDING_MM = 1e-9
 
 
+@one_blas_thread()
 @accepts
 def arm_from_circles(
     session: SessionLike, *, name: str = "my-arm", convention: Convention = "dh", accept: str | None = None

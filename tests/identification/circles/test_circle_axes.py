@@ -7,12 +7,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import truearm as ta
-from benchmarks.circles import planted, standardized, swept
 from truearm.arm import Arm, load_arm, read_arm, write_arm
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
 from truearm.identification.circles.axes import Axes
 from truearm.identification.circles.joint_circles import joint_circles
+
+circles = pytest.importorskip("benchmarks.circles", reason="benchmarks are not beside the tests")
+planted, standardized, swept = circles.planted, circles.standardized, circles.swept
 
 
 @pytest.mark.parametrize(
