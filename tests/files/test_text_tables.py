@@ -301,3 +301,10 @@ def test_a_decimal_sign_that_also_separates_is_refused(tmp_path, content, form):
     error = refusal(tmp_path, content, **form)
     assert "both ','" in error.problem
     assert "--separator" in error.hint
+
+
+def test_an_assignment_of_nested_lists_is_read(tmp_path):
+    rows = np.random.default_rng(0).uniform(-150, 150, (20, 6)).round(4)
+    listed = [f"    [{', '.join(f'{v:.4f}' for v in row)}]" for row in rows]
+    table = read(tmp_path, "q = [\n" + ",\n".join(listed) + "\n]\n")
+    np.testing.assert_array_equal(np.stack([table.numbers(i) for i in range(6)], axis=1), rows)

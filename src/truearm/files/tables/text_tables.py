@@ -175,7 +175,7 @@ def _is_empty(line: str) -> bool:
 def _take_comments(found: TextLines, mark: re.Pattern[str]) -> None:
     """Move lines that begin with a mark of comments to the comments."""
     match = mark.match
-    if marked := [i for i, line in enumerate(found.lines) if not line[0].isalnum() and match(line)]:
+    if marked := [i for i, line in enumerate(found.lines) if line and not line[0].isalnum() and match(line)]:
         taken = set(marked)
         rest = (line for i, line in enumerate(found.lines) if i not in taken)
         if not any(is_number(cell) for line in islice(rest, HEAD) for cell in re.split(r"[,;\t| ]+", line)):
