@@ -233,6 +233,14 @@ def test_distances_to_anchors_come_in_mm():
     assert session.anchor.tolist() == ["A", "B"] * 4
 
 
+def test_distances_without_a_unit_have_that_of_the_points():
+    values = np.hstack([session_like()[:, :2], np.linspace(0.4, 0.6, 8)[:, None]])
+    columns = TableColumns(("J1", "J2"), others={"anchor": "wire", "distance_mm": "D"})
+    given_table = table(values, ("J1", "J2", "D"), words={"wire": ["A", "B"] * 4})
+    session = read(given_table, columns, point_unit="m").session
+    assert session.distance_mm == pytest.approx(np.linspace(400, 600, 8), rel=1e-15)
+
+
 def test_tips_serial_numbers_payload_loads_and_directions_have_their_columns():
     values = np.hstack([session_like(), np.tile([2.5, 30.0, -1.0, 1.0], (8, 1))])
     names = (*NAMES, "mass", "torque", "d1", "d2")

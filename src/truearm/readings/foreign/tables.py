@@ -388,15 +388,15 @@ def _why_not(table: Table, column: str, unit: str, *, every_row: bool = False) -
 
 def _readings_of(table: Table, columns: TableColumns, remarks: list[str]) -> Table:
     """Return the rows that are readings: all their angles are there, and they are no means of the rows above."""
-    values = _numbers(table, columns.angles)
+    values, points = _numbers(table, columns.angles), _numbers(table, columns.points)
     whole = np.ones(len(table), bool)
-    if (summed := statistics_at_ends(np.hstack([values, _numbers(table, columns.points)]))).any():
+    if (summed := statistics_at_ends(np.hstack([values, points]))).any():
         whole &= ~summed
         remarks.append(f"{_called(table, whole)}: means, limits or the like of the other rows: no reading.")
     if (gone := np.isnan(values).any(axis=1) & whole).any():
         whole &= ~gone
         remarks.append(f"{_called(table, ~gone)}: a joint angle is missing: no reading.")
-    if (empty := (values == 0).all(axis=1) & lost_zero(_numbers(table, columns.points)) & whole).any():
+    if (empty := (values == 0).all(axis=1) & lost_zero(points) & whole).any():
         whole &= ~empty
         remarks.append(f"{_called(table, ~empty)}: nothing but zeros: no reading.")
     if (odd := far_turned(values) & whole).any():
@@ -413,15 +413,6 @@ def _columns_hint(table: Table) -> str:
     if table.header_line is None and n == len(table.names) > 3:
         return f"--angles 1-{n - 3} --points {n - 2}-{n}, if the first {n - 3} of its {n} columns are the joint angles"
     return "--angles 'A,B,C' and --points 'X,Y,Z': their names, or their numbers as 1-6"
-
-
-def _check_named_twice(columns: TableColumns, session_name: str | None, serial_number: str | None) -> None:
-    for what, stated, column in (
-        ("session", session_name, columns.session),
-        ("serial number", serial_number, columns.others.get("serial_number")),
-    ):
-        if column and stated is not None:
-            raise InputError(f"the {what} is given twice, by a column and by a name")
 
 
 def import_points(
@@ -581,7 +572,7 @@ def _other_fields(table: Table, columns: TableColumns, unit: str) -> dict[str, A
     if columns.temperature:
         fields["temperature_degC"] = _carried_on(numbers_in_unit(table, columns.temperature, "degC"))
     numbers = {
-        name: numbers_in_unit(table, column, unit_of_name(name), unit if name.endswith("mm_of") else None)
+        name: numbers_in_unit(table, column, unit_of_name(name), unit if name.endswith("_mm") else None)
         for name, column in columns.others.items()
         if name not in OTHER_NAMES
     }
