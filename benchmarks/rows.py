@@ -14,7 +14,6 @@ import inspect
 import json
 import os
 import platform
-import resource
 import statistics
 import subprocess
 import sys
@@ -216,8 +215,10 @@ def peak_bytes() -> int:
     """Largest memory that this process has had resident."""
     status = Path("/proc/self/status")
     if status.exists():  # getrusage on Linux also counts what the parent had when it started us
-        line = next(line for line in status.read_text().splitlines() if line.startswith("VmHWM"))
+        line = next(line for line in status.read_text(encoding="utf-8").splitlines() if line.startswith("VmHWM"))
         return 1024 * int(line.split()[1])
+    import resource  # of POSIX alone
+
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak if sys.platform == "darwin" else 1024 * peak
 
@@ -227,7 +228,8 @@ def machine() -> dict[str, str]:
     cpu = platform.processor() or platform.machine()
     info = Path("/proc/cpuinfo")
     if info.exists():
-        cpu = next((line.split(":")[1].strip() for line in info.read_text().splitlines() if "model name" in line), cpu)
+        lines = info.read_text(encoding="utf-8").splitlines()
+        cpu = next((line.split(":")[1].strip() for line in lines if "model name" in line), cpu)
     about = {"cpu": cpu, "cores": str(os.cpu_count()), "python": platform.python_version()}
     about |= {package: version(package) for package in ("numpy", "scipy")}
     if hasattr(os, "getloadavg"):

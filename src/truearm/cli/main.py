@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import codecs
 import errno
 import importlib
+import io
 import signal
 import sys
 import threading
 import traceback
+import unicodedata
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import NoReturn, Protocol, runtime_checkable
@@ -107,6 +110,7 @@ def run(arguments: list[str] | None = None) -> NoReturn:
     does not agree, is not verified.
     """
     arguments = sys.argv[1:] if arguments is None else arguments
+    _settle_encodings()
     try:
         with _signals_unwind():
             code = make_app(*arguments[:1])(arguments or ["--help"], standalone_mode=False, prog_name="truearm")
@@ -130,7 +134,25 @@ def run(arguments: list[str] | None = None) -> NoReturn:
 
 def _output_closed(ended: SystemExit) -> bool:
     """Whether Typer ended the program because nobody reads its output pipe; its own exit code for that is 1."""
-    return isinstance(ended.__context__, OSError) and ended.__context__.errno == errno.EPIPE
+    closed = errno.EPIPE, errno.EINVAL  # the latter is what Windows says of such a pipe
+    return isinstance(ended.__context__, OSError) and ended.__context__.errno in closed
+
+
+def _settle_encodings() -> None:
+    """Write to files and pipes in another encoding than UTF-8, as on Windows, without what that encoding lacks."""
+    codecs.register_error("nearest", _nearest_characters)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper) and stream.errors == "strict":
+            stream.reconfigure(errors="nearest")
+
+
+def _nearest_characters(error: UnicodeError) -> tuple[str, int]:
+    """Characters that the encoding lacks as their ASCII equivalents (a narrow space is a space), others as escapes."""
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    alike = str.maketrans({"\N{MINUS SIGN}": "-", "\N{RIGHTWARDS ARROW}": "->", "\N{GREEK SMALL LETTER MU}": "u"})
+    lacking = unicodedata.normalize("NFKD", error.object[error.start : error.end]).translate(alike)
+    return lacking.encode("ascii", "backslashreplace").decode(), error.end
 
 
 def _message(error: Exception) -> str:
