@@ -47,3 +47,30 @@ def test_every_page_that_a_message_names_is_in_the_guide():
         found for path in house.rglob("*.py") for found in re.findall(r"docs/([a-z0-9-]+)\.md", path.read_text("utf-8"))
     }
     assert named <= set(guide_pages())
+
+
+def test_a_page_is_run_in_a_folder_with_the_files_that_it_shows(truearm, tmp_path, monkeypatch):
+    page = tmp_path / "page.md"
+    page.write_text(
+        "```csv a.csv\n1\n```\n\n```console\n$ truearm arms ur5 \\\n  --out arm.toml\nmore\n```\n\n```toml one\n```\n"
+    )
+    monkeypatch.setattr("truearm.cli.docs.guide_pages", lambda: {"page": page})
+    ran = truearm("docs", "page", "--run", str(tmp_path / "new" / "folder"))
+    assert ran.code == 0, ran.err
+    assert ran.out.startswith("$ truearm arms ur5 --out arm.toml\narm.toml: ur5, 6 joints")
+    assert {path.name for path in (tmp_path / "new" / "folder").iterdir()} == {"a.csv", "arm.toml"}
+    again = truearm("docs", "page", "--run", str(tmp_path / "new" / "folder"))
+    assert (again.code, again.out) == (2, "")
+    assert "a.csv exists already" in again.err
+
+
+def test_a_page_whose_command_fails_stops_there_and_one_without_commands_is_refused(truearm, tmp_path, monkeypatch):
+    page = tmp_path / "page.md"
+    page.write_text("```console\n$ truearm arms nosuch.toml\n$ truearm arms\n```\n")
+    monkeypatch.setattr("truearm.cli.docs.guide_pages", lambda: {"page": page})
+    ran = truearm("docs", "page", "--run", str(tmp_path))
+    assert ran.code == 2
+    assert "nosuch.toml" in ran.err
+    assert ran.out == "$ truearm arms nosuch.toml\n"
+    page.write_text("# A page\n")
+    assert "has no commands to run" in truearm("docs", "page", "--run", str(tmp_path)).err
