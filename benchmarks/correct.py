@@ -1,6 +1,6 @@
 """Corrected joint targets: what reaches the target, on a real arm and on virtual ones, how fast and in how many steps.
 
-The UR10 series A is split and fitted as in the README (physical model, half a minute); ``--model`` reads that model
+The UR10 series A is split and fitted as in docs/ur10.md (physical model, half a minute); ``--model`` reads that model
 from a file instead. A measured point of a test position is the target, with the orientation that the model has there;
 the joints that were there are the answer. Virtual arms are fitted to `readings` readings and commanded to new targets.
 """
@@ -28,14 +28,14 @@ from truearm.typing import FloatArray
 ROWS = Rows()
 # Recorded joints are not where the search starts.
 START_OFF_RAD = 0.05
-# Jacobians of the README's test positions have a condition of 5 to 60; near singularities it is above 100.
+# Jacobians of the guide's test positions have a condition of 5 to 60; near singularities it is above 100.
 EVERYDAY = 100.0
 SILENT = {"untrained": "accept", "uncertainty": False}
 
 
 @cache
 def real_arm(file: str | None) -> tuple[Compensator, Session]:
-    """The README's model of the UR10, and the test positions that it has not seen."""
+    """The guide's model of the UR10, and the test positions that it has not seen."""
     arm, train, test = split("ur10-a", 1)
     return (PhysicalModel(arm).fit_readings(train) if file is None else load_model(Path(file))), test
 

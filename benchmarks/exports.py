@@ -1,7 +1,7 @@
-"""Exports of the README's UR10: what each file gives on the goal positions held out, how large it is, how fast.
+"""Exports of the guide's UR10: what each file gives on the goal positions held out, how large it is, how fast.
 
 The physical model is fitted to 70 % of the goal positions of series A (20 s), or read from a file (``--model``) that
-was fitted to the same readings. ``--seed`` is that of the split, 1 as in the README by default.
+was fitted to the same readings. ``--seed`` is that of the split, 1 as in docs/ur10.md by default.
 """
 
 from __future__ import annotations

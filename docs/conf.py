@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import os
 import re
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from sphinx.highlighting import lexers
 import truearm
 
 HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE))  # site_pictures.py
 # Figures are drawn without a display, and every example runs with the same number of BLAS threads.
 os.environ.setdefault("MPLBACKEND", "Agg")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -71,13 +73,16 @@ sphinx_gallery_conf = {
     "show_memory": False,
     "remove_config_comments": True,
     "capture_repr": ("_repr_html_", "__repr__"),
-    "image_scrapers": ("matplotlib",),
+    "image_scrapers": ("matplotlib", "site_pictures.record_figure"),
+    "reset_modules": ("matplotlib", "site_pictures.house_style"),
+    "ignore_pattern": "json_reader",  # its example shows it
     "write_computation_times": False,
 }
 
 html_theme = "pydata_sphinx_theme"
 html_title = "truearm"
-html_static_path: list[str] = []
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
 html_show_sourcelink = False
 html_theme_options: dict[str, Any] = {
     "show_prev_next": False,
@@ -145,13 +150,16 @@ def skip_foreign(app: object, what: str, name: str, thing: object, skip: bool, o
 
 
 def write_references(app: object, config: object) -> None:
-    """Write the two pages that come from the program itself."""
+    """Write what comes from the program itself: two pages, and the pictures of the front page."""
+    from site_pictures import write_front_page
+
     del app, config
     write_command_reference()
     write_api_reference()
+    write_front_page(HERE / "_static" / "front")
 
 
 def setup(app: Any) -> None:
-    """Have the references written before Sphinx reads its sources."""
+    """Have what the program writes written before Sphinx reads its sources."""
     app.connect("config-inited", write_references)
     app.connect("autodoc-skip-member", skip_foreign)

@@ -30,9 +30,16 @@ except ta.InputError as error:
     print(error)
 
 # %%
-# Results go out as DataFrames too:
+# Results go out as DataFrames too, with a standard uncertainty for every coordinate:
 
 arm = ta.load_arm("gao2017")
 readings = ta.simulate(arm, poses=60, seed=3).session
 model = ta.KinematicModel(arm).fit(readings.angles, readings.points)
-ta.predict(model, session).to_frame().round(4)
+results = ta.predict(model, session).to_frame()
+results.round(4)
+
+# %%
+# pandas draws them. Each pose has its own uncertainty:
+
+axes = results.plot.bar(y=["sx_mm", "sy_mm", "sz_mm"], rot=0)
+axes.set(xlabel="reading", ylabel="standard uncertainty [mm]")

@@ -17,6 +17,17 @@ near = session.angles[:, 0] < 0  # train with joint 1 on one side only
 model = ta.fit(arm, session.rows(np.flatnonzero(near)), model="physical").model
 
 other = ta.simulate(arm, poses=400, strategy="uniform", seed=2).session
+
+# %%
+# The record of a prediction flags what is outside the trained range:
+
+prediction = ta.predict(model, other)
+print(prediction)
+prediction.to_frame()[["x_mm", "sx_mm", "outside_training"]].head()
+
+# %%
+# Errors of new readings, and what was stated for each:
+
 points, covariance = model.predict(other.angles, return_cov=True)
 u_mm = np.sqrt(np.trace(covariance, axis1=1, axis2=2))
 error_mm = np.linalg.norm(points - other.points, axis=1)
@@ -28,11 +39,3 @@ plt.axvspan(0, np.rad2deg(other.angles[:, 0].max()), alpha=0.1)
 plt.xlabel("joint 1 [deg]; no training readings in the shaded part")
 plt.ylabel("mm")
 plt.legend()
-plt.show()
-
-# %%
-# The record of a prediction has the flags:
-
-prediction = ta.predict(model, other)
-print(prediction)
-prediction.to_frame()[["x_mm", "sx_mm", "outside_training"]].head()

@@ -6,6 +6,9 @@ A ball on the stylus, some cone seats and a bar of certified length identify an 
 tip was at one point; the bar gives the scale.
 """
 
+import matplotlib.pyplot as plt
+import numpy as np
+
 import truearm as ta
 
 arm = ta.load_arm("measuring7")
@@ -27,3 +30,23 @@ print(fit)
 
 other = ta.simulate(arm, poses=77, seed=1, **options)
 print(ta.evaluate(fit.model, other.session, lengths=other.lengths))
+
+# %%
+# The virtual arm tells the truth, which no seat knows: the points of the other day, before and after.
+
+truth = other.virtual.true_tip(other.session.angles)
+
+
+def distances(points):
+    """From the true points, once they lie as well on them as a turn and a shift can bring them [mm]."""
+    centred, wanted = points - points.mean(axis=0), truth - truth.mean(axis=0)
+    U, _, Vt = np.linalg.svd(centred.T @ wanted)
+    return np.linalg.norm(centred @ U @ np.diag([1, 1, np.linalg.det(U @ Vt)]) @ Vt - wanted, axis=1)
+
+
+before, after = arm.forward(other.session.angles).tip_in_base, fit.model.predict_readings(other.session)
+plt.hist([distances(before), distances(after)], np.geomspace(3e-3, 3, 40), label=["nominal arm", "identified arm"])
+plt.xscale("log")
+plt.xlabel("distance from the true point [mm]")
+plt.ylabel("readings")
+plt.legend()

@@ -21,6 +21,6 @@ refit = ta.refit(model, moved, n_readings=20)
 print(refit)
 
 # %%
-# The model remembers the readings of the refit, and evaluate leaves them out of the test:
+# The model remembers the readings of the refit, and evaluate skips them:
 
-print(ta.evaluate(refit.model, moved))
+ta.evaluate(refit.model, moved)

@@ -29,3 +29,8 @@ try:
     ta.load_model(damaged)
 except ta.InputError as error:
     print(str(error).replace(str(folder), "..."))
+
+# %%
+# The loaded model knows its arm and the readings that it was trained on, so that any session can be tested with it:
+
+ta.evaluate(again, ta.simulate(arm, poses=60, seed=1, strategy="uniform").session)

@@ -9,9 +9,9 @@ measured.
 import truearm as ta
 
 plan = ta.plan("measuring7", "bar", poses=20, length_mm=500, terms="constants", seed=1)
-plan
 
 # %%
-# The plan is a session to fill in: seats, positions, and the joint angles near which to take each reading.
+# The plan is a session to fill in (``plan.save("plan.csv")``): seats, positions, and the joint angles near which to
+# take each reading. The curve says when to stop: more poses than these would tell little more.
 
-print(plan)
+plan

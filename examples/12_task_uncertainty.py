@@ -10,9 +10,9 @@ import truearm as ta
 
 session = ta.simulate("measuring7", poses=200, strategy="measuring", preset="shop", seed=1).session
 model = ta.fit("measuring7", session, model="kinematic").model
-ta.task(model, "length", 400.0, tolerance_mm=0.1, n_arms=300)
+print(ta.task(model, "length", 400.0, tolerance_mm=0.1, n_arms=300))
 
 # %%
 # The same for a sphere of 25 mm:
 
-print(ta.task(model, "sphere", 25.0, tolerance_mm=0.1, n_arms=300))
+ta.task(model, "sphere", 25.0, tolerance_mm=0.1, n_arms=300)

@@ -3,13 +3,14 @@ A model for other programs: JSON
 ================================
 
 The whole model as one JSON document: arm, chain, terms with their coefficients and uncertainties, training conditions.
-`json_reader.py`, beside this example, is a reader that needs NumPy only.
+`json_reader.py`, at the end of this page, is a reader that needs NumPy only: copy it into your program.
 """
 
 import json
 import tempfile
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import numpy as np
 
 import json_reader
@@ -35,7 +36,24 @@ for pose in origin["check_poses"]:
     print(np.round(pose["joints"], 3), "rad:", np.round(pose["tip_mm"], 3), "mm")
 
 # %%
-# The terms with the largest coefficients:
+# Every coefficient comes with its standard uncertainty. The largest angles:
 
-for term in sorted(document["identified"]["terms"], key=lambda term: -max(map(abs, term["coefficients"])))[:5]:
-    print(f"{term['name']:40} {term['coefficients'][0]:9.2e} +- {term['standard_uncertainties'][0]:.1e}")
+terms = [term for term in document["identified"]["terms"] if any(term["direction"][:3])]
+terms = sorted(terms, key=lambda term: -max(map(abs, term["coefficients"])))[:8]
+largest = [int(np.argmax(np.abs(term["coefficients"]))) for term in terms]
+values, u = (
+    [1e3 * term[key][i] for term, i in zip(terms, largest, strict=True)]
+    for key in ("coefficients", "standard_uncertainties")
+)
+plt.errorbar(values, range(len(terms)), xerr=2 * np.array(u), fmt="o", capsize=3)
+plt.yticks(range(len(terms)), [term["name"] for term in terms])
+plt.gca().invert_yaxis()
+plt.axvline(0, color="black", lw=0.8)
+plt.xlabel("coefficient, with twice its standard uncertainty [mrad]")
+plt.tight_layout()
+
+# %%
+# The reader:
+#
+# .. literalinclude:: ../../examples/json_reader.py
+#    :lines: 9-

@@ -153,7 +153,7 @@ def test_the_map_of_the_house_names_every_room_and_no_other():
 
 
 # Pages that the build of the site makes; CHANGELOG.md is shown beside house.md there.
-BUILT = ("../gallery/index", "gallery/index", "../api.md", "house.md", "glossary.md")
+BUILT = ("../gallery/index", "gallery/index", "../api.md", "house.md", "start/index")
 
 
 @pytest.mark.parametrize("page", PAGES)
@@ -164,7 +164,8 @@ def test_every_link_of_a_page_leads_to_a_file(page):
         if (
             link
             and "://" not in link
-            and link not in ("../gallery/index", "../api.md", "gallery/index", "house.md", "start/index")
+            and link not in BUILT
+            and not link.startswith("_static/front/")  # pictures that the build draws
         ):
             assert ((CHECKOUT / page).parent / link).exists(), f"{page}: {link}"
 
@@ -219,8 +220,8 @@ def test_every_command_of_a_page_can_be_typed(page, options):
         assert used <= options[verb], f"{page}: truearm {' '.join(words)}"
 
 
-def test_the_readme_names_every_verb():
-    text = readable(CHECKOUT / "README.md")
+def test_the_guide_names_every_verb():
+    text = readable(CHECKOUT / "docs/guide.md")
     named = {words[0] for words in [*commands_of(text), *inline_commands_of(text)] if words}
     assert {verb for verb, _ in VERBS} <= named
 

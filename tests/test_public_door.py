@@ -116,7 +116,7 @@ def test_records_read_as_text_and_as_html_and_as_json():
 
 @pytest.mark.slow
 def test_the_ur10_chain_takes_ten_lines_and_has_the_published_figures(tmp_path):
-    """Read, split, fit, evaluate and predict measured data with nothing but `ta`; the README prints the same."""
+    """Read, split, fit, evaluate and predict measured data with nothing but `ta`; docs/ur10.md prints the same."""
     if ta.datasets.find_local("ur10-a") is None:
         pytest.skip("the published readings are not here (TRUEARM_DATA)")
     ta.fetch("ur10-a").save(tmp_path / "ur10.csv")

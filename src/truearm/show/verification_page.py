@@ -15,6 +15,7 @@ from truearm.number_format import (
     format_percent,
 )
 from truearm.pages.page import Cell, Column, LabelledValue, Page, PageVerdict, Section, State, Table
+from truearm.pages.plotting import Figure
 from truearm.show.limits_figure import limits_figure
 from truearm.show.where_scene import where_scene
 from truearm.verification.standards.decision import Budget, ConformityResult, Verdict
@@ -71,6 +72,12 @@ def verification_sections(verification: Verification) -> tuple[Section, ...]:
     return tuple(section for section in sections if section is not None)
 
 
+def shares_figure(verification: Verification) -> Figure:
+    """Draw the values that have a limit as shares of it, the most urgent ones first."""
+    rows = sorted(verification.rows_with_limit, key=_urgency)
+    return limits_figure(rows, rule=verification.rule, decides=verification.gap is None)
+
+
 def _decision(verification: Verification) -> Section:
     days = sorted({group.date for group in verification.groups})
     points = sum(len(group.points) for group in verification.groups)
@@ -106,13 +113,7 @@ def _values(verification: Verification) -> Section:
         f"U is the expanded uncertainty of the test value from artefact and set-up, for a level of {LEVEL_TEXT}; it "
         "does not contain the errors of the arm, which are tested. Limits apply to magnitudes. Values are printed to "
         f"the last digit of U, limits to the nanometre. {UNROUNDED_TEXT}",
-        figures=(
-            limits_figure(
-                sorted(verification.rows_with_limit, key=_urgency),
-                rule=verification.rule,
-                decides=verification.gap is None,
-            ),
-        ),
+        figures=(shares_figure(verification),),
         tables=(
             Table(
                 columns,

@@ -28,6 +28,7 @@ from truearm.workflows.record import TextTable, format_fixed
 
 if TYPE_CHECKING:
     from truearm.pages.page import Page
+    from truearm.pages.plotting import Figure
 
 PointsLike: TypeAlias = MeasuredPoints | str | Path
 PlanLike: TypeAlias = VerificationPlan | str | Path
@@ -89,6 +90,12 @@ class VerificationResult(PageRecord):
         from truearm.show.verification_page import verification_page
 
         return verification_page(self.verification, facts=self.facts())
+
+    def figure(self) -> Figure:
+        """Values as shares of their limits, with their uncertainties and guard bands."""
+        from truearm.show.verification_page import shares_figure
+
+        return shares_figure(self.verification)
 
     def facts(self) -> list[tuple[str, str]]:
         """The sources of the result: plan, files with their SHA-256, program."""
