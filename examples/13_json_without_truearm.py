@@ -36,21 +36,19 @@ for pose in origin["check_poses"]:
     print(np.round(pose["joints"], 3), "rad:", np.round(pose["tip_mm"], 3), "mm")
 
 # %%
-# Every coefficient comes with its standard uncertainty. The largest angles:
+# Every coefficient comes with its standard uncertainty. The best determined rotations:
 
-terms = [term for term in document["identified"]["terms"] if any(term["direction"][:3])]
-terms = sorted(terms, key=lambda term: -max(map(abs, term["coefficients"])))[:8]
-largest = [int(np.argmax(np.abs(term["coefficients"]))) for term in terms]
-values, u = (
-    [1e3 * term[key][i] for term, i in zip(terms, largest, strict=True)]
-    for key in ("coefficients", "standard_uncertainties")
-)
-plt.errorbar(values, range(len(terms)), xerr=2 * np.array(u), fmt="o", capsize=3)
-plt.yticks(range(len(terms)), [term["name"] for term in terms])
+found = [
+    (1e3 * size, 1e3 * u, term["name"])
+    for term in document["identified"]["terms"]
+    if any(term["direction"][:3])
+    for size, u in zip(term["coefficients"][:1], term["standard_uncertainties"][:1], strict=True)
+]
+values, u, names = zip(*sorted(found, key=lambda one: -abs(one[0]) / one[1])[:8], strict=True)
+plt.errorbar(values, names, xerr=2 * np.array(u), fmt="o", capsize=3)
 plt.gca().invert_yaxis()
 plt.axvline(0, color="black", lw=0.8)
 plt.xlabel("coefficient, with twice its standard uncertainty [mrad]")
-plt.tight_layout()
 
 # %%
 # The reader:
