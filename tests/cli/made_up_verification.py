@@ -150,9 +150,10 @@ class Made:
             self.add("volumetric", "bar", length * direction, end="B", **keys)
         return self
 
-    def text(self, serial_number=None):
-        """The file; with a column for the serial number of the arm, if one is given."""
-        unit = {} if serial_number is None else {"serial_number": serial_number}
+    def text(self, serial_number=None, **origin):
+        """The file; with columns for the serial number of the arm and the origin, if a number is given."""
+        origin = origin or {"coordinates_from": "arm software"}
+        unit = {} if serial_number is None else {"serial_number": serial_number, **origin}
         out = io.StringIO()
         writer = csv.DictWriter(out, (*COLUMNS, *unit), restval="", lineterminator="\n")
         writer.writeheader()

@@ -20,6 +20,7 @@ from truearm.verification.standards.verification_plan import plan_text
 
 OPTIONS = ["--plan", "my-plan.toml", "--points", "points.csv", "--artefacts", "artefacts.toml", "--mpe", "mpe.toml"]
 ALL = ["certificate", *OPTIONS, "--about", "about.toml", "--out", "certificate.xml", "--html", "certificate.html"]
+ARM_SOFTWARE = "Coordinates: from the software of the arm, without a model of truearm."
 PAGE = Path(__file__).parents[2] / "docs" / "certificate.md"
 
 
@@ -39,8 +40,8 @@ def test_a_certificate_for_machines_and_for_people(truearm, bench):
     ran = truearm(*ALL)
     assert (ran.code, ran.err) == (0, ""), ran
     assert (
-        ran.out
-        == "certificate V-2026-042, conform\ncertificate written to certificate.xml\npage written to certificate.html\n"
+        ran.out == f"certificate V-2026-042, conform\n{ARM_SOFTWARE}\n"
+        "certificate written to certificate.xml\npage written to certificate.html\n"
     )
     made = read_dcc("certificate.xml")
     assert made.about.number == "V-2026-042"
@@ -75,7 +76,7 @@ def test_also_what_does_not_conform_gets_its_certificate(truearm, bench):
     assert (ran.code, ran.out) == (
         0,
         (
-            "certificate V-2026-042, not conform\n"
+            f"certificate V-2026-042, not conform\n{ARM_SOFTWARE}\n"
             "certificate written to certificate.xml\npage written to certificate.html\n"
         ),
     )
@@ -106,12 +107,57 @@ def test_a_certificate_states_the_reason_for_which_the_points_of_another_number_
     assert "the plate was renewed" in Path("certificate.html").read_text()
 
 
+OF_MODEL = {"coordinates_from": "truearm 0.1.0", "model": "arm.truearm (physical)", "model_sha256": "ab" * 32}
+
+
+def test_every_form_of_the_certificate_says_with_which_model_the_results_hold(truearm, bench):
+    Path("points.csv").write_text(Made().iso().text("10017", **OF_MODEL, outside_training="1"))
+    ran = truearm(*ALL, "--json")
+    assert (ran.code, ran.err) == (0, "")
+    stated = json.loads(ran.out)["coordinates"]
+    n = stated["n_points"]
+    assert stated == {
+        "from": "truearm 0.1.0",
+        "model": "arm.truearm (physical)",
+        "model_sha256": "ab" * 32,
+        "n_outside_training": n,
+        "n_points": n,
+    }
+    said = (
+        f"Coordinates: computed from joint angles by truearm 0.1.0 with the model arm.truearm (physical), SHA-256 "
+        f"{'ab' * 32}; {n} of {n} readings are outside the range that the model was trained on."
+    )
+    made = read_dcc("certificate.xml")
+    assert made.texts("coordinates") == (said,)
+    (limits,) = made.texts("limits of use")
+    assert f"coordinates computed by truearm 0.1.0 with the model arm.truearm (physical), SHA-256 {'ab' * 32}" in limits
+    assert "do not hold for coordinates of the software of the arm (Example Measure 4.2, firmware 1.17)" in limits
+    assert f"{n} of {n} readings were outside" in limits
+    html = Path("certificate.html").read_text()
+    assert html.count(said) == 1
+    assert limits in html
+    verify = ("verify", *OPTIONS, "--report", "verification.html")
+    assert said in truearm(*verify).out.splitlines()
+    assert said in Path("verification.html").read_text()
+    assert said in truearm("certificate", "--read", "certificate.xml").out.splitlines()
+
+
+def test_points_of_two_origins_are_refused_with_their_lines(truearm, bench, snapshot):
+    lines = Made().iso().text("10017").splitlines()
+    Path("points.csv").write_text("\n".join([*lines[:30], *(one.removesuffix("arm software") for one in lines[30:])]))
+    there = snapshot(bench)
+    ran = truearm(*ALL)
+    assert (ran.code, ran.out) == (2, "")
+    assert f"arm software in lines 2 to 30; not stated in lines 31 to {len(lines)}" in ran.err
+    assert snapshot(bench) == there
+
+
 @pytest.mark.parametrize("number", [None, ""])
 def test_points_without_a_serial_number_are_certified_and_that_is_said(truearm, bench, number):
     Path("points.csv").write_text(Made().iso().text(number))
     ran = truearm(*ALL)
     assert (ran.code, ran.err) == (0, "")
-    assert ran.out.splitlines()[1].startswith(
+    assert ran.out.splitlines()[2].startswith(
         "The points do not state the serial number of the arm: truearm could not compare it with '10017'."
     )
     assert "not stated" in Path("certificate.html").read_text()

@@ -123,8 +123,13 @@ def test_the_points_of_a_sheet_are_filled_in_by_a_model(truearm, made, tmp_path)
         [row[f"{axis}_mm"] for axis in "xyz"] for row in table
     ]
     assert {row["date"] for row in filled} == {"2026-10-20"}
+    assert {row["model"] for row in filled} == {"kinematic.truearm (kinematic)"}
+    assert [row["outside_training"] for row in filled] == [row["outside_training"] for row in table]
     ran = truearm("predict", model, angles, *into)
     assert (ran.code, "have coordinates already" in ran.err) == (2, True)
+    # By the way of a table the points would pass for those of the arm's software.
+    ran = truearm("import", tmp_path / "table.csv", "--points", "x_mm,y_mm,z_mm", "--into", points)
+    assert (ran.code, "computed by a model of truearm. Try: truearm predict" in ran.err) == (2, True)
     ran = truearm("verify", "--sheet", "asme-b89.4.22", "--out", sheet, "--points", points)
     assert (ran.code, "points may be in it" in ran.err) == (2, True)
 
@@ -172,6 +177,7 @@ def test_the_points_of_a_metrology_program_are_filled_in(truearm, form):
     # Six decimals of an inch.
     np.testing.assert_allclose([[float(row[f"{axis}_mm"]) for axis in "xyz"] for row in filled], taken, atol=2e-5)
     assert {(row["date"], row["serial_number"]) for row in filled} == {("2026-10-20", "A-17")}
+    assert {row["coordinates_from"] for row in filled} == {"arm software"}
     ran = truearm("import", export, *EXPORT, *into)
     assert (ran.code, "have coordinates already" in ran.err) == (2, True)
 

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from hashlib import sha256
 
 import numpy as np
 import pytest
 
+import truearm
 import truearm as ta
 from truearm.arm import load_arm, read_arm, write_arm
 from truearm.errors import InputError
 from truearm.readings import read_session, write_session
+from truearm.verification.standards.coordinate_origin import CoordinateOrigin
 from truearm.workflows.arms import describe_arm
 
 
@@ -84,7 +87,19 @@ def test_the_points_of_a_verification_state_the_unit_of_the_model(tmp_path):
     model = ta.fit("measuring7", readings(1), model="nominal").model
     (tmp_path / "again.csv").write_bytes((tmp_path / "points.csv").read_bytes())
     ta.predict(model, bare).fill(tmp_path / "points.csv", artefact_degC=20)
-    assert ta.read_points(tmp_path / "points.csv").serial_number == "virtual-shop-1"
+    measured = ta.read_points(tmp_path / "points.csv")
+    assert measured.serial_number == "virtual-shop-1"
+    model.save(tmp_path / "m.truearm")  # the same model gives the same file
+    digest = sha256((tmp_path / "m.truearm").read_bytes()).hexdigest()
+    outside = ta.predict(model, bare).outside_training
+    assert measured.origin == CoordinateOrigin(
+        f"truearm {truearm.__version__}", "nominal", digest, int(outside.sum()), len(outside)
+    )
+    form_of_file = tmp_path / "of-file.csv"
+    form_of_file.write_bytes((tmp_path / "again.csv").read_bytes())
+    ta.predict(tmp_path / "m.truearm", bare).fill(form_of_file, artefact_degC=20)
+    origin = ta.read_points(form_of_file).origin
+    assert (origin.model, origin.model_sha256) == ("m.truearm (nominal)", digest)
     form = (tmp_path / "again.csv").read_text().splitlines()
     at = form[0].split(",").index("serial_number")
     first = form[1].split(",")

@@ -248,18 +248,42 @@ def _fill(
 ) -> None:
     """Fill in points to measure, and print the ranges of the coordinates."""
     from truearm.readings.foreign import import_points
+    from truearm.verification.standards.coordinate_origin import ARM_SOFTWARE, CoordinateOrigin
     from truearm.verification.standards.dates import now, parse_moment
     from truearm.verification.standards.points_form import fill_points_form
     from truearm.workflows.record import TextTable
 
     check_output_is_not_input(into, table)
     moment = now() if date is None else parse_moment(date)
+    _check_not_predicted(table)
     with progress(f"importing {table.name}"):
         found = import_points(table, columns, point_unit=cast(Any, point_unit or "mm"), form=form)
-        n = fill_points_form(into, found, day=moment.date(), artefact_degC=artefact_degC, serial_number=serial_number)
+        n = fill_points_form(
+            into,
+            found,
+            day=moment.date(),
+            artefact_degC=artefact_degC,
+            serial_number=serial_number,
+            origin=CoordinateOrigin(ARM_SOFTWARE),
+        )
     print_line(f"{into}: {n} points from {table.name}")
     rows = [[axis, *_range(values, "mm")] for axis, values in zip("xyz", found.T, strict=True)]
     print_line(str(TextTable(["", "min", "max", "unit"], rows)))
+
+
+def _check_not_predicted(table: Path) -> None:
+    """Check that a table is no table of `truearm predict`: its points would pass for those of the arm's software."""
+    from truearm.errors import InputError
+    from truearm.verification.standards.coordinate_origin import OUTSIDE
+
+    if table.is_file():
+        with table.open("rb") as stream:
+            if OUTSIDE.encode() in stream.readline(10_000):
+                raise InputError(
+                    "these points were computed by a model of truearm",
+                    file=table,
+                    hint="truearm predict MODEL SESSION --into points.csv also states the model",
+                )
 
 
 def _print_ranges(found: ImportedTable) -> None:

@@ -36,7 +36,8 @@ def predict(
     outside_training 1 where a reading is outside the range that the model was trained on; names (seat, position, ..) as
     given.
 
-    --into fills in a file of points to measure instead, a reading for each row without coordinates, in their order.
+    --into fills in a file of points to measure instead, a reading for each row without coordinates, in their order, and
+    states there which model computed them (coordinates_from, model, model_sha256, outside_training).
     """
     from truearm.errors import InputError
     from truearm.workflows.predict import predict as predict_points

@@ -56,7 +56,8 @@ def certificate_page(
     return Page(
         title=f"Calibration certificate {about.number}",
         subtitle=f"{capitalize(item.name)} {item.maker} {item.model}, serial number {item.serial_number}. "
-        f"Calibrated by {about.laboratory.name} for {about.customer.name}, issued on {about.issued}.",
+        f"Calibrated by {about.laboratory.name} for {about.customer.name}, issued on {about.issued}. "
+        f"{' '.join(certificate.texts('coordinates'))}".strip(),
         summary=(
             LabelledValue("values with a limit", len(limited)),
             LabelledValue("individual results", sum(len(one.quantities) for one in certificate.individual)),

@@ -91,7 +91,8 @@ def _decision(verification: Verification) -> Section:
             degC = f"{format_in_text(low)} to {degC}"
         sources += f"; artefacts at {degC} (means of the groups of points)"
     remarks = [remark for remark in verification.remarks if CHECK_STANDARD not in remark]
-    paragraphs = [describe_decision(verification), *(f"{capitalize(remark)}." for remark in remarks)]
+    origin = verification.measured.origin.describe()
+    paragraphs = [describe_decision(verification), origin, *(f"{capitalize(remark)}." for remark in remarks)]
     text = "\n\n".join([*paragraphs, f"{sources}.", describe_rule(verification.rule)])
     return Section("Decision", text, scenes=(where_scene(verification.measured.tests, verification.rows_with_limit),))
 

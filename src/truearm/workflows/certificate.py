@@ -155,6 +155,7 @@ class CertificateResult(PageRecord):
         else:
             yield f"certificate {self.number}, {NOT_FOR_CONFORMITY}"
             yield self.certificate.reservation
+        yield from self.certificate.texts("coordinates")
         yield from self.accepted
         if not self.verification.serial_number:
             number = self.certificate.about.item.serial_number
@@ -312,7 +313,7 @@ class ReadCertificate(Record):
         item = about.item
         yield f"{item.name} {item.maker} {item.model}, serial number {item.serial_number}"
         yield f"issued on {about.issued} by {about.laboratory.name}; measured from {made.begin} to {made.end}"
-        yield from (one.text for one in made.statements if one.kind in ("reservation", "decision"))
+        yield from (one.text for one in made.statements if one.kind in ("reservation", "decision", "coordinates"))
 
     def _json(self) -> object:
         made = self.certificate

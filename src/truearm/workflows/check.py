@@ -5,9 +5,7 @@ from __future__ import annotations
 import datetime
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from hashlib import file_digest
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,7 +13,6 @@ import numpy as np
 from truearm.acceptance import acceptance_remarks, accepted_in_fit, accepting, accepts
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.arm_check import with_serial_number
-from truearm.compensation.models.model_file import save_model
 from truearm.errors import InputError
 from truearm.readings import Lengths, Session, check_sessions
 from truearm.solve.threads import one_blas_thread
@@ -49,6 +46,7 @@ from truearm.workflows.inputs import (
     ModelLike,
     SessionLike,
     check_angles_fit,
+    model_file_fingerprint,
     session_lengths,
     to_model,
     to_session,
@@ -322,17 +320,6 @@ def check(
         accept,
         acceptance_remarks(accept),
     )
-
-
-def model_file_fingerprint(model: ModelLike) -> str:
-    """SHA-256 of the model file: another model, even of the same readings, starts a new baseline."""
-    if isinstance(model, str | Path):
-        with Path(model).open("rb") as stream:
-            return file_digest(stream, "sha256").hexdigest()
-    with TemporaryDirectory() as folder:  # the same model gives the same file
-        file = Path(folder) / "model.truearm"
-        save_model(model, file)
-        return model_file_fingerprint(file)
 
 
 # Columns of the table; those after the second are shown where one of the values has an entry.

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from hashlib import file_digest, sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 from zipfile import is_zipfile
@@ -18,6 +19,7 @@ from truearm.arm import Arm, load_arm
 from truearm.choices import Limits as Limits
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.compensator import FREE_PARTS, ReadingsLike
+from truearm.compensation.models.model_archive import model_bytes
 from truearm.compensation.models.model_file import load_model
 from truearm.compensation.models.refit import used_in_refit
 from truearm.compensation.models.training_conditions import TrainingConditions
@@ -155,6 +157,14 @@ def to_model(model: object) -> Compensator:
     if not hasattr(model, "arm_"):
         raise InputError(f"the {type(model).__name__} is not fitted", hint="fit it first: model.fit_readings(session)")
     return model
+
+
+def model_file_fingerprint(model: ModelLike) -> str:
+    """SHA-256 of the model file, or of that which a model writes: the same model gives the same file."""
+    if isinstance(model, str | Path):
+        with Path(model).open("rb") as stream:
+            return file_digest(stream, "sha256").hexdigest()
+    return sha256(model_bytes(model)).hexdigest()
 
 
 def to_model_of_tip(model: ModelLike, tip: str | None = None) -> Compensator:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from truearm import __version__
 from truearm.acceptance import Acceptance, acceptance_remarks, accepted, accepts
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.identified_model import ROUNDED
@@ -28,6 +29,7 @@ from truearm.workflows.inputs import (
     SessionLike,
     check_angles_fit,
     describe_outside,
+    model_file_fingerprint,
     model_remarks,
     payload_remarks,
     to_model_and_session,
@@ -79,6 +81,7 @@ def predict(model: ModelLike, session: SessionLike, *, accept: str | None = None
     ['x_mm', 'y_mm', 'z_mm', 'sx_mm', 'sy_mm', 'sz_mm']
     """
     fitted, readings = to_model_and_session(model, session)
+    file = Path(model) if isinstance(model, str | Path) else None
     remarks = (*check_angles_fit(readings, fitted.arm), *payload_remarks(fitted, readings))
     at = fitted.at(readings)
     points, covariances = fitted.predict_readings(at, return_cov=True)
@@ -97,6 +100,8 @@ def predict(model: ModelLike, session: SessionLike, *, accept: str | None = None
         remarks=(*acceptance_remarks(accept), *remarks, *model_remarks(fitted)),
         accepted=accepted(fitted.accepted_),
         serial_number=fitted.arm_.serial_number or serial_number_of(readings),  # they agree, or it was accepted
+        model_name=fitted.kind if file is None else f"{file.name} ({fitted.kind})",
+        model_sha256="" if file is None else model_file_fingerprint(file),
     )
 
 
@@ -138,6 +143,8 @@ class Prediction(Record):
         Contradictions that were accepted in the fit of the model, or in these readings.
     serial_number : str
         Of the arm, as the model or else the session states it; empty if neither does.
+    model_name, model_sha256 : str
+        File and kind of the model, and the SHA-256 of its file; of a model without a file its kind, and nothing.
 
     Examples
     --------
@@ -158,6 +165,8 @@ class Prediction(Record):
     remarks: tuple[str, ...]
     accepted: tuple[Acceptance, ...] = ()
     serial_number: str = ""
+    model_name: str = ""
+    model_sha256: str = ""
 
     @property
     def u_mm(self) -> FloatArray:
@@ -192,7 +201,8 @@ class Prediction(Record):
     def fill(self, path: str | Path, *, date: str | None = None, artefact_degC: float | None = None) -> int:
         """Enter the points into a file of points to measure, in the order of the readings (see `operator_sheet`).
 
-        The serial number of the arm is entered too, if the model or the session states it, and what was accepted.
+        Entered too are the serial number of the arm, if the model or the session states it, what was accepted, and
+        where the coordinates come from: version of truearm, model, SHA-256 of its file, readings outside its range.
 
         Parameters
         ----------
@@ -212,15 +222,24 @@ class Prediction(Record):
         ------
         InputError
             If there are more or fewer readings than rows without coordinates, a tip diameter is missing, the rows state
-            the serial number of another arm, or the date or the temperature is implausible.
+            the serial number of another arm, points have another origin, or the date or the temperature is
+            implausible.
         """
+        from truearm.verification.standards.coordinate_origin import PROGRAM, CoordinateOrigin
         from truearm.verification.standards.points_form import fill_points_form  # takes longer than ten predictions
 
         moment = now() if date is None else parse_moment(date)
         said = " ".join(map(str, self.accepted))
-        day = moment.date()
+        digest = self.model_sha256 or model_file_fingerprint(self.model)
         return fill_points_form(
-            path, self.points, day=day, artefact_degC=artefact_degC, serial_number=self.serial_number, accepted=said
+            path,
+            self.points,
+            day=moment.date(),
+            artefact_degC=artefact_degC,
+            serial_number=self.serial_number,
+            accepted=said,
+            origin=CoordinateOrigin(f"{PROGRAM} {__version__}", self.model_name or self.model.kind, digest),
+            outside=self.outside_training,
         )
 
     def _columns(self) -> dict[str, FloatArray | IntArray | NameArray]:

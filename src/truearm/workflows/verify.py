@@ -103,6 +103,7 @@ class VerificationResult(PageRecord):
         return [
             ("plan", f"{plan.name}: {plan.standard}"),
             ("serial number in the points", self.serial_number or "not stated"),
+            ("coordinates", self.verification.measured.origin.describe().removeprefix("Coordinates: ")),
             *((file.name, f"SHA-256 {digest}") for file, digest in self.digests.items()),
             version_row(),
         ]
@@ -116,6 +117,7 @@ class VerificationResult(PageRecord):
             yield f"{self.verdict.value}: {describe_unmet(self.verification) if unrated else _ANSWERS[self.verdict]}"
         unit = f", serial number {self.serial_number}" if self.serial_number else ""
         yield f"{self.verification.plan.heading}: {self.verification.specification.name}{unit}"
+        yield self.verification.measured.origin.describe()
         yield TextTable(
             ["test", "value [mm]", "U [mm]", "limit [mm]", "verdict", "where"], map(self._cells, self.rows), (0, 4, 5)
         )
@@ -149,6 +151,7 @@ class VerificationResult(PageRecord):
             "standard": of.plan.standard,
             "specification": of.specification.name,
             "serial_number": self.serial_number or None,
+            "coordinates": of.measured.origin.to_json(),
             "rule": of.rule,
             "verdict": self.verdict,
             "rated_conditions": [

@@ -232,6 +232,8 @@ def check_plan(verification: Verification) -> None:
     gap = verification.gap
     if gap is None:
         return
+    if verification.measured.origin.is_virtual:
+        raise InputError(f"no certificate: {gap}", hint="measure the arm")
     name = verification.plan.name
     file = f"truearm verify --print-plan {name} > my-plan.toml" if name in PLANS else "your plan file"
     raise InputError(

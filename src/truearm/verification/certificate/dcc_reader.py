@@ -63,6 +63,7 @@ STATEMENTS = {
     "reservation": "truearm_notForConformityDecisions",
     "decision": CONFORMITY,
     "decision rule": "truearm_decisionRule",
+    "coordinates": "truearm_coordinates",
     "uncertainty": "truearm_uncertainty",
     "traceability": "truearm_traceability",
     "rated conditions": "truearm_ratedConditions",

@@ -37,10 +37,11 @@ def make_statements(about: AdministrativeData, verification: Verification, gap: 
     if gap is None:
         said |= {"decision": describe_decision(verification), "decision rule": describe_rule(verification.rule)}
     said |= {
+        "coordinates": verification.measured.origin.describe(),
         "uncertainty": _UNCERTAINTY,
         "traceability": _traceability(verification),
         **_rated_conditions(verification),
-        "limits of use": _limits_of_use(verification),
+        "limits of use": _limits_of_use(about, verification),
         "item": f"The results relate only to the item with serial number {about.item.serial_number}.",
         "reproduction": _reproduction(about),
     }
@@ -61,12 +62,22 @@ def _reservation(gap: str) -> str:
     return f"{mark}: {gap}. This certificate states values and limits, but no conformity."
 
 
-def _limits_of_use(verification: Verification) -> str:
+def _limits_of_use(about: AdministrativeData, verification: Verification) -> str:
+    origin, software = verification.measured.origin, about.set_up.software
     days = sorted({str(group.date) for group in verification.groups})
     when = days[0] if len(days) == 1 else f"{days[0]} to {days[-1]}"
+    computed, bounds = f"the software {software}", ""
+    if origin.is_model:
+        computed = f"coordinates computed by {origin.computed_with}"
+        bounds = (
+            f"They do not hold for coordinates of the software of the arm ({software}) without that model, which is "
+            f"another item. {origin.n_outside} of {origin.n_points} readings were outside the range that the model was "
+            "trained on. "
+        )
     return (
-        "The results hold for the arm with the stylus, the mounting, the software and the conditions that this "
-        f"certificate states, on the days of the measurement ({when}). The certificate states no period of validity."
+        f"The results hold for the arm with {computed}, the stylus, the mounting and the conditions that this "
+        f"certificate states, on the days of the measurement ({when}). {bounds}The certificate states no period of "
+        "validity."
     )
 
 

@@ -21,6 +21,12 @@ from truearm.files.spreadsheet_forms import read_form
 from truearm.files.toml_documents import reject_control_characters
 from truearm.readings.thermal_expansion import COLDEST_DEGC, WARMEST_DEGC
 from truearm.typing import BoolArray, FloatArray, IntArray, NameArray
+from truearm.verification.standards.coordinate_origin import (
+    NOT_STATED,
+    ORIGIN_COLUMNS,
+    CoordinateOrigin,
+    origin_of_cells,
+)
 from truearm.verification.standards.dates import parse_day
 
 T = TypeVar("T")
@@ -59,8 +65,9 @@ CONDITIONS: Mapping[str, tuple[str, str, float, float]] = {
 MOST_NAMED = 12
 REQUIRED_COLUMNS = ("test", "artefact", "date", *POINT)
 OPTIONAL_COLUMNS = ("position", "length", "repeat", "end", "group", TEMPERATURE, TIP)
-# Of the arm that measured, in any row; and what was accepted of its readings, with the reason.
+# Of the arm that measured, in any row; what was accepted of its readings, with the reason; origin of coordinates.
 SERIAL_NUMBER, ACCEPTED = "serial_number", "accepted"
+OF_THE_ARM = (SERIAL_NUMBER, ACCEPTED, *ORIGIN_COLUMNS)
 
 
 def join_names(names: Sequence[str], separator: str = ", ") -> str:
@@ -125,6 +132,8 @@ class MeasuredPoints:
         Of the arm that measured them; empty if it is not stated.
     accepted : tuple of str
         Contradictions that were accepted where points were predicted from joint angles, with the reasons.
+    origin : CoordinateOrigin
+        Where the coordinates come from.
 
     Examples
     --------
@@ -138,10 +147,17 @@ class MeasuredPoints:
     file: Path | None = None
     serial_number: str = ""
     accepted: tuple[str, ...] = ()
+    origin: CoordinateOrigin = NOT_STATED
 
     @classmethod
-    def of(cls, groups: Iterable[tuple[str, PointGroup]], *, serial_number: str = "") -> MeasuredPoints:
-        """Make measured points from groups, each with the name of its test, and the serial number of the arm.
+    def of(
+        cls,
+        groups: Iterable[tuple[str, PointGroup]],
+        *,
+        serial_number: str = "",
+        origin: CoordinateOrigin = NOT_STATED,
+    ) -> MeasuredPoints:
+        """Make measured points from groups, each with the name of its test; serial number of the arm, and origin.
 
         Raises
         ------
@@ -159,7 +175,8 @@ class MeasuredPoints:
             if points.ndim != 2 or points.shape[1] != 3 or len(points) == 0 or not np.isfinite(points).all():
                 raise InputError(f"test {test!r}, {group.where}: expected finite points (n, 3), got {points.shape}")
             tests.setdefault(test, []).append(group)
-        return cls({test: tuple(members) for test, members in tests.items()}, serial_number=serial_number)
+        by_test = {test: tuple(members) for test, members in tests.items()}
+        return cls(by_test, serial_number=serial_number, origin=origin)
 
     def error(self, problem: str, group: PointGroup | None = None, *, hint: str | None = None) -> InputError:
         """Return an error with the file, and the line of a group."""
@@ -185,7 +202,7 @@ def read_points(path: str | Path) -> MeasuredPoints:
     """
     path = Path(path)
     sheet = read_form(path)
-    check_names(sheet, REQUIRED_COLUMNS, (*OPTIONAL_COLUMNS, *CONDITIONS, SERIAL_NUMBER, ACCEPTED), meant=_in_mm)
+    check_names(sheet, REQUIRED_COLUMNS, (*OPTIONAL_COLUMNS, *CONDITIONS, *OF_THE_ARM), meant=_in_mm)
     columns = _columns(sheet)
     tests = {}
     for test in dict.fromkeys(columns.words["test"].tolist()):
@@ -201,7 +218,8 @@ def read_points(path: str | Path) -> MeasuredPoints:
         columns.parsed(reject_control_characters, row, ACCEPTED)
         for row in np.flatnonzero(columns.words[ACCEPTED]).tolist()
     }
-    return MeasuredPoints(tests, path, _serial_number(columns), tuple(sorted(said)))
+    origin = origin_of_cells(columns.words, sheet.first_line, columns.error)
+    return MeasuredPoints(tests, path, _serial_number(columns), tuple(sorted(said)), origin)
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,7 +230,7 @@ class _Columns:
     words: dict[str, NameArray]
     sheet: Sheet
 
-    def error(self, problem: str, row: int, column: str, *, hint: str | None = None) -> InputError:
+    def error(self, problem: str, row: int, column: str, hint: str | None = None) -> InputError:
         return InputError(problem, file=self.sheet.file, line=self.sheet.first_line + row, column=column, hint=hint)
 
     def refuse(
@@ -247,7 +265,7 @@ def _in_mm(column: str) -> str | None:
 
 def _columns(sheet: Sheet) -> _Columns:
     numbers = [*POINT, *(name for name in (TEMPERATURE, TIP, *CONDITIONS) if name in sheet.names)]
-    texts_of = (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS, SERIAL_NUMBER, ACCEPTED)
+    texts_of = (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS, *OF_THE_ARM)
     words = [name for name in texts_of if name in sheet.names and name not in numbers]
     index = sheet.names.index
     optional = [index(name) for name in numbers if name not in POINT]
@@ -259,10 +277,7 @@ def _columns(sheet: Sheet) -> _Columns:
             name: found[:, numbers.index(name)] if name in numbers else np.full(len(found), np.nan)
             for name in (*POINT, TEMPERATURE, TIP, *CONDITIONS)
         },
-        {
-            name: by_name.get(name, empty)
-            for name in (*REQUIRED_COLUMNS[:3], *OPTIONAL_COLUMNS[:5], SERIAL_NUMBER, ACCEPTED)
-        },
+        {name: by_name.get(name, empty) for name in (*REQUIRED_COLUMNS[:3], *OPTIONAL_COLUMNS[:5], *OF_THE_ARM)},
         sheet,
     )
 

@@ -16,13 +16,16 @@ from truearm.files.atomic_write import atomic_file, check_new_form
 from truearm.files.delimited import Sheet, check_names, escape_formula, read_columns
 from truearm.files.spreadsheet_forms import read_form
 from truearm.readings.thermal_expansion import COLDEST_DEGC, WARMEST_DEGC
-from truearm.typing import FloatArray, IntArray
+from truearm.typing import BoolArray, FloatArray, IntArray
+from truearm.verification.standards.coordinate_origin import FROM as ORIGIN
+from truearm.verification.standards.coordinate_origin import NOT_STATED, OUTSIDE, CoordinateOrigin
 from truearm.verification.standards.dates import check_past
 from truearm.verification.standards.layout import Placement
 from truearm.verification.standards.measured_points import (
     ACCEPTED,
     CONDITIONS,
     KEY_COLUMNS,
+    OF_THE_ARM,
     OPTIONAL_COLUMNS,
     POINT,
     REQUIRED_COLUMNS,
@@ -47,8 +50,8 @@ NEAR_MM = 20.0
 def write_points_form(layout: Sequence[Placement], path: str | Path, *, tip_diameter_mm: float | None = None) -> None:
     """Write the points of a layout to fill in, in the order of measuring.
 
-    Coordinates, dates, temperatures, the serial number of the arm and what was accepted are empty. The planned point
-    and the direction of the stylus are in columns of notes, which `read_points` ignores.
+    Coordinates, dates, temperatures and all that is stated of the arm are empty. The planned point and the direction of
+    the stylus are in columns of notes, which `read_points` ignores.
 
     Parameters
     ----------
@@ -78,6 +81,7 @@ def write_points_form(layout: Sequence[Placement], path: str | Path, *, tip_diam
         TIP,
         SERIAL_NUMBER,
         ACCEPTED,
+        ORIGIN,
         "note",
         *PLANNED,
         *FROM,
@@ -93,7 +97,7 @@ def write_points_form(layout: Sequence[Placement], path: str | Path, *, tip_diam
             for at, approach in zip(one.points, one.approach, strict=True):
                 number += 1
                 aims = [f"{value:.3f}" for value in (*at, *approach)]
-                writer.writerow([*named, "", *keys, "", "", "", "", tip, "", "", f"point {number}", *aims])
+                writer.writerow([*named, "", *keys, "", "", "", "", tip, "", "", "", f"point {number}", *aims])
 
 
 def fill_points_form(
@@ -104,6 +108,8 @@ def fill_points_form(
     artefact_degC: float | None = None,
     serial_number: str = "",
     accepted: str = "",
+    origin: CoordinateOrigin = NOT_STATED,
+    outside: BoolArray | None = None,
 ) -> int:
     """Enter measured points into the rows of a form that have no coordinates yet, in their order.
 
@@ -121,6 +127,10 @@ def fill_points_form(
         Of the arm, entered where the form has a column for it; empty if it is not known.
     accepted : str
         What was accepted of model or readings, with the reason; empty if nothing.
+    origin : CoordinateOrigin, optional
+        Where the coordinates come from.
+    outside : (n,) array of bool, optional
+        Which readings are outside the range that the model was trained on.
 
     Returns
     -------
@@ -133,7 +143,7 @@ def fill_points_form(
         If there are more or fewer points than empty rows (the message says which point is likely missing or one too
         many), distances between points are not the planned ones (a point missed and another taken twice, or another
         order; the message names the first), a point on a surface has no tip diameter, the form states another serial
-        number, or day or temperature are implausible.
+        number or has points of another origin, or day or temperature are implausible.
     """
     check_past(day)
     if artefact_degC is not None and not COLDEST_DEGC <= artefact_degC <= WARMEST_DEGC:
@@ -145,8 +155,7 @@ def fill_points_form(
     form = _read_form(path)
     if serial_number:
         form.check_serial_number(serial_number)
-    if accepted and ACCEPTED not in form.sheet.names:
-        raise form.sheet.error(f"the column {ACCEPTED} is missing", hint="write a new form: truearm verify --sheet")
+    form.check_origin(origin)
     rows = form.empty_rows()
     if not len(rows):
         raise form.sheet.error("all points have coordinates already", hint="write a new form: truearm verify --sheet")
@@ -162,17 +171,19 @@ def fill_points_form(
                 column=TIP,
                 hint="enter it in all rows (0: the point itself), or write the form with --tip-diameter",
             )
-    for row, point in zip(rows.tolist(), points.tolist(), strict=True):
+    same = {SERIAL_NUMBER: serial_number, ACCEPTED: accepted, **origin.cells}
+    for at, (row, point) in enumerate(zip(rows.tolist(), points.tolist(), strict=True)):
         for name, value in zip(POINT, point, strict=True):
             form.enter_number(row, name, f"{value:.6f}")
         if not form.cell(row, "date"):
             form.enter(row, "date", day.isoformat())
         if artefact_degC is not None and form.cell(row, "test") in SIZE_TESTS and not form.cell(row, TEMPERATURE):
             form.enter_number(row, TEMPERATURE, f"{artefact_degC:g}")
-        if serial_number and SERIAL_NUMBER in form.sheet.names:  # forms of earlier versions have no such column
-            form.enter(row, SERIAL_NUMBER, escape_formula(serial_number))
-        if accepted:
-            form.enter(row, ACCEPTED, escape_formula(accepted))
+        for name, text in same.items():
+            if text:
+                form.enter(row, name, escape_formula(text))
+        if outside is not None:
+            form.enter(row, OUTSIDE, str(int(outside[at])))
     form.write()
     return len(rows)
 
@@ -248,7 +259,7 @@ def _planned(sheet: Sheet, numbers: FloatArray, identity: tuple[str, ...], rows:
 
 
 def _check_form(sheet: Sheet) -> None:
-    check_names(sheet, REQUIRED_COLUMNS, (*OPTIONAL_COLUMNS, *CONDITIONS, SERIAL_NUMBER, ACCEPTED))
+    check_names(sheet, REQUIRED_COLUMNS, (*OPTIONAL_COLUMNS, *CONDITIONS, *OF_THE_ARM))
     for name in OPTIONAL_COLUMNS:
         if name not in sheet.names:
             raise sheet.error(f"the column {name} is missing", hint="give the file of truearm verify --sheet")
@@ -257,7 +268,7 @@ def _check_form(sheet: Sheet) -> None:
 def _read_form(path: str | Path) -> _Form:
     sheet = read_form(Path(path))
     _check_form(sheet)
-    return _Form(sheet, [list(cells) for cells in sheet.rows()])
+    return _Form(sheet, list(sheet.names), [list(cells) for cells in sheet.rows()])
 
 
 @dataclass(frozen=True, eq=False)
@@ -265,10 +276,12 @@ class _Form:
     """A form with all its cells as text."""
 
     sheet: Sheet
+    names: list[str]
     cells: list[list[str]]
 
     def cell(self, row: int, column: str) -> str:
-        return self.cells[row][self.sheet.names.index(column)].strip()
+        """The text of a cell; empty where there is no such column."""
+        return self.cells[row][self.names.index(column)].strip() if column in self.names else ""
 
     def number(self, row: int, column: str) -> float:
         """The number in a cell; ValueError where there is none."""
@@ -278,7 +291,12 @@ class _Form:
         self.enter(row, column, text.replace(".", self.sheet.decimal))
 
     def enter(self, row: int, column: str, text: str) -> None:
-        self.cells[row][self.sheet.names.index(column)] = text
+        """Write a cell; a column that the form lacks is appended."""
+        if column not in self.names:
+            self.names.append(column)
+            for cells in self.cells:
+                cells.append("")
+        self.cells[row][self.names.index(column)] = text
 
     def check_serial_number(self, number: str) -> None:
         """Check that no row states the serial number of another arm.
@@ -288,13 +306,33 @@ class _Form:
         InputError
             If one does.
         """
-        for row in range(len(self.cells)) if SERIAL_NUMBER in self.sheet.names else ():
+        for row in range(len(self.cells)):
             if (stated := self.cell(row, SERIAL_NUMBER)) not in ("", number, escape_formula(number)):
                 raise self.sheet.error(
                     f"the points are of the arm with serial number {stated!r:.80}, the model is of {number!r:.80}",
                     row,
                     column=SERIAL_NUMBER,
                     hint="give the model and the readings of the arm that is verified, or correct the number",
+                )
+
+    def check_origin(self, origin: CoordinateOrigin) -> None:
+        """Check that the points that are there have the same origin.
+
+        Raises
+        ------
+        InputError
+            If one has not.
+        """
+        for row in range(len(self.cells)):
+            there = {name: self.cell(row, name) for name in origin.cells}
+            if self.cell(row, POINT[0]) and there != origin.cells:
+                stated = ", ".join(filter(None, there.values())) or "not stated"
+                raise self.sheet.error(
+                    f"the coordinates of this point have another origin ({stated}) than the new ones "
+                    f"({', '.join(filter(None, origin.cells.values())) or 'not stated'})",
+                    row,
+                    column=ORIGIN,
+                    hint="fill in a new form for points of another origin, or state the origin of these points",
                 )
 
     def empty_rows(self) -> IntArray:
@@ -360,7 +398,7 @@ class _Form:
 
     def _where(self, row: int) -> str:
         named = [self.cell(row, "test"), *(f"{key} {self.cell(row, key)}" for key in KEYS if self.cell(row, key))]
-        note = self.cell(row, "note") if "note" in self.sheet.names else ""
+        note = self.cell(row, "note")
         return ", ".join([*named, *([note] if note else [])])
 
     def _tip_mm(self, row: int) -> float:
@@ -397,7 +435,7 @@ class _Form:
         encoding = "utf-8" if self.sheet.separator == "," else "utf-8-sig"
         with atomic_file(self.sheet.file) as beside, beside.open("w", encoding=encoding, newline="") as out:
             writer = csv.writer(out, delimiter=self.sheet.separator, lineterminator="\n")
-            writer.writerow(self.sheet.names)
+            writer.writerow(self.names)
             writer.writerows(self.cells)
 
 

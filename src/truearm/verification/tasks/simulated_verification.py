@@ -17,6 +17,7 @@ from truearm.errors import InputError
 from truearm.readings.thermal_expansion import REFERENCE_DEGC
 from truearm.typing import FloatArray
 from truearm.verification.standards.artefacts import Artefacts, CalibratedBar, CalibratedSphere, Seat
+from truearm.verification.standards.coordinate_origin import VIRTUAL_ARM, CoordinateOrigin
 from truearm.verification.standards.decision import ConformityResult, DecisionRule, Verdict
 from truearm.verification.standards.layout import Placement
 from truearm.verification.standards.measured_points import MeasuredPoints, PointGroup
@@ -103,17 +104,20 @@ def simulate_points(sample: ArmSample, posed: PosedTest, artefacts: Artefacts, *
     dates = {one.name: one.date for one in artefacts.all}
     return MeasuredPoints.of(
         (
-            one.test,
-            PointGroup(
-                artefact=one.artefact,
-                keys=dict(one.keys),
-                points=points,
-                degC=REFERENCE_DEGC,
-                tip_mm=0.0,
-                date=dates[one.artefact],
-            ),
-        )
-        for one, points in zip(posed.placements, each, strict=True)
+            (
+                one.test,
+                PointGroup(
+                    artefact=one.artefact,
+                    keys=dict(one.keys),
+                    points=points,
+                    degC=REFERENCE_DEGC,
+                    tip_mm=0.0,
+                    date=dates[one.artefact],
+                ),
+            )
+            for one, points in zip(posed.placements, each, strict=True)
+        ),
+        origin=CoordinateOrigin(VIRTUAL_ARM),
     )
 
 
