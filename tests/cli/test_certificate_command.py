@@ -142,6 +142,41 @@ def test_every_form_of_the_certificate_says_with_which_model_the_results_hold(tr
     assert said in truearm("certificate", "--read", "certificate.xml").out.splitlines()
 
 
+def test_an_arm_is_certified_as_found_and_as_left(truearm, bench, snapshot):
+    Path("before.csv").write_text(Made(too_large=60e-6).iso().text("10017").replace("2026-11-03", "2026-11-02"))
+    there = snapshot(bench)
+    ran = truearm(*ALL, "--as-found", "before.csv")
+    assert (ran.code, "no adjustment or repair is stated. Try: add the table [adjustment]" in ran.err) == (2, True)
+    assert snapshot(bench) == there
+    Path("about.toml").write_text(f'{ABOUT}\n[adjustment]\nkind = "adjustment"\nwork = "a model of truearm"\n')
+    ran = truearm(*ALL, "--as-found", "before.csv")
+    assert (ran.code, ran.err) == (0, "")
+    made = read_dcc("certificate.xml")
+    (said,) = made.texts("adjustment")
+    assert said in ran.out.splitlines()
+    assert "after this adjustment: a model of truearm. As found, measured on 2026-11-02: Not conform" in said
+    assert (str(made.begin), str(made.end), made.conformity) == ("2026-11-02", "2026-11-03", "pass")
+    assert {one.conformity for one in made.as_found} >= {"fail", "pass"}
+    html = Path("certificate.html").read_text()
+    assert said in html
+    assert "before.csv" in html
+
+
+def test_a_certificate_without_traceability_says_so_first(truearm, bench):
+    text = ARTEFACTS.replace('issuer_accreditation = "X-K-00001-01-00"\n', "").replace("K-102", "none")
+    Path("artefacts.toml").write_text(text)
+    ran = truearm(*ALL)
+    assert (ran.code, ran.err) == (0, "")
+    said = (
+        "No metrological traceability to the SI units is shown. It is not shown of ball (not stated: accreditation of "
+        "that laboratory); bar (not stated: number of the certificate, accreditation of that laboratory)."
+    )
+    assert said in ran.out.splitlines()
+    assert said in Path("certificate.html").read_text()
+    assert read_dcc("certificate.xml").texts("traceability") == (said,)
+    assert json.loads(truearm(*ALL, "--json").out)["traceable"] is False
+
+
 def test_points_of_two_origins_are_refused_with_their_lines(truearm, bench, snapshot):
     lines = Made().iso().text("10017").splitlines()
     Path("points.csv").write_text("\n".join([*lines[:30], *(one.removesuffix("arm software") for one in lines[30:])]))

@@ -19,6 +19,9 @@ def certificate(
     context: typer.Context,
     plan: Annotated[str, Option(help="Test plan, as of truearm verify.")] = "",
     points: Annotated[Path | None, Option(help="Measured points, .csv.")] = None,
+    as_found: Annotated[
+        Path | None, Option(help="Points measured before the adjustment or repair that --about states, .csv.")
+    ] = None,
     artefacts: ArtefactsFile = None,
     mpe: MpeFile = None,
     about: Annotated[
@@ -80,11 +83,15 @@ def certificate(
     from truearm.workflows.certificate import check_certificate_paths
     from truearm.workflows.verify import verify
 
-    inputs = (Path(plan), points_file, artefacts_file, mpe_file, about_file, logo, sign, signer)
+    inputs = (Path(plan), points_file, as_found, artefacts_file, mpe_file, about_file, logo, sign, signer)
     check_certificate_paths(certificate_file, html, pdf, *inputs)
     signing = None if sign is None or signer is None else _signer(sign, signer)
-    verification = verify(points_file, plan=plan, artefacts=artefacts_file, specification=mpe_file, rule=rule)
-    result = stated(verification, about_file, unconfirmed=unconfirmed, accept=accept)
+    given_points = [points_file] if as_found is None else [points_file, as_found]
+    results = [
+        verify(file, plan=plan, artefacts=artefacts_file, specification=mpe_file, rule=rule) for file in given_points
+    ]
+    before = None if as_found is None else results[1]
+    result = stated(results[0], about_file, as_found=before, unconfirmed=unconfirmed, accept=accept)
     result.save(certificate_file, html, pdf=pdf, logo=logo, signer=signing)
     print_record(result, as_json=as_json, files={"certificate": out, "page": html, "PDF": pdf})
 

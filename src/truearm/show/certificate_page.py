@@ -9,7 +9,7 @@ from truearm.number_format import RoundedNumber, capitalize
 from truearm.pages.page import Cell, Column, LabelledValue, Page, PageVerdict, Section, State, Table
 from truearm.pages.paper import Attachment, Logo, Paper
 from truearm.show.limits_figure import limits_figure
-from truearm.verification.certificate.administrative_data import Contact, Person
+from truearm.verification.certificate.administrative_data import NOTES, Person, Site
 from truearm.verification.certificate.certificate import Certificate, StatedList, StatedQuantity, StatedResult
 from truearm.verification.certificate.statements import NOT_FOR_CONFORMITY
 from truearm.verification.standards.verification import Verification
@@ -65,6 +65,7 @@ def certificate_page(
         ),
         sections=(
             _results(certificate, verification),
+            *_as_found(certificate),
             _item(certificate),
             _conditions(certificate),
             _parties(certificate),
@@ -121,27 +122,33 @@ def _verdict(certificate: Certificate, verification: Verification) -> PageVerdic
 
 def _results(certificate: Certificate, verification: Verification) -> Section:
     stated = certificate.reservation is None
-    columns = [Column("test"), Column("value", "mm"), Column("U", "mm"), Column("k"), Column("limit", "mm")]
-    if stated:
-        columns.append(Column("verdict"))
-    ordered = sorted(certificate.results, key=lambda one: _URGENCY[_words(one, stated)[1]])
-    rows = [_result_cells(one, stated)[: len(columns)] for one in ordered]
     rows_with_limit = verification.rows_with_limit
     return Section(
         "Results",
         "Limits apply to magnitudes and have all their digits. Values are compared before rounding."
         if stated
         else "Limits apply to magnitudes and have all their digits. Nothing is said on conformity.",
-        tables=(
-            Table(
-                tuple(columns),
-                tuple(rows),
-                "Test values with their expanded uncertainty U and limits.",
-                states=tuple(_words(one, stated)[1] for one in ordered),
-            ),
-        ),
+        tables=(_table(certificate.results, stated),),
         figures=(limits_figure(rows_with_limit, rule=verification.rule),) if stated else (),
     )
+
+
+def _as_found(certificate: Certificate) -> tuple[Section, ...]:
+    """What was done to the arm, and the results before it."""
+    said = "\n\n".join(certificate.texts("adjustment"))
+    tables = (_table(certificate.as_found, certificate.reservation is None),) if certificate.as_found else ()
+    return (Section("As found and as left", said, tables=tables),) if said else ()
+
+
+def _table(results: Sequence[StatedResult], stated: bool) -> Table:
+    """Test values, those that do not conform first; `stated` if the certificate is for conformity decisions."""
+    columns = [Column("test"), Column("value", "mm"), Column("U", "mm"), Column("k"), Column("limit", "mm")]
+    if stated:
+        columns.append(Column("verdict"))
+    ordered = sorted(results, key=lambda one: _URGENCY[_words(one, stated)[1]])
+    rows = tuple(_result_cells(one, stated)[: len(columns)] for one in ordered)
+    states = tuple(_words(one, stated)[1] for one in ordered)
+    return Table(tuple(columns), rows, "Test values with their expanded uncertainty U and limits.", states=states)
 
 
 _URGENCY: dict[State, int] = {"bad": 0, "doubtful": 1, "good": 2, "none": 2}
@@ -184,7 +191,7 @@ def _text(value: Decimal) -> str:
 
 def _item(certificate: Certificate) -> Section:
     item, set_up = certificate.about.item, certificate.about.set_up
-    of_item = ("name", "maker", "model", "serial number", "inventory number")
+    of_item = ("name", "maker", "model", "serial number", "inventory number", "condition")
     parts: Sequence[tuple[object, Sequence[str]]] = ((item, of_item), (set_up, ("stylus", "mounting", "software")))
     entries = [(what, getattr(of, what.replace(" ", "_"))) for of, names in parts for what in names]
     return Section("Arm", tables=(_entries(entries),))
@@ -197,7 +204,7 @@ def _conditions(certificate: Certificate) -> Section:
     entries: Entries = (
         ("measured", " to ".join(days)),
         ("arm received", None if about.received is None else str(about.received)),
-        ("place", PLACES[about.place]),
+        ("place", f"{PLACES[about.place]}: {_in_line(about.measured_at)}"),
         ("temperature of the room", f"{degC[0]:g} to {degC[1]:g} °C"),
         ("relative humidity", None if humidity is None else f"{humidity[0]:g} to {humidity[1]:g} %"),
         (
@@ -227,7 +234,8 @@ def _parties(certificate: Certificate) -> Section:
 def _traceability(certificate: Certificate) -> Section:
     cells: list[tuple[Cell, ...]] = []
     for one in certificate.equipment:
-        names = (one.certificate, one.issued_by, one.description)
+        issuer = f"{one.issued_by}, accreditation {one.accreditation or 'not stated'}"
+        names = (one.certificate, issuer, one.description)
         if not one.quantities:
             cells.append((one.name, None, None, *names))
         for quantity in one.quantities:
@@ -249,7 +257,14 @@ def _method(certificate: Certificate) -> Section:
 
 def _use(certificate: Certificate) -> Section:
     kinds = ("item", "reproduction", "rated conditions", "limits of use", "reservation", "remark")
-    return Section("Use of this certificate", "\n\n".join(text for kind in kinds for text in certificate.texts(kind)))
+    notes = certificate.about.notes
+    own = [f"{name}: {words}" for key, name in NOTES.items() if (words := getattr(notes, key)) is not None]
+    replaced = certificate.about.replaces
+    if replaced is not None:
+        amends = "is an amendment to" if replaced.change == "amended" else "replaces"
+        own.insert(0, f"This certificate {amends} certificate No. {replaced.number}. Reason: {replaced.reason}")
+    stated = [text for kind in kinds for text in certificate.texts(kind)]
+    return Section("Use of this certificate", "\n\n".join([*own, *stated]))
 
 
 def _individual(certificate: Certificate) -> Section:
@@ -300,16 +315,15 @@ def _entries(entries: Entries, caption: str = "") -> Table:
     return Table((Column(""), Column("")), rows, caption)
 
 
-def _address(contact: Contact) -> Entries:
-    street = " ".join(part for part in (contact.street, contact.street_no) if part) or None
-    place = f"{contact.post_code} {contact.city}, {contact.country}"
-    return [
-        ("name", contact.name),
-        ("street", street),
-        ("place", place),
-        ("email", contact.email),
-        ("phone", contact.phone),
-    ]
+def _address(site: Site) -> Entries:
+    street = " ".join(part for part in (site.street, site.street_no) if part) or None
+    place = f"{site.post_code} {site.city}, {site.country}"
+    reached = [(what, getattr(site, what, None)) for what in ("email", "phone")]
+    return [("name", site.name), ("street", street), ("place", place), *reached]
+
+
+def _in_line(site: Site) -> str:
+    return ", ".join(text for what, text in _address(site) if text is not None and what not in ("email", "phone"))
 
 
 def _role(person: Person) -> str:

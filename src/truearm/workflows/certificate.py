@@ -19,6 +19,7 @@ from truearm.verification.certificate.certificate import (
     Certificate,
     check_about,
     check_artefacts,
+    check_as_found,
     check_plan,
     check_uncertainties,
     make_certificate,
@@ -46,7 +47,7 @@ class CertificateResult(PageRecord):
     certificate : Certificate
         All that is stated.
     verification : VerificationResult
-        The results that it states.
+        The results that it states; as left, where there are results as found.
     digests : mapping of Path to str
         SHA-256 of the input files, with that of the administrative data.
     accepted : tuple of str
@@ -156,6 +157,9 @@ class CertificateResult(PageRecord):
             yield f"certificate {self.number}, {NOT_FOR_CONFORMITY}"
             yield self.certificate.reservation
         yield from self.certificate.texts("coordinates")
+        yield from self.certificate.texts("adjustment")
+        if not self.certificate.is_traceable:
+            yield from self.certificate.texts("traceability")
         yield from self.accepted
         if not self.verification.serial_number:
             number = self.certificate.about.item.serial_number
@@ -170,6 +174,7 @@ class CertificateResult(PageRecord):
             "conformity": self.certificate.conformity,
             "reservation": self.certificate.reservation,
             "accepted": self.accepted,
+            "traceable": self.certificate.is_traceable,
             **self.verification.to_dict(),
             "serial_number": self.certificate.about.item.serial_number,
             "serial_number_in_points": self.verification.serial_number or None,
@@ -182,6 +187,7 @@ def certificate(
     verification: VerificationResult,
     about: AdministrativeDataLike,
     *,
+    as_found: VerificationResult | None = None,
     unconfirmed: bool = False,
     accept: str | None = None,
 ) -> CertificateResult:
@@ -193,6 +199,8 @@ def certificate(
         The results.
     about : AdministrativeData or path
         Number, dates, arm, laboratory, customer, persons and environment; see `truearm certificate --template`.
+    as_found : VerificationResult, optional
+        The results before the adjustment or repair that `about` states.
     unconfirmed : bool
         State the results even if numbers of the test plan are not confirmed against the standard. The certificate is
         then marked "not for conformity decisions" and states no conformity.
@@ -239,24 +247,30 @@ def certificate(
     <CertificateResult: certificate V-1, not for conformity decisions>
     """
     files = [Path(about)] if isinstance(about, str | Path) else []
-    digests = {**verification.digests, **digests_of(files)}
+    digests = {**verification.digests, **({} if as_found is None else as_found.digests), **digests_of(files)}
+    before = None if as_found is None else as_found.verification
+    both = (verification.verification,) if before is None else (verification.verification, before)
     found = FaultCollector()
     stated: AdministrativeData | None = None
     with found.collect():
         stated = about if isinstance(about, AdministrativeData) else read_administrative_data(about)
     if stated is not None:
         with found.collect(files[0] if files else None):
-            check_about(stated, verification.verification)
+            for one in both:
+                check_about(stated, one)
+            check_as_found(stated, verification.verification, before)
     if not unconfirmed:
         with found.collect():
-            check_plan(verification.verification)
+            for one in both:
+                check_plan(one)
     for check in (check_artefacts, check_uncertainties):
         with found.collect(verification.artefacts_file):
-            check(verification.verification)
+            for one in both:
+                check(one)
     found.raise_any()
     assert stated is not None  # or there was a fault
     verification = replace(verification, verification=verification.verification.in_room(stated.room))
-    made = make_certificate(stated, verification.verification, unconfirmed=unconfirmed)
+    made = make_certificate(stated, verification.verification, as_found=before, unconfirmed=unconfirmed)
     for file, digest in digests_of(list(digests)).items():
         if digest != digests[file]:
             raise InputError("the file changed while it was read", file=file, hint="repeat the command")

@@ -27,6 +27,7 @@ DAY = datetime.date(2026, 11, 3)
 DATED = {
     "certificate": "K-1",
     "issued_by": "Gauge & Co",
+    "issuer_accreditation": "X-K-12",
     "date": DAY,
     "expires": DAY.replace(year=2028),
     "form_mm": 0.001,
@@ -44,19 +45,30 @@ TOLD = {
     "number": "V-1",
     "issued": DAY.replace(day=5),
     "received": DAY.replace(day=2),
-    "place": "laboratory",
+    "place": "customerBranch",
+    "site": {"name": "Example Works", "street": "Caliper Road", "street_no": "2", **ADDRESS},
+    "replaces": {"number": "V-0", "change": "substituted", "reason": "wrong serial number"},
     "item": {
         "name": "arm",
         "maker": "Example Arms",
         "model": "A",
         "serial_number": "7",
         "inventory_number": "12",
+        "condition": "scratched base",
     },
     "laboratory": {"name": "Example Laboratory", "code": "X-0", "email": "a@b.example", "phone": "0", **ADDRESS},
     "customer": {"name": "Example Customer", "street": "Gauge Street", "street_no": "1", **ADDRESS},
     "persons": [{"name": "First Example", "role": "head", "main_signer": True}, {"name": "Second Example"}],
     "conditions": {"temperature_degC": (19.5, 20.5), "relative_humidity_percent": (40.1, 55.0)},
     "set_up": {"stylus": "ball of ruby, diameter 6 mm", "mounting": "granite table", "software": "Example Measure 4.2"},
+    "adjustment": {"kind": "repair", "work": "cable of joint 4 renewed"},
+    "notes": {
+        "deviations": "bar in five positions only",
+        "external_results": "form of the ball by Example Partner",
+        "from_customer": "limits of the arm",
+        "agreed_interval": "12 months",
+        "opinions": "joint 4 wears",
+    },
 }
 RECALLED = load_verification_plan("iso10360-12")
 CONFIRMED = confirmed(RECALLED, DAY)

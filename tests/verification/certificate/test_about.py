@@ -49,6 +49,13 @@ def test_the_template_has_every_key_and_is_refused_until_it_is_filled_in(tmp_pat
         ({"number": None}, "(?s)number.*Field required"),
         ({"number": " \t"}, "(?s)number.*is empty"),
         ({"place": "moon"}, "place"),
+        ({"site": None}, "address of the place 'customerBranch' is missing"),
+        ({"place": "laboratory"}, "an address of the place beside place = 'laboratory'"),
+        ({"replaces": TOLD["replaces"] | {"number": "V-1"}}, "'V-1' replaces itself"),
+        ({"replaces": {"number": "V-0", "change": "amended"}}, "(?s)reason.*Field required"),
+        ({"adjustment": {"kind": "cleaning", "work": "w"}}, "adjustment"),
+        ({"notes": {"deviations": " "}}, "(?s)deviations.*is empty"),
+        ({"notes": {"other": "o"}}, "other"),
         ({"persons": []}, "persons"),
         ({"persons": [{"name": "p"}]}, "no person signs"),
         ({"issued": DAY.replace(day=1)}, "before the arm was received"),
@@ -138,8 +145,34 @@ def test_people_read_all_of_it():
     assert ("street", "Gauge Street 1") in read["Laboratory and customer"]
     assert ("First Example", "head, signs the certificate") in read["Laboratory and customer"]
     assert ("relative humidity", "40.1 to 55 %") in read["Conditions"]
+    assert ("condition", "scratched base") in read["Arm"]
+    address = "Example Works, Caliper Road 2, 00000 Exampletown, DE"
+    assert ("place", f"at a branch of the customer: {address}") in read["Conditions"]
     lean = entries(certificate(about(received=None, conditions={"temperature_degC": (20.0, 20.0)})))
     assert {"arm received", "relative humidity"}.isdisjoint(name for name, _ in lean["Conditions"])
+
+
+def test_people_read_what_the_laboratory_states_in_its_own_words():
+    page = certificate_page(certificate(), outcome())
+    texts = {section.title: section.text.split("\n\n") for section in page.sections}
+    assert texts["Use of this certificate"][:6] == [
+        "This certificate replaces certificate No. V-0. Reason: wrong serial number",
+        "Additions to, deviations and exclusions from the method: bar in five positions only",
+        "Results of an external provider: form of the ball by Example Partner",
+        "Information provided by the customer: limits of the arm",
+        "Recommended calibration interval, as agreed with the customer: 12 months",
+        "Opinions and interpretations, no results: joint 4 wears",
+    ]
+    assert texts["As found and as left"] == list(certificate().texts("adjustment"))
+    both = certificate_page(certificate(as_found=outcome()), outcome()).sections[1]
+    assert next(row[-1] for row in both.tables[0].rows) == "not conform"
+    lean = certificate_page(
+        certificate(about(**dict.fromkeys(("site", "replaces", "adjustment", "notes")), place="customer")), outcome()
+    )
+    assert "As found and as left" not in [section.title for section in lean.sections]
+    assert ("place", "at the customer: Example Customer, Gauge Street 1, 00000 Exampletown, DE") in [
+        row for section in lean.sections for table in section.tables for row in table.rows
+    ]
 
 
 def test_the_page_begins_with_the_verdict_or_with_the_mark():

@@ -44,6 +44,8 @@ WHOLE = certificate()
 LEAN = certificate(
     about(
         received=None,
+        place="laboratory",
+        **dict.fromkeys(("site", "replaces", "adjustment", "notes")),
         item={
             "name": "arm",
             "maker": "m",
@@ -57,7 +59,8 @@ LEAN = certificate(
     outcome([row for row in ROWS if row.limit is None or row.value < 0.04], rule="simple", degC=float("nan")),
 )
 MARKED = certificate(made=outcome(plan=RECALLED), unconfirmed=True)
-CASES = pytest.mark.parametrize("made", [WHOLE, LEAN, MARKED], ids=["whole", "lean", "marked"])
+BOTH = certificate(made=outcome(ROWS[:1]), as_found=outcome())
+CASES = pytest.mark.parametrize("made", [WHOLE, LEAN, MARKED, BOTH], ids=["whole", "lean", "marked", "as found"])
 
 # Round trip ----------------------------------------------------------------------------------------------------------
 
@@ -123,10 +126,12 @@ def certificates(draw):
                 draw(plain),
                 tuple(draw(st.lists(quantities(), max_size=2))),
                 draw(plain),
+                draw(st.none() | plain),
             ),
         ),
         artefact_degC=draw(st.none() | st.tuples(numbers, numbers)),
         results=tuple(draw(st.lists(results(), min_size=1, max_size=3))),
+        as_found=tuple(draw(st.lists(results(), max_size=2))),
         individual=draw(lists),
         budgets=draw(lists),
     )
@@ -410,7 +415,77 @@ def test_a_certificate_names_who_calibrated_the_artefacts():
     artefacts = made.artefacts.model_copy(update={"spheres": (nameless,)})
     with pytest.raises(InputError, match=r"'ball': a certificate names the laboratory .*issued_by"):
         certificate(made=replace(made, artefacts=artefacts))
-    assert "bar by certificate K-1 of Gauge & Co (2026-11-03)" in WHOLE.texts("traceability")[0]
+    assert "bar by certificate K-1 of Gauge & Co, accreditation X-K-12 (2026-11-03)" in WHOLE.texts("traceability")[0]
+
+
+def with_artefacts(**changes):
+    """The verification with other certificates of its artefacts, by name."""
+    made = outcome()
+    kinds = {
+        kind: tuple(one.model_copy(update=changes.get(one.name, {})) for one in getattr(made.artefacts, kind))
+        for kind in ("spheres", "bars", "seats")
+    }
+    return replace(made, artefacts=made.artefacts.model_copy(update=kinds))
+
+
+@pytest.mark.parametrize(
+    ("change", "missing"),
+    [
+        ({"certificate": "none"}, "number of the certificate"),
+        ({"certificate": "made here"}, "number of the certificate"),
+        ({"issued_by": "-"}, "laboratory that issued it"),
+        ({"issued_by": "Nobody."}, "laboratory that issued it"),
+        ({"issuer_accreditation": None}, "accreditation of that laboratory"),
+        ({"issuer_accreditation": "n/a"}, "accreditation of that laboratory"),
+        ({"certificate": "none", "issuer_accreditation": None}, "number of the certificate, accreditation of that"),
+    ],
+)
+def test_no_traceability_is_stated_of_an_artefact_without_number_issuer_or_accreditation(change, missing):
+    assert WHOLE.is_traceable
+    assert found(WHOLE, ".//dcc:statement/dcc:traceable") == ["true"]
+    made = certificate(made=with_artefacts(cone=change))
+    (said,) = made.texts("traceability")
+    shown, _, rest = said.partition(" It is not shown of ")
+    assert "cone" not in shown
+    assert rest.startswith(f"cone (not stated: {missing}")
+    assert not made.is_traceable
+    assert found(made, ".//dcc:statement/dcc:traceable") == ["false"]
+    assert parse_dcc(dcc(made)) == made
+    none = certificate(made=with_artefacts(ball=change, bar=change, cone=change)).texts("traceability")[0]
+    assert none.startswith("No metrological traceability to the SI units is shown. It is not shown of ball (")
+
+
+def test_what_was_found_before_an_adjustment_is_stated_beside_what_was_left():
+    (said,) = BOTH.texts("adjustment")
+    assert said.startswith(
+        "The results are as left, after this repair: cable of joint 4 renewed. As found, measured on "
+    )
+    assert "Not conform: 1 of 5 tested values does not conform" in said
+    assert len(BOTH.as_found) == len(ROWS)
+    assert BOTH.conformity == "pass"  # that of the arm as left
+    status = ".//dcc:influenceCondition[@refType='truearm_adjustment']/dcc:status"
+    assert found(BOTH, status) == ["afterRepair"]
+    assert len(found(BOTH, ".//dcc:result[@refType='truearm_asFound']")) == len(ROWS)
+    (alone,) = WHOLE.texts("adjustment")
+    assert alone.endswith("Results as found, before it, are not available.")
+    assert LEAN.texts("adjustment") == ()
+
+
+def test_results_as_found_need_an_adjustment_after_them():
+    with pytest.raises(InputError, match=r"no adjustment or repair is stated.*\[adjustment\]"):
+        certificate(about(adjustment=None), as_found=outcome())
+    before = outcome(ROWS[:1])
+    tests = {
+        name: tuple(replace(one, date=DAY.replace(day=2)) for one in groups)
+        for name, groups in before.measured.tests.items()
+    }
+    earlier = replace(before, measured=replace(before.measured, tests=tests))
+    made = certificate(as_found=earlier)
+    assert (made.begin, made.end) == (DAY.replace(day=2), DAY)
+    with pytest.raises(
+        InputError, match="as found were measured on 2026-11-03, after the first points as left on 2026-"
+    ):
+        certificate(made=earlier, as_found=outcome())
 
 
 def test_temperatures_are_said_to_be_means():
@@ -424,19 +499,20 @@ def test_temperatures_are_said_to_be_means():
 ORDER = {
     "digitalCalibrationCertificate": "administrativeData measurementResults",
     "coreData": "countryCodeISO3166_1 usedLangCodeISO639_1 mandatoryLangCodeISO639_1 uniqueIdentifier receiptDate "
-    "beginPerformanceDate endPerformanceDate performanceLocation issueDate",
+    "beginPerformanceDate endPerformanceDate performanceLocation issueDate reportAmendedSubstituted",
+    "reportAmendedSubstituted": "typeOfChange replacedUniqueIdentifier",
     "software": "name release type",
-    "item": "name manufacturer model identifications",
+    "item": "name description manufacturer model identifications",
     "identification": "issuer value name",
     "calibrationLaboratory": "calibrationLaboratoryCode contact",
     "contact": "name eMail phone location",
     "customer": "name eMail phone location",
     "respPerson": "person role mainSigner",
-    "statement": "declaration conformity",
+    "statement": "name traceable declaration conformity location",
     "measurementResult": "name usedMethods usedSoftware measuringEquipments influenceConditions results",
     "usedMethod": "name description norm",
     "measuringEquipment": "name description identifications measuringEquipmentQuantities",
-    "influenceCondition": "name data",
+    "influenceCondition": "name status data",
     "result": "name data",
     "quantity": "name real measurementMetaData",
     "measuringEquipmentQuantity": "name real",
@@ -458,7 +534,7 @@ def test_children_stand_in_the_order_of_the_schemas(made):
             seen.add(name)
         elif len(element) and name not in ("location", "data", "list"):
             assert len({child.tag for child in element}) == 1 or name == "administrativeData", name
-    assert seen >= set(ORDER) - {"expandedMU"}
+    assert seen >= set(ORDER) - {"expandedMU", "reportAmendedSubstituted"}
 
 
 @CASES

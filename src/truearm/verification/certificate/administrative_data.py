@@ -52,13 +52,14 @@ Between = tuple[ToThousandths, ToThousandths]
 
 
 class Item(Document):
-    """The arm."""
+    """The arm; `condition` is that on receipt, where it matters."""
 
     name: Text
     maker: Text
     model: Text
     serial_number: Text
     inventory_number: Text | None = None
+    condition: Text | None = None
 
 
 class SetUp(Document):
@@ -69,17 +70,22 @@ class SetUp(Document):
     software: Text
 
 
-class Contact(Document):
-    """A company or laboratory and its address."""
+class Site(Document):
+    """A name and an address."""
 
     name: Text
-    email: Text | None = None
-    phone: Text | None = None
     street: Text | None = None
     street_no: Text | None = None
     post_code: Text
     city: Text
     country: Country
+
+
+class Contact(Site):
+    """A company or laboratory and its address."""
+
+    email: Text | None = None
+    phone: Text | None = None
 
 
 class Laboratory(Contact):
@@ -94,6 +100,41 @@ class Person(Document):
     name: Text
     role: Text | None = None
     main_signer: Annotated[bool, Field(strict=True)] = False
+
+
+class Adjustment(Document):
+    """Work on the arm before the results of the certificate were measured."""
+
+    kind: Literal["adjustment", "repair"]
+    work: Text
+
+
+class Replaced(Document):
+    """The certificate that this one amends or substitutes, and the reason of the change."""
+
+    number: Text
+    change: Literal["amended", "substituted"]
+    reason: Text
+
+
+class Notes(Document):
+    """Statements of the laboratory in its own words, where they apply; `NOTES` has their headings."""
+
+    deviations: Text | None = None
+    external_results: Text | None = None
+    from_customer: Text | None = None
+    agreed_interval: Text | None = None
+    opinions: Text | None = None
+
+
+# Headings of the notes. What ISO/IEC 17025:2017 asks of each is in docs/assessor.md.
+NOTES = {
+    "deviations": "Additions to, deviations and exclusions from the method",
+    "external_results": "Results of an external provider",
+    "from_customer": "Information provided by the customer",
+    "agreed_interval": "Recommended calibration interval, as agreed with the customer",
+    "opinions": "Opinions and interpretations, no results",
+}
 
 
 class Conditions(Document):
@@ -125,12 +166,18 @@ class AdministrativeData(Document):
         Dates of the signature and of the arm's arrival; the latter may be None.
     place : str
         Place of the measurement.
+    site : Site or None
+        Its address; that of the laboratory, or of the customer where `place` is ``customer``, if None.
+    replaces : Replaced or None
     item : Item
     laboratory, customer : Contact
     persons : tuple of Person
     conditions : Conditions
     set_up : SetUp
         Stylus, mounting and software of the arm.
+    adjustment : Adjustment or None
+        What was done before the results were measured.
+    notes : Notes
 
     Examples
     --------
@@ -143,12 +190,16 @@ class AdministrativeData(Document):
     issued: datetime.date
     received: datetime.date | None = None
     place: Place
+    site: Annotated[Site | None, Field(validate_default=True)] = None
+    replaces: Replaced | None = None
     item: Item
     laboratory: Laboratory
     customer: Contact
     persons: Annotated[tuple[Person, ...], Field(min_length=1, max_length=100)]
     conditions: Conditions
     set_up: SetUp
+    adjustment: Adjustment | None = None
+    notes: Notes = Notes()
 
     @field_validator("issued")
     @classmethod
@@ -168,12 +219,38 @@ class AdministrativeData(Document):
             )
         return day
 
+    @field_validator("site")
+    @classmethod
+    def _address_of_the_place(cls, site: Site | None, info: ValidationInfo) -> Site | None:
+        place = info.data.get("place")
+        if site is None and place in ("laboratoryBranch", "customerBranch", "other"):
+            raise InputError(f"the address of the place {place!r} is missing", hint="add the table [site]")
+        if site is not None and place == "laboratory":
+            raise InputError(
+                "an address of the place beside place = 'laboratory'", hint="remove [site], or correct the place"
+            )
+        return site
+
+    @field_validator("replaces")
+    @classmethod
+    def _another_number(cls, replaces: Replaced | None, info: ValidationInfo) -> Replaced | None:
+        if replaces is not None and replaces.number == info.data.get("number"):
+            raise InputError(
+                f"the certificate {replaces.number!r:.80} replaces itself", hint="give the new one a number of its own"
+            )
+        return replaces
+
     @field_validator("persons")
     @classmethod
     def _somebody_signs(cls, persons: tuple[Person, ...]) -> tuple[Person, ...]:
         if not any(person.main_signer for person in persons):
             raise InputError("no person signs the certificate", hint="write main_signer = true for one of the persons")
         return persons
+
+    @property
+    def measured_at(self) -> Site:
+        """Name and address of the place of the measurement."""
+        return self.site or (self.customer if self.place == "customer" else self.laboratory)
 
     @property
     def room(self) -> dict[str, tuple[float, float]]:

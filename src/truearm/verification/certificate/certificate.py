@@ -10,7 +10,7 @@ from math import isfinite
 from truearm import __version__
 from truearm.errors import InputError
 from truearm.verification.certificate.administrative_data import AdministrativeData, xml_text
-from truearm.verification.certificate.statements import Statement, make_statements
+from truearm.verification.certificate.statements import Statement, make_statements, traceability_gap
 from truearm.verification.standards.artefacts import Artefact
 from truearm.verification.standards.decision import COVERAGE_PROBABILITY, Budget, ConformityResult, Verdict
 from truearm.verification.standards.verification import Verification
@@ -80,13 +80,14 @@ class Method:
 
 @dataclass(frozen=True)
 class Equipment:
-    """An artefact: its certificate, the laboratory that issued it, and the calibrated sizes."""
+    """An artefact: its certificate, the laboratory that issued it with its accreditation, and the calibrated sizes."""
 
     name: str
     description: str
     certificate: str
     quantities: tuple[StatedQuantity, ...]
     issued_by: str
+    accreditation: str | None = None
 
 
 @dataclass(frozen=True)
@@ -111,7 +112,8 @@ class Certificate:
     equipment : tuple of Equipment
     artefact_degC : (Decimal, Decimal) or None
         Lowest and highest temperature of an artefact, each the mean of a group of points.
-    results : tuple of StatedResult
+    results, as_found : tuple of StatedResult
+        The test values; those before an adjustment or a repair.
     individual, budgets : tuple of StatedList
         The individual results behind a test value, and the uncertainty budgets of the test values.
     """
@@ -128,6 +130,7 @@ class Certificate:
     equipment: tuple[Equipment, ...]
     artefact_degC: tuple[Decimal, Decimal] | None
     results: tuple[StatedResult, ...]
+    as_found: tuple[StatedResult, ...] = ()
     individual: tuple[StatedList, ...] = ()
     budgets: tuple[StatedList, ...] = ()
 
@@ -136,13 +139,24 @@ class Certificate:
         return tuple(one.text for one in self.statements if one.kind == kind)
 
     @property
+    def is_traceable(self) -> bool:
+        """Whether traceability is shown of every artefact."""
+        return all(
+            traceability_gap(one.certificate, one.issued_by, one.accreditation) is None for one in self.equipment
+        )
+
+    @property
     def reservation(self) -> str | None:
         """Why the certificate is not for conformity decisions; None if it is."""
         return next(iter(self.texts("reservation")), None)
 
 
 def make_certificate(
-    about: AdministrativeData, verification: Verification, *, unconfirmed: bool = False
+    about: AdministrativeData,
+    verification: Verification,
+    *,
+    as_found: Verification | None = None,
+    unconfirmed: bool = False,
 ) -> Certificate:
     """State a verification as a calibration certificate.
 
@@ -150,6 +164,8 @@ def make_certificate(
     ----------
     about : AdministrativeData
     verification : Verification
+    as_found : Verification, optional
+        The one before the adjustment or repair that `about` states.
     unconfirmed : bool
         Make a certificate even if numbers of the test plan are not confirmed. It is then marked "not for conformity
         decisions" and states values and limits, but no conformity.
@@ -161,12 +177,15 @@ def make_certificate(
         `check_plan`, `check_artefacts` and `check_uncertainties`.
     """
     verification = verification.in_room(about.room)
+    as_found = None if as_found is None else as_found.in_room(about.room)
     gap = verification.gap
-    if not unconfirmed:
-        check_plan(verification)
-    check_artefacts(verification)
-    check_uncertainties(verification)
-    check_about(about, verification)
+    for one in (verification,) if as_found is None else (verification, as_found):
+        if not unconfirmed:
+            check_plan(one)
+        check_artefacts(one)
+        check_uncertainties(one)
+        check_about(about, one)
+    check_as_found(about, verification, as_found)
     days = [group.date for group in verification.groups]
     degC = verification.temperatures
     stated = gap is None
@@ -188,17 +207,18 @@ def make_certificate(
         methods.append(Method("Decision rule", xml_text(rule), RULE_STANDARDS[verification.rule]))
     return Certificate(
         about=about,
-        begin=min(days),
+        begin=min([*days, *(group.date for group in as_found.groups)] if as_found else days),
         end=max(days),
         software=SOFTWARE,
         release=__version__,
         title=xml_text(f"Verification: {verification.specification.name}"),
-        statements=make_statements(about, verification, gap),
+        statements=make_statements(about, verification, gap, as_found=as_found),
         conformity=_overall(verification) if stated else None,
         methods=tuple(methods),
         equipment=tuple(_equipment(one, verification) for one in verification.used_artefacts),
         artefact_degC=None if degC is None else (_to(degC[0], 2), _to(degC[1], 2)),
         results=tuple(_result(row, stated) for row in verification.rows),
+        as_found=() if as_found is None else tuple(_result(row, as_found.gap is None) for row in as_found.rows),
         individual=tuple(_individual(row) for row in verification.rows if len(row.individual) > 1),
         budgets=_budgets(verification),
     )
@@ -219,6 +239,29 @@ def check_about(about: AdministrativeData, verification: Verification) -> None:
         confirmed=None if confirmation is None else confirmation.date,
         artefact_degC=verification.temperatures,
     )
+
+
+def check_as_found(about: AdministrativeData, verification: Verification, as_found: Verification | None) -> None:
+    """Check that results as found are those before an adjustment or a repair.
+
+    Raises
+    ------
+    InputError
+        If `about` states none, or they were measured after the others.
+    """
+    if as_found is None:
+        return
+    if about.adjustment is None:
+        raise InputError(
+            "results as found, but no adjustment or repair is stated",
+            hint="add the table [adjustment], with kind, work",
+        )
+    last, first = max(one.date for one in as_found.groups), min(one.date for one in verification.groups)
+    if last > first:
+        raise InputError(
+            f"points as found were measured on {last}, after the first points as left on {first}",
+            hint="exchange the two files of points, or correct their dates",
+        )
 
 
 def check_plan(verification: Verification) -> None:
@@ -369,6 +412,7 @@ def _equipment(one: Artefact, verification: Verification) -> Equipment:
             for name, value, u in sizes
         ),
         xml_text(one.issued_by or ""),  # `check_artefacts` asks for it
+        None if one.issuer_accreditation is None else xml_text(one.issuer_accreditation),
     )
 
 

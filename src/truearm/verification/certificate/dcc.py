@@ -13,13 +13,16 @@ from decimal import Decimal
 
 from truearm.errors import TruearmError
 from truearm.files.xml_signatures import Signer, sign_xml
-from truearm.verification.certificate.administrative_data import Contact
+from truearm.verification.certificate.administrative_data import NOTES, Contact, Site
 from truearm.verification.certificate.certificate import Certificate, StatedQuantity
 from truearm.verification.certificate.dcc_reader import (
+    ACCREDITATION,
     ADDRESS,
+    ADJUSTMENT,
     AMBIENT,
     ARM_SOFTWARE,
     ARTEFACT,
+    AS_FOUND,
     BUDGET,
     CERTIFICATE,
     CONDITIONS,
@@ -31,7 +34,10 @@ from truearm.verification.certificate.dcc_reader import (
     LIMIT,
     MOUNTING,
     NOT_DECIDED,
+    NOTE,
+    REPLACES,
     SCHEMA_VERSION,
+    SITE,
     SPACES,
     STATEMENTS,
     STYLUS,
@@ -76,8 +82,14 @@ def _administrative(parent: Element, certificate: Certificate) -> None:
     _in(core, "endPerformanceDate", certificate.end.isoformat())
     _in(core, "performanceLocation", about.place)
     _in(core, "issueDate", about.issued.isoformat())
+    if about.replaces is not None:
+        replaced = _in(core, "reportAmendedSubstituted")
+        _in(replaced, "typeOfChange", about.replaces.change)
+        _in(replaced, "replacedUniqueIdentifier", about.replaces.number)
     item = _in(_in(parent, "items"), "item")
     _text(item, "name", about.item.name)
+    if about.item.condition is not None:
+        _text(item, "description", about.item.condition)
     _text(_in(item, "manufacturer"), "name", about.item.maker)
     _in(item, "model", about.item.model)
     known = _in(item, "identifications")
@@ -98,9 +110,27 @@ def _administrative(parent: Element, certificate: Certificate) -> None:
     for stated in certificate.statements:
         undecided = stated.kind == "decision" and certificate.conformity is None
         statement = _in(statements, "statement", refType=NOT_DECIDED if undecided else STATEMENTS[stated.kind])
+        if stated.kind == "traceability":
+            _in(statement, "traceable", "true" if certificate.is_traceable else "false")
         _text(statement, "declaration", stated.text)
         if stated.kind == "decision" and certificate.conformity is not None:
             _in(statement, "conformity", certificate.conformity)
+    _own_statements(statements, certificate)
+
+
+def _own_statements(parent: Element, certificate: Certificate) -> None:
+    """What the laboratory states in its own words: place, reason of a change, notes."""
+    about = certificate.about
+    notes = {NOTE.format(key): (name, getattr(about.notes, key)) for key, name in NOTES.items()}
+    notes[REPLACES] = ("Reason of the change", None if about.replaces is None else about.replaces.reason)
+    notes[SITE] = ("Place of the measurement", None if about.site is None else about.site.name)
+    for kind, (name, words) in notes.items():
+        if words is not None:
+            statement = _in(parent, "statement", refType=kind)
+            _text(statement, "name", name)
+            _text(statement, "declaration", words)
+            if kind == SITE and about.site is not None:
+                _location(statement, about.site)
 
 
 def _measured(parent: Element, certificate: Certificate) -> None:
@@ -120,6 +150,8 @@ def _measured(parent: Element, certificate: Certificate) -> None:
         known = _in(one, "identifications")
         _identification(known, "other", equipment.certificate, "certificate", CERTIFICATE)
         _identification(known, "other", equipment.issued_by, "laboratory that issued the certificate", ISSUER)
+        if equipment.accreditation is not None:
+            _identification(known, "other", equipment.accreditation, "accreditation of that laboratory", ACCREDITATION)
         if equipment.quantities:
             sizes = _in(one, "measuringEquipmentQuantities")
             for quantity in equipment.quantities:
@@ -137,9 +169,18 @@ def _measured(parent: Element, certificate: Certificate) -> None:
         one = _in(conditions, "influenceCondition", refType=kind)
         _text(one, "name", CONDITIONS[kind])
         _text(_in(one, "data"), "text", words)
+    if (done := certificate.about.adjustment) is not None:
+        one = _in(conditions, "influenceCondition", refType=ADJUSTMENT)
+        _text(one, "name", done.kind)
+        _in(one, "status", f"after{done.kind.capitalize()}")
+        _text(_in(one, "data"), "text", done.work)
+    _results(parent, certificate)
+
+
+def _results(parent: Element, certificate: Certificate) -> None:
     results = _in(parent, "results")
-    for result in certificate.results:
-        one = _in(results, "result")
+    for at, result in enumerate((*certificate.results, *certificate.as_found)):
+        one = _in(results, "result", **({} if at < len(certificate.results) else {"refType": AS_FOUND}))
         _text(one, "name", result.quantity.name)
         value = _in(_in(one, "data"), "quantity", refType="basic_measuredValue")
         _quantity(value, result.quantity)
@@ -191,9 +232,13 @@ def _contact(parent: Element, contact: Contact) -> None:
     _text(parent, "name", contact.name)
     _if_known(parent, "eMail", contact.email)
     _if_known(parent, "phone", contact.phone)
+    _location(parent, contact)
+
+
+def _location(parent: Element, site: Site) -> None:
     location = _in(parent, "location")
     for key, tag in (*ADDRESS, ("country", "countryCode")):
-        _if_known(location, tag, getattr(contact, key))
+        _if_known(location, tag, getattr(site, key))
 
 
 def _condition(parent: Element, kind: str, low: Decimal, high: Decimal, unit: str) -> None:

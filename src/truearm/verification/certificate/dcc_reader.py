@@ -19,7 +19,7 @@ from pydantic import ValidationError
 from truearm.errors import InputError
 from truearm.files.file_reading import read_limited
 from truearm.files.xml_signatures import Signature, verified_content
-from truearm.verification.certificate.administrative_data import AdministrativeData
+from truearm.verification.certificate.administrative_data import NOTES, AdministrativeData
 from truearm.verification.certificate.certificate import (
     CONFORMITIES,
     Certificate,
@@ -54,7 +54,10 @@ CONDITIONS = {
     ARM_SOFTWARE: "software of the arm",
 }
 LIMIT = "truearm_limit"
-CERTIFICATE, ISSUER = "truearm_certificate", "truearm_issuingLaboratory"
+CERTIFICATE, ISSUER, ACCREDITATION = "truearm_certificate", "truearm_issuingLaboratory", "truearm_issuerAccreditation"
+# What the laboratory states in its own words.
+SITE, REPLACES, NOTE = "truearm_placeOfMeasurement", "truearm_reasonOfChange", "truearm_note_{}"
+ADJUSTMENT, AS_FOUND = "truearm_adjustment", "truearm_asFound"
 CONFORMITY = "basic_conformity"
 NOT_DECIDED = "truearm_notDecided"  # a decision without a conformity: rated conditions not met or not stated
 INDIVIDUAL, BUDGET = "truearm_individualResults", "truearm_uncertaintyBudget"
@@ -64,6 +67,7 @@ STATEMENTS = {
     "decision": CONFORMITY,
     "decision rule": "truearm_decisionRule",
     "coordinates": "truearm_coordinates",
+    "adjustment": "truearm_resultsAsLeft",
     "uncertainty": "truearm_uncertainty",
     "traceability": "truearm_traceability",
     "rated conditions": "truearm_ratedConditions",
@@ -164,11 +168,13 @@ def _certificate_of(content: bytes) -> Certificate:
                     for size in one.findall("dcc:measuringEquipmentQuantities/dcc:measuringEquipmentQuantity", SPACES)
                 ),
                 _text(_one(one, f"identifications/identification[@refType='{ISSUER}']/value")),
+                _maybe(one, f"identifications/identification[@refType='{ACCREDITATION}']/value"),
             )
             for one in _all(measured, "measuringEquipments/measuringEquipment")
         ),
         artefact_degC=_condition_of(measured, ARTEFACT),
-        results=tuple(_result_of(one) for one in results if one.get("refType") not in (INDIVIDUAL, BUDGET)),
+        results=tuple(_result_of(one) for one in results if one.get("refType") not in (INDIVIDUAL, BUDGET, AS_FOUND)),
+        as_found=tuple(_result_of(one) for one in results if one.get("refType") == AS_FOUND),
         individual=tuple(_list_of(one) for one in results if one.get("refType") == INDIVIDUAL),
         budgets=tuple(_list_of(one) for one in results if one.get("refType") == BUDGET),
     )
@@ -187,12 +193,15 @@ def _about(administrative: Element, core: Element, measured: Element) -> Adminis
         "issued": _date(_one(core, "issueDate")),
         "received": None if received is None else _date(received),
         "place": _text(_one(core, "performanceLocation")),
+        "site": _site_of(administrative),
+        "replaces": _replaced_of(core, administrative),
         "item": {
             "name": _content(item, "name"),
             "maker": _content(_one(item, "manufacturer"), "name"),
             "model": _text(_one(item, "model")),
             "serial_number": numbers.get("manufacturer", ""),
             "inventory_number": numbers.get("customer"),
+            "condition": _maybe(item, "description/content"),
         },
         "laboratory": _contact_of(_one(laboratory, "contact"))
         | {"code": _maybe(laboratory, "calibrationLaboratoryCode")},
@@ -210,6 +219,8 @@ def _about(administrative: Element, core: Element, measured: Element) -> Adminis
             "relative_humidity_percent": None if humidity is None else tuple(float(100 * share) for share in humidity),
         },
         "set_up": _set_up_of(measured),
+        "adjustment": _adjustment_of(measured),
+        "notes": {key: _own_words(administrative, NOTE.format(key)) for key in NOTES},
     }
     try:
         return AdministrativeData.model_validate(fields)
@@ -220,11 +231,39 @@ def _about(administrative: Element, core: Element, measured: Element) -> Adminis
 
 
 def _contact_of(element: Element) -> dict[str, str | None]:
+    known = {"name": _content(element, "name"), "email": _maybe(element, "eMail"), "phone": _maybe(element, "phone")}
+    return known | _address_of(element)
+
+
+def _address_of(element: Element) -> dict[str, str | None]:
     location = _one(element, "location")
     address = {key: _maybe(location, tag) for key, tag in ADDRESS}
     needed = {key: address[key] or "" for key in ("post_code", "city")}
-    known = {"name": _content(element, "name"), "email": _maybe(element, "eMail"), "phone": _maybe(element, "phone")}
-    return known | address | needed | {"country": _text(_one(location, "countryCode"))}
+    return address | needed | {"country": _text(_one(location, "countryCode"))}
+
+
+def _own_words(administrative: Element, kind: str) -> str | None:
+    return _maybe(administrative, f"statements/statement[@refType='{kind}']/declaration/content")
+
+
+def _site_of(administrative: Element) -> dict[str, str | None] | None:
+    name = _own_words(administrative, SITE)
+    if name is None:
+        return None
+    return {"name": name} | _address_of(_one(administrative, f"statements/statement[@refType='{SITE}']"))
+
+
+def _replaced_of(core: Element, administrative: Element) -> dict[str, str] | None:
+    number = _maybe(core, "reportAmendedSubstituted/replacedUniqueIdentifier")
+    if number is None:
+        return None
+    change = _text(_one(core, "reportAmendedSubstituted/typeOfChange"))
+    return {"number": number, "change": change, "reason": _own_words(administrative, REPLACES) or ""}
+
+
+def _adjustment_of(measured: Element) -> dict[str, str] | None:
+    found = _all(measured, f"influenceConditions/influenceCondition[@refType='{ADJUSTMENT}']", some=False)
+    return {"kind": _content(found[0], "name"), "work": _content(found[0], "data/text")} if found else None
 
 
 def _condition_of(measured: Element, kind: str) -> tuple[Decimal, Decimal] | None:
@@ -246,11 +285,13 @@ def _set_up_of(measured: Element) -> dict[str, str]:
 
 
 def _statements_of(administrative: Element) -> tuple[Statement, ...]:
-    """The statements; those of unknown kind are remarks."""
+    """The statements but those of `AdministrativeData`; those of unknown kind are remarks."""
+    own = {SITE, REPLACES, *(NOTE.format(key) for key in NOTES)}
     kinds = {kind: name for name, kind in STATEMENTS.items()} | {NOT_DECIDED: "decision"}
     return tuple(
         Statement(kinds.get(one.get("refType", ""), "remark"), _content(one, "declaration"))
         for one in _all(administrative, "statements/statement")
+        if one.get("refType") not in own
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 
 from truearm.acceptance import accepted
@@ -9,7 +10,12 @@ from truearm.number_format import capitalize
 from truearm.verification.certificate.administrative_data import AdministrativeData, xml_text
 from truearm.verification.standards.decision import Verdict
 from truearm.verification.standards.verification import Verification
-from truearm.verification.standards.verification_text import LEVEL_TEXT, describe_decision, describe_rule
+from truearm.verification.standards.verification_text import (
+    LEVEL_TEXT,
+    describe_decision,
+    describe_rule,
+    verdict_sentence,
+)
 
 NOT_FOR_CONFORMITY = Verdict.NOT_FOR_DECISIONS.value
 
@@ -22,7 +28,9 @@ class Statement:
     text: str
 
 
-def make_statements(about: AdministrativeData, verification: Verification, gap: str | None) -> tuple[Statement, ...]:
+def make_statements(
+    about: AdministrativeData, verification: Verification, gap: str | None, *, as_found: Verification | None = None
+) -> tuple[Statement, ...]:
     """Return the statements of a certificate.
 
     Parameters
@@ -32,12 +40,15 @@ def make_statements(about: AdministrativeData, verification: Verification, gap: 
     gap : str or None
         Why the plan's numbers do not count as those of the standard. Without a gap, the certificate states the
         decision and its rule; with one, it states that it is not for conformity decisions.
+    as_found : Verification, optional
+        The one before the adjustment or repair that `about` states.
     """
     said = {"reservation": _reservation(gap)} if gap is not None else {}
     if gap is None:
         said |= {"decision": describe_decision(verification), "decision rule": describe_rule(verification.rule)}
     said |= {
         "coordinates": verification.measured.origin.describe(),
+        **_adjustment(about, as_found),
         "uncertainty": _UNCERTAINTY,
         "traceability": _traceability(verification),
         **_rated_conditions(verification),
@@ -96,9 +107,58 @@ def _reproduction(about: AdministrativeData) -> str:
     )
 
 
+def _adjustment(about: AdministrativeData, as_found: Verification | None) -> dict[str, str]:
+    """What was done to the arm before the results, and what was found before it (ISO/IEC 17025:2017, 7.8.4.1 d)."""
+    done = about.adjustment
+    if done is None:
+        return {}
+    said = f"The results are as left, after this {done.kind}: {done.work.removesuffix('.')}."
+    if as_found is None:
+        return {"adjustment": f"{said} Results as found, before it, are not available."}
+    days = sorted({group.date for group in as_found.groups})
+    when = " and ".join(map(str, dict.fromkeys((days[0], days[-1]))))
+    found = f"As found, measured on {when}: {verdict_sentence(as_found)} {as_found.measured.origin.describe()}"
+    return {"adjustment": f"{said} {found}"}
+
+
+def traceability_gap(certificate: str, issued_by: str | None, accreditation: str | None) -> str | None:
+    """What is missing of an artefact's certificate before traceability may be stated of it; None if nothing.
+
+    Parameters
+    ----------
+    certificate : str
+        Its number; one has a digit.
+    issued_by, accreditation : str or None
+        The laboratory that issued it, and its accreditation.
+    """
+    numbered = any(map(str.isdigit, certificate))
+    known = {
+        "number of the certificate": numbered,
+        "laboratory that issued it": _is_name(issued_by),
+        "accreditation of that laboratory": _is_name(accreditation),
+    }
+    return ", ".join(what for what, there in known.items() if not there) or None
+
+
+def _is_name(text: str | None) -> bool:
+    words = "" if text is None else re.sub(r"[^\w/]", "", text).casefold()
+    return words not in _NO_NAMES and any(map(str.isalnum, words))
+
+
+_NO_NAMES = ("none", "no", "nobody", "na", "n/a", "unknown", "tbd", "missing")
+
+
 def _traceability(verification: Verification) -> str:
-    known = [
-        f"{one.name} by certificate {one.certificate} of {one.issued_by} ({one.date})"
-        for one in verification.used_artefacts
-    ]
-    return f"Traceability to the SI units rests on the calibration of the artefacts: {'; '.join(known)}."
+    """Which artefacts carry the traceability, and which do not (ISO/IEC 17025:2017, 7.8.4.1 c)."""
+    shown, missing = [], []
+    for one in verification.used_artefacts:
+        by = f"{one.name} by certificate {one.certificate} of {one.issued_by}"
+        gap = traceability_gap(one.certificate, one.issued_by, one.issuer_accreditation)
+        if gap is None:
+            shown.append(f"{by}, accreditation {one.issuer_accreditation} ({one.date})")
+        else:
+            missing.append(f"{one.name} (not stated: {gap})")
+    said = "No metrological traceability to the SI units is shown."
+    if shown:
+        said = f"Metrological traceability to the SI units is established by the calibration of {'; '.join(shown)}."
+    return f"{said} It is not shown of {'; '.join(missing)}." if missing else said

@@ -52,6 +52,9 @@ class Artefact(_WithUncertainties):
         Number or title of its certificate.
     issued_by : str or None
         The laboratory that issued the certificate; a certificate of the arm needs it.
+    issuer_accreditation : str or None
+        The accreditation of that laboratory, such as ``D-K-00000-01-00``; of a national institute the arrangement,
+        such as ``CIPM MRA``. Without it no traceability is stated.
     date, expires : date
         Dates of the calibration and of the end of its validity.
     form_mm : float
@@ -65,6 +68,7 @@ class Artefact(_WithUncertainties):
     name: Name
     certificate: Name
     issued_by: Name | None = None
+    issuer_accreditation: Name | None = None
     date: datetime.date
     expires: datetime.date
     form_mm: NotNegative
