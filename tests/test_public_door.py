@@ -15,7 +15,7 @@ import truearm as ta
 from truearm.workflows.record import Record
 
 PACKAGE = Path(ta.__file__).parent
-NAMES = [name for name in ta.__all__ if name not in ("__version__", "datasets")]
+NAMES = [name for name in ta.__all__ if name not in ("__version__", "datasets", "shapes")]
 HEAVY = {"numpy", "scipy", "pandas", "sklearn", "matplotlib", "pydantic", "jinja2", "pooch", "typer", "rich"}
 
 

@@ -50,12 +50,14 @@ _HOMES = {
 }
 _HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
 
-__all__ = sorted([*_HOME_OF, "__version__", "datasets"])
+_MODULES = {"datasets": "truearm.datasets", "shapes": "truearm.verification.shapes"}
+
+__all__ = sorted([*_HOME_OF, *_MODULES, "__version__"])
 
 
 def __getattr__(name: str) -> object:
-    if name == "datasets":
-        return _import_module("truearm.datasets")
+    if name in _MODULES:
+        return _import_module(_MODULES[name])
     if name not in _HOME_OF:
         raise AttributeError(f"module 'truearm' has no attribute {name!r}")
     value = getattr(_import_module(_HOME_OF[name]), name)

@@ -22,6 +22,7 @@ from truearm.readings import Session as Session
 from truearm.readings import read_lengths as read_lengths
 from truearm.readings import read_session as read_session
 from truearm.readings.foreign import import_table as import_table
+from truearm.verification import shapes as shapes
 from truearm.verification.certificate.administrative_data import AdministrativeData as AdministrativeData
 from truearm.verification.standards.artefacts import Artefacts as Artefacts
 from truearm.verification.standards.artefacts import read_artefacts as read_artefacts

@@ -11,11 +11,16 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from truearm.errors import InputError
-from truearm.verification.shapes.circle import fit_circle
-from truearm.verification.shapes.orthogonal_regression import radial_distances, tilt_frame
-from truearm.verification.shapes.plane import fit_plane
-from truearm.verification.shapes.sphere import fit_sphere
+from truearm.verification.shapes.circle import CIRCLE, fit_circle
+from truearm.verification.shapes.cone import CONE, fit_cone
+from truearm.verification.shapes.cylinder import CYLINDER, fit_cylinder
+from truearm.verification.shapes.line import LINE, fit_line
+from truearm.verification.shapes.orthogonal_regression import Place
+from truearm.verification.shapes.plane import PLANE, fit_plane
+from truearm.verification.shapes.sphere import SPHERE, fit_sphere
+from truearm.verification.shapes.torus import TORUS, fit_torus
 
+ELEMENTS = [LINE, PLANE, CIRCLE, SPHERE, CYLINDER, CONE, TORUS]
 TURN = Rotation.from_euler("xyz", [0.4, -0.9, 1.3]).as_matrix()
 CENTRE = np.array([812.0, -340.0, 155.0])
 
@@ -36,14 +41,39 @@ def on_circle(rng, n=15, half_angle=np.pi):
     return CENTRE + 40 * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(n)]) @ TURN.T
 
 
+def on_line(rng, n=12):
+    return CENTRE + np.column_stack([np.zeros((n, 2)), rng.uniform(-60, 60, n)]) @ TURN.T
+
+
+def on_cylinder(rng, n=25):
+    angle = rng.uniform(0, 2 * np.pi, n)
+    return CENTRE + np.column_stack([20 * np.cos(angle), 20 * np.sin(angle), rng.uniform(-30, 30, n)]) @ TURN.T
+
+
+def on_cone(rng, n=25):
+    """Points of a countersink of 90 deg, its apex at the centre."""
+    angle, height = rng.uniform(0, 2 * np.pi, n), rng.uniform(6, 25, n)
+    return CENTRE + np.column_stack([height * np.cos(angle), height * np.sin(angle), height]) @ TURN.T
+
+
+def on_torus(rng, n=40):
+    ring, tube = rng.uniform(0, 2 * np.pi, n), rng.uniform(-2, 2, n)
+    away = 30 + 8 * np.cos(tube)
+    return CENTRE + np.column_stack([away * np.cos(ring), away * np.sin(ring), 8 * np.sin(tube)]) @ TURN.T
+
+
 SHAPES = {
     "sphere": (fit_sphere, on_sphere, ("centre", "radius_mm")),
     "plane": (fit_plane, on_plane, ("point", "normal")),
     "circle": (fit_circle, on_circle, ("centre", "normal", "radius_mm")),
+    "line": (fit_line, on_line, ("point", "direction")),
+    "cylinder": (fit_cylinder, on_cylinder, ("point", "axis", "radius_mm")),
+    "cone": (fit_cone, on_cone, ("apex", "axis", "half_angle_rad")),
+    "torus": (fit_torus, on_torus, ("centre", "axis", "major_radius_mm", "minor_radius_mm")),
 }
 ALL = pytest.mark.parametrize("shape", SHAPES)
 # Parameters that a shape has less those that its description's points and unit vectors repeat.
-FREE = {"sphere": 4, "plane": 3, "circle": 6}
+FREE = {"sphere": 4, "plane": 3, "circle": 6, "line": 4, "cylinder": 5, "cone": 6, "torus": 7}
 
 
 def parameters(shape, fit):
@@ -51,8 +81,13 @@ def parameters(shape, fit):
 
 
 def across(shape, fit):
-    """What keeps of a move of the shape's point the part that moves the shape: a plane slides in itself."""
-    return np.outer(fit.normal, fit.normal) if shape == "plane" else np.eye(3)
+    """What keeps of a move of its point the part that moves the shape: a plane and an axis slide in themselves."""
+    if shape == "plane":
+        return np.outer(fit.normal, fit.normal)
+    if shape in ("line", "cylinder"):
+        axis = fit.direction if shape == "line" else fit.axis
+        return np.eye(3) - np.outer(axis, axis)
+    return np.eye(3)
 
 
 def along(found, like):
@@ -97,6 +132,52 @@ OURS = {
             0.257790086114557885, -0.283115442563446001, 0.923791057373447916, 40.0888253142754124,
         ],
     ),
+    "line": (
+        [
+            [10.526, 8.583, -37.975], [8.674, 4.153, -25.029], [6.024, 1.397, -12.094], [4.557, -2.693, -0.021],
+            [1.937, -6.437, 12.215], [-0.57, -11.095, 25.529], [-3.556, -15.238, 37.575],
+        ],
+        [
+            3.94171428571428571, -3.04714285714285714, 0.0285714285714285714,
+            -0.173146695462576637, -0.293263622447397371, 0.940221606643572147,
+        ],
+    ),
+    "cylinder": (
+        [
+            [25.414, 0.734, -5.01], [-10.401, 11.083, -1.447], [3.708, -23.983, -1.735], [16.108, 4.878, 16.966],
+            [-13.194, 2.733, -11.573], [16.821, -18.422, -6.72], [6.833, 14.655, 10.151], [-15.643, -15.389, 4.245],
+            [24.469, -6.658, -7.637], [-3.663, 15.744, 1.022],
+        ],
+        [
+            4.0774250618085704, -2.96356036303677693, -0.906438468742568611,
+            -0.217878060435698759, -0.311043729426825494, 0.925084293005253533, 20.0591740311073847,
+        ],
+    ),
+    "cone": (
+        [
+            [6.542, -5.632, 7.951], [-4.297, -2.688, 12.644], [0.553, -18.379, 13.933], [10.367, -1.307, 26.128],
+            [-17.161, -8.435, 23.558], [5.597, -9.277, 7.36], [2.898, 0.114, 14.936], [-8.355, -13.71, 13.721],
+            [12.686, -14.918, 22.375], [-7.546, 2.825, 30.42], [0.234, -10.355, 5.765], [9.572, -5.388, 14.77],
+            [-7.713, -2.962, 15.994], [1.846, -22.539, 17.453], [8.431, 0.069, 32.061], [-2.164, -5.138, 6.953],
+        ],
+        [
+            3.80011862893542138, -3.15107701178928327, -0.0276775428855732311,
+            -0.170689011503331058, -0.303775781065407585, 0.937328937028041014, 0.533898757689180578,
+        ],
+    ),
+    "torus": (
+        [
+            [39.541, 2.17, 0.051], [-24.447, 22.783, 3.631], [2.695, -37.066, -2.488], [20.028, 8.848, 14.131],
+            [-16.375, 0.297, -5.143], [22.233, -22.92, -12.593], [12.265, 33.103, 6.523], [-29.374, -20.56, -8.095],
+            [30.815, -16.891, 11.245], [-5.441, 14.973, 8.619], [-4.324, -20.143, -13.012], [34.997, 6.134, -0.823],
+            [-27.386, 19.409, -2.566], [9.415, -39.001, -4.739],
+        ],
+        [
+            3.99629648853566466, -2.89505059491122182, -0.120453280112686735,
+            -0.187506930630982856, -0.30158770687155157, 0.934818702224825447,
+            29.8060218152574167, 9.21516547519808418,
+        ],
+    ),
 }  # fmt: skip
 
 
@@ -104,6 +185,51 @@ OURS = {
 def test_reference_pairs_of_our_own(shape):
     points, expected = OURS[shape]
     np.testing.assert_allclose(parameters(shape, SHAPES[shape][0](points)), expected, rtol=0, atol=1e-10)
+
+
+def sum_of_squares(fit):
+    return float((fit.residuals**2).sum())
+
+
+@pytest.mark.parametrize(
+    ("half", "saddle", "lowest"),
+    [
+        # Symmetric about x = 0: steps from a centre there never leave it, and end in a saddle or a side valley.
+        ([[3, -9], [2, -4], [10, -7]], 53.5105, 24.64226),
+        ([[3, 7], [2, -3], [1, 2]], 25.1048, 21.00237),
+    ],
+)
+def test_the_best_of_several_minima_is_found(half, saddle, lowest):
+    """Points far from any circle, against a plain search: all centres of a fine grid, each with its best radius."""
+    given = np.array(half, dtype=float)
+    plane = np.concatenate([given, given * [-1, 1]])
+    reach, turn = np.geomspace(0.1, 3000, 300), np.linspace(0, 2 * np.pi, 361)
+    centres = np.multiply.outer(reach, np.column_stack([np.cos(turn), np.sin(turn)])).reshape(-1, 1, 2)
+    searched = len(plane) * np.sqrt(((plane - centres) ** 2).sum(axis=2)).var(axis=1).min()
+    found = sum_of_squares(fit_circle(np.column_stack([plane, np.zeros(len(plane))]) @ TURN.T))
+    assert found < searched < 1.01 * found + 0.05
+    assert found == pytest.approx(lowest, rel=1e-5)
+    assert found < saddle
+
+
+@settings(max_examples=12)
+@given(st.lists(st.tuples(*[st.integers(-9, 9)] * 3), min_size=6, max_size=9, unique=True), st.sampled_from([2, 3]))
+def test_no_centre_far_or_near_is_better(points, d):
+    """Whole numbers at random, in a plane for circles: refused only where a straight line or a plane is as good."""
+    given = np.array(points, dtype=float)[:, :d]
+    flat = np.column_stack([given, np.zeros((len(given), 3 - d))])
+    centred = given - given.mean(axis=0)
+    straight = float(np.linalg.svd(centred, compute_uv=False)[-1] ** 2)
+    away = np.random.default_rng(0).normal(size=(200, d))
+    away /= np.linalg.norm(away, axis=1)[:, None]
+    centres = np.multiply.outer(np.geomspace(0.3, 1000, 40), away).reshape(-1, 1, d)
+    searched = len(given) * np.sqrt(((centred - centres) ** 2).sum(axis=2)).var(axis=1).min()
+    try:
+        found = sum_of_squares((fit_circle if d == 2 else fit_sphere)(flat))
+    except InputError:
+        assert searched > straight - 1e-3
+    else:
+        assert found <= min(searched, straight) + 1e-9
 
 
 def test_two_shells_mean_their_middle():
@@ -143,26 +269,38 @@ def test_perfect_points_give_the_shape_back(shape, rng):
     assert fit.form_mm < 1e-10
     if shape == "sphere":
         np.testing.assert_allclose(parameters(shape, fit), [*CENTRE, 12.5], atol=1e-11)
-    if shape == "circle":
-        np.testing.assert_allclose(fit.centre, CENTRE, atol=1e-11)
-        assert fit.radius_mm == pytest.approx(40, abs=1e-11)
+    if shape in ("circle", "torus"):
+        np.testing.assert_allclose(fit.centre, CENTRE, atol=1e-10)
+    sizes = {
+        "circle": {"radius_mm": 40},
+        "cylinder": {"radius_mm": 20},
+        "cone": {"half_angle_rad": np.pi / 4},
+        "torus": {"major_radius_mm": 30, "minor_radius_mm": 8},
+    }
+    for name, size in sizes.get(shape, {}).items():
+        assert getattr(fit, name) == pytest.approx(size, abs=1e-11)
+    if shape == "cone":
+        np.testing.assert_allclose(fit.apex, CENTRE, atol=1e-10)
+        np.testing.assert_allclose(fit.axis, TURN[:, 2], atol=1e-12)
+    if shape in ("line", "cylinder"):
+        np.testing.assert_allclose(across(shape, fit) @ (fit.point - CENTRE), 0, atol=1e-11)
 
 
 # Derivatives and covariances -----------------------------------------------------------------------------------------
 
 
-def test_derivatives_of_the_distance_from_an_axis(rng):
+@pytest.mark.parametrize("element", ELEMENTS, ids=[one.name for one in ELEMENTS])
+def test_derivatives_of_the_distance_by_moves_and_sizes(element, rng):
     """Against difference quotients of 1e-6, whose own error is some 1e-10 of lengths of order 1."""
-    points, frame, origin = rng.normal(size=(9, 3)), TURN, rng.normal(size=3)
+    points = rng.normal(size=(9, 3))
+    place = Place(rng.normal(size=3), TURN, np.array([0.7, 0.3])[: len(element.is_length)])
+    steps = 1e-6 * np.eye(len(element.moves) + len(element.is_length))
 
-    def distance(step):
-        moved = tilt_frame(frame, step[3], step[4])
-        return radial_distances((points - origin - frame @ step[:3]) @ moved)[0] - step[5]
+    def distances(step):
+        return element.linearised(points, element.moved(place, step)).residuals
 
-    _, jacobian = radial_distances((points - origin) @ frame)
-    steps = 1e-6 * np.eye(6)
-    quotients = np.column_stack([(distance(h) - distance(-h)) / 2e-6 for h in steps])
-    np.testing.assert_allclose(jacobian, quotients, atol=1e-9)
+    quotients = np.column_stack([(distances(h) - distances(-h)) / 2e-6 for h in steps])
+    np.testing.assert_allclose(element.linearised(points, place).jacobian, quotients, atol=1e-8)
 
 
 @ALL
@@ -191,7 +329,10 @@ def test_the_covariance_is_that_of_the_derivatives_by_every_coordinate(shape, rn
     assert np.linalg.matrix_rank(fit.covariance, tol=1e-9 * np.abs(fit.covariance).max()) <= FREE[shape]
 
 
-@pytest.mark.parametrize(("shape", "runs"), [("sphere", 400), ("plane", 400), ("circle", 150)])
+@pytest.mark.parametrize(
+    ("shape", "runs"),
+    [("sphere", 400), ("plane", 400), ("circle", 150), ("line", 200), ("cylinder", 60), ("cone", 60), ("torus", 40)],
+)
 def test_covariances_are_honest(shape, runs, rng):
     """Errors in units of the stated uncertainty: their mean square is 1 within four of its standard deviations."""
     fit_shape, make, _ = SHAPES[shape]
@@ -212,14 +353,14 @@ def test_the_scatter_is_found(shape, rng):
     fit_shape, make, _ = SHAPES[shape]
     points, runs = make(rng), 20
     found = [fit_shape(points + 0.02 * rng.normal(size=points.shape)).std_mm ** 2 for _ in range(runs)]
-    n = len(points) * (2 if shape == "circle" else 1) - FREE[shape]
+    n = fit_shape(points).residuals.size - FREE[shape]
     assert np.mean(found) / 0.02**2 == pytest.approx(1, abs=4 * np.sqrt(2 / (n * runs)))
 
 
 @ALL
 def test_without_spare_points_nothing_is_said_of_the_scatter(shape, rng):
     fit_shape, make, _ = SHAPES[shape]
-    least = {"sphere": 4, "plane": 3, "circle": 3}[shape]
+    least = {"sphere": 4, "plane": 3, "circle": 3, "line": 2, "cylinder": 5, "cone": 6, "torus": 7}[shape]
     fit = fit_shape(make(rng, n=least))
     assert np.isnan(fit.std_mm)
     assert np.isnan(fit.covariance).any()
@@ -246,10 +387,10 @@ def test_what_moves_the_points_moves_the_shape(shape, turn, shift, seed):
     blocks = []
     for name in names:
         one, other = getattr(here, name), getattr(there, name)
-        if name in ("centre", "point"):
+        if name in ("centre", "point", "apex"):
             np.testing.assert_allclose(R @ one + shift, other, atol=1e-8)
             blocks.append(R)
-        elif name == "radius_mm":
+        elif name.endswith(("_mm", "_rad")):
             assert one == pytest.approx(other, abs=1e-8)
             blocks.append(np.eye(1))
         else:
@@ -272,7 +413,8 @@ def test_scale_and_far_places_cost_no_digits_but_those_of_the_coordinates(shape,
     here, far, small = fit_shape(points), fit_shape(points + 1e6), fit_shape(points * 1e-9)
     for name in names:
         one = getattr(here, name)
-        place, length = name in ("centre", "point"), name in ("centre", "point", "radius_mm")
+        place = name in ("centre", "point", "apex")
+        length = place or name.endswith("_mm")
         # A coordinate of 1e6 mm is rounded by 1e-10 mm.
         np.testing.assert_allclose(getattr(far, name) - (1e6 if place else 0), one, atol=1e-8)
         np.testing.assert_allclose(getattr(small, name) * (1e9 if length else 1), one, atol=1e-8)

@@ -1,1 +1,29 @@
-"""Shapes fitted to points by orthogonal distances: plane, circle, sphere."""
+"""Shapes of a part drawing, fitted to points by orthogonal distances; minimum zones, and relations of two shapes."""
+
+from truearm.verification.shapes.circle import Circle, fit_circle
+from truearm.verification.shapes.circumscribed_sphere import CircumscribedSphere, circumscribed_sphere
+from truearm.verification.shapes.cone import Cone, fit_cone
+from truearm.verification.shapes.cylinder import Cylinder, fit_cylinder
+from truearm.verification.shapes.line import Line, fit_line
+from truearm.verification.shapes.plane import Plane, fit_plane
+from truearm.verification.shapes.sphere import Sphere, fit_sphere
+from truearm.verification.shapes.torus import Torus, fit_torus
+
+__all__ = [
+    "Circle",
+    "CircumscribedSphere",
+    "Cone",
+    "Cylinder",
+    "Line",
+    "Plane",
+    "Sphere",
+    "Torus",
+    "circumscribed_sphere",
+    "fit_circle",
+    "fit_cone",
+    "fit_cylinder",
+    "fit_line",
+    "fit_plane",
+    "fit_sphere",
+    "fit_torus",
+]

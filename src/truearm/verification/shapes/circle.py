@@ -2,27 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from truearm.errors import InputError
 from truearm.typing import FloatArray
+from truearm.verification.shapes.normalised_points import normalise_points, principal_axes
 from truearm.verification.shapes.orthogonal_regression import (
-    LinearisedResiduals,
+    Distances,
+    Element,
+    Place,
     ShapeFit,
-    circle_start,
-    covariance_of,
     direction_sign,
-    gauss_newton,
-    normalise_points,
-    principal_axes,
+    fitted,
+    minimise,
     radial_distances,
-    scatter_std,
-    tilt_frame,
+    towards_positive,
 )
+from truearm.verification.shapes.starts import algebraic_centre, centres_around
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,9 +45,15 @@ class Circle(ShapeFit):
     radius_mm: float
 
 
-class _Placed(NamedTuple):
-    centre: FloatArray
-    frame: FloatArray
+def _distances(local: FloatArray, sizes: FloatArray) -> Distances:
+    """In the plane, then along its normal."""
+    distance, gradient = radial_distances(local)
+    by_size = np.repeat([[-1.0], [0.0]], len(local), axis=0)
+    along = np.broadcast_to([0.0, 0.0, 1.0], local.shape)
+    return Distances(np.concatenate([distance - sizes[0], local[:, 2]]), np.concatenate([gradient, along]), by_size)
+
+
+CIRCLE = Element("circle", _distances, (0, 1, 2, 3, 4), (True,))
 
 
 def fit_circle(points: npt.ArrayLike, *, std_mm: float | None = None) -> Circle:
@@ -78,37 +84,23 @@ def fit_circle(points: npt.ArrayLike, *, std_mm: float | None = None) -> Circle:
             hint="measure more points all round the circle",
         )
     frame = axes * direction_sign(axes[:, 2])
+    plane = normal.points @ frame[:, :2]
 
-    def linearised(placed: _Placed) -> LinearisedResiduals:
-        local = (normal.points - placed.centre) @ placed.frame
-        x, y, z = local.T
-        distance, by_radial = radial_distances(local)
-        none = np.zeros(len(z))
-        by_z = np.column_stack([none, none, none - 1, -y, x, none])
-        return LinearisedResiduals(np.concatenate([distance - distance.mean(), z]), np.concatenate([by_radial, by_z]))
+    def about(centre: FloatArray) -> Place:
+        return Place(frame[:, :2] @ centre, frame, np.sqrt(((plane - centre) ** 2).sum(axis=1)).mean(keepdims=True))
 
-    placed, at = gauss_newton(
-        _Placed(frame[:, :2] @ circle_start(normal.points @ frame[:, :2]), frame),
-        linearised,
-        lambda placed, step: _Placed(
-            placed.centre + placed.frame @ step[:3], tilt_frame(placed.frame, step[3], step[4])
-        ),
-        size=lambda placed: float(np.abs(placed.centre).max()),
-        shape="circle",
-    )
-    frame = placed.frame * direction_sign(placed.frame[:, 2])
-    radius = radial_distances((normal.points - placed.centre) @ frame)[0].mean()
-    at = linearised(_Placed(placed.centre, frame))
-    std = scatter_std(at, normal.scale, std_mm)
-    to_parameters = np.zeros((7, 6))
-    to_parameters[:3, :3] = frame
-    to_parameters[3:6, 3:5] = np.column_stack([-frame[:, 1], frame[:, 0]]) / normal.scale
-    to_parameters[6, 5] = 1.0
+    def starts() -> Iterator[Place]:
+        yield about(algebraic_centre(plane))
+        yield from map(about, centres_around(plane))
+
+    line = float((spreads[1:] ** 2).sum())
+    place = minimise(CIRCLE, normal, starts, flat=line, spread=float(spreads[1]))
+    fit = fitted(CIRCLE, normal, towards_positive(place), std_mm)
     return Circle(
-        residuals=normal.scale * at.residuals.reshape(2, -1).T,
-        std_mm=std,
-        covariance=covariance_of(at, to_parameters, std, "circle"),
-        centre=normal.middle + normal.scale * placed.centre,
-        normal=frame[:, 2].copy(),
-        radius_mm=float(normal.scale * radius),
+        residuals=fit.residuals.reshape(2, -1).T,
+        std_mm=fit.std_mm,
+        covariance=fit.covariance,
+        centre=fit.origin,
+        normal=fit.axis,
+        radius_mm=float(fit.sizes[0]),
     )

@@ -4,27 +4,28 @@ Residuals are distances [mm] from the nearest point of the shape; the sum of the
 "Least-squares best-fit geometric elements", NPL Report DITC 140/89, National Physical Laboratory 1989; C. M. Shakarji,
 "Least-squares fitting algorithms of the NIST Algorithm Testing System", J. Res. Natl. Inst. Stand. Technol. 103 (1998)
 633. Points are first moved to their mean and scaled to a root mean square distance of 1, so that neither far-away
-coordinates nor units cost digits. A shape moves in a frame of its own that every step updates: no direction is
-singular.
+coordinates nor units cost digits. An `Element` is its parameters, its signed distance and the derivatives of it; all
+else is common. It moves in a frame of its own that every step updates: no direction is singular.
+
+A sum of squares of distances may have several minima and saddles between them (N. Chernov, C. Lesort, "Least squares
+fitting of circles and lines", arXiv:cs/0301001): where residuals are large, several starts are compared, the second
+derivative is checked, and a shape that fits no better than a flat one is refused.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any, NamedTuple, TypeVar
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from truearm import solve
 from truearm.errors import InputError
 from truearm.typing import FloatArray
+from truearm.verification.shapes.normalised_points import NormalisedPoints
 
-ShapeParameters = TypeVar("ShapeParameters")
-
-# Spreads below this share of the largest count as zero: points on a line, in a plane.
-NOTHING = 1e-9
 # Singular values of the derivative below this share of the largest: parameters that the points do not determine.
 RANK = 1e-11
 # In spreads of the points: a larger radius is that of a straight object.
@@ -32,32 +33,11 @@ FARTHEST = 1e6
 MOST_STEPS = 1000
 # Steps that change residuals by less than this share, and no longer by less and less, are rounding.
 STALLED = 1e-10
-
-
-class NormalisedPoints(NamedTuple):
-    """Points about their mean, in units of their spread.
-
-    Attributes
-    ----------
-    points : (n, 3) array
-        Their mean is 0, the mean of their squared lengths 1.
-    middle : (3,) array
-        Where the mean was [mm].
-    scale : float
-        The unit [mm].
-    rounding : float
-        What the rounding of the given coordinates is in that unit.
-    """
-
-    points: FloatArray
-    middle: FloatArray
-    scale: float
-    rounding: float
-
-    @property
-    def nothing(self) -> float:
-        """Spreads up to here, in units of the largest, count as none."""
-        return max(NOTHING, 16 * self.rounding)
+# Root mean square residuals up to this share of the points' smallest spread: close to the shape, where the
+# best start leads to the one minimum.
+CLOSE = 0.02
+# An eigenvalue of the second derivative below minus this share of the largest is that of a saddle.
+SADDLE = 1e-6
 
 
 class LinearisedResiduals(NamedTuple):
@@ -65,6 +45,71 @@ class LinearisedResiduals(NamedTuple):
 
     residuals: FloatArray
     jacobian: FloatArray
+
+
+class Distances(NamedTuple):
+    """Signed distances of points from a shape in its own frame, with derivatives.
+
+    Attributes
+    ----------
+    values : (m,) array
+        Of n points; of a curve the two components, one after the other (m = 2n).
+    gradient : (m, 3) array
+        By the coordinates of the point.
+    by_sizes : (m, k) array
+        By the sizes of the shape.
+    """
+
+    values: FloatArray
+    gradient: FloatArray
+    by_sizes: FloatArray
+
+
+class Place(NamedTuple):
+    """Where a shape is and how large: the origin (3,) and axes (3, 3), as columns, of its frame, and sizes (k,)."""
+
+    origin: FloatArray
+    frame: FloatArray
+    sizes: FloatArray
+
+
+@dataclass(frozen=True)
+class Element:
+    """A geometric element: what `minimise` and the minimum zone need to know of a shape.
+
+    Parameters
+    ----------
+    name : str
+    distances : callable
+        From points (n, 3) in the frame of the shape and its sizes (k,) to `Distances`.
+    moves : tuple of int
+        The moves that change it: 0 to 2 along the axes of its frame, 3 and 4 tilts about the first and second of them.
+    is_length : tuple of bool
+        Whether each size is a length; otherwise it is an angle.
+    """
+
+    name: str
+    distances: Callable[[FloatArray, FloatArray], Distances]
+    moves: tuple[int, ...]
+    is_length: tuple[bool, ...] = ()
+
+    def linearised(self, points: FloatArray, place: Place) -> LinearisedResiduals:
+        """Distances of points (n, 3), and their derivatives by the moves and the sizes."""
+        local = (points - place.origin) @ place.frame
+        values, gradient, by_sizes = self.distances(local, place.sizes)
+        x, y, z = local.T if len(local) == len(values) else np.tile(local, (2, 1)).T
+        u, v, w = gradient.T
+        by_moves = np.column_stack([-u, -v, -w, v * z - w * y, w * x - u * z])
+        return LinearisedResiduals(values, np.concatenate([by_moves[:, self.moves], by_sizes], axis=1))
+
+    def moved(self, place: Place, step: FloatArray) -> Place:
+        """The place after a step (p,)."""
+        moves = np.zeros(5)
+        n = len(self.moves)
+        moves[list(self.moves)] = step[:n]
+        return Place(
+            place.origin + place.frame @ moves[:3], tilt_frame(place.frame, moves[3], moves[4]), place.sizes + step[n:]
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,112 +141,107 @@ class ShapeFit:
         return 2 * float(np.sqrt((self.residuals**2).sum(axis=1)).max())
 
 
-def normalise_points(points: npt.ArrayLike, *, least: int, shape: str) -> NormalisedPoints:
-    """Check points (n, 3) [mm], move them to their mean and scale them to unit spread.
-
-    Raises
-    ------
-    InputError
-        If they are not (n, 3) finite numbers, are fewer than `least`, or all in one place.
-    """
-    given = np.asarray(points, dtype=float)
-    if given.ndim != 2 or given.shape[1] != 3:
-        raise InputError(f"expected points of a {shape} as an array (n, 3), got shape {given.shape}")
-    if not np.isfinite(given).all():
-        row = int(np.argmin(np.isfinite(given).all(axis=1)))
-        raise InputError(f"expected finite coordinates of a {shape}, got {given[row].tolist()} at point {row + 1}")
-    if len(given) < least:
-        raise InputError(f"expected {least} points or more for a {shape}, got {len(given)}", hint="measure more points")
-    largest = np.abs(given).max()
-    unit = float(largest) or 1.0  # neither squares of huge numbers nor of tiny ones
-    centred = given / unit
-    middle = centred.mean(axis=0)
-    centred = centred - middle
-    rest = centred.mean(axis=0)  # what the rounding of the mean of far-away points leaves
-    centred, middle = centred - rest, unit * (middle + rest)
-    spread = float(np.sqrt((centred**2).sum(axis=1).mean()))
-    if spread <= 16 * np.finfo(float).eps:
-        raise InputError(
-            f"expected points all over a {shape}, got {len(given)} in one place", hint="measure points farther apart"
-        )
-    scale = spread * unit
-    return NormalisedPoints(centred / spread, middle, scale, float(np.finfo(float).eps * largest / scale))
-
-
-def principal_axes(normal: NormalisedPoints) -> tuple[FloatArray, FloatArray]:
-    """Return the spreads (3,) of the points, largest first, and the right-handed frame (3, 3) of their axes."""
-    n = len(normal.points)
-    three = np.concatenate([normal.points, np.zeros((max(3 - n, 0), 3))])  # rows of zeros change neither
-    _, spreads, axes = np.linalg.svd(three, full_matrices=False)
-    spreads = spreads / np.sqrt(n)
-    frame = axes.T.copy()
-    frame[:, 1] *= np.sign(np.linalg.det(frame))
-    return spreads, frame
-
-
-def gauss_newton(
-    start: ShapeParameters,
-    linearised: Callable[[ShapeParameters], LinearisedResiduals],
-    moved: Callable[[ShapeParameters, FloatArray], ShapeParameters],
+def minimise(
+    element: Element,
+    normal: NormalisedPoints,
+    starts: Callable[[], Iterable[Place]],
     *,
-    size: Callable[[ShapeParameters], float],
-    shape: str,
-) -> tuple[ShapeParameters, LinearisedResiduals]:
-    """Minimise a sum of squares by Gauss-Newton steps (`truearm.solve.gauss_newton`).
+    flat: float,
+    spread: float,
+) -> Place:
+    """Minimise the sum of squared distances from several starts.
 
     Parameters
     ----------
-    start : state
-        Near the minimum.
-    linearised : callable
-        Residuals and derivative at a state.
-    moved : callable
-        The state after a step (p,).
-    size : callable
-        The largest length of a state, in spreads of the points.
-    shape : str
-        The name of the shape, for messages.
+    element : Element
+    normal : NormalisedPoints
+    starts : callable
+        Near the minima, the most likely first; the others are tried only where residuals are large.
+    flat : float
+        Mean square distance from the flat shape that this one becomes as it grows without bound; of several minima
+        and this one the lowest is the best fit.
+    spread : float
+        The spread of the points that the shape must explain, in units of theirs.
 
     Raises
     ------
     InputError
-        If the points do not determine the shape: the sum has no minimum nearby, or a whole line of minima.
+        If the points do not determine the shape: the sum has no minimum, it is lowest for the flat shape, or the
+        lowest point that was found is a saddle.
     """
-    n_residuals = 0
+    best, lowest = None, np.inf
+    for start in starts():
+        try:
+            place, at = gauss_newton(element, normal.points, start)
+        except (InputError, np.linalg.LinAlgError):
+            continue
+        square = float(at.residuals @ at.residuals) / len(normal.points)
+        if square < lowest:
+            best, lowest = place, square
+        if lowest <= (CLOSE * spread) ** 2:
+            break
+    is_close = lowest <= (CLOSE * spread) ** 2
+    if best is None or not (is_close or (lowest < flat and _is_minimum(element, normal.points, best))):
+        raise undetermined_error(element.name)
+    return best
 
-    def counted(state: ShapeParameters) -> LinearisedResiduals:
-        nonlocal n_residuals
-        at = linearised(state)
-        n_residuals = len(at.residuals)
-        return at
 
-    def rounding(state: ShapeParameters) -> float:
+def _is_minimum(element: Element, points: FloatArray, place: Place) -> bool:
+    """Whether the second derivative of the sum of squares has no negative eigenvalue, by differences of the first."""
+    jacobian = element.linearised(points, place).jacobian
+    steps = np.diag(1e-5 / np.maximum(np.sqrt((jacobian**2).sum(axis=0)), 1e-12))
+
+    def gradient(step: FloatArray) -> FloatArray:
+        residuals, jacobian = element.linearised(points, element.moved(place, step))
+        return jacobian.T @ residuals
+
+    second = np.array([(gradient(step) - gradient(-step)) / 2e-5 for step in steps]) @ steps / 1e-5
+    values = np.linalg.eigvalsh((second + second.T) / 2)
+    return bool(values[0] > -SADDLE * values[-1])
+
+
+def gauss_newton(element: Element, points: FloatArray, start: Place) -> tuple[Place, LinearisedResiduals]:
+    """Minimise the sum of squared distances by Gauss-Newton steps (`truearm.solve.gauss_newton`).
+
+    Raises
+    ------
+    InputError
+        If the sum has no minimum near the start, or a whole line of minima.
+    """
+    root = float(np.sqrt(len(points)))
+
+    def rounding(place: Place) -> float:
         """Rounding of the norm of the residuals, for this number of points at distances of this size."""
-        return float(4 * np.finfo(float).eps * np.sqrt(n_residuals) * max(1.0, size(state)))
+        return 4 * float(np.finfo(float).eps) * root * max(1.0, _extent(place))
 
     result = solve.gauss_newton(
-        solve.DenseProblem(counted, rounding=rounding),
+        solve.DenseProblem(partial(element.linearised, points), rounding=rounding),
         start,
-        move=moved,
-        stops=[_Arrival(size, rounding, shape), solve.MaxEpochs(MOST_STEPS)],
+        move=element.moved,
+        stops=[_Arrival(rounding, element.name), solve.MaxEpochs(MOST_STEPS)],
     )
     if result.reason is solve.UNSOLVED or (not result.reason.converged and result.epochs >= MOST_STEPS):
-        raise undetermined_error(shape)
+        raise undetermined_error(element.name)
     return result.x, LinearisedResiduals(result.equations.residuals, result.equations.jacobian)
+
+
+def _extent(place: Place) -> float:
+    """The largest length of a place, in spreads of the points."""
+    return float(np.abs(np.concatenate([place.origin, place.sizes])).max())
 
 
 class _Arrival:
     """Stop at steps that change the residuals by no more than rounding; refuse a shape that grows beyond bounds."""
 
-    def __init__(self, size: Callable[[Any], float], rounding: Callable[[Any], float], shape: str) -> None:
-        self._size, self._rounding, self._shape = size, rounding, shape
+    def __init__(self, rounding: Callable[[Place], float], shape: str) -> None:
+        self._rounding, self._shape = rounding, shape
         self._before = np.inf
 
     def __call__(self, state: solve.OptimizerState) -> solve.StopReason | None:
         """A reason to stop, by the change of the residuals that the last step predicted."""
         if np.isnan(state.predicted):
             return None
-        size = self._size(state.x)
+        size = _extent(state.x)
         if size > FARTHEST:
             raise undetermined_error(self._shape)
         change = float(np.sqrt(max(2 * state.predicted, 0.0)))
@@ -211,6 +251,52 @@ class _Arrival:
 
 
 _ARRIVED = solve.StopReason("The residuals do not change any more.", True)
+
+
+class Fitted(NamedTuple):
+    """A shape at its best place, in mm.
+
+    Attributes
+    ----------
+    origin, axis : (3,) array
+        Origin and third axis of its frame.
+    sizes : (k,) array
+        [mm or rad]
+    residuals : (m,) array
+        [mm]
+    std_mm : float
+    covariance : (6 + k, 6 + k) array
+        Of origin, axis and sizes.
+    """
+
+    origin: FloatArray
+    axis: FloatArray
+    sizes: FloatArray
+    residuals: FloatArray
+    std_mm: float
+    covariance: FloatArray
+
+
+def fitted(element: Element, normal: NormalisedPoints, place: Place, std_mm: float | None) -> Fitted:
+    """What is known of a shape at the minimum of its sum of squares; `std_mm` as in `scatter_std`."""
+    at = element.linearised(normal.points, place)
+    std = scatter_std(at, normal.scale, std_mm)
+    n, k = len(element.moves), len(element.is_length)
+    units = np.where(element.is_length, normal.scale, 1.0)
+    by_moves = np.zeros((6, 5))
+    by_moves[:3, :3] = place.frame
+    by_moves[3:, 3:] = np.column_stack([-place.frame[:, 1], place.frame[:, 0]]) / normal.scale
+    to_parameters = np.zeros((6 + k, n + k))
+    to_parameters[:6, :n] = by_moves[:, element.moves]
+    to_parameters[6:, n:] = np.diag(units / normal.scale)
+    return Fitted(
+        origin=normal.middle + normal.scale * place.origin,
+        axis=place.frame[:, 2].copy(),
+        sizes=units * place.sizes,
+        residuals=normal.scale * at.residuals,
+        std_mm=std,
+        covariance=covariance_of(at, to_parameters, std, element.name),
+    )
 
 
 def undetermined_error(shape: str) -> InputError:
@@ -263,25 +349,16 @@ def cross(one: FloatArray, other: FloatArray) -> FloatArray:
 
 
 def radial_distances(local: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the distances from the third axis of the shape's frame, and their derivatives.
-
-    Parameters
-    ----------
-    local : (n, 3) array
-        Points in the frame.
-
-    Returns
-    -------
-    distance : (n,) array
-    jacobian : (n, 6) array
-        Derivatives of distance less radius by the moves along the axes, the tilts about the first and second axis, and
-        the radius.
-    """
-    x, y, z = local.T
+    """Return the distances (n,) of points (n, 3) from the third axis, and their gradient (n, 3)."""
+    x, y, _ = local.T
     distance = np.sqrt(x * x + y * y)
     safe = np.where(distance > 0, distance, 1.0)
-    cos, sin, none = x / safe, y / safe, np.zeros(len(local))
-    return distance, np.column_stack([-cos, -sin, none, z * sin, -z * cos, none - 1])
+    return distance, np.column_stack([x / safe, y / safe, np.zeros(len(local))])
+
+
+def towards_positive(place: Place) -> Place:
+    """Return the place with all axes reversed if the largest component of the third is negative."""
+    return place._replace(frame=place.frame * direction_sign(place.frame[:, 2]))
 
 
 def direction_sign(direction: FloatArray) -> float:

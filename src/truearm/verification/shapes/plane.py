@@ -9,14 +9,14 @@ import numpy.typing as npt
 
 from truearm.errors import InputError
 from truearm.typing import FloatArray
+from truearm.verification.shapes.normalised_points import normalise_points, principal_axes
 from truearm.verification.shapes.orthogonal_regression import (
-    LinearisedResiduals,
+    Distances,
+    Element,
+    Place,
     ShapeFit,
-    covariance_of,
     direction_sign,
-    normalise_points,
-    principal_axes,
-    scatter_std,
+    fitted,
 )
 
 
@@ -34,6 +34,13 @@ class Plane(ShapeFit):
 
     point: FloatArray
     normal: FloatArray
+
+
+def _distances(local: FloatArray, _: FloatArray) -> Distances:
+    return Distances(local[:, 2], np.broadcast_to([0.0, 0.0, 1.0], local.shape), np.empty((len(local), 0)))
+
+
+PLANE = Element("plane", _distances, (2, 3, 4))
 
 
 def fit_plane(points: npt.ArrayLike, *, std_mm: float | None = None) -> Plane:
@@ -64,17 +71,7 @@ def fit_plane(points: npt.ArrayLike, *, std_mm: float | None = None) -> Plane:
             hint="measure points all over the plane",
         )
     frame = axes * direction_sign(axes[:, 2])
-    x, y, z = (normal.points @ frame).T
-    # By the move along the normal, and the tilts about the first and second axis.
-    at = LinearisedResiduals(z, np.column_stack([-np.ones(len(z)), -y, x]))
-    std = scatter_std(at, normal.scale, std_mm)
-    to_parameters = np.zeros((6, 3))
-    to_parameters[:3, 0] = frame[:, 2]
-    to_parameters[3:, 1:] = np.column_stack([-frame[:, 1], frame[:, 0]]) / normal.scale
+    fit = fitted(PLANE, normal, Place(np.zeros(3), frame, np.empty(0)), std_mm)
     return Plane(
-        residuals=normal.scale * z,
-        std_mm=std,
-        covariance=covariance_of(at, to_parameters, std, "plane"),
-        point=normal.middle,
-        normal=frame[:, 2].copy(),
+        residuals=fit.residuals, std_mm=fit.std_mm, covariance=fit.covariance, point=fit.origin, normal=fit.axis
     )

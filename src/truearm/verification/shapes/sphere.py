@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,15 +10,16 @@ import numpy.typing as npt
 
 from truearm.errors import InputError
 from truearm.typing import FloatArray
+from truearm.verification.shapes.normalised_points import normalise_points, principal_axes
 from truearm.verification.shapes.orthogonal_regression import (
-    LinearisedResiduals,
+    Distances,
+    Element,
+    Place,
     ShapeFit,
-    circle_start,
-    covariance_of,
-    gauss_newton,
-    normalise_points,
-    scatter_std,
+    fitted,
+    minimise,
 )
+from truearm.verification.shapes.starts import algebraic_centre, centres_around
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +35,15 @@ class Sphere(ShapeFit):
 
     centre: FloatArray
     radius_mm: float
+
+
+def _distances(local: FloatArray, sizes: FloatArray) -> Distances:
+    distance = np.sqrt((local * local).sum(axis=1))
+    gradient = local / np.where(distance > 0, distance, 1.0)[:, None]
+    return Distances(distance - sizes[0], gradient, np.full((len(local), 1), -1.0))
+
+
+SPHERE = Element("sphere", _distances, (0, 1, 2), (True,))
 
 
 def fit_sphere(points: npt.ArrayLike, *, std_mm: float | None = None) -> Sphere:
@@ -51,37 +62,34 @@ def fit_sphere(points: npt.ArrayLike, *, std_mm: float | None = None) -> Sphere:
         If the points are too few, in one place, on a line or in a plane, or determine no sphere: their
         curvature is within their scatter.
 
-    Notes
-    -----
-    For any centre the best radius is the mean distance from it, so that only the centre is iterated.
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> ta.shapes.fit_sphere([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, -1]]).radius_mm
+    1.0
     """
     normal = normalise_points(points, least=4, shape="sphere")
-    if np.linalg.svd(normal.points, compute_uv=False)[2] <= normal.nothing * np.sqrt(len(normal.points)):
+    spreads, _ = principal_axes(normal)
+    if spreads[2] <= normal.nothing:
         raise InputError(
             "expected points all over a sphere, got points in one plane, which determine no radius",
             hint="add a point at the pole",
         )
 
-    def linearised(centre: FloatArray) -> LinearisedResiduals:
-        away = normal.points - centre
-        distance = np.sqrt((away * away).sum(axis=1))
-        jacobian = np.full((len(away), 4), -1.0)
-        np.divide(away, -np.where(distance > 0, distance, 1.0)[:, None], out=jacobian[:, :3])
-        return LinearisedResiduals(distance - distance.mean(), jacobian)
+    def about(centre: FloatArray) -> Place:
+        return Place(centre, np.eye(3), np.sqrt(((normal.points - centre) ** 2).sum(axis=1)).mean(keepdims=True))
 
-    centre, at = gauss_newton(
-        circle_start(normal.points),
-        linearised,
-        lambda centre, step: centre + step[:3],
-        size=lambda centre: float(np.abs(centre).max()),
-        shape="sphere",
-    )
-    radius = float(np.sqrt(((normal.points - centre) ** 2).sum(axis=1)).mean())
-    std = scatter_std(at, normal.scale, std_mm)
+    def starts() -> Iterator[Place]:
+        yield about(algebraic_centre(normal.points))
+        yield from map(about, centres_around(normal.points))
+
+    place = minimise(SPHERE, normal, starts, flat=float(spreads[2] ** 2), spread=float(spreads[2]))
+    fit = fitted(SPHERE, normal, place, std_mm)
+    own = np.r_[:3, 6]
     return Sphere(
-        residuals=normal.scale * at.residuals,
-        std_mm=std,
-        covariance=covariance_of(at, np.eye(4), std, "sphere"),
-        centre=normal.middle + normal.scale * centre,
-        radius_mm=normal.scale * radius,
+        residuals=fit.residuals,
+        std_mm=fit.std_mm,
+        covariance=fit.covariance[np.ix_(own, own)],
+        centre=fit.origin,
+        radius_mm=float(fit.sizes[0]),
     )

@@ -1,0 +1,112 @@
+"""The least-squares torus."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from truearm.typing import FloatArray
+from truearm.verification.shapes.normalised_points import normalise_points, principal_axes
+from truearm.verification.shapes.orthogonal_regression import (
+    Distances,
+    Element,
+    Place,
+    ShapeFit,
+    fitted,
+    minimise,
+    radial_distances,
+    towards_positive,
+)
+from truearm.verification.shapes.starts import best_axes, centres_across, frames_around
+
+
+@dataclass(frozen=True, eq=False)
+class Torus(ShapeFit):
+    """A torus fitted to points; its parameters are the centre, the axis and both radii, eight.
+
+    Attributes
+    ----------
+    centre : (3,) array
+        [mm]
+    axis : (3,) array
+        Unit vector; its largest component is positive.
+    major_radius_mm : float
+        Of the circle in the middle of the tube.
+    minor_radius_mm : float
+        Of the tube.
+    """
+
+    centre: FloatArray
+    axis: FloatArray
+    major_radius_mm: float
+    minor_radius_mm: float
+
+
+def _distances(local: FloatArray, sizes: FloatArray) -> Distances:
+    """Sizes: the radius of the ring and that of the tube."""
+    distance, gradient = radial_distances(local)
+    away, z = distance - sizes[0], local[:, 2]
+    from_ring = np.sqrt(away * away + z * z)
+    safe = np.where(from_ring > 0, from_ring, 1.0)
+    outwards = gradient * (away / safe)[:, None]
+    outwards[:, 2] = z / safe
+    return Distances(from_ring - sizes[1], outwards, np.column_stack([-away / safe, np.full(len(z), -1.0)]))
+
+
+TORUS = Element("torus", _distances, (0, 1, 2, 3, 4), (True, True))
+
+
+def fit_torus(points: npt.ArrayLike, *, std_mm: float | None = None) -> Torus:
+    """Fit a torus by least squares of the points' distances from it.
+
+    Parameters
+    ----------
+    points : (n, 3) array
+        At least seven, around the ring and around the tube [mm].
+    std_mm : float, optional
+        Standard deviation of a coordinate [mm]; from the residuals by default, which needs eight points.
+
+    Raises
+    ------
+    InputError
+        If the points are too few or determine no torus.
+
+    Examples
+    --------
+    >>> import numpy as np, truearm as ta
+    >>> ring, tube = np.arange(12), 1.7 * np.arange(12)
+    >>> across = 30 + 5 * np.cos(tube)
+    >>> points = np.column_stack([across * np.cos(ring), across * np.sin(ring), 5 * np.sin(tube)])
+    >>> round(ta.shapes.fit_torus(points).minor_radius_mm, 9)
+    5.0
+    """
+    normal = normalise_points(points, least=7, shape="torus")
+    spreads, axes = principal_axes(normal)
+
+    def starts() -> Iterator[Place]:
+        for frame, (x, y, z, *sizes) in zip(*best_axes(normal, frames_around(axes), _judged), strict=True):
+            yield Place(frame @ [x, y, z], frame, np.array(sizes))
+
+    place = minimise(TORUS, normal, starts, flat=np.inf, spread=float(spreads[2]))
+    fit = fitted(TORUS, normal, towards_positive(place), std_mm)
+    return Torus(
+        residuals=fit.residuals,
+        std_mm=fit.std_mm,
+        covariance=fit.covariance,
+        centre=fit.origin,
+        axis=fit.axis,
+        major_radius_mm=float(fit.sizes[0]),
+        minor_radius_mm=float(fit.sizes[1]),
+    )
+
+
+def _judged(local: FloatArray) -> tuple[FloatArray, FloatArray]:
+    centres, distances = centres_across(local)
+    section = np.stack([distances, local[:, :, 2]], axis=2)
+    # A section of the tube, in which distance from the axis and height are the coordinates.
+    rings, from_ring = centres_across(section)
+    parameters = np.column_stack([centres, rings[:, 1], rings[:, 0], from_ring.mean(axis=1)])
+    return from_ring.var(axis=1), parameters
