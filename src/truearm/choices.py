@@ -25,6 +25,8 @@ Untrained = Literal["refuse", "accept"]
 
 DecisionRule = Literal["iso14253-1:2013", "iso14253-1:2017", "simple"]
 TemplateKind = Literal["artefacts", "mpe"]
-FeatureKind = Literal["length", "sphere", "plane", "circle"]
+FeatureKind = Literal["length", "sphere", "plane", "circle", "cylinder", "cone", "angle", "distance"]
+MeasuredKind = Literal["length", "sphere", "plane", "circle", "cylinder", "cone"]
+ZoneKind = Literal["plane", "circle", "sphere", "cylinder"]
 
 FigureFormat = Literal["svg", "pdf", "png"]

@@ -5,7 +5,16 @@ from truearm.verification.shapes.circumscribed_sphere import CircumscribedSphere
 from truearm.verification.shapes.cone import Cone, fit_cone
 from truearm.verification.shapes.cylinder import Cylinder, fit_cylinder
 from truearm.verification.shapes.line import Line, fit_line
+from truearm.verification.shapes.minimum_zone import MinimumZone, minimum_zone
 from truearm.verification.shapes.plane import Plane, fit_plane
+from truearm.verification.shapes.relations import (
+    Relation,
+    angle,
+    concentricity,
+    distance,
+    parallelism,
+    perpendicularity,
+)
 from truearm.verification.shapes.sphere import Sphere, fit_sphere
 from truearm.verification.shapes.torus import Torus, fit_torus
 
@@ -15,10 +24,15 @@ __all__ = [
     "Cone",
     "Cylinder",
     "Line",
+    "MinimumZone",
     "Plane",
+    "Relation",
     "Sphere",
     "Torus",
+    "angle",
     "circumscribed_sphere",
+    "concentricity",
+    "distance",
     "fit_circle",
     "fit_cone",
     "fit_cylinder",
@@ -26,4 +40,7 @@ __all__ = [
     "fit_plane",
     "fit_sphere",
     "fit_torus",
+    "minimum_zone",
+    "parallelism",
+    "perpendicularity",
 ]

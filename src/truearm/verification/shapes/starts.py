@@ -8,6 +8,7 @@ import numpy as np
 
 from truearm.typing import FloatArray, IntArray
 from truearm.verification.shapes.normalised_points import NormalisedPoints
+from truearm.verification.shapes.orthogonal_regression import cross
 
 # Of more points a start needs an even selection only.
 MOST_POINTS = 200
@@ -49,10 +50,14 @@ def centres_around(points: FloatArray) -> FloatArray:
 
 def frames_around(axes: FloatArray) -> FloatArray:
     """Return frames (m, 3, 3) whose third axes point to all sides of a half space, and along `axes` (3, 3)."""
-    up = np.concatenate([axes.T, on_sphere(N_DIRECTIONS)[: N_DIRECTIONS // 2]])
-    across = np.cross(np.eye(3)[np.abs(up).argmin(axis=1)], up)
-    across /= np.linalg.norm(across, axis=1, keepdims=True)
-    return np.stack([across, np.cross(up, across), up], axis=2)
+    return np.array([frame_of(up) for up in (*axes.T, *on_sphere(N_DIRECTIONS)[: N_DIRECTIONS // 2])])
+
+
+def frame_of(up: FloatArray) -> FloatArray:
+    """Return a right-handed frame (3, 3) whose third axis is the direction `up` (3,) of length one."""
+    first = cross(np.eye(3)[np.abs(up).argmin()], up)
+    first = first / np.sqrt(first @ first)
+    return np.column_stack([first, cross(up, first), up])
 
 
 def best_axes(

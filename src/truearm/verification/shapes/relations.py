@@ -1,0 +1,190 @@
+"""Relations of two fitted shapes: angle, distance, parallelism, perpendicularity, concentricity, with uncertainties.
+
+Each is the length of a vector, or a signed number, of the parameters of both shapes; their covariances are propagated
+to first order (JCGM 100:2008, 5.1.2). The points of the two shapes scatter independently.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+
+from truearm.errors import InputError
+from truearm.typing import FloatArray
+from truearm.verification.shapes.circle import Circle
+from truearm.verification.shapes.cone import Cone
+from truearm.verification.shapes.cylinder import Cylinder
+from truearm.verification.shapes.line import Line
+from truearm.verification.shapes.orthogonal_regression import ShapeFit
+from truearm.verification.shapes.plane import Plane
+from truearm.verification.shapes.sphere import Sphere
+from truearm.verification.shapes.torus import Torus
+
+Directed: TypeAlias = Plane | Line | Circle | Cylinder | Cone | Torus
+# Planes and axes at a larger angle have no distance that a drawing could mean.
+PARALLEL_RAD = np.radians(5.0)
+
+
+class Relation(NamedTuple):
+    """A relation of two shapes.
+
+    Attributes
+    ----------
+    value : float
+        [mm, or rad of an angle]
+    u : float
+        Standard uncertainty by the scatter of the points, to first order; NaN where a shape has no covariance. Of a
+        length near zero, that of its largest component.
+    """
+
+    value: float
+    u: float
+
+
+class _Located(NamedTuple):
+    """Place (3,) and direction (3,) of a shape; the direction of a sphere is zero."""
+
+    place: FloatArray
+    direction: FloatArray
+
+
+def angle(one: Directed, other: Directed) -> Relation:
+    """Return the angle between two planes, two axes, or a plane and an axis, 0 to pi/2 [rad].
+
+    Parameters
+    ----------
+    one, other : Plane, Line, Circle, Cylinder, Cone or Torus
+        Of a circle and a torus the axis.
+
+    Raises
+    ------
+    InputError
+        If one has no direction.
+
+    Examples
+    --------
+    >>> import numpy as np, truearm as ta
+    >>> floor = ta.shapes.fit_plane([[0, 0, 0], [1, 0, 0], [0, 1, 0]], std_mm=0.01)
+    >>> wall = ta.shapes.fit_plane([[0, 0, 0], [1, 0, 0], [0, 0, 1]], std_mm=0.01)
+    >>> round(np.degrees(ta.shapes.angle(floor, wall).value), 9)
+    90.0
+    """
+    found = _length(_turn, one, other)
+    if isinstance(one, Plane) != isinstance(other, Plane):
+        return Relation(float(np.pi / 2 - found.value), found.u)
+    return found
+
+
+def parallelism(one: Directed, other: Directed, length_mm: float) -> Relation:
+    """Return how far two planes or axes are from parallel over a length [mm]: length times sine of their angle."""
+    found = angle(one, other)
+    return Relation(length_mm * float(np.sin(found.value)), length_mm * float(np.cos(found.value)) * found.u)
+
+
+def perpendicularity(one: Directed, other: Directed, length_mm: float) -> Relation:
+    """Return how far two planes or axes are from square over a length [mm]: length times cosine of their angle."""
+    found = angle(one, other)
+    return Relation(length_mm * float(np.cos(found.value)), length_mm * float(np.sin(found.value)) * found.u)
+
+
+def distance(one: Directed | Sphere, other: Directed | Sphere) -> Relation:
+    """Return the distance of two shapes [mm].
+
+    Parameters
+    ----------
+    one, other : shapes
+        Spheres, circles and tori count as their centres, cones as their apices, lines and cylinders as their axes. Of
+        two planes it is the distance half way between their points, of two axes the shortest, of parallel ones that of
+        their points across them.
+
+    Raises
+    ------
+    InputError
+        If two planes, or a plane and an axis, are not parallel within 5 deg.
+    """
+    planes = [isinstance(shape, Plane) for shape in (one, other)]
+    axes = [isinstance(shape, Line | Cylinder) for shape in (one, other)]
+    if planes[1] and not planes[0]:
+        return distance(other, one)
+    if planes[0]:
+        if (planes[1] or axes[1]) and (found := angle(one, other).value) > PARALLEL_RAD:  # type: ignore[arg-type]
+            raise InputError(
+                f"expected parallel shapes for a distance, got an angle of {np.degrees(found):.1f} deg",
+                hint="measure the angle, or the distance of a point from the plane",
+            )
+        return _length(_between_planes if planes[1] else _from_plane, one, other)
+    if all(axes):
+        skew = angle(one, other).value > PARALLEL_RAD  # type: ignore[arg-type]
+        return _length(_between_skew if skew else _across, one, other)
+    return _length(_across, other, one) if axes[1] else _length(_across if axes[0] else _between, one, other)
+
+
+def concentricity(one: Directed | Sphere, other: Directed | Sphere) -> Relation:
+    """Return twice the distance of two centres or axes [mm]: the diameter of the zone about the first."""
+    found = distance(one, other)
+    return Relation(2 * found.value, 2 * found.u)
+
+
+def _turn(one: _Located, other: _Located) -> FloatArray:
+    """Rotation vector between two directions, up to their signs."""
+    across = np.cross(one.direction, other.direction)
+    sine, cosine = float(np.linalg.norm(across)), float(one.direction @ other.direction)
+    turned = np.arctan2(sine, abs(cosine)) / sine if sine > 0 else 1.0
+    return np.asarray(turned * across)
+
+
+def _between(one: _Located, other: _Located) -> FloatArray:
+    return other.place - one.place
+
+
+def _from_plane(plane: _Located, other: _Located) -> FloatArray:
+    return np.array([plane.direction @ (other.place - plane.place)])
+
+
+def _between_planes(one: _Located, other: _Located) -> FloatArray:
+    side = 1.0 if one.direction @ other.direction > 0 else -1.0
+    return np.array([(one.direction + side * other.direction) / 2 @ (other.place - one.place)])
+
+
+def _across(axis: _Located, other: _Located) -> FloatArray:
+    away = other.place - axis.place
+    return np.asarray(away - (away @ axis.direction) * axis.direction)
+
+
+def _between_skew(one: _Located, other: _Located) -> FloatArray:
+    across = np.cross(one.direction, other.direction)
+    return np.array([across @ (other.place - one.place) / np.linalg.norm(across)])
+
+
+def _length(vector: Callable[[_Located, _Located], FloatArray], one: ShapeFit, other: ShapeFit) -> Relation:
+    """The length of a vector of two shapes, its uncertainty by differences of it."""
+    (a, C_a), (b, C_b) = _located(one), _located(other)
+    at = np.concatenate([*a, *b])
+    steps = np.diag(np.tile([1e-3, 1e-3, 1e-3, 1e-6, 1e-6, 1e-6], 2))
+
+    def moved(step: FloatArray) -> FloatArray:
+        p = at + step
+        return vector(_Located(p[:3], p[3:6]), _Located(p[6:9], p[9:]))
+
+    D = np.column_stack([(moved(step) - moved(-step)) / (2 * step.max()) for step in steps])
+    value = vector(a, b)
+    size = float(np.linalg.norm(value))
+    covariance = D[:, :6] @ C_a @ D[:, :6].T + D[:, 6:] @ C_b @ D[:, 6:].T
+    if not np.isfinite(covariance).all():
+        return Relation(size, np.nan)
+    largest = float(np.sqrt(np.linalg.eigvalsh(covariance)[-1]))
+    along = value / size if size > largest else None
+    return Relation(size, largest if along is None else float(np.sqrt(along @ covariance @ along)))
+
+
+def _located(shape: ShapeFit) -> tuple[_Located, FloatArray]:
+    """Place and direction of a shape, and their covariance (6, 6)."""
+    names = [("point", "centre", "apex"), ("normal", "axis", "direction")]
+    place, direction = (
+        next((np.asarray(getattr(shape, name)) for name in of if hasattr(shape, name)), np.zeros(3)) for of in names
+    )
+    covariance, n = np.zeros((6, 6)), 3 if isinstance(shape, Sphere) else 6
+    covariance[:n, :n] = shape.covariance[:n, :n]
+    return _Located(place, direction), covariance
