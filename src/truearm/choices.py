@@ -9,6 +9,7 @@ ModelKind = Literal["nominal", "kinematic", "physical", "network", "hybrid"]
 ModelName = Literal["auto", ModelKind]
 Trainer = Literal["varpro", "trainlm", "trainbr", "traingd", "traingdx"]
 Limits = Literal["skip", "ignore"]  # of readings beyond a joint limit
+Conditions = Literal["reproducibility", "repeatability"]  # of an uncertainty (JCGM 200:2012, 2.24 and 2.20)
 
 ArtefactKind = Literal["seat", "bar", "tracker"]
 Strategy = Literal["i-optimal", "d-optimal", "technician", "random"]

@@ -12,7 +12,7 @@ from typer import Argument, Option
 from truearm.choices import FanucJ3, Frame, RobotLanguage, TargetDirection, Untrained
 from truearm.cli.console import check_output as check_file
 from truearm.cli.console import print_line, print_record, progress
-from truearm.cli.options import Json, ModelFile, TipName, numbers_of
+from truearm.cli.options import ConditionsOption, Json, ModelFile, TipName, numbers_of
 
 
 def correct(
@@ -55,6 +55,7 @@ def correct(
     uncertainty: Annotated[
         bool, Option(help="Compute the uncertainty of the tip; without it correction is faster.")
     ] = True,
+    conditions: ConditionsOption = "reproducibility",
     as_json: Json = False,
 ) -> None:
     """Correct the joint targets of a robot program.
@@ -84,6 +85,7 @@ def correct(
             start=_start_of(start, fitted.arm.chain.is_prismatic.tolist()),
             untrained=untrained,
             uncertainty=uncertainty,
+            conditions=conditions,
         )
         n_refused = int(corrected.refused.sum())
         any_good = n_refused < len(corrected.refused)

@@ -5,8 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from typer import Argument
+from typer import Argument, Option
 
+from truearm.choices import Conditions
 from truearm.cli.console import print_record, progress
 from truearm.cli.options import AcceptOption, Json, LengthsFile, LimitsOption, ModelFile
 
@@ -18,6 +19,13 @@ def evaluate(
     ],
     lengths: LengthsFile = None,
     limits: LimitsOption = "skip",
+    conditions: Annotated[
+        Conditions | None,
+        Option(
+            help="Conditions of these readings: the day and set-up of the training (repeatability), or others. By "
+            "default what the column session says."
+        ),
+    ] = None,
     accept: AcceptOption = None,
     as_json: Json = False,
 ) -> None:
@@ -26,10 +34,13 @@ def evaluate(
     The nominal arm is evaluated beside it, with base and tip (where they were free) fitted to the model's own training
     readings. Readings with a reference point are compared with it; readings in a seat with the mean of the points
     predicted there; the distance between two such means with the known length. Readings from which truearm refit
-    identified base and tip are skipped.
+    identified base and tip are skipped. The coverage is stated for both conditions of the uncertainty, with the one
+    that applies.
     """
     from truearm.workflows.evaluate import evaluate as evaluate_model
 
     with progress(f"evaluating {session.name}"):
-        evaluation = evaluate_model(model, session, lengths=lengths, limits=limits, accept=accept)
+        evaluation = evaluate_model(
+            model, session, lengths=lengths, limits=limits, conditions=conditions, accept=accept
+        )
     print_record(evaluation, as_json=as_json)

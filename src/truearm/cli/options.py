@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 from typer import Argument, Option
 
-from truearm.choices import DecisionRule, Limits
+from truearm.choices import Conditions, DecisionRule, Limits
 
 Json = Annotated[bool, Option("--json", help="Print the result as JSON for machines.")]
 ARM_HELP = "A name from `truearm arms`, an arm file (.toml), or a URDF with its links: r.urdf, r.urdf:BASE:TIP."
@@ -29,6 +29,13 @@ RuleOption = Annotated[
     DecisionRule | None, Option(help="Decision rule; by default that of the plan. simple ignores a small uncertainty.")
 ]
 LimitsOption = Annotated[Limits, Option(help="Readings beyond a joint limit: skip them, or use them.")]
+ConditionsOption = Annotated[
+    Conditions,
+    Option(
+        help="What the uncertainty is for: any day (reproducibility), or the day and set-up of the training readings "
+        "(repeatability)."
+    ),
+]
 AcceptOption = Annotated[
     str | None,
     Option("--accept", metavar="REASON", help="Go on where readings contradict arm or model; the reason is kept."),

@@ -9,7 +9,16 @@ import typer
 from typer import Argument, Option
 
 from truearm.cli.console import check_output, check_output_is_not_input, print_record, progress
-from truearm.cli.options import AcceptOption, FormDate, FormTemperature, IntoForm, Json, ModelFile, refuse_typed
+from truearm.cli.options import (
+    AcceptOption,
+    ConditionsOption,
+    FormDate,
+    FormTemperature,
+    IntoForm,
+    Json,
+    ModelFile,
+    refuse_typed,
+)
 
 
 def predict(
@@ -26,6 +35,7 @@ def predict(
     into: IntoForm = None,
     date: FormDate = None,
     artefact_temperature: FormTemperature = None,
+    conditions: ConditionsOption = "reproducibility",
     accept: AcceptOption = None,
     as_json: Json = False,
 ) -> None:
@@ -49,7 +59,7 @@ def predict(
     if out is not None:
         check_output(out, model, session, endings=(".csv",))
     with progress(f"predicting {session.name}"):
-        prediction = predict_points(model, session, accept=accept)
+        prediction = predict_points(model, session, conditions=conditions, accept=accept)
         if out is not None:
             prediction.save(out)
         if into is not None:

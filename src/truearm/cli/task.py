@@ -10,7 +10,7 @@ from typer import Argument, Option
 
 from truearm.choices import FeatureKind
 from truearm.cli.console import check_page_path, print_record, progress
-from truearm.cli.options import DrawnArms, Json, Seed, numbers_of
+from truearm.cli.options import ConditionsOption, DrawnArms, Json, Seed, numbers_of
 
 CODES = {"yes": 0, "no": 1, "only with guard bands": 3}
 
@@ -68,6 +68,7 @@ def task(
             "pose [mm]. Without it no error counts as random, and the uncertainty of means is overestimated.",
         ),
     ] = None,
+    conditions: ConditionsOption = "reproducibility",
     arms: DrawnArms = 1000,
     seed: Seed = 0,
     report: Annotated[Path | None, Option(help="Page to write, .html.")] = None,
@@ -96,6 +97,7 @@ def task(
             n_points=points,
             arm=arm,
             repeatability_mm=repeatability,
+            conditions=conditions,
             n_arms=arms,
             seed=seed,
             progress=tell,

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.acceptance import accepted_in_fit
-from truearm.choices import TargetDirection
+from truearm.choices import Conditions, TargetDirection
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.arm_check import check_has_kinematics
 from truearm.compensation.targets.correction import (
@@ -70,6 +70,7 @@ def correct(
     start: npt.ArrayLike | None = None,
     untrained: Untrained = "refuse",
     uncertainty: bool = True,
+    conditions: Conditions = "reproducibility",
 ) -> CorrectedTargets:
     """Correct joint targets (inverse compensation).
 
@@ -94,6 +95,8 @@ def correct(
         What to do with targets outside the trained range.
     uncertainty : bool
         Whether to compute the standard uncertainty of the tip, which takes most of the time.
+    conditions : {"reproducibility", "repeatability"}
+        What it is for (`Compensator.under`): any day, or the day and set-up of the training readings.
 
     Returns
     -------
@@ -120,7 +123,9 @@ def correct(
     fitted = to_model_of_tip(model)
     check_has_kinematics(fitted.arm_, "corrected targets need")
     wanted = _to_targets(targets, start)
-    equipped = fitted if tool is None else with_tool(fitted, _checked_tool(tool))
+    equipped = fitted.under(conditions)
+    if tool is not None:
+        equipped = with_tool(equipped, _checked_tool(tool))
     corrected = correct_targets(
         equipped, wanted, direction=direction, frame=frame, untrained=untrained, uncertainty=uncertainty
     )
@@ -175,7 +180,7 @@ class CorrectedTargets(Record):
     tool : tuple of float or None
         Tip in the flange [mm], and roll, pitch, yaw [rad]; None: the tip that the model was trained with.
     equipped : Compensator
-        The model with that tool.
+        The model with that tool, and with the uncertainty of the conditions asked for.
     """
 
     model: Compensator

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from truearm.acceptance import acceptance_remarks, accepts
+from truearm.choices import Conditions
 from truearm.compensation.models import Compensator
-from truearm.compensation.models.uncertainty import uncertainty_budget
+from truearm.compensation.models.uncertainty import UncertaintyBudget, uncertainty_budget
 from truearm.identification.judgement.outliers import Outlier
 from truearm.readings import (
     Lengths,
@@ -41,7 +42,7 @@ from truearm.workflows.inputs import (
 )
 from truearm.workflows.record import Record, TextTable, format_fixed
 from truearm.workflows.regressors import AnyModelLike, RegressorLike, is_regressor, predict_points, regressor_remark
-from truearm.workflows.sentences import compare_with_nominal, format_mm, listed
+from truearm.workflows.sentences import SAME_DAY, compare_with_nominal, format_mm, listed
 
 if TYPE_CHECKING:
     from truearm.pages.plotting import Figure
@@ -55,6 +56,7 @@ def evaluate(
     *,
     lengths: LengthsLike | None = None,
     limits: Limits = "skip",
+    conditions: Conditions | None = None,
     accept: str | None = None,
 ) -> Evaluation:
     """Test a model on readings it was not fitted to, beside the nominal arm.
@@ -79,6 +81,9 @@ def evaluate(
         Known lengths between seats of the session.
     limits : {"skip", "ignore"}
         Skip the readings beyond a joint limit, or use them.
+    conditions : {"reproducibility", "repeatability"}, optional
+        Of these readings: the day and the set-up of the training readings (repeatability), or any other. By default
+        repeatability where they name sessions of the training, and reproducibility where they name others.
     accept : str, optional
         Why the readings are right where they would be refused as contradicted: the reason and what it overrode are
         kept (docs/imperfect-readings.md).
@@ -117,12 +122,15 @@ def evaluate(
         predicted = {"nominal": fitted.predict_nominal_readings(at)} | predicted
     nominal = predicted.get("nominal", predicted["model"]) if fitted.arm_.has_kinematics else None
     errors = {name: _errors(one, nominal, used, known) for name, one in predicted.items()}
-    coverage: float | None = None
-    coverage_99: float | None = None
+    conditions = conditions or fitted.training_.conditions_of(used)
+    budget: UncertaintyBudget | None = None
+    same_day: UncertaintyBudget | None = None
     outliers: tuple[Outlier, ...] = ()
     if used.points is not None:
         budget, far = uncertainty_budget(fitted, at)
-        coverage, coverage_99 = budget.n_covered / budget.n_points, budget.n_covered_99 / budget.n_points
+        if (on_the_day := fitted.under("repeatability")) is not fitted:
+            same_day, far_that_day = uncertainty_budget(on_the_day, used)
+            far = far_that_day if conditions == "repeatability" else far
         outliers = tuple(outlier.located(given, allowed.rows[rows]) for outlier in far)
     return Evaluation(
         model=fitted,
@@ -130,8 +138,9 @@ def evaluate(
         predicted=predicted,
         errors=errors,
         lengths=known,
-        coverage=coverage,
-        coverage_99=coverage_99,
+        budget=budget,
+        repeatability_budget=same_day,
+        conditions=conditions,
         outliers=outliers,
         n_refit=len(allowed.rows) - len(rows),
         remarks=(
@@ -161,9 +170,12 @@ class Evaluation(Record):
         ``distance_mean_mm`` and others of distances, with ``anchors`` and ``distances`` one by one.
     lengths : Lengths or None
         Known lengths at the temperature of the readings.
-    coverage, coverage_99 : float or None
-        Share of the reference points inside the 95 % ellipsoid that the model states, and inside that of 99 %; None
-        without points, and of a regressor, which states none.
+    budget : UncertaintyBudget or None
+        Uncertainty under reproducibility conditions, and its coverage; None without points, and of a regressor.
+    repeatability_budget : UncertaintyBudget or None
+        The same under repeatability conditions; None where that makes no difference.
+    conditions : {"reproducibility", "repeatability"} or None
+        Those of these readings; None where neither a person nor the names of their sessions say it.
     outliers : tuple of Outlier
         Readings farther from their reference point than eight stated standard uncertainties.
     n_refit : int
@@ -184,11 +196,22 @@ class Evaluation(Record):
     predicted: Mapping[str, FloatArray]
     errors: Mapping[str, Mapping[str, Any]]
     lengths: Lengths | None
-    coverage: float | None = None
-    coverage_99: float | None = None
+    budget: UncertaintyBudget | None = None
+    repeatability_budget: UncertaintyBudget | None = None
+    conditions: Conditions | None = None
     outliers: tuple[Outlier, ...] = ()
     n_refit: int = 0
     remarks: tuple[str, ...] = ()
+
+    @property
+    def coverage(self) -> float | None:
+        """Share of the reference points inside the 95 % ellipsoid that the model states for any day."""
+        return None if self.budget is None else self.budget.coverage
+
+    @property
+    def coverage_99(self) -> float | None:
+        """Share of them inside that of 99 %."""
+        return None if self.budget is None else self.budget.n_covered_99 / self.budget.n_points
 
     def summary(self) -> str:
         """The answer in one sentence: the mean error, and how it compares with the nominal arm."""
@@ -217,6 +240,8 @@ class Evaluation(Record):
                 yield f"{100 * self.coverage:.1f} % of the points are inside their stated 95 % ellipsoid"
             if self.coverage_99 is not None:
                 yield f"{100 * self.coverage_99:.1f} % of the points are inside their stated 99 % ellipsoid"
+            if self.repeatability_budget is not None:
+                yield self._on_the_day(self.repeatability_budget)
         if "seats" in own:
             heading = f"{own['n_in_seats']} readings in {len(own['seats'])} seats"
             yield self._table(heading, [name for name in own if name.startswith("seat_")])
@@ -231,7 +256,9 @@ class Evaluation(Record):
     def _json(self) -> object:
         """The model's errors by their names, and those of the nominal arm under ``nominal``."""
         errors = {**self.errors["model"], "nominal": self.errors.get("nominal")}
-        others = self._named("coverage", "coverage_99", "n_refit", "outliers", "remarks")
+        others = self._named("coverage", "coverage_99", "conditions", "n_refit", "outliers", "remarks")
+        if self.repeatability_budget is not None:
+            others["repeatability_coverage"] = self.repeatability_budget.coverage
         return {"summary": self.summary(), **errors, **others}
 
     def figure(self) -> Figure | None:
@@ -246,6 +273,20 @@ class Evaluation(Record):
             for name, points in self.predicted.items()
         }
         return error_distribution(distances)
+
+    def _on_the_day(self, budget: UncertaintyBudget) -> str:
+        """The coverage under repeatability conditions, and which conditions apply."""
+        assert self.budget is not None
+        applies = {
+            "repeatability": "These conditions apply to the readings.",
+            "reproducibility": "The readings are of another day or set-up: that of any day applies.",
+            None: "Which applies is not known: name the sessions, or give --conditions.",
+        }
+        u, wider = (format_mm(one.combined_mm) for one in (budget, self.budget))
+        return (
+            f"{100 * budget.coverage:.1f} % are inside the 95 % ellipsoid of repeatability conditions, {SAME_DAY}: "
+            f"u {u}, of any day {wider}. {applies[self.conditions]}"
+        )
 
     def _table(self, heading: str, keys: list[str]) -> TextTable:
         rows = [(key, *(format_fixed(errors[key]) for errors in self.errors.values())) for key in keys]

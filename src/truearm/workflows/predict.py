@@ -12,6 +12,7 @@ import numpy as np
 
 from truearm import __version__
 from truearm.acceptance import Acceptance, acceptance_remarks, accepted, accepts
+from truearm.choices import Conditions
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.identified_model import ROUNDED
 from truearm.compensation.models.training_conditions import TOGETHER
@@ -35,7 +36,7 @@ from truearm.workflows.inputs import (
     to_model_and_session,
 )
 from truearm.workflows.record import Record, format_fixed
-from truearm.workflows.sentences import agree, number_of
+from truearm.workflows.sentences import SAME_DAY, agree, number_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -44,11 +45,18 @@ if TYPE_CHECKING:
 JOINT = re.compile(r"J\d+")
 # Of millimetres in the table of points: nanometres.
 DECIMALS = 6
+NONE = np.zeros(0, bool)
 
 
 @one_blas_thread()
 @accepts
-def predict(model: ModelLike, session: SessionLike, *, accept: str | None = None) -> Prediction:
+def predict(
+    model: ModelLike,
+    session: SessionLike,
+    *,
+    conditions: Conditions = "reproducibility",
+    accept: str | None = None,
+) -> Prediction:
     """Compensate: corrected coordinates of the tip from joint angles.
 
     Temperatures, loads and directions of movement are used where the session states them.
@@ -59,6 +67,8 @@ def predict(model: ModelLike, session: SessionLike, *, accept: str | None = None
         A fitted model or its file.
     session : Session, DataFrame, str or Path
         Readings; reference points are not needed.
+    conditions : {"reproducibility", "repeatability"}
+        What the uncertainty is for (`Compensator.under`): any day, or the day and set-up of the training readings.
     accept : str, optional
         Why the readings are right where they would be refused as contradicted: the reason and what it overrode are
         kept (docs/imperfect-readings.md).
@@ -80,7 +90,8 @@ def predict(model: ModelLike, session: SessionLike, *, accept: str | None = None
     >>> list(prediction.to_frame())[:6]
     ['x_mm', 'y_mm', 'z_mm', 'sx_mm', 'sy_mm', 'sz_mm']
     """
-    fitted, readings = to_model_and_session(model, session)
+    known, readings = to_model_and_session(model, session)
+    fitted = known.under(conditions)
     file = Path(model) if isinstance(model, str | Path) else None
     remarks = (*check_angles_fit(readings, fitted.arm), *payload_remarks(fitted, readings))
     at = fitted.at(readings)
@@ -88,7 +99,7 @@ def predict(model: ModelLike, session: SessionLike, *, accept: str | None = None
     unstated = fitted.unstated_input_covariances(at)
     inputs_outside = fitted.inputs_outside_training(at)
     return Prediction(
-        model=fitted,
+        model=known,
         session=readings,
         points=points,
         covariances=covariances,
@@ -97,6 +108,7 @@ def predict(model: ModelLike, session: SessionLike, *, accept: str | None = None
         unstated_u_mm={
             name: float(np.sqrt(np.trace(part, axis1=1, axis2=2).mean() / 3)) for name, part in unstated.items()
         },
+        conditions=conditions,
         remarks=(*acceptance_remarks(accept), *remarks, *model_remarks(fitted)),
         accepted=accepted(fitted.accepted_),
         serial_number=fitted.arm_.serial_number or serial_number_of(readings),  # they agree, or it was accepted
@@ -145,6 +157,8 @@ class Prediction(Record):
         Of the arm, as the model or else the session states it; empty if neither does.
     model_name, model_sha256 : str
         File and kind of the model, and the SHA-256 of its file; of a model without a file its kind, and nothing.
+    conditions : {"reproducibility", "repeatability"}
+        What the covariances are for.
 
     Examples
     --------
@@ -167,6 +181,7 @@ class Prediction(Record):
     serial_number: str = ""
     model_name: str = ""
     model_sha256: str = ""
+    conditions: Conditions = "reproducibility"
 
     @property
     def u_mm(self) -> FloatArray:
@@ -252,9 +267,10 @@ class Prediction(Record):
 
     def summary(self) -> str:
         """The answer in one sentence: the number of points and their uncertainty."""
+        of = "" if self.conditions == "reproducibility" else f", {SAME_DAY}"
         return (
             f"{len(self.points)} points, standard uncertainty of a coordinate {format_fixed(np.median(self.u_mm))} mm "
-            "(median)."
+            f"(median{of})."
         )
 
     def blocks(self) -> Iterator[str]:
@@ -273,6 +289,11 @@ class Prediction(Record):
         if self.inputs_outside:
             note = self.model.outside_note.format(u=format_fixed(np.median(self.u_mm[self.outside_training])))
             yield f"{describe_outside(self.inputs_outside, self.model.training_, self.session)}{note}."
+            if self.conditions == "repeatability" and (n := int(self.inputs_outside.get("temperature", NONE).sum())):
+                yield (
+                    f"{n} of {len(self.points)} readings at temperatures outside the trained range are not under "
+                    "repeatability conditions: use the uncertainty of any day there."
+                )
         if self.outside_u_mm:
             sizes = ", ".join(f"{name} {format_fixed(size)} mm" for name, size in self.outside_u_mm.items())
             yield f"There these inputs add to the standard uncertainty (root mean square): {sizes}."
@@ -283,6 +304,7 @@ class Prediction(Record):
         return {
             "summary": self.summary(),
             "n_readings": len(self.points),
+            "conditions": self.conditions,
             "median_u_mm": float(np.median(self.u_mm)),
             "unstated_u_mm": self.unstated_u_mm,
             "n_outside_training": int(outside.sum()),

@@ -7,6 +7,8 @@ from math import floor, log10
 
 # Outliers and other details that are printed one by one; `to_dict` has all of them.
 MAX_PRINTED = 6
+# Of an uncertainty under repeatability conditions.
+SAME_DAY = "on the day and in the set-up of the training"
 
 
 def listed(label: str, items: Sequence[object], what: str) -> list[str]:

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from truearm.arm import Arm
 from truearm.arm.catalogue import known_name
-from truearm.choices import FeatureKind
+from truearm.choices import Conditions, FeatureKind
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.model_file import load_model
 from truearm.errors import InputError
@@ -30,6 +30,7 @@ from truearm.verification.tasks.task import TaskAssessment, assess_task
 from truearm.workflows.inputs import ArmLike, to_arm, to_model_of_tip
 from truearm.workflows.outputs import PageRecord, arm_row, input_files, version_row
 from truearm.workflows.record import TextTable, format_fixed
+from truearm.workflows.sentences import SAME_DAY
 
 if TYPE_CHECKING:
     from truearm.pages.page import Page
@@ -135,6 +136,7 @@ def task(
     n_points: int | None = None,
     arm: ArmLike | None = None,
     repeatability_mm: float | None = None,
+    conditions: Conditions = "reproducibility",
     n_arms: int = 1000,
     seed: int = 0,
     progress: Callable[[int, str], None] | None = None,
@@ -167,6 +169,9 @@ def task(
     repeatability_mm : float, optional
         Of a model: standard deviation of a coordinate when a point is measured again in the same pose [mm]. Without it
         no error counts as random, and the uncertainty of means of many points is overestimated.
+    conditions : {"reproducibility", "repeatability"}
+        Of a model: what the uncertainty is for (`Compensator.under`), any day, or the day and set-up of the training
+        readings. A preset and a specification have one.
     n_arms : int
         Number of arms to draw.
     seed : int
@@ -194,7 +199,7 @@ def task(
         raise InputError(
             f"the tolerance must be a width above zero in mm, got {tolerance_mm}", hint="0.1 for +-0.05 mm"
         )
-    arms, about = to_arm_distribution(source, arm, repeatability_mm=repeatability_mm)
+    arms, about = to_arm_distribution(source, arm, repeatability_mm=repeatability_mm, conditions=conditions)
     if not isinstance(arms, PosteriorDistribution):
         about = f"{about}, arm {arms.arm.name}"
     if not isinstance(feature, Feature):
@@ -204,7 +209,11 @@ def task(
 
 
 def to_arm_distribution(
-    source: ArmSource, arm: ArmLike | None = None, *, repeatability_mm: float | None = None
+    source: ArmSource,
+    arm: ArmLike | None = None,
+    *,
+    repeatability_mm: float | None = None,
+    conditions: Conditions = "reproducibility",
 ) -> tuple[ArmDistribution, str]:
     """The arms that may be the one in question, and what is known of it in a few words; parameters as of `task`.
 
@@ -221,11 +230,14 @@ def to_arm_distribution(
         to_model_of_tip(known)
         about = f"the model {file.name}" if file is not None else f"a model of {known.n_train_} readings"
         try:
-            return PosteriorDistribution(known, repeatability_mm), about
+            about += "" if conditions == "reproducibility" else f", {SAME_DAY}"
+            return PosteriorDistribution(known.under(conditions), repeatability_mm), about
         except InputError as error:
             raise (error if file is None else error.in_file(file)) from None
     if repeatability_mm is not None:
         raise InputError("a repeatability is for a model; a preset or a specification has its own random errors")
+    if conditions == "repeatability":
+        raise InputError("conditions are for a model; a preset or a specification has one uncertainty, of any day")
     nominal = to_arm(NOMINAL_ARM if arm is None else arm)
     if isinstance(known, Specification):
         try:

@@ -509,6 +509,7 @@ HARMONICS = {"kind": "Harmonics", "joint": 1, "orders": [1, 2]}
         (edit_array("fit_.coefficients", lambda a: a * np.nan), "not finite"),
         (edit_array("fit_.coefficients", lambda a: 0 * a + 1e308), "finite numbers at the arm's working pose"),
         (edit_array("fit_.covariance", lambda a: a[1:, 1:]), "fit_.covariance of shape"),
+        (edit_array("fit_.repeatability_covariance", np.negative), "not a covariance"),
         (edit_array("fit_.covariance", lambda a: np.eye(len(a)) * 1e308), "finite numbers at the arm's working pose"),
         (edit_array("fit_.perturbed_chain.chain.fixed", lambda a: a[1:]), "expected 5 joint types"),
         (lose("fit_.prior_std"), "fit_.prior_std: expected an array of that name"),

@@ -8,13 +8,14 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, ClassVar, Literal, NamedTuple, Self, TypeAlias, overload
+from typing import Any, ClassVar, Literal, NamedTuple, Self, TypeAlias, cast, overload
 
 import numpy as np
 import numpy.typing as npt
 
 from truearm.acceptance import Acceptance, accepted, accepting_afresh
 from truearm.arm.arm import Arm
+from truearm.choices import Conditions
 from truearm.compensation.models.arm_check import check_has_kinematics, check_readings_of, with_serial_number
 from truearm.compensation.models.estimator import Regressor
 from truearm.compensation.models.model_archive import save_model
@@ -220,6 +221,30 @@ class Compensator(Regressor, ABC):
         self._keep_rounding(readings)
         self.fit_seconds_ = time.perf_counter() - begun
         return self
+
+    def under(self, conditions: Conditions) -> Self:
+        """The model with the uncertainty of certain conditions; its points are the same.
+
+        Parameters
+        ----------
+        conditions : {"reproducibility", "repeatability"}
+            As fitted (JCGM 200:2012, 2.24): of any day on which the arm may be used, its bearings settled otherwise,
+            its links behind the thermometer by up to a kelvin. Or (2.20) of the day and the set-up of the training
+            readings, whose links follow the thermometer as they did. After a transfer, of a nominal model, of a network
+            and of models from older files the two are one.
+
+        Returns
+        -------
+        Compensator
+            Itself where that makes no difference.
+        """
+        self._check_fitted()
+        arm = self.identified_arm
+        if conditions == "reproducibility" or arm is None or arm.repeatability_covariance is None:
+            return self
+        new: Any = copy.copy(self)
+        new.fit_ = arm.under_repeatability_conditions()
+        return cast("Self", new)
 
     @overload
     def predict(self, X: npt.ArrayLike, *, return_cov: Literal[False] = False) -> FloatArray: ...

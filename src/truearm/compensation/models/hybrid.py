@@ -337,7 +337,10 @@ def _with_noise_of(held_out: HeldOutReadings, arm_model: IdentifiedModel) -> Ide
     """
     remaining, square = float((held_out.deviations**2).mean()), float((arm_model.held_out_.deviations**2).mean())
     share = min(remaining / square, 1.0) if square > 0 else 1.0
-    return replace(arm_model.fit_, covariance=share * arm_model.fit_.covariance)
+    fit, same = arm_model.fit_, arm_model.fit_.repeatability_covariance
+    return replace(
+        fit, covariance=share * fit.covariance, repeatability_covariance=None if same is None else share * same
+    )
 
 
 def _scatter(corrections: FloatArray) -> FloatArray:

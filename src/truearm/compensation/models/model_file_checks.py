@@ -78,6 +78,8 @@ def _check_identification(name: str, fit: IdentificationResult, n_joints: int) -
     _check_shape(f"{name}.coefficients", fit.coefficients, (n,))
     _check_shape(f"{name}.prior_std", fit.prior_std, (n,))
     _check_covariance(f"{name}.covariance", fit.covariance, n)
+    if fit.repeatability_covariance is not None:
+        _check_covariance(f"{name}.repeatability_covariance", fit.repeatability_covariance, n)
     if not (fit.prior_std > 0).all() or not fit.references:
         raise InputError(f"expected prior standard deviations above zero and a reference of {name}")
     if any(not (min(g.effective, g.scale) >= 0 and max(g.effective, g.scale) < np.inf) for g in fit.groups):

@@ -11,6 +11,7 @@ from typing import Any, Self
 import numpy as np
 from scipy.spatial import cKDTree
 
+from truearm.choices import Conditions
 from truearm.errors import InputError
 from truearm.identification.judgement.expansion_prior import LAG_K
 from truearm.identification.judgement.thermal_lag import TIME_CONSTANTS, lagging_temperatures, most_lag_K
@@ -114,6 +115,9 @@ class TrainingConditions:
         Temperatures of links that follow slowly, where the air drifted faster than they do; None where it did not.
     angle_std : (n_joints,) array, optional
         Standard uncertainty of the training angles by rounding, where the readings show it [rad, or mm].
+    sessions : tuple of str
+        Names of the sessions of the readings from which the model was fitted last; empty where one has none, and in
+        files of models that were trained before they were kept.
     """
 
     n_readings: int
@@ -128,6 +132,7 @@ class TrainingConditions:
     direction_ranges: FloatArray | None = None
     slow_links_degC: InputRange | None = None
     angle_std: FloatArray | None = None
+    sessions: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         n_joints, gaps = len(self.angle_ranges), self.angle_gaps
@@ -171,6 +176,7 @@ class TrainingConditions:
             if session.directions is None
             else np.stack([session.directions.min(axis=0), session.directions.max(axis=0)], axis=1),
             slow_links_degC=_slow_links(session),
+            sessions=session_names(session),
         )
 
     def after_transfer(self, session: Session, lengths: Lengths | None) -> TrainingConditions:
@@ -192,9 +198,20 @@ class TrainingConditions:
             self,
             temperature_degC=temperature,
             columns=columns,
+            sessions=session_names(session),
             fingerprint=fingerprint(session),
             lengths_fingerprint="" if lengths is None else fingerprint(lengths),
         )
+
+    def conditions_of(self, session: Session) -> Conditions | None:
+        """The conditions of readings: repeatability in a session of the training, reproducibility in another.
+
+        A session is a day in one set-up: base and reference unmoved. None where either does not name its sessions.
+        """
+        names = session_names(session)
+        if not names or not self.sessions:
+            return None
+        return "repeatability" if set(names) <= set(self.sessions) else "reproducibility"
 
     def outside(self, session: Session, prismatic: BoolArray) -> dict[str, BoolArray]:
         """Inputs of a session outside the trained range.
@@ -394,6 +411,12 @@ def find_angle_gaps(angles: FloatArray, prismatic: BoolArray) -> FloatArray:
         wide = np.flatnonzero(np.diff(values) > 2 * near)
         gaps.append(np.stack([np.full(len(wide), float(joint)), values[wide] + near, values[wide + 1] - near], axis=1))
     return np.concatenate(gaps)
+
+
+def session_names(session: Session) -> tuple[str, ...]:
+    """Names of the sessions of readings; none where a reading names none."""
+    names = () if session.session is None else tuple(np.unique(session.session).tolist())
+    return () if "" in names else names
 
 
 def _slow_links(session: Session) -> InputRange | None:

@@ -168,5 +168,6 @@ def _without_tip(fit: IdentificationResult, tip_in_flange: FloatArray, motions: 
         perturbed_chain=PerturbedChain(chain, tuple(kept)),
         coefficients=fit.coefficients[columns],
         covariance=fit.covariance[np.ix_(columns, columns)],
+        repeatability_covariance=None,
         prior_std=fit.prior_std[columns],
     )

@@ -375,6 +375,10 @@ def with_shared_error(fit: IdentificationResult, response: FloatArray) -> Identi
     """
     if not response.any():
         return fit
-    covariance = fit.covariance.copy()
-    covariance[: len(response), : len(response)] += np.outer(response, response)
-    return replace(fit, covariance=covariance)
+    shared, k = np.outer(response, response), len(fit.coefficients) - len(response)
+    shared, same = np.pad(shared, (0, k)), fit.repeatability_covariance
+    return replace(
+        fit,
+        covariance=fit.covariance + shared,
+        repeatability_covariance=None if same is None else same + shared,
+    )

@@ -100,6 +100,9 @@ class IdentificationResult:
     references : tuple of ReferenceFit
     converged : bool
     rounds : int
+    repeatability_covariance : (n_coefficients, n_coefficients) array, optional
+        The posterior covariance under repeatability conditions (JCGM 200:2012, 2.20): on the day of the readings, in
+        their set-up. `covariance` is then that of any day. None where the two are one.
     """
 
     perturbed_chain: PerturbedChain
@@ -110,6 +113,7 @@ class IdentificationResult:
     references: tuple[ReferenceFit, ...]
     converged: bool
     rounds: int
+    repeatability_covariance: FloatArray | None = None
 
     @cached_property
     def chain(self) -> Chain:
@@ -133,7 +137,16 @@ class IdentificationResult:
             coefficients=self.coefficients[kept],
             covariance=self.covariance[np.ix_(kept, kept)],
             prior_std=self.prior_std[kept],
+            repeatability_covariance=None
+            if (same := self.repeatability_covariance) is None
+            else same[np.ix_(kept, kept)],
         )
+
+    def under_repeatability_conditions(self) -> IdentificationResult:
+        """The result on the day of its readings, in their set-up; itself where that makes no difference."""
+        if self.repeatability_covariance is None:
+            return self
+        return replace(self, covariance=self.repeatability_covariance, repeatability_covariance=None)
 
     @property
     def parameters(self) -> FloatArray:

@@ -60,7 +60,8 @@ def day_to_day_terms(chain: Chain, sessions: Iterable[str]) -> list[Term]:
 def on_another_day(fit: IdentificationResult) -> IdentificationResult:
     """The same arm with the uncertainty of its constants on another day than those of its readings.
 
-    The motions of the sessions have served: those of their days are not those of another.
+    The motions of the sessions have served: those of their days are not those of another. The covariance before is that
+    under repeatability conditions.
     """
     chain, terms = fit.perturbed_chain.chain, fit.perturbed_chain.terms
     shown = [group.scale for group in fit.groups if group.name == GROUP and group.scale > 0]
@@ -73,7 +74,9 @@ def on_another_day(fit: IdentificationResult) -> IdentificationResult:
         for term in terms
     ]
     covariance = fit.covariance + np.diag(np.repeat(added, [term.n_coefficients for term in terms]))
-    return replace(fit, covariance=covariance).select(lambda term: term.group != GROUP)
+    return replace(fit, covariance=covariance, repeatability_covariance=fit.covariance).select(
+        lambda term: term.group != GROUP
+    )
 
 
 def _std(chain: Chain, component: int) -> float:

@@ -32,6 +32,7 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from truearm.identification.estimation.identification_result import IdentificationResult, TermGroupResult
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
@@ -91,7 +92,8 @@ def with_material_prior(fit: IdentificationResult, state: ArmState, *, widened: 
     Returns
     -------
     IdentificationResult
-        For true temperatures. Itself if it has no thermal terms.
+        For true temperatures. Itself if it has no thermal terms. Under repeatability conditions growth remains that by
+        the thermometer, as identified: the links follow it as they did.
     """
     grows, terms = _coefficients_of_growth(fit.perturbed_chain)
     if not len(grows) or state.temperature_degC is None:
@@ -122,9 +124,11 @@ def with_material_prior(fit: IdentificationResult, state: ArmState, *, widened: 
     groups = tuple(
         replace(group, effective=new.effective) if group.name == terms[0].group else group for group in fit.groups
     )
-    exchanged = replace(fit, coefficients=x[:p], covariance=covariance[:p, :p], prior_std=prior_std, groups=groups)
+    exchanged = replace(fit, coefficients=x[:p], prior_std=prior_std, groups=groups)
     of_constants = np.hypot(new.mean_degC - REFERENCE_DEGC, u_K) * prior_std[grows]
-    return _extended(exchanged, _constants(terms), x[p:], of_constants, covariance[:p, p:], covariance[p:, p:])
+    warmer = np.full(len(grows), float(state.temperature_degC.mean()) - REFERENCE_DEGC)
+    same = None if (before := fit.repeatability_covariance) is None else _with_constants(before, grows, warmer)
+    return _extended(exchanged, _constants(terms), x[p:], of_constants, covariance, same)
 
 
 def with_unlearned_terms(fit: IdentificationResult, terms: list[tuple[Term, float]]) -> IdentificationResult:
@@ -138,14 +142,14 @@ def with_unlearned_terms(fit: IdentificationResult, terms: list[tuple[Term, floa
     """
     if not terms:
         return fit
-    added, first = [term for term, _ in terms], len(fit.coefficients)
+    added, first, same = [term for term, _ in terms], len(fit.coefficients), fit.repeatability_covariance
     prior = np.diag([float(term.prior_stds[0]) ** 2 for term in added])
     grows = np.flatnonzero([isinstance(term.basis, Temperature) for term in added])
     prior[np.ix_(grows, grows)] = UNKNOWN_MATERIAL.covariance(len(grows))
-    apart = np.zeros((len(added), first))
     sizes = Counter(term.group for term in added)
     groups = (TermGroupResult(f"{name}, not learned", n, 0.0, 1.0) for name, n in sizes.items())
-    whole = _extended(fit, added, np.zeros(len(added)), np.sqrt(prior.diagonal()), apart.T, prior)
+    both = block_diag(fit.covariance, prior), None if same is None else block_diag(same, prior)
+    whole = _extended(fit, added, np.zeros(len(added)), np.sqrt(prior.diagonal()), *both)
     whole = replace(whole, groups=(*fit.groups, *groups))
     return _relative(whole, [(term, k, value) for k, (term, value) in enumerate(terms, first)])
 
@@ -155,15 +159,16 @@ def _extended(
     terms: list[Term],
     x: FloatArray,
     prior_std: FloatArray,
-    across: FloatArray,
     covariance: FloatArray,
+    repeatability_covariance: FloatArray | None,
 ) -> IdentificationResult:
-    """The fit with further terms; `across` is the covariance of its coefficients with theirs."""
+    """The fit with further terms; the covariances are those of all coefficients."""
     return replace(
         fit,
         perturbed_chain=PerturbedChain(fit.perturbed_chain.chain, (*fit.perturbed_chain.terms, *terms)),
         coefficients=np.concatenate([fit.coefficients, x]),
-        covariance=np.block([[fit.covariance, across], [across.T, covariance]]),
+        covariance=covariance,
+        repeatability_covariance=repeatability_covariance,
         prior_std=np.concatenate([fit.prior_std, prior_std]),
     )
 
@@ -171,14 +176,18 @@ def _extended(
 def _relative(fit: IdentificationResult, terms: list[tuple[Term, int, float]]) -> IdentificationResult:
     """Give terms, each with its coefficient x, a constant beside them: together they are x times (function - value)."""
     terms = [one for one in terms if abs(one[2]) > LEAST_VALUE]
-    own = [k for _, k, _ in terms]
-    values = np.array([value for _, _, value in terms])
-    across = -fit.covariance[:, own] * values
-    below = np.outer(values, values) * fit.covariance[np.ix_(own, own)]
-    prior_std = np.abs(values) * fit.prior_std[own]
-    return _extended(
-        fit, _constants([term for term, _, _ in terms]), -values * fit.coefficients[own], prior_std, across, below
-    )
+    own = np.array([k for _, k, _ in terms], dtype=np.intp)
+    values, same = np.array([value for _, _, value in terms]), fit.repeatability_covariance
+    both = _with_constants(fit.covariance, own, values), None if same is None else _with_constants(same, own, values)
+    constants = _constants([term for term, _, _ in terms])
+    return _extended(fit, constants, -values * fit.coefficients[own], np.abs(values) * fit.prior_std[own], *both)
+
+
+def _with_constants(covariance: FloatArray, own: IntArray, values: FloatArray) -> FloatArray:
+    """The covariance of coefficients x and of ``-values`` times those of the `own` columns."""
+    across = -covariance[:, own] * values
+    below = np.outer(values, values) * covariance[np.ix_(own, own)]
+    return np.block([[covariance, across], [across.T, below]])
 
 
 def _constants(terms: list[Term]) -> list[Term]:
