@@ -1,4 +1,4 @@
-"""A test plan whose numbers a laboratory has confirmed against its copy of the standard."""
+"""A test plan that a laboratory has confirmed against its copy of the standard."""
 
 from __future__ import annotations
 
@@ -7,13 +7,17 @@ import datetime
 from truearm.verification.standards.verification_plan import VerificationPlan
 
 
-def confirmed(plan, day=datetime.date(2026, 11, 3)):
-    """The plan with all numbers confirmed."""
+def confirmed(plan, day=datetime.date(2026, 11, 3), rule=None):
+    """The plan with all entries confirmed; perhaps with another decision rule."""
 
     def set_(value):
-        if isinstance(value, dict):
-            return {key: True if key == "confirmed" else set_(one) for key, one in value.items()}
-        return value
+        if not isinstance(value, dict):
+            return value
+        looked_up = {"confirmed": True, "source": "clause 6.2"} if "confirmed" in value else {}
+        return {key: set_(one) for key, one in value.items()} | looked_up
 
     by = {"confirmed_by": "First Example", "date": day}
-    return VerificationPlan.model_validate(set_(plan.model_dump()) | {"confirmation": by})
+    given = plan.model_dump(exclude={"guard_band", "decision_rule"} if rule else None)
+    if rule:
+        given = VerificationPlan.model_validate(given | {"decision_rule": rule}).model_dump()
+    return VerificationPlan.model_validate(set_(given) | {"confirmation": by})

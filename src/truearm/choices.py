@@ -24,7 +24,7 @@ FanucJ3 = Literal["coupled", "independent"]  # J3 counted from the horizontal, s
 TargetDirection = Literal["command", "feedback"]
 Untrained = Literal["refuse", "accept"]
 
-DecisionRule = Literal["iso14253-1:2013", "iso14253-1:2017", "simple"]
+DecisionRule = Literal["iso14253-1:2017", "iso14253-1:2013", "simple"]
 TemplateKind = Literal["artefacts", "mpe"]
 FeatureKind = Literal["length", "sphere", "plane", "circle", "cylinder", "cone", "angle", "distance"]
 MeasuredKind = Literal["length", "sphere", "plane", "circle", "cylinder", "cone"]

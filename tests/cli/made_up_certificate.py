@@ -1,11 +1,17 @@
-"""What a made-up certificate says beside the results, and a plan whose numbers a laboratory has confirmed."""
+"""What a made-up certificate says beside the results, and a plan that a laboratory has confirmed."""
 
-from truearm.verification.standards.verification_plan import plan_text
+import re
+
+from truearm.verification.standards.decision import DECISION_RULES
+from truearm.verification.standards.verification_plan import GUARD_BANDS, plan_text
 
 
-def confirm(plan):
-    """Confirm all numbers of a plan's text, as a laboratory would."""
-    plan = plan.replace("confirmed = false", "confirmed = true").replace("# [confirmation]", "[confirmation]")
+def confirm(plan, rule=DECISION_RULES[0]):
+    """Confirm all entries of a plan's text, as a laboratory would."""
+    for name, of in (("decision_rule", rule), ("guard_band", GUARD_BANDS[rule])):
+        plan = re.sub(f'(?m)^{name} = {{ value = "[^"]*"', f'{name} = {{ value = "{of}"', plan)
+    plan = re.sub('confirmed = false, source = "[^"]*"', 'confirmed = true, source = "clause 6.2"', plan)
+    plan = plan.replace("# [confirmation]", "[confirmation]")
     plan = plan.replace('# confirmed_by = ""', 'confirmed_by = "First Example, head of the laboratory"')
     return plan.replace("# date = 1900-01-01", "date = 2026-11-02")
 

@@ -49,6 +49,15 @@ def test_a_good_arm_conforms(truearm, bench):
         assert limit in rows[f"E_Uni, {length}"]
     assert "the test bi of the plan was not carried out: the points have none of it" in ran.out
     assert ran.out.splitlines()[0].startswith("conform:")
+    assert "after ISO 10360-12:2016: measuring arm 2.5 m" in ran.out.splitlines()[1]
+    # Where each number and formula stands, by the word of who looked it up.
+    assert (
+        "where it stands, uni: lengths = 5, positions = 7, repeats = 3, longest_share = 0.66, tolerated_sets = 0, "
+        in ran.out
+    )
+    assert "where it stands, decision: decision_rule: iso14253-1:2017, guard_band: 1.645 u, " in ran.out
+    entries = json.loads(truearm(*options(), "--json").out)["plan_entries"]
+    assert {"key": "uni.lengths", "value": 5, "source": "clause 6.2", "confirmed": True} in entries
     assert ran.out.splitlines()[-1].startswith("Next: truearm certificate")
 
 
@@ -58,10 +67,11 @@ def test_without_confirmed_numbers_there_is_one_word_everywhere(truearm, bench, 
     Path("points.csv").write_text(Made(too_large=too_large).iso().text())
     ran = truearm(*options("iso10360-12"), "--report", "page.html")
     assert (ran.code, ran.err) == (3, "")
-    first = "Not for conformity decisions: 10 numbers are not confirmed against ISO 10360-12:2016 in the test plan"
+    first = "Not for conformity decisions: 23 entries are not confirmed against ISO 10360-12:2016 in the test plan"
     assert ran.out.startswith(first)
-    assert "plan, probing: not confirmed, check against your copy of the standard: smallest_sphere_mm = 10" in ran.out
-    assert ran.out.splitlines()[-2].startswith("Next: compare the numbers of the plan")
+    assert "plan, probing: not confirmed, check against your copy of the standard: points = 25," in ran.out
+    assert "plan, decision: not confirmed, check against your copy of the standard: decision_rule: iso1" in ran.out
+    assert ran.out.splitlines()[-2].startswith("Next: compare the plan with your copy")
     found = json.loads(truearm(*options("iso10360-12"), "--json").out)
     assert found["verdict"] == "not for conformity decisions"
     sides = {"within limit", "outside limit"} if too_large else {"within limit"}
@@ -96,6 +106,10 @@ def test_an_arm_near_its_limit_is_undecided_and_simple_acceptance_decides(truear
     assert ran.code == 3
     assert "undecided: a value is within its uncertainty of a limit" in ran.out
     ran = truearm(*options(), "--rule", "simple")
+    assert ran.code == 3  # agreed with nobody
+    assert "decisions: the decision rule 'simple' is not that of the test plan 'iso10360-12', 'iso14253-1" in ran.out
+    Path("simple.toml").write_text(confirm(plan_text("iso10360-12"), "simple"))
+    ran = truearm(*options("simple.toml"))
     assert ran.code == 0
     assert "simple acceptance" in ran.out
 
@@ -108,11 +122,14 @@ def test_the_plan_names_the_decision_rule_and_an_option_another_one(truearm, ben
     Path("mpe.toml").write_text(
         MPE.replace('"P_Form.Sph.1x25" = { B_um = 30', f'"P_Form.Sph.1x25" = {{ B_um = {limit}')
     )
-    Path("new.toml").write_text(CONFIRMED_PLAN.replace("14253-1:2013", "14253-1:2017", 1))
-    ran = truearm(*options("new.toml"))
+    ran = truearm(*options())
     assert ran.code == 0
-    assert "default rule of ISO 14253-1:2017, as recalled" in ran.out
-    found = json.loads(truearm(*options("new.toml"), "--rule", "iso14253-1:2013", "--json").out)
+    assert "default rule of ISO 14253-1:2017. Values" in ran.out
+    found = json.loads(truearm(*options(), "--rule", "iso14253-1:2013", "--json").out)
+    assert (found["rule"], found["verdict"]) == ("iso14253-1:2013", "not for conformity decisions")
+    assert found["rows"][1]["verdict"] == "undecided"
+    Path("old.toml").write_text(confirm(plan_text("iso10360-12"), "iso14253-1:2013"))
+    found = json.loads(truearm(*options("old.toml"), "--json").out)
     assert (found["rule"], found["verdict"]) == ("iso14253-1:2013", "undecided")
     assert found["rows"][1]["conformance_probability"] == pytest.approx(0.971, abs=0.001)  # Phi(1.9), tables
 
@@ -161,7 +178,8 @@ def test_simple_acceptance_hides_no_value_far_beyond_its_limit(truearm, bench):
     """A fixture of 6 um: U of 12 um is more than a quarter of 30 um; a form of 100 um is beyond that by far."""
     Path("points.csv").write_text(Made(noise_mm=0.03).iso().text())
     Path("artefacts.toml").write_text(ARTEFACTS.replace("u_fixture_mm = 0.0005", "u_fixture_mm = 0.006"))
-    ran = truearm(*options(), "--rule", "simple", "--json")
+    Path("simple.toml").write_text(confirm(plan_text("iso10360-12"), "simple"))
+    ran = truearm(*options("simple.toml"), "--json")
     found = json.loads(ran.out)
     form = found["rows"][1]
     assert abs(form["value"]) - form["uncertainty"] > form["limit"]
@@ -709,7 +727,8 @@ def test_the_page_tells_what_to_do_with_one_ball_bar(truearm, bench):
     ran = truearm(*(option.replace("artefacts.toml", "mine.toml") for option in options("my-plan.toml")))
     assert ran.code == 0, ran
     assert (
-        "different from truearm's plan after ISO 10360-12:2016: lengths = 1 (5), longest_share = 0.36 (0.66)" in ran.out
+        "plan, uni: own plan, different from truearm's plan after ISO 10360-12:2016: lengths = 1 (5), longest_share = "
+        "0.36 (0.66)" in ran.out
     )
     ran = truearm("verify", "--sheet", "asme-b89.4.22", "--out", "sheet.html", "--artefacts", "mine.toml")
     assert "'volumetric' needs 2 calibrated lengths, the file of artefacts has 1" in ran.err

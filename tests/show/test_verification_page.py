@@ -39,7 +39,6 @@ from truearm.verification.standards.verification_text import describe_decision, 
 
 DAY = datetime.date(2026, 11, 3)
 RECALLED = load_verification_plan("iso10360-12")
-PLAN = confirmed(RECALLED)
 SPECIFICATION = Specification(
     name="arm <7>", source="its data sheet", measuring_range_mm=2500.0, limits={"E_Uni": {"B_um": 50.0}}
 )
@@ -53,7 +52,9 @@ ARTEFACTS = Artefacts(
 BUDGET = Budget((Contribution("calibration", 0.003, 4.0), Contribution("fixture", 0.004)))  # u = 0.005
 
 
-def outcome(rows, *, rule="iso14253-1:2013", remarks=(), plan=PLAN):
+def outcome(rows, *, rule="iso14253-1:2013", remarks=(), plan=None):
+    plan = plan or confirmed(RECALLED, rule=rule)
+
     def group(artefact, degC, **keys):
         return PointGroup(artefact, keys, np.zeros((5, 3)), degC, 0.0, DAY, (2,))
 
@@ -143,13 +144,18 @@ def test_only_the_artefacts_that_were_touched_are_listed():
     ]
 
 
-def test_recalled_numbers_of_what_was_tested_are_to_be_checked():
+def test_every_entry_of_what_was_tested_is_listed_with_where_it_stands():
     page = verification_page(
         outcome([row(0.01)], remarks=["not tested: bi", f"plan, uni: recalled, {CHECK_STANDARD}: 5"], plan=RECALLED)
     )
     section = page.sections[-1]
-    assert CHECK_STANDARD in section.text
-    assert {line[0] for line in table(page, section.title)} == {"probing", "uni"}
+    assert f"Not confirmed, {CHECK_STANDARD}: 17 of 17." in section.text
+    lines = table(page, section.title)
+    assert {line[0] for line in lines} == {"probing", "uni", "uncertainty", "decision"}
+    assert ["uni", "error: measured - calibrated length", "recalled", "not confirmed"] in lines
+    looked_up = table(verification_page(outcome([row(0.01)])), section.title)
+    assert ["uni", "error: measured - calibrated length", "clause 6.2", "confirmed"] in looked_up
+    assert {line[3] for line in looked_up} == {"confirmed"}
     decision = page.sections[0].text
     assert "Not tested: bi." in decision
     assert CHECK_STANDARD not in decision
@@ -172,7 +178,13 @@ def test_the_decision_names_what_decides():
 
 def test_the_rule_names_its_edition_and_that_values_are_compared_before_rounding():
     assert "ISO 14253-1:2013" in describe_rule("iso14253-1:2013")
-    assert "ISO 14253-1:2017, as recalled" in describe_rule("iso14253-1:2017")
+    for edition in ("iso14253-1:2013", "iso14253-1:2017"):
+        assert "as recalled, not confirmed" in describe_rule(edition, confirmed=False)
+        assert "recalled" not in describe_rule(edition)
+        assert (
+            describe_rule(edition, confirmed=False)
+            in verification_page(outcome([row(0.01)], rule=edition, plan=RECALLED)).sections[0].text
+        )
     assert "simple acceptance" in describe_rule("simple")
     for rule in DECISION_RULES:
         assert "compared before rounding" in describe_rule(rule)
@@ -223,7 +235,7 @@ def test_by_a_plan_that_nobody_confirmed_nothing_conforms_and_nothing_is_green()
     page = verification_page(outcome(rows, plan=RECALLED))
     assert page.title == "arm <7>: not for conformity decisions"
     assert page.verdict.state == "doubtful"
-    assert page.verdict.sentence.startswith("Not for conformity decisions: 7 numbers are not confirmed against ISO")
+    assert page.verdict.sentence.startswith("Not for conformity decisions: 17 entries are not confirmed against ISO")
     assert page.verdict.sentence.endswith(" 1 of 2 tested values is within the limits.")
     assert [line[4] for line in table(page, "Values against limits")] == ["outside limit", "within limit"]
     assert page.sections[1].tables[0].states == ("bad", "none")

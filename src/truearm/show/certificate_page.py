@@ -9,6 +9,7 @@ from truearm.number_format import RoundedNumber, capitalize
 from truearm.pages.page import Cell, Column, LabelledValue, Page, PageVerdict, Section, State, Table
 from truearm.pages.paper import Attachment, Logo, Paper
 from truearm.show.limits_figure import limits_figure
+from truearm.show.verification_page import sources_section
 from truearm.verification.certificate.administrative_data import NOTES, Person, Site
 from truearm.verification.certificate.certificate import Certificate, StatedList, StatedQuantity, StatedResult
 from truearm.verification.certificate.statements import NOT_FOR_CONFORMITY
@@ -71,6 +72,7 @@ def certificate_page(
             _parties(certificate),
             _traceability(certificate),
             _method(certificate),
+            sources_section(verification),
             _use(certificate),
             _individual(certificate),
             _budgets(certificate),

@@ -32,7 +32,7 @@ def limits_figure(rows: Sequence[ConformityResult], *, rule: DecisionRule, decid
     ----------
     rows : sequence of ConformityResult
         With limits.
-    rule : {"iso14253-1:2013", "iso14253-1:2017", "simple"}
+    rule : {"iso14253-1:2017", "iso14253-1:2013", "simple"}
         It determines the guard bands; with simple acceptance, values have some only where it does not apply.
     decides : bool
         Whether the numbers of the plan are confirmed; otherwise nothing conforms, and nothing is green.

@@ -170,7 +170,7 @@ def _steps(sheet: OperatorSheet) -> Section:
 
 def _records(sheet: OperatorSheet) -> Section:
     unconfirmed = [
-        f"{key} = {value:g}" for key, value, _ in sheet.plan.unconfirmed() if key.split(".")[0] in _tests(sheet)
+        f"{one.test}.{one.describe()}" for one in sheet.plan.unconfirmed(_tests(sheet)) if one.test in _tests(sheet)
     ]
     text = (
         "Record the temperature of the artefact in each step; if something moves, repeat the whole step. Store the "
@@ -186,7 +186,7 @@ def _records(sheet: OperatorSheet) -> Section:
             "the direction of approach: switch that off for seats, or the result is wrong by up to the tip's radius."
         )
     if unconfirmed:
-        text += f"\n\nNumbers of the plan that are not confirmed, {CHECK_STANDARD}: {', '.join(unconfirmed)}."
+        text += f"\n\nWhat is not confirmed in the plan, {CHECK_STANDARD}: {', '.join(unconfirmed)}."
     return Section("Records", text)
 
 

@@ -9,7 +9,6 @@ from truearm.number_format import (
     RoundedNumber,
     capitalize,
     format_count,
-    format_exact,
     format_in_text,
     format_number,
     format_percent,
@@ -21,7 +20,7 @@ from truearm.show.where_scene import where_scene
 from truearm.verification.standards.decision import Budget, ConformityResult, Verdict
 from truearm.verification.standards.measured_places import share_of_limit
 from truearm.verification.standards.verification import Verification
-from truearm.verification.standards.verification_plan import CHECK_STANDARD
+from truearm.verification.standards.verification_plan import CHECK_STANDARD, is_confirmed
 from truearm.verification.standards.verification_text import (
     LEVEL_TEXT,
     UNROUNDED_TEXT,
@@ -62,14 +61,13 @@ def verification_page(verification: Verification, *, facts: Sequence[tuple[str, 
 
 def verification_sections(verification: Verification) -> tuple[Section, ...]:
     """The sections of a verification, for a page of its own or as part of another."""
-    sections = [
+    return (
         _decision(verification),
         _values(verification),
         _artefacts(verification),
         _budgets(verification),
-        _to_check(verification),
-    ]
-    return tuple(section for section in sections if section is not None)
+        sources_section(verification),
+    )
 
 
 def shares_figure(verification: Verification) -> Figure:
@@ -93,7 +91,8 @@ def _decision(verification: Verification) -> Section:
     remarks = [remark for remark in verification.remarks if CHECK_STANDARD not in remark]
     origin = verification.measured.origin.describe()
     paragraphs = [describe_decision(verification), origin, *(f"{capitalize(remark)}." for remark in remarks)]
-    text = "\n\n".join([*paragraphs, f"{sources}.", describe_rule(verification.rule)])
+    rule = describe_rule(verification.rule, confirmed=verification.gap is None)
+    text = "\n\n".join([*paragraphs, f"{sources}.", rule])
     return Section("Decision", text, scenes=(where_scene(verification.measured.tests, verification.rows_with_limit),))
 
 
@@ -172,23 +171,28 @@ def _budget(budget: Budget, rows: Sequence[ConformityResult]) -> Table:
     return Table(columns, tuple(cells), f"{'; '.join(dict.fromkeys(row.name for row in rows))}.")
 
 
-def _to_check(verification: Verification) -> Section | None:
-    cells: list[tuple[Cell, ...]] = []
-    for key, value, source in verification.plan.unconfirmed():
-        name, _, number = key.partition(".")
-        if name in verification.measured.tests:
-            cells.append((name, number, format_exact(value), source))
-    if not cells:
-        return None
+def sources_section(verification: Verification) -> Section:
+    """Where each number and formula of the plan stands, and whether somebody looked it up there."""
+    entries = list(verification.plan.entries(verification.measured.tests))
+    open_ = sum(not is_confirmed(one) for one in entries)
+    rows: list[tuple[Cell, ...]] = [
+        (one.test, one.describe(), one.source, "confirmed" if is_confirmed(one) else "not confirmed") for one in entries
+    ]
+    text = f"Every number and formula that enters a verdict. {capitalize(verification.plan.heading)}."
+    if open_:
+        text += (
+            " The text of the standard was not available when the plan was written. Not confirmed, "
+            f"{CHECK_STANDARD}: {open_} of {len(entries)}."
+        )
     return Section(
-        "To check against the standard",
-        "The text of the standard was not available when the plan was written. These numbers are not confirmed: "
-        f"{CHECK_STANDARD}.",
+        "Where each number stands",
+        text,
         tables=(
             Table(
-                Column.of("test", "number", "in the plan", "source"),
-                tuple(cells),
-                f"Numbers of the plan {verification.plan.name} that are not confirmed.",
+                Column.of("test", "number or formula", "where it stands", "looked up"),
+                tuple(rows),
+                f"Entries of the plan {verification.plan.name}.",
+                states=tuple("none" if is_confirmed(one) else "doubtful" for one in entries),
             ),
         ),
         folded=True,

@@ -214,7 +214,16 @@ def simulate_verification(
     )
     where = "example" if artefacts is None else str(artefacts) if isinstance(artefacts, str | Path) else "given"
     return SimulatedVerification(
-        about, arms, posed, planned, certified, where, limits, rule or planned.decision_rule, tuple(verifications), seed
+        about,
+        arms,
+        posed,
+        planned,
+        certified,
+        where,
+        limits,
+        rule or planned.decision_rule.value,
+        tuple(verifications),
+        seed,
     )
 
 

@@ -21,8 +21,18 @@ from truearm.verification.standards.measured_points import MeasuredPoints, read_
 from truearm.verification.standards.specification import Specification, read_specification
 from truearm.verification.standards.verification import Verification
 from truearm.verification.standards.verification import verify as verify_points
-from truearm.verification.standards.verification_plan import PLANS, VerificationPlan, load_verification_plan
-from truearm.verification.standards.verification_text import describe_rule, describe_unmet, verdict_sentence
+from truearm.verification.standards.verification_plan import (
+    PLANS,
+    VerificationPlan,
+    is_confirmed,
+    load_verification_plan,
+)
+from truearm.verification.standards.verification_text import (
+    describe_rule,
+    describe_sources,
+    describe_unmet,
+    verdict_sentence,
+)
 from truearm.workflows.outputs import PageRecord, version_row
 from truearm.workflows.record import TextTable, format_fixed
 
@@ -101,7 +111,7 @@ class VerificationResult(PageRecord):
         """The sources of the result: plan, files with their SHA-256, program."""
         plan = self.verification.plan
         return [
-            ("plan", f"{plan.name}: {plan.standard}"),
+            ("plan", f"{plan.name}: {plan.standard}{', own plan' if plan.is_own else ''}"),
             ("serial number in the points", self.serial_number or "not stated"),
             ("coordinates", self.verification.measured.origin.describe().removeprefix("Coordinates: ")),
             *((file.name, f"SHA-256 {digest}") for file, digest in self.digests.items()),
@@ -125,13 +135,15 @@ class VerificationResult(PageRecord):
             f"U: expanded uncertainty of artefact and set-up, {COVERAGE_PROBABILITY:.2%} (k = 2, or more with few "
             "degrees of freedom)"
         )
-        if self.verification.rule != DECISION_RULES[0]:
-            yield describe_rule(self.verification.rule)
+        decides = self.verification.gap is None
+        if decides or self.verification.rule != DECISION_RULES[0]:
+            yield describe_rule(self.verification.rule, confirmed=decides)
         yield from self.remarks
-        if self.verification.gap is not None:
+        yield from describe_sources(self.verification)
+        if not decides:
             yield (
-                "Next: compare the numbers of the plan with your copy of the standard, and confirm them in a plan of "
-                "your own (--print-plan; docs/certificate.md)."
+                "Next: compare the plan with your copy of the standard, and confirm it in a plan of your own "
+                "(--print-plan; docs/verification.md)."
             )
         else:
             yield "Next: truearm certificate writes this as a calibration certificate, from the same files."
@@ -149,6 +161,11 @@ class VerificationResult(PageRecord):
         return {
             "plan": of.plan.name,
             "standard": of.plan.standard,
+            "own_plan": of.plan.is_own,
+            "plan_entries": [
+                {"key": one.key, "value": one.value, "source": one.source, "confirmed": is_confirmed(one)}
+                for one in of.plan.entries(of.measured.tests)
+            ],
             "specification": of.specification.name,
             "serial_number": self.serial_number or None,
             "coordinates": of.measured.origin.to_json(),
@@ -190,7 +207,7 @@ def verify(
         Certificates of the artefacts.
     specification : Specification or path
         The limits of the arm.
-    rule : {"iso14253-1:2013", "iso14253-1:2017", "simple"}, optional
+    rule : {"iso14253-1:2017", "iso14253-1:2013", "simple"}, optional
         Decision rule, by default that of the plan. ``simple`` ignores the uncertainty where it is at most a quarter of
         the limit.
 

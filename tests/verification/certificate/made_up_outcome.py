@@ -71,7 +71,7 @@ TOLD = {
     },
 }
 RECALLED = load_verification_plan("iso10360-12")
-CONFIRMED = confirmed(RECALLED, DAY)
+CONFIRMED = confirmed(RECALLED, DAY, "iso14253-1:2013")
 
 
 def about(**changes):
@@ -115,7 +115,7 @@ def outcome(rows=ROWS, *, rule="iso14253-1:2013", degC=20.5, plan=None, plan_sha
         overall_verdict(rows),
         ("not tested: bi",),
         MeasuredPoints(groups, Path("points.csv")),
-        plan or CONFIRMED,
+        plan or confirmed(RECALLED, DAY, rule),
         ARTEFACTS,
         specification,
         rule,

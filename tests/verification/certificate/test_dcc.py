@@ -238,8 +238,8 @@ def test_a_value_with_a_limit_but_no_uncertainty_gets_no_certificate():
 def test_the_rule_is_named_by_its_edition_or_not_at_all():
     norms = [found(certificate(made=outcome(ROWS[:1], rule=rule)), ".//dcc:norm") for rule in DECISION_RULES]
     assert norms == [
-        ["JCGM 100:2008", "ISO 10360-12:2016", "ISO 14253-1:2013"],
         ["JCGM 100:2008", "ISO 10360-12:2016", "ISO 14253-1:2017"],
+        ["JCGM 100:2008", "ISO 10360-12:2016", "ISO 14253-1:2013"],
         ["JCGM 100:2008", "ISO 10360-12:2016"],
     ]
 
@@ -247,21 +247,27 @@ def test_the_rule_is_named_by_its_edition_or_not_at_all():
 def test_a_plan_of_the_user_is_stated_with_its_digest_and_numbers():
     shipped = MARKED.methods[1].description
     assert shipped.startswith("Test plan iso10360-12 of truearm")
-    assert "Numbers: probing: points = 25, smallest_sphere_mm = 10" in shipped
-    assert "; articulation: points = 5," in shipped
+    assert "where they stand: probing: points = 25 (not confirmed), smallest_sphere_mm = 10 (not confirmed)" in shipped
+    assert "; uni: lengths = 5 (not confirmed)," in shipped
+    assert "; decision: decision_rule: iso14253-1:2017 (not confirmed), guard_band: 1.645 u" in shipped
+    assert "articulation" not in shipped  # no points
     cut = CONFIRMED.model_copy(update={"articulation": None, "uni": None, "bi": None})
     own = certificate(made=outcome(ROWS[:1], plan=cut, plan_sha256="ab12")).methods[1].description
     assert own.startswith(
-        "Test plan of the user, named iso10360-12, SHA-256 ab12. Its numbers were confirmed against ISO 10360-12:2016 "
-        f"by First Example on {DAY}. Numbers: probing: points"
+        "Test plan of the user, named iso10360-12, SHA-256 ab12. Its entries were confirmed against ISO 10360-12:2016 "
+        f"by First Example on {DAY}. Numbers and formulas, and where they stand: probing: points = 25 (clause 6.2), "
     )
-    assert "uni" not in own
+    assert "uni:" not in own
+    # It tests less than the standard as truearm knows it: its results are not named after the standard.
+    made = certificate(made=outcome(ROWS[:1], plan=cut))
+    assert made.methods[1].name == "Articulated arm with tactile probe, own plan"
+    assert found(made, ".//dcc:norm") == ["JCGM 100:2008", "ISO 14253-1:2013"]
     nameless = certificate(made=outcome(ROWS[:1], plan=cut.model_copy(update={"name": "mine"})))
-    assert "the user, named mine. Its numbers" in nameless.methods[1].description
+    assert "the user, named mine. Its entries" in nameless.methods[1].description
 
 
 def test_without_confirmed_numbers_there_is_no_certificate_or_one_without_conformity():
-    with pytest.raises(InputError, match=r"certificate: 7 numbers are not confirmed against .* in .*: prob"):
+    with pytest.raises(InputError, match=r"certificate: 17 entries are not confirmed against .* in .*: prob"):
         certificate(made=outcome(plan=RECALLED))
     assert MARKED.reservation is not None
     assert MARKED.reservation.startswith("Not for conformity decisions: ")
@@ -280,7 +286,7 @@ def test_without_confirmed_numbers_there_is_no_certificate_or_one_without_confor
 def test_numbers_set_to_confirmed_need_the_name_of_who_did_it():
     nameless = CONFIRMED.model_copy(update={"confirmation": None})
     with pytest.raises(
-        InputError, match=r"does not state who confirmed its numbers .*\[confirmation\] with confirmed_by"
+        InputError, match=r"does not state who confirmed its entries .*\[confirmation\] with confirmed_by"
     ):
         certificate(made=outcome(plan=nameless))
     # Tests without points do not count.

@@ -3,17 +3,29 @@
 from __future__ import annotations
 
 import datetime
+import math
+import re
+import statistics
 
+import numpy as np
 import pytest
 
 from truearm.errors import InputError
 from truearm.files.toml_documents import parse_toml
-from truearm.verification.standards.artefacts import Artefacts, read_artefacts
-from truearm.verification.standards.specification import SYMBOLS, Specification, read_specification
+from truearm.verification.standards.artefacts import Artefacts, Seat, read_artefacts
+from truearm.verification.standards.asme_b89_4_22 import SeatPoints, single_point, volumetric
+from truearm.verification.standards.measurands import LengthMeasurement
+from truearm.verification.standards.specification import (
+    SYMBOLS,
+    Specification,
+    example_specification,
+    read_specification,
+)
 from truearm.verification.standards.verification_plan import (
     PLANS,
     TESTS,
     VerificationPlan,
+    is_confirmed,
     load_verification_plan,
     plan_text,
 )
@@ -22,27 +34,140 @@ from truearm.verification.standards.verification_plan import (
 
 
 @pytest.mark.parametrize("name", PLANS)
-def test_every_recalled_number_of_a_plan_is_marked(name):
+def test_every_entry_of_a_plan_of_truearm_is_recalled_and_says_so(name):
     plan, text = load_verification_plan(name), plan_text(name)
     assert "check against your copy of the standard" in text
     assert set(plan.tests) <= set(TESTS)
-    marked = list(plan.unconfirmed())
-    assert len(marked) == text.count("confirmed = false,")
-    assert all(source for _, _, source in marked)
-    # What is taken for confirmed says by whom.
-    for line in text.splitlines():
-        if "confirmed = true," in line:
-            assert "recalled" not in line
-            assert "page" in line
+    entries = list(plan.entries())
+    assert len(entries) == text.count("confirmed = false,") == text.count("source = ") - 1  # one in the comment
+    assert not any(is_confirmed(one) for one in entries)
+    assert all(one.fault == "its source still says recalled" for one in entries)
+    assert {one.key for one in entries if "." not in one.key} == {"decision_rule", "guard_band"}
+    assert {one.name for one in entries if one.test == "uncertainty"} == {"contributions", "form", "coverage"}
+
+
+def looked_up(text, clause="clause 6.2.3"):
+    """A plan's text as after a person has looked every entry up."""
+    return re.sub(r'confirmed = false, source = "[^"]*"', f'confirmed = true, source = "{clause}"', text)
 
 
 def test_a_plan_of_ones_own(tmp_path):
     path = tmp_path / "mine.toml"
-    path.write_text(plan_text("asme-b89.4.22").replace("value = 10, confirmed = false", "value = 12, confirmed = true"))
+    path.write_text(
+        plan_text("asme-b89.4.22").replace(
+            'value = 10, confirmed = false, source = "recalled" }\npositions',
+            'value = 12, confirmed = true, source = "clause 5.4" }\npositions',
+        )
+    )
     plan = load_verification_plan(str(path))
     assert plan.single_point is not None
     assert plan.single_point.points.value == 12
-    assert "single_point.points" not in [key for key, _, _ in plan.unconfirmed()]
+    assert "single_point.points" not in [one.key for one in plan.unconfirmed()]
+
+
+@pytest.mark.parametrize(
+    ("source", "fault"),
+    [
+        ("recalled", "its source still says recalled"),
+        ("as Recalled by a colleague, clause 5", "its source still says recalled"),
+        ("", "its source is empty"),
+        (" ", "its source is empty"),
+        ("the standard", "its source names no clause"),
+        ("ISO 10360-12:2016", "its source names no clause"),
+        ("ASME B89.4.22-2004", "its source names no clause"),
+        ("DIN EN ISO 10360-12", "its source names no clause"),
+        ("our copy of ISO/TS 23165, edition 2006", "its source names no clause"),
+        ("agreed with the customer", "its source names no clause"),
+        ("clause 6.2.3", None),
+        ("ISO 10360-12:2016, 6.2.3", None),
+        ("ISO 14253-1:2017, Annex B", None),
+        ("ASME B89.4.22-2004, table 2", None),
+        ("agreed with the customer, order 4711", None),
+    ],
+)
+def test_a_confirmed_entry_says_where_it_was_read(tmp_path, source, fault):
+    """Nobody opens the gate by writing true: the clause stands in the plan, and is printed with the results."""
+    path = tmp_path / "mine.toml"
+    path.write_text(
+        plan_text("asme-b89.4.22").replace(
+            'divisor n - 1", confirmed = false, source = "recalled"',
+            f'divisor n - 1", confirmed = true, source = "{source}"',
+            1,
+        )
+    )
+    if fault is None:
+        assert "single_point.twice_s" not in [one.key for one in load_verification_plan(path).unconfirmed()]
+        return
+    with pytest.raises(InputError) as refused:
+        load_verification_plan(path)
+    assert refused.value.problem == f"single_point.twice_s: confirmed = true, but {fault}"
+    assert 'type where it stands in ASME B89.4.22-2004, such as source = "clause 6.2.3"' in refused.value.hint
+
+
+def test_a_plan_of_an_earlier_version_is_read_with_what_it_lacks_not_confirmed(tmp_path):
+    lines = looked_up(plan_text("iso10360-12")).splitlines()
+    new = (
+        "decision_rule =",
+        "guard_band =",
+        "[uncertainty]",
+        "contributions",
+        "form =",
+        "coverage",
+        "size =",
+        "error =",
+    )
+    old = [one for one in lines if not one.startswith((*new, "location ="))]
+    title = next(i for i, one in enumerate(old) if one.startswith("standard ="))
+    old.insert(title + 1, 'decision_rule = "iso14253-1:2013"')
+    points = next(i for i, one in enumerate(old) if one.startswith("points = { value = 25"))
+    old[points] = 'points = { value = 25, confirmed = true, source = "Kreon\'s page on ISO 10360-12" }'
+    (tmp_path / "old.toml").write_text("\n".join(old))
+    plan = load_verification_plan(tmp_path / "old.toml")
+    assert (plan.decision_rule.value, plan.guard_band.value) == ("iso14253-1:2013", "U on both sides of the limit")
+    formulas = {one.key for one in plan.entries() if isinstance(one.value, str)}
+    assert {one.key for one in plan.unconfirmed()} == {*formulas, "probing.points"}
+    assert not plan.is_own
+    assert "probing.points" in plan.confirmation_gap({"probing"})
+
+
+def test_every_formula_is_one_that_truearm_calculates():
+    """The names of a plan are no free text: what a row contains is what its name says, calculated another way."""
+    rng = np.random.default_rng(3)
+    seat = Seat(name="cone", certificate="K", date="2026-01-15", expires="2027-01-15", form_mm=0.001, u_fixture_mm=0)
+    points = rng.normal(size=(7, 3))
+    distance = [math.dist(one, points.mean(axis=0)) for one in points]
+    lengths = [1000 + d for d in rng.normal(scale=0.05, size=6)]
+    bar = parse_toml(BAR.encode(), Artefacts).bars[0]
+    measured = [
+        LengthMeasurement(bar, bar.lengths[0], np.zeros((1, 3)), np.array([[one, 0.0, 0.0]]), position=str(i))
+        for i, one in enumerate(lengths)
+    ]
+    d = [one - 1000.001 for one in lengths]
+    limits = example_specification(2500)
+    rows = {
+        row.label: row.value for row in single_point([SeatPoints(seat, points)], limits) + volumetric(measured, limits)
+    }
+    by_name = {
+        "largest distance from the mean": (rows["SPAT.Max"], max(distance)),
+        "2 s, divisor n - 1": (rows["SPAT.2s"], 2 * math.sqrt(sum(x * x for x in distance) / 6)),
+        "largest |measured - calibrated length|": (abs(rows["Volumetric.Max"]), max(map(abs, d))),
+        "2 s about the mean, divisor n - 1": (rows["Volumetric.2s"], 2 * statistics.stdev(d)),
+        "2 RMS, divisor n": (rows["Volumetric.2RMS"], 2 * math.sqrt(sum(x * x for x in d) / 6)),
+    }
+    for name, (value, expected) in by_name.items():
+        assert value == pytest.approx(expected, rel=1e-9), name
+    plan = load_verification_plan("asme-b89.4.22")
+    named = {one.value for one in plan.entries(["single_point", "volumetric"]) if isinstance(one.value, str)}
+    assert (
+        set(by_name)
+        == {
+            one.value
+            for name in ("single_point", "volumetric")
+            for one in plan.entries([name])
+            if one.test == name and isinstance(one.value, str)
+        }
+        <= named
+    )
 
 
 @pytest.mark.parametrize(
@@ -51,38 +176,69 @@ def test_a_plan_of_ones_own(tmp_path):
         ("value = 25,", "value = 0,", "probing.points.value: expected 1 or more, got 0"),
         ("value = 25,", "value = 4,", "5 points or more on a sphere"),
         ("value = 25,", 'value = "25",', "probing.points.value: expected a whole number, got '25'. Try: remove"),
-        ("value = 25, confirmed = true, ", "value = 25, ", "the key probing.points.confirmed is missing"),
+        ("value = 25, confirmed = false, ", "value = 25, ", "the key probing.points.confirmed is missing"),
         ("\npoints =", "\npoint =", "unknown key probing.point. Try: use one of required, clause, points"),
         ("[uni]", "[unidirectional]", "unknown key unidirectional. Try: use one of name"),
         ("value = 0.66,", "value = 66,", "uni.longest_share.value: expected a share of 1 or less, got 66. Try:"),
-        ("points = {", "points = 25 #", "probing.points: expected a table of confirmed, source, value, got 25"),
+        ("points = {", "points = 25 #", "probing.points: expected a table of value, confirmed, source, got 25"),
         ("value = 51,", "value = 5,", "smallest_sphere_mm is larger than largest_sphere_mm"),
         ("[probing]", "[probing", "not valid TOML"),
         ('name = "iso10360-12"', "", "the key name is missing"),
+        (
+            '"diameter of the smallest sphere around the centres"',
+            '"largest distance of two centres"',
+            "articulation.location.value: expected 'diameter of the smallest sphere around the centres', got 'largest",
+        ),
+        (
+            'decision_rule = { value = "iso14253-1:2017"',
+            'decision_rule = { value = "iso14253-1:1998"',
+            "decision_rule.value: expected 'iso14253-1:2017', 'iso14253-1:2013' or 'simple', got",
+        ),
+        (
+            'decision_rule = { value = "iso14253-1:2017"',
+            'decision_rule = { value = "simple"',
+            "the rule 'simple' has another guard band than '1.645 u",
+        ),
     ],
 )
 def test_a_wrong_plan_is_refused(tmp_path, before, after, phrase):
     path = tmp_path / "plan.toml"
-    path.write_text(plan_text("iso10360-12").replace(before, after, 1))
+    text = plan_text("iso10360-12")
+    assert before in text
+    path.write_text(text.replace(before, after, 1))
     with pytest.raises(InputError) as refused:
         load_verification_plan(path)
     assert phrase in str(refused.value)
     assert str(refused.value).startswith(str(path))
 
 
-def test_numbers_other_than_the_programs_own_are_told(tmp_path):
-    """Whoever confirms them: a plan after a standard that asks for less is not told by its title."""
-    text = plan_text("iso10360-12")
-    assert not list(load_verification_plan("iso10360-12").changed_numbers())
-    (tmp_path / "same.toml").write_text(text.replace("confirmed = false", "confirmed = true"))
-    assert not list(load_verification_plan(tmp_path / "same.toml").changed_numbers())
-    less = text.replace(
-        "longest_share = { value = 0.66, confirmed = false", "longest_share = { value = 0.36, confirmed = true", 1
-    )
-    (tmp_path / "less.toml").write_text(less)
-    assert list(load_verification_plan(tmp_path / "less.toml").changed_numbers()) == [("uni.longest_share", 0.36, 0.66)]
-    (tmp_path / "other.toml").write_text(less.replace('standard = "ISO 10360-12:2016"', 'standard = "our own"'))
-    assert not list(load_verification_plan(tmp_path / "other.toml").changed_numbers())
+def test_a_plan_other_than_the_standards_is_ones_own(tmp_path):
+    """Whoever confirms it: results by a plan that asks for less are not named after the standard."""
+    gate = "[confirmation]\nconfirmed_by = 'First Example'\ndate = 2026-11-02\n\n[uncertainty]"
+    text = looked_up(plan_text("iso10360-12")).replace("[uncertainty]", gate)
+    less = text.replace("longest_share = { value = 0.66", "longest_share = { value = 0.36", 1)
+    for name, changed, heading, differences in (
+        ("same", text, ", after ISO 10360-12:2016", []),
+        ("less", less, ", own plan", [("uni", "longest_share = 0.36 (0.66)")]),
+        ("other", text.replace('standard = "ISO 10360-12:2016"', 'standard = "our own"'), ", own plan", []),
+        ("none", text.partition("[uni]")[0], ", own plan", [("uni", "not in this plan")]),
+        (
+            "optional",
+            text.replace("required = true", "required = false", 1),
+            ", own plan",
+            [("probing", "not required here")],
+        ),
+        ("without bi", text.partition("[bi]")[0], ", after ISO 10360-12:2016", []),
+    ):
+        (tmp_path / "plan.toml").write_text(changed)
+        plan = load_verification_plan(tmp_path / "plan.toml")
+        assert plan.heading == f"Articulated arm with tactile probe{heading}", name
+        assert list(plan.differences()) == differences, name
+        assert plan.confirmation_gap({"probing"}) is None
+    assert "not that of the test plan" in plan.confirmation_gap({"probing"}, "simple")
+    (tmp_path / "plan.toml").write_text(plan_text("iso10360-12").replace("value = 0.66", "value = 0.36", 1))
+    unconfirmed = load_verification_plan(tmp_path / "plan.toml").heading
+    assert unconfirmed == "Articulated arm with tactile probe (own plan, not confirmed against ISO 10360-12:2016)"
 
 
 def test_a_plan_that_is_not_there():

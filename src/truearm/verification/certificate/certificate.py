@@ -14,7 +14,7 @@ from truearm.verification.certificate.statements import Statement, make_statemen
 from truearm.verification.standards.artefacts import Artefact
 from truearm.verification.standards.decision import COVERAGE_PROBABILITY, Budget, ConformityResult, Verdict
 from truearm.verification.standards.verification import Verification
-from truearm.verification.standards.verification_plan import PLANS, load_verification_plan
+from truearm.verification.standards.verification_plan import PLANS, is_confirmed, load_verification_plan
 from truearm.verification.standards.verification_text import RULE_STANDARDS, describe_rule
 
 SOFTWARE = "truearm"
@@ -199,7 +199,7 @@ def make_certificate(
         Method(
             xml_text(verification.plan.heading),
             xml_text(_describe_plan(verification)),
-            xml_text(verification.plan.standard) if stated else None,
+            xml_text(verification.plan.standard) if stated and not verification.plan.is_own else None,
         ),
     ]
     if stated:
@@ -281,9 +281,9 @@ def check_plan(verification: Verification) -> None:
     file = f"truearm verify --print-plan {name} > my-plan.toml" if name in PLANS else "your plan file"
     raise InputError(
         f"no certificate: {gap}",
-        hint=f"{file}: compare each number with your copy of the standard, set confirmed = true, and add "
-        "[confirmation] with confirmed_by and date; or --unconfirmed for a certificate marked 'not for conformity "
-        "decisions'",
+        hint=f"{file}: compare each entry with your copy of the standard, type the clause into source, set confirmed "
+        "= true, and add [confirmation] with confirmed_by and date; or --unconfirmed for a certificate marked 'not for "
+        "conformity decisions'",
     )
 
 
@@ -330,12 +330,13 @@ def _describe_plan(verification: Verification) -> str:
         source = f"Test plan of the user, named {plan.name}{known}."
     if plan.confirmation is not None and verification.gap is None:
         by, day = plan.confirmation.confirmed_by, plan.confirmation.date
-        source += f" Its numbers were confirmed against {plan.standard} by {by} on {day}."
-    numbers = []
-    for name, test in plan.tests.items():
-        entries = [(key, one) for key, one in test.model_dump().items() if isinstance(one, dict)]
-        numbers.append(f"{name}: " + ", ".join(f"{key} = {one['value']:g}" for key, one in entries))
-    return f"{source} Numbers: {'; '.join(numbers)}."
+        source += f" Its entries were confirmed against {plan.standard} by {by} on {day}."
+    entries: dict[str, list[str]] = {}
+    for one in plan.entries(verification.measured.tests):
+        place = one.source if is_confirmed(one) else "not confirmed"
+        entries.setdefault(one.test, []).append(f"{one.describe()} ({place})")
+    listed = "; ".join(f"{test}: {', '.join(stated)}" for test, stated in entries.items())
+    return f"{source} Numbers and formulas, and where they stand: {listed}."
 
 
 def conformity_of(row: ConformityResult) -> str | None:

@@ -44,7 +44,7 @@ class SeatPoints:
 
 
 def effective_diameter(
-    runs: Sequence[SphereMeasurement], specification: Specification, *, rule: DecisionRule = "iso14253-1:2013"
+    runs: Sequence[SphereMeasurement], specification: Specification, *, rule: DecisionRule = "iso14253-1:2017"
 ) -> ConformityResult:
     """Effective diameter: the largest deviation of a run's least-squares diameter from the calibrated one.
 
@@ -54,13 +54,13 @@ def effective_diameter(
     ----------
     runs : sequence of SphereMeasurement
     specification : Specification
-    rule : {"iso14253-1:2013", "iso14253-1:2017", "simple"}
+    rule : {"iso14253-1:2017", "iso14253-1:2013", "simple"}
     """
     return worst_size_error("EffectiveDiameter", runs, specification, rule=rule)
 
 
 def single_point(
-    seats: Sequence[SeatPoints], specification: Specification, *, rule: DecisionRule = "iso14253-1:2013"
+    seats: Sequence[SeatPoints], specification: Specification, *, rule: DecisionRule = "iso14253-1:2017"
 ) -> list[ConformityResult]:
     """Single-point articulation: distances of the points in one seat from their mean.
 
@@ -76,7 +76,7 @@ def single_point(
     ----------
     seats : sequence of SeatPoints
     specification : Specification
-    rule : {"iso14253-1:2013", "iso14253-1:2017", "simple"}
+    rule : {"iso14253-1:2017", "iso14253-1:2013", "simple"}
 
     Returns
     -------
@@ -111,7 +111,7 @@ def single_point(
 
 
 def volumetric(
-    lengths: Sequence[LengthMeasurement], specification: Specification, *, rule: DecisionRule = "iso14253-1:2013"
+    lengths: Sequence[LengthMeasurement], specification: Specification, *, rule: DecisionRule = "iso14253-1:2017"
 ) -> list[ConformityResult]:
     """Volumetric performance: deviations of a bar's lengths throughout the volume.
 
@@ -126,7 +126,7 @@ def volumetric(
     ----------
     lengths : sequence of LengthMeasurement
     specification : Specification
-    rule : {"iso14253-1:2013", "iso14253-1:2017", "simple"}
+    rule : {"iso14253-1:2017", "iso14253-1:2013", "simple"}
 
     Raises
     ------

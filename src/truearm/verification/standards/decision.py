@@ -1,8 +1,8 @@
 """The uncertainty of a test value, and the decision by ISO 14253-1.
 
 Sources: JCGM 100:2008 (GUM), sections 5.1.2, 6.2 and G.4; JCGM 106:2012, section 7, for the probability of conformity.
-ISO 14253-1 is recalled, not confirmed against its text: the edition of 2013 has the whole expanded uncertainty on both
-sides of a limit, the default of the edition of 2017 a probability of 95 % of conformity, or of nonconformity.
+ISO 14253-1 is recalled, not confirmed against its text: the default of the edition of 2017 is a probability of 95 % of
+conformity, or of nonconformity; the edition of 2013, withdrawn, has the whole expanded uncertainty on both sides.
 """
 
 from __future__ import annotations
@@ -228,7 +228,7 @@ def undecided_zone(budget: Budget, limit: float, *, rule: DecisionRule) -> tuple
 
 
 def decide(
-    value: float, uncertainty: float, limit: float, *, rule: DecisionRule = "iso14253-1:2013", dof: float = inf
+    value: float, uncertainty: float, limit: float, *, rule: DecisionRule = "iso14253-1:2017", dof: float = inf
 ) -> Verdict:
     """Decide on the conformity of a test value.
 
@@ -240,7 +240,7 @@ def decide(
         Expanded uncertainty of it, ``U = k u``.
     limit : float
         Maximum permissible error, positive.
-    rule : {"iso14253-1:2013", "iso14253-1:2017", "simple"}
+    rule : {"iso14253-1:2017", "iso14253-1:2013", "simple"}
         Two editions of ISO 14253-1, for a supplier who proves conformity and a customer who proves the contrary. 2013:
         conform if ``|value| + U <= limit``, not conform if ``|value| - U > limit``, else undecided. 2017: conform if
         `conformance_probability` is `CONFORMANCE_PROBABILITY` or more, not conform if the quantity is beyond the limit

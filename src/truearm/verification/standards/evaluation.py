@@ -32,7 +32,7 @@ class Evaluation:
     measured : MeasuredPoints
     artefacts : Artefacts
     specification : Specification
-    rule : {"iso14253-1:2013", "iso14253-1:2017", "simple"}
+    rule : {"iso14253-1:2017", "iso14253-1:2013", "simple"}
 
     Attributes
     ----------

@@ -25,7 +25,7 @@ from truearm.verification.standards.specification import Specification
 
 
 def p_size(
-    spheres: Sequence[SphereMeasurement], specification: Specification, *, rule: DecisionRule = "iso14253-1:2013"
+    spheres: Sequence[SphereMeasurement], specification: Specification, *, rule: DecisionRule = "iso14253-1:2017"
 ) -> ConformityResult:
     """Probing size error P_Size.Sph.1x25: diameter of the least-squares sphere less the calibrated one.
 
@@ -37,7 +37,7 @@ def p_size(
     spheres : sequence of SphereMeasurement
         One for each position.
     specification : Specification
-    rule : {"iso14253-1:2013", "iso14253-1:2017", "simple"}
+    rule : {"iso14253-1:2017", "iso14253-1:2013", "simple"}
 
     Returns
     -------
@@ -47,7 +47,7 @@ def p_size(
 
 
 def p_form(
-    spheres: Sequence[SphereMeasurement], specification: Specification, *, rule: DecisionRule = "iso14253-1:2013"
+    spheres: Sequence[SphereMeasurement], specification: Specification, *, rule: DecisionRule = "iso14253-1:2017"
 ) -> ConformityResult:
     """Probing form error P_Form.Sph.1x25: thickness of the least-squares shell with all points.
 
@@ -66,7 +66,7 @@ def l_dia(
     positions: Sequence[Sequence[SphereMeasurement]],
     specification: Specification,
     *,
-    rule: DecisionRule = "iso14253-1:2013",
+    rule: DecisionRule = "iso14253-1:2017",
 ) -> list[ConformityResult]:
     """Articulated location error L_Dia.5x5: diameter of the smallest sphere that contains the centres of the groups.
 
@@ -78,7 +78,7 @@ def l_dia(
     positions : sequence of sequence of SphereMeasurement
         The groups of each position of the sphere.
     specification : Specification
-    rule : {"iso14253-1:2013", "iso14253-1:2017", "simple"}
+    rule : {"iso14253-1:2017", "iso14253-1:2013", "simple"}
 
     Returns
     -------
@@ -110,7 +110,7 @@ def e_uni(
     *,
     repeats: int = 3,
     tolerated_sets: int = 0,
-    rule: DecisionRule = "iso14253-1:2013",
+    rule: DecisionRule = "iso14253-1:2017",
 ) -> list[ConformityResult]:
     """Length measurement error E_Uni: measured less calibrated length, ends touched from the same side.
 
@@ -127,7 +127,7 @@ def e_uni(
     tolerated_sets : int
         Number of sets (one length at one position) in which a single value may not conform, if the set is measured
         again; the second set counts then.
-    rule : {"iso14253-1:2013", "iso14253-1:2017", "simple"}
+    rule : {"iso14253-1:2017", "iso14253-1:2013", "simple"}
 
     Returns
     -------
@@ -144,7 +144,7 @@ def e_bi(
     *,
     repeats: int = 3,
     tolerated_sets: int = 0,
-    rule: DecisionRule = "iso14253-1:2013",
+    rule: DecisionRule = "iso14253-1:2017",
 ) -> list[ConformityResult]:
     """Length measurement error E_Bi: measured less calibrated length, faces touched from opposite sides.
 

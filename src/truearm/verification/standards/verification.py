@@ -41,7 +41,7 @@ class Verification:
     plan : VerificationPlan
     artefacts : Artefacts
     specification : Specification
-    rule : {"iso14253-1:2013", "iso14253-1:2017", "simple"}
+    rule : {"iso14253-1:2017", "iso14253-1:2013", "simple"}
     plan_sha256 : str or None
         SHA-256 of the plan's file, where it is one of the user's own.
     room : mapping of str to (float, float)
@@ -55,7 +55,7 @@ class Verification:
     plan: VerificationPlan
     artefacts: Artefacts
     specification: Specification
-    rule: DecisionRule = "iso14253-1:2013"
+    rule: DecisionRule = "iso14253-1:2017"
     plan_sha256: str | None = None
     room: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
@@ -87,7 +87,7 @@ class Verification:
         """What is missing before the results count as results after the standard; None if nothing."""
         if self.measured.origin.is_virtual:
             return "the points are simulated: no arm was measured"
-        return self.plan.confirmation_gap(self.measured.tests)
+        return self.plan.confirmation_gap(self.measured.tests, self.rule)
 
     @property
     def conclusion(self) -> Verdict:
@@ -163,7 +163,7 @@ def verify(
     artefacts : Artefacts
         Those of the points, with certificates that were valid on the day.
     specification : Specification
-    rule : {"iso14253-1:2013", "iso14253-1:2017", "simple"}, optional
+    rule : {"iso14253-1:2017", "iso14253-1:2013", "simple"}, optional
         Decision rule, see `decide`; by default that of the plan.
     plan_sha256 : str, optional
         SHA-256 of the plan's file, for the certificate.
@@ -179,7 +179,7 @@ def verify(
             raise measured.error(
                 f"the plan {plan.name!r} has no test {name!r}", groups[0], hint=f"use one of {', '.join(plan.tests)}"
             )
-    rule = rule or plan.decision_rule
+    rule = rule or plan.decision_rule.value
     evaluation = Evaluation(measured, artefacts, specification, rule)
     rows: list[ConformityResult] = []
     remarks = [one.removesuffix(".") for one in measured.accepted]
@@ -257,17 +257,15 @@ def _remarks(
         remarks.append(f"the specification states no limit for: {', '.join(without)}")
     if untested := [symbol for symbol in SYMBOLS if symbol in specification.limits and symbol not in symbols]:
         remarks.append(f"limits of the specification that were not tested: {', '.join(untested)}")
-    unconfirmed = [(key, f"{value:g}") for key, value, _ in plan.unconfirmed() if key.partition(".")[0] in tested]
-    changed = [(key, f"{value:g} ({other:g})") for key, value, other in plan.changed_numbers()]
+    unconfirmed = [(one.test, one.describe()) for one in plan.unconfirmed(tested)]
     remarks += _by_test(f"not confirmed, {CHECK_STANDARD}", unconfirmed)
-    remarks += _by_test(f"different from truearm's plan after {plan.standard}", changed)
+    remarks += _by_test(f"own plan, different from truearm's plan after {plan.standard}", plan.differences())
     return remarks
 
 
-def _by_test(what: str, numbers: Iterable[tuple[str, str]]) -> list[str]:
-    """One remark for each test, on numbers of the plan with their keys."""
+def _by_test(what: str, entries: Iterable[tuple[str, str]]) -> list[str]:
+    """One remark for each test, on entries of the plan."""
     tests: dict[str, list[str]] = {}
-    for key, value in numbers:
-        test, _, number = key.partition(".")
-        tests.setdefault(test, []).append(f"{number} = {value}")
+    for test, entry in entries:
+        tests.setdefault(test, []).append(entry)
     return [f"plan, {test}: {what}: {', '.join(values)}" for test, values in tests.items()]

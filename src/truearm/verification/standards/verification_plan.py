@@ -1,7 +1,8 @@
-"""Test plans: the numbers of points, positions, lengths and runs of a standard's tests, each with its source.
+"""Test plans: the numbers and formulas of a standard's tests, each with where it stands.
 
-The standards are sold; their texts were not available. So all such numbers are in plans and none is in the evaluation:
-TOML files in the folder ``plans``, or the user's own, that state the source of each number and whether it is confirmed.
+The standards are sold; their texts were not available. So all such numbers are in plans and none is in the evaluation,
+and the formulas of the evaluation are named there: TOML files in the folder ``plans``, or the user's own, that state
+the source of each entry and whether somebody has confirmed it.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from collections.abc import Collection, Iterator
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Generic, Self, TypeVar
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
@@ -20,6 +21,13 @@ from truearm.errors import InputError
 from truearm.files.toml_documents import Document, Name, NotNegative, Positive, parse_toml, read_document
 from truearm.verification.standards.dates import check_past
 from truearm.verification.standards.decision import DECISION_RULES, DecisionRule
+from truearm.verification.standards.plan_entries import (
+    NOT_IN_PLAN,
+    PlanEntry,
+    StatedEntry,
+    WithFormulas,
+    stated_entries,
+)
 
 CHECK_STANDARD = "check against your copy of the standard"
 PLANS = ("iso10360-12", "asme-b89.4.22")
@@ -31,24 +39,32 @@ def _at_most_whole(share: float) -> float:
     return share
 
 
-V = TypeVar("V", bound=float)
+Count = PlanEntry[Annotated[int, Field(strict=True, ge=1, le=1000)]]
+Tolerated = PlanEntry[Annotated[int, Field(strict=True, ge=0, le=1000)]]
+Size = PlanEntry[Positive]  # [mm]
+Share = PlanEntry[Annotated[NotNegative, AfterValidator(_at_most_whole)]]  # of a length; 0.66 is 66 %
+
+GuardBand = Literal[
+    "1.645 u, probability of 95 %",
+    "U on both sides of the limit",
+    "none where U is at most limit / 4, else U",
+]
+GUARD_BANDS: dict[DecisionRule, GuardBand] = {
+    "iso14253-1:2017": "1.645 u, probability of 95 %",
+    "iso14253-1:2013": "U on both sides of the limit",
+    "simple": "none where U is at most limit / 4, else U",
+}
 
 
-class PlanNumber(Document, Generic[V]):
-    """A number of a plan with its source; `confirmed` if it was read in a published text, otherwise recalled."""
+class Uncertainty(WithFormulas):
+    """How the uncertainty of every test value is evaluated."""
 
-    confirmed: Annotated[bool, Field(strict=True)]
-    source: Name
-    value: V
-
-
-Count = PlanNumber[Annotated[int, Field(strict=True, ge=1, le=1000)]]
-Tolerated = PlanNumber[Annotated[int, Field(strict=True, ge=0, le=1000)]]
-Size = PlanNumber[Positive]  # [mm]
-Share = PlanNumber[Annotated[NotNegative, AfterValidator(_at_most_whole)]]  # of a length; 0.66 is 66 %
+    contributions: PlanEntry[Literal["artefact and set-up, without the arm"]]
+    form: PlanEntry[Literal["half the form deviation"]]
+    coverage: PlanEntry[Literal["k = 2, or Student's t for 95.45 %"]]
 
 
-class PlannedTest(Document):
+class PlannedTest(WithFormulas):
     """A test of a plan: whether a verification needs it, and the clause of the standard."""
 
     required: Annotated[bool, Field(strict=True)]
@@ -76,6 +92,8 @@ class Probing(_OnSphere):
     """P_Size and P_Form: points on a sphere at several positions."""
 
     positions: Count
+    size: PlanEntry[Literal["least-squares diameter - calibrated"]]
+    form: PlanEntry[Literal["max - min distance from the least-squares centre"]]
 
 
 class Articulation(_OnSphere):
@@ -83,6 +101,7 @@ class Articulation(_OnSphere):
 
     groups: Count
     positions: Count
+    location: PlanEntry[Literal["diameter of the smallest sphere around the centres"]]
 
 
 class LengthTest(PlannedTest):
@@ -97,12 +116,14 @@ class LengthTest(PlannedTest):
     repeats: Count
     longest_share: Share
     tolerated_sets: Tolerated
+    error: PlanEntry[Literal["measured - calibrated length"]]
 
 
 class EffectiveDiameter(_OnSphere):
     """Effective diameter: runs of points on one sphere."""
 
     repeats: Count
+    error: PlanEntry[Literal["largest |least-squares diameter - calibrated|"]]
 
 
 class SinglePoint(PlannedTest):
@@ -110,6 +131,8 @@ class SinglePoint(PlannedTest):
 
     points: Count
     positions: Count
+    largest: PlanEntry[Literal["largest distance from the mean"]]
+    twice_s: PlanEntry[Literal["2 s, divisor n - 1"]]
 
 
 class Volumetric(PlannedTest):
@@ -118,6 +141,9 @@ class Volumetric(PlannedTest):
     lengths: Count
     positions: Count
     longest_share: Share
+    largest: PlanEntry[Literal["largest |measured - calibrated length|"]]
+    twice_s: PlanEntry[Literal["2 s about the mean, divisor n - 1"]]
+    twice_rms: PlanEntry[Literal["2 RMS, divisor n"]]
 
 
 class Confirmation(Document):
@@ -147,8 +173,11 @@ class VerificationPlan(Document):
     Attributes
     ----------
     name, title, standard : str
-    decision_rule : {"iso14253-1:2013", "iso14253-1:2017", "simple"}
-        That of `verify`, unless that is given another one.
+    decision_rule : PlanEntry
+        One of "iso14253-1:2017", "iso14253-1:2013" and "simple": that of `verify`, unless that is given another one.
+    guard_band : PlanEntry
+        That of the rule.
+    uncertainty : Uncertainty
     confirmation : Confirmation or None
         Who confirmed its numbers; None if nobody has.
     probing, articulation, uni, bi, effective_diameter, single_point, volumetric : PlannedTest or None
@@ -164,7 +193,9 @@ class VerificationPlan(Document):
     name: Name
     title: Name
     standard: Name
-    decision_rule: DecisionRule = DECISION_RULES[0]
+    decision_rule: PlanEntry[DecisionRule]
+    guard_band: PlanEntry[GuardBand]
+    uncertainty: Uncertainty
     confirmation: Confirmation | None = None
     probing: Probing | None = None
     articulation: Articulation | None = None
@@ -174,12 +205,44 @@ class VerificationPlan(Document):
     single_point: SinglePoint | None = None
     volumetric: Volumetric | None = None
 
-    @field_validator("decision_rule", mode="before")
+    @model_validator(mode="before")
     @classmethod
-    def _known_rule(cls, given: object) -> object:
-        if given not in DECISION_RULES:
-            raise InputError(f"unknown decision rule {given!r:.80}", hint=f"use one of {', '.join(DECISION_RULES)}")
-        return given
+    def _of_earlier_versions(cls, given: Any) -> Any:
+        """Plans of earlier versions state the rule without a source, and no formulas: these are not confirmed."""
+        if not isinstance(given, dict):
+            return given
+        rule = given.get("decision_rule", DECISION_RULES[0])
+        if isinstance(rule, str):
+            rule = {"value": rule, "confirmed": False, "source": NOT_IN_PLAN}
+        named = rule.get("value") if isinstance(rule, dict) else None
+        band = GUARD_BANDS.get(named, GUARD_BANDS[DECISION_RULES[0]])  # type: ignore[arg-type]
+        added = {"guard_band": {"value": band, "confirmed": False, "source": NOT_IN_PLAN}, "uncertainty": {}}
+        return {**added, **given, "decision_rule": rule}
+
+    @model_validator(mode="after")
+    def _guard_band_of_the_rule(self) -> Self:
+        rule, band = self.decision_rule.value, self.guard_band.value
+        if band != GUARD_BANDS[rule]:
+            raise InputError(
+                f"the rule {rule!r} has another guard band than {band!r}",
+                hint=f'write guard_band = {{ value = "{GUARD_BANDS[rule]}", .. }}, or another decision_rule',
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _looked_up(self) -> Self:
+        """A confirmed entry says where somebody read it; the word of the person alone opens no gate."""
+        faults: dict[str, list[str]] = {}
+        for one in self.entries():
+            if one.confirmed and one.source not in _EARLIER_SOURCES and (fault := one.fault) is not None:
+                faults.setdefault(fault, []).append(one.key)
+        for fault, keys in faults.items():
+            raise InputError(
+                f"{', '.join(keys)}: confirmed = true, but {fault}",
+                hint=f'type where it stands in {self.standard}, such as source = "clause 6.2.3" (an agreement: its '
+                "number), or set confirmed = false",
+            )
+        return self
 
     @model_validator(mode="after")
     def _confirmed_after_publication(self) -> Self:
@@ -200,24 +263,37 @@ class VerificationPlan(Document):
 
     @property
     def heading(self) -> str:
-        """The title; it names the standard as followed only if every number is confirmed, and by whom is stated."""
+        """The title; it names the standard as followed only if every entry is the standard's and is confirmed."""
         title = self.title.partition(", after ")[0]  # plans that earlier versions printed name the standard there
-        gap = self.confirmation_gap(self.tests)
-        if gap is None:
-            return f"{title}, after {self.standard}"
-        return f"{title} (plan not confirmed against {self.standard})"
+        if self.confirmation_gap(self.tests) is not None:
+            plan = "own plan," if self.is_own else "plan"
+            return f"{title} ({plan} not confirmed against {self.standard})"
+        return f"{title}, own plan" if self.is_own else f"{title}, after {self.standard}"
 
-    def confirmation_gap(self, tests: Collection[str]) -> str | None:
-        """Return what is missing before results of these tests count as results after the standard."""
-        missing = [key for key, _, _ in self.unconfirmed() if key.partition(".")[0] in tests]
+    def confirmation_gap(self, tests: Collection[str], rule: DecisionRule | None = None) -> str | None:
+        """Return what is missing before results of these tests, decided by a rule, count as confirmed.
+
+        Parameters
+        ----------
+        tests : collection of str
+            Those that were carried out.
+        rule : {"iso14253-1:2017", "iso14253-1:2013", "simple"}, optional
+            The rule of the decision; by default that of the plan.
+        """
+        missing = [one.key for one in self.entries(tests) if not is_confirmed(one)]
         if missing:
-            numbers = "number is" if len(missing) == 1 else "numbers are"
+            entries = "entry is" if len(missing) == 1 else "entries are"
             return (
-                f"{len(missing)} {numbers} not confirmed against {self.standard} in the test plan {self.name!r}: "
+                f"{len(missing)} {entries} not confirmed against {self.standard} in the test plan {self.name!r}: "
                 f"{', '.join(missing)}"
             )
-        if self.confirmation is None and self not in map(_builtin, PLANS):
-            return f"the test plan {self.name!r} does not state who confirmed its numbers against {self.standard}"
+        if self.confirmation is None:
+            return f"the test plan {self.name!r} does not state who confirmed its entries against {self.standard}"
+        if rule not in (None, self.decision_rule.value):
+            return (
+                f"the decision rule {rule!r} is not that of the test plan {self.name!r}, "
+                f"{self.decision_rule.value!r}: enter it there, with its source"
+            )
         return None
 
     @property
@@ -226,28 +302,54 @@ class VerificationPlan(Document):
         tests = {name: getattr(self, name) for name in TESTS}
         return {name: test for name, test in tests.items() if test is not None}
 
-    def unconfirmed(self) -> Iterator[tuple[str, float, str]]:
-        """Yield the numbers that are not confirmed: key, value and source."""
+    def entries(self, tests: Collection[str] | None = None) -> Iterator[StatedEntry]:
+        """Yield what enters a verdict: the numbers and formulas of some tests (all by default), and of the decision."""
         for name, test in self.tests.items():
-            for key in type(test).model_fields:
-                number = getattr(test, key)
-                if isinstance(number, PlanNumber) and not number.confirmed:
-                    yield f"{name}.{key}", number.value, number.source
+            if tests is None or name in tests:
+                yield from stated_entries(test, name)
+        yield from stated_entries(self.uncertainty, "uncertainty")
+        yield from stated_entries(self, "")
 
-    def changed_numbers(self) -> Iterator[tuple[str, float, float]]:
-        """Yield the numbers that differ from truearm's plan after the same standard: key, value, value there."""
-        there = next((plan.tests for plan in map(_builtin, PLANS) if plan.standard == self.standard), {})
-        for name, test in self.tests.items():
-            for key in type(test).model_fields:
-                number, other = getattr(test, key), getattr(there.get(name), key, None)
-                if isinstance(number, PlanNumber) and isinstance(other, PlanNumber) and number.value != other.value:
-                    yield f"{name}.{key}", number.value, other.value
+    def unconfirmed(self, tests: Collection[str] | None = None) -> Iterator[StatedEntry]:
+        """Yield the entries that nobody has confirmed."""
+        return (one for one in self.entries(tests) if not is_confirmed(one))
+
+    @property
+    def is_own(self) -> bool:
+        """Whether it is another plan than the standard's, as far as truearm knows that one."""
+        return self._known is None or any(self.differences())
+
+    def differences(self) -> Iterator[tuple[str, str]]:
+        """Yield the tests, and what differs in them from truearm's plan after the same standard.
+
+        The decision rule is no part of it: standards let customer and laboratory agree on another one.
+        """
+        known = {} if self._known is None else self._known.tests
+        for name, there in known.items():
+            test = self.tests.get(name)
+            if there.required and (test is None or not test.required):
+                yield name, "not in this plan" if test is None else "not required here"
+            for one, other in zip(stated_entries(test, name), stated_entries(there, name), strict=True) if test else ():
+                if one.value != other.value:
+                    yield name, f"{one.describe()} ({other.describe().removeprefix(f'{one.name} = ')})"
+
+    @property
+    def _known(self) -> VerificationPlan | None:
+        """The plan of truearm after the same standard."""
+        return next((plan for plan in map(_builtin, PLANS) if plan.standard == self.standard), None)
+
+
+# Sources that plans of earlier versions called confirmed: they name no clause, and count as not confirmed.
+_EARLIER_SOURCES = ("Kreon's page on ISO 10360-12",)
+
+
+def is_confirmed(entry: StatedEntry) -> bool:
+    """Whether somebody read the entry where it says that it stands."""
+    return entry.confirmed and entry.source not in _EARLIER_SOURCES
 
 
 TESTS = tuple(
-    name
-    for name, field in VerificationPlan.model_fields.items()
-    if not field.is_required() and name not in ("decision_rule", "confirmation")
+    name for name, field in VerificationPlan.model_fields.items() if not field.is_required() and name != "confirmation"
 )
 
 

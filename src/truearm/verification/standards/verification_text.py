@@ -15,10 +15,11 @@ from truearm.verification.standards.decision import (
     Verdict,
 )
 from truearm.verification.standards.verification import Verification
+from truearm.verification.standards.verification_plan import is_confirmed
 
 RULE_STANDARDS: Mapping[DecisionRule, str | None] = {
-    "iso14253-1:2013": "ISO 14253-1:2013",
     "iso14253-1:2017": "ISO 14253-1:2017",
+    "iso14253-1:2013": "ISO 14253-1:2013",
     "simple": None,
 }
 UNROUNDED_TEXT = "Values are compared before rounding."
@@ -98,8 +99,21 @@ def worst_values(verification: Verification) -> str:
     return f"{_list_rows(deciding)}." if deciding else ""
 
 
-def describe_rule(rule: DecisionRule) -> str:
-    """Describe the decision rule, with the edition of the standard."""
+def describe_sources(verification: Verification) -> list[str]:
+    """Where each number and formula of the plan stands: a line for each test, for those that are confirmed."""
+    by_test: dict[str, dict[str, list[str]]] = {}
+    for one in verification.plan.entries(verification.measured.tests):
+        if is_confirmed(one):
+            by_test.setdefault(one.test, {}).setdefault(one.source, []).append(one.describe())
+    return [
+        f"where it stands, {test}: " + "; ".join(f"{', '.join(entries)} ({place})" for place, entries in places.items())
+        for test, places in by_test.items()
+    ]
+
+
+def describe_rule(rule: DecisionRule, *, confirmed: bool = True) -> str:
+    """Describe the decision rule, with the edition of the standard, and whether somebody has confirmed it."""
+    recalled = "" if confirmed else ", as recalled, not confirmed against its text"
     whole = (
         "a value conforms if it lies within its limit by the expanded uncertainty U or more, it does not conform if it "
         "lies beyond by more than U, and is undecided in the guard band between"
@@ -111,8 +125,7 @@ def describe_rule(rule: DecisionRule) -> str:
             f"more, it does not conform if the quantity lies beyond the nearer limit with a probability of {level} or "
             "more, and is undecided between. The quantity has a normal distribution about the value with the standard "
             "uncertainty u, or Student's t where u has few degrees of freedom; where u is small, the guard band is "
-            "1.645 u. This is the default rule of ISO 14253-1:2017, as recalled, not confirmed against its text. "
-            f"{UNROUNDED_TEXT}"
+            f"1.645 u. This is the default rule of ISO 14253-1:2017{recalled}. {UNROUNDED_TEXT}"
         )
     if rule == "simple":
         return (
@@ -121,8 +134,8 @@ def describe_rule(rule: DecisionRule) -> str:
             f"{whole}. {UNROUNDED_TEXT}"
         )
     return (
-        f"Decision rule: {whole}. This is the rule of ISO 14253-1:2013; the edition of 2017 has smaller guard bands. "
-        f"{UNROUNDED_TEXT}"
+        f"Decision rule: {whole}. This is the rule of ISO 14253-1:2013, which is withdrawn{recalled}; the edition of "
+        f"2017 has smaller guard bands. {UNROUNDED_TEXT}"
     )
 
 
