@@ -501,3 +501,23 @@ def test_the_files_of_the_docs_page_make_its_transcript(truearm, bench):
     for part in excerpt.split("..."):
         assert part in root
     assert ET.parse("certificate.xml").getroot().get("schemaVersion") == "3.3.0"
+
+
+def test_a_certificate_whose_value_was_changed_contradicts_itself(truearm, bench):
+    """An unsigned file: 0.9 mm beside a limit of 0.03 mm and "pass"."""
+    assert truearm(*ALL).code == 0
+    root = ET.fromstring(Path("certificate.xml").read_text())
+    space = {"dcc": "https://ptb.de/dcc", "si": "https://ptb.de/si"}
+    result = next(
+        one
+        for one in root.iterfind(".//dcc:results/dcc:result", space)
+        if one.findtext("dcc:name/dcc:content", "", space) == "P_Form.Sph.1x25, position 2"
+    )
+    result.find("dcc:data/dcc:quantity/si:real/si:value", space).text = "0.9098"
+    Path("changed.xml").write_bytes(ET.tostring(root))
+    ran = truearm("certificate", "--read", "changed.xml")
+    assert (ran.code, ran.out) == (2, "")
+    assert "changed.xml: 2 faults" in ran.err
+    assert "the certificate contradicts itself: P_Form.Sph.1x25, position 2 is 0.9098 mm with U = 0.00" in ran.err
+    assert "by the decision rule fail; it states pass" in ran.err
+    assert "P_Form.Sph.1x25, position 2 is 0.9098, which is none of its individual results" in ran.err

@@ -56,7 +56,15 @@ LEAN = certificate(
         persons=[{"name": "p", "main_signer": True}],
         conditions={"temperature_degC": (20.0, 20.0)},
     ),
-    outcome([row for row in ROWS if row.limit is None or row.value < 0.04], rule="simple", degC=float("nan")),
+    outcome(
+        [
+            row(one.value, one.limit, label=one.label, budget=one.budget, rule="simple") if one.limit else one
+            for one in ROWS
+            if one.limit is None or one.value < 0.04
+        ],
+        rule="simple",
+        degC=float("nan"),
+    ),
 )
 MARKED = certificate(made=outcome(plan=RECALLED), unconfirmed=True)
 BOTH = certificate(made=outcome(ROWS[:1]), as_found=outcome())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+from collections.abc import Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from math import isfinite
@@ -19,10 +20,19 @@ from truearm.verification.standards.verification_text import RULE_STANDARDS, des
 
 SOFTWARE = "truearm"
 DEGREES_OF_FREEDOM = "degrees of freedom"
+COMBINED = "combined standard uncertainty"
+DECISION_RULE = "Decision rule"
+TITLE = "Verification: "
 # The non-binary rule with guard bands of ILAC-G8:09/2019 [recalled, not confirmed]: undecided values within their limit
 # are a conditional pass, those beyond it a conditional fail. Of a value that was measured outside the rated conditions
 # of its limit no conformity is stated, not even "noPass", which a machine can take for a rejection.
-CONFORMITIES = ("pass", "conditionalPass", "conditionalFail", "fail")
+CONFORMITY_VERDICTS = {
+    "pass": Verdict.CONFORM,
+    "conditionalPass": Verdict.UNDECIDED,
+    "conditionalFail": Verdict.UNDECIDED,
+    "fail": Verdict.NOT_CONFORM,
+}
+CONFORMITIES = tuple(CONFORMITY_VERDICTS)
 
 
 @dataclass(frozen=True)
@@ -204,16 +214,16 @@ def make_certificate(
     ]
     if stated:
         rule = describe_rule(verification.rule)
-        methods.append(Method("Decision rule", xml_text(rule), RULE_STANDARDS[verification.rule]))
+        methods.append(Method(DECISION_RULE, xml_text(rule), RULE_STANDARDS[verification.rule]))
     return Certificate(
         about=about,
         begin=min([*days, *(group.date for group in as_found.groups)] if as_found else days),
         end=max(days),
         software=SOFTWARE,
         release=__version__,
-        title=xml_text(f"Verification: {verification.specification.name}"),
+        title=xml_text(f"{TITLE}{verification.specification.name}"),
         statements=make_statements(about, verification, gap, as_found=as_found),
-        conformity=_overall(verification) if stated else None,
+        conformity=overall_conformity([conformity_of(row) for row in verification.rows_with_limit]) if stated else None,
         methods=tuple(methods),
         equipment=tuple(_equipment(one, verification) for one in verification.used_artefacts),
         artefact_degC=None if degC is None else (_to(degC[0], 2), _to(degC[1], 2)),
@@ -343,17 +353,21 @@ def conformity_of(row: ConformityResult) -> str | None:
     """The verdict of a row as one of `CONFORMITIES`; None without a limit or outside its rated conditions."""
     if row.verdict is None or row.limit is None or not row.in_rated_conditions:
         return None
-    if row.verdict is Verdict.UNDECIDED:
-        return "conditionalPass" if abs(row.value) <= row.limit else "conditionalFail"
-    return "pass" if row.verdict is Verdict.CONFORM else "fail"
+    return conformity(row.verdict, within=abs(row.value) <= row.limit)
 
 
-def _overall(verification: Verification) -> str | None:
-    """The worst of all; None if nothing is stated of some value, unless another one fails."""
-    stated = [conformity_of(row) for row in verification.rows_with_limit]
-    if None in stated:
-        return "fail" if "fail" in stated else None
-    return max((one for one in stated if one is not None), key=CONFORMITIES.index)
+def conformity(verdict: Verdict, *, within: bool) -> str:
+    """A verdict as one of `CONFORMITIES`; `within` says on which side of its limit the value is."""
+    possible = [one for one in CONFORMITIES if CONFORMITY_VERDICTS[one] is verdict]
+    return possible[0 if within else -1]
+
+
+def overall_conformity(stated: Sequence[str | None]) -> str | None:
+    """The worst conformity of all values; None if nothing is stated of some value, unless another one fails."""
+    if "fail" in stated:
+        return "fail"
+    known = [one for one in stated if one is not None]
+    return max(known, key=CONFORMITIES.index) if known and len(known) == len(stated) else None
 
 
 def _result(row: ConformityResult, stated: bool) -> StatedResult:
@@ -394,7 +408,7 @@ def _budget(budget: Budget) -> tuple[StatedQuantity, ...]:
     lines = []
     for label, u, dof in (
         *((one.label, one.u, one.dof) for one in budget.contributions),
-        ("combined standard uncertainty", budget.u, budget.dof),
+        (COMBINED, budget.u, budget.dof),
     ):
         lines.append(StatedQuantity(xml_text(label), _rounded(u, u), "mm"))
         if isfinite(dof):

@@ -43,14 +43,14 @@ from truearm.verification.certificate.dcc_reader import (
     STYLUS,
     UNITS,
     Element,
-    parse_dcc,
+    parse_dcc_file,
 )
 
 
 def checked_dcc(certificate: Certificate, signer: Signer | None = None) -> bytes:
     """Return a certificate as XML, signed if there is a signer, that was read back and compared with it."""
     content = dcc(certificate) if signer is None else sign_xml(dcc(certificate), signer)
-    if parse_dcc(content) != certificate:
+    if parse_dcc_file(content).certificate != certificate:
         raise TruearmError("the certificate read back differs from the one written; please report this as a bug")
     return content
 

@@ -29,6 +29,7 @@ from truearm.verification.certificate.certificate import (
     StatedQuantity,
     StatedResult,
 )
+from truearm.verification.certificate.consistency import check_consistency
 from truearm.verification.certificate.statements import Statement
 
 SCHEMA_VERSION = "3.3.0"
@@ -107,8 +108,8 @@ def read_dcc_file(path: str | Path, *, trusted: str | Path | None = None) -> Cer
     Raises
     ------
     InputError
-        If the file is missing, too long, not such a certificate, breaks a rule of its content, its signature is broken,
-        or the signer's certificate was not valid on the day of issue.
+        If the file is missing, too long, not such a certificate, breaks a rule of its content, contradicts itself (see
+        `check_consistency`), its signature is broken, or the signer's certificate was not valid on the day of issue.
     """
     try:
         return parse_dcc_file(read_limited(path, limit_bytes=MAX_BYTES), trusted=trusted)
@@ -117,14 +118,15 @@ def read_dcc_file(path: str | Path, *, trusted: str | Path | None = None) -> Cer
 
 
 def parse_dcc(content: bytes) -> Certificate:
-    """Read the content of a certificate, see `read_dcc_file`."""
-    return parse_dcc_file(content).certificate
+    """Read the content of a certificate as it stands, whatever its numbers say; see `read_dcc_file`."""
+    return _certificate_of(verified_content(content)[0])
 
 
 def parse_dcc_file(content: bytes, *, trusted: str | Path | None = None) -> CertificateFile:
     """Read the content of a certificate and its signature, see `read_dcc_file`."""
     signed, signature = verified_content(content, trusted=trusted)
     certificate = _certificate_of(signed)  # only what the signature signs
+    check_consistency(certificate)
     if signature is not None and not signature.valid_from <= certificate.about.issued <= signature.valid_until:
         raise InputError(
             f"the certificate was issued on {certificate.about.issued}; its signer's certificate is valid from "

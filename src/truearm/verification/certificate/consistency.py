@@ -1,0 +1,183 @@
+"""Whether a certificate agrees with itself: what it states is recomputed from the other numbers that it states.
+
+Written values are rounded. A statement contradicts the numbers only if no values that round to the written ones agree.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from decimal import Decimal
+from itertools import product
+from math import inf
+
+import numpy as np
+from scipy.special import stdtrit
+
+from truearm.errors import FaultCollector, InputError
+from truearm.typing import FloatArray
+from truearm.verification.certificate.certificate import (
+    COMBINED,
+    CONFORMITIES,
+    CONFORMITY_VERDICTS,
+    DECISION_RULE,
+    DEGREES_OF_FREEDOM,
+    TITLE,
+    Certificate,
+    StatedList,
+    StatedQuantity,
+    StatedResult,
+    conformity,
+    overall_conformity,
+)
+from truearm.verification.standards.decision import COVERAGE_PROBABILITY, DecisionRule, Verdict, decide
+from truearm.verification.standards.verification_text import RULE_STANDARDS
+
+_REMEDY = "do not use this certificate; ask the laboratory that issued it"
+_DOF = np.arange(1.0, 2000.0)
+_LARGEST = "Volumetric.Max"
+# What ASME B89.4.22 computes from all deviations of length, see `asme_b89_4_22.volumetric`; the rounding of each
+# deviation moves it by at most this many times as much.
+_OF_DEVIATIONS: dict[str, tuple[Callable[[FloatArray], float], float]] = {
+    "Volumetric.2s": (lambda all_: 2 * float(all_.std(ddof=1)), 3.0),
+    "Volumetric.2RMS": (lambda all_: 2 * float(np.sqrt((all_**2).mean())), 2.0),
+    "Volumetric, range": (lambda all_: float(np.ptp(all_)), 2.0),
+    "Volumetric, mean": (lambda all_: float(all_.mean()), 1.0),
+}
+
+
+def check_consistency(certificate: Certificate) -> None:
+    """Check that a certificate does not contradict itself.
+
+    Recomputed are the conformity of each value from value, U, limit and decision rule; the decision from those of all
+    values, with its sentence; test values from the individual results; U from its budget, and the budget's sum.
+
+    Raises
+    ------
+    InputError
+        With all contradictions.
+    """
+    found = FaultCollector()
+    for problem in (
+        *_verdicts(certificate),
+        *_decision(certificate),
+        *_individual(certificate),
+        *_budgets(certificate),
+    ):
+        with found.collect():
+            raise InputError(f"the certificate contradicts itself: {problem}", hint=_REMEDY)
+    found.raise_any()
+
+
+def _verdicts(certificate: Certificate) -> Iterator[str]:
+    stated = [one for one in certificate.results if one.conformity is not None]
+    if not stated:
+        return
+    norms = [method.norm for method in certificate.methods if method.name == DECISION_RULE]
+    rules = {norm: rule for rule, norm in RULE_STANDARDS.items()}
+    if len(norms) != 1 or norms[0] not in rules:
+        yield "it states conformities, but not one decision rule that this version of truearm knows"
+        return
+    for one in stated:
+        possible = _possible_conformities(one, rules[norms[0]])
+        if one.conformity not in possible:
+            assert one.limit is not None
+            yield (
+                f"{one.quantity.name} is {one.quantity.value} mm with U = {one.quantity.expanded or 0} mm, its limit "
+                f"{one.limit.value} mm: by the decision rule {' or '.join(possible)}; it states {one.conformity}"
+            )
+
+
+def _possible_conformities(result: StatedResult, rule: DecisionRule) -> tuple[str, ...]:
+    """The conformities by a rule of all values and uncertainties that round to those of a result."""
+    quantity = result.quantity
+    assert result.limit is not None
+    limit, size, near = float(result.limit.value), abs(float(quantity.value)), _half_digit(quantity.value)
+    expanded = quantity.expanded or Decimal(0)
+    beside = _half_digit(expanded) if expanded else 0.0
+    found = set()
+    for value, uncertainty, dof in product(
+        (max(size - near, 0.0), size, size + near),
+        (max(float(expanded) - beside, 0.0), float(expanded) + beside),
+        _dof_of(quantity.factor),
+    ):
+        verdict = decide(value, uncertainty, limit, rule=rule, dof=dof)
+        found.add(CONFORMITIES.index(conformity(verdict, within=value <= limit)))
+    return CONFORMITIES[min(found) : max(found) + 1]
+
+
+def _dof_of(factor: Decimal | None) -> tuple[float, ...]:
+    """The fewest and the most degrees of freedom whose coverage factor rounds to a stated one."""
+    known = _DOF[np.abs(stdtrit(_DOF, (1 + COVERAGE_PROBABILITY) / 2) - float(factor or 2)) <= 0.0051]
+    return (inf,) if not known.size else (known[0], inf if known[-1] == _DOF[-1] else known[-1])
+
+
+def _decision(certificate: Certificate) -> Iterator[str]:
+    if certificate.reservation is not None:
+        return
+    overall = overall_conformity([one.conformity for one in certificate.results if one.limit is not None])
+    if overall != certificate.conformity:
+        yield f"by its values the decision is {overall or 'none'}; it states {certificate.conformity or 'none'}"
+    name = f"{certificate.title.removeprefix(TITLE)}: "
+    verdict = CONFORMITY_VERDICTS[overall] if overall else Verdict.UNDECIDED
+    for text in certificate.texts("decision"):
+        said = text.removeprefix(name).partition(".")[0]
+        if text.startswith(name) and said != verdict.value:
+            yield f"by its values the arm is {verdict.value!r}; the decision says {said[:80]!r}"
+
+
+def _individual(certificate: Certificate) -> Iterator[str]:
+    """Test values that are none of their individual results, or not computed from them."""
+    lists: dict[str, list[StatedList]] = {}
+    for one in certificate.individual:
+        lists.setdefault(one.name, []).append(one)
+    for quantity in (one.quantity for one in certificate.results):
+        parts = quantity.name.split(", ")
+        own = next((lists[name] for n in range(len(parts), 0, -1) if (name := ", ".join(parts[:n])) in lists), [])
+        if own and not any(quantity.value == one.value for listed in own for one in listed.quantities):
+            yield f"{quantity.name} is {quantity.value}, which is none of its individual results"
+        if quantity.name in _OF_DEVIATIONS and len(lists.get(_LARGEST, [])) == 1:
+            compute, times = _OF_DEVIATIONS[quantity.name]
+            deviations = lists[_LARGEST][0].quantities
+            value = compute(np.array([float(one.value) for one in deviations]))
+            rounding = times * max(_half_digit(one.value) for one in deviations) + _half_digit(quantity.value)
+            if abs(value - float(quantity.value)) > rounding:
+                yield f"{quantity.name} is {value:.5f} mm by the individual results; it states {quantity.value} mm"
+
+
+def _budgets(certificate: Certificate) -> Iterator[str]:
+    """Budgets whose sum is another, and expanded uncertainties that are not k times that of their budget."""
+    known: dict[str, list[StatedQuantity]] = {}
+    for listed in certificate.budgets:
+        lines = [one for one in listed.quantities if not one.name.endswith(f": {DEGREES_OF_FREEDOM}")]
+        combined = [one for one in lines if one.name == COMBINED]
+        if len(combined) != 1:
+            yield f"the budget of {listed.name[:200]} has {len(combined)} lines {COMBINED!r}, not one"
+            continue
+        for name in listed.name.split("; "):
+            known.setdefault(name, []).append(combined[0])
+        sizes = np.array([float(one.value) for one in lines if one.name != COMBINED])
+        roundings = np.array([_half_digit(one.value) for one in lines])
+        value = float(np.hypot.reduce(sizes)) if sizes.size else 0.0
+        if abs(value - float(combined[0].value)) > np.sqrt((roundings**2).sum()) + roundings.max():
+            yield f"the budget of {listed.name[:200]} sums up to {value:.2g} mm; it states {combined[0].value} mm"
+    for quantity in (one.quantity for one in certificate.results):
+        budgets = [one.value for one in known.get(quantity.name, [])]
+        if budgets and not any(_is_expanded(quantity, u) for u in budgets):
+            stated = f"U = {quantity.expanded} mm with k = {quantity.factor}"
+            yield f"{quantity.name} has {stated}; its budget has u = {budgets[0]} mm"
+
+
+def _is_expanded(quantity: StatedQuantity, u: Decimal) -> bool:
+    """Whether ``U = k u`` for some values that round to the three."""
+    expanded, factor = quantity.expanded, quantity.factor
+    if expanded is None or factor is None:
+        return u == 0
+    rounding = _half_digit(expanded) + float(factor) * _half_digit(u) + float(u) * _half_digit(factor)
+    return abs(float(expanded) - float(factor) * float(u)) <= rounding * (1 + 1e-9)
+
+
+def _half_digit(value: Decimal) -> float:
+    """Half a unit of the last written digit, and a billionth more for the arithmetic."""
+    exponent = value.as_tuple().exponent
+    assert isinstance(exponent, int)  # the reader takes finite numbers only
+    return 0.5000000005 * 10.0**exponent

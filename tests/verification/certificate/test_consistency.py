@@ -1,0 +1,175 @@
+"""Certificates that contradict themselves are named; those of a verification never do, however they are rounded."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from decimal import Decimal
+from math import sqrt
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from made_up_outcome import BUDGET, certificate, outcome, row
+
+from truearm.errors import InputError
+from truearm.verification.certificate.certificate import StatedList
+from truearm.verification.certificate.consistency import check_consistency
+from truearm.verification.certificate.dcc import dcc
+from truearm.verification.certificate.dcc_reader import parse_dcc, parse_dcc_file
+from truearm.verification.standards.decision import (
+    DECISION_RULES,
+    Budget,
+    Contribution,
+    outside_rated_conditions,
+    worst_result,
+)
+
+WHOLE = certificate()
+
+
+def contradictions(made):
+    with pytest.raises(InputError) as refused:
+        check_consistency(made)
+    return [one.problem.removeprefix("the certificate contradicts itself: ") for one in refused.value.faults]
+
+
+def with_result(made, number, **changes):
+    """The certificate with changes to a test value's quantity or to its conformity."""
+    results = list(made.results)
+    old = results[number]
+    conformity = changes.pop("conformity", old.conformity)
+    limit = changes.pop("limit", old.limit)
+    results[number] = replace(old, quantity=replace(old.quantity, **changes), limit=limit, conformity=conformity)
+    return replace(made, results=tuple(results))
+
+
+@settings(max_examples=150)
+@given(
+    st.lists(
+        st.tuples(
+            st.floats(-0.2, 0.2),
+            st.floats(0.001, 0.1),
+            st.floats(1e-5, 0.05),
+            st.floats(1e-5, 0.05),
+            st.sampled_from([1.0, 2.5, 4.0, 30.0, float("inf")]),
+        ),
+        min_size=1,
+        max_size=4,
+    ),
+    st.sampled_from(DECISION_RULES),
+    st.booleans(),
+)
+def test_a_certificate_of_a_verification_never_contradicts_itself(cases, rule, unrated):
+    rows = [
+        row(
+            value,
+            limit,
+            label=f"E_Uni, {number}",
+            rule=rule,
+            budget=Budget((Contribution("a", a, dof), Contribution("b", b))),
+        )
+        for number, (value, limit, a, b, dof) in enumerate(cases)
+    ]
+    rows = [worst_result(rows), *rows]
+    if unrated:
+        rows[-1] = outside_rated_conditions(rows[-1])
+    check_consistency(certificate(made=outcome(rows, rule=rule)))
+
+
+@pytest.mark.parametrize("rule", DECISION_RULES)
+@pytest.mark.parametrize("near", [-1e-7, 0.0, 1e-7])
+def test_a_value_that_is_rounded_over_the_edge_of_a_zone_is_no_contradiction(rule, near):
+    """Values are compared before rounding: the written ones may stand on the other side."""
+    for edge in (0.05 - BUDGET.expanded, 0.05, 0.05 + BUDGET.expanded, 0.05 - 1.645 * BUDGET.u):
+        check_consistency(certificate(made=outcome([row(edge + near, rule=rule)], rule=rule)))
+
+
+def test_a_value_far_outside_its_limit_does_not_pass():
+    """Hand-solved: 0.9098 > 0.05 + 0.0104, so 0.9098 fails, whatever rounding does."""
+    made = certificate(made=outcome([row(0.0102)]))
+    assert contradictions(with_result(made, 0, value=Decimal("0.9098"))) == [
+        (
+            "E_Uni, 900, position 1 is 0.9098 mm with U = 0.010 mm, its limit 0.05 mm: "
+            "by the decision rule fail; it states pass"
+        )
+    ]
+    written = dcc(made).replace(b"<si:value>0.010</si:value>", b"<si:value>0.910</si:value>", 1)
+    assert parse_dcc(written).results[0].quantity.value == Decimal("0.910")  # for inspection
+    with pytest.raises(InputError, match=r"contradicts itself: E_Uni, 900, position 1 is 0\.910 mm"):
+        parse_dcc_file(written)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda made: with_result(made, 0, conformity="conditionalPass"), "rule pass; it states conditionalPass"),
+        (lambda made: with_result(made, 1, conformity="pass"), "rule conditionalPass; it states pass"),
+        (lambda made: with_result(made, 3, conformity="conditionalFail"), "rule fail; it states conditionalFail"),
+        (lambda made: with_result(made, 0, expanded=Decimal("0.090")), "U = 0.090 mm, its limit 0.05 mm"),
+        (
+            lambda made: with_result(made, 0, expanded=Decimal("0.012")),
+            "has U = 0.012 mm with k = 2.09; its budget has",
+        ),
+        (
+            lambda made: with_result(made, 0, factor=Decimal("2.40")),
+            "U = 0.010 mm with k = 2.40; its budget has u = 0.005",
+        ),
+        (lambda made: replace(made, conformity="pass"), "the decision is fail; it states pass"),
+        (lambda made: replace(made, conformity=None), "the decision is fail; it states none"),
+        (lambda made: replace(made, methods=made.methods[:-1]), "not one decision rule that"),
+        (
+            lambda made: replace(
+                made, methods=(*made.methods[:-1], replace(made.methods[-1], norm="ISO 14253-1:1998"))
+            ),
+            "not one decision rule that",
+        ),
+        (
+            lambda made: replace(
+                made,
+                statements=tuple(
+                    replace(one, text=one.text.replace("not conform.", "conform.")) for one in made.statements
+                ),
+            ),
+            "the arm is 'not conform'; the decision says 'conform'",
+        ),
+        (
+            lambda made: replace(
+                made, budgets=(StatedList(made.budgets[0].name, made.budgets[0].quantities[2:]), *made.budgets[1:])
+            ),
+            "sums up to 0.004 mm; it states 0.0050 mm",
+        ),
+        (lambda made: replace(made, budgets=(StatedList("a", made.budgets[0].quantities[:1]),)), "0 lines 'combined"),
+    ],
+)
+def test_each_contradiction_is_named(change, said):
+    assert any(said in one for one in contradictions(change(WHOLE))), contradictions(change(WHOLE))
+
+
+def test_all_contradictions_are_named_at_once():
+    changed = with_result(with_result(WHOLE, 0, value=Decimal("0.910")), 3, value=Decimal("0.010"))
+    assert len(contradictions(changed)) == 2
+
+
+def test_a_test_value_is_one_of_its_individual_results():
+    made = certificate(made=outcome([worst_result([row(0.01), row(0.02), row(-0.03)])]))
+    assert [one.name for one in made.individual] == ["E_Uni, 900"]
+    check_consistency(made)
+    assert contradictions(with_result(made, 0, value=Decimal("-0.031"))) == [
+        "E_Uni, 900, position 1 is -0.031, which is none of its individual results"
+    ]
+
+
+@pytest.mark.parametrize("number", [1, 2, 3, 4])
+def test_statistics_of_lengths_are_computed_from_the_deviations_again(number):
+    """Deviations 10, 20, -30 um: 2s = 2 sqrt(1400 / 2), 2RMS = 2 sqrt(1400 / 3), range 50, mean 0."""
+    of_all = {"2s": 2 * sqrt(700), "2RMS": 2 * sqrt(1400 / 3), ", range": 50.0, ", mean": 0.0}
+    deviations = [row(1e-3 * one, label="Volumetric.Max") for one in (10, 20, -30)]
+    others = [
+        replace(row(1e-3 * one, None, label=f"Volumetric{'' if label[0] == ',' else '.'}{label}"), where="")
+        for label, one in of_all.items()
+    ]
+    made = certificate(made=outcome([worst_result(deviations), *others]))
+    check_consistency(made)
+    (said,) = contradictions(with_result(made, number, value=made.results[number].quantity.value + Decimal("0.002")))
+    assert said.startswith(f"{others[number - 1].label} is ")
+    assert "by the individual results; it states" in said
