@@ -26,6 +26,7 @@ _HOMES = {
     "truearm.verification.standards.specification": ("Specification", "read_specification"),
     "truearm.verification.standards.verification_plan": ("VerificationPlan", "load_verification_plan"),
     "truearm.workflows.arm_from_circles": ("CircleArm", "arm_from_circles"),
+    "truearm.workflows.artefacts_from_certificate": ("ArtefactsFromCertificate", "artefacts_from_certificate"),
     "truearm.workflows.certificate": ("CertificateResult", "ReadCertificate", "certificate", "read_certificate"),
     "truearm.workflows.check": ("CheckResult", "WithdrawalResult", "check", "withdraw_check"),
     "truearm.workflows.compare": ("ModelChange", "compare"),

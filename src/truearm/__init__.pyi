@@ -34,6 +34,8 @@ from truearm.verification.standards.verification_plan import VerificationPlan as
 from truearm.verification.standards.verification_plan import load_verification_plan as load_verification_plan
 from truearm.workflows.arm_from_circles import CircleArm as CircleArm
 from truearm.workflows.arm_from_circles import arm_from_circles as arm_from_circles
+from truearm.workflows.artefacts_from_certificate import ArtefactsFromCertificate as ArtefactsFromCertificate
+from truearm.workflows.artefacts_from_certificate import artefacts_from_certificate as artefacts_from_certificate
 from truearm.workflows.certificate import CertificateResult as CertificateResult
 from truearm.workflows.certificate import ReadCertificate as ReadCertificate
 from truearm.workflows.certificate import certificate as certificate

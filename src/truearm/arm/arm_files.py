@@ -38,7 +38,6 @@ Every ``_mm`` may be ``_m`` and every ``_deg`` may be ``_rad``, but not both at 
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import accumulate, pairwise
@@ -66,7 +65,7 @@ from truearm.arm.urdf import read_urdf, write_urdf
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.file_reading import parse_file
-from truearm.files.toml_documents import parse_toml
+from truearm.files.toml_documents import parse_toml, toml_text
 from truearm.typing import FloatArray
 
 MAX_BYTES = 1_000_000
@@ -337,11 +336,11 @@ def _triple(table: _Strict, quantity: str) -> FloatArray:
 
 def _toml_lines(arm: Arm, table: DHTable) -> Iterator[str]:
     yield "# An arm: see docs/arm-file.md. The names state the units; title and source appear in reports."
-    yield f"name = {_quoted(arm.name)}"
-    yield f"title = {_quoted(arm.title)}"
-    yield f"source = {_quoted(arm.source)}"
+    yield f"name = {toml_text(arm.name)}"
+    yield f"title = {toml_text(arm.title)}"
+    yield f"source = {toml_text(arm.source)}"
     if arm.serial_number:
-        yield f"serial_number = {_quoted(arm.serial_number)}"
+        yield f"serial_number = {toml_text(arm.serial_number)}"
     if arm.nominal_error_mm:
         yield f"nominal_error_mm = {_plain(arm.nominal_error_mm)}"
     yield f'convention = "{table.convention}"'
@@ -352,7 +351,7 @@ def _toml_lines(arm: Arm, table: DHTable) -> Iterator[str]:
     centres = np.zeros((0, 3)) if arm.masses is None else _centres_at_row_ends(arm.chain, arm.masses, table)
     for i, name in enumerate(arm.joint_names):
         slides = bool(table.prismatic[i])
-        yield from ("", "[[joints]]", f"name = {_quoted(name)}", f'type = "{"prismatic" if slides else "revolute"}"')
+        yield from ("", "[[joints]]", f"name = {toml_text(name)}", f'type = "{"prismatic" if slides else "revolute"}"')
         yield from (f"a_mm = {_plain(table.a[i])}", f"d_mm = {_plain(table.d[i])}")
         yield from (f"alpha_deg = {_plain_deg(table.alpha[i])}", f"theta_deg = {_plain_deg(table.theta[i])}")
         if table.beta[i] or table.b[i]:
@@ -395,11 +394,6 @@ def _frame_lines(key: str, frame: FloatArray) -> Iterator[str]:
         return
     xyz, rpy = xyz_rpy_from_frame(frame)
     yield from ("", f"[{key}]", f"xyz_mm = {_listed(xyz)}", f"rpy_deg = {_listed(np.rad2deg(rpy))}")
-
-
-def _quoted(text: str) -> str:
-    # JSON's strings are TOML's, except DEL, which TOML requires escaped.
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def _plain(number: float) -> str:

@@ -60,7 +60,8 @@ def certificate(
     The result is a digital calibration certificate (DCC), an XML file in the format of PTB. The files are those of
     truearm verify; --about has the other data of a certificate. --pdf writes the certificate for paper.
 
-    With --read: what a certificate states, and who signed it. A broken signature is refused.
+    With --read: what a certificate states, of truearm or of another laboratory, and who signed it. One that contradicts
+    itself, or has a broken signature, is refused.
     """
     if template:
         from truearm.verification.certificate.administrative_data import template as template_text

@@ -20,6 +20,7 @@ WAYS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "sheet": (("out",), ("artefacts", "mpe", "points", "tip_diameter")),
     "print_plan": ((), ()),
     "template": ((), ()),
+    "artefacts_from": ((), ("out", "result", "trusted", "as_json")),
 }
 
 
@@ -48,7 +49,10 @@ def verify(
     sheet: Annotated[
         str | None, Option(metavar="PLAN", help="Write the operator's sheet of a plan: places, directions, order.")
     ] = None,
-    out: Annotated[Path | None, Option(help="With --sheet: page to write, .html.")] = None,
+    out: Annotated[
+        Path | None,
+        Option(help="With --sheet: page to write, .html. With --artefacts-from: file of artefacts to write, .toml."),
+    ] = None,
     tip_diameter: Annotated[
         float | None, Option(min=0, help="With --sheet --points: diameter of the stylus tip [mm].")
     ] = None,
@@ -58,6 +62,23 @@ def verify(
     template: Annotated[
         TemplateKind | None,
         Option(help="Print an empty file for --artefacts or --mpe, to fill in: > mpe.toml."),
+    ] = None,
+    artefacts_from: Annotated[
+        Path | None,
+        Option(
+            metavar="CERTIFICATE",
+            help="Fill in a file of artefacts from a sphere's, a bar's or a gauge block's digital certificate, .xml.",
+        ),
+    ] = None,
+    result: Annotated[
+        list[str] | None,
+        Option(
+            metavar="ROLE=NAME",
+            help="With --artefacts-from: which result is the diameter, length or form, as 'diameter=Mean diameter'.",
+        ),
+    ] = None,
+    trusted: Annotated[
+        Path | None, Option(help="With --artefacts-from: the signer's certificate that you trust, .pem.")
     ] = None,
     as_json: Json = False,
 ) -> None:
@@ -73,6 +94,9 @@ def verify(
     With --sheet: a page to print and to measure by, for the artefacts and the measuring range of --artefacts and --mpe.
     --points then writes the points to measure, a row for each with all names filled in; truearm predict --into enters
     the coordinates.
+
+    With --artefacts-from: a file for --artefacts, with what an artefact's digital calibration certificate (DCC) states;
+    the rest is named. Without --out it is printed.
     """
     _check_together(context)
     if print_plan is not None:
@@ -83,6 +107,8 @@ def verify(
         from truearm.verification.standards.file_templates import template as template_text
 
         typer.echo(template_text(template), nl=False)
+    elif artefacts_from is not None:
+        _fill_in_artefacts(artefacts_from, out, result or [], trusted=trusted, as_json=as_json)
     elif sheet is not None and out is not None:
         _write_sheet(sheet, out, points, artefacts=artefacts, mpe=mpe, tip_diameter=tip_diameter)
     elif simulate is not None:
@@ -104,6 +130,29 @@ def verify(
         print_record(simulated, as_json=as_json)
     elif points is not None and plan is not None and artefacts is not None and mpe is not None:
         _verify_points(points, plan, artefacts, mpe, rule=rule, report=report, as_json=as_json)
+
+
+def _fill_in_artefacts(
+    certificate: Path, out: Path | None, chosen: list[str], *, trusted: Path | None, as_json: bool
+) -> None:
+    from truearm.errors import InputError
+    from truearm.files.atomic_write import check_new_form
+    from truearm.workflows.artefacts_from_certificate import NEW_FILE, artefacts_from_certificate
+
+    pairs = [text.partition("=") for text in chosen]
+    if wrong := [text for text, (_, equals, name) in zip(chosen, pairs, strict=True) if not (equals and name)]:
+        raise InputError(f"--result: expected ROLE=NAME, got {wrong[0]!r}", hint="--result 'diameter=Mean diameter'")
+    if out is not None:
+        check_new_form(out, **NEW_FILE)
+    filled_in = artefacts_from_certificate(
+        certificate, results={role: name for role, _, name in pairs}, trusted=trusted
+    )
+    if out is None and not as_json:
+        typer.echo(filled_in.text, nl=False)
+        return
+    if out is not None:
+        filled_in.save(out)
+    print_record(filled_in, as_json=as_json, files={"artefacts": out})
 
 
 def _write_sheet(

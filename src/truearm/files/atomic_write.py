@@ -56,15 +56,16 @@ def atomic_file(path: str | Path) -> Iterator[Path]:
             beside.unlink(missing_ok=True)
 
 
-def check_new_form(path: str | Path, *, holds: str) -> None:
+def check_new_form(path: str | Path, *, holds: str, ending: str = ".csv") -> None:
     """Check, before long work, that a form to fill in can be written and overwrites no file: it may be filled in.
 
     Parameters
     ----------
     path : path
-        Ends in ``.csv``.
     holds : str
         What people enter in such a form, in the plural: readings, points.
+    ending : str
+        Of the name.
 
     Raises
     ------
@@ -72,8 +73,8 @@ def check_new_form(path: str | Path, *, holds: str) -> None:
         If the name has another ending, the file exists, or its folder is not writable.
     """
     path = Path(path)
-    if path.suffix != ".csv":
-        raise InputError(f"expected a file name that ends in .csv, got {path.name!r}", file=path)
+    if path.suffix != ending:
+        raise InputError(f"expected a file name that ends in {ending}, got {path.name!r}", file=path)
     if path.exists():
         raise InputError(f"the file exists, and {holds} may be in it", file=path, hint="choose another name")
     check_writable(path)

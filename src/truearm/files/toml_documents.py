@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 import difflib
+import json
 import re
 import tomllib
 import unicodedata
@@ -38,6 +39,11 @@ def reject_control_characters(text: str) -> str:
 
 
 Name = Annotated[str, Field(min_length=1, max_length=200, strict=True), AfterValidator(reject_control_characters)]
+
+
+def toml_text(text: str) -> str:
+    """Return a text as TOML writes it; JSON's strings are TOML's, except DEL, which TOML requires escaped."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 class Document(BaseModel):

@@ -15,6 +15,7 @@ from truearm.files.atomic_write import atomic_file
 from truearm.files.xml_signatures import Signature
 from truearm.solve.threads import one_blas_thread
 from truearm.verification.certificate.administrative_data import AdministrativeData, read_administrative_data
+from truearm.verification.certificate.calibration_certificate import CalibrationCertificate, describe
 from truearm.verification.certificate.certificate import (
     Certificate,
     check_about,
@@ -305,20 +306,27 @@ class ReadCertificate(Record):
 
     Attributes
     ----------
-    certificate : Certificate
-        All that it states: `results`, `conformity`, `about` and so on.
+    certificate : Certificate or CalibrationCertificate
+        All that it states: `results`, `conformity`, `about` and so on; of another laboratory `items`, `results` and so
+        on.
     signature : Signature or None
         Who signed it, and whether with the certificate that the reader trusts; None if it is not signed.
     """
 
-    certificate: Certificate
+    certificate: Certificate | CalibrationCertificate
     signature: Signature | None
 
     def blocks(self) -> Iterator[str]:
         """See `Record`."""
         from truearm.show.certificate_page import CONFORMITY_WORDS, NOT_DECIDED
 
-        made, about = self.certificate, self.certificate.about
+        made = self.certificate
+        if isinstance(made, CalibrationCertificate):
+            yield f"certificate {made.number} of {made.laboratory}, DCC {made.schema_version}"
+            yield describe_signature(self.signature)
+            yield from describe(made)
+            return
+        about = made.about
         verdict = NOT_DECIDED[0] if made.conformity is None else CONFORMITY_WORDS[made.conformity][0]
         if made.reservation is not None:
             verdict = NOT_FOR_CONFORMITY
@@ -331,6 +339,8 @@ class ReadCertificate(Record):
 
     def _json(self) -> object:
         made = self.certificate
+        if isinstance(made, CalibrationCertificate):
+            return {**made.to_dict(), "signature": self.signature}
         return {
             "number": made.about.number,
             "issued": made.about.issued,
@@ -343,7 +353,7 @@ class ReadCertificate(Record):
 
 @one_blas_thread()
 def read_certificate(path: str | Path, *, trusted: str | Path | None = None) -> ReadCertificate:
-    """Read a digital calibration certificate of this program and verify its signature.
+    """Read a digital calibration certificate, of this program or of another laboratory, and verify its signature.
 
     Parameters
     ----------
@@ -354,7 +364,7 @@ def read_certificate(path: str | Path, *, trusted: str | Path | None = None) -> 
     Raises
     ------
     InputError
-        If the file is no such certificate, or its signature is broken.
+        If the file is no such certificate, contradicts itself, or its signature is broken.
     MissingTool
         If the file is signed and signxml is not installed.
 

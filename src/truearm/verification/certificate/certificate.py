@@ -156,6 +156,11 @@ class Certificate:
         )
 
     @property
+    def issued(self) -> datetime.date:
+        """Date of issue."""
+        return self.about.issued
+
+    @property
     def reservation(self) -> str | None:
         """Why the certificate is not for conformity decisions; None if it is."""
         return next(iter(self.texts("reservation")), None)

@@ -14,6 +14,7 @@ from decimal import Decimal
 from truearm.errors import TruearmError
 from truearm.files.xml_signatures import Signer, sign_xml
 from truearm.verification.certificate.administrative_data import NOTES, Contact, Site
+from truearm.verification.certificate.calibration_certificate import SPACES
 from truearm.verification.certificate.certificate import Certificate, StatedQuantity
 from truearm.verification.certificate.dcc_reader import (
     ACCREDITATION,
@@ -38,7 +39,6 @@ from truearm.verification.certificate.dcc_reader import (
     REPLACES,
     SCHEMA_VERSION,
     SITE,
-    SPACES,
     STATEMENTS,
     STYLUS,
     UNITS,

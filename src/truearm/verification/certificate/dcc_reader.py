@@ -20,8 +20,14 @@ from truearm.errors import InputError
 from truearm.files.file_reading import read_limited
 from truearm.files.xml_signatures import Signature, verified_content
 from truearm.verification.certificate.administrative_data import NOTES, AdministrativeData
+from truearm.verification.certificate.calibration_certificate import (
+    SPACES,
+    CalibrationCertificate,
+    calibration_certificate,
+)
 from truearm.verification.certificate.certificate import (
     CONFORMITIES,
+    SOFTWARE,
     Certificate,
     Equipment,
     Method,
@@ -36,11 +42,6 @@ SCHEMA_VERSION = "3.3.0"
 LANGUAGE = "en"  # of all texts
 MAX_BYTES = 10_000_000
 
-SPACES = {
-    "dcc": "https://ptb.de/dcc",
-    "si": "https://ptb.de/si",
-    "xsi": "http://www.w3.org/2001/XMLSchema-instance",
-}
 UNITS = {"mm": r"\milli\metre", "degC": r"\degreecelsius", "1": r"\one"}
 # Reference types and names of the conditions.
 # Free text: PTB's rules accept no version of installed software but a letter and numbers.
@@ -85,19 +86,19 @@ Element = ET.Element
 
 @dataclass(frozen=True)
 class CertificateFile:
-    """A certificate as it was read; `signature` is None if the file is not signed."""
+    """A certificate as it was read, of this program or of others; `signature` is None if the file is not signed."""
 
-    certificate: Certificate
+    certificate: Certificate | CalibrationCertificate
     signature: Signature | None
 
 
 def read_dcc(path: str | Path) -> Certificate:
     """Read a certificate of this program, see `read_dcc_file`."""
-    return read_dcc_file(path).certificate
+    return _own(read_dcc_file(path).certificate)
 
 
 def read_dcc_file(path: str | Path, *, trusted: str | Path | None = None) -> CertificateFile:
-    """Read a certificate of this program with its signature.
+    """Read a certificate of this program, or of another laboratory, with its signature.
 
     Parameters
     ----------
@@ -119,25 +120,36 @@ def read_dcc_file(path: str | Path, *, trusted: str | Path | None = None) -> Cer
 
 def parse_dcc(content: bytes) -> Certificate:
     """Read the content of a certificate as it stands, whatever its numbers say; see `read_dcc_file`."""
-    return _certificate_of(verified_content(content)[0])
+    return _own(_certificate_of(verified_content(content)[0]))
 
 
 def parse_dcc_file(content: bytes, *, trusted: str | Path | None = None) -> CertificateFile:
     """Read the content of a certificate and its signature, see `read_dcc_file`."""
     signed, signature = verified_content(content, trusted=trusted)
     certificate = _certificate_of(signed)  # only what the signature signs
-    check_consistency(certificate)
-    if signature is not None and not signature.valid_from <= certificate.about.issued <= signature.valid_until:
+    if isinstance(certificate, Certificate):
+        check_consistency(certificate)
+    issued = certificate.issued
+    if signature is not None and issued is not None and not signature.valid_from <= issued <= signature.valid_until:
         raise InputError(
-            f"the certificate was issued on {certificate.about.issued}; its signer's certificate is valid from "
+            f"the certificate was issued on {issued}; its signer's certificate is valid from "
             f"{signature.valid_from} to {signature.valid_until}",
             hint="sign with a certificate that is valid on the day of issue",
         )
     return CertificateFile(certificate, signature)
 
 
-def _certificate_of(content: bytes) -> Certificate:
+def _own(certificate: Certificate | CalibrationCertificate) -> Certificate:
+    if isinstance(certificate, CalibrationCertificate):
+        raise InputError(f"expected a certificate of {SOFTWARE}, got one of {certificate.laboratory}")
+    return certificate
+
+
+def _certificate_of(content: bytes) -> Certificate | CalibrationCertificate:
     root = ET.fromstring(content.decode("utf-8-sig"))  # noqa: S314, it was parsed before: it has no document type
+    names = _all(root, "administrativeData/dccSoftware/software/name/content", some=False)
+    if SOFTWARE not in map(_text, names):
+        return calibration_certificate(root)
     if root.tag != f"{{{SPACES['dcc']}}}digitalCalibrationCertificate":
         raise InputError(f"expected a digital calibration certificate, got <{root.tag:.80}>")
     if (version := root.get("schemaVersion")) != SCHEMA_VERSION:

@@ -1,0 +1,73 @@
+"""``truearm verify --artefacts-from``: an artefact's certificate as a file to complete, or nothing and what to do."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+import truearm as ta
+from made_up_dcc import BALL_BAR, SPHERE
+
+COMMAND = ["verify", "--artefacts-from", "sphere.xml"]
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("sphere.xml").write_text(SPHERE, encoding="utf-8")
+    Path("bar.xml").write_text(BALL_BAR, encoding="utf-8")
+    return tmp_path
+
+
+def test_a_file_of_artefacts_is_filled_in_and_what_is_missing_is_named(truearm, folder):
+    ran = truearm(*COMMAND, "--out", "artefacts.toml")
+    assert (ran.code, ran.err) == (0, "")
+    assert ran.out.splitlines() == [
+        "sphere, from certificate 1234 EX 26 of Example Institute",
+        "The file is not signed: anybody can have changed it.",
+        "filled in: name, certificate, issued_by, date, expires, diameter_mm, u_diameter_mm, form_mm, u_form_mm",
+        "not in the certificate, to fill in: expansion_per_K, u_expansion_per_K, u_temperature_K, u_fixture_mm",
+        "artefacts written to artefacts.toml",
+    ]
+    with pytest.raises(ta.InputError, match=r"spheres\[1\]\.u_fixture_mm"):
+        ta.read_artefacts("artefacts.toml")
+    printed = truearm(*COMMAND)
+    assert printed.out == Path("artefacts.toml").read_text(encoding="utf-8")
+    assert printed.out == ta.artefacts_from_certificate("sphere.xml").text
+    assert "The file is not signed" in printed.out
+    stated = json.loads(truearm(*COMMAND, "--json").out)
+    assert stated["draft"]["missing"] == ["expansion_per_K", "u_expansion_per_K", "u_temperature_K", "u_fixture_mm"]
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--out", "there.toml"], "there.toml: the file exists, and values may be in it"),
+        (["--out", "artefacts.txt"], "ends in .toml"),
+        (["--out", "new.toml", "--result", "Diameter"], "expected ROLE=NAME, got 'Diameter'"),
+        (["--out", "new.toml", "--result", "diameter=Radius"], "sphere.xml: the certificate has no result"),
+        (["--out", "new.toml", "--mpe", "mpe.toml"], "does not apply to --artefacts-from"),
+        (["--out", "new.toml", "--trusted", "ca.pem"], "ca.pem|not signed"),
+    ],
+)
+def test_nothing_is_overwritten_or_half_written(truearm, folder, snapshot, options, said):
+    Path("there.toml").write_text("# mine\n")
+    there = snapshot(folder)
+    ran = truearm(*COMMAND, *options)
+    assert (ran.code, ran.out) == (2, "")
+    assert any(part in ran.err for part in said.split("|")), ran.err
+    assert snapshot(folder) == there
+
+
+def test_certificates_of_other_laboratories_are_read(truearm, folder):
+    ran = truearm("certificate", "--read", "bar.xml")
+    assert (ran.code, ran.err) == (0, "")
+    assert ran.out.splitlines()[:2] == [
+        "certificate 1234 EX 26 of Example Institute, DCC 3.2.1",
+        "The file is not signed: anybody can have changed it.",
+    ]
+    stated = json.loads(truearm("certificate", "--read", "bar.xml", "--json").out)
+    assert stated["results"][1]["values"][1]["value"] == -2.5
+    assert stated["items"][0]["numbers"] == [["customer", "M-7"], ["manufacturer", "4711"]]
