@@ -15,7 +15,7 @@ _HOMES = {
     "truearm.compensation.models": ("HybridModel", "KinematicModel", "NetworkModel", "NominalModel", "PhysicalModel"),
     "truearm.compensation.models.model_file": ("load_model",),
     "truearm.errors": ("InputError",),
-    "truearm.files.xml_signatures": ("Signer", "read_signer"),
+    "truearm.files.x509_certificates": ("Signer", "read_signer"),
     "truearm.identification.terms": ("Expression", "Term"),
     "truearm.identification.virtual": ("VirtualArm",),
     "truearm.readings": ("Lengths", "Session", "read_lengths", "read_session"),

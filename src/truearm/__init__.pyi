@@ -12,8 +12,8 @@ from truearm.compensation.models import NominalModel as NominalModel
 from truearm.compensation.models import PhysicalModel as PhysicalModel
 from truearm.compensation.models.model_file import load_model as load_model
 from truearm.errors import InputError as InputError
-from truearm.files.xml_signatures import Signer as Signer
-from truearm.files.xml_signatures import read_signer as read_signer
+from truearm.files.x509_certificates import Signer as Signer
+from truearm.files.x509_certificates import read_signer as read_signer
 from truearm.identification.terms import Expression as Expression
 from truearm.identification.terms import Term as Term
 from truearm.identification.virtual import VirtualArm as VirtualArm

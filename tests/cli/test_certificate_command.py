@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import datetime
 import json
 import re
 import tomllib
@@ -15,6 +14,7 @@ from made_up_certificate import ABOUT, CONFIRMED_PLAN, confirm
 from made_up_verification import ARTEFACTS, MPE, Made
 
 import truearm as ta
+from truearm.files.xml_signatures import sign_xml
 from truearm.verification.certificate.dcc_reader import read_dcc
 from truearm.verification.standards.verification_plan import plan_text
 
@@ -235,11 +235,11 @@ def test_without_confirmed_numbers_a_certificate_is_refused_or_marked(truearm, b
     )
 
 
-def test_a_certificate_for_paper_has_the_one_for_machines_inside(truearm, bench):
+def test_a_certificate_for_paper_has_the_one_for_machines_inside(truearm, bench, key):
     pikepdf = pytest.importorskip("pikepdf", reason="pip install pikepdf reads PDF files")
     pytest.importorskip("fpdf", reason="pip install truearm[pdf] writes PDF files")
     Path("my-plan.toml").write_text(plan_text("iso10360-12"))
-    ran = truearm(*ALL, "--unconfirmed", "--pdf", "certificate.pdf")
+    ran = truearm(*ALL, "--unconfirmed", "--pdf", "certificate.pdf", "--sign", "key.pem", "--signer", "signer.pem")
     assert (ran.code, ran.err) == (0, "")
     assert ran.out.endswith("PDF written to certificate.pdf\n")
     with pikepdf.open("certificate.pdf") as pdf:
@@ -247,6 +247,14 @@ def test_a_certificate_for_paper_has_the_one_for_machines_inside(truearm, bench)
         meta = pdf.open_metadata()
         assert meta["dc:title"] == "Calibration certificate V-2026-042"
         assert "not for conformity decisions" in meta["dc:description"]
+    pytest.importorskip("pypdf", reason="pip install truearm[pdf] reads PDF files")
+    of_xml, of_pdf = (
+        truearm("certificate", "--read", f"certificate.{form}", "--trusted", "signer.pem").out.splitlines()
+        for form in ("xml", "pdf")
+    )
+    assert of_pdf.pop(2) == "This is the XML file attached to the PDF file; truearm does not read the sheets."
+    assert of_pdf == of_xml
+    assert ta.read_certificate("certificate.pdf").from_pdf
 
 
 def test_without_the_package_for_pdf_files_nothing_is_written(truearm, bench, snapshot, monkeypatch):
@@ -267,17 +275,11 @@ def test_without_the_package_for_pdf_files_nothing_is_written(truearm, bench, sn
 def key(bench):
     """The key of a laboratory and its certificate, made for this test."""
     pytest.importorskip("signxml", reason="pip install truearm[sign] signs and verifies")
-    from cryptography import x509
-    from cryptography.hazmat.primitives import hashes, serialization
-    from cryptography.hazmat.primitives.asymmetric import ec
+    from made_up_signers import certified, curve_key, write
 
-    made = ec.generate_private_key(ec.SECP256R1())
-    name = x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, "Example Laboratory")])
-    since = datetime.datetime(2026, 1, 1, tzinfo=datetime.UTC)
-    builder = x509.CertificateBuilder(name, name, made.public_key(), 7, since, since.replace(year=2028))
-    pem, plain = serialization.Encoding.PEM, serialization.NoEncryption()
-    Path("key.pem").write_bytes(made.private_bytes(pem, serialization.PrivateFormat.PKCS8, plain))
-    Path("signer.pem").write_bytes(builder.sign(made, hashes.SHA256()).public_bytes(pem))
+    made = curve_key()
+    write(bench, "signer", made, certified(made, begin=2026, end=2028))
+    Path("signer.key").rename("key.pem")
 
 
 def test_a_signed_certificate_is_verified_when_it_is_read(truearm, bench, key):
@@ -291,15 +293,55 @@ def test_a_signed_certificate_is_verified_when_it_is_read(truearm, bench, key):
     assert (read.code, read.err) == (0, "")
     first, second, *_ = read.out.splitlines()
     assert first == "certificate V-2026-042, conform"
-    assert second.startswith("The signature is good; signed by CN=Example Laboratory; verified by its own certificate:")
+    good = "The signature is good; signed by CN=Example Laboratory, time not stated; verified by its own certificate:"
+    assert second.startswith(good)
     read = truearm("certificate", "--read", "certificate.xml", "--trusted", "signer.pem", "--json")
     assert json.loads(read.out)["signature"]["trusted"] is True
     text = Path("certificate.xml").read_text()
     assert ">0.03<" in text
     Path("changed.xml").write_text(text.replace(">0.03<", ">0.04<"))
     read = truearm("certificate", "--read", "changed.xml")
+    assert (read.code, read.out) == (1, "")
+    assert read.err.startswith("truearm: changed.xml: the signature is broken: the content was changed after it was")
+    read = truearm("certificate", "--read", "changed.xml", "--json")
+    assert (read.code, json.loads(read.out)["signature"]["answer"]) == (1, "broken")
+
+
+def test_a_signature_that_is_not_verifiable_here_is_neither_good_nor_broken(truearm, bench, key):
+    """Without its certificate it can be of anybody; by another than the trusted one it is not known here."""
+    assert truearm(*ALL, "--sign", "key.pem", "--signer", "signer.pem").code == 0
+    text = Path("certificate.xml").read_text()
+    Path("bare.xml").write_text(re.sub("<ds:KeyInfo>.*</ds:KeyInfo>", "", text, flags=re.S))
+    read = truearm("certificate", "--read", "bare.xml")
+    assert (read.code, read.err) == (3, "")
+    assert read.out.splitlines()[1] == (
+        "The signature is not verifiable here: the file contains no certificate of its signer. "
+        "Read the file as one that is not signed."
+    )
+    read = truearm("certificate", "--read", "bare.xml", "--json")
+    assert (read.code, json.loads(read.out)["signature"]["answer"]) == (3, "not verifiable here")
+    assert truearm("certificate", "--read", "bare.xml", "--trusted", "signer.pem").code == 0
+    from made_up_signers import certified, curve_key, write
+
+    write(bench, "other", other := curve_key(), certified(other))
+    read = truearm("certificate", "--read", "certificate.xml", "--trusted", "other.pem")
+    assert (read.code, read.out) == (3, "")
+    assert "the signature is not verifiable here: it is by CN=Example Laboratory, whose certificate" in read.err
+    read = truearm("certificate", "--read", "certificate.xml", "--trusted", "other.pem", "--json")
+    answer = json.loads(read.out)["signature"]
+    assert (read.code, answer["answer"]) == (3, "not verifiable here")
+    assert answer["reason"].startswith("it is by CN=Example Laboratory")
+
+
+def test_the_certificate_of_others_says_whether_its_signature_is_good(truearm, bench, key):
+    """What the reader does not know of its content is no fault of its signature."""
+    foreign = b'<other xmlns="urn:other"/>'
+    Path("foreign.xml").write_bytes(sign_xml(foreign, ta.read_signer("key.pem", "signer.pem")))
+    read = truearm("certificate", "--read", "foreign.xml", "--trusted", "signer.pem")
     assert (read.code, read.out) == (2, "")
-    assert read.err.startswith("truearm: changed.xml: the signature is broken: do not use this file")
+    assert (
+        "expected a digital calibration certificate, got <{urn:other}other>. The signature is good; signed" in read.err
+    )
 
 
 def test_a_certificate_is_signed_and_read_in_python_alike(truearm, bench, key):

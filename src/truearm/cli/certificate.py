@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from typer import Option
 
-from truearm.cli.console import print_line, print_record
+from truearm.cli.console import print_json, print_line, print_record, print_status
 from truearm.cli.options import AcceptOption, ArtefactsFile, Json, MpeFile, RuleOption, refuse_typed, typed_options
 
 if TYPE_CHECKING:
-    from truearm.files.xml_signatures import Signer
+    from truearm.files.x509_certificates import Signer
 
 
 def certificate(
@@ -51,8 +51,11 @@ def certificate(
     template: Annotated[
         bool, Option("--template", help="Print a file to fill in for --about, and nothing else.")
     ] = False,
-    read: Annotated[Path | None, Option(help="Read a certificate, .xml, and verify its signature.")] = None,
-    trusted: Annotated[Path | None, Option(help="With --read: the signer's certificate that you trust, .pem.")] = None,
+    read: Annotated[Path | None, Option(help="Read a certificate, .xml or .pdf, and verify its signature.")] = None,
+    trusted: Annotated[
+        Path | None,
+        Option(help="With --read: certificates that you trust, of the signer or of who issued the signer's, .pem."),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """State a verification as a calibration certificate.
@@ -61,7 +64,8 @@ def certificate(
     truearm verify; --about has the other data of a certificate. --pdf writes the certificate for paper.
 
     With --read: what a certificate states, of truearm or of another laboratory, and who signed it. One that contradicts
-    itself, or has a broken signature, is refused.
+    itself is refused. The exit code is 0 if the signature is good or there is none, 1 if it is broken (do not use the
+    file), 3 if it is not verifiable here.
     """
     if template:
         from truearm.verification.certificate.administrative_data import template as template_text
@@ -70,9 +74,7 @@ def certificate(
         return
     if read is not None:
         _check_reads_only(context)
-        from truearm.workflows.certificate import read_certificate
-
-        print_record(read_certificate(read, trusted=trusted), as_json=as_json)
+        _print_read(read, trusted, as_json)
         return
     for option, other, value in (("logo", "pdf", pdf), ("sign", "signer", signer), ("signer", "sign", sign)):
         if value is None:
@@ -95,6 +97,32 @@ def certificate(
     result = stated(results[0], about_file, as_found=before, unconfirmed=unconfirmed, accept=accept)
     result.save(certificate_file, html, pdf=pdf, logo=logo, signer=signing)
     print_record(result, as_json=as_json, files={"certificate": out, "page": html, "PDF": pdf})
+
+
+def _print_read(file: Path, trusted: Path | None, as_json: bool) -> None:
+    """Print what a certificate states; exit with a code for a signature that is broken or not verifiable here."""
+    from truearm.files.xml_references import BrokenSignature, UnverifiedSignature
+    from truearm.files.xml_signatures import BROKEN, NOT_VERIFIABLE
+    from truearm.workflows.certificate import read_certificate
+
+    try:
+        result = read_certificate(file, trusted=trusted)
+    except (BrokenSignature, UnverifiedSignature) as error:
+        broken = isinstance(error, BrokenSignature)
+        if as_json:
+            print_json(
+                {
+                    "signature": {
+                        "answer": BROKEN if broken else NOT_VERIFIABLE,
+                        "reason": error.problem.partition(": ")[2],
+                    }
+                }
+            )
+        print_status(f"truearm: {error}")
+        raise typer.Exit(1 if broken else 3) from None
+    print_record(result, as_json=as_json)
+    if result.signature is not None and result.signature.answer == NOT_VERIFIABLE:
+        raise typer.Exit(3)
 
 
 def _needed(plan: dict[str, str | None], files: dict[str, Path | None]) -> tuple[Path, ...]:
@@ -121,7 +149,7 @@ def _check_reads_only(context: typer.Context) -> None:
 
 def _signer(key: Path, certificate: Path) -> Signer:
     """Read the key and its certificate; ask for the password of an encrypted key."""
-    from truearm.files.xml_signatures import is_encrypted, read_signer
+    from truearm.files.x509_certificates import is_encrypted, read_signer
 
     asked = is_encrypted(key)
     password = typer.prompt(f"Password of {key}", hide_input=True, err=True) if asked else None

@@ -33,7 +33,7 @@ from truearm.workflows.record import Record
 from truearm.workflows.verify import VerificationResult, digests_of
 
 if TYPE_CHECKING:
-    from truearm.files.xml_signatures import Signer
+    from truearm.files.x509_certificates import Signer
     from truearm.pages.page import Page
 
 AdministrativeDataLike: TypeAlias = AdministrativeData | str | Path
@@ -92,7 +92,7 @@ class CertificateResult(PageRecord):
         logo : path, optional
             Logo of the laboratory for the PDF, ``.png`` or ``.svg``.
         signer : Signer, optional
-            Key and certificate with which the XML file is signed, see `truearm.files.xml_signatures.read_signer`.
+            Key and certificate with which the XML file is signed, see `truearm.files.x509_certificates.read_signer`.
 
         Raises
         ------
@@ -310,11 +310,14 @@ class ReadCertificate(Record):
         All that it states: `results`, `conformity`, `about` and so on; of another laboratory `items`, `results` and so
         on.
     signature : Signature or None
-        Who signed it, and whether with the certificate that the reader trusts; None if it is not signed.
+        Whether its signature is good, who made it, and whether the reader trusts that one; None if it is not signed.
+    from_pdf : bool
+        Whether it is the XML file attached to a PDF file.
     """
 
     certificate: Certificate | CalibrationCertificate
     signature: Signature | None
+    from_pdf: bool = False
 
     def blocks(self) -> Iterator[str]:
         """See `Record`."""
@@ -331,7 +334,10 @@ class ReadCertificate(Record):
         if made.reservation is not None:
             verdict = NOT_FOR_CONFORMITY
         yield f"certificate {about.number}, {verdict}"
-        yield describe_signature(self.signature)
+        unsigned = "The file is not signed: anybody can have changed it."
+        yield unsigned if self.signature is None else self.signature.describe()
+        if self.from_pdf:
+            yield "This is the XML file attached to the PDF file; truearm does not read the sheets."
         item = about.item
         yield f"{item.name} {item.maker} {item.model}, serial number {item.serial_number}"
         yield f"issued on {about.issued} by {about.laboratory.name}; measured from {made.begin} to {made.end}"
@@ -348,6 +354,7 @@ class ReadCertificate(Record):
             "conformity": made.conformity,
             "reservation": made.reservation,
             "signature": self.signature,
+            "from_pdf": self.from_pdf,
         }
 
 
@@ -358,15 +365,18 @@ def read_certificate(path: str | Path, *, trusted: str | Path | None = None) -> 
     Parameters
     ----------
     path : path
+        The XML file, or a PDF file that it is attached to.
     trusted : path, optional
-        Certificate (PEM) of the signer; a file that is not signed with its key is refused.
+        Certificates (PEM) of the signer, or of the authority that issued the signer's; a file that is not signed by
+        them is refused.
 
     Raises
     ------
     InputError
-        If the file is no such certificate, contradicts itself, or its signature is broken.
+        If the file is no such certificate, contradicts itself, its signature is broken, or it is not verifiable here
+        although there is a `trusted`.
     MissingTool
-        If the file is signed and signxml is not installed.
+        If the file is signed and signxml is not installed, or is a PDF file and pypdf is not.
 
     Examples
     --------
@@ -376,17 +386,4 @@ def read_certificate(path: str | Path, *, trusted: str | Path | None = None) -> 
     truearm.errors.InputError: certificate.xml: the file does not exist
     """
     read = read_dcc_file(path, trusted=trusted)
-    return ReadCertificate(read.certificate, read.signature)
-
-
-def describe_signature(signature: Signature | None) -> str:
-    """Describe in a sentence who signed a file."""
-    if signature is None:
-        return "The file is not signed: anybody can have changed it."
-    known = (
-        "with the certificate that you trust"
-        if signature.trusted
-        else f"by its own certificate: compare the fingerprint with the signer's, SHA-256 {signature.fingerprint}"
-    )
-    issued = "" if signature.issuer == signature.signer else f", certificate issued by {signature.issuer}"
-    return f"The signature is good; signed by {signature.signer}{issued}; verified {known}."
+    return ReadCertificate(read.certificate, read.signature, read.from_pdf)

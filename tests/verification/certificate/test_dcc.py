@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from made_up_outcome import CONFIRMED, DAY, RECALLED, ROWS, about, certificate, outcome, row
 
 from truearm.errors import InputError, TruearmError
-from truearm.files.xml_signatures import Signer
+from truearm.files.x509_certificates import Signer
 from truearm.show.certificate_page import CONFORMITY_WORDS, certificate_page
 from truearm.verification.certificate import dcc_reader as module
 from truearm.verification.certificate.administrative_data import xml_text as one_line
@@ -568,14 +568,10 @@ def test_a_signed_certificate_is_valid_by_the_schema(tmp_path):
     validation = pytest.importorskip("dcclib.validation", reason="pip install truearm[dcc] checks against the schemas")
     schema = pytest.importorskip("dcclib.validation.xsd").SchemaVersion
     pytest.importorskip("signxml", reason="pip install truearm[sign] signs")
-    from cryptography import x509
-    from cryptography.hazmat.primitives import hashes
-    from cryptography.hazmat.primitives.asymmetric import ec
+    from made_up_signers import certified, curve_key
 
-    key, name = ec.generate_private_key(ec.SECP256R1()), x509.Name([])
-    since = datetime.datetime(2026, 1, 1, tzinfo=datetime.UTC)
-    builder = x509.CertificateBuilder(name, name, key.public_key(), 7, since, since.replace(year=2028))
-    content = checked_dcc(WHOLE, Signer(builder.sign(key, hashes.SHA256()), key))
+    key = curve_key()
+    content = checked_dcc(WHOLE, Signer(certified(key), key))
     (tmp_path / "certificate.xml").write_bytes(content)
     checked = validation.XsdValidator.from_version(schema.v3_3_0).validate_file(str(tmp_path / "certificate.xml"))
     assert [error.message for error in checked.errors] == []

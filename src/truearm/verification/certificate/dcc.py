@@ -11,8 +11,9 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from decimal import Decimal
 
-from truearm.errors import TruearmError
-from truearm.files.xml_signatures import Signer, sign_xml
+from truearm.errors import InputError, TruearmError
+from truearm.files.x509_certificates import Signer
+from truearm.files.xml_signatures import GOOD, sign_xml
 from truearm.verification.certificate.administrative_data import NOTES, Contact, Site
 from truearm.verification.certificate.calibration_certificate import SPACES
 from truearm.verification.certificate.certificate import Certificate, StatedQuantity
@@ -50,7 +51,10 @@ from truearm.verification.certificate.dcc_reader import (
 def checked_dcc(certificate: Certificate, signer: Signer | None = None) -> bytes:
     """Return a certificate as XML, signed if there is a signer, that was read back and compared with it."""
     content = dcc(certificate) if signer is None else sign_xml(dcc(certificate), signer)
-    if parse_dcc_file(content).certificate != certificate:
+    read = parse_dcc_file(content)
+    if read.signature is not None and read.signature.answer != GOOD:
+        raise InputError(read.signature.reason, hint="sign with a certificate that is valid on the day of issue")
+    if read.certificate != certificate:
         raise TruearmError("the certificate read back differs from the one written; please report this as a bug")
     return content
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import datetime
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,9 @@ from pydantic import ValidationError
 
 from truearm.errors import InputError
 from truearm.files.file_reading import read_limited
-from truearm.files.xml_signatures import Signature, verified_content
+from truearm.files.pdf_attachments import attached_xml, is_pdf
+from truearm.files.xml_references import UnverifiedSignature
+from truearm.files.xml_signatures import GOOD, NOT_VERIFIABLE, Signature, verified_content
 from truearm.verification.certificate.administrative_data import NOTES, AdministrativeData
 from truearm.verification.certificate.calibration_certificate import (
     SPACES,
@@ -90,6 +92,7 @@ class CertificateFile:
 
     certificate: Certificate | CalibrationCertificate
     signature: Signature | None
+    from_pdf: bool = False
 
 
 def read_dcc(path: str | Path) -> Certificate:
@@ -103,17 +106,24 @@ def read_dcc_file(path: str | Path, *, trusted: str | Path | None = None) -> Cer
     Parameters
     ----------
     path : path
+        The XML file, or a PDF file that it is attached to.
     trusted : path, optional
-        Certificate (PEM) of the signer; a file that is not signed with its key is refused.
+        Certificates (PEM) of the signer, or of the authority that issued the signer's; a file that is not signed by
+        them is refused.
 
     Raises
     ------
     InputError
         If the file is missing, too long, not such a certificate, breaks a rule of its content, contradicts itself (see
-        `check_consistency`), its signature is broken, or the signer's certificate was not valid on the day of issue.
+        `check_consistency`), its signature is broken (`BrokenSignature`), or not verifiable here although there is a
+        `trusted` (`UnverifiedSignature`).
     """
     try:
-        return parse_dcc_file(read_limited(path, limit_bytes=MAX_BYTES), trusted=trusted)
+        content = read_limited(path, limit_bytes=MAX_BYTES)
+        from_pdf = is_pdf(content)
+        if from_pdf:
+            content = attached_xml(content, limit_bytes=MAX_BYTES)
+        return replace(parse_dcc_file(content, trusted=trusted), from_pdf=from_pdf)
     except InputError as error:
         raise (error if error.file is not None else error.in_file(path)) from None
 
@@ -126,16 +136,24 @@ def parse_dcc(content: bytes) -> Certificate:
 def parse_dcc_file(content: bytes, *, trusted: str | Path | None = None) -> CertificateFile:
     """Read the content of a certificate and its signature, see `read_dcc_file`."""
     signed, signature = verified_content(content, trusted=trusted)
-    certificate = _certificate_of(signed)  # only what the signature signs
-    if isinstance(certificate, Certificate):
-        check_consistency(certificate)
+    try:
+        certificate = _certificate_of(signed)  # only what the signature signs
+        if isinstance(certificate, Certificate):
+            check_consistency(certificate)
+    except InputError as error:
+        if signature is None:
+            raise
+        raise InputError(f"{error.problem}. {signature.describe()}".removesuffix("."), hint=error.hint) from None
     issued = certificate.issued
-    if signature is not None and issued is not None and not signature.valid_from <= issued <= signature.valid_until:
-        raise InputError(
+    if signature is not None and signature.answer == GOOD and issued is not None and not signature.covers(issued):
+        problem = (
             f"the certificate was issued on {issued}; its signer's certificate is valid from "
-            f"{signature.valid_from} to {signature.valid_until}",
-            hint="sign with a certificate that is valid on the day of issue",
+            f"{signature.valid_from} to {signature.valid_until}"
         )
+        if trusted is not None:
+            hint = "ask the laboratory for a certificate with a valid signature"
+            raise UnverifiedSignature(f"the signature is {NOT_VERIFIABLE}: {problem}", hint=hint)
+        signature = Signature(NOT_VERIFIABLE, problem)
     return CertificateFile(certificate, signature)
 
 
