@@ -531,8 +531,6 @@ def fenced(kind):
 
 
 def test_the_files_of_the_docs_page_make_its_transcript(truearm, bench):
-    (filled_in,) = fenced("toml about")
-    Path("about.toml").write_text(filled_in)
     (transcript,) = fenced("console")
     command, *told = transcript.splitlines()
     command = command.replace("\\", "")
@@ -540,8 +538,8 @@ def test_the_files_of_the_docs_page_make_its_transcript(truearm, bench):
     assert (ran.code, ran.out.splitlines()) == (0, told)
     excerpt = "".join(re.sub(r"\s+", "", part) for part in fenced("xml"))
     root = re.sub(r"\s+", "", Path("certificate.xml").read_text())
-    for part in excerpt.split("..."):
-        assert part in root
+    assert excerpt
+    assert excerpt in root
     assert ET.parse("certificate.xml").getroot().get("schemaVersion") == "3.3.0"
 
 

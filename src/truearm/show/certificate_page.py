@@ -10,7 +10,7 @@ from truearm.pages.page import Cell, Column, LabelledValue, Page, PageVerdict, S
 from truearm.pages.paper import Attachment, Logo, Paper
 from truearm.show.limits_figure import limits_figure
 from truearm.show.verification_page import sources_section
-from truearm.verification.certificate.administrative_data import NOTES, Person, Site
+from truearm.verification.certificate.administrative_data import NOTES, AdministrativeData, Person, Site
 from truearm.verification.certificate.certificate import Certificate, StatedList, StatedQuantity, StatedResult
 from truearm.verification.certificate.statements import NOT_FOR_CONFORMITY
 from truearm.verification.standards.verification import Verification
@@ -58,7 +58,7 @@ def certificate_page(
         title=f"Calibration certificate {about.number}",
         subtitle=f"{capitalize(item.name)} {item.maker} {item.model}, serial number {item.serial_number}. "
         f"Calibrated by {about.laboratory.name} for {about.customer.name}, issued on {about.issued}. "
-        f"{' '.join(certificate.texts('coordinates'))}".strip(),
+        f"{_replaced(about)}{' '.join(certificate.texts('coordinates'))}".strip(),
         summary=(
             LabelledValue("values with a limit", len(limited)),
             LabelledValue("individual results", sum(len(one.quantities) for one in certificate.individual)),
@@ -81,6 +81,14 @@ def certificate_page(
         verdict=_verdict(certificate, verification),
         mark="" if certificate.reservation is None else NOT_FOR_CONFORMITY,
     )
+
+
+def _replaced(about: AdministrativeData) -> str:
+    """Which certificate this one amends or substitutes, and why."""
+    if (other := about.replaces) is None:
+        return ""
+    amends = "Amendment to" if other.change == "amended" else "This certificate replaces"
+    return f"{amends} certificate No. {other.number}; reason: {other.reason.removesuffix('.')}. "
 
 
 def certificate_paper(certificate: Certificate, xml: bytes, *, logo: Logo | None = None) -> Paper:
@@ -261,10 +269,6 @@ def _use(certificate: Certificate) -> Section:
     kinds = ("item", "reproduction", "rated conditions", "limits of use", "reservation", "remark")
     notes = certificate.about.notes
     own = [f"{name}: {words}" for key, name in NOTES.items() if (words := getattr(notes, key)) is not None]
-    replaced = certificate.about.replaces
-    if replaced is not None:
-        amends = "is an amendment to" if replaced.change == "amended" else "replaces"
-        own.insert(0, f"This certificate {amends} certificate No. {replaced.number}. Reason: {replaced.reason}")
     stated = [text for kind in kinds for text in certificate.texts(kind)]
     return Section("Use of this certificate", "\n\n".join([*own, *stated]))
 

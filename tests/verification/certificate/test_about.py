@@ -155,11 +155,11 @@ def test_people_read_all_of_it():
 def test_people_read_what_the_laboratory_states_in_its_own_words():
     page = certificate_page(certificate(), outcome())
     texts = {section.title: section.text.split("\n\n") for section in page.sections}
-    assert texts["Use of this certificate"][:6] == [
-        "This certificate replaces certificate No. V-0. Reason: wrong serial number",
+    assert "This certificate replaces certificate No. V-0; reason: wrong serial number. Coordinates" in page.subtitle
+    assert texts["Use of this certificate"][:5] == [
         "Additions to, deviations and exclusions from the method: bar in five positions only",
         "Results of an external provider: form of the ball by Example Partner",
-        "Information provided by the customer: limits of the arm",
+        "Information provided by the customer, for which the laboratory is not responsible: limits of the arm",
         "Recommended calibration interval, as agreed with the customer: 12 months",
         "Opinions and interpretations, no results: joint 4 wears",
     ]

@@ -131,7 +131,7 @@ class Notes(Document):
 NOTES = {
     "deviations": "Additions to, deviations and exclusions from the method",
     "external_results": "Results of an external provider",
-    "from_customer": "Information provided by the customer",
+    "from_customer": "Information provided by the customer, for which the laboratory is not responsible",
     "agreed_interval": "Recommended calibration interval, as agreed with the customer",
     "opinions": "Opinions and interpretations, no results",
 }
