@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 from cryptography.hazmat.primitives.asymmetric import rsa
-from made_up_signers import authority, certified, curve_key, usage, x509
 
+from made_up_signers import authority, certified, curve_key, usage, x509
 from truearm.files.x509_certificates import MAX_CERTIFICATES, chain_to_trusted
 
 ROOT = authority("Root CA")

@@ -9,6 +9,7 @@ import subprocess
 
 import pytest
 from cryptography.hazmat.primitives.asymmetric import rsa
+
 from made_up_signers import (
     C14N,
     CONTENT,
@@ -23,7 +24,6 @@ from made_up_signers import (
     template,
     write,
 )
-
 from truearm.errors import InputError
 from truearm.files.x509_certificates import read_signer
 from truearm.files.xml_signatures import GOOD, sign_xml, verified_content

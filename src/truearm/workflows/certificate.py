@@ -334,8 +334,7 @@ class ReadCertificate(Record):
         if made.reservation is not None:
             verdict = NOT_FOR_CONFORMITY
         yield f"certificate {about.number}, {verdict}"
-        unsigned = "The file is not signed: anybody can have changed it."
-        yield unsigned if self.signature is None else self.signature.describe()
+        yield describe_signature(self.signature)
         if self.from_pdf:
             yield "This is the XML file attached to the PDF file; truearm does not read the sheets."
         item = about.item
@@ -387,3 +386,8 @@ def read_certificate(path: str | Path, *, trusted: str | Path | None = None) -> 
     """
     read = read_dcc_file(path, trusted=trusted)
     return ReadCertificate(read.certificate, read.signature, read.from_pdf)
+
+
+def describe_signature(signature: Signature | None) -> str:
+    """Describe in a sentence who signed a file, or that nobody did."""
+    return "The file is not signed: anybody can have changed it." if signature is None else signature.describe()

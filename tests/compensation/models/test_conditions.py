@@ -145,7 +145,9 @@ def test_verbs_state_what_is_asked_for(model, test_session):
     assert "on the day and in the set-up of the training" in narrow.summary()
     assert "day" not in wide.summary()
     targets = test_session.angles[:3]
-    any_day, same = (ta.correct(model, targets, conditions=c, untrained="accept") for c in ("reproducibility", "repeatability"))
+    any_day, same = (
+        ta.correct(model, targets, conditions=c, untrained="accept") for c in ("reproducibility", "repeatability")
+    )
     np.testing.assert_array_equal(same.joints, any_day.joints)
     assert (same.u_mm < any_day.u_mm).all()
     any_day, same = (

@@ -105,4 +105,6 @@ def on_sphere(n: int) -> FloatArray:
 
 
 def _selection(points: FloatArray) -> FloatArray:
-    return points[np.linspace(0, len(points) - 1, min(len(points), MOST_POINTS)).astype(int)]
+    rows = np.linspace(0, len(points) - 1, min(len(points), MOST_POINTS)).astype(int)
+    selected: FloatArray = points[rows]
+    return selected
