@@ -271,15 +271,12 @@ def _known(certificate: CalibrationCertificate) -> dict[str, tuple[str, str]]:
     """What is known of the certificate itself, by key: its TOML and where it comes from."""
     item = certificate.items[0] if certificate.items else None
     code, serial = certificate.laboratory_code, _serial(certificate)
-    accredited = f", accredited as {code}" if code else ""
+    numbered = f", number {serial}" if serial else ""
     texts = {
-        "name": (
-            item and item.heading.name,
-            f"item, number {serial or 'not stated'}; write it as in the file of points",
-        ),
+        "name": (item and item.heading.name, f"the item{numbered}; write it as in the file of points"),
         "certificate": (certificate.number, "its number"),
-        "issued_by": (certificate.laboratory, f"the laboratory{accredited}"),
-        "accreditation": (code, "of the laboratory"),
+        "issued_by": (certificate.laboratory, "the laboratory"),
+        "issuer_accreditation": (code, "of the laboratory"),
         "serial_number": (serial, "of the item"),
     }
     days = {

@@ -10,7 +10,7 @@ import datetime
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +38,7 @@ from truearm.verification.certificate.certificate import (
     StatedResult,
 )
 from truearm.verification.certificate.consistency import check_consistency
+from truearm.verification.certificate.dsi_quantities import read_values
 from truearm.verification.certificate.statements import Statement
 
 SCHEMA_VERSION = "3.3.0"
@@ -354,20 +355,17 @@ def _list_of(element: Element) -> StatedList:
 
 
 def _quantity_of(element: Element) -> StatedQuantity:
-    real = _one(element, "si:real")
-    written, units = _text(_one(real, "si:unit")), {unit: name for name, unit in UNITS.items()}
-    if written not in units:
-        raise InputError(f"expected a unit of {', '.join(units)}, got {written!r:.80}")
-    uncertainty = "si:measurementUncertaintyUnivariate"
-    expanded = real.find(f"{uncertainty}/si:expandedMU", SPACES)
-    standard = real.find(f"{uncertainty}/si:standardMU", SPACES)
-    stated: dict[str, Decimal] = {}
-    if expanded is not None:
-        keys = (("expanded", "valueExpandedMU"), ("factor", "coverageFactor"), ("level", "coverageProbability"))
-        stated = {key: _number(_one(expanded, f"si:{tag}")) for key, tag in keys}
-    elif standard is not None:
-        stated = {"standard": _number(_one(standard, "si:valueStandardMU"))}
-    return StatedQuantity(_content(element, "name"), _number(_one(real, "si:value")), units[written], **stated)
+    values = read_values(element)
+    if len(values) != 1:
+        raise InputError(f"<{_name(element)}>: expected one value, an si:real, got {len(values)}")
+    (one,) = values
+    units = {unit: name for name, unit in UNITS.items()}
+    if one.unit not in units:
+        raise InputError(f"expected a unit of {', '.join(units)}, got {one.unit!r:.80}")
+    uncertainty = (one.expanded, one.factor, one.probability)
+    if None in uncertainty and any(part is not None for part in uncertainty):
+        raise InputError(f"<{_name(element)}>: expected an expanded uncertainty with its factor and probability")
+    return StatedQuantity(_content(element, "name"), one.value, units[one.unit], *uncertainty, one.standard)
 
 
 def _conformity(element: Element) -> str:
@@ -375,17 +373,6 @@ def _conformity(element: Element) -> str:
     if stated not in CONFORMITIES:
         raise InputError(f"expected a conformity of {', '.join(CONFORMITIES)}, got {stated!r:.80}")
     return stated
-
-
-def _number(element: Element) -> Decimal:
-    text = _text(element)
-    try:
-        value = Decimal(text) if len(text) < 100 else Decimal("NaN")
-    except InvalidOperation:
-        value = Decimal("NaN")
-    if not value.is_finite() or "e" in text.lower():
-        raise InputError(f"<{_name(element)}>: expected a number without an exponent, got {text[:80]!r}")
-    return value
 
 
 def _date(element: Element) -> datetime.date:

@@ -183,5 +183,5 @@ def number(text: str) -> Decimal:
     except InvalidOperation:
         value = Decimal("NaN")
     if not value.is_finite() or abs(value.adjusted()) > 30:
-        raise InputError(f"expected a number, got {(text or '')[:80]!r}")
+        raise InputError(f"expected a number, got {text[:80]!r}")
     return value
