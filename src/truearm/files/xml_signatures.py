@@ -181,7 +181,7 @@ def verified_content(content: bytes, *, trusted: str | Path | None = None) -> tu
             raise InputError("the file is not signed", hint="ask its issuer for the signed one")
         return content, None
     known = () if trusted is None else read_certificates(trusted)
-    check_size(root, text.encode())
+    check_size(text)
     try:
         return _verified(parse_signed(text.encode()), known)
     except BrokenSignature as error:
