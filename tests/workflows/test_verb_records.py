@@ -7,6 +7,9 @@ import json
 import pytest
 
 import truearm as ta
+from confirmed_plan import confirmed
+from truearm.errors import InputError
+from truearm.verification.certificate.certificate import check_plan
 from truearm.workflows.record import Record
 
 
@@ -40,6 +43,17 @@ def records(simulated, verification, model_and_session, tmp_path_factory) -> dic
         "report": ta.report({"mine": model}, session),
         "check": ta.check(model, in_seats, history),
     }
+
+
+def test_simulated_points_never_decide_conformity(simulated):
+    plan = confirmed(simulated.plan, max(one.date for one in simulated.artefacts.all))
+    of = {"artefacts": simulated.artefacts, "specification": simulated.specification}
+    result = ta.verify(simulated.points(0), plan=plan, **of)
+    assert result.verdict.value == "not for conformity decisions"
+    assert str(result).startswith("Not for conformity decisions: the points are simulated")
+    assert result.to_dict()["coordinates"]["from"] == "virtual arm"
+    with pytest.raises(InputError, match=r"no certificate: the points are simulated: no arm was measured"):
+        check_plan(result.verification)
 
 
 VERBS = ("plan", "simulate_verification", "verify", "operator_sheet", "task", "report", "check")

@@ -352,6 +352,8 @@ class ReadCertificate(Record):
             "serial_number": made.about.item.serial_number,
             "conformity": made.conformity,
             "reservation": made.reservation,
+            "coordinates": next(iter(made.texts("coordinates")), None),
+            "traceable": made.is_traceable,
             "signature": self.signature,
             "from_pdf": self.from_pdf,
         }

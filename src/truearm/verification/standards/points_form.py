@@ -153,9 +153,7 @@ def fill_points_form(
         )
     points = np.asarray(points, dtype=float)
     form = _read_form(path)
-    if serial_number:
-        form.check_serial_number(serial_number)
-    form.check_origin(origin)
+    form.check_same_item(serial_number, origin)
     rows = form.empty_rows()
     if not len(rows):
         raise form.sheet.error("all points have coordinates already", hint="write a new form: truearm verify --sheet")
@@ -298,38 +296,29 @@ class _Form:
                 cells.append("")
         self.cells[row][self.names.index(column)] = text
 
-    def check_serial_number(self, number: str) -> None:
-        """Check that no row states the serial number of another arm.
+    def check_same_item(self, serial_number: str, origin: CoordinateOrigin) -> None:
+        """Check that no row states the serial number of another arm, and no point that is there has another origin.
 
         Raises
         ------
         InputError
             If one does.
         """
+        new = ", ".join(filter(None, origin.cells.values())) or "not stated"
         for row in range(len(self.cells)):
-            if (stated := self.cell(row, SERIAL_NUMBER)) not in ("", number, escape_formula(number)):
+            number = self.cell(row, SERIAL_NUMBER)
+            if serial_number and number not in ("", serial_number, escape_formula(serial_number)):
                 raise self.sheet.error(
-                    f"the points are of the arm with serial number {stated!r:.80}, the model is of {number!r:.80}",
+                    f"the points are of the arm with serial number {number!r:.80}, the model is of "
+                    f"{serial_number!r:.80}",
                     row,
                     column=SERIAL_NUMBER,
                     hint="give the model and the readings of the arm that is verified, or correct the number",
                 )
-
-    def check_origin(self, origin: CoordinateOrigin) -> None:
-        """Check that the points that are there have the same origin.
-
-        Raises
-        ------
-        InputError
-            If one has not.
-        """
-        for row in range(len(self.cells)):
-            there = {name: self.cell(row, name) for name in origin.cells}
-            if self.cell(row, POINT[0]) and there != origin.cells:
-                stated = ", ".join(filter(None, there.values())) or "not stated"
+            there = ", ".join(filter(None, (self.cell(row, name) for name in origin.cells))) or "not stated"
+            if self.cell(row, POINT[0]) and there != new:
                 raise self.sheet.error(
-                    f"the coordinates of this point have another origin ({stated}) than the new ones "
-                    f"({', '.join(filter(None, origin.cells.values())) or 'not stated'})",
+                    f"the coordinates of this point have another origin ({there}) than the new ones ({new})",
                     row,
                     column=ORIGIN,
                     hint="fill in a new form for points of another origin, or state the origin of these points",
