@@ -1,4 +1,4 @@
-"""``truearm measure``: a length, a sphere, a plane or a circle from joint angles, with its uncertainty."""
+"""``truearm measure``: a length or a shape from joint angles, with its uncertainty."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Annotated
 
 from typer import Option
 
-from truearm.choices import FeatureKind
+from truearm.choices import MeasuredKind
 from truearm.cli.console import print_record, progress
 from truearm.cli.options import AcceptOption, DrawnArms, Json, ModelFile, Seed, SessionFile
 from truearm.cli.task import millimetres
@@ -15,13 +15,13 @@ from truearm.cli.task import millimetres
 def measure(
     model: ModelFile,
     session: SessionFile,
-    feature: Annotated[FeatureKind, Option(help="What the points lie on.")] = "sphere",
+    feature: Annotated[MeasuredKind, Option(help="What the points lie on.")] = "sphere",
     tip: Annotated[
         float,
         Option(
             "--tip-diameter",
             parser=millimetres,
-            help="Diameter of the stylus tip [mm], which enlarges a sphere and narrows a circle (bore).",
+            help="Diameter of the stylus tip [mm], which enlarges a sphere and narrows a circle or cylinder (bore).",
         ),
     ] = 0.0,
     repeatability: Annotated[
@@ -37,12 +37,12 @@ def measure(
     accept: AcceptOption = None,
     as_json: Json = False,
 ) -> None:
-    """Measure a length, sphere, plane or circle.
+    """Measure a length, sphere, plane, circle, cylinder or cone.
 
     It is fitted to the compensated points of the readings. Each name in the column seat is a feature of its own, of
-    lengths an end; without names all readings are of one feature. Of several spheres or circles the distances of their
-    centres are measured too. The uncertainty is that of the arm, by the simulation of `truearm task` at the measured
-    poses, together with the scatter of the points.
+    lengths an end; without names all readings are of one feature. Of each two spheres or circles the distance of their
+    centres is measured too, of planes, cylinders and cones distance and angle. The uncertainty is that of the arm, by
+    the simulation of `truearm task` at the measured poses, together with the scatter of the points.
     """
     from truearm.workflows.measure import measure as measured
 

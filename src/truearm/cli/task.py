@@ -37,11 +37,17 @@ def task(
         str | None, Argument(metavar="MODEL|PRESET", help="A model file, or a preset of virtual arms: shop, research.")
     ] = None,
     feature: Annotated[FeatureKind, Option(help="What is measured.")] = "length",
-    length: Annotated[float | None, Option(parser=millimetres, help="Nominal size of a length [mm].")] = None,
-    diameter: Annotated[
-        float | None, Option(parser=millimetres, help="Nominal diameter of a sphere or circle (bore) [mm].")
+    length: Annotated[
+        float | None, Option(parser=millimetres, help="Nominal length, or distance of two planes [mm].")
     ] = None,
-    size: Annotated[float | None, Option(parser=millimetres, help="Side of a square plane [mm].")] = None,
+    diameter: Annotated[
+        float | None, Option(parser=millimetres, help="Nominal diameter of a sphere, circle, cylinder or cone [mm].")
+    ] = None,
+    size: Annotated[
+        float | None, Option(parser=millimetres, help="Side of a square plane; of a distance of two planes 50 [mm].")
+    ] = None,
+    depth: Annotated[float | None, Option(parser=millimetres, help="Depth of a cylinder (50) [mm].")] = None,
+    angle: Annotated[float | None, Option(help="Angle of a cone or of two planes (90) [deg].")] = None,
     at: Annotated[
         list[str] | None,
         Option(
@@ -50,9 +56,12 @@ def task(
         ),
     ] = None,
     along: Annotated[
-        str | None, Option(help="Direction X,Y,Z of a length (across the front), normal of a plane or circle (up).")
+        str | None,
+        Option(help="Direction X,Y,Z of a length (across the front), normal of a plane, axis (up), edge of an angle."),
     ] = None,
-    points: Annotated[int | None, Option(help="Points in all: 25; of a length 2, half of them at each end.")] = None,
+    points: Annotated[
+        int | None, Option(help="Points in all: 25, of two planes 24; of a length 2, half of them at each end.")
+    ] = None,
     tolerance: Annotated[
         float | None, Option(parser=width, help="Width of the tolerance zone [mm]: 0.1 for +-0.05 mm.")
     ] = None,
@@ -86,15 +95,17 @@ def task(
     from truearm.workflows.task import task as estimated
 
     check_page_path(report, what, spec, arm)
+    sizes = _sizes(feature, {"length": length, "diameter": diameter, "size": size, "depth": depth, "angle": angle})
     with progress(f"measuring a {feature}", total=arms) as tell:
         result = estimated(
             _source(what, spec),
             feature,
-            _size(feature, {"length": length, "diameter": diameter, "size": size}),
+            sizes[0],
             tolerance_mm=tolerance,
             at=_places(feature, at or []),
             along=None if along is None else _vector("--along", along),
             n_points=points,
+            second=sizes[1],
             arm=arm,
             repeatability_mm=repeatability,
             conditions=conditions,
@@ -121,15 +132,17 @@ def _source(what: str | None, spec: Path | None) -> str | Path:
     return given[0]
 
 
-def _size(feature: str, sizes: dict[str, float | None]) -> float | None:
-    """The size of a feature out of its options."""
+def _sizes(feature: str, sizes: dict[str, float | None]) -> tuple[float | None, float | None]:
+    """Both sizes of a feature out of its options."""
     from truearm.errors import InputError
-    from truearm.verification.tasks.feature_postures import SIZES
+    from truearm.verification.tasks.feature_postures import SECOND_SIZES, SIZES
 
+    first, second = SIZES[feature], SECOND_SIZES.get(feature, ("", 0.0))[0]
     for name, value in sizes.items():
-        if value is not None and name != SIZES[feature]:
-            raise InputError(f"--{name} does not apply to a {feature}", hint=f"--{SIZES[feature]}")
-    return sizes[SIZES[feature]]
+        if value is not None and name not in (first, second):
+            known = f"--{first} and --{second}" if second else f"--{first}"
+            raise InputError(f"--{name} does not apply to a {feature}", hint=known)
+    return sizes[first], sizes.get(second)
 
 
 def _places(feature: str, texts: list[str]) -> list[float] | list[list[float]] | None:

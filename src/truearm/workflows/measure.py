@@ -1,4 +1,4 @@
-"""`measure`: a length, a sphere, a plane or a circle from measured joint angles, with its uncertainty."""
+"""`measure`: a length or a shape from measured joint angles, with its uncertainty."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import get_args
 import numpy as np
 
 from truearm.acceptance import acceptance_remarks, accepts
-from truearm.choices import FeatureKind
+from truearm.choices import MeasuredKind
 from truearm.compensation.models import Compensator
 from truearm.errors import InputError
 from truearm.readings import Session
@@ -42,7 +42,7 @@ _NORMAL_DECIMALS = 6
 def measure(
     model: ModelLike,
     session: SessionLike,
-    feature: FeatureKind = "sphere",
+    feature: MeasuredKind = "sphere",
     *,
     tip_diameter_mm: float = 0.0,
     repeatability_mm: float | None = None,
@@ -64,11 +64,12 @@ def measure(
     session : Session, DataFrame, str or Path
         Joint angles with the tip on the part. The column ``seat`` names what was touched: each name is a feature of its
         own, of lengths each is an end, the mean of its points. Without it all readings are of one feature.
-    feature : {"length", "sphere", "plane", "circle"}
-        What the points lie on. Of several spheres or circles the distances of their centres are measured too.
+    feature : {"length", "sphere", "plane", "circle", "cylinder", "cone"}
+        What the points lie on. Of each two spheres or circles the distance of their centres is measured too, of each
+        two planes, cylinders or cones distance and angle.
     tip_diameter_mm : float
-        Diameter of the stylus tip, which enlarges a sphere and narrows a circle (bore) [mm]; 0 for coordinates of
-        what is touched.
+        Diameter of the stylus tip, which enlarges a sphere and narrows a circle or cylinder (bore) [mm]; 0 for
+        coordinates of what is touched.
     repeatability_mm : float, optional
         Standard deviation of a coordinate when a point is measured again in the same pose [mm]; see `task`.
     n_arms : int
@@ -101,8 +102,8 @@ def measure(
     >>> length.name, length.quantities[0].name
     ('A to B', 'length_mm')
     """
-    if feature not in get_args(FeatureKind):
-        raise InputError(f"expected a feature out of {', '.join(get_args(FeatureKind))}, got {feature!r}")
+    if feature not in get_args(MeasuredKind):
+        raise InputError(f"expected a feature out of {', '.join(get_args(MeasuredKind))}, got {feature!r}")
     if not (isfinite(tip_diameter_mm) and tip_diameter_mm >= 0):
         raise InputError(f"expected the diameter of the stylus tip, 0 mm or more, got {tip_diameter_mm}")
     check_draws(n_arms, seed)
@@ -214,7 +215,8 @@ def _called(feature: MeasuredFeature) -> str:
 
 
 def _sentence(of: MeasuredQuantity) -> str:
-    return f"{of.name.removesuffix('_mm')} {format_fixed(of.value)} mm, U = {format_fixed(of.expanded)} mm (95 %)"
+    name, unit = of.name.rsplit("_", 1)
+    return f"{name} {format_fixed(of.value)} {unit}, U = {format_fixed(of.expanded)} {unit} (95 %)"
 
 
 def _rows(feature: MeasuredFeature) -> Iterator[tuple[str, ...]]:
@@ -225,7 +227,7 @@ def _rows(feature: MeasuredFeature) -> Iterator[tuple[str, ...]]:
 
 
 def _number(quantity: str, number: float) -> str:
-    return format_fixed(number, 4 if quantity.endswith("_mm") else _NORMAL_DECIMALS)
+    return format_fixed(number, 4 if quantity.endswith(("_mm", "_deg")) else _NORMAL_DECIMALS)
 
 
 def _by_seat(readings: Session) -> tuple[dict[str, IntArray], tuple[str, ...]]:

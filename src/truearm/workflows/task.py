@@ -134,6 +134,7 @@ def task(
     at: npt.ArrayLike | None = None,
     along: npt.ArrayLike | None = None,
     n_points: int | None = None,
+    second: float | None = None,
     arm: ArmLike | None = None,
     repeatability_mm: float | None = None,
     conditions: Conditions = "reproducibility",
@@ -151,19 +152,23 @@ def task(
         What is known of the arm. A model (file): arms from its posterior. A preset (``shop``,
         ``worn``, ``printed``, ``research``, ``perfect``): any arm like that. A specification (file, ``.toml``): any arm
         that meets it.
-    feature : {"length", "sphere", "plane", "circle"} or Feature
-        What is measured.
+    feature : {"length", "sphere", "plane", "circle", "cylinder", "cone", "angle", "distance"} or Feature
+        What is measured; angle and distance are those of two planes.
     size_mm : float, optional
-        Length, diameter of a sphere or circle, side of a square plane [mm]. Not with a length between two seats.
+        Length, diameter of a sphere, circle, cylinder or cone, side of a square plane, distance of two planes [mm]. Not
+        with a length between two seats.
     tolerance_mm : float, optional
         Width of the tolerance zone [mm]: 0.1 for +-0.05 mm.
     at : (3,) or (2, 3) array, optional
         Middle of the feature, or the two seats of a length [mm], in the base frame of the arm; by default the middle of
         the volume in which a person works.
     along : (3,) array, optional
-        Direction of a length (by default across the front), normal of a plane or circle (by default up).
+        Direction of a length (by default across the front), normal of a plane, axis of a
+        circle, cylinder or cone (by default up), edge of an angle (by default towards the front).
     n_points : int, optional
-        Points in all: 25; of a length 2, half of them at each end.
+        Points in all: 25, of two planes 24; of a length 2, half of them at each end.
+    second : float, optional
+        Depth of a cylinder or side of the planes of a distance [mm] (50), angle of a cone or of two planes [deg] (90).
     arm : Arm, str or path, optional
         The nominal arm of a preset or a specification; by default ``measuring7``.
     repeatability_mm : float, optional
@@ -203,7 +208,7 @@ def task(
     if not isinstance(arms, PosteriorDistribution):
         about = f"{about}, arm {arms.arm.name}"
     if not isinstance(feature, Feature):
-        feature = place_feature(feature, size_mm, arms.arm, at=at, along=along, n_points=n_points)
+        feature = place_feature(feature, size_mm, arms.arm, at=at, along=along, n_points=n_points, second=second)
     assessment = assess_task(arms, feature, tolerance_mm=tolerance_mm, n_arms=n_arms, seed=seed, progress=progress)
     return TaskResult(assessment, arms.arm, about, seed, input_files(source, arm))
 

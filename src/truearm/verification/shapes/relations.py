@@ -43,7 +43,7 @@ class Relation(NamedTuple):
     u: float
 
 
-class _Located(NamedTuple):
+class Located(NamedTuple):
     """Place (3,) and direction (3,) of a shape; the direction of a sphere is zero."""
 
     place: FloatArray
@@ -114,11 +114,15 @@ def distance(one: Directed | Sphere, other: Directed | Sphere) -> Relation:
                 f"expected parallel shapes for a distance, got an angle of {np.degrees(found):.1f} deg",
                 hint="measure the angle, or the distance of a point from the plane",
             )
-        return _length(_between_planes if planes[1] else _from_plane, one, other)
+        return _length(between_planes if planes[1] else from_plane, one, other)
     if all(axes):
         skew = angle(one, other).value > PARALLEL_RAD  # type: ignore[arg-type]
-        return _length(_between_skew if skew else _across, one, other)
-    return _length(_across, other, one) if axes[1] else _length(_across if axes[0] else _between, one, other)
+        return _length(between_skew if skew else across_axis, one, other)
+    return (
+        _length(across_axis, other, one)
+        if axes[1]
+        else _length(across_axis if axes[0] else between_centres, one, other)
+    )
 
 
 def concentricity(one: Directed | Sphere, other: Directed | Sphere) -> Relation:
@@ -127,7 +131,7 @@ def concentricity(one: Directed | Sphere, other: Directed | Sphere) -> Relation:
     return Relation(2 * found.value, 2 * found.u)
 
 
-def _turn(one: _Located, other: _Located) -> FloatArray:
+def _turn(one: Located, other: Located) -> FloatArray:
     """Rotation vector between two directions, up to their signs."""
     across = np.cross(one.direction, other.direction)
     sine, cosine = float(np.linalg.norm(across)), float(one.direction @ other.direction)
@@ -135,38 +139,43 @@ def _turn(one: _Located, other: _Located) -> FloatArray:
     return np.asarray(turned * across)
 
 
-def _between(one: _Located, other: _Located) -> FloatArray:
+def between_centres(one: Located, other: Located) -> FloatArray:
+    """Vector from one place to the other."""
     return other.place - one.place
 
 
-def _from_plane(plane: _Located, other: _Located) -> FloatArray:
+def from_plane(plane: Located, other: Located) -> FloatArray:
+    """Signed distance (1,) of a place from a plane."""
     return np.array([plane.direction @ (other.place - plane.place)])
 
 
-def _between_planes(one: _Located, other: _Located) -> FloatArray:
+def between_planes(one: Located, other: Located) -> FloatArray:
+    """Distance (1,) of two planes half way between their points."""
     side = 1.0 if one.direction @ other.direction > 0 else -1.0
     return np.array([(one.direction + side * other.direction) / 2 @ (other.place - one.place)])
 
 
-def _across(axis: _Located, other: _Located) -> FloatArray:
+def across_axis(axis: Located, other: Located) -> FloatArray:
+    """Vector from an axis to a place, across it."""
     away = other.place - axis.place
     return np.asarray(away - (away @ axis.direction) * axis.direction)
 
 
-def _between_skew(one: _Located, other: _Located) -> FloatArray:
+def between_skew(one: Located, other: Located) -> FloatArray:
+    """Signed shortest distance (1,) of two axes."""
     across = np.cross(one.direction, other.direction)
     return np.array([across @ (other.place - one.place) / np.linalg.norm(across)])
 
 
-def _length(vector: Callable[[_Located, _Located], FloatArray], one: ShapeFit, other: ShapeFit) -> Relation:
+def _length(vector: Callable[[Located, Located], FloatArray], one: ShapeFit, other: ShapeFit) -> Relation:
     """The length of a vector of two shapes, its uncertainty by differences of it."""
-    (a, C_a), (b, C_b) = _located(one), _located(other)
+    (a, C_a), (b, C_b) = located(one), located(other)
     at = np.concatenate([*a, *b])
     steps = np.diag(np.tile([1e-3, 1e-3, 1e-3, 1e-6, 1e-6, 1e-6], 2))
 
     def moved(step: FloatArray) -> FloatArray:
         p = at + step
-        return vector(_Located(p[:3], p[3:6]), _Located(p[6:9], p[9:]))
+        return vector(Located(p[:3], p[3:6]), Located(p[6:9], p[9:]))
 
     D = np.column_stack([(moved(step) - moved(-step)) / (2 * step.max()) for step in steps])
     value = vector(a, b)
@@ -179,12 +188,12 @@ def _length(vector: Callable[[_Located, _Located], FloatArray], one: ShapeFit, o
     return Relation(size, largest if along is None else float(np.sqrt(along @ covariance @ along)))
 
 
-def _located(shape: ShapeFit) -> tuple[_Located, FloatArray]:
-    """Place and direction of a shape, and their covariance (6, 6)."""
+def located(shape: ShapeFit) -> tuple[Located, FloatArray]:
+    """Return place and direction of a shape, and their covariance (6, 6)."""
     names = [("point", "centre", "apex"), ("normal", "axis", "direction")]
     place, direction = (
         next((np.asarray(getattr(shape, name)) for name in of if hasattr(shape, name)), np.zeros(3)) for of in names
     )
     covariance, n = np.zeros((6, 6)), 3 if isinstance(shape, Sphere) else 6
     covariance[:n, :n] = shape.covariance[:n, :n]
-    return _Located(place, direction), covariance
+    return Located(place, direction), covariance

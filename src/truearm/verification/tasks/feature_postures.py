@@ -19,10 +19,20 @@ from truearm.identification.planning.sampling.measuring import (
 )
 from truearm.identification.planning.sampling.workspace import Stance, azimuth_of, stance, within_cone
 from truearm.typing import FloatArray
-from truearm.verification.tasks.features import UP, Feature, circle, length, length_at, plane, sphere
+from truearm.verification.tasks import features
+from truearm.verification.tasks.features import UP, Feature, length, length_at
 
-# The size of each kind of feature.
-SIZES = {"length": "length", "sphere": "diameter", "plane": "size", "circle": "diameter"}
+# The size of each kind of feature, and a second one with its default.
+SIZES = {
+    "length": "length", "sphere": "diameter", "plane": "size", "circle": "diameter", "cylinder": "diameter",
+    "cone": "diameter", "distance": "length", "angle": "size",
+}  # fmt: skip
+SECOND_SIZES = {
+    "cylinder": ("depth", 50.0),
+    "distance": ("size", 50.0),
+    "cone": ("angle", 90.0),
+    "angle": ("angle", 90.0),
+}
 
 # A working model, as hardly anything has been published: from one measurement of the feature to the next the elbow
 # swings by N(0, 35 deg), as in `truearm.identification.planning.sampling.measuring`, and the stylus leans within 30
@@ -113,12 +123,13 @@ def place_feature(
     at: npt.ArrayLike | None = None,
     along: npt.ArrayLike | None = None,
     n_points: int | None = None,
+    second: float | None = None,
 ) -> Feature:
     """A feature in front of an arm.
 
     Parameters
     ----------
-    kind : {"length", "sphere", "plane", "circle"}
+    kind : FeatureKind
     size_mm : float or None
         Length, diameter, or side of a square plane [mm]; None of a length between two seats.
     arm : Arm
@@ -128,6 +139,8 @@ def place_feature(
     along : (3,) array, optional
         Direction of a length, normal of a plane or circle.
     n_points : int, optional
+    second : float, optional
+        Depth of a cylinder, side of the planes of a distance (50 mm), angle of a cone or of two planes (90 deg).
 
     Raises
     ------
@@ -143,7 +156,9 @@ def place_feature(
     what = "a length between two seats" if seats else f"a {kind}"
     if along is not None and (seats or kind == "sphere"):
         raise InputError(f"a direction does not apply to {what}", hint="omit it")
-    n = (2 if kind == "length" else 25) if n_points is None else n_points
+    if second is not None and kind not in SECOND_SIZES:
+        raise InputError(f"a {what.removeprefix('a ')} has no second size", hint="omit it")
+    n = {"length": 2, "distance": 24, "angle": 24}.get(kind, 25) if n_points is None else n_points
     if seats:
         assert place is not None
         if size_mm is not None:
@@ -154,11 +169,21 @@ def place_feature(
     middle, across = middle_of(arm)
     place = middle if place is None else place
     if kind == "sphere":
-        return sphere(place, size_mm, points=n)
+        return features.sphere(place, size_mm, points=n)
     if kind == "length":
         return length_at(place, across if along is None else along, size_mm, points=n)
-    make = plane if kind == "plane" else circle
-    return make(place, UP if along is None else along, size_mm, points=n)
+    if kind in ("plane", "circle"):
+        make = features.plane if kind == "plane" else features.circle
+        return make(place, UP if along is None else along, size_mm, points=n)
+    other = SECOND_SIZES[kind][1] if second is None else second
+    if kind == "cylinder":
+        return features.cylinder(place, UP if along is None else along, size_mm, other, points=n)
+    if kind == "cone":
+        return features.cone(place, UP if along is None else along, size_mm, np.radians(other), points=n)
+    if kind == "distance":
+        return features.plane_distance(place, across if along is None else along, size_mm, other, points=n)
+    edge = np.cross(across, UP) if along is None else along
+    return features.plane_angle(place, edge, np.radians(other), size_mm, points=n)
 
 
 def _postures(arm: Arm, tips: FloatArray, where: Stance, swing: FloatArray, rng: np.random.Generator) -> FloatArray:

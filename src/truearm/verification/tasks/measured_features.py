@@ -1,4 +1,4 @@
-"""Lengths, spheres, planes and circles fitted to measured points, with the uncertainty that the arm gives them.
+"""Lengths and shapes fitted to measured points, with the uncertainty that the arm gives them.
 
 The method is that of a task (`truearm.verification.tasks.task`, JCGM 101:2008), at the measured poses: arms are drawn
 from the posterior of the model, every point is moved by the errors of such an arm, and the feature is fitted again.
@@ -17,20 +17,42 @@ from truearm.errors import InputError
 from truearm.solve.square_roots import covariance_factor
 from truearm.typing import FloatArray, IntArray
 from truearm.verification.shapes.circle import fit_circle
+from truearm.verification.shapes.cone import fit_cone
+from truearm.verification.shapes.cylinder import fit_cylinder
+from truearm.verification.shapes.orthogonal_regression import ShapeFit
 from truearm.verification.shapes.plane import fit_plane
+from truearm.verification.shapes.relations import Located, across_axis, between_centres, between_planes, located
 from truearm.verification.shapes.sphere import fit_sphere
 from truearm.verification.tasks.estimate import shortest_interval
 from truearm.verification.tasks.features import MIN_POINTS
 from truearm.verification.tasks.sampled_arms import PosteriorDistribution
 
+_POINT = ("point_x_mm", "point_y_mm", "point_z_mm")
+_AXIS = ("axis_x", "axis_y", "axis_z")
 _CENTRE = ("centre_x_mm", "centre_y_mm", "centre_z_mm")
 _NORMAL = ("normal_x", "normal_y", "normal_z")
 QUANTITIES = {
     "length": (),
     "sphere": ("diameter_mm", *_CENTRE),
-    "plane": ("point_x_mm", "point_y_mm", "point_z_mm", *_NORMAL),
+    "plane": (*_POINT, *_NORMAL),
     "circle": ("diameter_mm", *_CENTRE, *_NORMAL),
+    "cylinder": ("diameter_mm", *_POINT, *_AXIS),
+    "cone": ("angle_deg", "apex_x_mm", "apex_y_mm", "apex_z_mm", *_AXIS),
 }
+# Of each two shapes: the distance of centres, axes or planes, and the angle of axes or normals.
+RELATIONS = {
+    "length": ("length_mm",),
+    "sphere": ("length_mm",),
+    "plane": ("distance_mm", "angle_deg"),
+    "circle": ("length_mm",),
+    "cylinder": ("distance_mm", "angle_deg"),
+    "cone": ("length_mm", "angle_deg"),
+}
+_FITS: dict[str, Callable[[FloatArray], ShapeFit]] = {
+    "sphere": fit_sphere, "plane": fit_plane, "circle": fit_circle, "cylinder": fit_cylinder, "cone": fit_cone,
+}  # fmt: skip
+_FREE = {"sphere": 4, "plane": 3, "circle": 6, "cylinder": 5, "cone": 6}
+_BETWEEN = {"plane": between_planes, "cylinder": across_axis}
 
 
 @dataclass(frozen=True)
@@ -61,7 +83,7 @@ class MeasuredFeature:
 
     Attributes
     ----------
-    kind : {"length", "sphere", "plane", "circle"}
+    kind : MeasuredKind
     name : str
         Of the seat, or of the two ends of a length; empty where the readings have no names.
     n_points : int
@@ -86,19 +108,21 @@ class _Shape:
     Attributes
     ----------
     parameters : (p,) array
-        Of a length the end, of a sphere centre and radius, of a plane point and normal, of a circle centre, normal and
-        radius.
+        Place, direction if there is one, and size if there is one; of a length the end.
     covariance : (p, p) array
         Of them, by the scatter of the points about the shape.
     freedom : int
         Degrees of freedom of that scatter; 0 if the points do not show it.
     form_mm : float or None
+    variance : float
+        Of that scatter [mm^2]; NaN if the points do not show it.
     """
 
     parameters: FloatArray
     covariance: FloatArray
     freedom: int
     form_mm: float | None
+    variance: float
 
 
 def measure_features(
@@ -120,7 +144,7 @@ def measure_features(
     ----------
     errors : PosteriorDistribution
         Errors of the arm.
-    kind : {"length", "sphere", "plane", "circle"}
+    kind : MeasuredKind
     points : (n, 3) array
         Compensated points in the frame of the model's reference [mm].
     angles : (n, n_joints) array
@@ -139,8 +163,8 @@ def measure_features(
     Returns
     -------
     list of MeasuredFeature
-        One for each group and, of spheres and circles, the distance of each two centres; of lengths one for each two
-        ends.
+        One for each group, and one for each two of them: distance of ends, centres, axes or planes, angle of axes or
+        planes.
 
     Raises
     ------
@@ -151,28 +175,54 @@ def measure_features(
     rows = list(groups.values())
     shapes = [_fit(kind, points[part]) for part in rows]
     roots = [covariance_factor(shape.covariance).T for shape in shapes]
-    measured = _values(kind, [shape.parameters for shape in shapes], tip_diameter_mm)
-    if kind in ("sphere", "circle") and (small := measured[:: len(QUANTITIES[kind])][: len(rows)] <= 0).any():
+    given = [shape.parameters for shape in shapes]
+    measured = _values(kind, given, given, tip_diameter_mm)
+    sized = QUANTITIES[kind][:1] == ("diameter_mm",)
+    if sized and (small := measured[:: len(QUANTITIES[kind])][: len(rows)] <= 0).any():
         name = list(groups)[int(small.argmax())]
         raise InputError(
             f"the stylus tip of {tip_diameter_mm:g} mm is larger than the {kind} {name!r}", hint="its diameter in mm"
         )
     # What a single point of an end scatters is not seen; the model states what it does not explain.
     unseen = errors.field_std_mm if errors.repeatability_mm is None else 0.0
-    draws, wide = np.empty((n_arms, len(measured))), np.empty((n_arms, len(measured)))
-    for i, arm_seed in enumerate(np.random.SeedSequence(seed).generate_state(n_arms, np.uint64).tolist()):
-        drawn, rng = errors.draw(arm_seed), np.random.default_rng([7, arm_seed])
-        off_in_base = drawn.systematic(angles) + drawn.random(angles, rng)
+    seeds = np.random.SeedSequence(seed).generate_state(n_arms, np.uint64).tolist()
+    drawn = [np.empty((n_arms, len(one))) for one in given]
+    variances = np.empty((n_arms, len(shapes)))
+    for i, arm_seed in enumerate(seeds):
+        arm, rng = errors.draw(arm_seed), np.random.default_rng([7, arm_seed])
+        off_in_base = arm.systematic(angles) + arm.random(angles, rng)
         moved = points + off_in_base @ errors.R_base_reference
         moved += np.einsum("k,knc->nc", rng.standard_normal(len(shared)), shared)
-        fitted = [_fit(kind, moved[part], like=shape.parameters) for part, shape in zip(rows, shapes, strict=True)]
-        scatter = [_scatter(root, shape.freedom, unseen, rng) for root, shape in zip(roots, shapes, strict=True)]
-        for out, which in ((draws, 0), (wide, 1)):
-            parameters = [one.parameters + off[which] for one, off in zip(fitted, scatter, strict=True)]
-            out[i] = _values(kind, parameters, tip_diameter_mm)
+        fitted = [_fit(kind, moved[part], like=one) for part, one in zip(rows, given, strict=True)]
+        for out, one in zip(drawn, fitted, strict=True):
+            out[i] = one.parameters
+        variances[i] = [one.variance for one in fitted]
         if progress is not None:
             progress(i + 1, "")
+    rest = _unexplained_scatter(np.array([shape.variance for shape in shapes]), variances.mean(axis=0))
+    draws, wide = np.empty((n_arms, len(measured))), np.empty((n_arms, len(measured)))
+    for i, arm_seed in enumerate(seeds):
+        rng = np.random.default_rng([8, arm_seed])
+        scatter = [
+            _scatter(share * root, shape.freedom, unseen, rng)
+            for share, root, shape in zip(rest, roots, shapes, strict=True)
+        ]
+        for values, which in ((draws, 0), (wide, 1)):
+            parameters = [one[i] + off[which] for one, off in zip(drawn, scatter, strict=True)]
+            values[i] = _values(kind, parameters, given, tip_diameter_mm)
     return _features(kind, groups, shapes, measured, draws.std(axis=0, ddof=1), wide)
+
+
+def _unexplained_scatter(seen: FloatArray, with_arms: FloatArray) -> FloatArray:
+    """Share of the points' scatter, as standard deviations, that the drawn errors of the arm do not show already.
+
+    Parameters
+    ----------
+    seen, with_arms : (k,) array
+        Variance of the points about each shape, and its mean with the errors of drawn arms added.
+    """
+    arms = np.maximum(with_arms - seen, 0.0)
+    return np.sqrt(np.clip(1 - np.divide(arms, seen, out=np.ones_like(seen), where=seen > 0), 0.0, 1.0))
 
 
 def _scatter(
@@ -204,39 +254,44 @@ def _check_groups(kind: str, groups: Mapping[str, IntArray]) -> None:
 
 
 def _fit(kind: str, points: FloatArray, like: FloatArray | None = None) -> _Shape:
-    """Fit one shape; its normal to the side of that of `like`, as small errors may change the sign that is chosen."""
+    """Fit one shape; its direction to the side of that of `like`, as small errors may change its sign."""
     n = len(points)
     if kind == "length":
         middle = points.mean(axis=0)
         freedom = 3 * (n - 1)
-        std = float(np.sqrt(((points - middle) ** 2).sum() / freedom)) if freedom else 0.0
-        return _Shape(middle, std**2 / n * np.eye(3), freedom, None)
-    if kind == "sphere":
-        ball = fit_sphere(points)
-        return _Shape(np.array([*ball.centre, ball.radius_mm]), ball.covariance, n - 4, ball.form_mm)
-    if kind == "plane":
-        plate = fit_plane(points)
-        parameters, freedom, form = np.array([*plate.point, *plate.normal]), n - 3, plate.form_mm
-        covariance = plate.covariance
-    else:
-        bore = fit_circle(points)
-        parameters, freedom = np.array([*bore.centre, *bore.normal, bore.radius_mm]), 2 * n - 6
-        covariance, form = bore.covariance, float(np.ptp(bore.residuals[:, 0]))
-    if like is not None and parameters[3:6] @ like[3:6] < 0:
+        variance = float(((points - middle) ** 2).sum() / freedom) if freedom else np.nan
+        return _Shape(middle, np.nan_to_num(variance) / n * np.eye(3), freedom, None, variance)
+    fit = _FITS[kind](points)
+    at, _ = located(fit)
+    size = getattr(fit, "half_angle_rad" if kind == "cone" else "radius_mm", None)
+    parameters = np.array([*at.place, *(() if kind == "sphere" else at.direction), *(() if size is None else (size,))])
+    form = float(np.ptp(fit.residuals[:, 0])) if kind == "circle" else fit.form_mm
+    if like is not None and kind != "sphere" and parameters[3:6] @ like[3:6] < 0:
         parameters[3:6] *= -1
-    return _Shape(parameters, covariance, freedom, form)
+    return _Shape(parameters, fit.covariance, fit.residuals.size - _FREE[kind], form, fit.std_mm**2)
 
 
-def _values(kind: str, shapes: Sequence[FloatArray], tip_diameter_mm: float) -> FloatArray:
-    """Values of the quantities of all shapes in the order of `QUANTITIES`, then the distances of each two centres."""
-    enlarged = {"sphere": -tip_diameter_mm, "circle": tip_diameter_mm}.get(kind, 0.0)
+def _values(
+    kind: str, shapes: Sequence[FloatArray], measured: Sequence[FloatArray], tip_diameter_mm: float
+) -> FloatArray:
+    """Values of the quantities of all shapes in the order of `QUANTITIES`, then the `RELATIONS` of each two.
+
+    Angles are those between the sides of `measured` that make them acute.
+    """
+    larger = {"sphere": -tip_diameter_mm, "circle": tip_diameter_mm, "cylinder": tip_diameter_mm}.get(kind, 0.0)
     values: list[FloatArray] = []
     if kind == "plane":
         values += shapes
     elif kind != "length":
-        values += [np.array([2 * shape[-1] + enlarged, *shape[:-1]]) for shape in shapes]
-    if kind != "plane":
-        values.append(np.array([np.linalg.norm(b[:3] - a[:3]) for a, b in combinations(shapes, 2)]))
+        unit = np.degrees(2.0) if kind == "cone" else 2.0
+        values += [np.array([unit * shape[-1] + larger, *shape[:-1]]) for shape in shapes]
+    for (a, b), (c, d) in zip(combinations(shapes, 2), combinations(measured, 2), strict=True):
+        between = _BETWEEN.get(kind, between_centres)(Located(a[:3], a[3:6]), Located(b[:3], b[3:6]))
+        values.append(np.linalg.norm(between, keepdims=True))
+        if "angle_deg" in RELATIONS[kind]:
+            side = np.sign(c[3:6] @ d[3:6])
+            turned = np.arctan2(np.linalg.norm(np.cross(a[3:6], b[3:6])), side * a[3:6] @ b[3:6])
+            values.append(np.degrees([turned]))
     return np.concatenate(values)
 
 
@@ -258,7 +313,8 @@ def _features(
         quantities = tuple(MeasuredQuantity(quantity, *next(results)) for quantity in QUANTITIES[kind])
         if quantities:
             found.append(MeasuredFeature(kind, name, sizes[name], quantities, shape.form_mm))
-    for a, b in combinations(groups, 2) if kind != "plane" else ():
-        length = MeasuredQuantity("length_mm", *next(results))
-        found.append(MeasuredFeature("length", f"{a} to {b}", sizes[a] + sizes[b], (length,), None))
+    for a, b in combinations(groups, 2):
+        related = tuple(MeasuredQuantity(quantity, *next(results)) for quantity in RELATIONS[kind])
+        called = "length" if len(related) == 1 else f"{kind}s"
+        found.append(MeasuredFeature(called, f"{a} to {b}", sizes[a] + sizes[b], related, None))
     return found
