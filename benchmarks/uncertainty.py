@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import NamedTuple
+from typing import NamedTuple, get_args
 
 import numpy as np
 
@@ -15,18 +15,22 @@ from benchmarks.fitting import taken
 from benchmarks.held_out import IDENTIFIED, LEVEL, squares
 from benchmarks.rows import RowResult, Rows, Target, finding
 from truearm import datasets
-from truearm.arm import load_arm
-from truearm.choices import Conditions
+from truearm.arm import Arm, load_arm
+from truearm.choices import Conditions, FeatureKind
 from truearm.compensation.models import PhysicalModel
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.identification.planning.sampling.measuring import measuring_poses
 from truearm.identification.virtual import Measurement, VirtualArm, load_preset
+from truearm.identification.virtual.error_model import tip_compliance
+from truearm.identification.virtual.presets import Preset
+from truearm.identification.virtual.state import mean_hand_force
 from truearm.readings import Session
 from truearm.typing import BoolArray, FloatArray
-from truearm.verification.tasks.feature_postures import feature_postures, middle_of
+from truearm.verification.tasks.estimate import expanded_uncertainty
+from truearm.verification.tasks.feature_postures import feature_postures, middle_of, place_feature
 from truearm.verification.tasks.features import UP, Feature, circle, length_at, plane, sphere
-from truearm.verification.tasks.sampled_arms import PosteriorDistribution
+from truearm.verification.tasks.sampled_arms import PosteriorDistribution, PresetDistribution
 from truearm.verification.tasks.task import N_POSTURES, simulate_measurements
 
 ROWS = Rows()
@@ -166,6 +170,43 @@ def tasks(
         else:
             targets.append(coverage(name, near, "least", 0.93))
     return RowResult(table, targets, ["Shares with their standard errors between arms."])
+
+
+SIZE_OF_BRUTE = 100.0
+
+
+@ROWS.row("brute", quick={"arms": 100})
+def brute(arms: int = 2000, arm: str = "measuring7", preset: str = "shop") -> RowResult:
+    """U of a task with a preset against brute force: whole measurements by virtual arms, without the task's shortcuts.
+
+    Each virtual arm of the preset measures the feature once: `VirtualArm.measure` gives what its encoders read, with
+    noise, hands, contact and temperature of the session, and its maker's program shows the tip of the nominal arm,
+    the stylus qualified under the mean force. U of that is the 95 % quantile of the errors' sizes.
+    """
+    table, targets = [], []
+    nominal, drawn_from = load_arm(arm), load_preset(preset)
+    for kind in get_args(FeatureKind):
+        feature = place_feature(kind, SIZE_OF_BRUTE, nominal)
+        stated = simulate_measurements(PresetDistribution(nominal, drawn_from), feature, n_arms=arms)
+        errors = brute_force_errors(feature, stated.angles, nominal, drawn_from, arms)
+        expanded = stated.estimates[0].expanded_mm
+        ratio = expanded / float(expanded_uncertainty(errors[None])[0])
+        table.append({"feature": feature.name, "U [mm]": expanded, "U over brute force": ratio})
+        for limit, side in ((0.85, "above"), (1.15, "below")):
+            targets.append(Target(f"U of {kind} over brute force", ratio, limit, side))
+    return RowResult(table, targets)
+
+
+def brute_force_errors(feature: Feature, ways: FloatArray, nominal: Arm, preset: Preset, arms: int) -> FloatArray:
+    """Errors (n,) [mm] of the first quantity, each measured by another virtual arm, with other seeds than a task's."""
+    qualified = nominal.chain.with_tip(nominal.chain.tip_in_flange + tip_compliance(preset) * mean_hand_force(preset))
+    errors = []
+    for seed in range(SEED_OF_WAYS, SEED_OF_WAYS + arms):
+        virtual = VirtualArm.draw(nominal, preset, seed=seed)
+        taken = virtual.measure(ways[seed % len(ways)], seed=seed, seat_points=feature.points, reference=False)
+        shown = qualified.tip_in_base(taken.readings.angles)
+        errors.append(feature.errors(shown)[0])
+    return np.array(errors)
 
 
 # Measured features ----------------------------------------------------------------------------------------------------

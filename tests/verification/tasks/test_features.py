@@ -17,6 +17,10 @@ ALL = {
     "sphere": features.sphere(AT, 25.0),
     "plane": features.plane(AT, [0, 0, 1], 120.0, points=23),
     "circle": features.circle(AT, [0, 0, 1], 40.0, points=9),
+    "cylinder": features.cylinder(AT, [0, 0, 1], 40.0, 30.0, points=12),
+    "cone": features.cone(AT, [0, 0, 1], 40.0, np.radians(60.0), points=12),
+    "distance": features.plane_distance(AT, [0, 1, 0], 100.0, 40.0, points=18),
+    "angle": features.plane_angle(AT, [1, 0, 0], np.radians(90.0), 40.0, points=18),
 }
 
 
@@ -26,7 +30,7 @@ def test_a_perfect_measurement_has_no_error(feature):
     assert np.linalg.norm(feature.approach, axis=1) == pytest.approx(np.ones(len(feature.points)))
 
 
-@pytest.mark.parametrize("name", ["length", "sphere", "circle"])
+@pytest.mark.parametrize("name", ["length", "sphere", "circle", "cylinder", "distance"])
 def test_an_arm_that_measures_too_large_does_so_with_sizes(name):
     feature = ALL[name]
     nominal = feature.quantities[0].nominal_mm
@@ -38,7 +42,7 @@ def test_an_arm_that_measures_too_large_does_so_with_sizes(name):
     turn=st.tuples(*[st.floats(-3, 3)] * 3),
     shift=st.tuples(*[st.floats(-100, 100)] * 3),
     seed=st.integers(0, 1000),
-    name=st.sampled_from(["length", "sphere", "circle"]),
+    name=st.sampled_from(["length", "sphere", "circle", "distance"]),
 )
 def test_sizes_and_forms_do_not_depend_on_where_the_part_is(turn, shift, seed, name):
     feature = ALL[name]
@@ -61,6 +65,30 @@ def test_the_direction_of_a_plate_is_its_tilt_over_its_size():
     flatness, direction = feature.errors(tilted)
     assert flatness == pytest.approx(0, abs=1e-9)
     assert direction == pytest.approx(5e-4 * 120, rel=1e-6)
+
+
+def test_the_angle_of_two_faces_and_of_a_cone_is_a_deviation_over_their_size():
+    """Faces opened by 0.2 mrad; a cone whose radii grow by a share of 0.1 % of the tangent."""
+    feature = ALL["angle"]
+    points = feature.points.copy()
+    points[:9] = Rotation.from_rotvec([-2e-4, 0, 0]).apply(points[:9] - AT) + AT
+    assert abs(feature.errors(points)[0]) == pytest.approx(2e-4 * 40.0, rel=1e-6)
+    cone = ALL["cone"]
+    wider = AT + (cone.points - AT) * [1.001, 1.001, 1.0]
+    turned = 2 * (np.arctan(1.001 * np.tan(np.radians(30))) - np.radians(30))
+    height = 10.0 / np.tan(np.radians(30))
+    assert cone.errors(wider)[0] == pytest.approx(height * turned, rel=1e-6)
+
+
+@pytest.mark.parametrize("name", ["cylinder", "distance"])
+def test_a_turned_part_is_seen_in_its_direction_alone(name):
+    feature = ALL[name]
+    turned = feature.errors(Rotation.from_rotvec([3e-4, -4e-4, 0]).apply(feature.points - AT) + AT)
+    size, form = turned[0], turned[1]
+    assert size == pytest.approx(0, abs=1e-9)
+    assert form == pytest.approx(0, abs=1e-9)
+    if name == "cylinder":
+        assert turned[2] == pytest.approx(5e-4 * 30.0, rel=1e-6)
 
 
 def test_the_ends_of_a_length_are_means_of_their_points():
@@ -93,6 +121,9 @@ def test_a_ball_is_touched_all_over_its_upper_half():
         (lambda: features.sphere(AT, np.inf), "diameter of 1 mm or more"),
         (lambda: features.sphere(AT, 25, points=4), "5 to 1000 points"),
         (lambda: features.plane(AT, [0, 0, 1], 100, points=3), "4 to 1000 points"),
+        (lambda: features.cone(AT, [0, 0, 1], 20, 4.0), "angle of a cone of 1 to 179 deg"),
+        (lambda: features.plane_angle(AT, [0, 0, 1], 0.0, 20), "angle of two planes of 1 to 179 deg"),
+        (lambda: features.plane_distance(AT, [0, 0, 1], 20, 20, points=9), "even number of points for two planes"),
         (lambda: features.circle(AT, [0, 0, 1], -3), "diameter of 1 mm or more"),
     ],
 )

@@ -16,7 +16,7 @@ from truearm.identification.virtual import VirtualArm, load_preset
 from truearm.verification.shapes.plane import fit_plane
 from truearm.verification.shapes.sphere import fit_sphere
 from truearm.verification.tasks.feature_postures import feature_postures, middle_of
-from truearm.verification.tasks.features import UP, circle, length_at, plane, sphere
+from truearm.verification.tasks.features import UP, circle, cone, cylinder, length_at, plane, sphere
 from truearm.verification.tasks.measured_features import measure_features
 
 
@@ -139,6 +139,49 @@ def test_few_points_show_their_scatter_by_students_distribution(kind, n, freedom
     assert quantity.expanded / quantity.u == pytest.approx(float(student_t.ppf(0.975, freedom)), rel=0.12)
 
 
+@pytest.mark.parametrize(
+    ("kind", "names"),
+    [
+        ("plane", {"distance_mm": 30.0, "angle_deg": 0.0}),
+        ("cylinder", {"distance_mm": 30.0, "angle_deg": 0.0}),
+        ("cone", {"length_mm": 30.0, "angle_deg": 0.0}),
+    ],
+)
+def test_two_shapes_give_their_distance_and_angle(kind, names):
+    """An arm without errors and perfect points: two shapes side by side or one above the other."""
+    one = {
+        "plane": plane([0, 0, 0], UP, 50.0),
+        "cylinder": cylinder([0, 0, 0], UP, 20.0, 30.0),
+        "cone": cone([0, 0, 0], UP, 20.0, np.pi / 2),
+    }[kind].points
+    points, n = np.concatenate([one, one + ([0, 0, 30] if kind == "plane" else [30, 0, 0])]), len(one)
+    groups = {"A": np.arange(n), "B": np.arange(n, 2 * n)}
+    perfect = Errors(np.zeros((2 * n, 3)))
+    found = measure_features(perfect, kind, points, np.zeros((2 * n, 6)), groups, np.zeros((0, 2 * n, 3)), n_arms=100)
+    assert [one.name for one in found] == ["A", "B", "A to B"]
+    assert {one.name: one.value for one in found[2].quantities} == pytest.approx(names, abs=1e-8)
+    if kind != "plane":
+        assert found[0].quantities[0].value == pytest.approx(90.0 if kind == "cone" else 20.0)
+
+
+def test_scatter_that_the_arm_explains_is_not_counted_twice(rng):
+    """Points scatter by what the drawn arms scatter them: U is theirs alone; more scatter is added to it."""
+    n = 200
+    points = sphere([0, 0, 0], 50.0, points=n).points + rng.normal(0, 0.01, (n, 3))
+    groups, none = {"": np.arange(n)}, np.zeros((0, n, 3))
+
+    class Scattering(Errors):
+        def draw(self, seed):
+            own = np.random.default_rng(seed).normal(0, 0.01, (n, 3))
+            return Errors(own).draw(seed)
+
+    u = [
+        measure_features(errors, "sphere", points, np.zeros((n, 6)), groups, none, n_arms=150)[0].quantities[0].u
+        for errors in (Scattering(np.zeros((n, 3))), Errors(np.zeros((n, 3))))
+    ]
+    assert u[0] == pytest.approx(u[1], rel=0.25)  # each is that of one scatter of 0.01 mm; twice would be 1.41
+
+
 def test_single_points_scatter_as_the_model_or_the_repeatability_says(model, touch, virtual):
     middle, across = middle_of(virtual.nominal)
     ends = touch(length_at(middle, across, 300.0, points=2), ["A", "B"])
@@ -211,7 +254,7 @@ def test_more_readings_without_a_name_are_said(model, touch, virtual):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"feature": "cone"}, "expected a feature out of length, sphere, plane, circle, got 'cone'"),
+        ({"feature": "torus"}, "feature out of length, sphere, plane, circle, cylinder, cone, got 'torus'"),
         ({"feature": "length"}, "expected the readings of two ends of a length, got those of one"),
         ({"tip_diameter_mm": -1.0}, "expected the diameter of the stylus tip, 0 mm or more"),
         ({"n_arms": 10}, "expected 100 to 100000 arms"),

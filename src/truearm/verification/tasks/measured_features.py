@@ -23,7 +23,7 @@ from truearm.verification.shapes.orthogonal_regression import ShapeFit
 from truearm.verification.shapes.plane import fit_plane
 from truearm.verification.shapes.relations import Located, across_axis, between_centres, between_planes, located
 from truearm.verification.shapes.sphere import fit_sphere
-from truearm.verification.tasks.estimate import shortest_interval
+from truearm.verification.tasks.estimate import expanded_uncertainty
 from truearm.verification.tasks.features import MIN_POINTS
 from truearm.verification.tasks.sampled_arms import PosteriorDistribution
 
@@ -67,8 +67,8 @@ class MeasuredQuantity:
     u : float
         Standard uncertainty, in the same unit; of the scatter as it was estimated.
     expanded : float
-        Expanded uncertainty U: the end of the shortest 95 % interval of the errors that is farther from zero. It knows
-        that few points show their scatter only roughly.
+        Expanded uncertainty U, which 95 % of the errors do not exceed in size. It knows that few points show their
+        scatter only roughly.
     """
 
     name: str
@@ -304,8 +304,7 @@ def _features(
     draws: FloatArray,
 ) -> list[MeasuredFeature]:
     """The features in the order of `_values`."""
-    low, high = shortest_interval(np.sort((draws - measured).T))
-    expanded = np.maximum(np.abs(low), np.abs(high))
+    expanded = expanded_uncertainty((draws - measured).T)
     results = zip(measured.tolist(), u.tolist(), expanded.tolist(), strict=True)
     sizes = {name: len(rows) for name, rows in groups.items()}
     found = []
