@@ -60,34 +60,48 @@ def circumscribed_sphere(points: npt.ArrayLike) -> CircumscribedSphere:
         raise InputError(f"expected finite points as an array (n, 3), got shape {given.shape}")
     if not 1 <= len(given) <= MAX_POINTS:
         raise InputError(f"expected 1 to {MAX_POINTS} points for a circumscribed sphere, got {len(given)}")
-    middle = (given / len(given)).sum(axis=0)
-    unit = float(np.abs(given - middle).max()) or 1.0
+    centres, radii = _spheres(given[None])
+    return CircumscribedSphere(centres[0], float(radii[0]))
+
+
+def circumscribed_diameters(points: FloatArray) -> FloatArray:
+    """Return the diameters of the smallest spheres around sets of points (.., n, 3), as `circumscribed_sphere`."""
+    return 2 * _spheres(points.reshape(-1, *points.shape[-2:]))[1].reshape(points.shape[:-2])
+
+
+def _spheres(given: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Centres (m, 3) and radii (m,) of the smallest spheres around m sets of n points, (m, n, 3)."""
+    n = given.shape[1]
+    middle = (given / n).sum(axis=1, keepdims=True)
+    unit = np.abs(given - middle).max(axis=(1, 2), keepdims=True)
+    unit[unit == 0] = 1.0
     centred = (given - middle) / unit
-    centres = np.concatenate([centred[:1], *(_centres(centred, k) for k in range(2, min(len(given), 4) + 1))])
-    centres = centres[np.isfinite(centres).all(axis=1)]
-    farthest = np.sqrt(((centred - centres[:, None]) ** 2).sum(axis=2)).max(axis=1)
-    best = int(np.argmin(farthest))
-    return CircumscribedSphere(middle + unit * centres[best], float(unit * farthest[best]))
+    centres = np.concatenate([centred[:, :1], *(_centres(centred, k) for k in range(2, min(n, 4) + 1))], axis=1)
+    away = centred[:, None] - centres[:, :, None]
+    farthest = np.sqrt(np.einsum("mcnk,mcnk->mcn", away, away).max(axis=2))
+    best = np.where(np.isfinite(farthest), farthest, np.inf).argmin(axis=1)
+    rows = np.arange(len(given))
+    return (middle + unit * centres[rows, best, None])[:, 0], unit[:, 0, 0] * farthest[rows, best]
 
 
 def _centres(points: FloatArray, k: int) -> FloatArray:
-    """Centres (m, 3) of the smallest spheres through k points, for all k of them; not finite where there is none.
+    """Centres (m, c, 3) of the smallest spheres through any k of n points (m, n, 3); not finite where there is none.
 
     The circumcentre by products of the edges u, v, w from the first point, which lose fewer digits for
     thin triangles and tetrahedra than a linear solve does.
     """
-    first, *others = points[np.array(list(combinations(range(len(points)), k)))].transpose(1, 0, 2)
+    first, *others = points[:, np.array(list(combinations(range(points.shape[1]), k)))].transpose(2, 0, 1, 3)
     edges = [other - first for other in others]
-    square = [(edge * edge).sum(axis=1, keepdims=True) for edge in edges]
+    square = [(edge * edge).sum(axis=-1, keepdims=True) for edge in edges]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         if k == 2:
             return np.asarray(first + edges[0] / 2)
         u, v = edges[:2]
         across = np.cross(u, v)
         if k == 3:
-            area = (across * across).sum(axis=1, keepdims=True)
+            area = (across * across).sum(axis=-1, keepdims=True)
             return np.asarray(first + np.cross(square[0] * v - square[1] * u, across) / (2 * area))
         w = edges[2]
-        volume = (across * w).sum(axis=1, keepdims=True)
+        volume = (across * w).sum(axis=-1, keepdims=True)
         towards = square[0] * np.cross(v, w) + square[1] * np.cross(w, u) + square[2] * across
         return np.asarray(first + towards / (2 * volume))

@@ -16,7 +16,8 @@ from pydantic import Field, field_validator, model_validator
 from truearm.errors import InputError
 from truearm.files.toml_documents import Document, Name, NotNegative, Positive, Real, read_document
 from truearm.readings.thermal_expansion import REFERENCE_DEGC
-from truearm.verification.standards.decision import Contribution
+from truearm.typing import FloatArray
+from truearm.verification.standards.propagation import ErrorSource, in_each
 
 # No calibrated artefact has a larger form deviation or uncertainty [mm]; such numbers are micrometres.
 LARGEST_MM = 0.2
@@ -112,24 +113,25 @@ class Artefact(_WithUncertainties):
                 hint="enter the certificate that was valid on that day",
             )
 
-    def form_and_fixture(self, ends: int = 1, places: int = 1) -> tuple[Contribution, ...]:
-        """Return the contributions of form and fixture.
-
-        The standard uncertainty is half the form deviation, as in ISO/TS 23165 [recalled, not confirmed].
+    def form_sources(self, shape: tuple[int, ...], *, ends: int = 1) -> tuple[ErrorSource, ErrorSource]:
+        """Return what the form does to touches: each is off by up to half the form deviation, uniformly (GUM 4.3.7).
 
         Parameters
         ----------
+        shape : tuple of int
+            Of the readings, each with a touch of its own: (n,), or (n, 3) where it may be off in each direction.
         ends : int
-            Number of ends: a length has two, each with a form; u_fixture_mm applies to the whole length.
-        places : int
-            Number of positions that are compared, between which the artefact may move: a distance has two, each with
-            the contribution of the fixture.
+            Number of touches in a reading: a length has two.
         """
+        share = sqrt(ends / 12)
         return (
-            Contribution("form of the artefact", sqrt(ends) * self.form_mm / 2),
-            Contribution("calibration of the form", sqrt(ends) * self.u_form_mm),
-            Contribution("fixture", sqrt(places) * self.u_fixture_mm),
+            in_each("form of the artefact", share * self.form_mm, shape),
+            in_each("calibration of the form", share * self.u_form_mm, shape),
         )
+
+    def fixture_source(self, shape: tuple[int, ...]) -> ErrorSource:
+        """Return what the fixture does to readings: the artefact moves anew in each, and each direction."""
+        return in_each("fixture", self.u_fixture_mm, shape)
 
 
 A = TypeVar("A", bound=Artefact)
@@ -157,11 +159,18 @@ class _Expanding(Artefact):
         """Correct a length measured at `degC` to 20 degC: ``L / (1 + alpha (T - 20))``."""
         return length_mm / (1 + self.expansion_per_K * (degC - REFERENCE_DEGC))
 
-    def thermal(self, length_mm: float, degC: float) -> tuple[Contribution, ...]:
-        """Return the contributions ``L alpha u(T)`` and ``L (T - 20) u(alpha)`` (GUM H.1.3)."""
+    def thermal_sources(self, length_mm: FloatArray, degC: FloatArray) -> tuple[ErrorSource, ErrorSource]:
+        """Return ``L alpha u(T)`` and ``L (T - 20) u(alpha)`` (GUM H.1.3) of n readings, which have them in common.
+
+        Parameters
+        ----------
+        length_mm, degC : (n,) array
+            Sizes of this artefact, 0 in readings of another one, and its temperature.
+        """
+        warmth = length_mm * (degC - REFERENCE_DEGC)
         return (
-            Contribution("temperature of the artefact", abs(length_mm * self.expansion_per_K) * self.u_temperature_K),
-            Contribution("expansion of the artefact", length_mm * abs(degC - REFERENCE_DEGC) * self.u_expansion_per_K),
+            ErrorSource("temperature of the artefact", length_mm[None] * self.expansion_per_K * self.u_temperature_K),
+            ErrorSource("expansion of the artefact", warmth[None] * self.u_expansion_per_K),
         )
 
 

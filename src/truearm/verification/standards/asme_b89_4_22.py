@@ -6,8 +6,8 @@ The numbers of points, positions and runs are in the test plan.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,14 +15,43 @@ from truearm.errors import InputError
 from truearm.typing import FloatArray
 from truearm.verification.standards.artefacts import Seat
 from truearm.verification.standards.decision import (
-    Budget,
     ConformityResult,
     DecisionRule,
     assess_conformity,
     worst_result,
 )
-from truearm.verification.standards.measurands import LengthMeasurement, SphereMeasurement, worst_size_error
+from truearm.verification.standards.measurands import (
+    LengthMeasurement,
+    SphereMeasurement,
+    length_sources,
+    worst_size_error,
+)
+from truearm.verification.standards.propagation import (
+    Statistic,
+    drawn_budget,
+    half_range,
+    largest_distance,
+    linear_budget,
+    two_rms,
+    two_s,
+    two_s_of_points,
+    value_range,
+)
 from truearm.verification.standards.specification import Specification
+
+SEAT_STATISTICS: Mapping[str, Statistic] = {
+    "SPAT.Max": largest_distance,
+    "SPAT.2s": two_s_of_points,
+    "SPAT, half range of the worst coordinate": half_range,
+}
+"""Test values of the points in a seat."""
+
+DEVIATION_STATISTICS: Mapping[str, Statistic] = {
+    "Volumetric.2s": two_s,
+    "Volumetric.2RMS": two_rms,
+    "Volumetric, range": value_range,
+}
+"""Test values of the deviations of lengths."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,9 +97,8 @@ def single_point(
     the divisor of s, ten points a seat. The half range of each coordinate is a maker's field test (FARO's maintenance
     pages) and is printed too, without a limit.
 
-    The uncertainty of all three is that of form and fixture of the seat, once. If the seat moves by u_fixture in each
-    direction at each point, the largest and 2s change by about that (0.9 to 1.0 times u_fixture rms by simulation, for
-    ten points of an arm that scatters more than the fixture); if it does not move, they change less.
+    The seat may move by u_fixture in each direction at each point, and its form puts the tip off: the uncertainty of
+    each of the three is that of its own statistic (`propagation`).
 
     Parameters
     ----------
@@ -95,18 +123,12 @@ def single_point(
                 f"{one.where}: expected two points or more in a seat, got {len(one.points)}",
                 hint="measure more points in the seat",
             )
-        away = one.points - one.points.mean(axis=0)
-        distance = np.sqrt((away**2).sum(axis=1))
-        s = np.sqrt((distance**2).sum() / (len(away) - 1))
-        half = np.ptp(one.points, axis=0).max() / 2
-        budget = Budget(one.seat.form_and_fixture())
-        for label, symbol, value in (
-            ("SPAT.Max", "SPAT.Max", distance.max()),
-            ("SPAT.2s", "SPAT.2s", 2 * s),
-            ("SPAT, half range of the worst coordinate", None, half),
-        ):
-            limit = None if symbol is None else specification.limit(symbol)
-            rows.append(assess_conformity(label, float(value), budget, limit, rule=rule, where=one.where))
+        shape = one.points.shape
+        sources = [*one.seat.form_sources(shape), one.seat.fixture_source(shape)]
+        for label, statistic in SEAT_STATISTICS.items():
+            value, limit = float(statistic(one.points)), specification.limit(label)
+            budget = drawn_budget(one.points, statistic, sources)
+            rows.append(assess_conformity(label, value, budget, limit, rule=rule, where=one.where))
     return rows
 
 
@@ -119,8 +141,7 @@ def volumetric(
     divisor n, which contains the scale error; their range and mean, which have no limit. Recalled, not
     confirmed: the divisors, two lengths, twenty positions in all.
 
-    The uncertainty of 2s, 2RMS, range and mean is that of the most uncertain single deviation, times 2 for the first
-    two: an upper bound.
+    The uncertainty of each is that of its own statistic (`propagation`); that of the largest is that of its reading.
 
     Parameters
     ----------
@@ -151,14 +172,13 @@ def volumetric(
             for one, value, budget in zip(lengths, deviation, budgets, strict=True)
         ]
     )
-    widest = max(budgets, key=lambda budget: budget.expanded)
-    twice = Budget(tuple(replace(one, u=2 * one.u) for one in widest.contributions))
+    sources = length_sources(lengths, corrected=corrected)
     rows = [largest]
-    for symbol, value in (
-        ("Volumetric.2s", 2 * deviation.std(ddof=1)),
-        ("Volumetric.2RMS", 2 * np.sqrt((deviation**2).mean())),
-    ):
-        rows.append(assess_conformity(symbol, float(value), twice, specification.limit(symbol), rule=rule))
-    rows.append(assess_conformity("Volumetric, range", float(np.ptp(deviation)), widest, None, rule=rule))
-    rows.append(assess_conformity("Volumetric, mean", float(deviation.mean()), widest, None, rule=rule))
+    for symbol, statistic in DEVIATION_STATISTICS.items():
+        budget = drawn_budget(deviation, statistic, sources)
+        rows.append(
+            assess_conformity(symbol, float(statistic(deviation)), budget, specification.limit(symbol), rule=rule)
+        )
+    mean = linear_budget(np.full(len(lengths), 1 / len(lengths)), sources)
+    rows.append(assess_conformity("Volumetric, mean", float(deviation.mean()), mean, None, rule=rule))
     return rows

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from truearm.verification.shapes.circumscribed_sphere import circumscribed_sphere
+from truearm.verification.shapes.circumscribed_sphere import circumscribed_diameters
 from truearm.verification.standards.decision import (
     Budget,
     ConformityResult,
@@ -21,6 +21,7 @@ from truearm.verification.standards.decision import (
     worst_result,
 )
 from truearm.verification.standards.measurands import LengthMeasurement, SphereMeasurement, worst_size_error
+from truearm.verification.standards.propagation import ErrorSource, drawn_budget, farthest_pair
 from truearm.verification.standards.specification import Specification
 
 
@@ -90,18 +91,30 @@ def l_dia(
     rows, secondary = [], []
     for groups in positions:
         centres = np.stack([one.fit.centre for one in groups])
-        # The diameter depends on two to four centres, each of which may move with the fixture. A distance of two then
-        # has sqrt(2) u; the circumscribed sphere of five has 1.3 u by simulation.
-        budget, where = groups[0].position_budget, groups[0].where
-        value = circumscribed_sphere(centres).diameter_mm
-        rows.append(assess_conformity("L_Dia.5x5", value, budget, limit, rule=rule, where=where))
-        distance = np.sqrt(((centres[:, None] - centres) ** 2).sum(axis=2)).max()
-        secondary.append(
-            assess_conformity("L_Dia.5x5, largest distance", float(distance), budget, None, rule=rule, where=where)
-        )
+        where, sources = groups[0].where, _centre_sources(groups)
+        for label, statistic, bound, into in (
+            ("L_Dia.5x5", circumscribed_diameters, limit, rows),
+            ("L_Dia.5x5, largest distance", farthest_pair, None, secondary),
+        ):
+            budget = drawn_budget(centres, statistic, sources)
+            into.append(assess_conformity(label, float(statistic(centres)), budget, bound, rule=rule, where=where))
     worst = worst_result(rows)
     beside = secondary[rows.index(worst)]
     return [worst, replace(beside, individual=tuple(secondary))]
+
+
+def _centre_sources(groups: Sequence[SphereMeasurement]) -> list[ErrorSource]:
+    """What the sphere does to the centres of its groups: it may move between them, and its form moves each fit."""
+    n = len(groups)
+    alike = zip(*(one.centre_sources() for one in groups), strict=True)
+    form = [
+        ErrorSource(
+            same[0].label,
+            np.concatenate([np.einsum("kc,n->knc", one.effects, at) for one, at in zip(same, np.eye(n), strict=True)]),
+        )
+        for same in alike
+    ]
+    return [*form, groups[0].sphere.fixture_source((n, 3))]
 
 
 def e_uni(

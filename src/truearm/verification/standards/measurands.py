@@ -1,14 +1,16 @@
 """The measurands that tests compare with a certificate: the size of a sphere, and a length.
 
 The uncertainty budgets contain artefact and set-up but not the errors of the arm, which are tested (ISO 23165,
-recalled): ``u^2 = u_cal^2 + (L alpha u_T)^2 + (L (T - 20) u_alpha)^2 + u_fixture^2 + u_form^2``.
+recalled). Of a length ``u^2 = u_cal^2 + (L alpha u_T)^2 + (L (T - 20) u_alpha)^2 + u_fixture^2 + u_form^2``; of what
+follows from many readings see `propagation`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import chain
 
 import numpy as np
 
@@ -20,12 +22,12 @@ from truearm.verification.standards.artefacts import CalibratedBar, CalibratedLe
 from truearm.verification.standards.decision import (
     Budget,
     ConformityResult,
-    Contribution,
     DecisionRule,
     assess_conformity,
     worst_result,
 )
 from truearm.verification.standards.positions import hemisphere
+from truearm.verification.standards.propagation import ErrorSource, drawn_budget, in_each, linear_budget, value_range
 from truearm.verification.standards.specification import Specification
 
 # Fewer points on a ball leave no degree of freedom.
@@ -125,22 +127,41 @@ class SphereMeasurement:
         measured = self.sphere.at_reference(self.diameter_mm, self.degC) if corrected else self.diameter_mm
         return measured - self.sphere.diameter_mm
 
+    @cached_property
+    def _to_parameters(self) -> FloatArray:
+        """What touches that lie off by a little change in the centre and the radius of the fit, (4, n)."""
+        normals = (self.points - self.fit.centre) / self.fit.radius_mm
+        return np.asarray(np.linalg.pinv(np.column_stack([normals, np.ones(len(normals))])))
+
+    @property
+    def _touch_sources(self) -> tuple[ErrorSource, ...]:
+        """What form and fixture of the ball do to each touch, along its normal."""
+        shape = (len(self.points),)
+        return (*self.sphere.form_sources(shape), self.sphere.fixture_source(shape))
+
     def size_budget(self, *, corrected: bool) -> Budget:
         """Return the uncertainty budget of `size_error`."""
-        sphere = self.sphere
-        calibration = Contribution("calibration of the diameter", sphere.u_diameter_mm, sphere.calibration_dof)
-        thermal = sphere.thermal(sphere.diameter_mm, self.degC) if corrected else ()
-        return Budget((calibration, *thermal, *sphere.form_and_fixture()))
+        sphere, one = self.sphere, np.ones(1)
+        calibration = ErrorSource(
+            "calibration of the diameter", np.array([[sphere.u_diameter_mm]]), sphere.calibration_dof
+        )
+        thermal = sphere.thermal_sources(sphere.diameter_mm * one, self.degC * one) if corrected else ()
+        of_ball = linear_budget(one, [calibration, *thermal])
+        of_touches = linear_budget(2 * self._to_parameters[3], self._touch_sources)
+        return Budget((*of_ball.contributions, *of_touches.contributions))
 
     @property
     def form_budget(self) -> Budget:
-        """The uncertainty budget of the form: form and fixture of the artefact."""
-        return Budget(self.sphere.form_and_fixture())
+        """The uncertainty budget of the form."""
+        normals = np.linalg.pinv(self._to_parameters)
+        to_residuals = np.eye(len(normals)) - normals @ self._to_parameters
+        sources = [replace(one, effects=one.effects @ to_residuals) for one in self._touch_sources]
+        return drawn_budget(self.fit.residuals, value_range, sources)
 
-    @property
-    def position_budget(self) -> Budget:
-        """The uncertainty budget of the distance between two fits of the sphere, which may move between them."""
-        return Budget(self.sphere.form_and_fixture(places=2))
+    def centre_sources(self) -> list[ErrorSource]:
+        """What the form of the ball does to the fitted centre, effects (k, 3)."""
+        sources = self.sphere.form_sources((len(self.points),))
+        return [replace(one, effects=one.effects @ self._to_parameters[:3].T) for one in sources]
 
 
 @dataclass(frozen=True, eq=False)
@@ -251,12 +272,43 @@ class LengthMeasurement:
 
     def budget(self, *, corrected: bool, opposite: bool = False) -> Budget:
         """Return the uncertainty budget of `error`."""
-        bar = self.bar
-        calibration = Contribution("calibration of the length", self.length.u_mm, bar.calibration_dof)
-        thermal = bar.thermal(self.length.length_mm, self.degC) if corrected else ()
-        single = opposite and len(self.start) == len(self.end) == 1
-        slant = (Contribution("alignment of opposite points", self.alignment_mm),) if single else ()
-        return Budget((calibration, *thermal, *bar.form_and_fixture(ends=2), *slant))
+        return linear_budget(np.ones(1), length_sources([self], corrected=corrected, opposite=opposite))
+
+
+def length_sources(
+    lengths: Sequence[LengthMeasurement], *, corrected: bool, opposite: bool = False
+) -> list[ErrorSource]:
+    """Return what artefacts and set-up do to the errors of n measured lengths.
+
+    The calibration of a length is common to all its readings; temperature and expansion to all readings of a bar.
+    Form, fixture and the alignment of opposite points are new in each reading.
+    """
+    bars = {one.bar.name: one.bar for one in lengths}
+    of_bar = {name: np.array([one.bar.name == name for one in lengths]) for name in bars}
+    sizes = np.array([one.length.length_mm for one in lengths])
+    degC = np.array([one.degC for one in lengths])
+    calibrated = dict.fromkeys((one.bar.name, one.length.name) for one in lengths)
+    calibration = [
+        [one.length.u_mm if (one.bar.name, one.length.name) == key else 0.0 for one in lengths] for key in calibrated
+    ]
+    dof = min(bar.calibration_dof for bar in bars.values())
+    sources = [[ErrorSource("calibration of the length", np.array(calibration), dof)]]
+    if corrected:
+        sources += [list(bar.thermal_sources(sizes * of_bar[name], degC)) for name, bar in bars.items()]
+    for name, bar in bars.items():
+        each = [*bar.form_sources(sizes.shape, ends=2), bar.fixture_source(sizes.shape)]
+        sources.append([replace(one, effects=one.effects * of_bar[name]) for one in each])
+    single = np.array([opposite and len(one.start) == len(one.end) == 1 for one in lengths])
+    if single.any():
+        beside = np.array([one.alignment_mm for one in lengths]) * single
+        sources.append([in_each("alignment of opposite points", beside, sizes.shape)])
+    by_label: dict[str, list[ErrorSource]] = {}
+    for one in chain.from_iterable(sources):
+        by_label.setdefault(one.label, []).append(one)
+    return [
+        ErrorSource(label, np.concatenate([one.effects for one in same]), same[0].dof)
+        for label, same in by_label.items()
+    ]
 
 
 def worst_size_error(
