@@ -15,9 +15,8 @@ import truearm as ta
 from benchmarks.rows import RowResult, Rows
 from truearm.typing import FloatArray
 from truearm.verification.monitor.assessment import RecalibrationAdvice
-from truearm.verification.monitor.control_chart import ControlChart, ControlRules, control_chart, control_rules
+from truearm.verification.monitor.control_chart import FALSE_ALARMS, ControlChart, control_chart, control_rules
 from truearm.verification.monitor.interim_check import CheckReading, CheckValue, InterimCheck
-from truearm.verification.monitor.serial_correlation import CORRELATIONS
 from truearm.verification.monitor.whole_check import WholeCheck, whole_check
 
 ROWS = Rows()
@@ -117,11 +116,11 @@ def seen(series: int = 400) -> RowResult:
     return RowResult([{"seen [%]": 100 * found / len(sizes), "stated [%]": 90, "median size [mm]": np.median(sizes)}])
 
 
-# A single chart -------------------------------------------------------------------------------------------------------
+# Six charts -----------------------------------------------------------------------------------------------------------
 
-EARLIER, AFTER, STEP = 30, 40, 3.0
-TRIED = (0.0, 0.3, 0.5, 0.7, 0.85)
-KINDS = {"truearm": CORRELATIONS, "independent": np.zeros(1)}
+CHARTS, FROM, UNTIL = 6, 20, 60
+RULES = control_rules(2 * CHARTS)
+CORRELATED = (0.0, 0.3, 0.5, 0.7)
 
 
 def autoregressive(rng: np.random.Generator, n: int, correlation: float) -> FloatArray:
@@ -132,55 +131,56 @@ def autoregressive(rng: np.random.Generator, n: int, correlation: float) -> Floa
     return values
 
 
-def first_yes(chart: ControlChart) -> int | None:
-    """The first value with the answer "yes"."""
-    beyond, above = chart.out_of_limits, chart.scores > 0
-    twice = np.flatnonzero(beyond[1:] & beyond[:-1] & (above[1:] == above[:-1])) + 1
-    found = [int(twice[0])] if len(twice) else []
-    return min(found + ([] if chart.signal_index is None else [chart.signal_index]), default=None)
+def chart_of(values: FloatArray) -> ControlChart:
+    """The chart of values, one of six with two sides."""
+    return control_chart(values, u=np.zeros(len(values)), rules=RULES)
 
 
-def chart_of(values: FloatArray, kind: str, rules: ControlRules) -> ControlChart:
-    """The chart of values, without a least scatter."""
-    return control_chart(values, u=np.zeros(len(values)), rules=rules, correlations=KINDS[kind])
+def first_yes(chart: ControlChart) -> float:
+    """The first value with the answer "recalibrate": evidence, or two in a row beyond the same limit; inf: none."""
+    beyond = chart.beyond
+    twice = np.flatnonzero((beyond[1:] == beyond[:-1]) & (beyond[1:] != 0)) + 1
+    return min([*twice, *([] if chart.signal_index is None else [chart.signal_index])], default=np.inf)
 
 
-@ROWS.row("chart-alarms", quick={"series": 10})
-def chart_alarms(series: int = 1000) -> RowResult:
-    """Series of 30 unchanged checks of one chart with an alarm, in brackets with "yes", by correlation [%].
+@ROWS.row("routine-alarms", quick={"histories": 2})
+def routine_alarms(histories: int = 200) -> RowResult:
+    """Unchanged arms with six charts: answers in checks 21 to 60 [%], by the correlation of consecutive checks.
 
-    "Yes" is a cumulative sum, or two values in a row beyond the same limit; "independent" takes all values for that.
+    "Recalibrate", of histories without it before; and checks with the answer "undecided".
     """
     table = []
-    for kind in KINDS:
-        row: dict[str, Any] = {"checks taken for": kind}
-        for correlation in TRIED:
-            rng, alarms, yes = np.random.default_rng(1), 0, 0
-            for _ in range(series):
-                chart = chart_of(autoregressive(rng, EARLIER, correlation), kind, control_rules(2))
-                answer = first_yes(chart) is not None
-                alarms, yes = alarms + (answer or bool(chart.out_of_limits.any())), yes + answer
-            row[f"{correlation:g}"] = f"{100 * alarms / series:.1f} ({100 * yes / series:.1f})"
-        table.append(row)
+    for correlation in CORRELATED:
+        rng, yes, undecided = np.random.default_rng(1), 0, 0
+        for _ in range(histories):
+            charts = [chart_of(autoregressive(rng, UNTIL, correlation)) for _ in range(CHARTS)]
+            yes += FROM <= min(map(first_yes, charts)) < np.inf
+            undecided += int(np.any([one.out_of_limits[FROM:] for one in charts], axis=0).sum())
+        checks = histories * (UNTIL - FROM)
+        table.append({
+            "correlation": correlation, "recalibrate": 100 * yes / histories,
+            "stated": 100 * (1 - (1 - FALSE_ALARMS) ** (UNTIL - FROM)),
+            "undecided, of checks": 100 * undecided / checks, "stated, of checks": 100 * FALSE_ALARMS,
+        })  # fmt: skip
     return RowResult(table)
 
 
-@ROWS.row("chart-steps", quick={"series": 10})
-def chart_steps(series: int = 250) -> RowResult:
-    """Checks after a step of three standard deviations until "yes", one of six charts, by correlation: half, 95 %."""
+@ROWS.row("routine-steps", quick={"series": 5})
+def routine_steps(series: int = 100) -> RowResult:
+    """Steps of one of six charts with the answer "recalibrate" within 10, 20, 40 checks [%], by correlation."""
     table = []
-    for before in (10, 20, 40):
-        for kind in KINDS:
-            row: dict[str, Any] = {"checks taken for": kind, "checks before": before}
-            for correlation in TRIED:
+    for before in (20, 40):
+        for step in (1.0, 2.0, 3.0):
+            row: dict[str, Any] = {"checks before": before, "step [sd]": step}
+            for correlation in CORRELATED:
                 rng, needed = np.random.default_rng(2), []
                 for _ in range(series):
-                    values = autoregressive(rng, before + AFTER, correlation)
-                    values[before:] += STEP
-                    found = first_yes(chart_of(values, kind, control_rules(12)))
-                    if found is None or found >= before:
-                        needed.append(np.inf if found is None else found - before + 1)
-                spread = np.quantile(needed, [0.5, 0.95], method="higher")
-                row[f"{correlation:g}"] = ", ".join(f"{n:.0f}" if np.isfinite(n) else f"> {AFTER}" for n in spread)
+                    values = autoregressive(rng, before + 40, correlation)
+                    values[before:] += step
+                    found = first_yes(chart_of(values))
+                    if found >= before:
+                        needed.append(found - before + 1)
+                shares = [100 * np.mean(np.array(needed) <= within) for within in (10, 20, 40)]
+                row[f"{correlation:g}"] = ", ".join(f"{one:.0f}" for one in shares)
             table.append(row)
     return RowResult(table)

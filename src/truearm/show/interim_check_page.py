@@ -117,19 +117,18 @@ _METHOD = (
     "specification at 20 degC only. A length is corrected to 20 degC where the artefact's expansion and the "
     f"temperature are known, the temperature to {ARTEFACT_U_K:g} K (standard uncertainty). The result of an artefact "
     "remains until the artefact is measured again or retired.\n\n"
-    "A value beyond its limits shows a large change, a "
-    "cumulative sum above the decision interval a small or slow one. The beginning of the change is where a step or a "
-    "drift fits the values best; for a slow drift it is uncertain. The limits and the decision interval depend on the "
-    "number of charts in the history: for an arm that has not changed, one check in 370 has a value beyond its "
-    "limits, and one in 370 a cumulative sum above the decision interval. Checks of consecutive days may resemble each "
-    "other; the limits allow for a correlation of consecutive checks as large as these checks leave possible, and lie "
-    "about the value that it makes probable.\n\n"
+    "A value beyond its limits shows a large change, the evidence for a step a small or slow one: how many times "
+    "better a step explains the values than none, as a power of ten. The beginning of the change is where a step or a "
+    "drift fits the values best; for a slow drift it is uncertain. The limits and the evidence that is needed depend "
+    "on the number of charts in the history: for an arm that has not changed, one check in 370 has a value beyond its "
+    "limits, and one in 370 evidence of a change. Checks of consecutive days may resemble each other; limits and "
+    "evidence allow for a correlation of consecutive checks up to 0.7, as these checks leave it possible.\n\n"
     "The whole check: the deviations of its readings from their seats and spheres, less the mean of the earlier checks "
     "in the same poses, root mean square. Another arm, a bent link or another tip changes this pattern, even where "
     "scatter and length stay the same.\n\n"
     "One value beyond its limits, or over the "
     "limit of the specification, may be caused by dirt in a seat: repeat the check. Recalibrate after two in a row on "
-    f"the same side, or when a cumulative sum exceeds the decision interval.\n\n"
+    f"the same side, or when the evidence shows a change.\n\n"
     f"With fewer than {MIN_BASELINE_CHECKS} "
     "earlier checks, the scatter is at least that which the model expects, and the answer is never “no”. Then values "
     "are also compared with what the uncertainty of the model explains: a scatter and a form up to that value, a "
@@ -141,7 +140,7 @@ _METHOD = (
 
 
 def trend_figure(trends: Sequence[Trend], checks: Sequence[InterimCheck]) -> Figure:
-    """Draw the charts of the trends that have one, the values above and the cumulative sums below.
+    """Draw the charts of the trends that have one, the values above and the evidence of a change below.
 
     Parameters
     ----------
@@ -158,8 +157,7 @@ def trend_figure(trends: Sequence[Trend], checks: Sequence[InterimCheck]) -> Fig
         panels,
         caption="Above: the value of each check; grey: its limits and the mean, from earlier checks "
         f"(from check {1 + MIN_LIMIT_VALUES} on); orange: beyond the limits; dotted: the limit of the specification. "
-        "Below: cumulative sums of the deviations upwards and downwards, in standard deviations, with the decision "
-        "interval. Orange line: the beginning of the change. "
+        "Below: the evidence of a change, as a power of ten, with what shows one. Orange line: its beginning. "
         "Below the axis: number and date of the check.",
         alt=f"Control charts of {format_count(len(charted), 'value')} over the checks. Their last values: {ends}.",
         columns=2,
@@ -207,7 +205,7 @@ def _last_table(trends: Sequence[Trend]) -> Table:
         Column("mean of earlier checks", "mm"),
         Column("lower limit", "mm"),
         Column("upper limit", "mm"),
-        Column("cumulative sum"),
+        Column("evidence of a change"),
         *([Column("limit of the specification", "mm")] if with_limit else []),
         Column("state"),
     ]
@@ -218,13 +216,13 @@ def _last_table(trends: Sequence[Trend]) -> Table:
         cells: list[Cell] = [trend.latest.label, RoundedNumber(trend.latest.value_mm, u), trend.latest.n]
         if with_model:
             cells.append(None if trend.explained_mm is None else RoundedNumber(trend.explained_mm, u))
-        if chart is None or np.isnan(chart.scores[-1]):
+        if chart is None or np.isnan(chart.centre[-1]):
             cells += [None] * 4
         else:
             limits = (chart.lower[-1], chart.upper[-1]) if chart.shows_limits[-1] else (np.nan, np.nan)
             edges = (float(edge) for edge in (chart.centre[-1], *limits))
             cells += [None if np.isnan(edge) else RoundedNumber(edge, u) for edge in edges]
-            cells.append(float(chart.cusum[:, -1].max()))
+            cells.append(None if np.isinf(chart.evidence[-1]) else float(chart.evidence[-1]))
         if with_limit:
             cells.append(None if trend.limit_mm is None else RoundedNumber(trend.limit_mm, u))
         rows.append((*cells, _verdict(trend)))
@@ -248,7 +246,7 @@ def _verdict(trend: Trend) -> str:
     chart = trend.chart
     states = ["exceeds the limit of the specification"] if trend.over_limit else []
     if chart is not None:
-        states += ["drift"] if chart.signal_index is not None else []
+        states += ["changed"] if chart.signal_index is not None else []
         states += ["beyond its limits"] if chart.out_of_limits[-1] else []
         states += ["beyond what the model explains"] if trend.unexpected else []
         if not states:
@@ -297,15 +295,11 @@ def _panel(trend: Trend, chart: ControlChart, checks: Sequence[InterimCheck]) ->
         above.axhline(trend.limit_mm, color=INK, linewidth=0.8, linestyle=":")
     above.set_title(shorten(trend.latest.label, longest=44))
     above.set_ylabel("[mm]")
-    up, down = chart.cusum
-    below.plot(number, up, color=NAVY, linewidth=1.0)
-    below.plot(number, -down, color=NAVY, linewidth=1.0, linestyle="--")
-    interval = chart.rules.decision_interval
-    lowest = -interval if chart.cusum[1].any() else 0.0
-    for line in (interval, -interval) if lowest else (interval,):
-        below.axhline(line, color=LIMIT, linewidth=0.9)
-    below.set_ylim(1.25 * min(lowest, -float(down.max())), 1.25 * max(interval, float(up.max())))
-    below.set_ylabel("drift")
+    below.plot(number, chart.evidence, color=NAVY, linewidth=1.0)
+    needed = chart.rules.evidence
+    below.axhline(needed, color=LIMIT, linewidth=0.9)
+    below.set_ylim(-2.0, 1.25 * max(needed, float(chart.evidence.max())))
+    below.set_ylabel("evidence")
     _checks_axis(below, checks)
     if trend.since is not None:
         for axes in (above, below):

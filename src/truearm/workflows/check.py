@@ -179,8 +179,8 @@ class CheckResult(PageRecord):
         charts = [trend.chart for trend in current if trend.chart is not None and trend.chart.n_before[-1] > 1]
         if charts:
             yield (
-                "drift: the larger cumulative sum, in standard deviations; above "
-                f"{charts[0].rules.decision_interval:.2f} it shows a change"
+                "evidence: for a change against none, as a power of ten; above "
+                f"{charts[0].rules.evidence:.2f} it shows a change"
             )
             if (missing := describe_missing_limits(self.assessment)) is not None:
                 yield missing
@@ -325,7 +325,7 @@ def check(
 # Columns of the table; those after the second are shown where one of the values has an entry.
 _HEADS = (
     *("value", "result [mm]", "model explains [mm]", "mean before [mm]"),
-    *("limits of the chart [mm]", "drift", "MPE [mm]", "state"),
+    *("limits of the chart [mm]", "evidence", "MPE [mm]", "state"),
 )
 
 
@@ -334,17 +334,17 @@ def _cells(trend: Trend) -> dict[str, str]:
     chart, latest = trend.chart, trend.latest
     sign, quantity = latest.quantity == "length error", CHECK_QUANTITIES[latest.quantity]
     explained = "" if trend.explained_mm is None else f"{'up to ' if quantity.scale else '±'}{trend.explained_mm:.4f}"
-    verdicts, mean, limits, drift = {"over MPE": trend.over_limit}, "", "", ""
+    verdicts, mean, limits, evidence = {"over MPE": trend.over_limit}, "", "", ""
     if chart is not None and not np.isnan(chart.centre[-1]):
         mean = format_fixed(chart.centre[-1], sign=sign)
         low, high = chart.lower[-1], format_fixed(chart.upper[-1], sign=sign)
         limits = f"up to {high}" if np.isnan(low) else f"{format_fixed(low, sign=sign)} to {high}"
         limits = limits if chart.shows_limits[-1] else "\u2013"
-        drift = f"{chart.cusum[:, -1].max():.2f}"
-        verdicts = {"beyond": chart.out_of_limits[-1], "drift": chart.signal_index is not None, **verdicts}
+        evidence = "" if np.isinf(chart.evidence[-1]) else f"{chart.evidence[-1]:.2f}"
+        verdicts = {"beyond": chart.out_of_limits[-1], "changed": chart.signal_index is not None, **verdicts}
     limit = "" if trend.limit_mm is None else f"{trend.limit_mm:.4f}"
     state = ", ".join(verdict for verdict, applies in verdicts.items() if applies)
-    cells = (latest.label, format_fixed(latest.value_mm, sign=sign), explained, mean, limits, drift, limit, state)
+    cells = (latest.label, format_fixed(latest.value_mm, sign=sign), explained, mean, limits, evidence, limit, state)
     return dict(zip(_HEADS, cells, strict=True))
 
 
@@ -374,9 +374,8 @@ def _trend_json(trend: Trend) -> dict[str, object]:
         "upper_mm": chart.upper[-1],
         "beyond": chart.out_of_limits[-1],
         "correlation": correlation if chart.shows_correlation else None,
-        "cusum_up": chart.cusum[0, -1],
-        "cusum_down": chart.cusum[1, -1],
-        "decision_interval": chart.rules.decision_interval,
+        "evidence": None if np.isinf(chart.evidence[-1]) else chart.evidence[-1],
+        "evidence_of_a_change": chart.rules.evidence,
         "changed_since_check": None if trend.since is None else trend.since + 1,
     }
 

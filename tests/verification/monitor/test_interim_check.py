@@ -333,7 +333,7 @@ def test_later_checks_do_not_change_the_result_of_an_earlier_one(seed, n, measur
     for key, trend in ((trend.latest.key, trend) for trend in assess(checks[:n]).trends if trend.chart is not None):
         later = next(one for one in assess(checks).trends if one.latest.key == key)
         m = len(trend.checks)
-        for name in ("scores", "upper", "out_of_limits", "cusum"):
+        for name in ("upper", "out_of_limits", "evidence"):
             np.testing.assert_array_equal(getattr(trend.chart, name), getattr(later.chart, name)[..., :m])
         if trend.chart.signal_index is not None:
             assert (later.chart.signal_index, later.chart.change_index) == (

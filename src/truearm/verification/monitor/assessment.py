@@ -171,7 +171,7 @@ def assess(
 ) -> Assessment:
     """Assess whether the arm has changed since the first checks.
 
-    Yes: a chart signals a change (see `control_chart`), by its cumulative sum or by two or more values in a row beyond
+    Yes: a chart signals a change (see `control_chart`), by its evidence or by two or more values in a row beyond
     the same limit; or the latest two values have the same sign and exceed their limit in the
     specification by more than the uncertainty of the artefact (ISO 14253-1). Quantities that the last check does not
     contain count with their latest values. Undecided: that is true of the latest value only, for which dirt in a

@@ -1,26 +1,18 @@
 """Control charts of single values with unknown mean and standard deviation.
 
-Each value is compared with its prediction from those before it. Of an unchanged process of independent values with
-mean ``m`` and standard deviation ``s`` of the n values before, the next one makes ``T = (x - m) / (s sqrt(1 + 1/n))`` a
-Student t of n - 1 degrees of freedom, and ``z = Phi^-1(F(T))`` standard normal, independent of the scores before: D. M.
-Hawkins, "Self-starting CUSUM charts for location and scale", The Statistician 36 (1987) 299; C. P. Quesenberry, "SPC Q
-charts for start-up processes and short or long runs", J. Quality Technology 23 (1991) 213. So the rate of false alarms
-is as specified from the third value on. With limits of 2.66 mean moving ranges (M, 6.33) from a baseline of ten values
-it is not: of unchanged series 24 % have a value beyond them within the next twenty, in place of 5.3 %. Consecutive
-values may correlate: the prediction is the mixture of `serial_correlation`, of which that of Hawkins is one component.
-
-Two rules watch the scores. Limits (Shewhart's chart of individuals, ISO 7870-2) see a large change at once; two
-one-sided cumulative sums (ISO 7870-4; E. S. Page, Biometrika 41 (1954) 100) see a small or slow one. Formulae marked M
-are those of D. C. Montgomery, "Introduction to Statistical Quality Control", chapters 6 and 9. Standards and books were
-not available: they are cited from memory.
+Each value is compared with those before it, as in charts for start-up processes (D. M. Hawkins, The Statistician 36
+(1987) 299; C. P. Quesenberry, J. Quality Technology 23 (1991) 213): limits from the few values that there are, which
+grow narrower with each. Consecutive values may correlate. Two rules watch them (`serial_correlation`): limits
+(Shewhart's chart of individuals, ISO 7870-2) see a large change at once; the evidence for a step sees a small or slow
+one. Formulae marked M are those of D. C. Montgomery, "Introduction to Statistical Quality Control", chapter 6.
+Standards and books were not available: they are cited from memory.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from math import exp, expm1, isfinite
 
 import numpy as np
 import numpy.typing as npt
@@ -30,17 +22,13 @@ from truearm.typing import BoolArray, FloatArray, IntArray
 from truearm.verification.monitor.serial_correlation import (
     CORRELATIONS,
     LEAST_MM,
-    AutoregressiveBaseline,
-    Prediction,
-    prediction_limits,
+    AutoregressiveSeries,
 )
 
 MIN_BASELINE_CHECKS = 10
 """Values of an unchanged process that a chart needs.
 
-With fewer, a step often becomes part of the baseline before it is detected. Where six charts share the false alarms, a
-step of three standard deviations is detected, in half of the cases, within five values after twenty, and within four
-after forty; after ten, half of the steps become part of the baseline (simulated, 2000 series).
+With fewer, a step often becomes part of the baseline before it is detected.
 """
 
 CHECKS_NEEDED = MIN_BASELINE_CHECKS + 1
@@ -62,19 +50,23 @@ The standard uncertainty of the correlation that n independent values show is ab
 (M. S. Bartlett, J. Royal Statistical Society Suppl. 8 (1946) 27 [recalled]). With fewer, it would say nothing.
 """
 
-DETECTED_WITHIN = 5
+DETECTED_WITHIN = 12
 """Values after a step of three standard deviations in which half are detected, after twenty unchanged ones."""
 
 FALSE_ALARMS = 0.0027
 """Of limits of three standard deviations (M, 6.1): one value in 370 of an unchanged process is beyond them.
 
-The limits together have this rate, and the cumulative sums together have it once more, however many charts there are.
+The limits together have this rate, and the evidence together once more, however many charts there are.
+"""
+
+ODDS = 75.0
+"""The evidence for a step that the rate of false alarms permits a single one-sided chart.
+
+1/370 would permit 370, as a bound for every correlation (see `serial_correlation`). By simulation 75 gives that rate
+with correlations of 0.3 to 0.7, and a smaller one with less.
 """
 
 _LONG_PAUSE = 1000.0  # in typical distances: nothing is left of any correlation
-
-REFERENCE_VALUE = 0.5
-"""k of the cumulative sums, in standard deviations: quickest for a change of one of them (M, 9.1.3)."""
 
 
 @dataclass(frozen=True)
@@ -85,42 +77,28 @@ class ControlRules:
     ----------
     limit : float
         The limit of the scores.
-    decision_interval : float
-        h: a cumulative sum above it signals a drift.
+    evidence : float
+        Decimal logarithm of the evidence that shows a change.
     """
 
     limit: float
-    decision_interval: float
+    evidence: float
 
 
 @cache
 def control_rules(n_sides: int) -> ControlRules:
     """Return the rules of charts with `n_sides` sides in all: two for a value that may rise or fall, else one.
 
-    The sides share the false alarms evenly. One chart with two sides has the limits of the textbooks: 3 standard
-    deviations, k = 0.5, h = 4.77 (M, table 9.4).
+    The sides share the false alarms evenly. One chart with two sides has the limits of the textbooks, 3 standard
+    deviations.
 
     Parameters
     ----------
     n_sides : int
         One or more.
     """
-    rate = FALSE_ALARMS / n_sides  # of each side; Bonferroni: the sum is the rate of all, or more than it
-    return ControlRules(-float(ndtri(rate)), _decision_interval(1 / rate))
-
-
-def _decision_interval(run_length: float) -> float:
-    """The h that gives a one-sided sum of an unchanged process this average run length.
-
-    Siegmund's approximation (M, 9.6): ``ARL = (exp(2 k b) - 2 k b - 1) / (2 k^2)`` with ``b = h + 1.166``, solved by
-    Newton's steps from above, where the function is convex.
-    """
-    target = 2 * REFERENCE_VALUE**2 * run_length
-    y = float(np.log1p(target)) + 2.0  # of exp(y) - y - 1 = target
-    for _ in range(50):
-        y -= (expm1(y) - y - target) / expm1(y)
-    assert isfinite(exp(y))
-    return y / (2 * REFERENCE_VALUE) - 1.166
+    # Bonferroni: the sum over the sides is the rate of all, or more than it; so is the mean of their evidence.
+    return ControlRules(-float(ndtri(FALSE_ALARMS / n_sides)), float(np.log10(ODDS * n_sides)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,19 +111,17 @@ class ControlChart:
         [mm]
     n_before : (n,) int array
         Number of values of the unchanged process with which each was compared.
-    scores : (n,) array
-        Standard normal if nothing has changed; NaN with fewer than two values before.
     centre, lower, upper : (n,) array
         Mean of the values before, and the limits for the next [mm]; NaN where there are none. The limits lie about the
         prediction, which is nearer to the last value than the mean where consecutive values correlate.
-    cusum : (2, n) array
-        The cumulative sums upwards and downwards, in standard deviations.
-    out_of_limits : (n,) bool array
-        Whether the value is beyond its limits.
+    beyond : (n,) int array
+        1 where the value is above its limits, -1 below, else 0.
+    evidence : (n,) array
+        Decimal logarithm of the evidence for a step up to each value; -inf with too few values.
     signal_index : int or None
-        The first value at which a cumulative sum was above the decision interval.
+        The first value at which the evidence showed a change.
     change_index : int or None
-        The first value of the change that this sum signals.
+        The first value of that change.
     gradual : bool
         Whether a drift fits that change better than a step.
     n_baseline : int
@@ -158,12 +134,11 @@ class ControlChart:
 
     values: FloatArray
     n_before: IntArray
-    scores: FloatArray
     centre: FloatArray
     lower: FloatArray
     upper: FloatArray
-    cusum: FloatArray
-    out_of_limits: BoolArray
+    beyond: IntArray
+    evidence: FloatArray
     signal_index: int | None
     change_index: int | None
     gradual: bool
@@ -172,16 +147,20 @@ class ControlChart:
     rules: ControlRules
 
     @property
+    def out_of_limits(self) -> BoolArray:
+        """Whether each value is beyond its limits, (n,)."""
+        return np.asarray(self.beyond != 0)
+
+    @property
     def since(self) -> int | None:
         """The first value of the present change; None where nothing has changed.
 
-        The signal of a cumulative sum is permanent. A value beyond the limits counts while it is the last one, or while
+        A change that the evidence shows is permanent. A value beyond the limits counts while it is the last, or while
         all later ones are beyond the same limit: dirt in a seat may cause a single one, and one on either side.
         """
         if self.change_index is not None:
             return self.change_index
-        with_last = self.out_of_limits & (np.sign(self.scores) == np.sign(self.scores[-1]))
-        others = np.flatnonzero(~with_last)
+        others = np.flatnonzero((self.beyond == 0) | (self.beyond != self.beyond[-1]))
         first = int(others[-1]) + 1 if len(others) else 0
         return first if first < len(self.values) else None
 
@@ -234,106 +213,56 @@ def control_chart(
 
     Notes
     -----
-    A value beyond its limits does not enter the baseline, nor does any after the signal of a cumulative sum: the
-    baseline is then that of the values before the change. In the sums a score counts at most as much as the limit, so
-    that a single value cannot raise one above the decision interval. A value beyond its limits without a neighbour
-    beyond the same limit is removed from the sums with the next value: "two in a row" of J. M. Lucas, R. B.
-    Crosier, Commun. Statist. Theory Meth. 11 (1982) 2669 [recalled].
-
-    The probabilities of the correlations are those at the last zero of the larger cumulative sum: later values may
-    belong to a change, and a step looks like a large correlation, which would hide it.
+    A value beyond its limits does not enter the baseline, nor does any from a change on. Without a neighbour beyond the
+    same limit it does not count for the evidence either: dirt in a seat is no change ("two in a row" of J. M. Lucas,
+    R. B. Crosier, Commun. Statist. Theory Meth. 11 (1982) 2669 [recalled]).
     """
     given, floor = np.array(values, dtype=float), np.array(u, dtype=float)
     each = (rules,) * len(given) if isinstance(rules, ControlRules) else tuple(rules)
-    sides = (1.0,) if upper_only else (1.0, -1.0)
     n, gradual = len(given), False
-    gaps = np.ones(n) if days is None else _gaps(np.array(days, dtype=float))
-    n_before = np.zeros(n, np.intp)
-    scores = np.full(n, np.nan)
-    drift = np.zeros((2, n))
-    beyond = np.zeros(n, bool)
+    at = np.cumsum(np.ones(n) if days is None else _gaps(np.array(days, dtype=float)))
+    n_before, beyond = np.zeros((2, n), np.intp)
+    lines, evidence = np.full((3, n), np.nan), np.full(n, -np.inf)
     signal_index: int | None = None
     changed: int | None = None
     charted = given ** (2 / 3) if scale else given
-    baseline, predictions = AutoregressiveBaseline(correlations), dict[int, Prediction]()
-    unsuspected = [np.zeros(len(correlations))] * 2
+
+    def series(rows: IntArray, i: int) -> AutoregressiveSeries:
+        least = _least(float(charted[rows].mean()), float(floor[i]), len(rows), scale)
+        return AutoregressiveSeries(charted[rows], at[rows], least=least, correlations=correlations)
+
     for i, rule in enumerate(each):
-        n_before[i] = baseline.n
-        baseline.elapse(gaps[i])
-        if baseline.n >= 2:
-            unsuspected = [
-                baseline.log_weights if signal_index is not None or drift[side, i - 1] == 0 else unsuspected[side]
-                for side in (0, 1)
-            ]
-            weights = unsuspected[int(drift[:, i - 1].argmax())]
-            least = _least(baseline.mean, float(floor[i]), baseline.n, scale)
-            predictions[i] = baseline.predict(weights, least=least)
-            scores[i] = score = predictions[i].score(charted[i])
-            beyond[i] = score > rule.limit if upper_only else abs(score) > rule.limit
-            last = i - 2 if _alone(i - 1, scores, beyond) else i - 1
-            counted = min(max(score, -rule.limit), rule.limit)
-            for side, sign in enumerate(sides):
-                # C = max(0, C + z - k), M 9.2 and 9.3
-                drift[side, i] = max(0.0, drift[side, last] + sign * counted - REFERENCE_VALUE)
-            if signal_index is None and max(drift[0, i], drift[1, i]) > rule.decision_interval:
-                zero = int(np.flatnonzero(drift[int(drift[:, i].argmax()), :i] == 0)[-1])
-                rows = np.array([j for j in range(i + 1) if j > zero or not beyond[j]])
-                signal_index, (changed, gradual) = i, _change(rows, charted[rows])
-                baseline = _before(changed, charted, gaps, beyond, correlations)
-                baseline.elapse(float(gaps[changed : i + 1].sum()))
-        if signal_index is None and not beyond[i]:
-            baseline.add(float(charted[i]))
-    centre, lower, upper = _lines(predictions, each, scale)
+        before = np.flatnonzero(beyond[: i if changed is None else changed] == 0)
+        n_before[i] = len(before)
+        if len(before) < 2:
+            continue
+        lines[:, i] = _, low, high = series(before, i).predict(at[i], rule.limit)
+        beyond[i] = int(charted[i] > high) - int(charted[i] < low and not upper_only)
+        if signal_index is None:
+            judged = np.array([j for j in range(i + 1) if not _alone(j, beyond[: i + 1])])
+            evidence[i] = series(judged, i).evidence(upper_only=upper_only)
+            if evidence[i] > rule.evidence:
+                signal_index, (changed, gradual) = i, _change(judged, charted[judged])
+        else:
+            evidence[i] = evidence[i - 1]
+    if scale:
+        lines = np.where(np.isnan(lines), np.nan, np.maximum(lines, 0.0) ** 1.5)
     if upper_only:
-        lower = np.full(n, np.nan)
+        lines[1] = np.nan
+    baseline = np.flatnonzero(beyond[:changed] == 0)
+    correlation = (
+        series(baseline, n - 1).correlation()
+        if len(baseline) > 1
+        else (float(correlations.mean()), *correlations[[0, -1]])
+    )
     return ControlChart(
-        given,
-        n_before,
-        scores,
-        centre,
-        lower,
-        upper,
-        drift,
-        beyond,
-        signal_index,
-        changed,
-        gradual,
-        baseline.n,
-        baseline.correlation(),
-        each[-1],
+        given, n_before, *lines, beyond, evidence, signal_index, changed, gradual, len(baseline), correlation, each[-1]
     )
 
 
-def _lines(
-    predictions: Mapping[int, Prediction], rules: Sequence[ControlRules], scale: bool
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Centre, lower and upper limit of each value; NaN where there is no prediction."""
-    lines = np.full((3, len(rules)), np.nan)
-    if predictions:
-        at = list(predictions)
-        low, high = prediction_limits(list(predictions.values()), np.array([rules[i].limit for i in at]))
-        lines[:, at] = [one.mean for one in predictions.values()], low, high
-    if scale:
-        lines = np.where(np.isnan(lines), np.nan, np.maximum(lines, 0.0) ** 1.5)
-    return lines[0], lines[1], lines[2]
-
-
-def _before(
-    changed: int, charted: FloatArray, gaps: FloatArray, beyond: BoolArray, correlations: FloatArray
-) -> AutoregressiveBaseline:
-    """The baseline of the values before a change."""
-    baseline = AutoregressiveBaseline(correlations)
-    for j in range(changed):
-        baseline.elapse(gaps[j])
-        if not beyond[j]:
-            baseline.add(float(charted[j]))
-    return baseline
-
-
-def _alone(i: int, scores: FloatArray, beyond: BoolArray) -> bool:
-    """Whether value i, which has a next one, is beyond its limits without a neighbour beyond the same limit."""
-    sides = [beyond[j] and np.sign(scores[j]) == np.sign(scores[i]) for j in (i - 1, i + 1)]
-    return bool(beyond[i] and not any(sides))
+def _alone(i: int, beyond: IntArray) -> bool:
+    """Whether value i is beyond its limits without a neighbour beyond the same limit."""
+    return bool(beyond[i] != 0 and (beyond[max(i - 1, 0) : i + 2] == beyond[i]).sum() == 1)
 
 
 def _gaps(days: FloatArray) -> FloatArray:
@@ -359,7 +288,7 @@ def _change(rows: IntArray, values: FloatArray) -> tuple[int, bool]:
     By least squares, which is maximum likelihood for normal values: a constant, and from some row on either another one
     (J. J. Pignatiello, T. R. Samuel, J. Quality Technology 33 (2001) 82) or a straight line up or down (M. B. Perry,
     J. J. Pignatiello, Quality Technology & Quantitative Management 3 (2006) 325). For a step this is more accurate than
-    the row after the last zero of the cumulative sum, which is often above zero by chance before the change.
+    the row after the last zero of a cumulative sum.
 
     Parameters
     ----------

@@ -1,26 +1,31 @@
-"""What to expect of the next value of an unchanged process whose consecutive values may correlate.
+"""What an unchanged process lets expect of its next value, and the evidence that it has changed.
 
 The temperature of the room, a fixture or an operator make checks of consecutive days resemble each other. Limits for
 independent values are then too narrow: of unchanged series with a correlation of 0.5, half have an alarm within 30
 checks. The process is autoregressive of order one about an unknown mean, with an unknown scatter and an unknown
-correlation rho of consecutive values; each value is compared with its prediction from those before (residual chart:
-L. C. Alwan, H. V. Roberts, J. Business & Economic Statistics 6 (1988) 87 [recalled]). No value of rho is estimated and
-then taken for true: with ten values its standard uncertainty is 0.3. The predictions for all rho are weighted with
-their probability after the values so far (A. P. Dawid, J. Royal Statistical Society A 147 (1984) 278 [recalled]).
+correlation rho of consecutive values, up to 0.75. With ten values rho has a standard uncertainty of 0.3, so that
+none is estimated and then taken for true:
+
+- *limits*: those of the prediction (residual chart: L. C. Alwan, H. V. Roberts, J. Business & Economic Statistics 6
+  (1988) 87 [recalled]) for every rho that the values leave plausible, the widest of them;
+- *a change*: the likelihood of the values with a step, over that of the values without one **for the rho that explains
+  them best**, so that a wave of correlated values is no change. For each time of the step the ratio is that of
+  location-scale invariants, whose mean is 1 at most without a change, whatever rho is; their sum over all times exceeds
+  a number c once in c values on average, at most (Shiryaev and Roberts; J. Shin, A. Ramdas, A. Rinaldo, "E-detectors",
+  2022 [recalled]).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from scipy.special import ndtr, ndtri, stdtr, stdtrit
+from scipy.special import log_ndtr, logsumexp, stdtr, stdtrit
 
 from truearm.typing import FloatArray
 
-CORRELATIONS = np.array([0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.85])
-"""Possible correlations of consecutive values, equally probable before the first value.
+CORRELATIONS = np.array([0.0, 0.15, 0.3, 0.45, 0.6, 0.75])
+"""Possible correlations of consecutive values.
 
 None is negative: nothing makes checks alternate. So few values do not distinguish larger ones from a drift.
 """
@@ -28,143 +33,97 @@ None is negative: nothing makes checks alternate. So few values do not distingui
 LEAST_MM = 1e-6
 """A nanometre: values do not repeat better, or a smaller scatter is irrelevant."""
 
+PLAUSIBLE = 2.0
+"""Logarithm of the likelihood by which a plausible correlation explains the values less well than the best one."""
 
-_BISECTIONS = 40  # to 1e-12 of the distance between the components' limits
+STEP = 2.0
+"""Standard deviation of the step that is looked for, in standard deviations of the process."""
+
+LEAST_BEFORE = LEAST_AFTER = 2
+"""Values before a step that is looked for, and from it on."""
 
 
-@dataclass(frozen=True, eq=False)
-class Prediction:
-    """The distribution of the next value: a mixture of Student's t, one component for each correlation.
+class Prediction(NamedTuple):
+    """What to expect of the next value: the mean of the process, and limits."""
 
-    Attributes
-    ----------
-    location, scale, weight : (k,) array
-        Of the components; the weights sum to 1.
-    dof : int
-        Degrees of freedom of all components.
-    mean : float
-        The estimate of the process mean.
-    """
-
-    location: FloatArray
-    scale: FloatArray
-    weight: FloatArray
-    dof: int
     mean: float
-
-    def score(self, value: float) -> float:
-        """The standard normal score of a value; of the smaller tail, which keeps its digits far out."""
-        t = (value - self.location) / self.scale
-        low, high = (float(self.weight @ stdtr(self.dof, tail)) for tail in (t, -t))
-        return float(ndtri(max(low, 1e-300)) if low < high else -ndtri(max(high, 1e-300)))
+    lower: float
+    upper: float
 
 
-def prediction_limits(predictions: Sequence[Prediction], scores: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The values whose scores are ``-score`` and ``score`` in each prediction, by bisection between the components'.
-
-    Parameters
-    ----------
-    predictions : sequence of Prediction
-        n of them, with k components each.
-    scores : (n,) array
-    """
-    location, scale, weight = (
-        np.stack([getattr(one, name) for one in predictions]) for name in ("location", "scale", "weight")
-    )
-    dof, tail = np.array([[one.dof] for one in predictions]), ndtr(-scores)[:, None]
-    half = -stdtrit(dof, tail) * scale
-    found = []
-    for side in (-1.0, 1.0):
-        low, high = (edge(side * location + half, axis=1) for edge in (np.min, np.max))
-        for _ in range(_BISECTIONS):
-            middle = (low + high) / 2
-            t = (side * location - middle[:, None]) / scale
-            is_beyond = (weight * stdtr(dof, t)).sum(axis=1) < tail[:, 0]
-            low, high = np.where(is_beyond, low, middle), np.where(is_beyond, middle, high)
-        found.append(side * (low + high) / 2)
-    return found[0], found[1]
-
-
-class AutoregressiveBaseline:
-    """The values of an unchanged process, added one at a time, and what follows for the next.
+class AutoregressiveSeries:
+    """Values of a process whose consecutive values may correlate.
 
     For each correlation rho the values are made independent: ``e = (x - r x') / sqrt(1 - r^2)`` with the value x'
-    before and ``r = rho^gap``. Mean and scatter of the e are those of generalised least squares.
+    before and ``r = rho^distance``. Mean and scatter of the e are those of generalised least squares.
 
     Parameters
     ----------
+    values : (n,) array
+        Two or more [mm].
+    at : (n,) array
+        Their times; 1 is the distance of consecutive values.
+    least : float
+        The least standard deviation of the process [mm].
     correlations : (k,) array, optional
-        Possible correlations; with 0 alone the predictions are those of independent values.
+        Possible correlations; with 0 alone values are independent.
     """
 
-    def __init__(self, correlations: FloatArray = CORRELATIONS) -> None:
-        self.n = 0
-        self._rho = correlations
-        self._first = self._last = 0.0
-        self._gap = 0.0
-        # Sums over the values e, their weights w of the mean, and the logarithms of their variances.
-        self._ww, self._we, self._ee, self._log = np.zeros((4, len(correlations)))
+    def __init__(
+        self, values: FloatArray, at: FloatArray, *, least: float = LEAST_MM, correlations: FloatArray = CORRELATIONS
+    ) -> None:
+        self.n, self._rho, self._at = len(values), correlations, float(at[-1])
+        self._first, self._last = float(values[0]), float(values[-1] - values[0])
+        x = values - values[0]
+        r = np.zeros((len(correlations), self.n))
+        r[:, 1:] = correlations[:, None] ** np.diff(at)
+        self._free = 1 - r * r
+        root = np.sqrt(self._free)
+        self._e, self._w = (x - r * np.r_[0.0, x[:-1]]) / root, (1 - r) / root
+        self._ww, self._we = (self._w**2).sum(axis=1), (self._w * self._e).sum(axis=1)
+        self._floor = (self.n - 1) * least**2
+        self._squares = np.maximum((self._e**2).sum(axis=1) - self._we**2 / self._ww, self._floor)
+        degrees = (self.n - 1) * np.log(self._squares)
+        self._log = -(np.log(self._free).sum(axis=1) + np.log(self._ww) + degrees) / 2  # of the likelihood of rho
 
-    def elapse(self, gap: float) -> None:
-        """Let a distance pass; 1 is that of consecutive values. Values that are not added leave a larger one."""
-        self._gap += gap
-
-    def add(self, value: float) -> None:
-        """Add the value that is here."""
-        if self.n == 0:
-            self._first = value
-        x = value - self._first
-        r, free = self._memory()
-        e, w = (x - r * self._last) / np.sqrt(free), (1 - r) / np.sqrt(free)
-        self._ww += w * w
-        self._we += w * e
-        self._ee += e * e
-        self._log += np.log(free)
-        self.n, self._last, self._gap = self.n + 1, x, 0.0
-
-    @property
-    def mean(self) -> float:
-        """The mean of the values, for the most probable correlation."""
-        best = int(self.log_weights.argmax())
-        return self._first + float(self._we[best] / self._ww[best])
-
-    @property
-    def log_weights(self) -> FloatArray:
-        """Logarithms of the probabilities of the correlations after the values so far, up to a constant, (k,)."""
-        weights: FloatArray = -(self._log + np.log(self._ww) + (self.n - 1) * np.log(self._squares())) / 2
-        return weights
-
-    def predict(self, log_weights: FloatArray, *, least: float) -> Prediction:
-        """Predict the value that is here, from two or more.
-
-        Parameters
-        ----------
-        log_weights : (k,) array
-            `log_weights`, of these values or of earlier ones.
-        least : float
-            The least standard deviation of the process.
-        """
-        weight = np.exp(log_weights - log_weights.max())
-        weight /= weight.sum()
-        r, free = self._memory()
+    def predict(self, at: float, score: float) -> Prediction:
+        """Predict the value at a time, with limits of a standard normal score on either side."""
+        r = self._rho ** (at - self._at)
         mean = self._we / self._ww
-        spread = np.maximum(np.sqrt(self._squares() / (self.n - 1)), least)
-        scale = spread * np.sqrt(free + (1 - r) ** 2 / self._ww)
         location = self._first + r * self._last + (1 - r) * mean
-        return Prediction(location, scale, weight, self.n - 1, self._first + float(weight @ mean))
+        scale = np.sqrt(self._squares / (self.n - 1) * (1 - r * r + (1 - r) ** 2 / self._ww))
+        half = -stdtrit(self.n - 1, np.exp(log_ndtr(-score))) * scale
+        of = self._log >= self._log.max() - PLAUSIBLE
+        weight = np.exp(self._log - self._log.max())
+        middle = self._first + float(weight @ mean / weight.sum())
+        return Prediction(middle, float((location - half)[of].min()), float((location + half)[of].max()))
 
     def correlation(self) -> tuple[float, float, float]:
         """The mean of the correlation of consecutive values, and bounds with a probability of 95 % each."""
-        weight = np.exp(self.log_weights - self.log_weights.max()) if self.n > 2 else np.ones(len(self._rho))
+        weight = np.exp(self._log - self._log.max()) if self.n > 2 else np.ones(len(self._rho))
         total = np.cumsum(weight) / weight.sum()
         low, high = (float(self._rho[np.searchsorted(total, share)]) for share in (0.05, 0.95))
         return float(self._rho @ weight / weight.sum()), low, high
 
-    def _squares(self) -> FloatArray:
-        squares: FloatArray = np.maximum(self._ee - self._we**2 / self._ww, (self.n - 1) * LEAST_MM**2)
-        return squares
-
-    def _memory(self) -> tuple[FloatArray, FloatArray]:
-        """What is left of the last value here, and the variance that is free, as shares."""
-        r = np.zeros(len(self._rho)) if self.n == 0 else self._rho**self._gap
-        return r, 1 - r * r
+    def evidence(self, *, upper_only: bool) -> float:
+        """Return the decimal logarithm of the evidence for a step, both directions together; -inf of too few values."""
+        steps = slice(LEAST_BEFORE, self.n - LEAST_AFTER + 1)
+        if steps.start >= steps.stop:
+            return -np.inf
+        a = 1 / np.sqrt(self._free[:, steps])
+        e, w = self._e[:, steps], self._w[:, steps]
+        # Sums over what comes after the step.
+        after_ww, after_we = (
+            (of.sum(axis=1, keepdims=True) - np.cumsum(of, axis=1))[:, steps] for of in (self._w**2, self._w * self._e)
+        )
+        ww, we, squares = self._ww[:, None], self._we[:, None], self._squares[:, None]
+        with_mean = a * w + after_ww
+        precision = a * a + after_ww - with_mean**2 / ww + STEP**-2
+        step = (a * e + after_we - with_mean * we / ww) / precision
+        left = np.maximum(squares - step**2 * precision, self._floor)
+        degrees = self.n - 1
+        log_ratio = -np.log(STEP**2 * precision) / 2 - degrees / 2 * np.log(left / squares)
+        share = stdtr(degrees, step * np.sqrt(precision * degrees / left)) if upper_only else 1.0
+        with np.errstate(divide="ignore"):
+            log = self._log[:, None] + log_ratio + np.log(2 * share / len(self._rho))
+        return float((logsumexp(log) - self._log.max()) / np.log(10))
