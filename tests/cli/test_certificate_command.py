@@ -561,3 +561,14 @@ def test_a_certificate_whose_value_was_changed_contradicts_itself(truearm, bench
     assert "the certificate contradicts itself: P_Form.Sph.1x25, position 2 is 0.9098 mm with U = 0.00" in ran.err
     assert "by the decision rule fail; it states pass" in ran.err
     assert "P_Form.Sph.1x25, position 2 is 0.9098, which is none of its individual results" in ran.err
+
+
+def test_a_room_and_artefacts_of_other_temperatures_are_said(truearm, bench):
+    """Between agreement and the 3 K that are refused."""
+    Path("points.csv").write_text(Made(degC=22.1).iso().text("10017"))
+    ran = truearm(*ALL)
+    assert (ran.code, ran.err) == (0, "")
+    said = "he air was stated at 19.6 to 20.4 degC, the artefacts at 22.1 degC, up to 1.7 K outside: artefacts that"
+    assert f"T{said}" in ran.out
+    assert any(text.startswith(f"T{said}") for text in read_dcc("certificate.xml").texts("remark"))
+    assert said in Path("certificate.html").read_text()

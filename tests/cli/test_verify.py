@@ -815,3 +815,68 @@ def test_the_page_stands_beside_the_verdict_or_not_at_all(truearm, bench, snapsh
     Path("mpe.toml").write_text("")
     assert truearm(*options(), "--report", "other.html").code == 2
     assert snapshot(bench) == before | {"mpe.toml": b""}
+
+
+# Serial numbers and exchanged artefacts ------------------------------------------------------------------------------
+
+
+def with_serials(number):
+    """The rows of the points with the serial number of each artefact."""
+    head, *rows = Path("points.csv").read_text().splitlines()
+    Path("points.csv").write_text(
+        "\n".join([f"{head},artefact_serial_number", *(f"{row},{number(row)}" for row in rows)])
+    )
+
+
+def test_the_serial_number_of_an_artefact_is_compared_with_the_points(truearm, bench):
+    artefacts = ARTEFACTS.replace('name = "bar"\n', 'name = "bar"\nserial_number = "B-7"\n')
+    Path("artefacts.toml").write_text(artefacts.replace('name = "ball"\n', 'name = "ball"\nserial_number = "S-1"\n'))
+    assert truearm(*options()).code == 0  # points without the column
+    plain = Path("points.csv").read_text()
+    with_serials(lambda row: "B-7" if ",bar," in row else "S-1")
+    assert truearm(*options()).code == 0
+    for number, named in (("B-8", ""), ("S-1", ", that of 'ball'")):
+        Path("points.csv").write_text(plain)
+        with_serials(lambda row, number=number: number if ",bar," in row else "S-1")
+        ran = truearm(*options())
+        line = next(i for i, row in enumerate(plain.splitlines(), 1) if ",bar," in row)
+        assert ran.code == 2
+        assert ran.err.startswith(
+            f"truearm: points.csv, line {line}: points on 'bar', which has the serial number 'B-7' by the file of "
+            f"artefacts; here it is '{number}'{named}. Try: check the columns artefact"
+        )
+    Path("points.csv").write_text(plain)
+    with_serials(lambda row: row[-8:-6])
+    assert "expected a group on one artefact, got serial numbers" in truearm(*options()).err
+
+
+def test_exchanged_bars_are_refused_with_odds_and_accepted_with_a_reason(truearm, bench):
+    """A second bar whose lengths are longer by 0.4 per mille, which was measured under the name of the first."""
+    ball, bar = ARTEFACTS.split("[[bars]]")
+    bar, seat = bar.split("[[seats]]")
+    other = re.sub(r"length_mm = ([\d.]+)", lambda found: f"length_mm = {float(found[1]) * (1 - 4e-4):.3f}", bar)
+
+    def file(*bars):
+        named = [text.replace('"bar"', f'"{name}"') for text, name in zip(bars, ("bar", "bar 2"), strict=True)]
+        Path("artefacts.toml").write_text("[[bars]]".join([ball, *named[:1], f"{named[1]}[[seats]]{seat}"]))
+
+    file(bar, other)
+    assert truearm(*options()).code == 0
+    file(other, bar)
+    ran = truearm(*options())
+    assert (ran.code, ran.out) == (2, "")
+    assert "E_Uni: the lengths measured on 'bar' are those of 'bar 2' by the certificates: exchanged bars" in ran.err
+    assert " to 1. Try: compare the serial numbers on the bars" in ran.err
+    ran = truearm(*options(), "--accept", "both bars were checked")
+    assert ran.code == 1, ran
+    assert "Accepted (both bars were checked): E_Uni: the lengths measured on 'bar'" in ran.out
+
+
+def test_air_and_artefacts_that_disagree_are_said(truearm, bench):
+    head, *rows = Path("points.csv").read_text().splitlines()
+    for air, apart in ((19.4, "up to 0.6 K outside"), (19.8, None)):
+        Path("points.csv").write_text("\n".join([f"{head},air_degC", *(f"{row},{air}" for row in rows)]))
+        ran = truearm(*options())
+        assert ran.code == 0
+        assert (f"the air was stated at {air} degC, the artefacts at 20 degC" in ran.out) == (apart is not None)
+        assert apart is None or apart in ran.out

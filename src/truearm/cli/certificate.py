@@ -91,7 +91,8 @@ def certificate(
     signing = None if sign is None or signer is None else _signer(sign, signer)
     given_points = [points_file] if as_found is None else [points_file, as_found]
     results = [
-        verify(file, plan=plan, artefacts=artefacts_file, specification=mpe_file, rule=rule) for file in given_points
+        verify(file, plan=plan, artefacts=artefacts_file, specification=mpe_file, rule=rule, accept=accept)
+        for file in given_points
     ]
     before = None if as_found is None else results[1]
     result = stated(results[0], about_file, as_found=before, unconfirmed=unconfirmed, accept=accept)

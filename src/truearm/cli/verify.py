@@ -11,11 +11,11 @@ from typer import Option
 
 from truearm.choices import DecisionRule, TemplateKind
 from truearm.cli.console import check_page_path, print_line, print_record, progress
-from truearm.cli.options import ArtefactsFile, Json, MpeFile, RuleOption, refuse_typed, typed_options
+from truearm.cli.options import AcceptOption, ArtefactsFile, Json, MpeFile, RuleOption, refuse_typed, typed_options
 
 # The ways to use the command: the options that each needs, and those that it takes beside them.
 WAYS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
-    "points": (("plan", "artefacts", "mpe"), ("rule", "report", "as_json")),
+    "points": (("plan", "artefacts", "mpe"), ("rule", "accept", "report", "as_json")),
     "simulate": ((), ("plan", "artefacts", "mpe", "rule", "arm", "arms", "seed", "as_json")),
     "sheet": (("out",), ("artefacts", "mpe", "points", "tip_diameter")),
     "print_plan": ((), ()),
@@ -35,6 +35,7 @@ def verify(
     artefacts: ArtefactsFile = None,
     mpe: MpeFile = None,
     rule: RuleOption = None,
+    accept: AcceptOption = None,
     report: Annotated[Path | None, Option(help="Page to write, .html: values, budgets, artefacts, decision.")] = None,
     simulate: Annotated[
         str | None,
@@ -129,7 +130,7 @@ def verify(
             )
         print_record(simulated, as_json=as_json)
     elif points is not None and plan is not None and artefacts is not None and mpe is not None:
-        _verify_points(points, plan, artefacts, mpe, rule=rule, report=report, as_json=as_json)
+        _verify_points(points, plan, artefacts, mpe, rule=rule, accept=accept, report=report, as_json=as_json)
 
 
 def _fill_in_artefacts(
@@ -180,6 +181,7 @@ def _verify_points(
     mpe: Path,
     *,
     rule: DecisionRule | None,
+    accept: str | None,
     report: Path | None,
     as_json: bool,
 ) -> None:
@@ -187,7 +189,7 @@ def _verify_points(
     from truearm.workflows.verify import verify as verified
 
     check_page_path(report, plan, points, artefacts, mpe)
-    result = verified(points, plan=plan, artefacts=artefacts, specification=mpe, rule=rule)
+    result = verified(points, plan=plan, artefacts=artefacts, specification=mpe, rule=rule, accept=accept)
     if report is not None:
         result.save_page(report)
     print_record(result, as_json=as_json, files={"page": report})

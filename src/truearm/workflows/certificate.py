@@ -13,6 +13,7 @@ from truearm.acceptance import acceptance_remarks, accepts
 from truearm.errors import FaultCollector, InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.xml_signatures import Signature
+from truearm.number_format import capitalize
 from truearm.solve.threads import one_blas_thread
 from truearm.verification.certificate.administrative_data import AdministrativeData, read_administrative_data
 from truearm.verification.certificate.calibration_certificate import CalibrationCertificate, describe
@@ -28,6 +29,7 @@ from truearm.verification.certificate.certificate import (
 from truearm.verification.certificate.dcc import checked_dcc, dcc
 from truearm.verification.certificate.dcc_reader import parse_dcc_file, read_dcc_file
 from truearm.verification.certificate.statements import NOT_FOR_CONFORMITY
+from truearm.verification.standards.rated_conditions import describe_disagreement
 from truearm.workflows.outputs import PageRecord, check_output, check_page_path
 from truearm.workflows.record import Record
 from truearm.workflows.verify import VerificationResult, digests_of
@@ -162,6 +164,9 @@ class CertificateResult(PageRecord):
         if not self.certificate.is_traceable:
             yield from self.certificate.texts("traceability")
         yield from self.accepted
+        of = self.verification.verification
+        if apart := describe_disagreement(of.room.get("air_degC"), of.temperatures):
+            yield f"{capitalize(apart)}."
         if not self.verification.serial_number:
             number = self.certificate.about.item.serial_number
             yield (

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from hashlib import file_digest
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
+from truearm.acceptance import accepted, accepts
 from truearm.solve.threads import one_blas_thread
 from truearm.verification.standards.artefacts import Artefacts, read_artefacts
 from truearm.verification.standards.decision import (
@@ -187,6 +188,7 @@ class VerificationResult(PageRecord):
 
 
 @one_blas_thread()
+@accepts
 def verify(
     points: PointsLike,
     *,
@@ -194,6 +196,7 @@ def verify(
     artefacts: ArtefactsLike,
     specification: SpecificationLike,
     rule: DecisionRule | None = None,
+    accept: str | None = None,  # noqa: ARG001 of `accepts`
 ) -> VerificationResult:
     """Verify an arm by the tests of a standard.
 
@@ -210,6 +213,8 @@ def verify(
     rule : {"iso14253-1:2017", "iso14253-1:2013", "simple"}, optional
         Decision rule, by default that of the plan. ``simple`` ignores the uncertainty where it is at most a quarter of
         the limit.
+    accept : str, optional
+        Why lengths that fit another bar better are right all the same; a remark states it.
 
     Returns
     -------
@@ -244,6 +249,8 @@ def verify(
         rule=rule,
         plan_sha256=None if own_plan is None else digests.get(own_plan),
     )
+    if said := [str(one).removesuffix(".") for one in accepted()]:
+        verification = replace(verification, remarks=(*said, *verification.remarks))
     return VerificationResult(verification, digests, Path(artefacts) if isinstance(artefacts, str | Path) else None)
 
 

@@ -15,7 +15,7 @@ from truearm.verification.certificate.administrative_data import template
 from truearm.verification.certificate.dcc import dcc
 from truearm.verification.standards.decision import worst_result
 from truearm.verification.standards.file_templates import template as artefacts_template
-from truearm.verification.standards.measured_points import OF_THE_ARM, REQUIRED_COLUMNS
+from truearm.verification.standards.measured_points import REQUIRED_COLUMNS, SAID_COLUMNS
 
 TESTS = Path(__file__).parents[2]
 PAGE = TESTS.parent / "docs" / "assessor.md"
@@ -43,7 +43,7 @@ def known():
     both = certificate(made=outcome([worst_result(ROWS[:2]), *ROWS[:1]]), as_found=outcome())
     text = dcc(both).decode()
     keys = keys_of(template()) | {key.partition(".")[2] for key in keys_of(artefacts_template("artefacts"))}
-    keys |= {*OF_THE_ARM, *REQUIRED_COLUMNS}
+    keys |= {*SAID_COLUMNS, *REQUIRED_COLUMNS}
     keys |= set(re.findall(r"--[a-z-]+", CliRunner().invoke(make_app(), ["certificate", "--help"]).output))
     xml = set(re.findall(r"<((?:dcc|si):\w+)", text)) | set(re.findall(r'refType="(\w+)"', text))
     return keys, xml, {"title", *(section.title for section in certificate_page(both, outcome()).sections)}

@@ -49,6 +49,8 @@ class Artefact(_WithUncertainties):
     ----------
     name : str
         As in the file of points.
+    serial_number : str or None
+        As engraved; where the points state one in ``artefact_serial_number``, it must be the same.
     certificate : str
         Number or title of its certificate.
     issued_by : str or None
@@ -67,6 +69,7 @@ class Artefact(_WithUncertainties):
     """
 
     name: Name
+    serial_number: Name | None = None
     certificate: Name
     issued_by: Name | None = None
     issuer_accreditation: Name | None = None

@@ -6,9 +6,11 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from truearm.acceptance import contradict
 from truearm.verification.standards import asme_b89_4_22, blunders, iso10360_12
 from truearm.verification.standards.artefacts import Artefacts
 from truearm.verification.standards.decision import ConformityResult, DecisionRule, Verdict
+from truearm.verification.standards.exchanged_bars import exchanged_bars
 from truearm.verification.standards.measurands import LengthMeasurement
 from truearm.verification.standards.measured_points import MeasuredPoints, PointGroup
 from truearm.verification.standards.point_checks import SAME_PLACE_MM, PointChecks, sphere_centres, split_groups
@@ -150,6 +152,7 @@ class Evaluation:
         self._checks.check_bars_apart(name, groups)
         self._checks.check_bars_stay(name, pairs)
         self._checks.check_long_enough(name, lengths, groups[0], test.longest_share.value)
+        self._check_bars_not_exchanged("E_Uni" if name == "uni" else "E_Bi", pairs, opposite=name == "bi")
         evaluate = iso10360_12.e_uni if name == "uni" else iso10360_12.e_bi
         rows = evaluate(
             lengths, self.specification, repeats=repeats, tolerated_sets=test.tolerated_sets.value, rule=self.rule
@@ -166,6 +169,7 @@ class Evaluation:
         self._checks.check_count(name, groups[0], "measured lengths", len(pairs), test.positions.value)
         self._checks.check_bars_apart(name, groups)
         self._checks.check_long_enough(name, [one for one, _ in pairs], groups[0], test.longest_share.value)
+        self._check_bars_not_exchanged("Volumetric.Max", pairs, opposite=False)
         rows = asme_b89_4_22.volumetric([one for one, _ in pairs], self.specification, rule=self.rule)
         if self._suspect(rows):
             self._blunders_in_lengths("Volumetric.Max", pairs, opposite=False)
@@ -174,6 +178,27 @@ class Evaluation:
     def _suspect(self, rows: Iterable[ConformityResult]) -> bool:
         """Whether to look for blunders: a value does not conform, and the points come from a file."""
         return self.measured.file is not None and any(row.verdict not in (Verdict.CONFORM, None) for row in rows)
+
+    def _check_bars_not_exchanged(
+        self, symbol: str, pairs: Sequence[tuple[LengthMeasurement, PointGroup]], *, opposite: bool
+    ) -> None:
+        """Refuse lengths that another bar of the same nominal length explains by far better."""
+        lengths, artefacts = [one for one, _ in pairs], self._checks.artefacts
+        if self.measured.file is None or len(artefacts.bars) < 2:
+            return
+        found = exchanged_bars(lengths, artefacts, self.specification, symbol, opposite=opposite)
+        if found is not None:
+            named, fits, odds = found
+            problem = (
+                f"{symbol}: the lengths measured on {named!r} are those of {fits!r} by the certificates: exchanged "
+                f"bars explain them better, with odds of {odds:.1g} to 1"
+            )
+            first = next(group for one, group in pairs if one.bar.name == named)
+            hint = (
+                "compare the serial numbers on the bars with their certificates (column artefact_serial_number), and "
+                "correct the column artefact or the calibrated lengths"
+            )
+            contradict(self.measured.error(problem, first, hint=hint))
 
     def _blunders_in_lengths(
         self, symbol: str, pairs: Sequence[tuple[LengthMeasurement, PointGroup]], *, opposite: bool

@@ -67,7 +67,9 @@ REQUIRED_COLUMNS = ("test", "artefact", "date", *POINT)
 OPTIONAL_COLUMNS = ("position", "length", "repeat", "end", "group", TEMPERATURE, TIP)
 # Of the arm that measured, in any row; what was accepted of its readings, with the reason; origin of coordinates.
 SERIAL_NUMBER, ACCEPTED = "serial_number", "accepted"
-OF_THE_ARM = (SERIAL_NUMBER, ACCEPTED, *ORIGIN_COLUMNS)
+# Of the artefact, as engraved, in any row of a group.
+ARTEFACT_SERIAL = "artefact_serial_number"
+SAID_COLUMNS = (SERIAL_NUMBER, ACCEPTED, ARTEFACT_SERIAL, *ORIGIN_COLUMNS)
 
 
 def join_names(names: Sequence[str], separator: str = ", ") -> str:
@@ -93,6 +95,8 @@ class PointGroup:
         Diameter of the stylus tip where points are its centres; 0 where they are compensated.
     date : datetime.date
         Day of the measurement.
+    serial_number : str
+        Of the artefact, as the points state it; empty if they state none.
     lines : tuple of int
         Lines of its points in the file, counted from 1; empty for points from a program.
     conditions : dict of str to (float, float)
@@ -107,6 +111,7 @@ class PointGroup:
     date: datetime.date
     lines: tuple[int, ...] = ()
     conditions: dict[str, tuple[float, float]] = field(default_factory=dict)
+    serial_number: str = ""
 
     @property
     def line(self) -> int | None:
@@ -202,7 +207,7 @@ def read_points(path: str | Path) -> MeasuredPoints:
     """
     path = Path(path)
     sheet = read_form(path)
-    check_names(sheet, REQUIRED_COLUMNS, (*OPTIONAL_COLUMNS, *CONDITIONS, *OF_THE_ARM), meant=_in_mm)
+    check_names(sheet, REQUIRED_COLUMNS, (*OPTIONAL_COLUMNS, *CONDITIONS, *SAID_COLUMNS), meant=_in_mm)
     columns = _columns(sheet)
     tests = {}
     for test in dict.fromkeys(columns.words["test"].tolist()):
@@ -219,7 +224,9 @@ def read_points(path: str | Path) -> MeasuredPoints:
         for row in np.flatnonzero(columns.words[ACCEPTED]).tolist()
     }
     origin = origin_of_cells(columns.words, sheet.first_line, columns.error)
-    return MeasuredPoints(tests, path, _serial_number(columns), tuple(sorted(said)), origin)
+    every = range(len(columns.words["test"]))
+    number = _one_serial_number(columns, every, SERIAL_NUMBER, "points of one arm")
+    return MeasuredPoints(tests, path, number, tuple(sorted(said)), origin)
 
 
 @dataclass(frozen=True, eq=False)
@@ -265,7 +272,7 @@ def _in_mm(column: str) -> str | None:
 
 def _columns(sheet: Sheet) -> _Columns:
     numbers = [*POINT, *(name for name in (TEMPERATURE, TIP, *CONDITIONS) if name in sheet.names)]
-    texts_of = (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS, *OF_THE_ARM)
+    texts_of = (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS, *SAID_COLUMNS)
     words = [name for name in texts_of if name in sheet.names and name not in numbers]
     index = sheet.names.index
     optional = [index(name) for name in numbers if name not in POINT]
@@ -277,24 +284,24 @@ def _columns(sheet: Sheet) -> _Columns:
             name: found[:, numbers.index(name)] if name in numbers else np.full(len(found), np.nan)
             for name in (*POINT, TEMPERATURE, TIP, *CONDITIONS)
         },
-        {name: by_name.get(name, empty) for name in (*REQUIRED_COLUMNS[:3], *OPTIONAL_COLUMNS[:5], *OF_THE_ARM)},
+        {name: by_name.get(name, empty) for name in (*REQUIRED_COLUMNS[:3], *OPTIONAL_COLUMNS[:5], *SAID_COLUMNS)},
         sheet,
     )
 
 
-def _serial_number(columns: _Columns) -> str:
-    """The serial number of the arm; empty if no row states one."""
-    cells = columns.words[SERIAL_NUMBER]
-    stated = np.flatnonzero(cells != "")
+def _one_serial_number(columns: _Columns, rows: Sequence[int] | IntArray, column: str, expected: str) -> str:
+    """The serial number that some of the rows state; empty if none does, refused if they state two."""
+    cells = columns.words[column][rows]
+    stated = np.asarray(rows, dtype=np.intp)[cells != ""]
     if not len(stated):
         return ""
-    number = columns.parsed(reject_control_characters, int(stated[0]), SERIAL_NUMBER)
+    number = columns.parsed(reject_control_characters, int(stated[0]), column)
     columns.refuse(
-        cells[stated] != number,
+        columns.words[column][stated] != number,
         stated,
-        SERIAL_NUMBER,
-        (f"expected points of one arm, got serial numbers {quoted_cell(number)} and ", ""),
-        "one file of points for each arm",
+        column,
+        (f"expected {expected}, got serial numbers {quoted_cell(number)} and ", ""),
+        "correct the serial number that is wrong, or divide the file or the group",
     )
     return number
 
@@ -383,6 +390,7 @@ def _group(columns: _Columns, test: str, identity: tuple[str, ...], rows: list[i
         date=day,
         lines=tuple(columns.sheet.first_line + row for row in rows),
         conditions=_conditions(columns, rows),
+        serial_number=_one_serial_number(columns, rows, ARTEFACT_SERIAL, "a group on one artefact"),
     )
 
 

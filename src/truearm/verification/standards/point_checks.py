@@ -220,12 +220,20 @@ class PointChecks:
                 )
 
     def artefact(self, look_up: Callable[[str], A], group: PointGroup) -> A:
-        """Look an artefact up, and check that its certificate was valid on the group's date."""
+        """Look an artefact up; check its serial number, and that its certificate was valid on the group's date."""
         try:
             artefact = look_up(group.artefact)
             artefact.check_valid(group.date)
         except InputError as error:
             raise self.measured.error(error.problem, group, hint=error.hint) from None
+        if group.serial_number and artefact.serial_number not in (None, group.serial_number):
+            others = [one.name for one in self.artefacts.all if one.serial_number == group.serial_number]
+            raise self.measured.error(
+                f"points on {artefact.name!r}, which has the serial number {artefact.serial_number!r} by the file of "
+                f"artefacts; here it is {group.serial_number!r}" + (f", that of {others[0]!r}" if others else ""),
+                group,
+                hint="check the columns artefact and artefact_serial_number, and that artefacts were not exchanged",
+            )
         return artefact
 
     def _check_plausible(self, name: str, group: PointGroup, measured: float, calibrated: float) -> None:

@@ -25,10 +25,10 @@ from truearm.verification.standards.measured_points import (
     ACCEPTED,
     CONDITIONS,
     KEY_COLUMNS,
-    OF_THE_ARM,
     OPTIONAL_COLUMNS,
     POINT,
     REQUIRED_COLUMNS,
+    SAID_COLUMNS,
     SERIAL_NUMBER,
     SIZE_TESTS,
     TEMPERATURE,
@@ -257,7 +257,7 @@ def _planned(sheet: Sheet, numbers: FloatArray, identity: tuple[str, ...], rows:
 
 
 def _check_form(sheet: Sheet) -> None:
-    check_names(sheet, REQUIRED_COLUMNS, (*OPTIONAL_COLUMNS, *CONDITIONS, *OF_THE_ARM))
+    check_names(sheet, REQUIRED_COLUMNS, (*OPTIONAL_COLUMNS, *CONDITIONS, *SAID_COLUMNS))
     for name in OPTIONAL_COLUMNS:
         if name not in sheet.names:
             raise sheet.error(f"the column {name} is missing", hint="give the file of truearm verify --sheet")

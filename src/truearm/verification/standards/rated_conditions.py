@@ -19,6 +19,9 @@ from truearm.errors import InputError
 from truearm.files.toml_documents import Document, Real
 from truearm.verification.standards.measured_points import CONDITIONS, PointGroup
 
+# Chosen here: thermometers of the room and of the artefacts that are farther apart contradict each other [K].
+APART_K = 0.5
+
 
 class RatedRange(Document):
     """The range of a rated condition; one end may be missing."""
@@ -115,3 +118,29 @@ def compare_conditions(
 def _where_to_state(key: str) -> str:
     room = " or relative_humidity_percent of the room" if key == "humidity_percent" else ""
     return f"fill in the column {key} of the points{room}"
+
+
+def describe_disagreement(air: tuple[float, float] | None, artefacts: tuple[float, float] | None) -> str | None:
+    """Say by how much artefacts were outside the stated range of the air, whose temperature they have after hours.
+
+    Parameters
+    ----------
+    air, artefacts : (float, float) or None
+        Lowest and highest temperature [degC]; None where none is stated.
+
+    Returns
+    -------
+    str or None
+        None if the ranges agree to `APART_K`.
+    """
+    if air is None or artefacts is None:
+        return None
+    apart = max(air[0] - artefacts[0], artefacts[1] - air[1])
+    if apart <= APART_K:
+        return None
+    room, bodies = (" to ".join(dict.fromkeys(f"{one:g}" for one in pair)) for pair in (air, artefacts))
+    return (
+        f"the air was stated at {room} degC, the artefacts at {bodies} degC, up to {apart:.2g} K outside: artefacts "
+        "that have stood in the room for hours have its temperature; check both thermometers, or state the whole range "
+        "of the room"
+    )

@@ -20,7 +20,12 @@ from truearm.verification.standards.decision import (
 )
 from truearm.verification.standards.evaluation import Evaluation
 from truearm.verification.standards.measured_points import MeasuredPoints, PointGroup
-from truearm.verification.standards.rated_conditions import ConditionResult, RatedRange, compare_conditions
+from truearm.verification.standards.rated_conditions import (
+    ConditionResult,
+    RatedRange,
+    compare_conditions,
+    describe_disagreement,
+)
 from truearm.verification.standards.specification import SYMBOLS, Specification
 from truearm.verification.standards.verification_plan import CHECK_STANDARD, VerificationPlan
 
@@ -74,7 +79,9 @@ class Verification:
         results = compare_conditions(rated, self.groups, room)
         contradicted = any(not rated[key].contains(*pair) for key, pair in room.items() if key in rated)
         before = _condition_remarks(rated, self.conditions)
+        apart = describe_disagreement(room.get("air_degC"), self.temperatures)
         remarks = [*_condition_remarks(rated, results), *(one for one in self.remarks if one not in before)]
+        remarks = [apart, *(one for one in remarks if one != apart)] if apart else remarks
         rows = self.rows
         if contradicted or any(one.met is None for one in results):
             rows = tuple(map(outside_rated_conditions, rows))
@@ -141,8 +148,7 @@ class Verification:
     @property
     def temperatures(self) -> tuple[float, float] | None:
         """The lowest and the highest of the groups' mean artefact temperatures [degC]; None if none is known."""
-        known = [group.degC for group in self.groups if not isnan(group.degC)]
-        return (min(known), max(known)) if known else None
+        return _range([(group.degC, group.degC) for group in self.groups if not isnan(group.degC)])
 
 
 def verify(
@@ -201,10 +207,22 @@ def verify(
         )
     remarks += _remarks(rows, plan, specification, rule, measured.tests)
     rated = specification.rated_conditions
-    remarks = [*evaluation.remarks, *_condition_remarks(rated, compare_conditions(rated, _groups(measured))), *remarks]
+    air = [one.conditions["air_degC"] for one in _groups(measured) if "air_degC" in one.conditions]
+    known = [(one.degC, one.degC) for one in _groups(measured) if not isnan(one.degC)]
+    apart = describe_disagreement(_range(air), _range(known))
+    remarks = [
+        *([apart] if apart else []),
+        *evaluation.remarks,
+        *_condition_remarks(rated, compare_conditions(rated, _groups(measured))),
+        *remarks,
+    ]
     return Verification(
         tuple(rows), verdict, tuple(remarks), measured, plan, artefacts, specification, rule, plan_sha256
     )
+
+
+def _range(pairs: Sequence[tuple[float, float]]) -> tuple[float, float] | None:
+    return (min(low for low, _ in pairs), max(high for _, high in pairs)) if pairs else None
 
 
 def _groups(measured: MeasuredPoints) -> tuple[PointGroup, ...]:
