@@ -255,8 +255,21 @@ def control_chart(
         if len(baseline) > 1
         else (float(correlations.mean()), *correlations[[0, -1]])
     )
+    centre, lower, upper = lines
     return ControlChart(
-        given, n_before, *lines, beyond, evidence, signal_index, changed, gradual, len(baseline), correlation, each[-1]
+        given,
+        n_before,
+        centre,
+        lower,
+        upper,
+        beyond,
+        evidence,
+        signal_index,
+        changed,
+        gradual,
+        len(baseline),
+        correlation,
+        each[-1],
     )
 
 

@@ -88,7 +88,8 @@ def l_dia(
         is never larger and has no limit.
     """
     limit = specification.limit("L_Dia.5x5")
-    rows, secondary = [], []
+    rows: list[ConformityResult] = []
+    secondary: list[ConformityResult] = []
     for groups in positions:
         centres = np.stack([one.fit.centre for one in groups])
         where, sources = groups[0].where, _centre_sources(groups)

@@ -222,7 +222,8 @@ def _unexplained_scatter(seen: FloatArray, with_arms: FloatArray) -> FloatArray:
         Variance of the points about each shape, and its mean with the errors of drawn arms added.
     """
     arms = np.maximum(with_arms - seen, 0.0)
-    return np.sqrt(np.clip(1 - np.divide(arms, seen, out=np.ones_like(seen), where=seen > 0), 0.0, 1.0))
+    share: FloatArray = np.divide(arms, seen, out=np.ones_like(seen), where=seen > 0)
+    return np.sqrt(np.clip(1 - share, 0.0, 1.0))
 
 
 def _scatter(
@@ -287,7 +288,7 @@ def _values(
         values += [np.array([unit * shape[-1] + larger, *shape[:-1]]) for shape in shapes]
     for (a, b), (c, d) in zip(combinations(shapes, 2), combinations(measured, 2), strict=True):
         between = _BETWEEN.get(kind, between_centres)(Located(a[:3], a[3:6]), Located(b[:3], b[3:6]))
-        values.append(np.linalg.norm(between, keepdims=True))
+        values.append(np.array([np.linalg.norm(between)]))
         if "angle_deg" in RELATIONS[kind]:
             side = np.sign(c[3:6] @ d[3:6])
             turned = np.arctan2(np.linalg.norm(np.cross(a[3:6], b[3:6])), side * a[3:6] @ b[3:6])
