@@ -60,7 +60,7 @@ class Uncertainty(WithFormulas):
     """How the uncertainty of every test value is evaluated."""
 
     contributions: PlanEntry[Literal["artefact and set-up, without the arm"]]
-    form: PlanEntry[Literal["half the form deviation"]]
+    form: PlanEntry[Literal["up to half the form deviation, uniform"]]
     coverage: PlanEntry[Literal["k = 2, or Student's t for 95.45 %"]]
 
 
