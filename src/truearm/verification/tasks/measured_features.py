@@ -222,8 +222,8 @@ def _unexplained_scatter(seen: FloatArray, with_arms: FloatArray) -> FloatArray:
         Variance of the points about each shape, and its mean with the errors of drawn arms added.
     """
     arms = np.maximum(with_arms - seen, 0.0)
-    share: FloatArray = np.divide(arms, seen, out=np.ones_like(seen), where=seen > 0)
-    return np.sqrt(np.clip(1 - share, 0.0, 1.0))
+    share = np.divide(arms, seen, out=np.ones_like(seen), where=seen > 0)
+    return np.asarray(np.sqrt(np.clip(1 - share, 0.0, 1.0)))
 
 
 def _scatter(
