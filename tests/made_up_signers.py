@@ -117,7 +117,8 @@ def sealed(text, key):
         if uri := reference.get("URI"):
             data = canonical(root.find(f".//*[@Id='{uri[1:]}']"), reference.find(".//{*}Transform"))
         else:
-            data = canonical(parse_signed(re.sub("<ds:Signature.*</ds:Signature>", "", text, flags=re.S).encode()))
+            plain = parse_signed(re.sub("<ds:Signature.*</ds:Signature>", "", text, flags=re.S).encode())
+            data = canonical(plain, reference.find(".//{*}Transform[last()]"))
         digest = hashes.Hash(hashes.SHA256())
         digest.update(data)
         value.text = b64encode(digest.finalize()).decode()
@@ -126,3 +127,15 @@ def sealed(text, key):
     numbers = utils.decode_dss_signature(key.sign(data, ec.ECDSA(hashes.SHA256())))
     next(tree.iter("{*}SignatureValue")).text = b64encode(b"".join(one.to_bytes(32) for one in numbers)).decode()
     return canonical(tree, comments=True).decode()
+
+
+def advanced(certificate, key, *, content=CONTENT, change=lambda text: text, by=None, **form):
+    """A file with a XAdES signature that names `certificate`; `change` is made before it is signed."""
+    made = change(template(certificate, **form))
+    shown = b64encode((by or certificate).public_bytes(serialization.Encoding.DER)).decode()
+    made = made.replace(
+        "<ds:X509Data/>", f"<ds:X509Data><ds:X509Certificate>{shown}</ds:X509Certificate></ds:X509Data>"
+    )
+    text = content.decode()
+    end = text.rindex("</")
+    return sealed(f"{text[:end]}{made}{text[end:]}", key).encode()

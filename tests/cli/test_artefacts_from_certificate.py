@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -73,3 +74,48 @@ def test_certificates_of_other_laboratories_are_read(truearm, folder):
     stated = json.loads(truearm("certificate", "--read", "bar.xml", "--json").out)
     assert stated["results"][1]["values"][1]["value"] == -2.5
     assert stated["items"][0]["numbers"] == [["customer", "M-7"], ["manufacturer", "4711"]]
+
+
+def test_a_certificate_that_an_institute_signed_is_read_with_its_signer_and_time(truearm, folder):
+    """The form of the national institutes: XAdES, and a certificate that an authority issued."""
+    pytest.importorskip("signxml", reason="pip install truearm[sign] verifies")
+    from made_up_signers import advanced, authority, certified, curve_key, write
+
+    above, key = authority(begin=2025, end=2030), curve_key()
+    write(folder, "ca", *above)
+    certificate = certified(key, "Example Institute", by=above, begin=2025, end=2028)
+    Path("signed.xml").write_bytes(advanced(certificate, key, content=SPHERE.encode()))
+    read = truearm("certificate", "--read", "signed.xml", "--trusted", "ca.pem")
+    assert (read.code, read.err) == (0, "")
+    good = (
+        "The signature is good; signed by CN=Example Institute, certificate issued by CN=Example CA, on 2026-03-01 "
+        "12:30 UTC as the signer states; verified by a chain to CN=Example CA, which you trust; nobody was asked "
+        "whether a certificate was revoked."
+    )
+    assert read.out.splitlines()[1] == good
+    drafted = truearm("verify", "--artefacts-from", "signed.xml", "--trusted", "ca.pem", "--out", "artefacts.toml")
+    assert (drafted.code, drafted.out.splitlines()[1]) == (0, good)
+    late = certified(key, "Example Institute", by=above, begin=2027, end=2028)
+    Path("signed.xml").write_bytes(advanced(late, key, content=SPHERE.encode()))
+    read = truearm("certificate", "--read", "signed.xml")
+    assert read.code == 3
+    assert "signed it on 2026-03-01; the certificate or its chain is valid from 2027-01-01" in read.out
+    drafted = truearm("verify", "--artefacts-from", "signed.xml", "--trusted", "ca.pem")
+    assert (drafted.code, "not verifiable here" in drafted.err) == (2, True)
+
+
+def test_a_certificate_without_any_day_was_signed_on_an_unknown_one(truearm, folder):
+    pytest.importorskip("signxml", reason="pip install truearm[sign] verifies")
+    from made_up_signers import certified, curve_key
+    from truearm.files.x509_certificates import Signer
+    from truearm.files.xml_signatures import sign_xml
+
+    key = curve_key()
+    by = Signer(certified(key), key)
+    Path("dated.xml").write_bytes(sign_xml(SPHERE.encode(), by))
+    assert truearm("certificate", "--read", "dated.xml").code == 0
+    bare = re.sub(r"<dcc:(issueDate|(begin|end)PerformanceDate)>.*?</dcc:\1>", "", SPHERE)
+    Path("bare.xml").write_bytes(sign_xml(bare.encode(), by))
+    read = truearm("certificate", "--read", "bare.xml")
+    assert read.code == 3
+    assert "states neither a day of issue nor of measurement; its signer's certificate is valid from" in read.out

@@ -7,10 +7,10 @@ import re
 from base64 import b64encode
 
 import pytest
-from cryptography.hazmat.primitives import hashes, serialization
+from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.asymmetric import ec, ed25519, rsa
 
-from made_up_signers import CONTENT, authority, certified, curve_key, named, sealed, template, usage, write
+from made_up_signers import CONTENT, advanced, authority, certified, curve_key, named, sealed, usage, write
 from truearm.errors import InputError, MissingTool
 from truearm.files import x509_certificates as module
 from truearm.files import xml_references
@@ -290,16 +290,6 @@ def test_a_short_curve_signs_nothing(tmp_path):
 
 
 # XAdES ---------------------------------------------------------------------------------------------------------------
-
-
-def advanced(certificate, key, *, change=lambda text: text, by=None, **form):
-    """`CONTENT` with a XAdES signature that names `certificate`; `change` is made before it is signed."""
-    made = change(template(certificate, **form))
-    shown = b64encode((by or certificate).public_bytes(serialization.Encoding.DER)).decode()
-    made = made.replace(
-        "<ds:X509Data/>", f"<ds:X509Data><ds:X509Certificate>{shown}</ds:X509Certificate></ds:X509Data>"
-    )
-    return sealed(CONTENT.decode().replace("</a>", f"{made}</a>"), key).encode()
 
 
 @pytest.fixture(scope="module")

@@ -100,10 +100,12 @@ class Signature:
     authority: str = ""
     signed_at: datetime.datetime | None = None
 
-    def covers(self, day: datetime.date) -> bool:
-        """Whether the signer's certificate was valid when it signed: at the time stated, else on the day of issue."""
-        if self.signed_at is not None or self.valid_from is None or self.valid_until is None:
-            return self.signed_at is not None
+    def covers(self, day: datetime.date | None) -> bool:
+        """Whether the signer's certificate was valid: when it signed, as was checked, else on the day of issue."""
+        if self.signed_at is not None:
+            return True
+        if day is None or self.valid_from is None or self.valid_until is None:
+            return False
         return self.valid_from <= day <= self.valid_until
 
     def describe(self) -> str:

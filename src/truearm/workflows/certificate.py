@@ -329,9 +329,12 @@ class ReadCertificate(Record):
         from truearm.show.certificate_page import CONFORMITY_WORDS, NOT_DECIDED
 
         made = self.certificate
+        origin = [describe_signature(self.signature)]
+        if self.from_pdf:
+            origin.append("This is the XML file attached to the PDF file; truearm does not read the sheets.")
         if isinstance(made, CalibrationCertificate):
             yield f"certificate {made.number} of {made.laboratory}, DCC {made.schema_version}"
-            yield describe_signature(self.signature)
+            yield from origin
             yield from describe(made)
             return
         about = made.about
@@ -339,9 +342,7 @@ class ReadCertificate(Record):
         if made.reservation is not None:
             verdict = NOT_FOR_CONFORMITY
         yield f"certificate {about.number}, {verdict}"
-        yield describe_signature(self.signature)
-        if self.from_pdf:
-            yield "This is the XML file attached to the PDF file; truearm does not read the sheets."
+        yield from origin
         item = about.item
         yield f"{item.name} {item.maker} {item.model}, serial number {item.serial_number}"
         yield f"issued on {about.issued} by {about.laboratory.name}; measured from {made.begin} to {made.end}"
@@ -350,7 +351,7 @@ class ReadCertificate(Record):
     def _json(self) -> object:
         made = self.certificate
         if isinstance(made, CalibrationCertificate):
-            return {**made.to_dict(), "signature": self.signature}
+            return {**made.to_dict(), "signature": self.signature, "from_pdf": self.from_pdf}
         return {
             "number": made.about.number,
             "issued": made.about.issued,

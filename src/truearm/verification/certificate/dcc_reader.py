@@ -145,10 +145,11 @@ def parse_dcc_file(content: bytes, *, trusted: str | Path | None = None) -> Cert
         if signature is None:
             raise
         raise InputError(f"{error.problem}. {signature.describe()}".removesuffix("."), hint=error.hint) from None
-    issued = certificate.issued
-    if signature is not None and signature.answer == GOOD and issued is not None and not signature.covers(issued):
+    day = certificate.issued or certificate.end  # the day of issue is optional in a DCC
+    if signature is not None and signature.answer == GOOD and not signature.covers(day):
+        stated = f"was issued on {day}" if day is not None else "states neither a day of issue nor of measurement"
         problem = (
-            f"the certificate was issued on {issued}; its signer's certificate is valid from "
+            f"the certificate {stated}; its signer's certificate is valid from "
             f"{signature.valid_from} to {signature.valid_until}"
         )
         if trusted is not None:
