@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 import shlex
 import zipfile
@@ -9,6 +10,8 @@ from pathlib import Path
 
 import pytest
 from threadpoolctl import threadpool_limits
+
+from truearm.cli.docs import steps_of
 
 PAGE = Path(__file__).parents[2] / "docs" / "first-certificate.md"
 BLOCK = re.compile(r"^```(\w+) ?(\S*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
@@ -55,33 +58,55 @@ def is_alike(shown, printed):
     return words[0] == words[1] and numbers[1] == pytest.approx(numbers[0], rel=SHARE)
 
 
-def test_the_page_goes_from_an_empty_folder_to_three_monthly_checks(truearm, tmp_path, monkeypatch):
+@pytest.fixture(scope="module")
+def laboratory(truearm, tmp_path_factory):
+    """Folder where every command of the page was run and printed what the page shows."""
     pytest.importorskip("fpdf", reason="the PDF of a certificate needs the extra pdf")
-    monkeypatch.chdir(tmp_path)
-    ran = []
-    for kind, name, text in BLOCK.findall(PAGE.read_text(encoding="utf-8")):
-        if kind == "toml":
-            Path(name).write_text(text, encoding="utf-8")
-            continue
-        for (program, *arguments), shown in commands(text):
-            assert program == "truearm"
-            # Two threads of the linear algebra, and one: a transcript does not hang on their number.
-            with threadpool_limits(2):
-                result = truearm(*arguments)
-            if arguments[0] == "fit":
-                model = arrays("arm.truearm")
-                with threadpool_limits(1):
-                    assert truearm(*arguments).out == result.out
-                assert arrays("arm.truearm") == model
-            decides_nothing = arguments[0] == "check" or arguments[:2] == ["verify", "--plan"]
-            assert result.code == (INCONCLUSIVE if decides_nothing else 0), (arguments, result.err)
-            check_printed(shown, result.out.splitlines())
-            ran.append(arguments[0])
-    assert ran.count("check") == 3
-    assert Path("certificate.pdf").read_bytes().startswith(b"%PDF-1.7")
+    folder = tmp_path_factory.mktemp("laboratory")
+    with contextlib.chdir(folder):
+        for kind, name, text in BLOCK.findall(PAGE.read_text(encoding="utf-8")):
+            if kind == "toml":
+                Path(name).write_text(text, encoding="utf-8")
+                continue
+            for (program, *arguments), shown in commands(text):
+                assert program == "truearm"
+                # Two threads of the linear algebra, and one: a transcript does not hang on their number.
+                with threadpool_limits(2):
+                    result = truearm(*arguments)
+                if arguments[0] == "fit":
+                    model = arrays("arm.truearm")
+                    with threadpool_limits(1):
+                        assert truearm(*arguments).out == result.out
+                    assert arrays("arm.truearm") == model
+                decides_nothing = arguments[0] == "check" or arguments[:2] == ["verify", "--plan"]
+                assert result.code == (INCONCLUSIVE if decides_nothing else 0), (arguments, result.err)
+                check_printed(shown, result.out.splitlines())
+    return folder
+
+
+def test_the_page_goes_from_an_empty_folder_to_three_monthly_checks(laboratory):
+    assert len(list(laboratory.glob("*.sqlite"))) == 1
+    assert len(re.findall(r"^\$ truearm check ", PAGE.read_text(encoding="utf-8"), flags=re.M)) == 3
+    assert (laboratory / "certificate.pdf").read_bytes().startswith(b"%PDF-1.7")
     # Files that a person types: the arm's, its specification, its artefacts, and who certifies.
-    typed = {path.name for path in tmp_path.glob("*.toml")}
+    typed = {path.name for path in laboratory.glob("*.toml")}
     assert typed == {"my-arm.toml", "mpe.toml", "artefacts.toml", "about.toml"}
+
+
+@pytest.mark.slow
+def test_the_virtual_laboratory_has_a_file_for_every_page(truearm, laboratory, monkeypatch):
+    page = (PAGE.parent / "example-data.md").read_text(encoding="utf-8")
+    monkeypatch.chdir(laboratory)
+    before, *steps = steps_of(page)
+    assert before == ["docs", "first-certificate", "--run", "."]
+    table = [shlex.split(command)[1:] for command in re.findall(r"\| `(truearm [^`]*)` \|", page)]
+    assert len(table) > 15
+    for step in [*steps, *table]:
+        if isinstance(step, tuple):
+            Path(step[0]).write_text(step[1], encoding="utf-8")
+            continue
+        ran = truearm(*step)
+        assert ran.code == 0 or (step[0] in ("check", "verify") and ran.code == INCONCLUSIVE), (step, ran.err)
 
 
 @pytest.mark.parametrize(
