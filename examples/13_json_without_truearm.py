@@ -39,7 +39,7 @@ for pose in origin["check_poses"]:
 # Every coefficient comes with its standard uncertainty. The best determined rotations:
 
 found = [
-    (1e3 * size, 1e3 * u, term["name"])
+    (1e3 * size, 1e3 * u, term["name"].partition(" by ")[0])
     for term in document["identified"]["terms"]
     if any(term["direction"][:3])
     for size, u in zip(term["coefficients"][:1], term["standard_uncertainties"][:1], strict=True)
