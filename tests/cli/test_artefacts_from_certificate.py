@@ -28,8 +28,10 @@ def test_a_file_of_artefacts_is_filled_in_and_what_is_missing_is_named(truearm, 
     of, signed, filled_in, missing, written = ran.out.splitlines()
     assert of == "sphere, from certificate 1234 EX 26 of Example Institute"
     assert signed == "The file is not signed: anybody can have changed it."
-    assert filled_in.startswith("filled in: name, certificate, issued_by, issuer_accreditation, ")
-    assert filled_in.endswith("date, expires, diameter_mm, u_diameter_mm, form_mm, u_form_mm")
+    assert filled_in == (
+        "filled in: name, serial_number, certificate, issued_by, issuer_accreditation, date, expires, diameter_mm, "
+        "u_diameter_mm, form_mm, u_form_mm"
+    )
     assert missing == (
         "not in the certificate, to fill in: expansion_per_K, u_expansion_per_K, u_temperature_K, u_fixture_mm"
     )

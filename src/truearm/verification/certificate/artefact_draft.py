@@ -271,9 +271,8 @@ def _known(certificate: CalibrationCertificate) -> dict[str, tuple[str, str]]:
     """What is known of the certificate itself, by key: its TOML and where it comes from."""
     item = certificate.items[0] if certificate.items else None
     code, serial = certificate.laboratory_code, _serial(certificate)
-    numbered = f", number {serial}" if serial else ""
     texts = {
-        "name": (item and item.heading.name, f"the item{numbered}; write it as in the file of points"),
+        "name": (item and item.heading.name, "the item; write it as in the file of points"),
         "certificate": (certificate.number, "its number"),
         "issued_by": (certificate.laboratory, "the laboratory"),
         "issuer_accreditation": (code, "of the laboratory"),
