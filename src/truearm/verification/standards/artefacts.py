@@ -133,7 +133,7 @@ class Artefact(_WithUncertainties):
         )
 
     def fixture_source(self, shape: tuple[int, ...]) -> ErrorSource:
-        """Return what the fixture does to readings: the artefact moves anew in each, and each direction."""
+        """Return what the fixture does to readings: the artefact moves again in each, and each direction."""
         return in_each("fixture", self.u_fixture_mm, shape)
 
 
