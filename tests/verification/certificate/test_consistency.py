@@ -173,3 +173,13 @@ def test_statistics_of_lengths_are_computed_from_the_deviations_again(number):
     (said,) = contradictions(with_result(made, number, value=made.results[number].quantity.value + Decimal("0.002")))
     assert said.startswith(f"{others[number - 1].label} is ")
     assert "by the individual results; it states" in said
+
+
+def test_a_result_as_found_that_is_changed_is_named():
+    made = certificate(as_found=outcome())
+    check_consistency(made)
+    (first, *others) = made.as_found
+    changed = replace(first, quantity=replace(first.quantity, value=Decimal("0.9098")))
+    (said,) = contradictions(replace(made, as_found=(changed, *others)))
+    assert "is 0.9098 mm" in said
+    assert said.endswith("by the decision rule fail; it states pass")

@@ -69,7 +69,7 @@ def check_consistency(certificate: Certificate) -> None:
 
 
 def _verdicts(certificate: Certificate) -> Iterator[str]:
-    stated = [one for one in certificate.results if one.conformity is not None]
+    stated = [one for one in (*certificate.results, *certificate.as_found) if one.conformity is not None]
     if not stated:
         return
     norms = [method.norm for method in certificate.methods if method.name == DECISION_RULE]
