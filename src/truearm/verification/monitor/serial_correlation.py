@@ -8,11 +8,11 @@ none is estimated and then taken for true:
 
 - *limits*: those of the prediction (residual chart: L. C. Alwan, H. V. Roberts, J. Business & Economic Statistics 6
   (1988) 87 [recalled]) for every rho that the values leave plausible, the widest of them;
-- *a change*: the likelihood of the values with a step, over that of the values without one **for the rho that explains
-  them best**, so that a wave of correlated values is no change. For each time of the step the ratio is that of
-  location-scale invariants, whose mean is 1 at most without a change, whatever rho is; their sum over all times exceeds
-  a number c once in c values on average, at most (Shiryaev and Roberts; J. Shin, A. Ramdas, A. Rinaldo, "E-detectors",
-  2022 [recalled]).
+- *a change*: the likelihood of the values with a step or a straight drift, over that of the values without one **for
+  the rho that explains them best**, so that a wave of correlated values is no change. For each time of its beginning
+  the ratio is that of location-scale invariants, whose mean is 1 at most without a change, whatever rho is; their sum
+  over all times exceeds a number c once in c values on average, at most (Shiryaev and Roberts; J. Shin, A. Ramdas,
+  A. Rinaldo, "E-detectors", 2022 [recalled]).
 """
 
 from __future__ import annotations
@@ -37,10 +37,13 @@ PLAUSIBLE = 2.0
 """Logarithm of the likelihood by which a plausible correlation explains the values less well than the best one."""
 
 STEP = 2.0
-"""Standard deviation of the step that is looked for, in standard deviations of the process."""
+"""Standard deviation of the change that is looked for, in standard deviations of the process."""
+
+DRIFT = 10.0
+"""Checks in which a drift that is looked for becomes as large as such a step."""
 
 LEAST_BEFORE = LEAST_AFTER = 2
-"""Values before a step that is looked for, and from it on."""
+"""Values before a change that is looked for, and from it on."""
 
 
 class Prediction(NamedTuple):
@@ -72,12 +75,12 @@ class AutoregressiveSeries:
     def __init__(
         self, values: FloatArray, at: FloatArray, *, least: float = LEAST_MM, correlations: FloatArray = CORRELATIONS
     ) -> None:
-        self.n, self._rho, self._at = len(values), correlations, float(at[-1])
+        self.n, self._rho, self._times = len(values), correlations, np.asarray(at, dtype=float)
         self._first, self._last = float(values[0]), float(values[-1] - values[0])
         x = values - values[0]
         r = np.zeros((len(correlations), self.n))
         r[:, 1:] = correlations[:, None] ** np.diff(at)
-        self._free = 1 - r * r
+        self._r, self._free = r, 1 - r * r
         root = np.sqrt(self._free)
         self._e, self._w = (x - r * np.r_[0.0, x[:-1]]) / root, (1 - r) / root
         self._ww, self._we = (self._w**2).sum(axis=1), (self._w * self._e).sum(axis=1)
@@ -88,7 +91,7 @@ class AutoregressiveSeries:
 
     def predict(self, at: float, score: float) -> Prediction:
         """Predict the value at a time, with limits of a standard normal score on either side."""
-        r = self._rho ** (at - self._at)
+        r = self._rho ** (at - self._times[-1])
         mean = self._we / self._ww
         location = self._first + r * self._last + (1 - r) * mean
         scale = np.sqrt(self._squares / (self.n - 1) * (1 - r * r + (1 - r) ** 2 / self._ww))
@@ -106,24 +109,25 @@ class AutoregressiveSeries:
         return float(self._rho @ weight / weight.sum()), low, high
 
     def evidence(self, *, upper_only: bool) -> float:
-        """Return the decimal logarithm of the evidence for a step, both directions together; -inf of too few values."""
-        steps = slice(LEAST_BEFORE, self.n - LEAST_AFTER + 1)
-        if steps.start >= steps.stop:
+        """Return the decimal logarithm of the evidence for a change, either direction; -inf of too few values.
+
+        A change is a step or a straight drift; one is as likely as the other.
+        """
+        first = np.arange(LEAST_BEFORE, self.n - LEAST_AFTER + 1)[:, None]
+        if not len(first):
             return -np.inf
-        a = 1 / np.sqrt(self._free[:, steps])
-        e, w = self._e[:, steps], self._w[:, steps]
-        # Sums over what comes after the step.
-        after_ww, after_we = (
-            (of.sum(axis=1, keepdims=True) - np.cumsum(of, axis=1))[:, steps] for of in (self._w**2, self._w * self._e)
-        )
-        ww, we, squares = self._ww[:, None], self._we[:, None], self._squares[:, None]
-        with_mean = a * w + after_ww
-        precision = a * a + after_ww - with_mean**2 / ww + STEP**-2
-        step = (a * e + after_we - with_mean * we / ww) / precision
-        left = np.maximum(squares - step**2 * precision, self._floor)
+        steps = (np.arange(self.n) >= first).astype(float)
+        drifts = np.maximum(self._times - self._times[first - 1], 0.0) / DRIFT
+        shapes = np.concatenate([steps, drifts])[:, None]
+        before = np.concatenate([np.zeros_like(shapes[..., :1]), shapes[..., :-1]], axis=-1)
+        whitened = (shapes - self._r * before) / np.sqrt(self._free)
+        with_mean = (whitened * self._w).sum(axis=-1)
+        precision = (whitened**2).sum(axis=-1) - with_mean**2 / self._ww + STEP**-2
+        size = ((whitened * self._e).sum(axis=-1) - with_mean * self._we / self._ww) / precision
+        left = np.maximum(self._squares - size**2 * precision, self._floor)
         degrees = self.n - 1
-        log_ratio = -np.log(STEP**2 * precision) / 2 - degrees / 2 * np.log(left / squares)
-        share = stdtr(degrees, step * np.sqrt(precision * degrees / left)) if upper_only else 1.0
+        log_ratio = -np.log(STEP**2 * precision) / 2 - degrees / 2 * np.log(left / self._squares)
+        share = stdtr(degrees, size * np.sqrt(precision * degrees / left)) if upper_only else 0.5
         with np.errstate(divide="ignore"):
-            log = self._log[:, None] + log_ratio + np.log(2 * share / len(self._rho))
+            log = self._log + log_ratio + np.log(2 * share / (2 * len(self._rho)))
         return float((logsumexp(log) - self._log.max()) / np.log(10))
