@@ -123,12 +123,12 @@ def test_what_a_check_would_have_shown_is_said_with_the_answer_no(rng):
 
 @pytest.mark.slow
 def test_nine_in_ten_changes_of_the_stated_size_are_seen_and_unchanged_checks_are_as_rare_as_stated():
-    """Within the scatter of the trials (binomial, 1 in 1000); a score above 1.645 is as rare as 1 in 20."""
+    """Within the scatter of the trials (binomial, 1 in 1000); of one chart's limits, one side is exceeded 1 in 740."""
     rng, shown, beyond, trials = np.random.default_rng(3), 0, 0, 0
     for _ in range(300):
         deviations = centred(rng, 14)
         unchanged = compared(checks_of(deviations))
-        beyond += unchanged.chart.scores[-1] > 1.645
+        beyond += unchanged.chart.out_of_limits[-1]
         if unchanged.seen_mm is None:  # a false alarm before
             continue
         trials += 1
@@ -137,7 +137,7 @@ def test_nine_in_ten_changes_of_the_stated_size_are_seen_and_unchanged_checks_ar
         shown += compared(checks_of(deviations)).chart.out_of_limits[-1]
     # What is stated follows from the scatter of twelve checks, itself known to a fifth.
     assert 0.8 * trials <= shown <= binom.ppf(0.999, trials, 0.95)
-    assert beyond <= binom.ppf(0.999, 300, 0.05)
+    assert beyond <= binom.ppf(0.999, 300, 0.00135)
 
 
 def test_readings_come_back_from_the_history_and_hostile_ones_do_not(rng):
