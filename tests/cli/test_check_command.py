@@ -117,7 +117,7 @@ def test_a_drift_is_detected_and_dated(course, bench):
     assert len(checks) == len(CREEP)
     answers = [assess(checks[:n]).recalibrate for n in range(11, len(checks) + 1)]
     seen = 11 + answers.index(RecalibrationAdvice.YES)
-    assert STEADY < seen <= STEADY + 10
+    assert STEADY < seen <= STEADY + 12  # limits that hold for correlated checks too see a creep later
     assert set(answers[seen - 11 :]) == {RecalibrationAdvice.YES}
     since = re.search(r"Recalibrate: a value has changed since check (\d+) of 2026-01-(\d+)", course[len(CREEP)].out)
     assert since[1] == since[2]
@@ -143,7 +143,7 @@ def test_a_session_of_the_history_is_recognised(truearm, folder):
     assert found["recalibrate"] == "yes"
     assert found["since"]["date"] == f"2026-01-{found['since']['check']:02}"
     length = next(row for row in found["values"] if row["quantity"] == "length error")
-    assert length["cusum_down"] > length["decision_interval"]
+    assert length["evidence"] > length["evidence_of_a_change"]
     assert length["changed_since_check"] is not None
     assert Path("arm.sqlite").read_bytes() == before
     said = "this session is check {0} of 2026-01-{0:02} in the history already, and is not added again"
@@ -343,7 +343,7 @@ def test_a_seat_misspelt_in_one_reading_is_named(truearm, folder):
 def test_the_page_has_the_charts_and_the_answer(folder):
     html = Path("arm.html").read_text()
     assert f"{ARM}: interim checks" in html
-    for phrase in ("seat cone, SPAT.2s", "drift since about check", "cumulative", "Temperature of the checks"):
+    for phrase in ("seat cone, SPAT.2s", "drift since about check", "evidence of a change", "Temperature of the checks"):
         assert phrase in html
     # Seven charts, the temperature, and four views of the points of this check.
     assert html.count('<div class="panel"') == 12

@@ -239,8 +239,9 @@ def test_rules_may_be_of_each_value(rng):
 def test_dirt_in_one_check_leaves_no_trace_in_the_evidence(side):
     """Twelve values, one 9 standard deviations off, then others: the evidence is that of the series without it."""
     values, known = np.random.default_rng(1).standard_normal(24), {"correlations": INDEPENDENT}
-    dirty = chart(np.insert(values, 12, side * 9.0), **known)
-    clean = chart(values, **known)
+    days = np.arange(25.0)
+    dirty = chart(np.insert(values, 12, side * 9.0), days=days, **known)
+    clean = chart(values, days=np.delete(days, 12), **known)
     assert not alarmed(clean)
     assert dirty.beyond.tolist() == [*clean.beyond[:12], int(side), *clean.beyond[12:]]
     np.testing.assert_allclose(np.delete(dirty.evidence, 12), clean.evidence, atol=1e-12)

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import logsumexp, ndtr, ndtri, stdtrit
 
-from truearm.verification.monitor.serial_correlation import CORRELATIONS, STEP, AutoregressiveSeries
+from truearm.verification.monitor.serial_correlation import CORRELATIONS, DRIFT, STEP, AutoregressiveSeries
 
 STEPS = st.lists(st.tuples(st.floats(-5, 5), st.floats(1, 4)), min_size=2, max_size=8)
 
@@ -70,16 +70,18 @@ def test_limits_are_the_widest_of_the_plausible_correlations():
 @settings(max_examples=30)
 @given(st.lists(st.tuples(st.floats(-5, 5), st.floats(1, 4)), min_size=4, max_size=8))
 def test_the_evidence_is_the_ratio_of_likelihoods(steps):
-    """A step of unknown size adds its square to the covariance: over all steps, averaged over all correlations."""
+    """A change of unknown size adds its square to the covariance: over all beginnings, averaged over correlations."""
     values, at = given_series(steps)
-    n, without, with_step = len(values), [], []
+    n, without, with_change = len(values), [], []
     for rho in CORRELATIONS:
         covariance = rho ** np.abs(at[:, None] - at)
         without.append(log_likelihood(values, covariance)[0])
         for first in range(2, n - 1):
             step = (np.arange(n) >= first).astype(float)
-            with_step.append(log_likelihood(values, covariance + STEP**2 * np.outer(step, step))[0])
-    both = np.log(2 / len(CORRELATIONS)) + logsumexp(with_step) - max(without)
+            drift = np.maximum(at - at[first - 1], 0.0) / DRIFT
+            for shape in (step, drift):
+                with_change.append(log_likelihood(values, covariance + STEP**2 * np.outer(shape, shape))[0])
+    both = logsumexp(with_change) - np.log(len(CORRELATIONS)) - max(without)
     series = AutoregressiveSeries(values, at)
     assert series.evidence(upper_only=False) == pytest.approx(both / np.log(10), abs=1e-6)
     sides = [AutoregressiveSeries(sign * values, at).evidence(upper_only=True) for sign in (1, -1)]
