@@ -109,7 +109,7 @@ class AutoregressiveSeries:
         return float(self._rho @ weight / weight.sum()), low, high
 
     def evidence(self, *, upper_only: bool) -> float:
-        """Return the decimal logarithm of the evidence for a change, either direction; -inf of too few values.
+        """Return the decimal logarithm of the evidence for a change, both directions together; -inf of too few values.
 
         A change is a step or a straight drift; one is as likely as the other.
         """
@@ -127,7 +127,7 @@ class AutoregressiveSeries:
         left = np.maximum(self._squares - size**2 * precision, self._floor)
         degrees = self.n - 1
         log_ratio = -np.log(STEP**2 * precision) / 2 - degrees / 2 * np.log(left / self._squares)
-        share = stdtr(degrees, size * np.sqrt(precision * degrees / left)) if upper_only else 0.5
+        share = stdtr(degrees, size * np.sqrt(precision * degrees / left)) if upper_only else 1.0
         with np.errstate(divide="ignore"):
-            log = self._log + log_ratio + np.log(2 * share / (2 * len(self._rho)))
+            log = self._log + log_ratio + np.log(share / len(self._rho))  # of two shapes, twice a side of each
         return float((logsumexp(log) - self._log.max()) / np.log(10))
