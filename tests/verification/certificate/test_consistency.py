@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from made_up_outcome import BUDGET, certificate, outcome, row
 
 from truearm.errors import InputError
-from truearm.verification.certificate.certificate import StatedList
+from truearm.verification.certificate.certificate import StatedList, StatedQuantity
 from truearm.verification.certificate.consistency import check_consistency
 from truearm.verification.certificate.dcc import dcc
 from truearm.verification.certificate.dcc_reader import parse_dcc, parse_dcc_file
@@ -43,6 +43,11 @@ def with_result(made, number, **changes):
     return replace(made, results=tuple(results))
 
 
+def with_statement(made, kind, change):
+    statements = [replace(one, text=change(one.text)) if one.kind == kind else one for one in made.statements]
+    return replace(made, statements=tuple(statements))
+
+
 @settings(max_examples=150)
 @given(
     st.lists(
@@ -61,12 +66,9 @@ def with_result(made, number, **changes):
 )
 def test_a_certificate_of_a_verification_never_contradicts_itself(cases, rule, unrated):
     rows = [
-        row(
-            value,
-            limit,
-            label=f"E_Uni, {number}",
-            rule=rule,
-            budget=Budget((Contribution("a", a, dof), Contribution("b", b))),
+        replace(
+            row(value, limit, label="E", rule=rule, budget=Budget((Contribution("a", a, dof), Contribution("b", b)))),
+            where=f"{number}, position 1",  # a length, as each has a limit of its own
         )
         for number, (value, limit, a, b, dof) in enumerate(cases)
     ]
@@ -114,6 +116,32 @@ def test_a_value_far_outside_its_limit_does_not_pass():
             lambda made: with_result(made, 0, factor=Decimal("2.40")),
             "U = 0.010 mm with k = 2.40; its budget has u = 0.005",
         ),
+        # Ways to a smaller U: another coverage probability, none at all, no budget.
+        (
+            lambda made: with_result(made, 0, expanded=Decimal("0.005"), factor=Decimal("1.00")),
+            "U = 0.005 with k = 1.00 for 0.9545; truearm states U for 0.9545, with k of Student's t",
+        ),
+        (lambda made: with_result(made, 0, level=Decimal("0.99")), "with k = 2.09 for 0.99; truearm states"),
+        (
+            lambda made: with_result(made, 0, expanded=Decimal("-0.010"), factor=Decimal("-2.09")),
+            "U = -0.010 with k = -2.09",
+        ),
+        (lambda made: with_result(made, 0, factor=Decimal("2.00")), "its budget has u = 0.0050 mm with 30.9 degrees"),
+        (lambda made: with_result(made, 0, expanded=None, factor=None, level=None), "with an expanded uncertainty"),
+        (lambda made: with_result(made, 0, unit="degC"), "has a limit, but not both in mm"),
+        (lambda made: replace(made, budgets=()), "has U = 0.010 mm with k = 2.09, and no budget"),
+        (
+            lambda made: with_statement(made, "decision", lambda text: "The arm is conform."),
+            "the decision says 'The arm is conform'",
+        ),
+        (
+            lambda made: with_statement(made, "traceability", lambda text: f"{text} It is not shown of cone."),
+            "traceability is shown of all; it says",
+        ),
+        (
+            lambda made: replace(made, equipment=(replace(made.equipment[0], accreditation=None), *made.equipment[1:])),
+            "traceability is not shown of all; it says",
+        ),
         (lambda made: replace(made, conformity="pass"), "the decision is fail; it states pass"),
         (lambda made: replace(made, conformity=None), "the decision is fail; it states none"),
         (lambda made: replace(made, methods=made.methods[:-1]), "not one decision rule that"),
@@ -124,12 +152,7 @@ def test_a_value_far_outside_its_limit_does_not_pass():
             "not one decision rule that",
         ),
         (
-            lambda made: replace(
-                made,
-                statements=tuple(
-                    replace(one, text=one.text.replace("not conform.", "conform.")) for one in made.statements
-                ),
-            ),
+            lambda made: with_statement(made, "decision", lambda text: text.replace("not conform.", "conform.")),
             "the arm is 'not conform'; the decision says 'conform'",
         ),
         (
@@ -157,6 +180,24 @@ def test_a_test_value_is_one_of_its_individual_results():
     assert contradictions(with_result(made, 0, value=Decimal("-0.031"))) == [
         "E_Uni, 900, position 1 is -0.031, which is none of its individual results"
     ]
+
+
+def test_a_test_value_is_the_worst_of_its_individual_results():
+    """A cheat states the best of three, -0.030 mm being the worst; sets that were measured again do not count."""
+    rows = [replace(row(one), where=f"repeat {one}") for one in (0.01, 0.02, -0.03)]
+    made = certificate(made=outcome([worst_result(rows)]))
+    better = with_result(made, 0, value=Decimal("0.010"))
+    said = "E_Uni, 900, repeat -0.03 is 0.010, but the individual result 'repeat -0.03' is -0.030"
+    assert contradictions(better) == [said]
+    again = replace(made.results[0], quantity=StatedQuantity("E_Uni, sets measured again, of 3", Decimal(1), "1"))
+    check_consistency(replace(better, results=(*better.results, replace(again, limit=None, conformity=None))))
+    at_lengths = [replace(row(one, 3 * one), where=f"{one}, position 1") for one in (0.01, 0.03)]
+    check_consistency(certificate(made=outcome([worst_result(at_lengths)])))
+
+
+def test_names_of_places_may_have_semicolons_and_spaces():
+    rows = [replace(row(0.01), where=where) for where in ("a; b", "c  ", "d")]
+    check_consistency(certificate(made=outcome(rows)))
 
 
 @pytest.mark.parametrize("number", [1, 2, 3, 4])

@@ -163,7 +163,7 @@ def test_a_certificate_of_a_verification_goes_to_a_file_and_back(made, tmp_path)
 
 def test_what_would_be_read_differently_is_not_written():
     with pytest.raises(TruearmError, match="please report this"):
-        checked_dcc(replace(WHOLE, title="two  spaces\r\n"))
+        checked_dcc(replace(WHOLE, release="two  spaces\r\n"))
 
 
 # What stands in it ---------------------------------------------------------------------------------------------------
@@ -604,6 +604,16 @@ def test_a_signed_certificate_is_valid_by_the_schema(tmp_path):
         (lambda text: text.replace("<dcc:model>A</dcc:model>", ""), "<item> has no model"),
         (lambda text: text.replace("<dcc:model>A</dcc:model>", "<dcc:model>A</dcc:model>" * 2), "expected one model"),
         (lambda text: text.replace(">DE<", ">Germany<"), "two capital letters"),
+        (
+            lambda text: text.replace(">true</dcc:traceable>", ">false</dcc:traceable>"),
+            "<traceable> is true; .*'false'",
+        ),
+        (lambda text: text.replace("truearm_onlyInFull", "truearm_notDecided"), "a decision, and that there is none"),
+        (
+            lambda text: text.replace("</dcc:metaData>", "</dcc:metaData><dcc:metaData/>"),
+            "expected one measurementMetaData/metaData, got 2",
+        ),
+        (lambda text: text.replace(">0.010<", ">0.0_10<"), "expected a number"),
     ],
 )
 def test_a_broken_certificate_is_refused_with_the_reason(change, told, tmp_path):
@@ -622,6 +632,11 @@ def test_no_other_encoding_hides_a_document_type():
         parse_dcc(b"\x00" + dcc(WHOLE))
     # What the declaration says does not count: the bytes are UTF-8.
     assert parse_dcc(text.encode()) == WHOLE
+
+
+def test_texts_are_read_in_one_line():
+    """So that none pretends to be a line of truearm, such as that on the signature."""
+    assert parse_dcc(dcc(WHOLE).replace(b"The results relate", b"The\n\xc2\x85results relate")) == WHOLE
 
 
 def test_a_long_file_is_refused(tmp_path, monkeypatch):

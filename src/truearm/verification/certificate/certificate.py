@@ -151,9 +151,7 @@ class Certificate:
     @property
     def is_traceable(self) -> bool:
         """Whether traceability is shown of every artefact."""
-        return all(
-            traceability_gap(one.certificate, one.issued_by, one.accreditation) is None for one in self.equipment
-        )
+        return are_traceable(self.equipment)
 
     @property
     def issued(self) -> datetime.date:
@@ -164,6 +162,11 @@ class Certificate:
     def reservation(self) -> str | None:
         """Why the certificate is not for conformity decisions; None if it is."""
         return next(iter(self.texts("reservation")), None)
+
+
+def are_traceable(equipment: Sequence[Equipment]) -> bool:
+    """Whether traceability is shown of every artefact."""
+    return all(traceability_gap(one.certificate, one.issued_by, one.accreditation) is None for one in equipment)
 
 
 def make_certificate(
@@ -405,7 +408,9 @@ def _budgets(verification: Verification) -> tuple[StatedList, ...]:
     for row in verification.rows:
         if row.budget.contributions:
             names.setdefault(row.budget, []).append(row.name)
-    return tuple(StatedList(xml_text("; ".join(dict.fromkeys(of))), _budget(budget)) for budget, of in names.items())
+    return tuple(
+        StatedList("; ".join(dict.fromkeys(map(xml_text, of))), _budget(budget)) for budget, of in names.items()
+    )
 
 
 def _budget(budget: Budget) -> tuple[StatedQuantity, ...]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from decimal import Decimal
 from itertools import product
-from math import inf
+from math import inf, isinf
 
 import numpy as np
 from scipy.special import stdtrit
@@ -29,6 +29,7 @@ from truearm.verification.certificate.certificate import (
     conformity,
     overall_conformity,
 )
+from truearm.verification.certificate.statements import NOT_SHOWN
 from truearm.verification.standards.decision import COVERAGE_PROBABILITY, DecisionRule, Verdict, decide
 from truearm.verification.standards.verification_text import RULE_STANDARDS
 
@@ -49,7 +50,8 @@ def check_consistency(certificate: Certificate) -> None:
     """Check that a certificate does not contradict itself.
 
     Recomputed are the conformity of each value from value, U, limit and decision rule; the decision from those of all
-    values, with its sentence; test values from the individual results; U from its budget, and the budget's sum.
+    values, with its sentence; test values from the individual results, of which they are the worst; U and k from the
+    budget, and its sum; and whether traceability is shown of all artefacts.
 
     Raises
     ------
@@ -61,7 +63,9 @@ def check_consistency(certificate: Certificate) -> None:
         *_verdicts(certificate),
         *_decision(certificate),
         *_individual(certificate),
+        *_uncertainties(certificate),
         *_budgets(certificate),
+        *_traceability(certificate),
     ):
         with found.collect():
             raise InputError(f"the certificate contradicts itself: {problem}", hint=_REMEDY)
@@ -97,8 +101,8 @@ def _possible_conformities(result: StatedResult, rule: DecisionRule) -> tuple[st
     found = set()
     for value, uncertainty, dof in product(
         (max(size - near, 0.0), size, size + near),
-        (max(float(expanded) - beside, 0.0), float(expanded) + beside),
-        _dof_of(quantity.factor),
+        (max(float(expanded) - beside, 0.0), max(float(expanded) + beside, 0.0)),
+        _dof_of(quantity.factor) or (inf,),
     ):
         verdict = decide(value, uncertainty, limit, rule=rule, dof=dof)
         found.add(CONFORMITIES.index(conformity(verdict, within=value <= limit)))
@@ -106,9 +110,9 @@ def _possible_conformities(result: StatedResult, rule: DecisionRule) -> tuple[st
 
 
 def _dof_of(factor: Decimal | None) -> tuple[float, ...]:
-    """The fewest and the most degrees of freedom whose coverage factor rounds to a stated one."""
+    """The fewest and the most degrees of freedom whose coverage factor rounds to a stated one; empty if none does."""
     known = _DOF[np.abs(stdtrit(_DOF, (1 + COVERAGE_PROBABILITY) / 2) - float(factor or 2)) <= 0.0051]
-    return (inf,) if not known.size else (known[0], inf if known[-1] == _DOF[-1] else known[-1])
+    return () if not known.size else (known[0], inf if known[-1] == _DOF[-1] else known[-1])
 
 
 def _decision(certificate: Certificate) -> Iterator[str]:
@@ -120,21 +124,26 @@ def _decision(certificate: Certificate) -> Iterator[str]:
     name = f"{certificate.title.removeprefix(TITLE)}: "
     verdict = CONFORMITY_VERDICTS[overall] if overall else Verdict.UNDECIDED
     for text in certificate.texts("decision"):
-        said = text.removeprefix(name).partition(".")[0]
-        if text.startswith(name) and said != verdict.value:
+        if not text.startswith(f"{name}{verdict.value}."):
+            said = text.removeprefix(name).partition(".")[0]
             yield f"by its values the arm is {verdict.value!r}; the decision says {said[:80]!r}"
 
 
 def _individual(certificate: Certificate) -> Iterator[str]:
-    """Test values that are none of their individual results, or not computed from them."""
+    """Test values that are none or not the worst of their individual results, or not computed from them."""
     lists: dict[str, list[StatedList]] = {}
     for one in certificate.individual:
         lists.setdefault(one.name, []).append(one)
-    for quantity in (one.quantity for one in certificate.results):
+    # Of a test with sets that were measured again, not all individual results count.
+    quantities = [one.quantity for one in certificate.results]
+    again = {one.name.partition(", ")[0] for one in quantities if one.unit == "1" and one.value}
+    for quantity, limit in zip(quantities, (one.limit for one in certificate.results), strict=True):
         parts = quantity.name.split(", ")
         own = next((lists[name] for n in range(len(parts), 0, -1) if (name := ", ".join(parts[:n])) in lists), [])
         if own and not any(quantity.value == one.value for listed in own for one in listed.quantities):
             yield f"{quantity.name} is {quantity.value}, which is none of its individual results"
+        elif limit is not None and parts[0] not in again and (worse := _worse(quantity, own)) is not None:
+            yield f"{quantity.name} is {quantity.value}, but the individual result {worse.name!r} is {worse.value}"
         if quantity.name in _OF_DEVIATIONS and len(lists.get(_LARGEST, [])) == 1:
             compute, times = _OF_DEVIATIONS[quantity.name]
             deviations = lists[_LARGEST][0].quantities
@@ -144,34 +153,80 @@ def _individual(certificate: Certificate) -> Iterator[str]:
                 yield f"{quantity.name} is {value:.5f} mm by the individual results; it states {quantity.value} mm"
 
 
+def _worse(quantity: StatedQuantity, lists: list[StatedList]) -> StatedQuantity | None:
+    """An individual result that is worse than the test value: as uncertain, with the same limit, and larger."""
+    if quantity.expanded is None:
+        return None
+    # A limit may depend on the length, which stands before the position.
+    test = quantity.name.rpartition(", ")[0]
+    alike = [
+        one
+        for listed in lists
+        for one in listed.quantities
+        if f"{listed.name}, {one.name}".rpartition(", ")[0] == test
+        and (one.expanded, one.factor) == (quantity.expanded, quantity.factor)
+    ]
+    worst = max(alike, key=lambda one: abs(one.value), default=quantity)
+    rounding = _half_digit(worst.value) + _half_digit(quantity.value) + 2 * _half_digit(quantity.expanded)
+    return worst if float(abs(worst.value) - abs(quantity.value)) > rounding else None
+
+
+def _uncertainties(certificate: Certificate) -> Iterator[str]:
+    """Values with a limit without U, and expanded uncertainties that are none for the coverage probability."""
+    level = Decimal(f"{COVERAGE_PROBABILITY:.4f}")
+    for one in (*certificate.results, *certificate.as_found):
+        quantity, limit = one.quantity, one.limit
+        if limit is not None and (quantity.expanded is None or {quantity.unit, limit.unit} != {"mm"}):
+            yield f"{quantity.name} has a limit, but not both in mm with an expanded uncertainty"
+        elif quantity.expanded is not None and not (
+            quantity.expanded > 0 and quantity.level == level and _dof_of(quantity.factor)
+        ):
+            stated = f"U = {quantity.expanded} with k = {quantity.factor} for {quantity.level}"
+            yield f"{quantity.name} has {stated}; truearm states U for {level}, with k of Student's t"
+
+
+def _traceability(certificate: Certificate) -> Iterator[str]:
+    for text in certificate.texts("traceability"):
+        if (NOT_SHOWN in text) == certificate.is_traceable:
+            shown = "" if certificate.is_traceable else "not "
+            yield f"by its artefacts traceability is {shown}shown of all; it says {text[:200]!r}"
+
+
 def _budgets(certificate: Certificate) -> Iterator[str]:
     """Budgets whose sum is another, and expanded uncertainties that are not k times that of their budget."""
-    known: dict[str, list[StatedQuantity]] = {}
+    known: list[tuple[str, Decimal, float]] = []
     for listed in certificate.budgets:
         lines = [one for one in listed.quantities if not one.name.endswith(f": {DEGREES_OF_FREEDOM}")]
         combined = [one for one in lines if one.name == COMBINED]
         if len(combined) != 1:
             yield f"the budget of {listed.name[:200]} has {len(combined)} lines {COMBINED!r}, not one"
             continue
-        for name in listed.name.split("; "):
-            known.setdefault(name, []).append(combined[0])
+        dofs = [float(one.value) for one in listed.quantities if one.name == f"{COMBINED}: {DEGREES_OF_FREEDOM}"]
+        known.append((f"; {listed.name}; ", combined[0].value, dofs[0] if dofs else inf))
         sizes = np.array([float(one.value) for one in lines if one.name != COMBINED])
         roundings = np.array([_half_digit(one.value) for one in lines])
         value = float(np.hypot.reduce(sizes)) if sizes.size else 0.0
         if abs(value - float(combined[0].value)) > np.sqrt((roundings**2).sum()) + roundings.max():
             yield f"the budget of {listed.name[:200]} sums up to {value:.2g} mm; it states {combined[0].value} mm"
     for quantity in (one.quantity for one in certificate.results):
-        budgets = [one.value for one in known.get(quantity.name, [])]
-        if budgets and not any(_is_expanded(quantity, u) for u in budgets):
-            stated = f"U = {quantity.expanded} mm with k = {quantity.factor}"
-            yield f"{quantity.name} has {stated}; its budget has u = {budgets[0]} mm"
+        budgets = [(u, dof) for names, u, dof in known if f"; {quantity.name}; " in names]
+        stated = f"U = {quantity.expanded} mm with k = {quantity.factor}"
+        if not budgets and quantity.expanded is not None:
+            yield f"{quantity.name} has {stated}, and no budget"
+        elif budgets and not any(_is_expanded(quantity, *one) for one in budgets):
+            u, dof = budgets[0]
+            yield f"{quantity.name} has {stated}; its budget has u = {u} mm with {dof:g} degrees of freedom"
 
 
-def _is_expanded(quantity: StatedQuantity, u: Decimal) -> bool:
-    """Whether ``U = k u`` for some values that round to the three."""
+def _is_expanded(quantity: StatedQuantity, u: Decimal, dof: float) -> bool:
+    """Whether ``U = k u`` for some values that round to the three, and k is that of the degrees of freedom."""
     expanded, factor = quantity.expanded, quantity.factor
     if expanded is None or factor is None:
         return u == 0
+    known = _dof_of(factor)
+    truncated = [dof if isinf(dof) else max(1, int(dof + rounding)) for rounding in (-0.0501, 0.0501)]
+    if not any(known and known[0] <= one <= known[-1] for one in truncated):
+        return False
     rounding = _half_digit(expanded) + float(factor) * _half_digit(u) + float(u) * _half_digit(factor)
     return abs(float(expanded) - float(factor) * float(u)) <= rounding * (1 + 1e-9)
 

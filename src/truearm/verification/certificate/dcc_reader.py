@@ -21,7 +21,7 @@ from truearm.files.file_reading import read_limited
 from truearm.files.pdf_attachments import attached_xml, is_pdf
 from truearm.files.xml_references import UnverifiedSignature
 from truearm.files.xml_signatures import GOOD, NOT_VERIFIABLE, Signature, verified_content
-from truearm.verification.certificate.administrative_data import NOTES, AdministrativeData
+from truearm.verification.certificate.administrative_data import NOTES, AdministrativeData, xml_text
 from truearm.verification.certificate.calibration_certificate import (
     SPACES,
     CalibrationCertificate,
@@ -36,6 +36,7 @@ from truearm.verification.certificate.certificate import (
     StatedList,
     StatedQuantity,
     StatedResult,
+    are_traceable,
 )
 from truearm.verification.certificate.consistency import check_consistency
 from truearm.verification.certificate.dsi_quantities import read_values
@@ -192,26 +193,34 @@ def _certificate_of(content: bytes) -> Certificate | CalibrationCertificate:
             Method(_content(one, "name"), _content(one, "description"), _maybe(one, "norm"))
             for one in _all(measured, "usedMethods/usedMethod")
         ),
-        equipment=tuple(
-            Equipment(
-                _content(one, "name"),
-                _content(one, "description"),
-                _text(_one(_all(one, "identifications/identification")[0], "value")),
-                tuple(
-                    _quantity_of(size)
-                    for size in one.findall("dcc:measuringEquipmentQuantities/dcc:measuringEquipmentQuantity", SPACES)
-                ),
-                _text(_one(one, f"identifications/identification[@refType='{ISSUER}']/value")),
-                _maybe(one, f"identifications/identification[@refType='{ACCREDITATION}']/value"),
-            )
-            for one in _all(measured, "measuringEquipments/measuringEquipment")
-        ),
+        equipment=_equipment_of(administrative, measured),
         artefact_degC=_condition_of(measured, ARTEFACT),
         results=tuple(_result_of(one) for one in results if one.get("refType") not in (INDIVIDUAL, BUDGET, AS_FOUND)),
         as_found=tuple(_result_of(one) for one in results if one.get("refType") == AS_FOUND),
         individual=tuple(_list_of(one) for one in results if one.get("refType") == INDIVIDUAL),
         budgets=tuple(_list_of(one) for one in results if one.get("refType") == BUDGET),
     )
+
+
+def _equipment_of(administrative: Element, measured: Element) -> tuple[Equipment, ...]:
+    """The artefacts, of which the certificate states traceability only if they show it."""
+    number = "identifications/identification[@refType='{}']/value"
+    found = tuple(
+        Equipment(
+            _content(one, "name"),
+            _content(one, "description"),
+            _text(_one(one, number.format(CERTIFICATE))),
+            tuple(map(_quantity_of, _all(one, "measuringEquipmentQuantities/measuringEquipmentQuantity", some=False))),
+            _text(_one(one, number.format(ISSUER))),
+            _maybe(one, number.format(ACCREDITATION)),
+        )
+        for one in _all(measured, "measuringEquipments/measuringEquipment")
+    )
+    shown = "true" if are_traceable(found) else "false"
+    for one in _all(administrative, "statements/statement/traceable", some=False):
+        if _text(one) != shown:
+            raise InputError(f"by its artefacts <traceable> is {shown}; the certificate states {_text(one)!r:.80}")
+    return found
 
 
 def _about(administrative: Element, core: Element, measured: Element) -> AdministrativeData:
@@ -336,19 +345,21 @@ def _overall_of(root: Element, administrative: Element) -> str | None:
         if any(True for _ in root.iter(f"{{{SPACES['dcc']}}}conformity")):
             raise InputError("the certificate is not for conformity decisions, but states a conformity")
         return None
-    if _all(administrative, path.format(NOT_DECIDED), some=False):
-        return None
-    return _conformity(_one(administrative, path.format(CONFORMITY)))
+    if not _all(administrative, path.format(NOT_DECIDED), some=False):
+        return _conformity(_one(administrative, path.format(CONFORMITY)))
+    if _all(administrative, path.format(CONFORMITY), some=False):
+        raise InputError("the certificate states a decision, and that there is none")
+    return None
 
 
 def _result_of(element: Element) -> StatedResult:
     quantity = _one(element, "data/quantity")
-    statements = _all(quantity, "measurementMetaData/metaData", some=False)
-    if not statements:
+    if not _all(quantity, "measurementMetaData", some=False):
         return StatedResult(_quantity_of(quantity), None, None)
-    limit = _quantity_of(_one(statements[0], "data/quantity"))
-    stated = _all(statements[0], "conformity", some=False)
-    return StatedResult(_quantity_of(quantity), limit, _conformity(statements[0]) if stated else None)
+    statement = _one(quantity, "measurementMetaData/metaData")
+    limit = _quantity_of(_one(statement, "data/quantity"))
+    stated = _all(statement, "conformity", some=False)
+    return StatedResult(_quantity_of(quantity), limit, _conformity(statement) if stated else None)
 
 
 def _list_of(element: Element) -> StatedList:
@@ -408,7 +419,7 @@ def _content(element: Element, path: str) -> str:
 
 
 def _text(element: Element) -> str:
-    return element.text or ""
+    return xml_text(element.text or "")  # in one line, as the writer has it
 
 
 def _name(element: Element) -> str:
