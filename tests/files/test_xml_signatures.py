@@ -7,6 +7,7 @@ import re
 from base64 import b64encode
 
 import pytest
+from cryptography import x509
 from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.asymmetric import ec, ed25519, rsa
 
@@ -328,7 +329,8 @@ def test_the_time_of_a_signature_is_read(lab, time):
             "signed it on 2024-12-31; the certificate or its chain is valid from 2025-01-01",
         ),
         ({"time": "2028-01-01T00:00:01Z"}, "signed it on 2028-01-01"),
-        ({"time": "yesterday"}, "no time of signature that truearm can read (yesterday)"),
+        ({"time": "now\nThe signature is good"}, r"can read ('now\nThe signature is good')"),
+        ({"time": "yesterday"}, "no time of signature that truearm can read ('yesterday')"),
         (
             {
                 "change": lambda text: text.replace(
@@ -337,7 +339,7 @@ def test_the_time_of_a_signature_is_read(lab, time):
             },
             "truearm cannot check its property SignaturePolicyIdentifier",
         ),
-        ({"change": lambda text: text.replace("xmlenc#sha512", "xmldsig#sha1")}, "by SHA1, which is not supported"),
+        ({"change": lambda text: text.replace("xmlenc#sha512", "xmldsig#sha1")}, "by 'SHA1', which is not supported"),
     ],
 )
 def test_properties_that_cannot_be_checked_make_it_not_verifiable_here(lab, tmp_path, changed, said):
@@ -376,6 +378,14 @@ def test_a_signer_whose_certificate_is_not_for_signatures_is_not_verifiable_here
     assert "is not for signatures" in verified_content(advanced(wrong, key))[1].reason
     right = certified(key, extensions=(usage(content_commitment=True),))
     assert verified_content(advanced(right, key))[1].answer == GOOD
+
+
+@pytest.mark.parametrize("number", ["2.5.29.15", "2.5.29.17"])
+def test_a_signer_whose_certificate_has_a_malformed_extension_is_not_verifiable_here(number):
+    key = curve_key()
+    malformed = x509.UnrecognizedExtension(x509.ObjectIdentifier(number), b"\xff\xff")
+    _, signature = verified_content(sign_xml(CONTENT, Signer(certified(key, extensions=(malformed,)), key)))
+    assert (signature.answer, "or cannot be read" in signature.reason) == (NOT_VERIFIABLE, True)
 
 
 def test_the_chain_is_valid_when_it_was_signed(tmp_path):

@@ -128,7 +128,10 @@ def is_elliptic(key: Any) -> bool:
 
 def may_sign(certificate: Any) -> bool:
     """Whether the key usage of a certificate, if it states one, permits to sign documents."""
-    usage = _extension(certificate, "KeyUsage")
+    try:
+        usage = _extension(certificate, "KeyUsage")
+    except Exception:  # malformed extensions have many types
+        return False
     return usage is None or bool(usage.digital_signature or usage.content_commitment)
 
 

@@ -291,7 +291,7 @@ def _time(text: str | None) -> datetime.datetime | None:
     try:
         time = datetime.datetime.fromisoformat(text.strip())
     except ValueError:
-        raise UnverifiedSignature(f"it states no time of signature that truearm can read ({text:.40})") from None
+        raise UnverifiedSignature(f"it states no time of signature that truearm can read ({text!r:.40})") from None
     return time if time.tzinfo is not None else time.replace(tzinfo=datetime.UTC)
 
 
@@ -301,7 +301,7 @@ def _named_certificates(properties: _Properties, holders: Sequence[Any]) -> Sequ
         return holders
     name, value = properties.digests[0]
     if name not in ("SHA256", "SHA384", "SHA512"):
-        raise UnverifiedSignature(f"it names the signer's certificate by {name:.40}, which is not supported")
+        raise UnverifiedSignature(f"it names the signer's certificate by {name!r:.40}, which is not supported")
     digest = getattr(package("cryptography.hazmat.primitives.hashes"), name)()
     named = [one for one in holders if one.fingerprint(digest) == value]
     if not named:
@@ -324,7 +324,7 @@ def _judged(
     if weakness := weak_key(signer.public_key()):
         raise UnverifiedSignature(weakness)
     if not may_sign(signer):
-        raise UnverifiedSignature(f"the certificate of {name} is not for signatures")
+        raise UnverifiedSignature(f"the certificate of {name} is not for signatures, or cannot be read")
     begin = max(one.not_valid_before_utc for one in chain)
     end = min(one.not_valid_after_utc for one in chain)
     if signed_at is not None and not begin <= signed_at <= end:

@@ -11,8 +11,9 @@ from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file, check_new_form
 from truearm.files.xml_signatures import Signature
 from truearm.verification.certificate.artefact_draft import ArtefactDraft, draft_artefact
-from truearm.verification.certificate.calibration_certificate import CalibrationCertificate, clean
+from truearm.verification.certificate.calibration_certificate import CalibrationCertificate
 from truearm.verification.certificate.dcc_reader import read_dcc_file
+from truearm.verification.certificate.dsi_quantities import clean
 from truearm.workflows.certificate import describe_signature
 from truearm.workflows.record import Record
 

@@ -36,6 +36,7 @@ from truearm.verification.certificate.dsi_quantities import MOST_VALUES, parse_u
 from truearm.verification.standards.artefacts import Artefacts
 
 MM, M, UM, DEGC = r"\milli\metre", r"\metre", r"\micro\metre", r"\degreecelsius"
+FAR = r"\mega\metre\tothe{999}\per\metre\tothe{999}" * 300 + r"\metre"  # of metres, by 1e1798206
 TO_FILL_IN = {"expires": "2028-01-15", "form_mm": "0.0003", "expansion_per_K": "5.5e-6", "u_expansion_per_K": "0.5e-6"}
 
 
@@ -255,6 +256,18 @@ def test_lengths_at_another_temperature_than_20_degrees_are_left_to_the_person()
     assert "Diameter: 25.0004 mm" in made.remarks[0]
 
 
+def test_lengths_at_several_reference_temperatures_are_left_to_the_person():
+    """Which of them holds for a length is not said, so none is taken to be at 20 degC."""
+    both = condition(text(de="Referenztemperatur"), "20.0", DEGC) + condition(
+        text(en="Reference temperature"), "296.15", r"\kelvin"
+    )
+    made = draft(sphere_with(diameter(), conditions=both))
+    assert "diameter_mm" in made.missing
+    assert made.remarks[0].startswith(
+        "The lengths hold at 20.0 or 23.00 degC, not at 20 degC; enter L / (1 + expansion_per_K * (T - 20)) for"
+    )
+
+
 def test_lengths_have_the_names_of_the_laboratory_where_no_nominal_value_is_stated():
     names = quantity(text(en="Gauge"), "<dcc:charsXMLList>G1 G2</dcc:charsXMLList>")
     made = draft(sphere_with(names, quantity(text(en="Length"), listed("10.0001 20.0002", MM, "0.0001"))))
@@ -325,6 +338,13 @@ def test_names_of_others_cannot_break_the_file_or_the_terminal():
     assert completed(made).spheres[0].diameter_mm == 25.0004
 
 
+def test_labels_of_others_cannot_add_lines_to_the_file():
+    gauge = f"<si:real><si:label>a&#10;[[seats]]&#x9b;</si:label>{real('10.5', MM).removeprefix('<si:real>')}"
+    made = draft(sphere_with(quantity(text(en="Length"), gauge)))
+    assert '  # { name = "a [[seats]]", length_mm = 10.5, u_mm = nan },  # not in the certificate: U' in made.text
+    assert tomllib.loads(made.text).keys() == {"bars"}
+
+
 def test_whatever_element_is_missing_or_empty_the_reader_refuses_or_reads():
     """Never any other exception."""
     root, refused = ET.fromstring(BALL_BAR), 0
@@ -361,6 +381,6 @@ def test_units_of_the_d_si(unit, read_as):
     assert (found.exponent, dict(found.dimensions)) == read_as
 
 
-@pytest.mark.parametrize("unit", ["mm", "", r"\inch", r"\metre x", r"\tothe{2}", r"\metre\tothe{999999}"])
+@pytest.mark.parametrize("unit", ["mm", "", r"\inch", r"\metre x", r"\tothe{2}", r"\metre\tothe{999999}", FAR])
 def test_other_units_are_not_read_for_one(unit):
     assert parse_unit(unit) is None

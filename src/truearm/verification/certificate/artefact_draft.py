@@ -34,7 +34,9 @@ _ROLES = {
 }
 _BAR = "bar|stab|plate|platte|block|endma|cale|step gauge|length|l(ä|ae)nge"
 _SPHERE = "sphere|ball|kugel|sphère|bille|esfera"
-_REFERENCE = "(reference|bezugs|référence|referencia).{0,5}temperatur|temp.{0,12}(reference|référence|referencia)"
+_REFERENCE = (
+    "(reference|referenz|bezugs|référence|referencia).{0,5}temperatur|temp.{0,12}(reference|référence|referencia)"
+)
 _TEMPLATE_LINE = re.compile(r"(?:# )?(\w+) = (.*?)(?:  # (.*))?")
 
 
@@ -127,15 +129,16 @@ def draft_artefact(
         if len(forms) > 1:
             assumed.append(f"form_mm is the largest of {len(forms)} form deviations: {form.name}.")
     values |= _size_entries(kind, used)
-    away = _away_from_20_degC(certificate)
-    if away is None:
+    references = _reference_temperatures(certificate)
+    if not references:
         assumed.append(
             "The certificate states no reference temperature: its lengths are taken to be at 20 degC (ISO 1)."
         )
-    elif away != REFERENCE_DEGC:
+    elif references != {REFERENCE_DEGC}:
         keys = [key for key in values if key.startswith(("diameter", "u_diameter", "lengths"))]
         values = {key: value for key, value in values.items() if key not in keys}
-        at = f"L / (1 + expansion_per_K * ({away} - 20))"
+        away = " or ".join(map(str, sorted(references)))
+        at = f"L / (1 + expansion_per_K * ({away if len(references) == 1 else 'T'} - 20))"
         held = ", ".join(f"{one.name}: {one.mm:f} mm" for one in used)
         assumed.append(f"The lengths hold at {away} degC, not at 20 degC; enter {at} for {held}.")
     beside = [one for one in sizes if one not in used and one not in forms]
@@ -326,7 +329,9 @@ def _size_entries(kind: str, used: list[StatedSize]) -> dict[str, tuple[str, str
     for one in used:
         nominal_part = "" if one.nominal_mm is None else f"nominal_mm = {_toml(one.nominal_mm)}, "
         if one.u_mm is None:
-            lines.append(f'  # {{ name = "{one.length_name}", length_mm = {_toml(one.mm)}, u_mm = nan }},  # {_NOT}U')
+            lines.append(
+                f"  # {{ name = {toml_text(one.length_name)}, length_mm = {_toml(one.mm)}, u_mm = nan }},  # {_NOT}U"
+            )
             continue
         parts = f"length_mm = {_toml(one.mm)}, u_mm = {_toml(_short(one.u_mm))}"
         lines.append(
@@ -335,9 +340,9 @@ def _size_entries(kind: str, used: list[StatedSize]) -> dict[str, tuple[str, str
     return {"lengths": ("\n".join(["[", *lines, "]"]), "")}
 
 
-def _away_from_20_degC(certificate: CalibrationCertificate) -> Decimal | None:
-    """The reference temperature [degC] that the certificate states; None if it states none, or several."""
-    found = set()
+def _reference_temperatures(certificate: CalibrationCertificate) -> set[Decimal]:
+    """The reference temperatures [degC] that the certificate states."""
+    found = set[Decimal]()
     for table in (*certificate.conditions, *certificate.results):
         for column in table.columns:
             words = " ".join(one.words for one in (*table.headings, column.heading))
@@ -346,7 +351,7 @@ def _away_from_20_degC(certificate: CalibrationCertificate) -> Decimal | None:
                     found.add(one.value.scaleb(kelvin) - Decimal("273.15"))
                 elif (degC := one.scale_to({"degreecelsius": 1})) is not None:
                     found.add(one.value.scaleb(degC))
-    return found.pop() if len(found) == 1 else None
+    return found
 
 
 def _table_lines(table: str, values: Mapping[str, tuple[str, str]]) -> Iterator[str]:

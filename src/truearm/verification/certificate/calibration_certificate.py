@@ -7,22 +7,19 @@ not stated is listed in `CalibrationCertificate.missing`.
 from __future__ import annotations
 
 import datetime
-import unicodedata
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from typing import Any
 
 from truearm.errors import InputError
-from truearm.verification.certificate.administrative_data import xml_text
-from truearm.verification.certificate.dsi_quantities import MeasuredValue, read_values
+from truearm.verification.certificate.dsi_quantities import MeasuredValue, clean, read_values
 
 SPACES = {
     "dcc": "https://ptb.de/dcc",
     "si": "https://ptb.de/si",
     "xsi": "http://www.w3.org/2001/XMLSchema-instance",
 }
-MOST_TEXT = 500  # characters of a name
 MOST_ROWS = 40  # of results, in words
 DEEPEST = 20  # lists in lists
 
@@ -199,12 +196,6 @@ def describe(certificate: CalibrationCertificate) -> Iterator[str]:
         yield f"and {len(rows) - MOST_ROWS} more values; --json has all"
     if certificate.missing:
         yield f"The certificate does not state: {', '.join(certificate.missing)}."
-
-
-def clean(text: str) -> str:
-    """A text of a file of others in one line, without control characters, and of limited length."""
-    plain = "".join(" " if unicodedata.category(sign) in ("Cc", "Cf", "Zl", "Zp") else sign for sign in text[:10_000])
-    return xml_text(plain)[:MOST_TEXT]
 
 
 def _items(root: ET.Element) -> Iterator[CalibratedItem]:

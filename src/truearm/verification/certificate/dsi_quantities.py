@@ -8,16 +8,21 @@ uncertainty, factor or unit that a list states once applies to all its values. V
 from __future__ import annotations
 
 import re
+import unicodedata
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal
 
 from truearm.errors import InputError
+from truearm.verification.certificate.administrative_data import xml_text
 
 SI = "{https://ptb.de/si}"
 MOST_VALUES = 10_000  # of one quantity
+MOST_TEXT = 500  # characters of a name
+LARGEST_EXPONENT = 30  # of ten, in numbers and units
 _PREFIXES = {"pico": -12, "nano": -9, "micro": -6, "milli": -3, "centi": -2, "deci": -1, "kilo": 3, "mega": 6}
 _BASES = {"metre": 0, "meter": 0, "kelvin": 0, "degreecelsius": 0, "one": 0, "percent": -2, "ppm": -6}
+_NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,3})?")
 _TOKEN = re.compile(r"\\([a-zA-Z]+)(?:\\tothe\{([+-]?\d{1,3})\})?")
 _EXPANDED, _STANDARD = ("uncertainty", "valueExpandedMU"), ("standardUnc", "valueStandardMU")
 
@@ -107,6 +112,8 @@ def parse_unit(text: str) -> DsiUnit | None:
             sign, prefix = 1, 0
         else:
             return None
+    if abs(exponent) > LARGEST_EXPONENT:
+        return None
     return DsiUnit(exponent, tuple(sorted((base, power) for base, power in powers.items() if power)))
 
 
@@ -162,7 +169,7 @@ def _of_form(element: ET.Element) -> tuple[MeasuredValue, ...]:
     values = map(number, listed["value"])
     numbers = (_EXPANDED, ("coverageFactor",), ("coverageProbability",), _STANDARD)
     columns = [[None if text is None else number(text) for text in of_all(*tags)] for tags in numbers]
-    texts = [of_all(tag) for tag in ("unit", "distribution", "label")]
+    texts = [[text and clean(text) for text in of_all(tag)] for tag in ("unit", "distribution", "label")]
     return tuple(
         MeasuredValue(value, unit or "", expanded, factor, probability, standard, distribution, label)
         for value, expanded, factor, probability, standard, unit, distribution, label in zip(
@@ -176,12 +183,15 @@ def _check_count(count: int, name: str) -> None:
         raise InputError(f"<si:{name}> has {count} values; truearm reads {MOST_VALUES} at most")
 
 
+def clean(text: str) -> str:
+    """A text of a file of others in one line, without control characters, and of limited length."""
+    plain = "".join(" " if unicodedata.category(sign) in ("Cc", "Cf", "Zl", "Zp") else sign for sign in text[:10_000])
+    return xml_text(plain)[:MOST_TEXT]
+
+
 def number(text: str) -> Decimal:
-    """Read a decimal number of a certificate; refuse what is no number, or beyond 1e30."""
-    try:
-        value = Decimal(text) if len(text) < 100 else Decimal("NaN")
-    except InvalidOperation:
-        value = Decimal("NaN")
-    if not value.is_finite() or abs(value.adjusted()) > 30:
+    """Read a decimal number of a certificate; refuse what is no number of XML Schema, or beyond 1e30."""
+    value = Decimal(text) if len(text) < 100 and _NUMBER.fullmatch(text) else Decimal("NaN")
+    if not value.is_finite() or abs(value.adjusted()) > LARGEST_EXPONENT:
         raise InputError(f"expected a number, got {text[:80]!r}")
     return value
