@@ -40,6 +40,22 @@ def test_hand_made_relations():
 def test_what_has_no_distance_or_no_direction_is_refused():
     with pytest.raises(InputError, match=r"got an angle of 30.0 deg. Try: measure the angle"):
         shapes.distance(shapes.fit_plane(plane()), shapes.fit_plane(plane(TILT)))
+    ball = shapes.fit_sphere(5 * np.concatenate([np.eye(3), -np.eye(3)]))
+    with pytest.raises(InputError, match="got a sphere"):
+        shapes.angle(ball, shapes.fit_plane(plane()))
+
+
+def test_a_right_angle_is_as_uncertain_as_one_beside_it():
+    """Of two like planes at any angle ``sqrt(2)`` times the uncertainty of a normal."""
+    floor = shapes.fit_plane(plane(), std_mm=0.01)
+    for degrees in (90.0, 89.0):
+        wall = shapes.fit_plane(plane(Rotation.from_euler("x", degrees, degrees=True)), std_mm=0.01)
+        expected = 0.01 * np.sqrt(2 / (GRID[:, 1] ** 2).sum())
+        assert shapes.angle(floor, wall).u == pytest.approx(expected, rel=1e-6)
+        assert shapes.perpendicularity(floor, wall, 100.0).u == pytest.approx(100 * expected, rel=1e-3)
+    edge = shapes.fit_line([[0, y, 0] for y in (-30.0, 0, 30)], std_mm=0.01)  # lies in the plane
+    expected = 0.01 * np.sqrt(1 / (GRID[:, 1] ** 2).sum() + 1 / 1800)
+    assert shapes.angle(floor, edge).u == pytest.approx(expected, rel=1e-6)
 
 
 @pytest.mark.parametrize(

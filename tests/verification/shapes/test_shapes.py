@@ -436,6 +436,15 @@ def test_thin_arcs_and_caps(degrees, rng):
         assert np.sqrt(noisy.covariance[-1, -1]) < 4
 
 
+def test_a_short_bend_of_a_pipe_is_a_torus(rng):
+    """Circles through its points from above do not have their centre in that of the ring."""
+    along, around = rng.uniform(-0.3, 0.3, 60), rng.uniform(-np.pi, np.pi, 60)
+    across = 30 + 8 * np.cos(around)
+    points = np.column_stack([across * np.cos(along), across * np.sin(along), 8 * np.sin(around)])
+    fit = fit_torus(points)
+    assert (fit.major_radius_mm, fit.minor_radius_mm) == pytest.approx((30, 8), abs=1e-9)
+
+
 # What is refused -----------------------------------------------------------------------------------------------------
 
 COINCIDENT = np.tile(CENTRE, (8, 1))
@@ -462,6 +471,7 @@ ROUND = np.column_stack([np.cos(np.arange(8) * np.pi / 4), np.sin(np.arange(8) *
         ("sphere", 1e5 + ROUND @ TURN, "in one plane"),
         ("plane", CUBE, "equal spreads"),
         ("circle", CUBE, "equal spreads"),
+        ("torus", COPLANAR, "do not determine a torus"),
         ("sphere", [[1.0, 2, np.nan]] * 5, "finite coordinates"),
         ("sphere", np.zeros((5, 2)), "(n, 3), got shape (5, 2)"),
     ],

@@ -30,7 +30,8 @@ from truearm.verification.shapes.normalised_points import NormalisedPoints
 RANK = 1e-11
 # In spreads of the points: a larger radius is that of a straight object.
 FARTHEST = 1e6
-MOST_STEPS = 1000
+# Fits of shapes take some 10 steps, of slight arcs up to 60; more are a way to a flat shape, without end.
+MOST_STEPS = 200
 # Steps that change residuals by less than this share, and no longer by less and less, are rounding.
 STALLED = 1e-10
 # Root mean square residuals up to this share of the points' smallest spread: close to the shape, where the
@@ -278,9 +279,23 @@ class Fitted(NamedTuple):
 
 
 def fitted(element: Element, normal: NormalisedPoints, place: Place, std_mm: float | None) -> Fitted:
-    """What is known of a shape at the minimum of its sum of squares; `std_mm` as in `scatter_std`."""
+    """What is known of a shape at the minimum of its sum of squares; the scatter is given, or that of the residuals.
+
+    Raises
+    ------
+    InputError
+        If the given scatter is not a positive number, or the points do not determine the shape.
+    """
     at = element.linearised(normal.points, place)
-    std = scatter_std(at, normal.scale, std_mm)
+    if std_mm is not None and not (np.isfinite(std_mm) and std_mm > 0):
+        raise InputError(f"expected a positive standard deviation of a point, got {std_mm} mm")
+    m, p = at.jacobian.shape
+    scatter = normal.scale * float(np.sqrt(at.residuals @ at.residuals / (m - p))) if m > p else np.nan
+    std = scatter if std_mm is None else float(std_mm)
+    r: FloatArray = np.asarray(np.linalg.qr(at.jacobian, mode="r"))
+    diagonal = np.abs(r.diagonal())
+    if diagonal.min() <= RANK * diagonal.max():
+        raise undetermined_error(element.name)
     n, k = len(element.moves), len(element.is_length)
     units = np.where(element.is_length, normal.scale, 1.0)
     by_moves = np.zeros((6, 5))
@@ -289,13 +304,14 @@ def fitted(element: Element, normal: NormalisedPoints, place: Place, std_mm: flo
     to_parameters = np.zeros((6 + k, n + k))
     to_parameters[:6, :n] = by_moves[:, element.moves]
     to_parameters[6:, n:] = np.diag(units / normal.scale)
+    root = std * to_parameters @ np.linalg.inv(r)
     return Fitted(
         origin=normal.middle + normal.scale * place.origin,
         axis=place.frame[:, 2].copy(),
         sizes=units * place.sizes,
         residuals=normal.scale * at.residuals,
         std_mm=std,
-        covariance=covariance_of(at, to_parameters, std, element.name),
+        covariance=root @ root.T,
     )
 
 
@@ -305,32 +321,6 @@ def undetermined_error(shape: str) -> InputError:
         f"the points do not determine a {shape}: within their scatter it may be of any size or direction",
         hint="measure points spread wider over it, and remove points that belong to another surface",
     )
-
-
-def scatter_std(at: LinearisedResiduals, scale: float, std_mm: float | None) -> float:
-    """Return the standard deviation of a coordinate [mm]: the given one, or from the residuals; NaN without redundancy.
-
-    Raises
-    ------
-    InputError
-        If a given one is not a positive number.
-    """
-    if std_mm is not None:
-        if not (np.isfinite(std_mm) and std_mm > 0):
-            raise InputError(f"expected a positive standard deviation of a point, got {std_mm} mm")
-        return float(std_mm)
-    m, p = at.jacobian.shape
-    return scale * float(np.sqrt(at.residuals @ at.residuals / (m - p))) if m > p else np.nan
-
-
-def covariance_of(at: LinearisedResiduals, to_parameters: FloatArray, std: float, shape: str) -> FloatArray:
-    """Propagate the points' scatter `std` through the fit: ``std^2 G (J^T J)^-1 G^T`` with ``G = to_parameters``."""
-    r: FloatArray = np.asarray(np.linalg.qr(at.jacobian, mode="r"))
-    diagonal = np.abs(r.diagonal())
-    if diagonal.min() <= RANK * diagonal.max():
-        raise undetermined_error(shape)
-    root = std * to_parameters @ np.linalg.inv(r)
-    return np.asarray(root @ root.T)
 
 
 def tilt_frame(frame: FloatArray, a: float, b: float) -> FloatArray:
@@ -364,14 +354,3 @@ def towards_positive(place: Place) -> Place:
 def direction_sign(direction: FloatArray) -> float:
     """Return the sign that makes the largest component of a direction (3,) positive."""
     return 1.0 if direction[np.argmax(np.abs(direction))] > 0 else -1.0
-
-
-def circle_start(plane: FloatArray) -> FloatArray:
-    """Return the centre (2,) of the circle through points (n, 2), or (3,) of the sphere through (n, 3), algebraically.
-
-    Linear in centre and ``r^2 - c^2``: I. Kasa, IEEE Trans. Instrum. Meas. 25 (1976) 8.
-    """
-    square = (plane**2).sum(axis=1)
-    A = np.column_stack([2 * plane, np.ones(len(plane))])
-    solution, *_ = np.linalg.lstsq(A, square, rcond=None)
-    return np.asarray(solution[:-1])

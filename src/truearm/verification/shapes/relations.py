@@ -61,7 +61,7 @@ def angle(one: Directed, other: Directed) -> Relation:
     Raises
     ------
     InputError
-        If one has no direction.
+        If one is a sphere, which has no direction.
 
     Examples
     --------
@@ -71,7 +71,9 @@ def angle(one: Directed, other: Directed) -> Relation:
     >>> round(np.degrees(ta.shapes.angle(floor, wall).value), 9)
     90.0
     """
-    found = _length(_turn, one, other)
+    if isinstance(one, Sphere) or isinstance(other, Sphere):
+        raise InputError("expected two shapes with directions, got a sphere", hint="measure a plane, a line or an axis")
+    found = _length(turn, one, other)
     if isinstance(one, Plane) != isinstance(other, Plane):
         return Relation(float(np.pi / 2 - found.value), found.u)
     return found
@@ -131,11 +133,11 @@ def concentricity(one: Directed | Sphere, other: Directed | Sphere) -> Relation:
     return Relation(2 * found.value, 2 * found.u)
 
 
-def _turn(one: Located, other: Located) -> FloatArray:
-    """Rotation vector between two directions, up to their signs."""
+def turn(one: Located, other: Located) -> FloatArray:
+    """Rotation vector between two directions."""
     across = np.cross(one.direction, other.direction)
     sine, cosine = float(np.linalg.norm(across)), float(one.direction @ other.direction)
-    turned = np.arctan2(sine, abs(cosine)) / sine if sine > 0 else 1.0
+    turned = np.arctan2(sine, cosine) / sine if sine > 0 else 1.0
     return np.asarray(turned * across)
 
 
@@ -150,9 +152,8 @@ def from_plane(plane: Located, other: Located) -> FloatArray:
 
 
 def between_planes(one: Located, other: Located) -> FloatArray:
-    """Distance (1,) of two planes half way between their points."""
-    side = 1.0 if one.direction @ other.direction > 0 else -1.0
-    return np.array([(one.direction + side * other.direction) / 2 @ (other.place - one.place)])
+    """Distance (1,) of two planes, with normals to one side, half way between their points."""
+    return np.array([(one.direction + other.direction) / 2 @ (other.place - one.place)])
 
 
 def across_axis(axis: Located, other: Located) -> FloatArray:
@@ -171,14 +172,16 @@ def _length(vector: Callable[[Located, Located], FloatArray], one: ShapeFit, oth
     """The length of a vector of two shapes, its uncertainty by differences of it."""
     (a, C_a), (b, C_b) = located(one), located(other)
     at = np.concatenate([*a, *b])
+    # Directions have no sign: the second one to the side of the first, and there in all differences.
+    side = -1.0 if a.direction @ b.direction < 0 else 1.0
     steps = np.diag(np.tile([1e-3, 1e-3, 1e-3, 1e-6, 1e-6, 1e-6], 2))
 
     def moved(step: FloatArray) -> FloatArray:
         p = at + step
-        return vector(Located(p[:3], p[3:6]), Located(p[6:9], p[9:]))
+        return vector(Located(p[:3], p[3:6]), Located(p[6:9], side * p[9:]))
 
     D = np.column_stack([(moved(step) - moved(-step)) / (2 * step.max()) for step in steps])
-    value = vector(a, b)
+    value = moved(np.zeros(12))
     size = float(np.linalg.norm(value))
     covariance = D[:, :6] @ C_a @ D[:, :6].T + D[:, 6:] @ C_b @ D[:, 6:].T
     if not np.isfinite(covariance).all():

@@ -35,8 +35,7 @@ def centres_around(points: FloatArray) -> FloatArray:
     """Return centres (k, d), on all sides of points (n, d), from which distances vary least: the best of each side."""
     some = _selection(points)
     if points.shape[1] == 2:
-        turn = 2 * np.pi * np.arange(64) / 64
-        directions = np.column_stack([np.cos(turn), np.sin(turn)])
+        directions = around(64)
     else:
         directions = on_sphere(N_DIRECTIONS)
     centres = directions[:, None] * RADII[:, None]
@@ -95,6 +94,12 @@ def linear_solutions(columns: FloatArray, right: FloatArray) -> FloatArray:
     """Least-squares solutions (m, p) of m systems with columns (m, n, p) and right sides (m, n)."""
     solutions: FloatArray = (np.linalg.pinv(columns) @ right[:, :, None])[:, :, 0]
     return solutions
+
+
+def around(n: int) -> FloatArray:
+    """Return unit vectors (n, 2), even around a circle."""
+    turn = 2 * np.pi * np.arange(n) / n
+    return np.column_stack([np.cos(turn), np.sin(turn)])
 
 
 def on_sphere(n: int) -> FloatArray:

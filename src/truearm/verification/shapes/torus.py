@@ -19,8 +19,9 @@ from truearm.verification.shapes.orthogonal_regression import (
     minimise,
     radial_distances,
     towards_positive,
+    undetermined_error,
 )
-from truearm.verification.shapes.starts import best_axes, centres_across, frames_around
+from truearm.verification.shapes.starts import RADII, around, best_axes, centres_across, frames_around
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,10 +88,13 @@ def fit_torus(points: npt.ArrayLike, *, std_mm: float | None = None) -> Torus:
     spreads, axes = principal_axes(normal)
 
     def starts() -> Iterator[Place]:
-        for frame, (x, y, z, *sizes) in zip(*best_axes(normal, frames_around(axes), _judged), strict=True):
-            yield Place(frame @ [x, y, z], frame, np.array(sizes))
+        for judge in (_judged, _judged_as_bend):
+            for frame, (x, y, z, *sizes) in zip(*best_axes(normal, frames_around(axes), judge), strict=True):
+                yield Place(frame @ [x, y, z], frame, np.array(sizes))
 
-    place = minimise(TORUS, normal, starts, flat=np.inf, spread=float(spreads[2]))
+    place = minimise(TORUS, normal, starts, flat=float(spreads[2] ** 2), spread=float(spreads[2]))
+    if place.sizes.min() <= 0:
+        raise undetermined_error("torus")
     fit = fitted(TORUS, normal, towards_positive(place), std_mm)
     return Torus(
         residuals=fit.residuals,
@@ -110,3 +114,15 @@ def _judged(local: FloatArray) -> tuple[FloatArray, FloatArray]:
     rings, from_ring = centres_across(section)
     parameters = np.column_stack([centres, rings[:, 1], rings[:, 0], from_ring.mean(axis=1)])
     return from_ring.var(axis=1), parameters
+
+
+def _judged_as_bend(local: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """A short bend of a pipe: rings about centres on all sides, at the height of the points."""
+    centres = np.multiply.outer(RADII, around(16)).reshape(-1, 2)
+    distances = np.sqrt(((local[:, None, :, :2] - centres[:, None]) ** 2).sum(axis=3))
+    rings = distances.mean(axis=2)
+    from_ring = np.hypot(distances - rings[:, :, None], local[:, None, :, 2])
+    squares = from_ring.var(axis=2)
+    rows, best = np.arange(len(local)), squares.argmin(axis=1)
+    sizes = rings[rows, best], from_ring.mean(axis=2)[rows, best]
+    return squares[rows, best], np.column_stack([centres[best], np.zeros(len(local)), *sizes])

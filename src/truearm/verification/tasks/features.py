@@ -17,7 +17,7 @@ from truearm.verification.shapes.cylinder import fit_cylinder
 from truearm.verification.shapes.plane import fit_plane
 from truearm.verification.shapes.relations import distance
 from truearm.verification.shapes.sphere import fit_sphere
-from truearm.verification.shapes.starts import frame_of, on_sphere
+from truearm.verification.shapes.starts import around, frame_of, on_sphere
 
 UP = np.array([0.0, 0.0, 1.0])
 # A smaller size was probably meant in metres.
@@ -294,8 +294,7 @@ def unit(direction: npt.ArrayLike) -> FloatArray:
 
 def _around(up: FloatArray, n: int) -> FloatArray:
     """Unit vectors (n, 3) around an axis."""
-    turn = 2 * np.pi * np.arange(n) / n
-    return np.asarray(np.column_stack([np.cos(turn), np.sin(turn)]) @ frame_of(up)[:, :2].T)
+    return np.asarray(around(n) @ frame_of(up)[:, :2].T)
 
 
 def _heights(n: int) -> FloatArray:

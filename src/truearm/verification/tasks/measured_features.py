@@ -21,7 +21,7 @@ from truearm.verification.shapes.cone import fit_cone
 from truearm.verification.shapes.cylinder import fit_cylinder
 from truearm.verification.shapes.orthogonal_regression import ShapeFit
 from truearm.verification.shapes.plane import fit_plane
-from truearm.verification.shapes.relations import Located, across_axis, between_centres, between_planes, located
+from truearm.verification.shapes.relations import Located, across_axis, between_centres, between_planes, located, turn
 from truearm.verification.shapes.sphere import fit_sphere
 from truearm.verification.tasks.estimate import expanded_uncertainty
 from truearm.verification.tasks.features import MIN_POINTS
@@ -287,12 +287,11 @@ def _values(
         unit = np.degrees(2.0) if kind == "cone" else 2.0
         values += [np.array([unit * shape[-1] + larger, *shape[:-1]]) for shape in shapes]
     for (a, b), (c, d) in zip(combinations(shapes, 2), combinations(measured, 2), strict=True):
-        between = _BETWEEN.get(kind, between_centres)(Located(a[:3], a[3:6]), Located(b[:3], b[3:6]))
-        values.append(np.array([np.linalg.norm(between)]))
+        side = -1.0 if c[3:6] @ d[3:6] < 0 else 1.0
+        two = Located(a[:3], a[3:6]), Located(b[:3], side * b[3:6])
+        values.append(np.array([np.linalg.norm(_BETWEEN.get(kind, between_centres)(*two))]))
         if "angle_deg" in RELATIONS[kind]:
-            side = np.sign(c[3:6] @ d[3:6])
-            turned = np.arctan2(np.linalg.norm(np.cross(a[3:6], b[3:6])), side * a[3:6] @ b[3:6])
-            values.append(np.degrees([turned]))
+            values.append(np.degrees([np.linalg.norm(turn(*two))]))
     return np.concatenate(values)
 
 
