@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from truearm.errors import InputError
 from truearm.typing import FloatArray
-from truearm.verification.shapes.normalised_points import normalise_points, principal_axes
+from truearm.verification.shapes.normalised_points import frame_across, normalise_points
 from truearm.verification.shapes.orthogonal_regression import (
     Distances,
     Element,
-    Place,
     ShapeFit,
-    direction_sign,
     fitted,
     minimise,
     radial_distances,
     towards_positive,
 )
-from truearm.verification.shapes.starts import algebraic_centre, centres_around
+from truearm.verification.shapes.starts import round_starts
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,31 +72,7 @@ def fit_circle(points: npt.ArrayLike, *, std_mm: float | None = None) -> Circle:
         curvature is within their scatter.
     """
     normal = normalise_points(points, least=3, shape="circle")
-    spreads, axes = principal_axes(normal)
-    if spreads[1] - spreads[2] <= normal.nothing * spreads[0]:
-        what = "on a line" if spreads[1] <= normal.nothing * spreads[0] else "with equal spreads in two directions"
-        raise InputError(
-            f"expected points all round a circle, got points {what}: they determine no plane",
-            hint="measure more points all round the circle",
-        )
-    frame = axes * direction_sign(axes[:, 2])
-    plane = normal.points @ frame[:, :2]
-
-    def about(centre: FloatArray) -> Place:
-        return Place(frame[:, :2] @ centre, frame, np.sqrt(((plane - centre) ** 2).sum(axis=1)).mean(keepdims=True))
-
-    def starts() -> Iterator[Place]:
-        yield about(algebraic_centre(plane))
-        yield from map(about, centres_around(plane))
-
-    line = float((spreads[1:] ** 2).sum())
-    place = minimise(CIRCLE, normal, starts, flat=line, spread=float(spreads[1]))
+    spreads, axes = frame_across(normal, "all round a circle")
+    place = minimise(CIRCLE, normal, round_starts(normal.points @ axes[:, :2], axes), spreads[1:])
     fit = fitted(CIRCLE, normal, towards_positive(place), std_mm)
-    return Circle(
-        residuals=fit.residuals.reshape(2, -1).T,
-        std_mm=fit.std_mm,
-        covariance=fit.covariance,
-        centre=fit.origin,
-        normal=fit.axis,
-        radius_mm=float(fit.sizes[0]),
-    )
+    return Circle(*fit.scatter, centre=fit.origin, normal=fit.axis, radius_mm=float(fit.sizes[0]))

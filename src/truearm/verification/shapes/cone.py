@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,7 +21,7 @@ from truearm.verification.shapes.orthogonal_regression import (
     radial_distances,
     undetermined_error,
 )
-from truearm.verification.shapes.starts import best_axes, centres_across, frames_around, linear_solutions
+from truearm.verification.shapes.starts import best_places, centres_across, linear_solutions
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,12 +81,7 @@ def fit_cone(points: npt.ArrayLike, *, std_mm: float | None = None) -> Cone:
     """
     normal = normalise_points(points, least=6, shape="cone")
     spreads, axes = principal_axes(normal)
-
-    def starts() -> Iterator[Place]:
-        for frame, (x, y, *sizes) in zip(*best_axes(normal, frames_around(axes), _judged), strict=True):
-            yield Place(frame[:, :2] @ [x, y], frame, np.array(sizes))
-
-    place = minimise(CONE, normal, starts, flat=float(spreads[2] ** 2), spread=float(spreads[2]))
+    place = minimise(CONE, normal, best_places(normal, axes, _judged), spreads[2:])
     axis, (radius, angle) = place.frame[:, 2], place.sizes
     shift = -float(place.origin @ axis)
     side = 1.0 if angle > 0 else -1.0
@@ -105,14 +99,9 @@ def _with_apex(fit: Fitted) -> Cone:
     T[:3, :3], T[:3, 3:6] = np.eye(3), height * np.eye(3)
     T[:3, 6], T[:3, 7] = -fit.axis / np.tan(angle), fit.axis * radius / np.sin(angle) ** 2
     T[3:6, 3:6], T[6, 7] = np.eye(3), 1.0
-    return Cone(
-        residuals=fit.residuals,
-        std_mm=fit.std_mm,
-        covariance=T @ fit.covariance @ T.T,
-        apex=fit.origin + height * fit.axis,
-        axis=fit.axis,
-        half_angle_rad=float(angle),
-    )
+    residuals, std, covariance = fit.scatter
+    apex = fit.origin + height * fit.axis
+    return Cone(residuals, std, T @ covariance @ T.T, apex=apex, axis=fit.axis, half_angle_rad=float(angle))
 
 
 def _judged(local: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -123,4 +112,4 @@ def _judged(local: FloatArray) -> tuple[FloatArray, FloatArray]:
     radius, slope = linear_solutions(np.stack([one, z], axis=2), distances).T
     angle = np.arctan(slope)
     rest = (distances - radius[:, None] - slope[:, None] * z) * np.cos(angle)[:, None]
-    return (rest**2).mean(axis=1), np.column_stack([centres, radius, angle])
+    return (rest**2).mean(axis=1), np.column_stack([centres, 0 * angle, radius, angle])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,14 +12,13 @@ from truearm.verification.shapes.normalised_points import normalise_points, prin
 from truearm.verification.shapes.orthogonal_regression import (
     Distances,
     Element,
-    Place,
     ShapeFit,
     fitted,
     minimise,
     radial_distances,
     towards_positive,
 )
-from truearm.verification.shapes.starts import best_axes, centres_across, frames_around
+from truearm.verification.shapes.starts import best_places, centres_across
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,25 +76,13 @@ def fit_cylinder(points: npt.ArrayLike, *, std_mm: float | None = None) -> Cylin
     """
     normal = normalise_points(points, least=5, shape="cylinder")
     spreads, axes = principal_axes(normal)
-
-    def starts() -> Iterator[Place]:
-        for frame, (x, y, radius) in zip(*best_axes(normal, frames_around(axes), _judged), strict=True):
-            yield Place(frame[:, :2] @ [x, y], frame, np.array([radius]))
-
-    place = minimise(CYLINDER, normal, starts, flat=float(spreads[2] ** 2), spread=float(spreads[2]))
+    place = minimise(CYLINDER, normal, best_places(normal, axes, _judged), spreads[2:])
     axis = place.frame[:, 2]
     place = place._replace(origin=place.origin - (place.origin @ axis) * axis)
     fit = fitted(CYLINDER, normal, towards_positive(place), std_mm)
-    return Cylinder(
-        residuals=fit.residuals,
-        std_mm=fit.std_mm,
-        covariance=fit.covariance,
-        point=fit.origin,
-        axis=fit.axis,
-        radius_mm=float(fit.sizes[0]),
-    )
+    return Cylinder(*fit.scatter, point=fit.origin, axis=fit.axis, radius_mm=float(fit.sizes[0]))
 
 
 def _judged(local: FloatArray) -> tuple[FloatArray, FloatArray]:
     centres, distances = centres_across(local)
-    return distances.var(axis=1), np.column_stack([centres, distances.mean(axis=1)])
+    return distances.var(axis=1), np.column_stack([centres, np.zeros(len(local)), distances.mean(axis=1)])

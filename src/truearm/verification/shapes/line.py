@@ -80,10 +80,4 @@ def fit_line(points: npt.ArrayLike, *, std_mm: float | None = None) -> Line:
         )
     place = towards_positive(Place(np.zeros(3), axes[:, [1, 2, 0]], np.empty(0)))
     fit = fitted(LINE, normal, place, std_mm)
-    return Line(
-        residuals=fit.residuals.reshape(2, -1).T,
-        std_mm=fit.std_mm,
-        covariance=fit.covariance,
-        point=fit.origin,
-        direction=fit.axis,
-    )
+    return Line(*fit.scatter, point=fit.origin, direction=fit.axis)

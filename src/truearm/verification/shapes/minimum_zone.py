@@ -8,7 +8,6 @@ coordinate metrology", CIRP Ann. 53 (2004) 439, recalled). Form deviations of dr
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import get_args
 
@@ -20,9 +19,10 @@ from truearm.errors import InputError
 from truearm.typing import BoolArray, FloatArray
 from truearm.verification.shapes.circle import fit_circle
 from truearm.verification.shapes.cylinder import CYLINDER, fit_cylinder
-from truearm.verification.shapes.normalised_points import NormalisedPoints, normalise_points
+from truearm.verification.shapes.normalised_points import normalise_points
 from truearm.verification.shapes.orthogonal_regression import Element, Place, towards_positive
 from truearm.verification.shapes.plane import PLANE, fit_plane
+from truearm.verification.shapes.relations import located
 from truearm.verification.shapes.sphere import SPHERE, fit_sphere
 from truearm.verification.shapes.starts import frame_of
 
@@ -41,6 +41,7 @@ _ELEMENTS: dict[str, Element] = {
     "sphere": SPHERE,
     "cylinder": CYLINDER,
 }
+_FITS = {"plane": fit_plane, "circle": fit_circle, "sphere": fit_sphere, "cylinder": fit_cylinder}
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +101,13 @@ def minimum_zone(kind: ZoneKind, points: npt.ArrayLike) -> MinimumZone:
     if kind not in get_args(ZoneKind):
         raise InputError(f"expected a zone of {', '.join(get_args(ZoneKind))}, got {kind!r}")
     element, normal = _ELEMENTS[kind], normalise_points(points, least=3, shape=kind)
-    zones = [_narrowed(element, normal.points, start) for start in _starts(kind, normal)]
+    fit = _FITS[kind](normal.points, std_mm=1.0)
+    (at, direction), _ = located(fit)
+    sizes = np.array([getattr(fit, "radius_mm", ())]).ravel()
+    starts = [Place(at, frame_of(direction) if direction.any() else np.eye(3), sizes)]
+    if kind == "plane":
+        starts += [Place(at, frame_of(one), sizes) for one in _facets(normal.points)]
+    zones = [_narrowed(element, normal.points, start) for start in starts]
     place, half = min(zones, key=lambda zone: zone[1])
     axis = None if kind == "sphere" else towards_positive(place).frame[:, 2]
     distances = np.abs(element.linearised(normal.points, place).residuals)
@@ -112,22 +119,6 @@ def minimum_zone(kind: ZoneKind, points: npt.ArrayLike) -> MinimumZone:
         radius_mm=float(normal.scale * place.sizes[0]) if len(place.sizes) else None,
         touches=np.asarray(distances > half - TOUCHES * 2 * half - normal.rounding),
     )
-
-
-def _starts(kind: ZoneKind, normal: NormalisedPoints) -> Iterator[Place]:
-    """The least-squares shape and, of planes, those parallel to facets."""
-    if kind == "plane":
-        yield Place(np.zeros(3), frame_of(fit_plane(normal.points, std_mm=1.0).normal), np.empty(0))
-        yield from (Place(np.zeros(3), frame_of(one), np.empty(0)) for one in _facets(normal.points))
-    elif kind == "circle":
-        circle = fit_circle(normal.points, std_mm=1.0)
-        yield Place(circle.centre, frame_of(circle.normal), np.array([circle.radius_mm]))
-    elif kind == "sphere":
-        sphere = fit_sphere(normal.points, std_mm=1.0)
-        yield Place(sphere.centre, np.eye(3), np.array([sphere.radius_mm]))
-    else:
-        cylinder = fit_cylinder(normal.points, std_mm=1.0)
-        yield Place(cylinder.point, frame_of(cylinder.axis), np.array([cylinder.radius_mm]))
 
 
 def _facets(points: FloatArray) -> FloatArray:

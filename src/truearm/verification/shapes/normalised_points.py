@@ -72,6 +72,23 @@ def normalise_points(points: npt.ArrayLike, *, least: int, shape: str) -> Normal
     return NormalisedPoints(centred / spread, middle, scale, float(np.finfo(float).eps * largest / scale))
 
 
+def frame_across(normal: NormalisedPoints, where: str) -> tuple[FloatArray, FloatArray]:
+    """Return `principal_axes` of points that lie in a plane by and large, such as ``all round a circle``.
+
+    Raises
+    ------
+    InputError
+        If they lie on a line, or spread as far across every plane as along it.
+    """
+    spreads, axes = principal_axes(normal)
+    if spreads[1] - spreads[2] <= normal.nothing * spreads[0]:
+        what = "on a line" if spreads[1] <= normal.nothing * spreads[0] else "with equal spreads in two directions"
+        raise InputError(
+            f"expected points {where}, got points {what}: they determine no plane", hint=f"measure points {where}"
+        )
+    return spreads, axes
+
+
 def principal_axes(normal: NormalisedPoints) -> tuple[FloatArray, FloatArray]:
     """Return the spreads (3,) of the points, largest first, and the right-handed frame (3, 3) of their axes."""
     n = len(normal.points)

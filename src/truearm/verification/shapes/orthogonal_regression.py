@@ -145,10 +145,8 @@ class ShapeFit:
 def minimise(
     element: Element,
     normal: NormalisedPoints,
-    starts: Callable[[], Iterable[Place]],
-    *,
-    flat: float,
-    spread: float,
+    starts: Iterable[Place],
+    spreads: FloatArray,
 ) -> Place:
     """Minimise the sum of squared distances from several starts.
 
@@ -156,13 +154,12 @@ def minimise(
     ----------
     element : Element
     normal : NormalisedPoints
-    starts : callable
+    starts : iterable
         Near the minima, the most likely first; the others are tried only where residuals are large.
-    flat : float
-        Mean square distance from the flat shape that this one becomes as it grows without bound; of several minima
-        and this one the lowest is the best fit.
-    spread : float
-        The spread of the points that the shape must explain, in units of theirs.
+    spreads : (k,) array
+        Spreads of the points across the flat shape that this one becomes as it grows without bound, the largest first,
+        in units of theirs. The shape must explain the first; of several minima and the flat shape the lowest is the
+        best fit.
 
     Raises
     ------
@@ -171,7 +168,8 @@ def minimise(
         lowest point that was found is a saddle.
     """
     best, lowest = None, np.inf
-    for start in starts():
+    close, flat = (CLOSE * float(spreads[0])) ** 2, float(spreads @ spreads)
+    for start in starts:
         try:
             place, at = gauss_newton(element, normal.points, start)
         except (InputError, np.linalg.LinAlgError):
@@ -179,10 +177,9 @@ def minimise(
         square = float(at.residuals @ at.residuals) / len(normal.points)
         if square < lowest:
             best, lowest = place, square
-        if lowest <= (CLOSE * spread) ** 2:
+        if lowest <= close:
             break
-    is_close = lowest <= (CLOSE * spread) ** 2
-    if best is None or not (is_close or (lowest < flat and _is_minimum(element, normal.points, best))):
+    if best is None or not (lowest <= close or (lowest < flat and _is_minimum(element, normal.points, best))):
         raise undetermined_error(element.name)
     return best
 
@@ -263,19 +260,14 @@ class Fitted(NamedTuple):
         Origin and third axis of its frame.
     sizes : (k,) array
         [mm or rad]
-    residuals : (m,) array
-        [mm]
-    std_mm : float
-    covariance : (6 + k, 6 + k) array
-        Of origin, axis and sizes.
+    scatter : ((n,) or (n, 2) array, float, (6 + k, 6 + k) array)
+        Residuals [mm], `std_mm`, and covariance of origin, axis and sizes.
     """
 
     origin: FloatArray
     axis: FloatArray
     sizes: FloatArray
-    residuals: FloatArray
-    std_mm: float
-    covariance: FloatArray
+    scatter: tuple[FloatArray, float, FloatArray]
 
 
 def fitted(element: Element, normal: NormalisedPoints, place: Place, std_mm: float | None) -> Fitted:
@@ -304,14 +296,13 @@ def fitted(element: Element, normal: NormalisedPoints, place: Place, std_mm: flo
     to_parameters = np.zeros((6 + k, n + k))
     to_parameters[:6, :n] = by_moves[:, element.moves]
     to_parameters[6:, n:] = np.diag(units / normal.scale)
+    residuals = at.residuals if m == len(normal.points) else at.residuals.reshape(2, -1).T
     root = std * to_parameters @ np.linalg.inv(r)
     return Fitted(
         origin=normal.middle + normal.scale * place.origin,
         axis=place.frame[:, 2].copy(),
         sizes=units * place.sizes,
-        residuals=normal.scale * at.residuals,
-        std_mm=std,
-        covariance=root @ root.T,
+        scatter=(normal.scale * residuals, std, root @ root.T),
     )
 
 
@@ -348,9 +339,5 @@ def radial_distances(local: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def towards_positive(place: Place) -> Place:
     """Return the place with all axes reversed if the largest component of the third is negative."""
-    return place._replace(frame=place.frame * direction_sign(place.frame[:, 2]))
-
-
-def direction_sign(direction: FloatArray) -> float:
-    """Return the sign that makes the largest component of a direction (3,) positive."""
-    return 1.0 if direction[np.argmax(np.abs(direction))] > 0 else -1.0
+    axis = place.frame[:, 2]
+    return place if axis[np.argmax(np.abs(axis))] > 0 else place._replace(frame=-place.frame)

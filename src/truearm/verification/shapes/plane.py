@@ -7,16 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from truearm.errors import InputError
 from truearm.typing import FloatArray
-from truearm.verification.shapes.normalised_points import normalise_points, principal_axes
+from truearm.verification.shapes.normalised_points import frame_across, normalise_points
 from truearm.verification.shapes.orthogonal_regression import (
     Distances,
     Element,
     Place,
     ShapeFit,
-    direction_sign,
     fitted,
+    towards_positive,
 )
 
 
@@ -63,15 +62,6 @@ def fit_plane(points: npt.ArrayLike, *, std_mm: float | None = None) -> Plane:
     In closed form: the plane contains the points' mean and is normal to the axis along which they spread least.
     """
     normal = normalise_points(points, least=3, shape="plane")
-    spreads, axes = principal_axes(normal)
-    if spreads[1] - spreads[2] <= normal.nothing * spreads[0]:
-        what = "on a line" if spreads[1] <= normal.nothing * spreads[0] else "with equal spreads in two directions"
-        raise InputError(
-            f"expected points all over a plane, got points {what}: they determine no normal",
-            hint="measure points all over the plane",
-        )
-    frame = axes * direction_sign(axes[:, 2])
-    fit = fitted(PLANE, normal, Place(np.zeros(3), frame, np.empty(0)), std_mm)
-    return Plane(
-        residuals=fit.residuals, std_mm=fit.std_mm, covariance=fit.covariance, point=fit.origin, normal=fit.axis
-    )
+    _, axes = frame_across(normal, "all over a plane")
+    fit = fitted(PLANE, normal, towards_positive(Place(np.zeros(3), axes, np.empty(0))), std_mm)
+    return Plane(*fit.scatter, point=fit.origin, normal=fit.axis)

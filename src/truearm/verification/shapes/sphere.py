@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,12 +13,11 @@ from truearm.verification.shapes.normalised_points import normalise_points, prin
 from truearm.verification.shapes.orthogonal_regression import (
     Distances,
     Element,
-    Place,
     ShapeFit,
     fitted,
     minimise,
 )
-from truearm.verification.shapes.starts import algebraic_centre, centres_around
+from truearm.verification.shapes.starts import round_starts
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,21 +73,8 @@ def fit_sphere(points: npt.ArrayLike, *, std_mm: float | None = None) -> Sphere:
             "expected points all over a sphere, got points in one plane, which determine no radius",
             hint="add a point at the pole",
         )
-
-    def about(centre: FloatArray) -> Place:
-        return Place(centre, np.eye(3), np.sqrt(((normal.points - centre) ** 2).sum(axis=1)).mean(keepdims=True))
-
-    def starts() -> Iterator[Place]:
-        yield about(algebraic_centre(normal.points))
-        yield from map(about, centres_around(normal.points))
-
-    place = minimise(SPHERE, normal, starts, flat=float(spreads[2] ** 2), spread=float(spreads[2]))
+    place = minimise(SPHERE, normal, round_starts(normal.points, np.eye(3)), spreads[2:])
     fit = fitted(SPHERE, normal, place, std_mm)
-    own = np.r_[:3, 6]
-    return Sphere(
-        residuals=fit.residuals,
-        std_mm=fit.std_mm,
-        covariance=fit.covariance[np.ix_(own, own)],
-        centre=fit.origin,
-        radius_mm=float(fit.sizes[0]),
-    )
+    residuals, std, covariance = fit.scatter
+    own = np.ix_([0, 1, 2, 6], [0, 1, 2, 6])
+    return Sphere(residuals, std, covariance[own], centre=fit.origin, radius_mm=float(fit.sizes[0]))

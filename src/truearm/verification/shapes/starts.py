@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
 from truearm.typing import FloatArray, IntArray
 from truearm.verification.shapes.normalised_points import NormalisedPoints
-from truearm.verification.shapes.orthogonal_regression import cross
+from truearm.verification.shapes.orthogonal_regression import Place, cross
 
 # Of more points a start needs an even selection only.
 MOST_POINTS = 200
@@ -47,6 +47,17 @@ def centres_around(points: FloatArray) -> FloatArray:
     return np.asarray(centres[best, nearest[best]])
 
 
+def round_starts(points: FloatArray, frame: FloatArray) -> Iterator[Place]:
+    """Yield places of a circle or sphere about the centres of points (n, 2) or (n, 3) in a frame (3, 3)."""
+
+    def about(centre: FloatArray) -> Place:
+        radius = np.sqrt(((points - centre) ** 2).sum(axis=1)).mean(keepdims=True)
+        return Place(frame[:, : len(centre)] @ centre, frame, radius)
+
+    yield about(algebraic_centre(points))
+    yield from map(about, centres_around(points))
+
+
 def frames_around(axes: FloatArray) -> FloatArray:
     """Return frames (m, 3, 3) whose third axes point to all sides of a half space, and along `axes` (3, 3)."""
     return np.array([frame_of(up) for up in (*axes.T, *on_sphere(N_DIRECTIONS)[: N_DIRECTIONS // 2])])
@@ -59,17 +70,18 @@ def frame_of(up: FloatArray) -> FloatArray:
     return np.column_stack([first, cross(up, first), up])
 
 
-def best_axes(
-    normal: NormalisedPoints, frames: FloatArray, judge: Callable[[FloatArray], tuple[FloatArray, FloatArray]]
-) -> tuple[FloatArray, FloatArray]:
-    """Return the best of the frames (m, 3, 3) of each side, and what was found in them.
+def best_places(
+    normal: NormalisedPoints, axes: FloatArray, judge: Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+) -> Iterator[Place]:
+    """Yield places of a shape with its axis to the best of each side, the best first.
 
-    `judge` gives for points (m, n, 3) in the frames the mean square distances (m,) and parameters (m, p).
+    `judge` gives for points (m, n, 3) in frames the mean square distances (m,), and origins and sizes (m, 3 + k).
     """
+    frames = frames_around(axes)
     squares, found = judge(_selection(normal.points) @ frames)
     up = frames[:, :, 2]
-    best = lowest_of_neighbours(np.abs(up @ up.T), np.where(np.isfinite(squares), squares, np.inf))
-    return frames[best], found[best]
+    for i in lowest_of_neighbours(np.abs(up @ up.T), np.where(np.isfinite(squares), squares, np.inf)):
+        yield Place(frames[i] @ found[i, :3], frames[i], found[i, 3:])
 
 
 def lowest_of_neighbours(cosines: FloatArray, values: FloatArray) -> IntArray:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +13,6 @@ from truearm.verification.shapes.normalised_points import normalise_points, prin
 from truearm.verification.shapes.orthogonal_regression import (
     Distances,
     Element,
-    Place,
     ShapeFit,
     fitted,
     minimise,
@@ -21,7 +20,7 @@ from truearm.verification.shapes.orthogonal_regression import (
     towards_positive,
     undetermined_error,
 )
-from truearm.verification.shapes.starts import RADII, around, best_axes, centres_across, frames_around
+from truearm.verification.shapes.starts import RADII, around, best_places, centres_across
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,25 +85,13 @@ def fit_torus(points: npt.ArrayLike, *, std_mm: float | None = None) -> Torus:
     """
     normal = normalise_points(points, least=7, shape="torus")
     spreads, axes = principal_axes(normal)
-
-    def starts() -> Iterator[Place]:
-        for judge in (_judged, _judged_as_bend):
-            for frame, (x, y, z, *sizes) in zip(*best_axes(normal, frames_around(axes), judge), strict=True):
-                yield Place(frame @ [x, y, z], frame, np.array(sizes))
-
-    place = minimise(TORUS, normal, starts, flat=float(spreads[2] ** 2), spread=float(spreads[2]))
+    starts = chain.from_iterable(best_places(normal, axes, judge) for judge in (_judged, _judged_as_bend))
+    place = minimise(TORUS, normal, starts, spreads[2:])
     if place.sizes.min() <= 0:
         raise undetermined_error("torus")
     fit = fitted(TORUS, normal, towards_positive(place), std_mm)
-    return Torus(
-        residuals=fit.residuals,
-        std_mm=fit.std_mm,
-        covariance=fit.covariance,
-        centre=fit.origin,
-        axis=fit.axis,
-        major_radius_mm=float(fit.sizes[0]),
-        minor_radius_mm=float(fit.sizes[1]),
-    )
+    ring, tube = fit.sizes.tolist()
+    return Torus(*fit.scatter, centre=fit.origin, axis=fit.axis, major_radius_mm=ring, minor_radius_mm=tube)
 
 
 def _judged(local: FloatArray) -> tuple[FloatArray, FloatArray]:
