@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,16 @@ def test_docs_lists_every_page_of_the_guide(truearm):
     listed = {line.split()[0] for line in ran.out.splitlines()[1:]}
     assert listed == set(guide_pages())
     assert {"session-file", "arm-file", "glossary", "start/technician"} <= listed
+
+
+def test_the_table_of_the_guide_and_the_side_bar_have_every_page():
+    pages = {path.stem for path in (CHECKOUT / "docs").glob("*.md")} - {"api", "commands"}  # these two the build makes
+    entrances = {"index", "guide", "files", "reference"}
+    text = {name: (CHECKOUT / "docs" / f"{name}.md").read_text(encoding="utf-8") for name in entrances}
+    table = set(re.findall(r"\]\(([a-z0-9-]+)\.md", text["guide"]))
+    assert pages - entrances - table == {"changelog"}
+    trees = "\n".join(re.findall(r"```\{toctree\}\n(.*?)```", "\n".join(text.values()), flags=re.DOTALL))
+    assert pages - {"index"} <= set(trees.split())
 
 
 @pytest.mark.parametrize("topic", ["arm-file", "arm-file.md", "docs/arm-file.md"])
@@ -38,8 +49,6 @@ def test_a_page_is_rendered_for_the_browser():
 
 
 def test_every_page_that_a_message_names_is_in_the_guide():
-    import re
-
     import truearm
 
     house = Path(truearm.__file__).parent
