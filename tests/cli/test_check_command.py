@@ -343,7 +343,8 @@ def test_a_seat_misspelt_in_one_reading_is_named(truearm, folder):
 def test_the_page_has_the_charts_and_the_answer(folder):
     html = Path("arm.html").read_text()
     assert f"{ARM}: interim checks" in html
-    for phrase in ("seat cone, SPAT.2s", "drift since about check", "evidence of a change", "Temperature of the checks"):
+    said = ("seat cone, SPAT.2s", "drift since about check", "evidence of a change", "Temperature of the checks")
+    for phrase in said:
         assert phrase in html
     # Seven charts, the temperature, and four views of the points of this check.
     assert html.count('<div class="panel"') == 12
