@@ -345,7 +345,8 @@ class ReadCertificate(Record):
         yield from origin
         item = about.item
         yield f"{item.name} {item.maker} {item.model}, serial number {item.serial_number}"
-        yield f"issued on {about.issued} by {about.laboratory.name}; measured from {made.begin} to {made.end}"
+        days = " to ".join(dict.fromkeys((str(made.begin), str(made.end))))
+        yield f"issued on {about.issued} by {about.laboratory.name}; measured on {days}"
         yield from (one.text for one in made.statements if one.kind in ("reservation", "decision", "coordinates"))
 
     def _json(self) -> object:

@@ -323,6 +323,8 @@ def test_lists_that_do_not_belong_together_and_long_ones_are_refused():
     with pytest.raises(InputError, match="reads 10000 at most"):
         values(listed("1 " * (MOST_VALUES + 1), MM))
     assert values("<si:complex/>") == ()
+    with pytest.raises(InputError, match="expected one value or list, got 2"):
+        values(real(1, MM) + real(2, MM))
     assert values(f"<si:list>{real(1, MM)}{real(2, MM)}</si:list>")[1].value == 2
     interval = "<si:standardUnc>0.1</si:standardUnc><si:intervalMin>1</si:intervalMin>"
     assert values(real(1, MM, f"<si:coverageInterval>{interval}</si:coverageInterval>"))[0].u == Decimal("0.1")

@@ -137,9 +137,10 @@ def read_values(element: ET.Element) -> tuple[MeasuredValue, ...]:
             found = tuple(one for child in kind.iter(f"{SI}real") for one in _of_form(child))
             _check_count(len(found), name)
             return found
-        if values := _of_form(kind):
-            return values
-    return ()
+    forms = [values for kind in element if (values := _of_form(kind))]
+    if len(forms) > 1:
+        raise InputError(f"expected one value or list, got {len(forms)}")
+    return forms[0] if forms else ()
 
 
 def _of_form(element: ET.Element) -> tuple[MeasuredValue, ...]:
