@@ -220,6 +220,12 @@ def test_a_stylus_tip_larger_than_the_ball_is_refused(model, ball):
         ta.measure(model, ball, tip_diameter_mm=5000.0)
 
 
+@pytest.mark.parametrize("kind", ["plane", "cone"])
+def test_a_stylus_tip_that_would_change_nothing_is_refused(model, ball, kind):
+    with pytest.raises(InputError, match="distances of two faces of a block are larger by it"):
+        ta.measure(model, ball, kind, tip_diameter_mm=6.0)
+
+
 def test_two_balls_give_the_distance_of_their_centres(model, touch, virtual):
     middle, across = middle_of(virtual.nominal)
     parts = [

@@ -169,15 +169,21 @@ def measure_features(
     Raises
     ------
     InputError
-        If a feature has too few points, they do not determine it, or the stylus tip is larger than it.
+        If a feature has too few points, they do not determine it, or the stylus tip is larger than it or changes no
+        feature of that kind.
     """
     _check_groups(kind, groups)
+    sized = QUANTITIES[kind][:1] == ("diameter_mm",)
+    if tip_diameter_mm and not sized:
+        raise InputError(
+            f"a stylus tip changes spheres and bores only; of a {kind} all quantities are those of the tip's centre",
+            hint="leave the tip diameter out; distances of two faces of a block are larger by it, of a slot smaller",
+        )
     rows = list(groups.values())
     shapes = [_fit(kind, points[part]) for part in rows]
     roots = [covariance_factor(shape.covariance).T for shape in shapes]
     given = [shape.parameters for shape in shapes]
     measured = _values(kind, given, given, tip_diameter_mm)
-    sized = QUANTITIES[kind][:1] == ("diameter_mm",)
     if sized and (small := measured[:: len(QUANTITIES[kind])][: len(rows)] <= 0).any():
         name = list(groups)[int(small.argmax())]
         raise InputError(
