@@ -22,7 +22,12 @@ NOT_IN_PLAN = "recalled; not in the plan file"
 _DESIGNATION = re.compile(
     r"\b[A-Z]{2,}(?:[/ ][A-Z]{2,})*[ -][A-Z]?\d[\d.\-]*(?::\s?\d{4})?|\b(?:19|20)\d\d\b|\b[Pp]art \d+"
 )
-_PLACE = re.compile(r"\d|\b(?:annex|appendix|table|figure) [A-Z]\b", re.IGNORECASE)
+# A number of a clause alone or with points, or a word for a place with its number: not any number.
+_PLACE = re.compile(
+    r"\d\.\d|^\W*\d+\W*$|§ ?\d|\b(?:clause|section|paragraph|page|table|figure|equation|formula|annex|appendix|"
+    r"agreement|contract|order|offer|no)s?\W{0,2}(?:no\.? ?)?(?:\d|[A-Z]\b)",
+    re.IGNORECASE,
+)
 
 
 class PlanEntry(Document, Generic[V]):
