@@ -25,7 +25,7 @@ _DESIGNATION = re.compile(
 # A number of a clause alone or with points, or a word for a place with its number: not any number.
 _PLACE = re.compile(
     r"\d\.\d|^\W*\d+\W*$|§ ?\d|\b(?:clause|section|paragraph|page|table|figure|equation|formula|annex|appendix|"
-    r"agreement|contract|order|offer|no)s?\W{0,2}(?:no\.? ?)?(?:\d|[A-Z]\b)",
+    r"agreement|contract|order|offer|no)s?\W{0,4}(?:no\W{0,4})?(?:\d|[A-Z]\b)",
     re.IGNORECASE,
 )
 
