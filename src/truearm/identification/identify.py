@@ -61,6 +61,7 @@ from truearm.identification.judgement.gross_errors import (
 )
 from truearm.identification.judgement.held_out_errors import HeldOutErrors, predicted_by_refits
 from truearm.identification.judgement.joint_gains import gains_asked
+from truearm.identification.judgement.missing_terms import missing_terms, with_error_of, with_missing_terms
 from truearm.identification.judgement.nominal_check import (
     NominalCheck,
     check_nominal_arm,
@@ -271,8 +272,22 @@ def identify_offered(
     start = Start(_weights_without(readings, known))
     found = estimate_without_gross_errors(readings, terms, start, progress)
     if gains := gains_asked(found.fit, readings.state, readings.references, terms):
-        found = estimate_without_gross_errors(readings, [*terms, *gains], start, progress)
-    return _concluded(readings, found, tuple(excluded))
+        terms = [*terms, *gains]
+        found = estimate_without_gross_errors(readings, terms, start, progress)
+    return _concluded(readings, found, tuple(excluded), missing=_with_missing_terms(readings, found.fit, terms))
+
+
+def _with_missing_terms(
+    readings: PreparedReadings, fit: IdentificationResult, terms: Sequence[Term]
+) -> IdentificationResult | None:
+    """The arm with the terms that its model does not have; None where too few readings would show them."""
+    weights = np.ones(len(readings.session))
+    weights[excluded_readings(fit)] = 0.0
+    offered = [*terms, *missing_terms(readings.state, readings.free)]
+    if not readings.session.has_point.any():
+        offered = [term for term in offered if not places_the_frame(term)]
+    complete = _identify_terms(readings, offered, readings.references, weights=weights, start=fit)
+    return complete if complete.residual_freedom(readings.references) >= LEAST_FREEDOM else None
 
 
 def identify_physical(
@@ -422,14 +437,17 @@ def what_may_change(
     *,
     same_every_day: bool,
     complete: Callable[[IdentificationResult, ArmState, float], IdentificationResult] | None,
+    missing: IdentificationResult | None,
 ) -> IdentificationResult:
     """Add to the uncertainty what the readings do not show: other days, unlearned states, the reference's scale.
 
     `widened` is the factor by which the covariance was raised for few readings; `complete` adds states that no reading
-    had.
+    had; `missing` is the arm with the terms that the model does not have.
     """
     errors = scale_errors(readings.session, is_frame_free="base" in readings.free)
     scale = response_to_point_errors(fit, readings.state, errors)
+    if missing is not None:
+        fit = with_missing_terms(fit, missing)
     if widened != 1:
         fit = replace(fit, covariance=widened * fit.covariance)
     if not same_every_day:
@@ -447,6 +465,7 @@ def _concluded(
     *,
     same_every_day: bool = False,
     complete: Callable[[IdentificationResult, ArmState, float], IdentificationResult] | None = None,
+    missing: IdentificationResult | None = None,
 ) -> Identification:
     """What identified terms are worth: steps 4 and 5."""
     fit, held_out = found
@@ -455,18 +474,20 @@ def _concluded(
     if held_out.n_coordinates > 1 and any(part.kind == "distance" for part in readings.references):
         distances = _as_refitted(readings, fit, cross_validate(readings, fit, IN_LENGTH), IN_LENGTH)
     kept = _as_refitted(readings, fit, kept, compared_kinds(fit.references))
-    rest = unexplained(fit, kept, readings.session.angles)
+    wider = None if missing is None else with_missing_terms(fit, missing)
+    known = kept if wider is None else with_error_of(kept, fit, wider, readings.state)
+    rest = unexplained(missing or fit, known, readings.session.angles)
     used = np.ones(len(readings.session), dtype=bool)
     used[excluded_readings(fit)] = False
     function = growing_outside(
-        rest.variance_function, rest.residual_std_mm**2, fit, readings.state, readings.references, used
+        rest.variance_function, rest.residual_std_mm**2, fit, readings.state, readings.references, used, wider
     )
     rest = replace(rest, variance_function=function)
     birge = birge_ratio(fit.references, kept.rows, rest.residual_std_mm)
     # Few residuals determine the noise only roughly.
     widened = few_readings_factor(fit.residual_freedom(readings.references))
     return Identification(
-        what_may_change(readings, fit, widened, same_every_day=same_every_day, complete=complete),
+        what_may_change(readings, fit, widened, same_every_day=same_every_day, complete=complete, missing=missing),
         excluded,
         kept,
         held_out.select(is_excluded),

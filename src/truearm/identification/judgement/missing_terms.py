@@ -1,0 +1,98 @@
+"""What terms that a model does not have move the tip by: the spread of a kinematic model far from its readings.
+
+A model of constants treats what bearings, encoders and gravity do as noise about a mean. Near the readings that is
+right: constants take up the trend, and the rest scatters. Far from them the trend is another one. With the missing
+terms beside the constants, of the size that evidence gives them from the same readings, the arm has a posterior of mean
+m and covariance C. The constants alone, x, are then off by a mean square of ``C + (m - x) (m - x)^T``: the second
+moment about them (JCGM 100:2008, F.2.4.5, of an error that is known and not corrected).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from truearm.identification.estimation.identification_result import IdentificationResult
+from truearm.identification.estimation.perturbed_chain import PerturbedChain
+from truearm.identification.estimation.residual_variance import HeldOutReadings
+from truearm.identification.terms import ArmState, Constant, Term, candidate_terms
+from truearm.identification.terms.basis import Column, Direction, Temperature
+from truearm.identification.terms.catalogue import WOBBLE_ORDERS
+from truearm.typing import FloatArray, IntArray
+
+# Of a term by these the spread is stated elsewhere, or its input says nothing of a pose.
+NOT_OF_THE_POSE = (Constant, Temperature, Direction, Column)
+SUFFIX = ", not in this model"
+
+
+def missing_terms(state: ArmState, free: tuple[str, ...]) -> list[Term]:
+    """Terms of the catalogue that depend on the pose: eccentricities, wobble, gravity.
+
+    Slow ones: what repeats within some degrees scatters alike everywhere.
+    """
+    terms, _ = candidate_terms(state, free=free, highest=WOBBLE_ORDERS[-1])
+    return [
+        replace(term, group=term.group + SUFFIX)
+        for term in terms
+        if not isinstance(term.basis, NOT_OF_THE_POSE) and "interpolation" not in term.group
+    ]
+
+
+def with_missing_terms(fit: IdentificationResult, complete: IdentificationResult) -> IdentificationResult:
+    """The same points, with the mean square error that the missing terms give them.
+
+    Parameters
+    ----------
+    fit : IdentificationResult
+        Identified without these terms.
+    complete : IdentificationResult
+        With them, on the same nominal chain, from the same readings.
+    """
+    own = fit.perturbed_chain
+    added = [term for term in complete.perturbed_chain.terms if term not in set(own.terms)]
+    chain = PerturbedChain(own.chain, (*own.terms, *added))
+    at, of = _places(chain, complete.perturbed_chain)
+    n = chain.n_coefficients
+    x, mean, covariance, prior_std = np.zeros(n), np.zeros(n), np.zeros((n, n)), np.ones(n)
+    prior_std[at] = complete.prior_std[of]
+    prior_std[: len(fit.prior_std)] = fit.prior_std
+    x[: len(fit.coefficients)] = fit.coefficients
+    mean[at] = complete.coefficients[of]
+    covariance[np.ix_(at, at)] = complete.covariance[np.ix_(of, of)]
+    off = mean - x
+    own_groups = {term.group for term in added}
+    groups = (replace(group, effective=0.0) for group in complete.groups if group.name in own_groups)
+    return replace(
+        fit,
+        perturbed_chain=chain,
+        coefficients=x,
+        covariance=covariance + np.outer(off, off),
+        prior_std=prior_std,
+        groups=(*fit.groups, *groups),
+    )
+
+
+def with_error_of(
+    held_out: HeldOutReadings, fit: IdentificationResult, wider: IdentificationResult, state: ArmState
+) -> HeldOutReadings:
+    """Held-out points with the covariance that missing terms add to that of `fit`; other references as they are."""
+    if held_out.n_coordinates < 3:
+        return held_out
+    at = state.rows(held_out.rows)
+    added = wider.tip_covariance(at) - fit.tip_covariance(at)
+    return replace(held_out, covariance=held_out.covariance + _positive(added))
+
+
+def _positive(matrices: FloatArray) -> FloatArray:
+    """The nearest matrices (n, 3, 3) without negative eigenvalues."""
+    values, vectors = np.linalg.eigh(matrices)
+    return np.asarray(np.einsum("nij,nj,nkj->nik", vectors, np.maximum(values, 0.0), vectors))
+
+
+def _places(chain: PerturbedChain, other: PerturbedChain) -> tuple[IntArray, IntArray]:
+    """Coefficients of a chain that are also those of another, and the same there."""
+    where = dict(zip(chain.terms, chain.columns, strict=True))
+    pairs = [(where[term], columns) for term, columns in zip(other.terms, other.columns, strict=True)]
+    none = np.zeros(0, np.intp)
+    return np.concatenate([none, *(a for a, _ in pairs)]), np.concatenate([none, *(b for _, b in pairs)])

@@ -1,0 +1,74 @@
+"""The error that a model of constants makes by the terms that it does not have."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from truearm.arm import load_arm
+from truearm.compensation.models import KinematicModel
+from truearm.compensation.models.uncertainty import ELLIPSOID_FACTOR
+from truearm.identification.estimation.identification import identify
+from truearm.identification.judgement.missing_terms import SUFFIX, missing_terms, with_missing_terms
+from truearm.identification.planning.sampling.measuring import measuring_poses
+from truearm.identification.references.reading_references import references_of
+from truearm.identification.terms import ArmState, constants
+from truearm.identification.virtual import VirtualArm, load_preset
+from truearm.readings import Session
+
+ARM = load_arm("gao2017")
+
+
+@pytest.fixture(scope="module")
+def virtual():
+    return VirtualArm.draw(ARM, load_preset("shop"), seed=0)
+
+
+@pytest.fixture(scope="module")
+def model(virtual):
+    return KinematicModel(ARM).fit_readings(
+        virtual.measure(measuring_poses(ARM, 120, seed=1000).angles, seed=0).readings
+    )
+
+
+def test_points_are_those_of_the_constants_and_the_spread_holds_far_away(virtual, model):
+    """Poses drawn within the limits: 42 % of 300 readings' models before; here one arm of 120 readings."""
+    lower, upper = np.clip(ARM.limits.T, -np.pi, np.pi)
+    far = virtual.measure(np.random.default_rng(0).uniform(lower, upper, (200, ARM.n_joints)), seed=0)
+    points, covariance = model.predict_readings(far.readings, return_cov=True)
+    np.testing.assert_array_equal(points, model.fit_.chain.tip_in_base(far.readings.angles))
+    off = points - far.true_tips
+    squares = np.einsum("ni,nij,nj->n", off, np.linalg.inv(covariance), off)
+    assert (squares < ELLIPSOID_FACTOR**2).mean() > 0.92
+    assert np.sqrt(np.trace(covariance, axis1=1, axis2=2).mean() / (off**2).sum(axis=1).mean()) < 1.6
+
+
+def test_they_count_as_no_parameters(model):
+    groups = [group for group in model.fit_.groups if group.name.endswith(SUFFIX)]
+    assert groups
+    assert not any(group.effective for group in groups)
+    added = model.fit_.columns_of(lambda term: term.group.endswith(SUFFIX))
+    assert not model.fit_.coefficients[added].any()
+
+
+def test_the_second_moment_is_about_the_constants():
+    """By hand: covariance C of the complete arm plus the product of the difference of both means with itself."""
+    rng = np.random.default_rng(1)
+    angles = ARM.working + 0.8 * rng.uniform(-1, 1, (60, ARM.n_joints))
+    state = ArmState.of(ARM, angles)
+    points = ARM.chain.tip_in_base(angles) + 0.02 * rng.standard_normal((60, 3))
+    references = references_of(Session(angles, points, np.full((60, 3), 0.02)), None)
+    own = constants(ARM.chain)
+    fit = identify(ARM.chain, state, own, references)
+    complete = identify(ARM.chain, state, [*own, *missing_terms(state, ("base", "tip"))], references)
+    wider = with_missing_terms(fit, complete)
+    of = {
+        t: (complete.coefficients[c], complete.covariance.diagonal()[c])
+        for t, c in zip(complete.perturbed_chain.terms, complete.perturbed_chain.columns, strict=True)
+    }
+    before = dict(zip(fit.perturbed_chain.terms, fit.perturbed_chain.columns, strict=True))
+    for term, columns in zip(wider.perturbed_chain.terms, wider.perturbed_chain.columns, strict=True):
+        mean, variance = of.get(term, (0.0, 0.0))
+        x = fit.coefficients[before[term]] if term in before else 0.0
+        np.testing.assert_allclose(wider.covariance.diagonal()[columns], variance + (mean - x) ** 2, rtol=1e-9)
+    np.testing.assert_array_equal(wider.tips(state), fit.tips(state))
