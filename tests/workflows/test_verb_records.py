@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import pytest
 
@@ -10,6 +11,7 @@ import truearm as ta
 from confirmed_plan import confirmed
 from truearm.errors import InputError
 from truearm.verification.certificate.certificate import check_plan
+from truearm.verification.standards.coordinate_origin import ARM_SOFTWARE, CoordinateOrigin
 from truearm.workflows.record import Record
 
 
@@ -54,6 +56,22 @@ def test_simulated_points_never_decide_conformity(simulated):
     assert result.to_dict()["coordinates"]["from"] == "virtual arm"
     with pytest.raises(InputError, match=r"no certificate: the points are simulated: no arm was measured"):
         check_plan(result.verification)
+
+
+def test_points_with_the_serial_number_of_a_virtual_arm_never_decide_conformity(simulated):
+    arm = ta.VirtualArm.draw(ta.load_arm("measuring7"), "shop", seed=0)
+    measured = replace(simulated.points(0), serial_number=arm.serial_number, origin=CoordinateOrigin(ARM_SOFTWARE))
+    plan = confirmed(simulated.plan, max(one.date for one in simulated.artefacts.all))
+    of = {"artefacts": simulated.artefacts, "specification": simulated.specification}
+    result = ta.verify(measured, plan=plan, **of)
+    said = f"the serial number {arm.serial_number!r} of the points is that of a virtual arm: no arm was measured"
+    assert result.verdict.value == "not for conformity decisions"
+    assert str(result).startswith(f"Not for conformity decisions: {said.partition(': ')[0]}.")
+    with pytest.raises(InputError, match=rf"no certificate: {said}. Try: measure the arm"):
+        check_plan(result.verification)
+    assert "not confirmed" in (ta.verify(measured, **of).verification.gap or "")  # what the plan lacks comes first
+    real = ta.verify(replace(measured, serial_number="A-77"), plan=plan, **of)
+    assert real.verification.gap is None
 
 
 VERBS = ("plan", "simulate_verification", "verify", "operator_sheet", "task", "report", "check")

@@ -13,6 +13,7 @@ from truearm.errors import InputError
 from truearm.verification.certificate.administrative_data import AdministrativeData, xml_text
 from truearm.verification.certificate.statements import Statement, make_statements, traceability_gap
 from truearm.verification.standards.artefacts import Artefact
+from truearm.verification.standards.coordinate_origin import NO_ARM
 from truearm.verification.standards.decision import COVERAGE_PROBABILITY, Budget, ConformityResult, Verdict
 from truearm.verification.standards.verification import Verification
 from truearm.verification.standards.verification_plan import PLANS, is_confirmed, load_verification_plan
@@ -293,7 +294,7 @@ def check_plan(verification: Verification) -> None:
     gap = verification.gap
     if gap is None:
         return
-    if verification.measured.origin.is_virtual:
+    if gap.endswith(NO_ARM):
         raise InputError(f"no certificate: {gap}", hint="measure the arm")
     name = verification.plan.name
     file = f"truearm verify --print-plan {name} > my-plan.toml" if name in PLANS else "your plan file"

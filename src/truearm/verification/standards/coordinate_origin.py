@@ -21,6 +21,9 @@ from truearm.typing import BoolArray, IntArray, NameArray
 FROM, MODEL, MODEL_SHA256, OUTSIDE = "coordinates_from", "model", "model_sha256", "outside_training"
 ORIGIN_COLUMNS = (FROM, MODEL, MODEL_SHA256, OUTSIDE)
 ARM_SOFTWARE, VIRTUAL_ARM, PROGRAM = "arm software", "virtual arm", "truearm"
+# With it begin the serial numbers of virtual arms that have none of their own, see `VirtualArm.serial_number`.
+VIRTUAL_SERIAL = "virtual-"
+NO_ARM = "no arm was measured"
 # Runs of lines that a message lists.
 _MOST_RUNS = 6
 
@@ -73,7 +76,7 @@ class CoordinateOrigin:
                 "readings are outside the range that the model was trained on."
             )
         if self.is_virtual:
-            return "Coordinates: simulated by a virtual arm; no arm was measured."
+            return f"Coordinates: simulated by a virtual arm; {NO_ARM}."
         if self.source:
             return "Coordinates: from the software of the arm, without a model of truearm."
         return "Coordinates: the points do not state where they come from."

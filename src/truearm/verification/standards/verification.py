@@ -9,6 +9,7 @@ from math import isnan
 
 from truearm.errors import InputError
 from truearm.verification.standards.artefacts import Artefact, Artefacts, CalibratedBar, CalibratedSphere
+from truearm.verification.standards.coordinate_origin import NO_ARM, VIRTUAL_SERIAL
 from truearm.verification.standards.decision import (
     SIMPLE_RATIO,
     ConformityResult,
@@ -93,8 +94,11 @@ class Verification:
     def gap(self) -> str | None:
         """What is missing before the results count as results after the standard; None if nothing."""
         if self.measured.origin.is_virtual:
-            return "the points are simulated: no arm was measured"
-        return self.plan.confirmation_gap(self.measured.tests, self.rule)
+            return f"the points are simulated: {NO_ARM}"
+        gap = self.plan.confirmation_gap(self.measured.tests, self.rule)
+        if gap is None and (number := self.measured.serial_number).startswith(VIRTUAL_SERIAL):
+            return f"the serial number {number!r} of the points is that of a virtual arm: {NO_ARM}"
+        return gap
 
     @property
     def conclusion(self) -> Verdict:
