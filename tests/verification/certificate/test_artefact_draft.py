@@ -184,6 +184,47 @@ def test_a_table_of_a_temperature_sensor_is_read_and_has_no_artefact():
         draft_artefact(made)
 
 
+def test_a_radius_is_not_taken_for_the_diameter():
+    form = diameter("0.0002", name="Form deviation")
+    for more in ((), (form,)):
+        radius = sphere_with(diameter("12.5002", name="Radius"), *more)
+        for chosen in ({}, {"diameter": "radius"}):
+            with pytest.raises(
+                InputError, match=r"'Results / Radius' in .*, a radius: the diameter and its unc"
+            ) as told:
+                draft(radius, **chosen)
+            assert "enter diameter or lengths in mm in the empty file" in told.value.hint
+    both = draft(sphere_with(diameter("12.5002", name="Radius"), diameter()))
+    assert entries(both, "spheres")["diameter_mm"] == 25.0004
+    assert any(one.startswith("Not used: 'Results / Radius' in ") for one in both.remarks)
+    named = result(text(en="Radius"), diameter("12.5002", name="Measured value"))
+    with pytest.raises(InputError, match="a radius"):
+        draft(dcc("3.3.0", named))
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "said"),
+    [
+        (
+            "Deviation of length from nominal",
+            UM,
+            r"'Results / Deviation .* in \\micro\\metre, a deviation, whose nominal",
+        ),
+        ("Diameter", r"\inch", r"none in units of length: 'Results / Diameter' in \\inch, which is no unit of length"),
+        (
+            "Temperature deviation",
+            DEGC,
+            r"none in .*: 'Results / Temp.* in \\degreecelsius, which is no unit of length",
+        ),
+        ("Nominal diameter", MM, r"no diameter and no length: 'Results / Nominal diameter' in .*, a nominal value"),
+    ],
+)
+def test_a_certificate_without_a_size_names_its_results_with_units_and_reasons(name, unit, said):
+    with pytest.raises(InputError, match=said) as told:
+        draft(sphere_with(diameter("0.03", name=name, unit=unit)))
+    assert "choose" not in told.value.hint
+
+
 # What is open is asked -----------------------------------------------------------------------------------------------
 
 TWO = sphere_with(diameter(name="Diameter, equator"), diameter("25.0007", name="Diameter, mean"))

@@ -7,7 +7,7 @@ languages. Where they do not say it, or more than one fits, the person is asked.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 
@@ -31,7 +31,17 @@ _KINDS = {
 _ROLES = {
     "diameter": "diam|durchmesser",
     "length": r"(?<!wave)length|(?<!wellen)l(ä|ae)nge|distan[cz]|abstand|longueur|longitud|lunghezza|spacing",
+    "radius": r"radius|radii|halbmesser|\brayon|\bradio\b|raggio",
 }
+# Kinds that are no size of an artefact, in words.
+_WHY_NOT = {
+    "uncertainty": "an uncertainty",
+    "limit": "a limit",
+    "nominal": "a nominal value",
+    "deviation": "a deviation, whose nominal value does not stand beside it",
+    "radius": "a radius: the diameter and its uncertainty are twice as large",
+}
+_NO_LENGTH, _NONE = "which is no unit of length of the D-SI", "none in units of length"
 _BAR = "bar|stab|plate|platte|block|endma|cale|step gauge|length|l(ä|ae)nge"
 _SPHERE = "sphere|ball|kugel|sphère|bille|esfera"
 _REFERENCE = (
@@ -120,6 +130,8 @@ def draft_artefact(
     """
     chosen = chosen or {}
     sizes = tuple(size for table in certificate.results for size in _sizes(table))
+    untaken = _not_taken(certificate, sizes)
+    _check_some_size(sizes, untaken, chosen)
     kind, used, assumed = _choose(certificate, sizes, chosen)
     forms = _meant("form", sizes, chosen) if "form" in chosen else [one for one in sizes if one.role == "form"]
     values = _known(certificate)
@@ -141,9 +153,10 @@ def draft_artefact(
         at = f"L / (1 + expansion_per_K * ({away if len(references) == 1 else 'T'} - 20))"
         held = ", ".join(f"{one.name}: {one.mm:f} mm" for one in used)
         assumed.append(f"The lengths hold at {away} degC, not at 20 degC; enter {at} for {held}.")
-    beside = [one for one in sizes if one not in used and one not in forms]
+    beside = [f"{one.name}, {one.mm:f} mm" for one in sizes if one not in used and one not in forms]
+    beside += [one for one in untaken.values() if one.endswith(_WHY_NOT["radius"])]
     if beside:
-        assumed.append(f"Not used: {'; '.join(f'{one.name}, {one.mm:f} mm' for one in beside[:20])}.")
+        assumed.append(f"Not used: {'; '.join(beside[:20])}.")
     lines = list(_table_lines(f"{kind}s", values))
     text = "\n".join([*(f"# {line}" for line in (*header, *assumed)), "", *lines, ""])
     filled = tuple(key for line in lines if (key := line.partition(" = ")[0]) in values)
@@ -156,14 +169,14 @@ _NOT = "not in the certificate: "
 
 def _sizes(table: ResultTable) -> Iterator[StatedSize]:
     """The sizes of a table: values in metres, or deviations from nominal ones beside them."""
-    columns = [(column, _kind(column)) for column in table.columns if _in_mm(column) is not None]
+    columns = [(column, _kind(table, column)) for column in table.columns if _in_mm(column) is not None]
     nominal = next((_in_mm(column) for column, kind in columns if kind == "nominal"), None)
     absolute = any(kind is None for _, kind in columns)
     labels = next((column.texts for column in table.columns if column.texts), ())
     for column, kind in columns:
         values = _in_mm(column)
         assert values is not None
-        if kind in ("uncertainty", "limit", "nominal") or (kind == "deviation" and (absolute or nominal is None)):
+        if kind in _WHY_NOT and not (kind == "deviation" and nominal is not None and not absolute):
             continue
         role = "form" if kind == "form" else _role(table, column)
         beside = nominal if nominal is not None and len(nominal) == len(values) else [None] * len(values)
@@ -204,9 +217,9 @@ def _found(patterns: Mapping[str, str], words: str) -> str | None:
     return next((name for name, pattern in patterns.items() if re.search(pattern, words)), None)
 
 
-def _kind(column: Column) -> str | None:
-    """Whether a column is an uncertainty, a limit, a form deviation, a deviation or nominal; None: a measured value."""
-    return _found(_KINDS, column.heading.words)
+def _kind(table: ResultTable, column: Column) -> str | None:
+    """Whether a column is an uncertainty, a limit, a form deviation, a deviation, nominal or a radius; None: a size."""
+    return _found(_KINDS, column.heading.words) or ("radius" if _role(table, column) == "radius" else None)
 
 
 def _role(table: ResultTable, column: Column) -> str | None:
@@ -264,10 +277,41 @@ def _meant(role: str, sizes: Iterable[StatedSize], chosen: Mapping[str, str]) ->
 
 
 def _asked(problem: str, sizes: list[StatedSize], role: str | None = None) -> InputError:
-    listed = "; ".join(f"{one.name!r}, {one.mm:f} mm" for one in sizes[:20]) or "none in units of length"
+    listed = "; ".join(f"{one.name!r}, {one.mm:f} mm" for one in sizes[:20])
     role = role or next((one.role for one in sizes if one.role), "diameter")
-    name = sizes[0].name if sizes else "NAME"
-    return InputError(f"{problem}; its results are {listed}", hint=f"choose one: --result '{role}={name}'")
+    return InputError(f"{problem}; its results are {listed}", hint=f"choose one: --result '{role}={sizes[0].name}'")
+
+
+def _check_some_size(sizes: Sequence[StatedSize], untaken: Mapping[str, str], chosen: Mapping[str, str]) -> None:
+    """Refuse a certificate without a diameter or a length, or the choice of a result that is none."""
+    names = [f" / {name}".casefold() for name in chosen.values()]
+    meant = [text for path, text in untaken.items() if f" / {path}".casefold().endswith(tuple(names))]
+    if sizes and not meant and ("diameter" in chosen or "length" in chosen or any(one.role != "form" for one in sizes)):
+        return
+    listed = "; ".join([*(meant or untaken.values())][:20])
+    what = "no diameter and no length" if any(_NO_LENGTH not in one for one in untaken.values()) else _NONE
+    problem = (
+        "not taken"
+        if meant
+        else f"the certificate does not say which result is the diameter or the length; its results are {what}"
+    )
+    raise InputError(
+        f"{problem}: {listed}" if listed else problem,
+        hint="enter diameter or lengths in mm in the empty file that truearm verify --template artefacts prints",
+    )
+
+
+def _not_taken(certificate: CalibrationCertificate, sizes: Iterable[StatedSize]) -> dict[str, str]:
+    """The results that are no size of an artefact, by their names: each with its unit and the reason."""
+    taken = {one.path for one in sizes}
+    said = {}
+    for table in certificate.results:
+        for column in table.columns:
+            path = table.path(column)
+            if column.values and path not in taken:
+                kind = None if _in_mm(column) is None else _kind(table, column)
+                said[path] = f"{path!r} in {column.values[0].unit}, {_WHY_NOT.get(kind or '', _NO_LENGTH)}"
+    return said
 
 
 def _known(certificate: CalibrationCertificate) -> dict[str, tuple[str, str]]:
