@@ -33,6 +33,15 @@ def contradictions(made):
     return [one.problem.removeprefix("the certificate contradicts itself: ") for one in refused.value.faults]
 
 
+def test_days_that_do_not_follow_each_other_are_named():
+    day = WHOLE.about.issued
+    later = WHOLE.end.replace(year=day.year + 1)
+    (said,) = contradictions(replace(WHOLE, end=later))
+    assert said == f"issued on {day}, before the last points were measured on {later}"
+    (said,) = contradictions(replace(WHOLE, begin=day.replace(year=day.year + 1)))
+    assert said == f"measured from {day.year + 1}-{day:%m-%d} to {WHOLE.end}"
+
+
 def with_result(made, number, **changes):
     """The certificate with changes to a test value's quantity or to its conformity."""
     results = list(made.results)

@@ -51,7 +51,7 @@ def check_consistency(certificate: Certificate) -> None:
 
     Recomputed are the conformity of each value from value, U, limit and decision rule; the decision from those of all
     values, with its sentence; test values from the individual results, of which they are the worst; U and k from the
-    budget, and its sum; and whether traceability is shown of all artefacts.
+    budget, and its sum; and whether traceability is shown of all artefacts. Days follow each other.
 
     Raises
     ------
@@ -60,6 +60,7 @@ def check_consistency(certificate: Certificate) -> None:
     """
     found = FaultCollector()
     for problem in (
+        *_days(certificate),
         *_verdicts(certificate),
         *_decision(certificate),
         *_individual(certificate),
@@ -70,6 +71,13 @@ def check_consistency(certificate: Certificate) -> None:
         with found.collect():
             raise InputError(f"the certificate contradicts itself: {problem}", hint=_REMEDY)
     found.raise_any()
+
+
+def _days(certificate: Certificate) -> Iterator[str]:
+    if certificate.end < certificate.begin:
+        yield f"measured from {certificate.begin} to {certificate.end}"
+    if certificate.issued < certificate.end:
+        yield f"issued on {certificate.issued}, before the last points were measured on {certificate.end}"
 
 
 def _verdicts(certificate: Certificate) -> Iterator[str]:
