@@ -151,6 +151,9 @@ def test_an_arm_is_certified_as_found_and_as_left(truearm, bench, snapshot):
     assert (ran.code, "no adjustment or repair is stated. Try: add the table [adjustment]" in ran.err) == (2, True)
     assert snapshot(bench) == there
     Path("about.toml").write_text(f'{ABOUT}\n[adjustment]\nkind = "adjustment"\nwork = "a model of truearm"\n')
+    Path("copies.csv").write_text(Path("points.csv").read_text().replace("2026-11-03", "2026-11-02"))
+    ran = truearm(*ALL, "--as-found", "copies.csv")
+    assert (ran.code, ran.err.startswith("truearm: copies.csv, line 2: points as found: test 'probing'")) == (2, True)
     ran = truearm(*ALL, "--as-found", "before.csv")
     assert (ran.code, ran.err) == (0, "")
     made = read_dcc("certificate.xml")

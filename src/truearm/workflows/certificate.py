@@ -22,6 +22,7 @@ from truearm.verification.certificate.certificate import (
     check_about,
     check_artefacts,
     check_as_found,
+    check_no_copies,
     check_plan,
     check_uncertainties,
     make_certificate,
@@ -265,6 +266,8 @@ def certificate(
             for one in both:
                 check_about(stated, one)
             check_as_found(stated, verification.verification, before)
+    with found.collect():
+        check_no_copies(verification.verification, before)
     if not unconfirmed:
         with found.collect():
             for one in both:

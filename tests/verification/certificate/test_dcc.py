@@ -500,6 +500,12 @@ def test_results_as_found_need_an_adjustment_after_them():
         InputError, match="as found were measured on 2026-11-03, after the first points as left on 2026-"
     ):
         certificate(made=earlier, as_found=outcome())
+    after = outcome()
+    with pytest.raises(
+        InputError,
+        match=r"^points.csv, line 2: points as found: .* has the same coordinates as test .* as left: a copy",
+    ):
+        certificate(made=after, as_found=replace(before, measured=after.measured))
 
 
 def test_temperatures_are_said_to_be_means():

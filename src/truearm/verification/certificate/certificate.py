@@ -15,6 +15,7 @@ from truearm.verification.certificate.statements import Statement, make_statemen
 from truearm.verification.standards.artefacts import Artefact
 from truearm.verification.standards.coordinate_origin import NO_ARM
 from truearm.verification.standards.decision import COVERAGE_PROBABILITY, Budget, ConformityResult, Verdict
+from truearm.verification.standards.measured_points import MeasuredPoints, PointGroup
 from truearm.verification.standards.verification import Verification
 from truearm.verification.standards.verification_plan import PLANS, is_confirmed, load_verification_plan
 from truearm.verification.standards.verification_text import RULE_STANDARDS, describe_rule
@@ -205,6 +206,7 @@ def make_certificate(
         check_uncertainties(one)
         check_about(about, one)
     check_as_found(about, verification, as_found)
+    check_no_copies(verification, as_found)
     days = [group.date for group in verification.groups]
     degC = verification.temperatures
     stated = gap is None
@@ -281,6 +283,38 @@ def check_as_found(about: AdministrativeData, verification: Verification, as_fou
             f"points as found were measured on {last}, after the first points as left on {first}",
             hint="exchange the two files of points, or correct their dates",
         )
+
+
+def check_no_copies(verification: Verification, as_found: Verification | None) -> None:
+    """Check that no measurement as found has the coordinates of one as left: noise does not repeat.
+
+    Raises
+    ------
+    InputError
+        If one has.
+    """
+    if as_found is None or as_found.measured.file is None:  # points that a program calculated are not checked
+        return
+    left = {coordinates: where for coordinates, (_, where) in _measurements(verification.measured).items()}
+    for coordinates, (group, where) in _measurements(as_found.measured).items():
+        if coordinates in left:
+            raise as_found.measured.error(
+                f"points as found: {where} has the same coordinates as {left[coordinates]} as left: a copy",
+                group,
+                hint="give the points that were measured before the work",
+            )
+
+
+def _measurements(measured: MeasuredPoints) -> dict[bytes, tuple[PointGroup, str]]:
+    """The measurements of all tests by their coordinates, both ends of a length together."""
+    found: dict[tuple[str, str, str], list[PointGroup]] = {}
+    for test, groups in measured.tests.items():
+        for group in groups:
+            found.setdefault((test, group.artefact, group.where), []).append(group)
+    return {
+        b" ".join((one.points + 0.0).tobytes() for one in groups): (groups[0], f"test {test!r}, {where}")
+        for (test, _, where), groups in found.items()
+    }
 
 
 def check_plan(verification: Verification) -> None:
