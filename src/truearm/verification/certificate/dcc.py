@@ -53,7 +53,8 @@ def checked_dcc(certificate: Certificate, signer: Signer | None = None) -> bytes
     content = dcc(certificate) if signer is None else sign_xml(dcc(certificate), signer)
     read = parse_dcc_file(content)
     if read.signature is not None and read.signature.answer != GOOD:
-        raise InputError(read.signature.reason, hint="sign with a certificate that is valid on the day of issue")
+        hint = "sign with a certificate for signatures (key usage digitalSignature) that is valid on the day of issue"
+        raise InputError(read.signature.reason, hint=hint)
     if read.certificate != certificate:
         raise TruearmError("the certificate read back differs from the one written; please report this as a bug")
     return content
