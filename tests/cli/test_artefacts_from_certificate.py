@@ -101,7 +101,7 @@ def test_a_certificate_that_an_institute_signed_is_read_with_its_signer_and_time
     Path("signed.xml").write_bytes(advanced(late, key, content=SPHERE.encode()))
     read = truearm("certificate", "--read", "signed.xml")
     assert read.code == 3
-    assert "signed it on 2026-03-01; the certificate or its chain is valid from 2027-01-01" in read.out
+    assert "signed it on 2026-03-01; its signer's certificate is valid from 2027-01-01" in read.out
     drafted = truearm("verify", "--artefacts-from", "signed.xml", "--trusted", "ca.pem")
     assert (drafted.code, "not verifiable here" in drafted.err) == (2, True)
 

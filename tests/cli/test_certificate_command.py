@@ -381,6 +381,17 @@ def test_the_certificate_of_the_signer_was_valid_on_the_day_of_issue(truearm, be
     assert snapshot(bench) == there
 
 
+def test_a_certificate_that_is_not_for_signatures_signs_nothing(truearm, bench, key, snapshot):
+    from made_up_signers import certified, curve_key, usage, write
+
+    wrong = curve_key()
+    write(bench, "wrong", wrong, certified(wrong, extensions=(usage(key_agreement=True),)))
+    there = snapshot(bench)
+    ran = truearm(*ALL, "--sign", "wrong.key", "--signer", "wrong.pem")
+    assert (ran.code, "is not for signatures" in ran.err, "key usage digitalSignature" in ran.err) == (2, True, True)
+    assert snapshot(bench) == there
+
+
 def test_limits_that_nothing_was_tested_for_are_named(truearm, bench):
     Path("my-plan.toml").write_text(confirm(plan_text("iso10360-12").partition("[articulation")[0]))
     made = Made().iso()

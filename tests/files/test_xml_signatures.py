@@ -326,9 +326,9 @@ def test_the_time_of_a_signature_is_read(lab, time):
     [
         (
             {"time": "2024-12-31T23:59:59Z"},
-            "signed it on 2024-12-31; the certificate or its chain is valid from 2025-01-01",
+            "signed it on 2024-12-31; its signer's certificate is valid from 2025-01-01 to 2028-01-01",
         ),
-        ({"time": "2028-01-01T00:00:01Z"}, "signed it on 2028-01-01"),
+        ({"time": "2028-01-01T00:00:01Z"}, "signed it on 2028-01-01; its certificate was not valid at that hour"),
         ({"time": "now\nThe signature is good"}, r"can read ('now\nThe signature is good')"),
         ({"time": "yesterday"}, "no time of signature that truearm can read ('yesterday')"),
         (
@@ -401,10 +401,32 @@ def test_the_chain_is_valid_when_it_was_signed(tmp_path):
     assert (signature.valid_from.year, signature.valid_until.year) == (2025, 2026)
     assert "by a chain to CN=Example CA, which you trust" in signature.describe()
     with pytest.raises(
-        UnverifiedSignature, match="signed it on 2026-06-01; the certificate or its chain is valid from"
+        UnverifiedSignature,
+        match="signed it on 2026-06-01; the certificate of the authority CN=Example CA is valid from 2025-.* to 2026-",
     ):
         verified_content(advanced(certificate, key, time="2026-06-01T00:00:00Z"), trusted=tmp_path / "ca.pem")
     undated = sign_xml(CONTENT, Signer(certificate, key))
     _, signature = verified_content(undated, trusted=tmp_path / "ca.pem")
     assert signature.covers(datetime.date(2025, 6, 1))
     assert not signature.covers(datetime.date(2026, 6, 1))
+    said = "the certificate of the authority CN=Example CA is valid from 2025-01-01 to 2026-01-01"
+    assert signature.describe_periods(datetime.date(2026, 6, 1)) == said
+    before = "its signer's certificate is valid from 2024-01-01 to 2030-01-01; "
+    assert signature.describe_periods(datetime.date(2031, 1, 1)) == signature.describe_periods(None) == before + said
+
+
+def test_the_chain_of_the_signer_stands_in_the_file(tmp_path):
+    above = authority()
+    between = authority("Between", by=above)
+    key = curve_key()
+    write(tmp_path, "ca", *above)
+    write(tmp_path, "between", *between)
+    write(tmp_path, "lab", key, certified(key, by=between))
+    alone = read_signer(tmp_path / "lab.key", tmp_path / "lab.pem")
+    with pytest.raises(UnverifiedSignature, match="has no chain to one"):
+        verified_content(sign_xml(CONTENT, alone), trusted=tmp_path / "ca.pem")
+    with (tmp_path / "lab.pem").open("ab") as pem:
+        pem.write((tmp_path / "between.pem").read_bytes())
+    whole = read_signer(tmp_path / "lab.key", tmp_path / "lab.pem")
+    _, signature = verified_content(sign_xml(CONTENT, whole), trusted=tmp_path / "ca.pem")
+    assert (signature.answer, signature.authority, len(signature.periods)) == (GOOD, "CN=Example CA", 3)

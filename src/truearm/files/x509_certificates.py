@@ -37,6 +37,12 @@ _KNOWN_EXTENSIONS = (
 class Signer:
     """A private key with its certificate, in memory only; `read_signer` reads both.
 
+    Attributes
+    ----------
+    certificate, key : objects of cryptography
+    chain : sequence of objects of cryptography
+        Certificates of the authorities between the signer and one that readers trust, which a signed file brings along.
+
     Examples
     --------
     >>> import truearm as ta
@@ -46,6 +52,7 @@ class Signer:
 
     certificate: Any
     key: Any = field(repr=False)
+    chain: Sequence[Any] = field(default=(), repr=False)
 
 
 def read_signer(key: str | Path, certificate: str | Path, *, password: str | None = None) -> Signer:
@@ -55,7 +62,7 @@ def read_signer(key: str | Path, certificate: str | Path, *, password: str | Non
     ----------
     key, certificate : path
         PEM files: a key for RSA (2048 bits or more) or an elliptic curve (256 bits or more), and the X.509 certificate
-        of that key.
+        of that key, first or alone; others of the file are those of the chain above it.
     password : str, optional
         Of an encrypted key.
 
@@ -86,12 +93,12 @@ def read_signer(key: str | Path, certificate: str | Path, *, password: str | Non
         raise InputError(wrong if password else "expected a private key (PEM)", file=key) from None
     if weakness := weak_key(private):
         raise InputError(weakness, file=key, hint=f"make {_GOOD_KEYS}")
-    known = read_certificates(certificate)[0]
+    known, *chain = read_certificates(certificate)
     if known.public_key() != private.public_key():
         raise InputError(
             "the certificate does not belong to the key", file=certificate, hint=f"give the certificate of {key}"
         )
-    return Signer(known, private)
+    return Signer(known, private, tuple(chain))
 
 
 def is_encrypted(key: str | Path) -> bool:

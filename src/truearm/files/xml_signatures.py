@@ -87,6 +87,8 @@ class Signature:
         Subject of the trusted certificate at the end of the chain; empty if the signer's own is trusted or none is.
     signed_at : datetime or None
         When it was made, as the signer states it (XAdES); None if the signature states no time.
+    periods : tuple of (str, date, date)
+        Subject, first and last day of each certificate of the chain, the signer's first.
     """
 
     answer: str
@@ -99,6 +101,7 @@ class Signature:
     trusted: bool = False
     authority: str = ""
     signed_at: datetime.datetime | None = None
+    periods: tuple[tuple[str, datetime.date, datetime.date], ...] = ()
 
     def covers(self, day: datetime.date | None) -> bool:
         """Whether the signer's certificate was valid: when it signed, as was checked, else on the day of issue."""
@@ -107,6 +110,18 @@ class Signature:
         if day is None or self.valid_from is None or self.valid_until is None:
             return False
         return self.valid_from <= day <= self.valid_until
+
+    def describe_periods(self, day: datetime.date | None) -> str:
+        """Describe when the certificates were valid that were not on a day; all of them if the day is not known."""
+        whose = (
+            "its signer's certificate",
+            *(f"the certificate of the authority {one}" for one, *_ in self.periods[1:]),
+        )
+        return "; ".join(
+            f"{certificate} is valid from {first} to {last}"
+            for certificate, (_, first, last) in zip(whose, self.periods, strict=False)
+            if day is None or not first <= day <= last
+        )
 
     def describe(self) -> str:
         """Describe in a sentence whether it is good, who made it, and when."""
@@ -141,7 +156,9 @@ def sign_xml(content: bytes, signer: Signer) -> bytes:
     methods = signxml.SignatureMethod
     method = methods.ECDSA_SHA256 if is_elliptic(signer.key) else methods.RSA_SHA256
     root = parse_signed(_plain_xml(content).encode()).getroot()
-    signed = signxml.XMLSigner(signature_algorithm=method).sign(root, key=signer.key, cert=[signer.certificate])
+    signed = signxml.XMLSigner(signature_algorithm=method).sign(
+        root, key=signer.key, cert=[signer.certificate, *signer.chain]
+    )
     written: bytes = etree.tostring(signed, encoding="utf-8", xml_declaration=True)
     return written + b"\n"
 
@@ -327,13 +344,7 @@ def _judged(
         raise UnverifiedSignature(f"the certificate of {name} is not for signatures, or cannot be read")
     begin = max(one.not_valid_before_utc for one in chain)
     end = min(one.not_valid_after_utc for one in chain)
-    if signed_at is not None and not begin <= signed_at <= end:
-        raise UnverifiedSignature(
-            f"{name} signed it on {signed_at.date()}; the certificate or its chain is valid from {begin.date()} to "
-            f"{end.date()}",
-            hint="ask the signer for a signature with a certificate that is valid on its day",
-        )
-    return Signature(
+    made = Signature(
         answer=GOOD,
         signer=name,
         issuer=issuer,
@@ -343,7 +354,17 @@ def _judged(
         trusted=bool(chains),
         authority=_one_line(last.subject) if len(chain) > 1 else "",
         signed_at=signed_at,
+        periods=tuple(
+            (_one_line(one.subject), one.not_valid_before_utc.date(), one.not_valid_after_utc.date()) for one in chain
+        ),
     )
+    if signed_at is not None and not begin <= signed_at <= end:
+        day = signed_at.astimezone(datetime.UTC).date()
+        raise UnverifiedSignature(
+            f"{name} signed it on {day}; {made.describe_periods(day) or 'its certificate was not valid at that hour'}",
+            hint="ask the signer for a signature with a certificate that is valid on its day",
+        )
+    return made
 
 
 def _only(element: Any, tag: str) -> Any:

@@ -149,10 +149,7 @@ def parse_dcc_file(content: bytes, *, trusted: str | Path | None = None) -> Cert
     day = certificate.issued or certificate.end  # the day of issue is optional in a DCC
     if signature is not None and signature.answer == GOOD and not signature.covers(day):
         stated = f"was issued on {day}" if day is not None else "states neither a day of issue nor of measurement"
-        problem = (
-            f"the certificate {stated}; its signer's certificate is valid from "
-            f"{signature.valid_from} to {signature.valid_until}"
-        )
+        problem = f"the certificate {stated}; {signature.describe_periods(day)}"
         if trusted is not None:
             hint = "ask the laboratory for a certificate with a valid signature"
             raise UnverifiedSignature(f"the signature is {NOT_VERIFIABLE}: {problem}", hint=hint)
