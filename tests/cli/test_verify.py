@@ -835,7 +835,12 @@ def test_the_serial_number_of_an_artefact_is_compared_with_the_points(truearm, b
     assert truearm(*options()).code == 0  # points without the column
     plain = Path("points.csv").read_text()
     with_serials(lambda row: "B-7" if ",bar," in row else "S-1")
-    assert truearm(*options()).code == 0
+    ran = truearm(*options())
+    assert (ran.code, "was not compared" in ran.out) == (0, False)
+    Path("artefacts.toml").write_text(artefacts)  # none of the ball
+    said = "he serial number 'S-1' that the points state of 'ball' was not compared: the file of artefacts states none"
+    assert truearm(*options()).out.count(said) == 1
+    Path("artefacts.toml").write_text(artefacts.replace('name = "ball"\n', 'name = "ball"\nserial_number = "S-1"\n'))
     for number, named in (("B-8", ""), ("S-1", ", that of 'ball'")):
         Path("points.csv").write_text(plain)
         with_serials(lambda row, number=number: number if ",bar," in row else "S-1")

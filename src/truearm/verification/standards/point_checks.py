@@ -226,6 +226,12 @@ class PointChecks:
             artefact.check_valid(group.date)
         except InputError as error:
             raise self.measured.error(error.problem, group, hint=error.hint) from None
+        if group.serial_number and artefact.serial_number is None:
+            said = (
+                f"the serial number {group.serial_number!r} that the points state of {artefact.name!r} was not "
+                "compared: the file of artefacts states none"
+            )
+            self.remarks.extend([said] if said not in self.remarks else [])
         if group.serial_number and artefact.serial_number not in (None, group.serial_number):
             others = [one.name for one in self.artefacts.all if one.serial_number == group.serial_number]
             raise self.measured.error(
