@@ -19,7 +19,10 @@ ERROR_KEYS = {
     *("mean_mm", "rms_mm", "p95_mm", "max_mm", "mean_abs_coordinate_mm", "max_abs_coordinate_mm"),
     *("removed_percent", "n"),
 }
-EVALUATION_KEYS = ERROR_KEYS | {"summary", "nominal", "coverage", "coverage_99", "n_refit", "outliers", "remarks"}
+EVALUATION_KEYS = ERROR_KEYS | {
+    *("summary", "nominal", "coverage", "coverage_99", "repeatability_coverage", "conditions", "n_refit"),
+    *("outliers", "remarks"),
+}
 FIT_KEYS = {
     *("summary", "model", "arm", "file", "fit_seconds", "n_readings", "n_poses", "held_out", "training"),
     *("comparison", "outliers", "length_outliers", "frame_changes", "held_out_distances", "remarks", "accepted"),

@@ -257,9 +257,8 @@ class Evaluation(Record):
         """The model's errors by their names, and those of the nominal arm under ``nominal``."""
         errors = {**self.errors["model"], "nominal": self.errors.get("nominal")}
         others = self._named("coverage", "coverage_99", "conditions", "n_refit", "outliers", "remarks")
-        if self.repeatability_budget is not None:
-            others["repeatability_coverage"] = self.repeatability_budget.coverage
-        return {"summary": self.summary(), **errors, **others}
+        same = self.repeatability_budget
+        return {"summary": self.summary(), **errors, **others, "repeatability_coverage": same and same.coverage}
 
     def figure(self) -> Figure | None:
         """Distribution of the distances from the reference points."""
