@@ -10,6 +10,7 @@ from truearm import __version__
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file, check_new_form
 from truearm.files.xml_signatures import Signature
+from truearm.solve.threads import one_blas_thread
 from truearm.verification.certificate.artefact_draft import ArtefactDraft, draft_artefact
 from truearm.verification.certificate.calibration_certificate import CalibrationCertificate
 from truearm.verification.certificate.dcc_reader import read_dcc_file
@@ -78,6 +79,7 @@ class ArtefactsFromCertificate(Record):
         }
 
 
+@one_blas_thread()
 def artefacts_from_certificate(
     path: str | Path, *, results: Mapping[str, str] | None = None, trusted: str | Path | None = None
 ) -> ArtefactsFromCertificate:

@@ -182,8 +182,8 @@ class AdministrativeData(Document):
     Examples
     --------
     >>> import truearm as ta
-    >>> sorted(ta.AdministrativeData.model_fields)[:2]
-    ['conditions', 'customer']
+    >>> list(ta.AdministrativeData.model_fields)[:2]
+    ['number', 'issued']
     """
 
     number: Text
