@@ -248,7 +248,7 @@ def test_the_page_has_every_constant(planted):
 def test_a_constant_that_nothing_moves_is_nominal():
     """An arm from seats has the frame of its first joint: its base is held, with no uncertainty of the rounding.
 
-    A wobble of that joint, which the model does not have, moves the base of the nearest rigid arm, but not along the axis.
+    A wobble of that joint, which the model does not have, moves the base of the nearest rigid arm, but not along it.
     """
     session = ta.simulate("gao2017", strategy="seat", seats=4, poses=60, preset="shop", seed=1).session
     model = ta.KinematicModel(ta.load_arm("gao2017")).fit_readings(ta.Session(session.angles, seat=session.seat))
