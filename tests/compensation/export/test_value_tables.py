@@ -70,7 +70,7 @@ def test_variances_of_joints_are_piecewise_linear_in_the_angle(rng):
 
 def test_few_coefficients_keep_all_directions_exactly():
     session = ta.simulate("ur10", poses=40, preset="shop", seed=3).session
-    model = ta.fit("ur10", session, model="kinematic").model
+    model = ta.fit("ur10", session, model="nominal").model
     plain = plain_model(model)
     layout = ValueTables.of(plain).layout
     found = reduced.reduced_covariance(plain, layout)
