@@ -81,9 +81,12 @@ def test_intervals_of_two_points_hold_what_they_say(identified, length):
     ids=["length of 40 points", "ball", "plate lying", "plate facing"],
 )
 def test_errors_of_many_points_are_no_larger_than_stated(identified, feature, least):
-    """95 % less one standard deviation of 200 measurements, as above: with all noise averaged it was 68 to 85 %."""
+    """95 % less two standard deviations of 200 measurements, as above: with all noise averaged it was 68 to 85 %.
+
+    U is what 95 % of the errors do not exceed, and no longer the farther end of an interval, which held more.
+    """
     _, within, times = shares(identified, feature, 150)
-    assert within > 0.93
+    assert within > 0.95 - 2 * np.hypot(0.015, 0.018)
     assert least < times < 1.25
 
 
