@@ -152,7 +152,7 @@ def test_a_task_takes_a_preset_a_specification_or_a_model(simulated, model_and_s
     ("call", "said"),
     [
         (lambda: ta.task("ur10", "length", 300), "got the arm 'ur10'"),
-        (lambda: ta.task("shop", "cone", 300), "expected a feature out of"),
+        (lambda: ta.task("shop", "torus", 300), "expected a feature out of"),
         (lambda: ta.task("shop", "sphere", 25, along=(0, 0, 1)), "does not apply to a sphere"),
         (lambda: ta.plan("gao2017", "tracker", volume=(1, 2, 3)), "five numbers"),
         (lambda: ta.reproduce("gao2018"), "there is no paper"),
