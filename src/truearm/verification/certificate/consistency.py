@@ -5,7 +5,7 @@ Written values are rounded. A statement contradicts the numbers only if no value
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from decimal import Decimal
 from itertools import product
 from math import inf, isinf
@@ -14,7 +14,6 @@ import numpy as np
 from scipy.special import stdtrit
 
 from truearm.errors import FaultCollector, InputError
-from truearm.typing import FloatArray
 from truearm.verification.certificate.certificate import (
     COMBINED,
     CONFORMITIES,
@@ -30,20 +29,15 @@ from truearm.verification.certificate.certificate import (
     overall_conformity,
 )
 from truearm.verification.certificate.statements import NOT_SHOWN
+from truearm.verification.standards.asme_b89_4_22 import DEVIATION_STATISTICS
 from truearm.verification.standards.decision import COVERAGE_PROBABILITY, DecisionRule, Verdict, decide
 from truearm.verification.standards.verification_text import RULE_STANDARDS
 
 _REMEDY = "do not use this certificate; ask the laboratory that issued it"
 _DOF = np.arange(1.0, 2000.0)
 _LARGEST = "Volumetric.Max"
-# What ASME B89.4.22 computes from all deviations of length, see `asme_b89_4_22.volumetric`; the rounding of each
-# deviation moves it by at most this many times as much.
-_OF_DEVIATIONS: dict[str, tuple[Callable[[FloatArray], float], float]] = {
-    "Volumetric.2s": (lambda all_: 2 * float(all_.std(ddof=1)), 3.0),
-    "Volumetric.2RMS": (lambda all_: 2 * float(np.sqrt((all_**2).mean())), 2.0),
-    "Volumetric, range": (lambda all_: float(np.ptp(all_)), 2.0),
-    "Volumetric, mean": (lambda all_: float(all_.mean()), 1.0),
-}
+# By how many times its size the rounding of each deviation moves what ASME B89.4.22 computes from all of them.
+_OF_DEVIATIONS = {"Volumetric.2s": 3.0, "Volumetric.2RMS": 2.0, "Volumetric, range": 2.0, "Volumetric, mean": 1.0}
 
 
 def check_consistency(certificate: Certificate) -> None:
@@ -153,9 +147,9 @@ def _individual(certificate: Certificate) -> Iterator[str]:
         elif limit is not None and parts[0] not in again and (worse := _worse(quantity, own)) is not None:
             yield f"{quantity.name} is {quantity.value}, but the individual result {worse.name!r} is {worse.value}"
         if quantity.name in _OF_DEVIATIONS and len(lists.get(_LARGEST, [])) == 1:
-            compute, times = _OF_DEVIATIONS[quantity.name]
+            compute, times = DEVIATION_STATISTICS.get(quantity.name, np.mean), _OF_DEVIATIONS[quantity.name]
             deviations = lists[_LARGEST][0].quantities
-            value = compute(np.array([float(one.value) for one in deviations]))
+            value = float(compute(np.array([float(one.value) for one in deviations])))
             rounding = times * max(_half_digit(one.value) for one in deviations) + _half_digit(quantity.value)
             if abs(value - float(quantity.value)) > rounding:
                 yield f"{quantity.name} is {value:.5f} mm by the individual results; it states {quantity.value} mm"

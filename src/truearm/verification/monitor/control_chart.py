@@ -3,7 +3,7 @@
 Each value is compared with those before it, as in charts for start-up processes (D. M. Hawkins, The Statistician 36
 (1987) 299; C. P. Quesenberry, J. Quality Technology 23 (1991) 213): limits from the few values that there are, which
 grow narrower with each. Consecutive values may correlate. Two rules watch them (`serial_correlation`): limits
-(Shewhart's chart of individuals, ISO 7870-2) see a large change at once; the evidence for a step sees a small or slow
+(Shewhart's chart of individuals, ISO 7870-2) see a large change at once; the evidence for a change sees a small or slow
 one. Formulae marked M are those of D. C. Montgomery, "Introduction to Statistical Quality Control", chapter 6.
 Standards and books were not available: they are cited from memory.
 """
@@ -60,7 +60,7 @@ The limits together have this rate, and the evidence together once more, however
 """
 
 ODDS = 75.0
-"""The evidence for a step that the rate of false alarms permits a single one-sided chart.
+"""The evidence for a change that the rate of false alarms permits a single one-sided chart.
 
 1/370 would permit 370, as a bound for every correlation (see `serial_correlation`). By simulation 75 gives that rate
 with correlations of 0.3 to 0.7, and a smaller one with less.
@@ -117,7 +117,7 @@ class ControlChart:
     beyond : (n,) int array
         1 where the value is above its limits, -1 below, else 0.
     evidence : (n,) array
-        Decimal logarithm of the evidence for a step up to each value; -inf with too few values.
+        Decimal logarithm of the evidence for a change up to each value; -inf with too few values.
     signal_index : int or None
         The first value at which the evidence showed a change.
     change_index : int or None
