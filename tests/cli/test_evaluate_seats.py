@@ -17,7 +17,10 @@ POINT_KEYS = {
     *("mean_mm", "rms_mm", "p95_mm", "max_mm", "mean_abs_coordinate_mm", "max_abs_coordinate_mm"),
     *("removed_percent", "n"),
 }
-EVERY_KEY = {"summary", "nominal", "coverage", "coverage_99", "conditions", "n_refit", "outliers", "remarks"}
+EVERY_KEY = {
+    *("summary", "nominal", "coverage", "coverage_99", "repeatability_coverage", "conditions", "n_refit"),
+    *("outliers", "remarks"),
+}
 SEAT_KEYS = {"seat_mean_mm", "seat_rms_mm", "seat_max_mm", "n_in_seats", "seats"}
 SEATS = np.array([""] * 4 + ["A"] * 5 + ["B"] * 3)
 LENGTHS = "seat_a,seat_b,length_mm,u_mm\nA,B,{},0.05\n"
