@@ -16,6 +16,7 @@ _HOMES = {
     "truearm.compensation.models.model_file": ("load_model",),
     "truearm.errors": ("InputError",),
     "truearm.files.x509_certificates": ("Signer", "read_signer"),
+    "truearm.fleet.fleet": ("Fleet", "FleetRun", "FleetStatus"),
     "truearm.identification.terms": ("Expression", "Term"),
     "truearm.identification.virtual": ("VirtualArm",),
     "truearm.readings": ("Lengths", "Session", "read_lengths", "read_session"),

@@ -14,6 +14,9 @@ from truearm.compensation.models.model_file import load_model as load_model
 from truearm.errors import InputError as InputError
 from truearm.files.x509_certificates import Signer as Signer
 from truearm.files.x509_certificates import read_signer as read_signer
+from truearm.fleet.fleet import Fleet as Fleet
+from truearm.fleet.fleet import FleetRun as FleetRun
+from truearm.fleet.fleet import FleetStatus as FleetStatus
 from truearm.identification.terms import Expression as Expression
 from truearm.identification.terms import Term as Term
 from truearm.identification.virtual import VirtualArm as VirtualArm

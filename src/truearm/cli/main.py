@@ -44,6 +44,7 @@ VERBS: tuple[tuple[str, str], ...] = (
     ("task", "task"),
     ("check", "check"),
     ("certificate", "certificate"),
+    ("fleet", "fleet"),
     ("reproduce", "reproduce"),
     ("docs", "docs"),
 )
@@ -73,7 +74,7 @@ def _about(
 
 
 def make_app(word: str = "") -> typer.Typer:
-    """The command line with its commands; a command is the function with the name of its module.
+    """The command line with its commands; a command is the function or the group with the name of its module.
 
     Where the first word of the arguments is a command, with that one alone: twenty parsers take a tenth of a second.
     """
@@ -86,8 +87,11 @@ def make_app(word: str = "") -> typer.Typer:
     )
     app.callback()(_about)
     for verb, module in [named for named in VERBS if named[0] == word] or VERBS:
-        function = getattr(importlib.import_module(f"truearm.cli.{module}"), module)
-        app.command(verb)(function)
+        command = getattr(importlib.import_module(f"truearm.cli.{module}"), module)
+        if isinstance(command, typer.Typer):
+            app.add_typer(command, name=verb)
+        else:
+            app.command(verb)(command)
     return app
 
 

@@ -29,14 +29,18 @@ def render(page: Page) -> str:
     # Right after the first scenes, which can then be turned before the browser has read the rest.
     script_after = next((section for section in page.sections if section.scenes), None)
     script = "" if script_after is None else scene_script()
+    filtered = any(table.filtered for section in page.sections for table in section.tables)
+    filter_script = _package_text("table_filter.mjs") if filtered else ""
     has_cards = any(section.cards for section in page.sections)
     sheets = ["page.css", *(["scene.css"] if script else []), *(["cards.css"] if has_cards else [])]
+    sheets += ["table_filter.css"] if filtered else []
     html = _template().render(
         page=page,
         style=Markup(style_rules() + "".join(map(_package_text, sheets))),  # noqa: S704, our own files
         script=Markup(script),  # noqa: S704, our own file
         script_after=script_after,
-        script_hash=script_hash() if script else "",
+        filter_script=Markup(filter_script),  # noqa: S704, our own file
+        script_hashes=Markup(" ".join(f"'{script_hash(one)}'" for one in (script, filter_script) if one)),  # noqa: S704
     )
     # HTML permits neither NUL nor half a surrogate pair, and a name may contain them.
     return html.replace("\x00", "\ufffd").encode("utf-8", "replace").decode("utf-8")

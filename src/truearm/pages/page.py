@@ -24,6 +24,7 @@ class FormattedCell:
     text: str
     whole: str = ""
     fraction: str = ""
+    page: str = ""  # a page beside this one, to which the cell links
 
     @property
     def is_number(self) -> bool:
@@ -115,7 +116,8 @@ class Table:
 
     A `RoundedNumber` is shown to the decimal of its uncertainty, whatever the digits of its column are. Columns without
     any heading have no head. A `fillable` table has room to write by hand. `states` gives rows a colour and a sign, one
-    state a row. A `folded` table shows its caption only, until a reader opens it; on paper it is open.
+    state a row. A `folded` table shows its caption only, until a reader opens it; on paper it is open. Of a `filtered`
+    table those rows are shown that have the words which a reader types, the first `SHOWN_ROWS` of them.
     """
 
     columns: tuple[Column, ...]
@@ -124,6 +126,7 @@ class Table:
     fillable: bool = False
     states: tuple[State, ...] = ()
     folded: bool = False
+    filtered: bool = False
 
     def __post_init__(self) -> None:
         for number, row in enumerate(self.rows, start=1):

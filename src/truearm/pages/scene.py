@@ -293,9 +293,9 @@ def scene_script() -> str:
 
 
 @cache
-def script_hash() -> str:
-    """The hash of the script, as a content security policy names it."""
-    return f"sha256-{base64.b64encode(hashlib.sha256(scene_script().encode()).digest()).decode()}"
+def script_hash(script: str) -> str:
+    """The hash of a script, as a content security policy names it."""
+    return f"sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}"
 
 
 def thinned(values: Sequence[FloatArray], most: int = MOST_POINTS) -> IntArray:

@@ -1,0 +1,128 @@
+"""``truearm fleet``: many arms, their readings, models and states."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from typer import Argument, Option, Typer
+
+from truearm.choices import ModelName
+from truearm.cli.console import print_line, print_record, progress
+from truearm.cli.options import ARM_HELP, Json
+
+Folder = Annotated[Path, Argument(metavar="FOLDER", help="Folder of the fleet.")]
+
+fleet = Typer(rich_markup_mode=None, help="Many arms: registry, fits on one or many machines, states at a glance.")
+
+
+@fleet.command()
+def init(
+    folder: Folder,
+    database: Annotated[
+        str, Option(help="Database of the registry, as a URL; relative files of SQLite are in the folder.")
+    ] = "sqlite:///registry.sqlite",
+) -> None:
+    """Make the folder of a fleet and the tables of its registry.
+
+    By default the registry is a file in the folder. PostgreSQL: postgresql+psycopg://USER@HOST/NAME, with the password
+    in ~/.pgpass or PGPASSWORD.
+    """
+    from truearm.fleet.fleet import Fleet
+
+    with progress(f"making {folder}"):
+        Fleet.create(folder, database=database).close()
+    print_line(f"{folder}: fleet without arms. Next: truearm fleet add {folder} SERIAL ARM --session FILE")
+
+
+@fleet.command()
+def add(
+    folder: Folder,
+    serial_number: Annotated[str | None, Argument(metavar="[SERIAL]", help="Serial number of the arm.")] = None,
+    arm: Annotated[str | None, Argument(metavar="[ARM]", help=ARM_HELP)] = None,
+    session: Annotated[Path | None, Option(help="File of its readings; the last one added is fitted.")] = None,
+    site: Annotated[str, Option(help="Where the arm is.")] = "",
+    model: Annotated[ModelName, Option(help="Kind of model.")] = "auto",
+    every_days: Annotated[int | None, Option(help="Days after which readings are due again.")] = None,
+    arms: Annotated[
+        Path | None,
+        Option("--list", help="Table of many: columns serial_number, arm, and session, site, model, every_days."),
+    ] = None,
+) -> None:
+    """Add an arm, or new readings of one; with --list all arms of a table, or none of them.
+
+    Files stay where they are. In a list their names are relative to its folder.
+    """
+    from truearm.errors import InputError
+    from truearm.fleet.arm_list import read_arm_list
+    from truearm.fleet.fleet import Fleet
+
+    if (arms is None) == (serial_number is None or arm is None):
+        raise InputError("expected one arm (SERIAL ARM) or --list TABLE")
+    opened = Fleet(folder)
+    if arms is not None:
+        with progress(f"adding arms of {arms.name}"):
+            n = opened.add_all(read_arm_list(arms), beside=arms.absolute().parent)
+    else:
+        assert serial_number is not None
+        assert arm is not None
+        n = opened.add(serial_number, arm, session=session, site=site, model=model, every_days=every_days)
+    opened.close()
+    print_line(f"{n} new in the registry. Next: truearm fleet run {folder}" if n else "Nothing is new.")
+
+
+@fleet.command()
+def run(
+    folder: Folder,
+    workers: Annotated[
+        int | None, Option(min=1, help="Processes of this machine; without it, one arm at a time.")
+    ] = None,
+    scheduler: Annotated[str | None, Option(metavar="ADDRESS", help="Dask cluster: address of its scheduler.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Fit every arm whose readings, drawing or kind of model changed.
+
+    What is fitted already is not fitted again, so that an interrupted run goes on with the same command. One arm's
+    failure stops no other; a failed or worse fit replaces no model in force. Results are the same whoever computes.
+    """
+    from truearm.errors import InputError
+    from truearm.fleet.executors import Dask, Executor, Processes, Serial
+    from truearm.fleet.fleet import Fleet
+
+    if workers is not None and scheduler is not None:
+        raise InputError("expected --workers or --scheduler, got both")
+    executor: Executor = Serial()
+    if scheduler is not None:
+        executor = Dask(scheduler)
+    elif workers is not None:
+        executor = Processes(workers)
+    opened = Fleet(folder)
+    with progress(f"fitting {folder.name}", total=opened.n_to_fit()) as update:
+        result = opened.run(executor, progress=update)
+    opened.close()
+    print_record(result, as_json=as_json)
+
+
+@fleet.command()
+def status(folder: Folder, as_json: Json = False) -> None:
+    """Print the state of every arm: those first that failed, are due, or are worse than others of their type."""
+    from truearm.fleet.fleet import Fleet
+
+    opened = Fleet(folder)
+    print_record(opened.status(), as_json=as_json)
+    opened.close()
+
+
+@fleet.command()
+def report(
+    folder: Folder,
+    out: Annotated[Path, Option(help="Page to write, .html; pages of the arms stand in a folder beside it.")],
+) -> None:
+    """Write the overview of all arms as a page that is filtered as you type, and a page of each arm."""
+    from truearm.fleet.fleet import Fleet
+
+    opened = Fleet(folder)
+    with progress(f"writing {out.name}", total=opened.n_arms) as update:
+        n = opened.write_pages(out, progress=update)
+    opened.close()
+    print_line(f"page written to {out}, with {n} pages of arms beside it")

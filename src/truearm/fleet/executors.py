@@ -1,0 +1,171 @@
+"""Who computes many tasks: this process, several processes, or a Dask cluster.
+
+All three give the same results, in the order in which they are ready. What a task raises passes through to the caller,
+so a task that may fail returns its failure. A worker that is killed costs the task that it had, not the run.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from multiprocessing import get_context
+from typing import Any, Protocol, TypeVar
+
+from truearm.errors import TruearmError
+
+T = TypeVar("T")
+R = TypeVar("R")
+
+# Workers that one task may lose before it is given up.
+MAX_LOST = 3
+
+
+@dataclass(frozen=True)
+class WorkerLost:
+    """A task without a result: its workers were killed, `MAX_LOST` times."""
+
+    reason: str
+
+
+class Executor(Protocol):
+    """Computes tasks."""
+
+    def results(self, function: Callable[[T], R], tasks: Sequence[T]) -> Iterator[tuple[int, R | WorkerLost]]:
+        """Compute ``function(task)`` for each task.
+
+        Parameters
+        ----------
+        function : callable
+            Of a module, and so are its tasks: other processes import them by name.
+        tasks : sequence
+
+        Yields
+        ------
+        tuple of int and object
+            The number of a task, counted from 0, with its result; each once, as they become ready.
+        """
+        ...
+
+
+class Serial:
+    """One task after the other, in this process."""
+
+    def results(self, function: Callable[[T], R], tasks: Sequence[T]) -> Iterator[tuple[int, R | WorkerLost]]:
+        """See `Executor.results`."""
+        for i, task in enumerate(tasks):
+            yield i, function(task)
+
+
+@dataclass(frozen=True)
+class Processes:
+    """Several processes of this machine.
+
+    Parameters
+    ----------
+    n : int
+        Their number. The system has as many tasks as processes at any time, so that a killed process names few
+        suspects; these then run one by one.
+    """
+
+    n: int
+
+    def results(self, function: Callable[[T], R], tasks: Sequence[T]) -> Iterator[tuple[int, R | WorkerLost]]:
+        """See `Executor.results`."""
+        waiting, lost, suspects = deque(range(len(tasks))), dict.fromkeys(range(len(tasks)), 0), deque[int]()
+        while waiting or suspects:
+            alone = bool(suspects)
+            queue, width = (suspects, 1) if alone else (waiting, self.n)
+            running: dict[Future[R], int] = {}
+            # Spawned, not forked: threads of a BLAS do not survive a fork.
+            with ProcessPoolExecutor(width, mp_context=get_context("spawn")) as pool:
+                try:
+                    while queue or running:
+                        while queue and len(running) < width:
+                            running[pool.submit(function, tasks[queue[0]])] = queue[0]
+                            queue.popleft()
+                        for future in wait(running, return_when=FIRST_COMPLETED).done:
+                            result = future.result()
+                            yield running.pop(future), result
+                except BrokenProcessPool:
+                    for i in running.values():
+                        lost[i] += alone
+                        if lost[i] < MAX_LOST:
+                            suspects.append(i)
+                        else:
+                            yield i, WorkerLost(f"its process was killed {MAX_LOST} times (not enough memory?)")
+                except BaseException:
+                    pool.shutdown(wait=False, cancel_futures=True)
+                    raise
+
+
+@dataclass(frozen=True)
+class Dask:
+    """The workers of a Dask cluster (the extra ``dask``), which see the same files.
+
+    A killed worker's task goes to another one; a scheduler that is restarted gets the tasks again that it had not
+    finished.
+
+    Parameters
+    ----------
+    address : str
+        Of the scheduler, as ``tcp://10.0.0.7:8786``.
+    patience_s : float
+        How long to wait for a scheduler that does not answer.
+    """
+
+    address: str
+    patience_s: float = 300.0
+
+    def results(self, function: Callable[[T], R], tasks: Sequence[T]) -> Iterator[tuple[int, R | WorkerLost]]:
+        """See `Executor.results`.
+
+        Raises
+        ------
+        TruearmError
+            If Dask is not installed, or the scheduler does not answer within `patience_s`.
+        """
+        distributed = _distributed()
+        left, answered = dict(enumerate(tasks)), time.monotonic()
+        while left:
+            try:
+                with distributed.Client(
+                    self.address, timeout=min(10.0, self.patience_s), set_as_default=False
+                ) as client:
+                    for i, result in _of_client(client, function, left):
+                        answered = time.monotonic()
+                        del left[i]
+                        yield i, result
+            except OSError as error:  # no connection, or a time-out
+                if time.monotonic() - answered > self.patience_s:
+                    raise TruearmError(
+                        f"the Dask scheduler {self.address} does not answer; {len(left)} tasks are left. "
+                        "Try: start it again, and run the same command"
+                    ) from error
+                time.sleep(1.0)
+
+
+def _of_client(client: Any, function: Callable[[T], R], tasks: dict[int, T]) -> Iterator[tuple[int, R | WorkerLost]]:
+    """Results of the tasks that a scheduler finishes before it is lost, if it is."""
+    distributed = _distributed()
+    futures = {client.submit(function, task, pure=False): i for i, task in tasks.items()}
+    for future in distributed.as_completed(futures, loop=client.loop):
+        try:
+            result = future.result()
+        except distributed.KilledWorker as error:
+            result = WorkerLost(f"its workers were killed (not enough memory?): {error}")
+        except (distributed.CancelledError, OSError):
+            continue  # the scheduler is gone; the next one gets this task
+        yield futures[future], result
+        future.release()
+
+
+def _distributed() -> Any:
+    try:
+        import distributed
+    except ModuleNotFoundError:
+        raise TruearmError("a Dask cluster needs the package distributed: pip install 'truearm[dask]'") from None
+    return distributed

@@ -1,0 +1,155 @@
+"""The same results whoever computes, whatever happens to the workers."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from truearm.errors import TruearmError
+from truearm.fleet.executors import Dask, Processes, Serial, WorkerLost
+
+
+def square(x: float) -> float:
+    return x * x
+
+
+def killed_once(task: tuple[int, str]) -> int:
+    """Ends its process the first time, as the system does that runs out of memory."""
+    number, mark = task
+    if mark and not Path(mark).exists():
+        Path(mark).touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return number
+
+
+def killed_always(number: int) -> int:
+    if number == 2:
+        time.sleep(1)  # as a fit would take; a worker that dies while it starts is another matter
+        os.kill(os.getpid(), signal.SIGKILL)
+    return number
+
+
+def slow(number: int) -> int:
+    time.sleep(0.2)
+    return number
+
+
+needs_kill = pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="this system has no SIGKILL")
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    distributed = pytest.importorskip("distributed", reason="Dask is an extra: pip install 'truearm[dask]'")
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, dashboard_address=None, worker_dashboard_address=None
+    ) as found:
+        yield found
+
+
+def by_number(executor, function, tasks):
+    found = list(executor.results(function, tasks))
+    assert sorted(i for i, _ in found) == list(range(len(tasks)))  # each once
+    return [result for _, result in sorted(found, key=lambda one: one[0])]
+
+
+@pytest.mark.parametrize("executor", [Serial(), Processes(1), Processes(2)])
+def test_every_task_has_its_result(executor):
+    assert by_number(executor, square, [1.0, 2.0, 3.0]) == [1.0, 4.0, 9.0]
+    assert by_number(executor, square, []) == []
+
+
+@needs_kill
+def test_a_killed_process_costs_no_task(tmp_path):
+    tasks = [(i, str(tmp_path / "mark") if i == 1 else "") for i in range(5)]
+    assert by_number(Processes(2), killed_once, tasks) == [0, 1, 2, 3, 4]
+
+
+@needs_kill
+def test_a_task_that_kills_every_process_is_given_up(tmp_path):
+    *found, last = by_number(Processes(2), killed_always, [0, 1, 3, 2])
+    assert found == [0, 1, 3]
+    assert isinstance(last, WorkerLost)
+    assert "3 times" in last.reason
+
+
+def test_results_that_nobody_wants_any_more_are_not_waited_for():
+    results = Processes(2).results(slow, list(range(50)))
+    next(results)
+    results.close()  # as Ctrl-C does; fifty tasks would take five seconds
+
+
+def test_what_a_task_raises_reaches_the_caller():
+    for executor in (Serial(), Processes(1)):
+        with pytest.raises(TypeError):
+            list(executor.results(square, ["x"]))
+
+
+def test_dask_gives_the_same(cluster):
+    assert by_number(Dask(cluster.scheduler_address), square, [1.0, 2.0, 3.0]) == [1.0, 4.0, 9.0]
+
+
+@needs_kill
+def test_dask_gives_the_task_of_a_killed_worker_to_another(cluster, tmp_path):
+    tasks = [(i, str(tmp_path / "mark") if i == 1 else "") for i in range(5)]
+    assert by_number(Dask(cluster.scheduler_address), killed_once, tasks) == [0, 1, 2, 3, 4]
+
+
+@needs_kill
+def test_dask_gives_up_a_task_that_kills_its_workers(cluster):
+    *found, last = by_number(Dask(cluster.scheduler_address), killed_always, [0, 1, 3, 2])
+    assert found == [0, 1, 3]
+    assert isinstance(last, WorkerLost)
+
+
+def test_a_scheduler_that_does_not_answer_is_named():
+    pytest.importorskip("distributed", reason="Dask is an extra: pip install 'truearm[dask]'")
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
+    with pytest.raises(TruearmError, match="does not answer; 1 tasks are left"):
+        list(Dask(address, patience_s=0.5).results(square, [1.0]))
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="processes are ended by signals")
+def test_a_restarted_scheduler_gets_what_is_left(tmp_path):
+    pytest.importorskip("distributed", reason="Dask is an extra: pip install 'truearm[dask]'")
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+
+    def start(*command: str) -> subprocess.Popen[bytes]:
+        return subprocess.Popen(
+            [sys.executable, "-m", *command],
+            cwd=Path(__file__).parent,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+
+    def scheduler() -> subprocess.Popen[bytes]:
+        return start("distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard")
+
+    running = [scheduler()]
+    running.append(start("distributed.cli.dask_worker", f"tcp://127.0.0.1:{port}", "--nthreads", "1", "--no-dashboard"))
+    try:
+        results = Dask(f"tcp://127.0.0.1:{port}", patience_s=60).results(slow, list(range(12)))
+        found = [next(results)]
+        for process in running:
+            process.kill()
+            process.wait()
+        running = [scheduler()]
+        running.append(
+            start("distributed.cli.dask_worker", f"tcp://127.0.0.1:{port}", "--nthreads", "1", "--no-dashboard")
+        )
+        found += results
+    finally:
+        for process in running:
+            process.kill()
+            process.wait()
+    assert sorted(found) == [(i, i) for i in range(12)]

@@ -1,0 +1,273 @@
+"""A fleet: what is fitted once is not fitted again, one arm stops no other, no failure replaces a model."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import truearm as ta
+from truearm.errors import InputError
+from truearm.fleet.arm_list import read_arm_list
+from truearm.fleet.executors import Processes, WorkerLost
+from truearm.fleet.fit_task import FitRow
+from truearm.fleet.fleet import Fleet
+from truearm.fleet.registry import RegisteredArm, Registry
+
+pytest.importorskip("sqlalchemy", reason="a fleet is an extra: pip install 'truearm[fleet]'")
+
+
+@pytest.fixture(scope="module")
+def sessions(tmp_path_factory):
+    """Files of readings of three virtual arms, and of a file that is none."""
+    folder = tmp_path_factory.mktemp("sessions")
+    for i in range(3):
+        ta.simulate("ur10", poses=12, seed=i, arm_seed=i).save(folder / f"{i}.csv")
+    (folder / "bad.csv").write_text("q1_deg,q2_deg\n1,2\n")
+    return folder
+
+
+def arms_of(sessions, *numbers):
+    return [
+        RegisteredArm(f"virtual-research-{i}", "ur10", model="nominal", session=str(sessions / f"{i}.csv"))
+        for i in numbers
+    ]
+
+
+@pytest.fixture
+def fleet(tmp_path):
+    with_registry = Fleet.create(tmp_path / "fleet")
+    yield with_registry
+    with_registry.close()
+
+
+def test_a_run_fits_what_changed_and_nothing_twice(fleet, sessions):
+    assert fleet.add_all(arms_of(sessions, 0, 1)) == 2
+    first = fleet.run()
+    assert (first.n_fitted, first.failures, first.unchanged) == (2, (), ())
+    again = fleet.run()
+    assert (again.rows, len(again.unchanged)) == ((), 2)
+    assert again.summary() == "Nothing to fit: 2 arms are unchanged."
+    assert fleet.add_all(arms_of(sessions, 0, 1, 2)) == 1
+    assert [row.serial_number for row in fleet.run().rows] == ["virtual-research-2"]
+
+
+def test_the_model_in_force_is_that_of_a_fit(fleet, sessions):
+    fleet.add_all(arms_of(sessions, 0))
+    (row,) = fleet.run().rows
+    by_hand = ta.fit("ur10", sessions / "0.csv", model="nominal")
+    angles = ta.read_session(sessions / "0.csv").angles
+    np.testing.assert_array_equal(fleet.model("virtual-research-0").predict(angles), by_hand.model.predict(angles))
+    assert row.n_readings == 12
+    assert row.held_out_mm == by_hand.held_out_mm[0]
+    assert len(row.constants) == 6 * 4 + 6 + 3  # four of each joint, six of the base, three of the tip
+    with pytest.raises(InputError, match="no model of an arm 'x'"):
+        fleet.model("x")
+
+
+def test_one_arm_stops_no_other(fleet, sessions):
+    bad = RegisteredArm("B", "ur10", model="nominal", session=str(sessions / "bad.csv"))
+    other = replace(arms_of(sessions, 0)[0], serial_number="C")
+    fleet.add_all([bad, other, *arms_of(sessions, 1)])
+    found = fleet.run()
+    assert found.n_fitted == 1
+    messages = {row.serial_number: row.message for row in found.failures}
+    assert "bad.csv, line 1: expected 6 joints, got 2" in messages["B"]
+    assert "of serial number 'virtual-research-0', the registry has them for 'C'" in messages["C"]
+    assert [row.serial_number for row in fleet.run().failures] == ["B", "C"]  # said again, not tried again
+    assert [one.what for one in fleet.status().arms] == ["failed", "failed", "in force"]
+
+
+def test_a_failed_fit_replaces_no_model(fleet, sessions, tmp_path):
+    fleet.add_all(arms_of(sessions, 0))
+    fleet.run()
+    before = fleet.registry.models_in_force()
+    fleet.add("virtual-research-0", "ur10", session=sessions / "bad.csv")
+    assert fleet.run().n_fitted == 0
+    assert fleet.registry.models_in_force() == before
+    (arm,) = fleet.status().arms
+    assert arm.what == "failed"
+    assert arm.held_out_mm is not None  # of the model that is still in force
+
+
+def test_a_fit_worse_than_the_nominal_arm_is_not_put_in_force():
+    row = FitRow("k", "A", "ur10", "s.csv", "fitted", model="kinematic", held_out_mm=0.2, nominal_mm=0.1)
+    assert not row.is_usable
+    assert row.outcome.endswith("worse than the nominal arm; not in force")
+    assert replace(row, held_out_mm=0.05).is_usable
+
+
+def test_readings_of_before_bring_back_their_model(fleet, sessions, tmp_path):
+    later = tmp_path / "later.csv"
+    ta.simulate("ur10", poses=12, seed=7, arm_seed=0).save(later)
+    fleet.add_all(arms_of(sessions, 0))
+    (first,) = fleet.run().rows
+    fleet.add("virtual-research-0", "ur10", session=later)
+    (second,) = fleet.run().rows
+    assert second.moved_mm is not None  # compared with the model that was in force
+    assert fleet.registry.models_in_force() == {"virtual-research-0": second.key}
+    later.write_bytes((sessions / "0.csv").read_bytes())
+    fleet.run()
+    assert fleet.registry.models_in_force() == {"virtual-research-0": first.key}
+    assert [key for _, key in fleet.registry.models_of("virtual-research-0")] == [first.key, second.key, first.key]
+
+
+class Interrupted:
+    """Stops after one task, as Ctrl-C does."""
+
+    def results(self, function, tasks):
+        yield 0, function(tasks[0])
+        raise KeyboardInterrupt
+
+
+class AlwaysLost:
+    """Loses every task."""
+
+    def results(self, function, tasks):
+        yield from ((i, WorkerLost("killed")) for i in range(len(tasks)))
+
+
+def test_an_interrupted_run_goes_on_where_it_was(fleet, sessions):
+    fleet.add_all(arms_of(sessions, 0, 1, 2))
+    with pytest.raises(KeyboardInterrupt):
+        fleet.run(Interrupted())
+    assert len(pd.read_parquet(fleet.folder / "results")) == 1
+    assert fleet.run().n_fitted == 2
+    assert sorted(pd.read_parquet(fleet.folder / "results").serial_number) == [
+        f"virtual-research-{i}" for i in range(3)
+    ]
+
+
+def test_what_a_worker_lost_is_tried_again(fleet, sessions):
+    fleet.add_all(arms_of(sessions, 0))
+    assert [row.message for row in fleet.run(AlwaysLost()).failures] == ["killed"]
+    assert fleet.status().arms[0].what == "failed"
+    assert fleet.run().n_fitted == 1
+    assert fleet.status().arms[0].what == "in force"
+
+
+def test_processes_give_the_models_of_a_serial_run(tmp_path, sessions):
+    """To the last bit: the hash of a model is that of its file."""
+    hashes = []
+    for name, executor in (("serial", None), ("processes", Processes(2))):
+        fleet = Fleet.create(tmp_path / name)
+        fleet.add_all(arms_of(sessions, 0, 1))
+        rows = fleet.run(executor).rows
+        hashes.append([(row.key, row.model_sha256, row.held_out_mm) for row in rows])
+        fleet.close()
+    assert hashes[0] == hashes[1]
+
+
+def test_results_are_a_data_set(fleet, sessions):
+    fleet.add_all(arms_of(sessions, 0))
+    fleet.run()
+    fleet.run()  # adds nothing
+    frame = pd.read_parquet(fleet.folder / "results")
+    assert list(frame.state) == ["fitted"]
+    constants = pd.DataFrame(list(frame.constants[0]))
+    assert list(constants.columns) == ["name", "unit", "nominal", "value", "u"]
+    assert set(constants.unit) == {"mm", "rad"}
+
+
+def test_the_state_of_every_arm_worst_first(fleet, sessions):
+    first, second, third = arms_of(sessions, 0, 1, 2)
+    bad = RegisteredArm("B", "ur10", model="nominal", session=str(sessions / "bad.csv"))
+    fleet.add_all([replace(first, every_days=30), second, bad, RegisteredArm("N", "ur10")])
+    fleet.run()
+    fleet.add_all([third])
+    later = datetime.now(UTC) + timedelta(days=31)
+    status = fleet.status(today=later)
+    assert [(one.serial_number, one.what) for one in status.arms] == [
+        ("B", "failed"),
+        ("virtual-research-0", "due"),
+        ("virtual-research-2", "to be fitted"),
+        ("N", "without readings"),
+        ("virtual-research-1", "in force"),
+    ]
+    errors = {one.serial_number: one.of_type for one in status.arms if one.of_type is not None}
+    assert sum(errors.values()) == pytest.approx(2)  # of two arms about their median, which is their mean
+    assert status.summary() == ("5 arms: 1 failed, 1 due, 1 to be fitted, 1 without readings, 1 in force.")
+
+
+def test_the_overview_links_to_a_page_of_each_arm(fleet, sessions, tmp_path):
+    bad = RegisteredArm("<b>&", "ur10", model="nominal", session=str(sessions / "bad.csv"))
+    fleet.add_all([*arms_of(sessions, 0), bad])
+    fleet.run()
+    assert fleet.write_pages(tmp_path / "overview.html") == 2
+    html = (tmp_path / "overview.html").read_text(encoding="utf-8")
+    assert "<b>&" not in html
+    for name in ("virtual-research-0", "&lt;b&gt;&amp;"):
+        page = html.split(f'">{name}</a>')[0].rpartition('href="')[2]
+        assert name in (tmp_path / page).read_text(encoding="utf-8")
+
+
+BAD = [
+    ({"serial_number": " "}, "expected a serial number"),
+    ({"serial_number": "a\nb"}, "control character"),
+    ({"serial_number": "a" * 201}, "at most 200 characters"),
+    ({"arm": "ur11"}, "ur11"),
+    ({"model": "best"}, "expected a model among"),
+    ({"every_days": 0}, "at least 1"),
+    ({"session": "nowhere.csv"}, "does not exist"),
+]
+
+
+@pytest.mark.parametrize(("changed", "message"), BAD, ids=lambda one: str(one)[:30])
+def test_an_arm_that_cannot_be_is_refused(fleet, sessions, changed, message):
+    """And with it all others of the list."""
+    with pytest.raises(InputError, match=message):
+        fleet.add_all([*arms_of(sessions, 0), replace(arms_of(sessions, 1)[0], **changed)])
+    assert fleet.registry.arms() == []
+
+
+def test_an_arm_of_another_type_is_refused(fleet, sessions):
+    fleet.add_all(arms_of(sessions, 0))
+    with pytest.raises(InputError, match="is in the registry as an arm 'ur10', got 'ur5'"):
+        fleet.add("virtual-research-0", "ur5")
+
+
+def test_a_list_as_a_spreadsheet_saves_it(tmp_path):
+    path = tmp_path / "arms.csv"
+    path.write_bytes("serial_number;arm;site;every_days;note\n007;ur10;Malmö;365;x\nA-2;ur5;;;\n".encode("cp1252"))
+    assert read_arm_list(path) == [RegisteredArm("007", "ur10", "Malmö", every_days=365), RegisteredArm("A-2", "ur5")]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("serial_number\nA\n", "the column arm is missing"),
+        ("serial_number,arm,colour\nA,ur10,red\n", "unknown column 'colour'"),
+        ("serial_number,arm\nA,\n", "line 2, column 'arm'"),
+        ("serial_number,arm,every_days\nA,ur10,soon\n", "line 2, column 'every_days'"),
+        ("serial_number,arm,model\nA,ur10,best\n", "line 2, column 'model'"),
+    ],
+)
+def test_a_list_with_a_mistake_names_its_place(tmp_path, text, message):
+    (tmp_path / "arms.csv").write_text(text)
+    with pytest.raises(InputError, match=message):
+        read_arm_list(tmp_path / "arms.csv")
+
+
+def test_a_folder_that_is_none_of_a_fleet(tmp_path):
+    with pytest.raises(InputError, match="expected the folder of a fleet"):
+        Fleet(tmp_path)
+    (tmp_path / "fleet.toml").write_text("[fleet]\n")
+    with pytest.raises(InputError, match="database"):
+        Fleet(tmp_path)
+    (tmp_path / "fleet.toml").write_text('[fleet]\ndatabase = "sqlite:///other.sqlite"\n')
+    with pytest.raises(InputError, match="another database"):
+        Fleet(tmp_path)
+
+
+def test_a_fleet_is_not_made_twice(fleet):
+    with pytest.raises(InputError, match="already"):
+        Fleet.create(fleet.folder)
+
+
+@pytest.mark.parametrize("url", ["registry.sqlite", "nosql://host/fleet"])
+def test_a_url_that_is_none(url):
+    with pytest.raises(InputError, match="the database cannot be opened"):
+        Registry(url)
