@@ -161,6 +161,7 @@ def fit_arm(task: FitTask) -> FitRow:
         result = fit(task.arm, task.session, model=task.model)
         _check_serial_number(task, result.model)
         Path(task.out).parent.mkdir(parents=True, exist_ok=True)
+        result.model.fit_seconds_ = 0.0  # the same inputs give the same file; the row has the duration
         result.save(task.out)
         return _row(task, result, seconds=time.perf_counter() - start)
     except (TruearmError, OSError, MemoryError) as error:

@@ -177,7 +177,7 @@ class Registry:
         """The key of the fit whose model is in force, by serial number."""
         last = sql.select(sql.func.max(_IN_FORCE.c.id)).group_by(_IN_FORCE.c.serial_number)
         query = sql.select(_IN_FORCE.c.serial_number, _IN_FORCE.c.key).where(_IN_FORCE.c.id.in_(last))
-        return {serial_number: key for serial_number, key in self._do(lambda database: database.execute(query).all())}
+        return {row.serial_number: row.key for row in self._do(lambda database: database.execute(query).all())}
 
     def models_of(self, serial_number: str) -> list[tuple[str, str]]:
         """The models that were in force for an arm, the last one last: since when (UTC), and the key of the fit."""
@@ -186,7 +186,7 @@ class Registry:
             .where(_IN_FORCE.c.serial_number == serial_number)
             .order_by(_IN_FORCE.c.id)
         )
-        return [(since, key) for since, key in self._do(lambda database: database.execute(query).all())]
+        return [(row.since, row.key) for row in self._do(lambda database: database.execute(query).all())]
 
     def record(self, row: FitRow, *, in_force: bool) -> None:
         """Keep the result of a fit; a fit that is there already with a result stays as it is.

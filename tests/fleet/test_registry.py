@@ -1,0 +1,133 @@
+"""The registry with many writers at once: no result is lost or double, also when the database is killed."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import shutil
+import socket
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("sqlalchemy", reason="a fleet is an extra: pip install 'truearm[fleet]'")
+
+from truearm.fleet import registry as module
+from truearm.fleet.fit_task import FitRow
+from truearm.fleet.registry import RegisteredArm, Registry
+
+N_WRITERS, N_EACH = 8, 12
+
+
+def row_of(number: int) -> FitRow:
+    return FitRow(f"{number:064x}", f"A-{number % 5}", "ur10", "s.csv", "fitted", held_out_mm=0.1)
+
+
+def write_all(url: str, during=lambda: None) -> Registry:
+    """Eight writers, each with a connection of its own, whose fits overlap by half."""
+    registry = Registry(url, create=True)
+    registry.add(RegisteredArm(f"A-{i}", "ur10") for i in range(5))
+
+    def write(writer: int) -> None:
+        mine = Registry(url)
+        for i in range(N_EACH):
+            mine.record(row_of(writer * N_EACH // 2 + i), in_force=True)
+        mine.close()
+
+    with ThreadPoolExecutor(N_WRITERS + 1) as threads:
+        pending = [threads.submit(write, i) for i in range(N_WRITERS)]
+        during()
+        for one in pending:
+            one.result()
+    return registry
+
+
+def check_complete(registry: Registry) -> None:
+    expected = {row_of(i).key: row_of(i).serial_number for i in range((N_WRITERS + 1) * N_EACH // 2)}
+    assert {key: row.serial_number for key, row in registry.fits().items()} == expected
+    histories = [registry.models_of(f"A-{i}") for i in range(5)]
+    for i, history in enumerate(histories):
+        keys = [key for _, key in history]
+        assert {key for key, serial in expected.items() if serial == f"A-{i}"} == set(keys)
+        assert registry.models_in_force()[f"A-{i}"] == keys[-1]
+        assert all(one != after for one, after in itertools.pairwise(keys))
+    registry.close()
+
+
+def test_eight_writers_of_a_file(tmp_path):
+    check_complete(write_all(f"sqlite:///{(tmp_path / 'registry.sqlite').as_posix()}"))
+
+
+def test_a_lost_worker_is_replaced_by_a_result_and_no_result_by_another(tmp_path):
+    registry = Registry(f"sqlite:///{(tmp_path / 'registry.sqlite').as_posix()}", create=True)
+    registry.add([RegisteredArm("A-1", "ur10")])
+    lost, found = FitRow("k", "A-1", "ur10", "s.csv", "lost", "killed"), FitRow("k", "A-1", "ur10", "s.csv", "fitted")
+    for row in (lost, found, lost):
+        registry.record(row, in_force=row.is_usable)
+    assert registry.fits()["k"] == found
+    registry.close()
+
+
+class Server:
+    """A PostgreSQL server of Debian's package, in a folder of its own."""
+
+    def __init__(self, folder: Path, port: int) -> None:
+        found = sorted(Path("/usr/lib/postgresql").glob("*/bin/postgres"))
+        if not found or sys.platform == "win32":
+            pytest.skip("PostgreSQL is not installed (Debian: apt-get install postgresql)")
+        pytest.importorskip("psycopg", reason="pip install 'psycopg[binary]'")
+        self.bin, self.folder, self.port = found[-1].parent, folder, port
+        # The server refuses to run as root.
+        self.user = ["runuser", "-u", "postgres", "--"] if os.geteuid() == 0 else []
+        if self.user:
+            shutil.chown(folder, "postgres")
+        self.run("initdb", "--auth", "trust", "--no-sync", "-U", "fleet", "-D", str(folder / "data"))
+
+    def run(self, command: str, *arguments: str) -> None:
+        ran = subprocess.run(
+            [*self.user, str(self.bin / command), *arguments],
+            cwd=self.folder,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert ran.returncode == 0, ran.stdout + ran.stderr
+
+    def start(self) -> None:
+        options = f"-p {self.port} -c listen_addresses=127.0.0.1 -k {self.folder}"
+        log = str(self.folder / "log")
+        self.run("pg_ctl", "-w", "-D", str(self.folder / "data"), "-l", log, "-o", options, "start")
+
+    def kill(self) -> None:
+        """Without any goodbye: connections break, transactions are lost."""
+        self.run("pg_ctl", "-w", "-D", str(self.folder / "data"), "-m", "immediate", "stop")
+
+
+@pytest.fixture
+def server(tmp_path_factory):
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    folder = tmp_path_factory.mktemp("postgresql")
+    for above in [folder, *folder.parents]:  # which pytest makes for its own user alone
+        if above.stat().st_uid == os.geteuid() and above != Path("/"):
+            above.chmod(above.stat().st_mode | 0o011)
+    found = Server(folder, port)
+    found.start()
+    yield found
+    found.kill()
+
+
+def test_eight_writers_of_a_server_that_is_killed_and_started_again(server, monkeypatch):
+    monkeypatch.setattr(module, "PAUSE_S", 0.05)
+
+    def killed_twice() -> None:
+        for _ in range(2):
+            server.kill()
+            server.start()
+
+    url = f"postgresql+psycopg://fleet@127.0.0.1:{server.port}/postgres"
+    check_complete(write_all(url, killed_twice))
