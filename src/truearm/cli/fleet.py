@@ -13,7 +13,11 @@ from truearm.cli.options import ARM_HELP, Json
 
 Folder = Annotated[Path, Argument(metavar="FOLDER", help="Folder of the fleet.")]
 
-fleet = Typer(rich_markup_mode=None, help="Many arms: registry, fits on one or many machines, states at a glance.")
+fleet = Typer(
+    rich_markup_mode=None,
+    no_args_is_help=True,
+    help="Keep many arms: fit them, list their states.",
+)
 
 
 @fleet.command()
@@ -82,7 +86,7 @@ def run(
 ) -> None:
     """Fit every arm whose readings, drawing or kind of model changed.
 
-    What is fitted already is not fitted again, so that an interrupted run goes on with the same command. One arm's
+    What is fitted already is not fitted again, and an interrupted run is continued by the same command. One arm's
     failure stops no other; a failed or worse fit replaces no model in force. Results are the same whoever computes.
     """
     from truearm.errors import InputError
