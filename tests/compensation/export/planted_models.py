@@ -67,6 +67,13 @@ def every_term(arm: Arm) -> list[Term]:
     return terms
 
 
+def without_some_coefficients(model: ta.KinematicModel) -> ta.KinematicModel:
+    """The model with every third term only uncertain, as those that a kinematic model lacks."""
+    for columns in model.fit_.perturbed_chain.columns[::3]:
+        model.fit_.coefficients[columns] = 0.0
+    return model
+
+
 def planted_model(arm: Arm, terms: list[Term] | None = None, *, seed: int = 1) -> ta.KinematicModel:
     """A fitted model whose terms and coefficients are then replaced."""
     rng = np.random.default_rng(seed)

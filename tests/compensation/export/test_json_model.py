@@ -11,7 +11,15 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from planted_models import angles_of, every_term, network_model, planted_model, rail_arm, stated_readings
+from planted_models import (
+    angles_of,
+    every_term,
+    network_model,
+    planted_model,
+    rail_arm,
+    stated_readings,
+    without_some_coefficients,
+)
 from scipy.spatial.transform import Rotation
 
 import truearm as ta
@@ -100,6 +108,21 @@ def test_uncertainties_come_back(path):
     np.testing.assert_array_equal(document.covariance.matrix(), fitted.fit_.covariance)
     stated = [one for term in document.terms for one in term.standard_uncertainties]
     np.testing.assert_array_equal(stated, np.sqrt(fitted.fit_.covariance.diagonal()))
+
+
+def test_terms_of_zero_coefficients_are_in_the_covariance_alone(tmp_path, reader):
+    fitted = without_some_coefficients(planted_model(ta.load_arm("ur10")))
+    path, angles = written(fitted, tmp_path), angles_of(fitted.arm_, 5)
+    for got in (json_model.tips(path, angles), reader.tips(path, angles)):
+        assert_same_points(got, fitted.predict(angles), fitted.arm_)
+    identified = json_model.read(path).identified
+    assert all(any(term.coefficients) for term in identified.terms)
+    own = dict(
+        zip((t.name for t in fitted.fit_.perturbed_chain.terms), fitted.fit_.perturbed_chain.columns, strict=True)
+    )
+    order = np.concatenate([own.pop(term.name) for term in (*identified.terms, *identified.uncertain_terms)])
+    assert not own
+    np.testing.assert_array_equal(identified.covariance.matrix(), fitted.fit_.covariance[np.ix_(order, order)])
 
 
 def test_the_rounding_of_angles_is_in_the_document():
@@ -375,7 +398,7 @@ DAMAGES = {
     "a triangle that is none": (["identified", "covariance", "lower_triangle", 1], [1.0], "lower triangle"),
     "a longer direction": (["identified", "terms", 0, "direction"], [1.0] * 7, "at most 6"),
     "a direction of zeros": (["identified", "terms", 0, "direction"], [0.0] * 6, "not all zero"),
-    "a newer version": (["version"], 2, "version"),
+    "a newer version": (["version"], 3, "version"),
     "another unit": (["units", "length"], "m", "mm"),
     "a network too": (["network"], {}, "network"),
     "no model": (["identified"], None, "expected a network"),

@@ -8,7 +8,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from planted_models import angles_of, empty_models, every_term, network_model, planted_model, rail_arm, stated_readings
+from planted_models import (
+    angles_of,
+    empty_models,
+    every_term,
+    network_model,
+    planted_model,
+    rail_arm,
+    stated_readings,
+    without_some_coefficients,
+)
 
 import truearm as ta
 from truearm.compensation.export import onnx_graph
@@ -78,6 +87,16 @@ def test_the_graph_of_a_fitted_model_gives_its_points(kind, tmp_path):
     model = models[kind](ta.load_arm("ur10"), **options).fit_readings(session)
     path = written(model, tmp_path)
     assert_same_points(onnx_graph.tips(path, session.angles), model.predict(session.angles), model.arm_)
+
+
+def test_terms_of_zero_coefficients_are_not_in_the_graph(tmp_path):
+    model, angles = without_some_coefficients(planted_model(ta.load_arm("ur10"))), angles_of(ta.load_arm("ur10"), 10)
+    path = written(model, tmp_path)
+    assert_same_points(onnx_graph.tips(path, angles), model.predict(angles), model.arm_)
+    whole, terms = onnx.load(path).graph, model.fit_.perturbed_chain.terms
+    model.fit_ = model.fit_.select(lambda term: terms.index(term) % 3)
+    graph = onnx.load(written(model, tmp_path)).graph
+    assert (whole.node, whole.initializer) == (graph.node, graph.initializer)
 
 
 @pytest.mark.parametrize("activation", ["tansig", "logsig", "purelin"])

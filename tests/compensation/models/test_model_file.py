@@ -20,7 +20,7 @@ import pytest
 from truearm.arm.arm import NOT_KEPT, Arm
 from truearm.arm.chain import Chain
 from truearm.compensation.models import MODELS, KinematicModel, NetworkModel, PhysicalModel
-from truearm.compensation.models.model_archive import DTYPES
+from truearm.compensation.models.model_archive import DTYPES, read_archive
 from truearm.compensation.models.model_file import load_model, save_model
 from truearm.compensation.models.network import TRAINERS
 from truearm.errors import InputError, TruearmError
@@ -152,6 +152,19 @@ def test_all_that_was_identified_comes_back(mixed, tmp_path):
     assert "load_1_Nm" in [term.group for term in again.fit_.perturbed_chain.terms]
 
 
+def test_a_covariance_is_there_once(fitted, tmp_path):
+    """Its lower triangle, and under repeatability conditions its diagonal: all else is alike."""
+    model, _ = fitted("kinematic")
+    model.save(tmp_path / "m")
+    arrays, n = read_archive(tmp_path / "m")[1], len(model.fit_.coefficients)
+    assert arrays["fit_.covariance"].shape == (n * (n + 1) // 2,)
+    assert arrays["fit_.repeatability_covariance"].shape == (n,)
+    again = load_model(tmp_path / "m").fit_
+    np.testing.assert_array_equal(again.covariance, model.fit_.covariance)
+    np.testing.assert_array_equal(again.repeatability_covariance, model.fit_.repeatability_covariance)
+    assert (again.covariance.diagonal() > again.repeatability_covariance.diagonal()).any()
+
+
 def test_the_same_model_gives_the_same_file(fitted, tmp_path):
     model, _ = fitted("physical")
     model.save(tmp_path / "a")
@@ -193,17 +206,19 @@ def test_a_file_of_format_1_predicts_what_it_did(name):
 def test_a_file_from_another_python_comes_back_to_the_last_bit(path, tmp_path):
     """Written by Python 3.11 with NumPy 2.4 (format-1) and by Python 3.13 with NumPy 2.5."""
     load_model(path).save(tmp_path / "again.truearm")
-    with zipfile.ZipFile(path) as kept, zipfile.ZipFile(tmp_path / "again.truearm") as again:
-        for name in set(kept.namelist()) - {"model.json"}:
-            assert kept.read(name) == again.read(name), name
-        header, header_again = (json.loads(archive.read("model.json")) for archive in (kept, again))
-    assert header["options"].items() <= header_again["options"].items()
-    assert is_within(header["learned"], header_again["learned"])
+    (header, kept), (header_again, again) = read_archive(path), read_archive(tmp_path / "again.truearm")
+    for name, array in kept.items():
+        is_triangle = array.ndim > again[name].ndim  # symmetric matrices are triangles since format 2
+        np.testing.assert_array_equal(again[name], array[np.tril_indices(len(array))] if is_triangle else array)
+    assert header.options.items() <= header_again.options.items()
+    assert is_within(header.learned, header_again.learned)
 
 
 def is_within(part, whole):
     """Whether `whole` says all that `part` says; what a class gained since comes in addition."""
     if isinstance(part, dict):
+        if "lower triangle" in whole:
+            return set(part.values()) == set(whole.values())
         return all(key in whole and is_within(one, whole[key]) for key, one in part.items())
     if isinstance(part, list):
         return len(part) == len(whole) and all(map(is_within, part, whole))
@@ -364,6 +379,19 @@ def edit_array(name, edit):
     return change
 
 
+def edit_matrix(name, edit):
+    """Change a symmetric matrix, of which the file has the lower triangle."""
+
+    def edited(triangle):
+        size = int(np.sqrt(2 * len(triangle)))
+        matrix = np.zeros((size, size))
+        matrix[np.tril_indices(size)] = triangle
+        changed = edit(matrix + np.tril(matrix, -1).T)
+        return changed[np.tril_indices(len(changed))]
+
+    return edit_array(name, edited)
+
+
 def add_an_array(files):
     files["../../x.npy"] = files["fit_.coefficients.npy"]
     header = json.loads(files["model.json"])
@@ -434,6 +462,9 @@ def first_number(value):
         (edit_json("learned", "arm_", "chain", value=None), "model.json, arm_.chain: expected"),
         (edit_json("learned", "arm_", "lower", value={"array": "arm_.upper"}), "arm_.lower: expected an array of that"),
         (edit_array("fit_.covariance", np.negative), "not a covariance"),
+        (edit_array("fit_.covariance", lambda a: a[1:]), "fit_.covariance as a lower triangle"),
+        (edit_array("fit_.repeatability_covariance", np.negative), "not a covariance"),
+        (edit_array("fit_.repeatability_covariance", lambda a: a[1:]), "repeatability_covariance of shape"),
         (edit_array("arm_.lower", lambda a: a[:2]), "lower must be 3 numbers"),
         (edit_array("arm_.chain.tip_in_flange", lambda a: a * np.nan), "not finite"),
         (edit_array("arm_.chain.fixed", lambda a: a * 2), "not a rigid motion"),
@@ -508,9 +539,9 @@ HARMONICS = {"kind": "Harmonics", "joint": 1, "orders": [1, 2]}
         (edit_array("fit_.coefficients", lambda a: a[1:]), "fit_.coefficients of shape"),
         (edit_array("fit_.coefficients", lambda a: a * np.nan), "not finite"),
         (edit_array("fit_.coefficients", lambda a: 0 * a + 1e308), "finite numbers at the arm's working pose"),
-        (edit_array("fit_.covariance", lambda a: a[1:, 1:]), "fit_.covariance of shape"),
+        (edit_matrix("fit_.covariance", lambda a: a[1:, 1:]), "fit_.covariance of shape"),
         (edit_array("fit_.repeatability_covariance", np.negative), "not a covariance"),
-        (edit_array("fit_.covariance", lambda a: np.eye(len(a)) * 1e308), "finite numbers at the arm's working pose"),
+        (edit_matrix("fit_.covariance", lambda a: np.eye(len(a)) * 1e308), "finite numbers at the arm's working pose"),
         (edit_array("fit_.perturbed_chain.chain.fixed", lambda a: a[1:]), "expected 5 joint types"),
         (lose("fit_.prior_std"), "fit_.prior_std: expected an array of that name"),
         (edit_json("learned", "fit_", "groups", 0, "effective", value=-1.0), "0 or more of the groups"),

@@ -26,9 +26,9 @@ SCHEMA = "https://json-schema.org/draft/2020-12/schema"
 # A thousand terms are many. With more coefficients their functions at a thousand readings would not fit in the memory.
 MAX_TERMS = 10_000
 MAX_COEFFICIENTS = 20_000
-# Up to this size a covariance is a list of rows, below 1 MB of text that a person can read. That of 1,400 coefficients
+# Up to this size a covariance is a list of rows, 0.1 MB of text that a person can read. That of 1,400 coefficients
 # would be 21 MB of digits; base64 has 10, is read in a tenth of the time and loses no bit.
-MAX_LISTED = 300
+MAX_LISTED = 100
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(allow_inf_nan=False, gt=0)]
@@ -171,17 +171,22 @@ else:
     Basis = Annotated[Union[_FORMS], Field(discriminator="kind")]  # noqa: UP007 (a union of what a tuple has)
 
 
-class Term(_Strict):
+class UncertainTerm(_Strict):
+    """A term that moves nothing by its mean: its coefficients are zero, and only their covariance is not."""
+
+    name: Name
+    place: Annotated[int, Field(ge=0, le=101)]
+    direction: Annotated[list[Finite], Field(min_length=6, max_length=6)]
+    basis: Basis
+
+
+class Term(UncertainTerm):
     """Small motions at a place: direction (rotation vector, translation) times the sum of coefficients times functions.
 
     Places are 0 the base, i joint i, n + 1 the tip. The motion at a place is the sum of its terms; it turns by its
     rotation vector and shifts then. Coefficients are in rad or mm per unit of their function.
     """
 
-    name: Name
-    place: Annotated[int, Field(ge=0, le=101)]
-    direction: Annotated[list[Finite], Field(min_length=6, max_length=6)]
-    basis: Basis
     group: Name
     functions: list[Text]
     coefficients: list[Finite]
@@ -297,12 +302,14 @@ class VarianceFunction(_Strict):
 class Identified(_Strict):
     """The chain as placed in the frame of the reference, with its terms, and what remains unexplained.
 
-    The covariance is of all coefficients, term after term. The variance of a coordinate is that which follows from it,
-    and the square of the residual standard deviation times the share at the joints.
+    The covariance is of all coefficients, term after term, those of the uncertain terms last. The variance of a
+    coordinate is that which follows from it, and the square of the residual standard deviation times the share at the
+    joints.
     """
 
     chain: Chain
     terms: Annotated[list[Term], Field(max_length=MAX_TERMS)]
+    uncertain_terms: Annotated[list[UncertainTerm], Field(max_length=MAX_TERMS)] = []
     covariance: SymmetricMatrix
     residual_standard_deviation_mm: NotNegative
     variance_function: VarianceFunction
@@ -379,7 +386,7 @@ class ModelDocument(_Strict):
     model_config = ConfigDict(extra="forbid", populate_by_name=True, title="A model of an articulated arm by truearm")
     manifest: Manifest = Field(alias="truearm-export")
     format: Literal["truearm-model"]
-    version: Literal[1]
+    version: Literal[1, 2]
     units: Units
     model: Literal["nominal", "kinematic", "physical", "network"]
     arm: Arm

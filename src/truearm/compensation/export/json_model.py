@@ -28,6 +28,7 @@ from truearm.compensation.targets.manifest import MARKER, Manifest
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.file_reading import read_limited
+from truearm.files.readable_json import readable_json
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.terms import ArmState, Basis, Expression, Formula, Term
 from truearm.identification.terms.basis import check_parts
@@ -57,7 +58,7 @@ def write(model: Compensator, manifest: Manifest, path: str | Path) -> None:
         If a term has a basis without expressions, or the model is larger than `MAX_BYTES`.
     """
     document = document_of(model, manifest).model_dump(mode="json", by_alias=True)
-    parts = [f" {json.dumps(key)}: {_layout(value, 2)}" for key, value in document.items() if key != MARKER]
+    parts = [f" {json.dumps(key)}: {readable_json(value, 2)}" for key, value in document.items() if key != MARKER]
     first = f' "{MARKER}": {manifest.line().partition(": ")[2]}'  # on one line, as in any other format
     content = ("{\n" + ",\n".join([first, *parts]) + "\n}\n").encode()
     if len(content) > MAX_BYTES:
@@ -124,7 +125,7 @@ def document_of(model: Compensator, manifest: Manifest) -> form.ModelDocument:
     return form.ModelDocument(
         **{MARKER: manifest},  # the key of the document is no name of Python
         format="truearm-model",
-        version=1,
+        version=2,
         units=form.Units(),
         model=cast(Any, manifest.provenance.model),
         arm=_arm_of(model),
@@ -179,18 +180,20 @@ def _table_of(chain: Chain) -> form.DenavitHartenberg | None:
 
 
 def _identified_of(model: IdentifiedModel) -> form.Identified:
-    fit, start = model.fit_, 0
-    terms: list[form.Term] = []
+    fit, terms, uncertain = model.fit_, [], []
+    chain = fit.perturbed_chain
+    # Zero at the payload of the training.
+    pairs = [
+        pair for pair in zip(chain.terms, chain.columns, strict=True) if not isinstance(pair[0].basis, PayloadTorque)
+    ]
+    pairs.sort(key=lambda pair: not fit.coefficients[pair[1]].any())
     bases: list[Basis] = []
-    kept: list[int] = []
     uncertainties = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
-    for term in fit.perturbed_chain.terms:
-        rows = range(start, start + term.n_coefficients)
-        start = rows.stop
-        if isinstance(term.basis, PayloadTorque):  # zero at the payload of the training
-            continue
-        kept += rows
+    for term, rows in pairs:
         bases.append(term.basis if isinstance(term.basis, form.NAMED) else _formula_of(term))
+        if not fit.coefficients[rows].any():
+            uncertain.append(form.UncertainTerm.of(term, basis=bases[-1].as_data()))
+            continue
         terms.append(
             form.Term.of(
                 term,
@@ -202,11 +205,13 @@ def _identified_of(model: IdentifiedModel) -> form.Identified:
                 prior_is_scaled_by_evidence=term.learn,
             )
         )
+    kept = np.concatenate([np.zeros(0, np.intp), *(rows for _, rows in pairs)])
     check_parts(bases)
     beyond = model.variance_function_.beyond
     return form.Identified(
         chain=_chain_of(fit.perturbed_chain.chain),
         terms=terms,
+        uncertain_terms=uncertain,
         covariance=form.symmetric_matrix(fit.covariance[np.ix_(kept, kept)]),
         residual_standard_deviation_mm=model.residual_std_,
         variance_function=form.VarianceFunction.of(
@@ -258,18 +263,6 @@ def _training_of(model: Compensator) -> form.Training:
     )
 
 
-def _layout(value: object, indent: int) -> str:
-    """JSON with a line for each entry of an object and each object of a list; numbers stay on one line."""
-    space = " " * indent
-    if isinstance(value, dict) and value:
-        entries = [f"{space}{json.dumps(key)}: {_layout(one, indent + 1)}" for key, one in value.items()]
-        return "{\n" + ",\n".join(entries) + "\n" + space[:-1] + "}"
-    if isinstance(value, list) and value and isinstance(value[0], dict | list):
-        entries = [f"{space}{_layout(one, indent + 1)}" for one in value]
-        return "[\n" + ",\n".join(entries) + "\n" + space[:-1] + "]"
-    return json.dumps(value, allow_nan=False)
-
-
 # From the document ---------------------------------------------------------------------------------------------------
 
 
@@ -292,20 +285,14 @@ def _tips(document: form.ModelDocument, joints: FloatArray) -> FloatArray:
 def _identified_tips(document: form.ModelDocument, identified: form.Identified, joints: FloatArray) -> FloatArray:
     chain = _chain(document, identified.chain)
     terms, coefficients = [], []
-    for data in identified.terms:
-        term = Term.from_data(
-            {
-                **data.model_dump(include={"name", "place", "direction", "basis", "group"}),
-                "prior_std": data.prior_standard_deviations,
-                "learn": data.prior_is_scaled_by_evidence,
-            }
-        )
-        term = _at_payload(term, document.training)
+    for data in (*identified.terms, *identified.uncertain_terms):
+        term = _at_payload(_term(data), document.training)
         term.check_place(chain)
-        if len(data.coefficients) != term.n_coefficients:
+        own = data.coefficients if isinstance(data, form.Term) else [0.0] * term.n_coefficients
+        if len(own) != term.n_coefficients:
             raise InputError(f"term {term.name!r}: expected {term.n_coefficients} coefficients")
         terms.append(term)
-        coefficients.extend(data.coefficients)
+        coefficients.extend(own)
     check_parts(term.basis for term in terms)
     if len(coefficients) > form.MAX_COEFFICIENTS or identified.covariance.size != len(coefficients):
         raise InputError(
@@ -313,6 +300,14 @@ def _identified_tips(document: form.ModelDocument, identified: form.Identified, 
             f"of {identified.covariance.size}"
         )
     return PerturbedChain(chain, tuple(terms)).tips(_state(document, joints), np.array(coefficients))
+
+
+def _term(data: form.UncertainTerm) -> Term:
+    prior: dict[str, Any] = {"group": data.name, "prior_std": 1.0, "learn": False}
+    if isinstance(data, form.Term):
+        prior = {"group": data.group, "prior_std": data.prior_standard_deviations}
+        prior["learn"] = data.prior_is_scaled_by_evidence
+    return Term.from_data(prior | data.model_dump(include={"name", "place", "direction", "basis"}))
 
 
 def _at_payload(term: Term, training: form.Training) -> Term:

@@ -80,7 +80,7 @@ def write(model: Compensator, manifest: Manifest, path: str | Path) -> None:
     if isinstance(model, NetworkModel):
         tip = _network_tip(graph, model)
     else:
-        tip = _ChainGraph(graph, plain_model(model)).tip()
+        tip = _ChainGraph(graph, plain_model(model).of_mean()).tip()
     content = graph.serialized(graph.node("Transpose", tip, output="tip_mm", perm=[1, 0]), model, manifest)
     with atomic_file(path) as temporary:
         temporary.write_bytes(content)

@@ -4,7 +4,8 @@ The archive (stored, not compressed) has ``model.json`` and one ``NAME.npy`` (Nu
 array that the JSON lists with its shape and SHA-256, and nothing else. What the JSON has of a model follows from its
 class: the constructor's options, and every learned attribute that the class annotates (``fit_: IdentificationResult``),
 dataclasses field by field. A field that
-a dataclass gains with a default may be missing; one that it loses or changes is a new format.
+a dataclass gains with a default may be missing; one that it loses or changes is a new format. A symmetric matrix is
+its lower triangle (format 2), and a covariance that differs from another on the diagonal alone is its diagonal.
 
 The file does not grow with the number of readings: of residuals it has those of outliers.
 """
@@ -36,12 +37,13 @@ from truearm.compensation.nets.training import TrainingRecord
 from truearm.errors import InputError, TruearmError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.file_reading import read_limited
-from truearm.identification.estimation.identification_result import ReferenceFit
+from truearm.files.readable_json import readable_json
+from truearm.identification.estimation.identification_result import IdentificationResult, ReferenceFit
 from truearm.identification.judgement.outliers import MIN_ROBUST_WEIGHT
 from truearm.identification.terms import SkippedTerm, Term
 from truearm.typing import BoolArray, FloatArray, IntArray
 
-FORMAT = 1
+FORMAT = 2
 # A 50-50 network and a 7-axis chain need well under a megabyte, a member of 1000 units 8.
 MAX_BYTES = 256 * 2**20
 # A thousand terms need a third of a megabyte of model.json, ten thousand seats two.
@@ -66,7 +68,7 @@ class Header(BaseModel):
     """The content of ``model.json``."""
 
     model_config = ConfigDict(extra="forbid")
-    format: Annotated[int, Field(strict=True, ge=FORMAT, le=FORMAT)]
+    format: Annotated[int, Field(strict=True, ge=1, le=FORMAT)]
     truearm: str
     model: ModelKind
     options: dict[str, Any]
@@ -133,7 +135,7 @@ def model_bytes(model: SavedModel) -> bytes:
         name: {"shape": list(array.shape), "sha256": hashlib.sha256(files[f"{name}.npy"]).hexdigest()}
         for name, array in arrays.items()
     }
-    header = json.dumps(content | {"arrays": entries}, indent=1, allow_nan=False).encode()
+    header = readable_json(content | {"arrays": entries}).encode()
     if len(header) > MAX_HEADER_BYTES or len(arrays) > MAX_ARRAYS or sum(map(len, files.values())) > MAX_BYTES - 2**24:
         raise TruearmError(
             f"the model is larger than a model file may be: {sum(map(len, files.values())) >> 20} MiB in "
@@ -211,12 +213,15 @@ def _encode(value: Any, name: str, arrays: dict[str, Array]) -> Any:
     if isinstance(value, float):
         return value if math.isfinite(value) else str(value)
     if isinstance(value, np.ndarray):
-        arrays[name] = value
-        return {"array": name}
+        is_symmetric = value.ndim == 2 and len(value) > 1 and np.array_equal(value, value.T)
+        arrays[name] = value[np.tril_indices(len(value))] if is_symmetric else value
+        return {"lower triangle" if is_symmetric else "array": name}
     if isinstance(value, Term):
         return value.as_data()
     if isinstance(value, ReferenceFit):
         value = _outliers_only(value)
+    if isinstance(value, IdentificationResult):
+        value = _diagonal_only(value)
     if is_dataclass(value):
         parts = {field.name: getattr(value, field.name) for field in _kept_fields(value)}
         return {key: _encode(one, f"{name}.{key}", arrays) for key, one in parts.items()}
@@ -246,6 +251,21 @@ def _outliers_only(reference: ReferenceFit) -> ReferenceFit:
     )
 
 
+def _diagonal_only(fit: IdentificationResult) -> IdentificationResult:
+    """A fit with the diagonal of its covariance under repeatability conditions, where all else is as on any day."""
+    same = fit.repeatability_covariance
+    if same is None or not np.array_equal(same, _with_diagonal(fit.covariance, same.diagonal())):
+        return fit
+    return replace(fit, repeatability_covariance=same.diagonal())
+
+
+def _with_diagonal(matrix: FloatArray, diagonal: FloatArray) -> FloatArray:
+    """A copy of a square matrix with another diagonal."""
+    out = matrix.copy()
+    np.fill_diagonal(out, diagonal)
+    return out
+
+
 def _decode(hint: Any, data: Any, name: str, arrays: dict[str, Array]) -> Any:
     """The value of a type from plain data; the arrays that it has are taken out of `arrays`."""
     origin, arguments = get_origin(hint), get_args(hint)
@@ -264,7 +284,12 @@ def _decode(hint: Any, data: Any, name: str, arrays: dict[str, Array]) -> Any:
         if not isinstance(data, dict) or not set(names) - optional <= data.keys() <= set(names):
             raise InputError(f"model.json, {name}: expected {', '.join(names)}, got {str(data)[:60]}")
         build: Callable[..., Any] = hint  # type: ignore[assignment]
-        return build(**{key: _decode(hints[key], one, f"{name}.{key}", arrays) for key, one in data.items()})
+        parts = {key: _decode(hints[key], one, f"{name}.{key}", arrays) for key, one in data.items()}
+        if hint is IdentificationResult and (same := parts.get("repeatability_covariance")) is not None:
+            whole = parts["covariance"]
+            if same.ndim == 1 and whole.shape == 2 * same.shape:
+                parts["repeatability_covariance"] = _with_diagonal(whole, same)
+        return build(**parts)
     if origin is tuple or origin is dict:
         if not isinstance(data, list):
             raise InputError(f"model.json, {name}: expected a list, got {data!r:.60}")
@@ -298,15 +323,28 @@ def _plain(hint: Any, data: Any, name: str) -> Any:
 
 
 def _taken_array(dtype: type[np.generic], data: Any, name: str, arrays: dict[str, Array]) -> Array:
-    if data != {"array": name} or name not in arrays:
+    if data not in ({"array": name}, {"lower triangle": name}) or name not in arrays:
         raise InputError(f"model.json, {name}: expected an array of that name, got {data!r:.60}")
     array = arrays.pop(name)
+    if "lower triangle" in data:
+        array = _symmetric(array, name)
     if dtype is np.float64:
         return array
     whole = array.astype(np.int64) if (np.abs(array) < 2**53).all() else np.full(1, -1)
     if not np.array_equal(whole, array) or (whole < 0).any() or (dtype is np.bool_ and (whole > 1).any()):
         raise InputError(f"expected the array {name} as {'0 and 1' if dtype is np.bool_ else 'whole numbers'}")
     return whole.astype(dtype)
+
+
+def _symmetric(triangle: Array, name: str) -> Array:
+    """The symmetric matrix of a lower triangle, row after row."""
+    size = math.isqrt(2 * triangle.size)
+    if triangle.shape != (size * (size + 1) // 2,):
+        raise InputError(f"expected the array {name} as a lower triangle, got one of shape {triangle.shape}")
+    rows, columns = np.tril_indices(size)
+    out = np.empty((size, size))
+    out[rows, columns] = out[columns, rows] = triangle
+    return out
 
 
 # The archive ---------------------------------------------------------------------------------------------------------

@@ -119,6 +119,7 @@ def with_material_prior(fit: IdentificationResult, state: ArmState, *, widened: 
     x[others] += fit.coefficients[others] - gain @ fit.coefficients[grows]
     covariance[np.ix_(others, others)] += fit.covariance[np.ix_(others, others)] - gain @ of_growth @ gain.T
     covariance[p:, p:] += u_K**2 * (covariance[np.ix_(grows, grows)] + np.outer(x[grows], x[grows]))
+    covariance = (covariance + covariance.T) / 2
     prior_std = fit.prior_std.copy()
     prior_std[grows] = np.sqrt(UNKNOWN_MATERIAL.covariance(len(grows)).diagonal())
     groups = tuple(
