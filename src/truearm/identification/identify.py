@@ -61,7 +61,12 @@ from truearm.identification.judgement.gross_errors import (
 )
 from truearm.identification.judgement.held_out_errors import HeldOutErrors, predicted_by_refits
 from truearm.identification.judgement.joint_gains import gains_asked
-from truearm.identification.judgement.missing_terms import missing_terms, with_error_of, with_missing_terms
+from truearm.identification.judgement.missing_terms import (
+    added_covariance,
+    missing_terms,
+    with_covariance,
+    with_missing_terms,
+)
 from truearm.identification.judgement.nominal_check import (
     NominalCheck,
     check_nominal_arm,
@@ -474,13 +479,15 @@ def _concluded(
     if held_out.n_coordinates > 1 and any(part.kind == "distance" for part in readings.references):
         distances = _as_refitted(readings, fit, cross_validate(readings, fit, IN_LENGTH), IN_LENGTH)
     kept = _as_refitted(readings, fit, kept, compared_kinds(fit.references))
-    wider = None if missing is None else with_missing_terms(fit, missing)
-    known = kept if wider is None else with_error_of(kept, fit, wider, readings.state)
+    added, known = None, kept
+    if missing is not None:
+        added = added_covariance(fit, with_missing_terms(fit, missing), readings.state)
+        known = with_covariance(kept, added)
     rest = unexplained(missing or fit, known, readings.session.angles)
     used = np.ones(len(readings.session), dtype=bool)
     used[excluded_readings(fit)] = False
     function = growing_outside(
-        rest.variance_function, rest.residual_std_mm**2, fit, readings.state, readings.references, used, wider
+        rest.variance_function, rest.residual_std_mm**2, fit, readings.state, readings.references, used, added
     )
     rest = replace(rest, variance_function=function)
     birge = birge_ratio(fit.references, kept.rows, rest.residual_std_mm)

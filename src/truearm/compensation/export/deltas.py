@@ -12,10 +12,10 @@ import json
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
-from typing import Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model, model_validator
 
 from truearm.arm.chain import Chain
 from truearm.arm.denavit_hartenberg import Convention, DHTable
@@ -49,26 +49,12 @@ class _Frames(BaseModel):
     without_beta_mm: _Number
 
 
-class _Joint(BaseModel):
+class _Row(BaseModel):
     """Nominal constants of a joint and what to add to them."""
 
     model_config = ConfigDict(extra="forbid")
     joint: str
     type: Literal["revolute", "prismatic"]
-    theta_rad: _Number
-    d_mm: _Number
-    a_mm: _Number
-    alpha_rad: _Number
-    beta_rad: _Number
-    b_mm: _Number
-    delta_theta_rad: _Number
-    delta_d_mm: _Number
-    delta_a_mm: _Number
-    delta_alpha_rad: _Number
-    delta_beta_rad: _Number
-    delta_b_mm: _Number
-    delta_d_m: _Number
-    delta_a_m: _Number
 
     @model_validator(mode="after")
     def _says_one_thing(self) -> Self:
@@ -77,6 +63,14 @@ class _Joint(BaseModel):
             if abs(in_mm - MM_PER_M * in_m) > ROUNDING * max(1.0, abs(in_mm)):
                 raise ValueError(f"delta_{quantity}_mm and delta_{quantity}_m differ")
         return self
+
+
+_NAMES = [f"{quantity}_{unit}" for quantity, unit in QUANTITIES.items()]
+_NAMES += [*(f"delta_{name}" for name in _NAMES), *(f"delta_{quantity}_m" for quantity in IN_METRES)]
+if TYPE_CHECKING:
+    _Joint = _Row
+else:
+    _Joint = create_model("_Joint", __base__=_Row, **dict.fromkeys(_NAMES, (_Number, ...)))
 
 
 class _Document(BaseModel):

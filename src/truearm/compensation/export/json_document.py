@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, Union, get_type
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, PlainValidator, WithJsonSchema, create_model, model_validator
 
+from truearm.compensation.models.model_archive import symmetric
 from truearm.compensation.targets.manifest import Manifest
 from truearm.identification import terms
 from truearm.identification.terms import Expression
@@ -217,7 +218,7 @@ class ListedMatrix(_Strict):
 
     def matrix(self) -> FloatArray:
         """The whole matrix."""
-        return _whole(np.array([one for row in self.lower_triangle for one in row], dtype=float), self.size)
+        return symmetric(np.array([one for row in self.lower_triangle for one in row], dtype=float))
 
 
 class PackedMatrix(_Strict):
@@ -241,7 +242,7 @@ class PackedMatrix(_Strict):
 
     def matrix(self) -> FloatArray:
         """The whole matrix."""
-        return _whole(self._numbers(), self.size)
+        return symmetric(self._numbers())
 
     @property
     def _n_bytes(self) -> int:
@@ -262,13 +263,6 @@ def symmetric_matrix(matrix: FloatArray) -> ListedMatrix | PackedMatrix:
         return ListedMatrix(encoding="rows", size=size, lower_triangle=rows)
     packed = matrix[np.tril_indices(size)].astype("<f8").tobytes()
     return PackedMatrix(encoding="base64-float64", size=size, lower_triangle=base64.b64encode(packed).decode())
-
-
-def _whole(triangle: FloatArray, size: int) -> FloatArray:
-    out = np.zeros((size, size))
-    rows, columns = np.tril_indices(size)
-    out[rows, columns] = out[columns, rows] = triangle
-    return out
 
 
 class Extrapolation(_Strict):

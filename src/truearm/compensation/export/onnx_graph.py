@@ -10,6 +10,7 @@ covariance, for the physical model of a robot some 10 MB and a thousand times th
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Sequence
 from functools import reduce
@@ -24,6 +25,7 @@ from truearm import __version__
 from truearm.arm.chain import Chain
 from truearm.compensation.export.plain_model import ONE, PlainModel, plain_model
 from truearm.compensation.models.compensator import Compensator
+from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.compensation.models.network import NetworkModel
 from truearm.compensation.targets.manifest import MARKER, Manifest
 from truearm.errors import InputError, MissingTool
@@ -80,7 +82,7 @@ def write(model: Compensator, manifest: Manifest, path: str | Path) -> None:
     if isinstance(model, NetworkModel):
         tip = _network_tip(graph, model)
     else:
-        tip = _ChainGraph(graph, plain_model(model).of_mean()).tip()
+        tip = _ChainGraph(graph, plain_model(_of_mean(model))).tip()
     content = graph.serialized(graph.node("Transpose", tip, output="tip_mm", perm=[1, 0]), model, manifest)
     with atomic_file(path) as temporary:
         temporary.write_bytes(content)
@@ -472,6 +474,16 @@ class _ChainGraph:
             if chain.is_prismatic[0]:
                 torques[0] = torques[1]
         return torques
+
+
+def _of_mean(model: Compensator) -> Compensator:
+    """The model without terms that are only uncertain: their coefficients are zero, and points do not need them."""
+    new = copy.copy(model)
+    if isinstance(new, IdentifiedModel):
+        x, chain = new.fit_.coefficients, new.fit_.perturbed_chain
+        moving = {term for term, columns in zip(chain.terms, chain.columns, strict=True) if x[columns].any()}
+        new.fit_ = new.fit_.select(moving.__contains__)
+    return new
 
 
 def _is_of_joints(expression: Expression) -> bool:

@@ -7,8 +7,7 @@ the sum of its functions' values times their rows of `motion_by_function`; it tu
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from itertools import compress
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -92,20 +91,6 @@ class PlainModel:
     def uses(self, kind: str) -> bool:
         """Whether a function depends on an input of this kind."""
         return any(one.operation == kind for one in self.inputs)
-
-    def of_mean(self) -> PlainModel:
-        """The tables for points alone, without functions that move nothing: of terms that are only uncertain."""
-        moves = np.asarray(self.motion_by_function.any(axis=1))
-        return replace(
-            self,
-            functions=tuple(compress(self.functions, moves.tolist())),
-            place=self.place[moves],
-            motion_by_function=self.motion_by_function[moves],
-            coefficients=self.coefficients[:0],
-            coefficient_function=self.coefficient_function[:0],
-            coefficient_direction=self.coefficient_direction[:0],
-            covariance_root=self.covariance_root[:0, :0],
-        )
 
     @property
     def inputs(self) -> frozenset[Expression]:

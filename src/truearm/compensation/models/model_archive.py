@@ -327,7 +327,7 @@ def _taken_array(dtype: type[np.generic], data: Any, name: str, arrays: dict[str
         raise InputError(f"model.json, {name}: expected an array of that name, got {data!r:.60}")
     array = arrays.pop(name)
     if "lower triangle" in data:
-        array = _symmetric(array, name)
+        array = symmetric(array, name)
     if dtype is np.float64:
         return array
     whole = array.astype(np.int64) if (np.abs(array) < 2**53).all() else np.full(1, -1)
@@ -336,7 +336,7 @@ def _taken_array(dtype: type[np.generic], data: Any, name: str, arrays: dict[str
     return whole.astype(dtype)
 
 
-def _symmetric(triangle: Array, name: str) -> Array:
+def symmetric(triangle: Array, name: str = "") -> Array:
     """The symmetric matrix of a lower triangle, row after row."""
     size = math.isqrt(2 * triangle.size)
     if triangle.shape != (size * (size + 1) // 2,):

@@ -73,20 +73,16 @@ def with_missing_terms(fit: IdentificationResult, complete: IdentificationResult
     )
 
 
-def with_error_of(
-    held_out: HeldOutReadings, fit: IdentificationResult, wider: IdentificationResult, state: ArmState
-) -> HeldOutReadings:
-    """Held-out points with the covariance that missing terms add to that of `fit`; other references as they are."""
+def with_covariance(held_out: HeldOutReadings, added: FloatArray) -> HeldOutReadings:
+    """Held-out points with a further covariance (n, 3, 3) at all readings; other references as they are."""
     if held_out.n_coordinates < 3:
         return held_out
-    at = state.rows(held_out.rows)
-    added = wider.tip_covariance(at) - fit.tip_covariance(at)
-    return replace(held_out, covariance=held_out.covariance + _positive(added))
+    return replace(held_out, covariance=held_out.covariance + added[held_out.rows])
 
 
-def _positive(matrices: FloatArray) -> FloatArray:
-    """The nearest matrices (n, 3, 3) without negative eigenvalues."""
-    values, vectors = np.linalg.eigh(matrices)
+def added_covariance(fit: IdentificationResult, wider: IdentificationResult, state: ArmState) -> FloatArray:
+    """(n, 3, 3) what missing terms add to the covariance of the tips of `fit`, without negative eigenvalues [mm^2]."""
+    values, vectors = np.linalg.eigh(wider.tip_covariance(state) - fit.tip_covariance(state))
     return np.asarray(np.einsum("nij,nj,nkj->nik", vectors, np.maximum(values, 0.0), vectors))
 
 

@@ -19,7 +19,7 @@ from truearm.identification.estimation.identification_result import Identificati
 from truearm.identification.estimation.residual_variance import LEVEL, HeldOutReadings, VarianceFunction
 from truearm.identification.judgement.cross_validation import cross_validate_regions
 from truearm.identification.judgement.gross_errors import own_variance
-from truearm.identification.judgement.missing_terms import with_error_of
+from truearm.identification.judgement.missing_terms import with_covariance
 from truearm.identification.judgement.residual_process import with_unspanned
 from truearm.identification.references.references import Reference
 from truearm.identification.terms.state import ArmState
@@ -58,7 +58,7 @@ def growing_outside(
     state: ArmState,
     references: Sequence[Reference],
     used: BoolArray,
-    wider: IdentificationResult | None = None,
+    added: FloatArray | None = None,
 ) -> VarianceFunction:
     """The variance function with its growth outside the range of the readings.
 
@@ -73,8 +73,8 @@ def growing_outside(
         Of the identification.
     used : (n,) bool array
         Readings that are not gross errors.
-    wider : IdentificationResult, optional
-        The result with the error of the terms that it does not have, which grows by itself.
+    added : (n, 3, 3) array, optional
+        Covariance of the tips by the terms that the fit does not have, which grows by itself [mm^2].
     """
     angles, ranges = state.angles, _all(state.angles[used])
     whole = Extrapolation(ranges, state.chain.is_prismatic, PRIOR_GROWTH)
@@ -83,8 +83,8 @@ def growing_outside(
     pairs = zip(regions, cross_validate_regions(fit, state, references, [rows for _, rows in regions]), strict=True)
     for (joint, rows), found in pairs:
         held_out = found.select_informative(own_variance(fit.references, found.rows))
-        if wider is not None:
-            held_out = with_error_of(held_out, fit, wider, state)
+        if added is not None:
+            held_out = with_covariance(held_out, added)
         if len(held_out.rows) < LEAST_READINGS:
             continue
         without = ranges.copy()
