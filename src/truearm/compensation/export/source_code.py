@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 import jinja2
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial.transform import Rotation
 
 from truearm.arm.chain import Chain
 from truearm.compensation.export.plain_model import PlainModel, plain_model
@@ -174,7 +173,7 @@ def _tables(plain: PlainModel, values: ValueTables, covariance: ReducedCovarianc
         "columns": [{"name": name, "macro": macros[name]} for name in names],
         "used_columns": [{"name": name, "macro": macros[name]} for name in layout.columns],
         "moved": [int(place in moved) for place in range(plain.n_joints + 2)],
-        "folded": _folded(plain.chain, values.constant_motions, moved),
+        "folded": _rows(_folded(plain.chain, values.constant_motions, moved)),
         "slides": plain.chain.is_prismatic.astype(int),
         "limits": np.clip(model.arm_.limits, -NO_LIMIT, NO_LIMIT),
         "temperature": [temperature.mean, temperature.std, temperature.lower, temperature.upper],
@@ -277,15 +276,11 @@ def _rows(chain: Chain) -> list[list[float]]:
     return rows
 
 
-def _folded(chain: Chain, constant: FloatArray, moved: set[int]) -> list[list[float]]:
-    """The fixed motions with those motions beside them that never change: ``F0 E0``, then ``En Fn``."""
-    E = np.tile(np.eye(4), (chain.n_joints + 1, 1, 1))
-    E[:, :3, :3] = Rotation.from_rotvec(constant[:-1, :3]).as_matrix()
-    E[:, :3, 3] = constant[:-1, 3:]
-    E[list(moved - {chain.n_joints + 1})] = np.eye(4)
-    fixed = np.concatenate([(chain.fixed[0] @ E[0])[None], E[1:] @ chain.fixed[1:]])
-    rows: list[list[float]] = fixed[:, :3].reshape(-1, 12).tolist()
-    return rows
+def _folded(chain: Chain, constant: FloatArray, moved: set[int]) -> Chain:
+    """The chain with those motions that never change; that of the tip stands by itself."""
+    motions = constant.copy()
+    motions[[*moved, chain.n_places - 1]] = 0.0
+    return chain.with_motions(motions)
 
 
 def _in_comment(line: str) -> Code:

@@ -8,7 +8,7 @@ as their expressions. A component of a place's motion is then a sum over runs of
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -17,7 +17,7 @@ import numpy as np
 from truearm.compensation.export.plain_model import ONE, PlainModel
 from truearm.identification.terms import Expression
 from truearm.identification.terms.thermal import link_vectors
-from truearm.typing import FloatArray
+from truearm.typing import FloatArray, IntArray
 
 
 class Run(NamedTuple):
@@ -138,25 +138,20 @@ class ValueTables:
     def of(cls, plain: PlainModel) -> ValueTables:
         """Tables of a model."""
         layout = ValueLayout.of(plain.functions, plain.n_joints)
-        constant = np.zeros((plain.n_joints + 2, 6))
-        motion: dict[tuple[int, int], float] = {}
-        for function, place, row in zip(plain.functions, plain.place.tolist(), plain.motion_by_function, strict=True):
-            value = layout.index(function)
-            if function == ONE:
-                constant[place] += row
-                continue
-            for axis in np.flatnonzero(row).tolist():
-                key = 6 * place + axis, value
-                motion[key] = motion.get(key, 0.0) + float(row[axis])
-        order = sorted(motion)
+        constant, motions = np.zeros((plain.n_joints + 2, 6)), plain.motion_by_function.copy()
+        is_constant = np.array([function == ONE for function in plain.functions], dtype=bool)
+        np.add.at(constant, plain.place[is_constant], motions[is_constant])
+        motions[is_constant] = 0.0
+        row, axis = np.nonzero(motions)
+        keys, which = _keys(plain, layout, row, axis)
         vectors, mass = link_vectors(plain.nominal_chain), plain.mass_kg
         outward = np.cumsum(mass[::-1])[::-1]
         beyond = np.append(outward[1:], 0.0)
         return cls(
             layout=layout,
             constant_motions=constant,
-            runs=runs_of(order),
-            weights=np.array([motion[key] for key in order]),
+            runs=runs_of(keys),
+            weights=np.bincount(which, motions[row, axis], minlength=len(keys)).astype(float),
             load=beyond[:, None] * vectors[1:] + mass[:, None] * plain.centre_in_joint_mm,
             mass_outward=outward,
             gravity_in_place=plain.gravity_in_base @ plain.nominal_chain.fixed[0, :3, :3],
@@ -181,17 +176,21 @@ class CovarianceRows:
     @classmethod
     def of(cls, plain: PlainModel, layout: ValueLayout) -> CovarianceRows:
         """Rows of a model."""
-        entries: dict[tuple[int, int], dict[int, float]] = {}
-        places, values = plain.place.tolist(), [layout.index(function) for function in plain.functions]
-        for p, (row, direction) in enumerate(
-            zip(plain.coefficient_function.tolist(), plain.coefficient_direction.tolist(), strict=True)
-        ):
-            for axis, share in enumerate(direction):
-                if share:
-                    by_coefficient = entries.setdefault((6 * places[row] + axis, values[row]), {})
-                    by_coefficient[p] = by_coefficient.get(p, 0.0) + share
-        keys = sorted(entries)
-        return cls(tuple(keys), _matrix([entries[key] for key in keys], len(plain.coefficient_function)))
+        coefficient, axis = np.nonzero(plain.coefficient_direction)
+        keys, which = _keys(plain, layout, plain.coefficient_function[coefficient], axis)
+        of_coefficient = np.zeros((len(keys), len(plain.coefficient_function)))
+        of_coefficient[which, coefficient] = plain.coefficient_direction[coefficient, axis]
+        return cls(keys, of_coefficient)
+
+
+def _keys(
+    plain: PlainModel, layout: ValueLayout, row: IntArray, axis: IntArray
+) -> tuple[tuple[tuple[int, int], ...], IntArray]:
+    """Rising pairs of component and value of motions by the functions `row` along `axis`, and the pair of each."""
+    values = np.array([layout.index(function) for function in plain.functions], dtype=np.intp)
+    pairs = np.stack([6 * plain.place[row] + axis, values[row]], axis=1)
+    keys, which = np.unique(pairs, axis=0, return_inverse=True)
+    return tuple((component, value) for component, value in keys.tolist()), which.ravel()
 
 
 def runs_of(keys: Iterable[tuple[int, int]]) -> tuple[Run, ...]:
@@ -203,10 +202,3 @@ def runs_of(keys: Iterable[tuple[int, int]]) -> tuple[Run, ...]:
         else:
             runs.append(Run(component, value, 1))
     return tuple(runs)
-
-
-def _matrix(rows: list[Mapping[int, float]], width: int) -> FloatArray:
-    out = np.zeros((len(rows), width))
-    for row, entries in zip(out, rows, strict=True):
-        row[list(entries)] = list(entries.values())
-    return out

@@ -18,7 +18,7 @@ from truearm.compensation.models.compensator import CheckedReadings, Compensator
 from truearm.compensation.models.identified_model import require_identified, to_identified
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
-from truearm.identification.terms import ArmState, Term
+from truearm.identification.terms import ArmState
 from truearm.readings.session import Session
 from truearm.typing import FloatArray, IntArray
 
@@ -152,22 +152,7 @@ def with_tool(model: Compensator, tool: FloatArray) -> Compensator:
 
 def _without_tip(fit: IdentificationResult, tip_in_flange: FloatArray, motions: FloatArray) -> IdentificationResult:
     """An identified chain without the terms of its tip, and with a tool."""
-    perturbed = fit.perturbed_chain
-    tip_place = perturbed.chain.n_places - 1
-    kept: list[Term] = []
-    columns: list[int] = []
-    start = 0
-    for term in perturbed.terms:
-        if term.place != tip_place and term.group != "equivalent to a free tip":
-            kept.append(term)
-            columns += range(start, start + term.n_coefficients)
-        start += term.n_coefficients
-    chain = perturbed.chain.with_tip(tip_in_flange).with_motions(motions)
-    return replace(
-        fit,
-        perturbed_chain=PerturbedChain(chain, tuple(kept)),
-        coefficients=fit.coefficients[columns],
-        covariance=fit.covariance[np.ix_(columns, columns)],
-        repeatability_covariance=None,
-        prior_std=fit.prior_std[columns],
-    )
+    tip_place = fit.perturbed_chain.chain.n_places - 1
+    kept = fit.select(lambda term: term.place != tip_place and term.group != "equivalent to a free tip")
+    chain = kept.perturbed_chain.chain.with_tip(tip_in_flange).with_motions(motions)
+    return replace(kept, perturbed_chain=PerturbedChain(chain, kept.perturbed_chain.terms))
