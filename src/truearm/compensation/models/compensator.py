@@ -115,6 +115,7 @@ class Compensator(Regressor, ABC):
     tips_: tuple[str, ...] = ()
     accepted_: tuple[Acceptance, ...] = ()
 
+    tail_freedom_ = float("inf")
     nominal_check_ = UNCHECKED
     held_out_ = NONE_HELD_OUT
     held_out_gross_ = NONE_HELD_OUT
@@ -385,7 +386,8 @@ class Compensator(Regressor, ABC):
     @property
     def identified_arm(self) -> IdentificationResult | None:
         """The identified arm in the model, with its residuals; None where there is none."""
-        return None
+        fit: IdentificationResult | None = getattr(self, "fit_", None)
+        return fit
 
     def facts(self) -> dict[str, Any]:
         """What records state of the model, beside its errors and its terms."""
@@ -399,9 +401,9 @@ class Compensator(Regressor, ABC):
     def ellipsoid_factor(self, level: float) -> float:
         """Half axis, in standard uncertainties, of the ellipsoid that contains a point with probability `level`.
 
-        At 95 % it is 2.80, as for Gaussian errors.
+        At 95 % it is 2.80, as for Gaussian errors, and beyond as much larger as the held-out readings scatter farther.
         """
-        return ellipsoid_factor(level, freedom=float("inf"))
+        return ellipsoid_factor(level, freedom=self.tail_freedom_)
 
     def expansion_covariance(self, readings: ReadingsLike) -> FloatArray:
         """Covariance of the tip from growth of the arm outside the trained temperatures, where no term describes it.

@@ -23,7 +23,6 @@ from truearm.identification.estimation.residual_variance import (
 )
 from truearm.identification.identify import Found, Progress, unexplained_at
 from truearm.identification.judgement.held_out_errors import HeldOutErrors
-from truearm.identification.judgement.tails import ellipsoid_factor
 from truearm.identification.references.prepared_readings import MIN_ROWS, PreparedReadings
 from truearm.identification.references.reading_references import state_of
 from truearm.identification.terms import ArmState
@@ -140,11 +139,6 @@ class HybridModel(Compensator):
         self.fit_seconds_ = time.perf_counter() - begun
         return self
 
-    @property
-    def identified_arm(self) -> IdentificationResult:
-        """See `Compensator.identified_arm`."""
-        return self.fit_
-
     def facts(self) -> dict[str, Any]:
         """See `Compensator.facts`."""
         committee = self.committee_
@@ -160,10 +154,6 @@ class HybridModel(Compensator):
     def n_effective_(self) -> float:
         """Parameters that the readings determine: constants of the arm, and weights of one network."""
         return sum(group.effective for group in self.fit_.groups) + float(self.committee_.effective.mean())
-
-    def ellipsoid_factor(self, level: float) -> float:
-        """See `Compensator.ellipsoid_factor`: beyond 95 % as much larger as the held-out readings scatter farther."""
-        return ellipsoid_factor(level, freedom=self.tail_freedom_)
 
     def member_scatter(self, readings: Session) -> FloatArray:
         """(n, 3, 3) covariance of the members' points about their mean [mm^2]."""

@@ -30,7 +30,6 @@ from truearm.identification.identify import (
 )
 from truearm.identification.judgement.held_out_errors import HeldOutErrors
 from truearm.identification.judgement.residual_process import ResidualProcess
-from truearm.identification.judgement.tails import ellipsoid_factor
 from truearm.identification.references.prepared_readings import PreparedReadings
 from truearm.identification.references.rounded_angles import tip_motions
 from truearm.identification.terms import Expression, SkippedTerm, Term, constants
@@ -154,11 +153,6 @@ class IdentifiedModel(Compensator):
         before = to_identified(simpler)
         return [placed.fit] if before is None else [placed.fit, before.fit_]
 
-    @property
-    def identified_arm(self) -> IdentificationResult:
-        """See `Compensator.identified_arm`."""
-        return self.fit_
-
     def facts(self) -> dict[str, Any]:
         """See `Compensator.facts`."""
         return {"residual_std_mm": self.residual_std_}
@@ -167,10 +161,6 @@ class IdentifiedModel(Compensator):
     def n_effective_(self) -> float:
         """Coefficients that the readings determine."""
         return sum(group.effective for group in self.fit_.groups)
-
-    def ellipsoid_factor(self, level: float) -> float:
-        """See `Compensator.ellipsoid_factor`: beyond 95 % as much larger as the held-out readings scatter farther."""
-        return ellipsoid_factor(level, freedom=self.tail_freedom_)
 
     def _fit_weighted(self, readings: Session, weight: FloatArray) -> Self:
         """Learn from weighted points: some fits, as a point's variance is its own plus that of the noise.

@@ -16,7 +16,6 @@ from truearm.compensation.nets.scaling import MinMaxScaler
 from truearm.errors import InputError
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.residual_process import GROUP
-from truearm.identification.estimation.residual_variance import VarianceFunction
 from truearm.identification.judgement.tails import LEAST_FREEDOM
 from truearm.identification.references.session_frames import checked_frames
 from truearm.identification.terms import ArmState
@@ -42,13 +41,18 @@ def check_model(model: Compensator) -> None:
     if frames := model.session_frames_:
         model.session_frames_ = checked_frames(list(frames), np.stack(list(frames.values())))
     _check_identification("nominal_", model.nominal_, n_joints)
-    if isinstance(model, IdentifiedModel):
+    if isinstance(model, IdentifiedModel | HybridModel):
         _check_identification("fit_", model.fit_, n_joints)
-        _check_variance_function(model.variance_function_, n_joints)
-        if not (0 <= model.residual_std_ < np.inf and 1 <= model.birge_ratio_ < np.inf):
-            raise InputError("expected a residual standard deviation of 0 or more and a Birge ratio of 1 or more")
+        _check_shape("variance_function_.centre", model.variance_function_.centre, (n_joints,))
+        if (beyond := model.variance_function_.beyond) is not None:
+            _check_shape("variance_function_.beyond.ranges", beyond.ranges, (n_joints, 2))
+        if not 0 <= model.residual_std_ < np.inf:
+            raise InputError("expected a residual standard deviation of 0 or more")
         if not model.tail_freedom_ >= LEAST_FREEDOM:
             raise InputError(f"expected {LEAST_FREEDOM:g} or more degrees of freedom of the tails")
+    if isinstance(model, IdentifiedModel):
+        if not 1 <= model.birge_ratio_ < np.inf:
+            raise InputError("expected a Birge ratio of 1 or more")
         _check_process(model, n_joints)
         _check_shape("refit_reading_ids_", model.refit_reading_ids_, (len(model.refit_reading_ids_),))
     if isinstance(model, NetworkModel):
@@ -142,7 +146,6 @@ def _check_network(model: NetworkModel, n_joints: int) -> None:
 
 def _check_hybrid(model: HybridModel, n_joints: int) -> None:
     inputs, committee = model.inputs_, model.committee_
-    _check_identification("fit_", model.fit_, n_joints)
     if not np.array_equal(inputs.is_prismatic, model.arm_.chain.is_prismatic):
         raise InputError("expected inputs of the joints of the arm")
     n_candidates = 2 * n_joints - int(inputs.is_prismatic.sum()) + 1
@@ -159,17 +162,8 @@ def _check_hybrid(model: HybridModel, n_joints: int) -> None:
     _check_shape("committee_.weights", committee.weights, (k, committee.network.n_weights))
     for name, values in (("effective", committee.effective), ("epochs", committee.epochs)):
         _check_shape(f"committee_.{name}", values, (k,))
-    if not 0 < model.target_scale_mm_ < np.inf or not 0 <= model.residual_std_ < np.inf:
-        raise InputError("expected a scale above zero and a residual standard deviation of 0 or more")
-    _check_variance_function(model.variance_function_, n_joints)
-    if not model.tail_freedom_ >= LEAST_FREEDOM:
-        raise InputError(f"expected {LEAST_FREEDOM:g} or more degrees of freedom of the tails")
-
-
-def _check_variance_function(function: VarianceFunction, n_joints: int) -> None:
-    _check_shape("variance_function_.centre", function.centre, (n_joints,))
-    if function.beyond is not None:
-        _check_shape("variance_function_.beyond.ranges", function.beyond.ranges, (n_joints, 2))
+    if not 0 < model.target_scale_mm_ < np.inf:
+        raise InputError("expected a scale above zero of the networks' outputs")
 
 
 def _check_scale(name: str, scale: MinMaxScaler, k: int) -> None:
