@@ -196,7 +196,7 @@ def test_the_first_epoch_at_the_papers_level_is_recorded_for_every_row_that_shar
         for level in training.levels_mm:
             if stop > 0 and error <= level:
                 epochs.setdefault(level, stop)
-    assert {level: max(epoch, 1) for level, (epoch, _) in one.reached.items()} == epochs
+    assert {level: max(epoch, 1) for level, epoch, _ in one.reached} == epochs
 
 
 def test_a_part_alone_runs_only_the_trainings_it_needs(tmp_path):
@@ -509,13 +509,13 @@ def test_machine_and_time_of_day_are_kept_with_a_training(tmp_path):
     results = reproduce(["figure 7"], effort=EFFORT, folder=tmp_path)
     (file,) = tmp_path.iterdir()
     kept = json.loads(file.read_text())
-    assert kept["machine"] == machine_data()
+    assert kept["machine"] == machine_data().model_dump()
     assert results.trained == (kept["ended"],) * 2
     kept["machine"]["cpu"] = "another"
     file.write_text(json.dumps(kept))
     assert reproduce(["figure 7"], effort=EFFORT, folder=tmp_path).machines == [kept["machine"]]
     both = reproduce(["figure 7", "figure 4"], effort=EFFORT, folder=tmp_path)
-    assert {one["cpu"] for one in both.machines} == {"another", machine_data()["cpu"]}
+    assert {one["cpu"] for one in both.machines} == {"another", machine_data().cpu}
     assert len(both.machines) == 2
 
 
@@ -539,4 +539,4 @@ def test_evaluation_on_further_poses_is_not_training_time(tmp_path, monkeypatch)
     result = run_training(training, tmp_path, progress)
     assert clock[0] == 330
     assert result.seconds == 30
-    assert result.reached == {1e9: (0, 10.0)}
+    assert result.reached == ((1e9, 0, 10.0),)

@@ -15,12 +15,11 @@ from truearm.papers.gao2017.claim_figures import (
     crossings,
     learning_rate_figure,
     outside_figure,
-    predictions_figure,
     scatter_figure,
     share_figure,
 )
 from truearm.papers.gao2017.network_drawing import network_layers
-from truearm.papers.gao2017.results import BoxStudy, LearningRate, OutsideErrors, Predictions, Scatter
+from truearm.papers.gao2017.results import BoxStudy, LearningRate, OutsideErrors, Scatter
 from truearm.papers.gao2017.table_figure import STYLES, TableFigureRow, table_figure
 from truearm.show.arm_drawing import arm_figure, frame_figure, project
 
@@ -48,7 +47,6 @@ def every_figure():
     frames, tip = arm_at([0, -120, 0, 75, 0, -30])
     errors = {"trainlm": [8.0, 9.0], "varpro": [5.0]}
     row = TableFigureRow(("1", "10"), 8.5, 124.0, errors, {"trainlm": [None, 3.0], "varpro": [1.0]})
-    truth = np.arange(12.0).reshape(4, 3)
     scatter = Scatter("row 1", (8.0, 9.0), (8.0, 9.0), 0.1, (1,), (8.5,), 0.0)
     outside = OutsideErrors((0.0, 10.0), {"varpro": (0.01, 1.0), "nominal": (0.4, 0.4)}, (0.1, 9.0))
     return {
@@ -61,9 +59,6 @@ def every_figure():
         "box": box_figure(BoxStudy((20.0, 40.0), {1: (1.0, 4.0)}, {1: 2.0}), chosen=38.0),
         "outside": outside_figure(outside),
         "share": share_figure({"nominal": 0.45, "varpro": 0.01}, before="nominal"),
-        "poses": predictions_figure(
-            Predictions(np.zeros((len(truth), 6)), truth, {"trainlm": truth + 0.1, "varpro": truth})
-        ),
     }
 
 
@@ -74,7 +69,7 @@ def test_every_figure_has_a_caption_an_alternative_text_and_units():
         assert figure.caption.endswith("."), name
         for axes in (axes for panel in figure.panels for axes in panel.axes):
             for label in (axes.get_xlabel(), axes.get_ylabel()):
-                plain = label in ("", "pose", "learning rate")
+                plain = label in ("", "learning rate")
                 assert plain or label.endswith(("[mm]", "[s]", "[deg]", "[%]")), (name, label)
 
 
@@ -211,13 +206,3 @@ def test_the_upper_scale_of_the_share_is_the_share():
     assert ticks["0 %"] == pytest.approx(0.5)
     assert ticks["90 %"] == pytest.approx(0.05)
     assert "varpro 0.00500 mm, 99 % removed" in figure.caption
-
-
-def test_true_and_predicted_coordinates_and_their_differences_are_drawn():
-    truth = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]])
-    figure = predictions_figure(Predictions(np.zeros((len(truth), 6)), truth, {"varpro": truth + [0.1, -0.2, 0.3]}))
-    for k, (panel, error) in enumerate(zip(figure.panels, (0.1, -0.2, 0.3), strict=True)):
-        above, below = panel.axes
-        assert holds([line.get_xydata() for line in above.lines], (1.0, truth[0, k]))
-        assert holds([line.get_xydata() for line in below.lines], (2.0, error))
-    assert "varpro 0.20 mm on average and 0.30 mm at most" in figure.caption

@@ -26,7 +26,6 @@ from truearm.papers.gao2017.results import (
     BoxStudy,
     LearningRate,
     OutsideErrors,
-    Predictions,
     Scatter,
 )
 from truearm.papers.gao2017.table_figure import PAPER_STYLE, STYLES
@@ -286,65 +285,6 @@ def _share_scale(axes: Axes, first: float, low: float, high: float) -> None:
     top.minorticks_off()
     top.set_xlabel("share removed [%]", labelpad=4)
     top.spines["top"].set_color(LIMIT)
-
-
-def predictions_figure(poses: Predictions) -> Figure:
-    """Draw true and predicted coordinates pose by pose, and below them the errors, as in Figure 4 of the paper."""
-    errors = poses.deviations()
-    with figure_style():
-        panels = tuple(_coordinate_panel(poses, errors, coordinate) for coordinate in range(3))
-    summary = join_phrases(
-        f"{name} {format_number(float(np.abs(values).mean()), digits=2)} mm on average and "
-        f"{format_number(float(np.abs(values).max()), digits=2)} mm at most"
-        for name, values in errors.items()
-    )
-    count = format_count(len(poses.points_mm), "pose")
-    return Figure(
-        panels,
-        caption=f"Coordinates of {count}: above, the true values as crosses and the predictions as marks; below, "
-        f"predicted minus true. Error of a single coordinate: {summary}.",
-        alt=f"Coordinates x, y and z of {count}, true and predicted, and the errors. {summary}.",
-        columns=3,
-    )
-
-
-def _coordinate_panel(poses: Predictions, errors: Mapping[str, FloatArray], coordinate: int) -> Drawing:
-    drawing, (above, below) = make_panel(3.0, 3.4, rows=2, top_in=0.44)
-    numbers, letter = np.arange(1, len(poses.points_mm) + 1), "xyz"[coordinate]
-    true = poses.points_mm[:, coordinate]
-    above.plot(numbers, true, "x", color=INK, markersize=7, markeredgewidth=1.0, zorder=2, label="true")
-    shifts = 0.24 * (np.arange(len(errors)) - (len(errors) - 1) / 2)
-    for shift, (name, points) in zip(shifts, poses.predicted_mm.items(), strict=True):
-        style, values = STYLES[name], errors[name][:, coordinate]
-        below.vlines(numbers + shift, 0, values, color=style.colour, linewidth=1.2)
-        for axes, y in ((above, points[:, coordinate]), (below, values)):
-            axes.plot(
-                numbers + shift,
-                y,
-                style.marker,
-                color=style.colour,
-                markersize=3.4,
-                markeredgewidth=0,
-                label=f" {name}",
-            )
-    # One scale for x, y and z, so that the panels can be compared.
-    largest = max(float(np.abs(values).max()) for values in errors.values()) or 1e-6
-    below.set_ylim(-1.15 * largest, 1.15 * largest)
-    below.axhline(0, color=LIMIT, linewidth=0.8, zorder=1)
-    above.set_title(letter)
-    above.set_ylabel(f"{letter} [mm]")
-    below.set(ylabel="error [mm]", xlabel="pose", xlim=(0.4, len(numbers) + 0.6))
-    below.locator_params(axis="x", nbins=6, integer=True)
-    if coordinate == 0:
-        above.legend(
-            loc="lower right",
-            bbox_to_anchor=(1.02, 0.98),
-            ncols=3,
-            handlelength=1.0,
-            handletextpad=0.1,
-            columnspacing=0.6,
-        )
-    return drawing
 
 
 def _curve(axes: Axes, x: FloatArray, y: FloatArray, name: str) -> None:

@@ -114,7 +114,7 @@ def reproduce(
     results = _run_all(wanted, folder, progress)
     ended = [one.ended for one in results.values()]
     first = first_row_networks(effort, results) if "table 2" in parts else []
-    machines = [one.machine for one in results.values()] or [machine_data()]
+    machines = [one.machine.model_dump() for one in results.values()] or [machine_data().model_dump()]
     return Reproduction(
         truearm=__version__,
         machines=[one for k, one in enumerate(machines) if one not in machines[:k]],
@@ -194,7 +194,7 @@ def _trainer_result(
 
 def _run(result: TrainingResult, n_test: int, level_mm: float | None) -> Run:
     few, many = result.errors(n_test, TEST_STREAM), result.errors(N_EVALUATION_POSES, EVALUATION_STREAM)
-    epoch, seconds = (None, None) if level_mm is None else result.reached.get(level_mm, (None, None))
+    epoch, seconds = next(((epoch, s) for level, epoch, s in result.reached if level == level_mm), (None, None))
     return Run(
         seed=result.training.seed,
         epochs=result.epochs,

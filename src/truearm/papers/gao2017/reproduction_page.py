@@ -14,7 +14,6 @@ from truearm.number_format import format_count, format_in_text
 from truearm.pages.page import Cell, Column, LabelledValue, Page, PageVerdict, Section, Table
 from truearm.pages.plotting import Figure
 from truearm.pages.scene import PointCloud, PointColumn, Scene
-from truearm.papers.gao2017.claim_figures import predictions_figure
 from truearm.papers.gao2017.claim_sections import (
     final_test_section,
     joint_ranges_section,
@@ -28,11 +27,13 @@ from truearm.papers.gao2017.learning_curves import learning_curves_section
 from truearm.papers.gao2017.network_drawing import network_layers
 from truearm.papers.gao2017.phrases import COMMAND, MissingPart, as_count, format_degrees, mark_cut, with_figure_number
 from truearm.papers.gao2017.results import METHODS, ArmPose, Predictions, Reproduction
+from truearm.papers.gao2017.table_figure import STYLES
 from truearm.papers.gao2017.table_sections import count_cut, count_verdicts, describe_accuracy, speedups, table_section
 from truearm.papers.gao2017.tables import TABLE_1
 from truearm.papers.gao2017.training import ARM
 from truearm.show.arm_drawing import arm_figure, frame_figure
 from truearm.show.arm_scene import arm_mechanism
+from truearm.show.error_figures import coordinates_by_reading, errors_by_reading
 from truearm.show.workspace_figures import error_in_workspace
 from truearm.typing import FloatArray
 
@@ -268,8 +269,9 @@ def _ten_poses(results: Reproduction) -> Section | MissingPart:
     poses = results.figures.figure_4
     if poses is None:
         return MissingPart("Figure 4", "--figure 4")
-    figure = with_figure_number(4, predictions_figure(poses))
-    return Section("Some poses in detail (Figure 4)", figures=(figure,), folded=bool(results.rows()))
+    coordinates = coordinates_by_reading(poses.points_mm, poses.predicted_mm, styles=STYLES)
+    figures = (with_figure_number(4, coordinates), errors_by_reading(poses.deviations(), styles=STYLES))
+    return Section("Some poses in detail (Figure 4)", figures=figures, folded=bool(results.rows()))
 
 
 def _facts(results: Reproduction) -> tuple[tuple[str, str], ...]:

@@ -13,10 +13,10 @@ from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
 from time import process_time
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
 
 from truearm import __version__
 from truearm.arm import load_arm
@@ -184,62 +184,126 @@ class Training:
         return min(epochs * epoch, (self.time_limit_s or math.inf) / 2)
 
 
-@dataclass(frozen=True, eq=False)
-class TrainingResult:
-    """Result of a training.
+_Number = Annotated[float, Field(ge=-1e12, le=1e12, allow_inf_nan=False)]
+_Count = Annotated[int, Field(ge=0, le=10**9)]
+_Seconds = Annotated[float, Field(ge=0, le=1e9, allow_inf_nan=False)]
+_Rms = Annotated[float, Field(ge=0, le=_LARGEST_RMS_MM, allow_inf_nan=False)]
+_Ends = Annotated[list[_Number], Field(min_length=1, max_length=100)]
+_Text = Annotated[str, Field(max_length=1000)]
+
+
+class _Schema(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+
+class Machine(_Schema):
+    """Processor and programs of a machine."""
+
+    cpu: _Text
+    cores: _Count
+    python: _Text
+    numpy: _Text
+
+
+class TrainingResult(_Schema):
+    """Result of a training, as its file holds it.
 
     Attributes
     ----------
-    training : Training
+    fingerprint : str
+        Of the training.
     epochs : int
         Done.
     seconds : float
         CPU time of all threads, without the evaluation on further poses.
     stop : str
         Why it ended, in MATLAB's words.
-    machine : dict
-        Where it ran: cpu, cores, python, numpy.
+    machine : Machine
+        Where it ran.
     ended : str
         Date and time, UTC.
-    reached : dict of float to (int, float)
-        For each level that was reached, the first epoch and time [s].
+    reached : tuple of (float, int, float)
+        Each level that was reached, with the first epoch and time [s].
+    angle_range, point_range : (list of float, list of float)
+        Lower and upper ends of the angles [rad] and points [mm], which are scaled onto [-1, 1].
     limit_s : float or None
         The time limit that it ran under.
-    weights : (n_weights,) array
-    angle_scale, point_scale : MinMaxScaler
-        Angles [rad] and points [mm] onto [-1, 1].
+    weights : list of float
     curve : tuple of (int, float, float)
         The learning curve: epoch, time [s] without evaluations, and root mean square error of a coordinate on the
         fitted poses [mm]. Empty in results of earlier versions.
     """
 
-    training: Training
-    epochs: int
-    seconds: float
-    stop: str
-    machine: dict[str, Any]
-    ended: str
-    reached: dict[float, tuple[int, float]]
-    limit_s: float | None
-    weights: FloatArray
-    angle_scale: MinMaxScaler
-    point_scale: MinMaxScaler
-    curve: tuple[tuple[int, float, float], ...] = ()
+    fingerprint: Annotated[str, Field(max_length=64)]
+    epochs: _Count
+    seconds: _Seconds
+    stop: _Text
+    machine: Machine
+    ended: _Text
+    reached: Annotated[tuple[tuple[_Number, _Count, _Seconds], ...], Field(max_length=100)]
+    angle_range: tuple[_Ends, _Ends]
+    point_range: tuple[_Ends, _Ends]
+    limit_s: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None
+    weights: Annotated[list[_Number], Field(max_length=1_000_000)]
+    curve: Annotated[tuple[tuple[_Count, _Seconds, _Rms], ...], Field(max_length=1000)] = ()
+    _training: Training = PrivateAttr()
+
+    @property
+    def training(self) -> Training:
+        """What it is the result of."""
+        return self._training
 
     @property
     def was_cut(self) -> bool:
         """Whether the time limit ended it before a stop of its own."""
         return self.stop == TIME_OVER
 
+    @property
+    def scales(self) -> tuple[MinMaxScaler, MinMaxScaler]:
+        """Of the angles [rad] and of the points [mm]."""
+        return MinMaxScaler(*map(np.array, self.angle_range)), MinMaxScaler(*map(np.array, self.point_range))
+
     def predict(self, angles: FloatArray) -> FloatArray:
         """Points (n, 3) [mm] at angles (n, 6) [rad]."""
-        outputs = self.training.network.outputs(self.weights, self.angle_scale.scale(angles.T))
-        return np.ascontiguousarray(self.point_scale.unscale(outputs).T)
+        of_angles, of_points = self.scales
+        outputs = self.training.network.outputs(np.array(self.weights), of_angles.scale(angles.T))
+        return np.ascontiguousarray(of_points.unscale(outputs).T)
 
     def errors(self, n: int, stream: int) -> FloatArray:
         """Absolute errors of coordinates (n, 3) [mm] on further poses of the training's own source and seed."""
         angles, points = self.training.source.data(n, seed=self.training.seed, stream=stream)
         return np.abs(self.predict(angles) - points)
+
+    @classmethod
+    def read(cls, file: Path, training: Training) -> TrainingResult:
+        """Read the result of a training."""
+
+        def damaged(problem: str) -> InputError:
+            return InputError(
+                f"not the file of a finished training: {problem}", file=file, hint="delete it and run the command again"
+            )
+
+        try:
+            kept = cls.model_validate_json(read_limited(file, limit_bytes=LARGEST_FILE))
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            place = ".".join(map(str, first["loc"]))
+            raise damaged(f"{place}: {first['msg']}".removeprefix(": ")) from None
+        if kept.fingerprint != training.fingerprint:
+            raise damaged("its fingerprint is that of another training")
+        if kept.epochs > training.epochs:
+            raise damaged(f"expected at most {training.epochs} epochs, got {kept.epochs}")
+        if any(level not in training.levels_mm or epoch > training.epochs for level, epoch, _ in kept.reached):
+            raise damaged(f"expected levels of this training, reached within {training.epochs} epochs")
+        if any(epoch > training.epochs for epoch, _, _ in kept.curve):
+            raise damaged(f"expected a learning curve of at most {training.epochs} epochs")
+        lengths = [len(ends) for ends in (*kept.angle_range, *kept.point_range)]
+        if lengths != [6, 6, 3, 3] or len(kept.weights) != training.network.n_weights:
+            raise damaged(f"expected {training.network.n_weights} weights and ranges of 6 and 3 numbers")
+        if not all((scale.half_range > 0).all() for scale in kept.scales):
+            raise damaged("expected ranges with the lower end first")
+        kept._training = training
+        return kept
 
 
 def run_training(training: Training, folder: Path, progress: ProgressCallback) -> TrainingResult:
@@ -254,23 +318,23 @@ def run_training(training: Training, folder: Path, progress: ProgressCallback) -
     """
     file = folder / f"{training.name}.json"
     if file.exists():
-        found = _TrainingFile.read(file, training)
+        found = TrainingResult.read(file, training)
         if not found.was_cut or (found.limit_s or math.inf) >= (training.time_limit_s or math.inf):
             return found
     check_writable(file)
     result = _train(training, progress)
     with atomic_file(file) as beside:
-        beside.write_text(_TrainingFile.of(result).model_dump_json() + "\n", encoding="utf-8", newline="\n")
+        beside.write_text(result.model_dump_json() + "\n", encoding="utf-8", newline="\n")
     return result
 
 
-def machine_data() -> dict[str, Any]:
+def machine_data() -> Machine:
     """Processor and programs of this machine."""
     cpu, info = platform.processor() or platform.machine(), Path("/proc/cpuinfo")
     if info.exists():
         lines = info.read_text(encoding="utf-8", errors="replace").splitlines()
         cpu = next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), cpu)
-    return {"cpu": cpu, "cores": cores(), "python": platform.python_version(), "numpy": version("numpy")}
+    return Machine(cpu=cpu, cores=cores(), python=platform.python_version(), numpy=version("numpy"))
 
 
 def _train(training: Training, progress: ProgressCallback) -> TrainingResult:
@@ -317,120 +381,25 @@ def _train(training: Training, progress: ProgressCallback) -> TrainingResult:
         clock=process_time,
         callback=evaluate,
     )
-    return TrainingResult(
-        training,
+    result = TrainingResult(
+        fingerprint=training.fingerprint,
         epochs=len(record.perf) - 1,
         seconds=max(float(record.time[-1]) - evaluation_seconds, 0.0),
         stop=record.stop,
         machine=machine_data(),
         ended=datetime.now(UTC).isoformat(timespec="seconds"),
-        reached=reached,
+        reached=tuple((level, *when) for level, when in sorted(reached.items())),
+        angle_range=(angle_scale.lower.tolist(), angle_scale.upper.tolist()),
+        point_range=(point_scale.lower.tolist(), point_scale.upper.tolist()),
         limit_s=training.time_limit_s,
-        weights=weights,
-        angle_scale=angle_scale,
-        point_scale=point_scale,
+        weights=weights.tolist(),
         curve=_thinned(curve),
     )
+    result._training = training
+    return result
 
 
 def _thinned(curve: list[tuple[int, float, float]]) -> tuple[tuple[int, float, float], ...]:
     """At most `CURVE_POINTS` points of a learning curve, with the first and the last."""
     kept = np.unique(np.geomspace(1, max(len(curve), 1), CURVE_POINTS).round().astype(int)) - 1
     return tuple(curve[i] for i in kept if i < len(curve))
-
-
-# The file ------------------------------------------------------------------------------------------------------------
-
-_Number = Annotated[float, Field(ge=-1e12, le=1e12, allow_inf_nan=False)]
-_Count = Annotated[int, Field(ge=0, le=10**9)]
-_Seconds = Annotated[float, Field(ge=0, le=1e9, allow_inf_nan=False)]
-_Rms = Annotated[float, Field(ge=0, le=_LARGEST_RMS_MM, allow_inf_nan=False)]
-_Ends = Annotated[list[_Number], Field(min_length=1, max_length=100)]
-_Text = Annotated[str, Field(max_length=1000)]
-
-
-class _Schema(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True)
-
-
-class _Machine(_Schema):
-    cpu: _Text
-    cores: _Count
-    python: _Text
-    numpy: _Text
-
-
-class _TrainingFile(_Schema):
-    """A finished training."""
-
-    fingerprint: Annotated[str, Field(max_length=64)]
-    epochs: _Count
-    seconds: _Seconds
-    stop: _Text
-    machine: _Machine
-    ended: _Text
-    reached: Annotated[list[tuple[_Number, _Count, _Seconds]], Field(max_length=100)]
-    angle_range: tuple[_Ends, _Ends]
-    point_range: tuple[_Ends, _Ends]
-    limit_s: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None
-    weights: Annotated[list[_Number], Field(max_length=1_000_000)]
-    curve: Annotated[list[tuple[_Count, _Seconds, _Rms]], Field(max_length=1000)] = []
-
-    @classmethod
-    def of(cls, result: TrainingResult) -> _TrainingFile:
-        return cls(
-            fingerprint=result.training.fingerprint,
-            epochs=result.epochs,
-            seconds=result.seconds,
-            stop=result.stop,
-            machine=_Machine(**result.machine),
-            ended=result.ended,
-            reached=[(level, *when) for level, when in sorted(result.reached.items())],
-            angle_range=(result.angle_scale.lower.tolist(), result.angle_scale.upper.tolist()),
-            point_range=(result.point_scale.lower.tolist(), result.point_scale.upper.tolist()),
-            limit_s=result.limit_s,
-            weights=result.weights.tolist(),
-            curve=list(result.curve),
-        )
-
-    @classmethod
-    def read(cls, file: Path, training: Training) -> TrainingResult:
-        def damaged(problem: str) -> InputError:
-            return InputError(
-                f"not the file of a finished training: {problem}", file=file, hint="delete it and run the command again"
-            )
-
-        try:
-            kept = cls.model_validate_json(read_limited(file, limit_bytes=LARGEST_FILE))
-        except ValidationError as error:
-            first = error.errors(include_url=False)[0]
-            place = ".".join(map(str, first["loc"]))
-            raise damaged(f"{place}: {first['msg']}".removeprefix(": ")) from None
-        if kept.fingerprint != training.fingerprint:
-            raise damaged("its fingerprint is that of another training")
-        if kept.epochs > training.epochs:
-            raise damaged(f"expected at most {training.epochs} epochs, got {kept.epochs}")
-        if any(level not in training.levels_mm or epoch > training.epochs for level, epoch, _ in kept.reached):
-            raise damaged(f"expected levels of this training, reached within {training.epochs} epochs")
-        if any(epoch > training.epochs for epoch, _, _ in kept.curve):
-            raise damaged(f"expected a learning curve of at most {training.epochs} epochs")
-        lengths = [len(ends) for ends in (*kept.angle_range, *kept.point_range)]
-        if lengths != [6, 6, 3, 3] or len(kept.weights) != training.network.n_weights:
-            raise damaged(f"expected {training.network.n_weights} weights and ranges of 6 and 3 numbers")
-        angle_scale, point_scale = (MinMaxScaler(*map(np.array, ends)) for ends in (kept.angle_range, kept.point_range))
-        if not ((angle_scale.half_range > 0).all() and (point_scale.half_range > 0).all()):
-            raise damaged("expected ranges with the lower end first")
-        return TrainingResult(
-            training,
-            epochs=kept.epochs,
-            seconds=kept.seconds,
-            stop=kept.stop,
-            machine=kept.machine.model_dump(),
-            ended=kept.ended,
-            reached={level: (epoch, seconds) for level, epoch, seconds in kept.reached},
-            limit_s=kept.limit_s,
-            weights=np.array(kept.weights),
-            angle_scale=angle_scale,
-            point_scale=point_scale,
-            curve=tuple(kept.curve),
-        )
