@@ -148,6 +148,16 @@ class Arm:
         return self.chain.n_joints
 
     @property
+    def joint_labels(self) -> list[str]:
+        """Number and name of each joint: J1, J2 shoulder."""
+        return [name if name == f"J{i}" else f"J{i} {name}" for i, name in enumerate(self.joint_names, start=1)]
+
+    @property
+    def joint_units(self) -> list[str]:
+        """In what people read each joint: mm of one that slides, deg of one that turns."""
+        return ["mm" if slides else "deg" for slides in self.chain.is_prismatic]
+
+    @property
     def has_kinematics(self) -> bool:
         """Whether the chain describes an arm; False if only the number and kind of the joints are known."""
         return bool((self.chain.fixed != np.eye(4)).any() or self.chain.tip_in_flange.any())

@@ -33,6 +33,7 @@ Kind = Literal["revolute", "prismatic", "fixed"]
 MAX_OFFSET_MM = 10_000.0
 _PARALLEL = 1e-13  # sine of the angle between axes below which they are parallel: 1e-10 mm at a reach of 1 m
 _COINCIDENT_MM = 1e-11
+COLUMNS = ("a_mm", "d_mm", "alpha_deg", "theta_deg", "beta_deg", "b_mm")
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +78,16 @@ class DHTable:
         for name in ("beta", "b"):
             if not len(getattr(self, name)):
                 object.__setattr__(self, name, np.zeros(len(self.a)))
+
+    def columns(self) -> dict[str, FloatArray]:
+        """Columns as people read them, with the unit in the name: lengths [mm], angles [deg]."""
+        lengths = {"a_mm": self.a, "d_mm": self.d, "b_mm": self.b}
+        angles = {name: np.degrees(getattr(self, name.removesuffix("_deg"))) for name in COLUMNS if name not in lengths}
+        return {name: (lengths | angles)[name] for name in COLUMNS}
+
+    def used_columns(self) -> dict[str, FloatArray]:
+        """`columns` without a beta and b of zeros, which most tables do not have."""
+        return {name: one for name, one in self.columns().items() if name not in COLUMNS[4:] or one.any()}
 
     def chain(self) -> Chain:
         """Build the chain that the table describes."""

@@ -33,6 +33,7 @@ from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.pages.palette import FAINT, GREY, INK, LIMIT, NAVY, OLIVE, ORANGE, PURPLE, TEAL, with_variables
 from truearm.pages.panel_axes import PanelAxes
+from truearm.typing import FloatArray
 
 LEFT_IN = 0.68  # room for a label and for numbers such as -0.0005
 RASTER_FROM = 1000  # number of dots from which a layer is a bitmap instead of one element a dot
@@ -167,6 +168,46 @@ def make_panel(width_in: float, height_in: float, *, rows: int = 1, top_in: floa
         each.set_title("")  # takes the height of the style
         each.place_labels(left_in=0.11, bottom_in=0.169)
     return drawing, list(axes)
+
+
+def make_view(
+    size_in: tuple[float, float], low: FloatArray, high: FloatArray, *, labels: Iterable[str], title: str
+) -> tuple[Drawing, Axes]:
+    """Make a view of a plane, with one scale across and up, and a cross at its origin.
+
+    Parameters
+    ----------
+    size_in : (float, float)
+        Width and height [in].
+    low, high : (2,) array
+        Ends of what is seen [mm].
+    labels : two str
+        Across and up, with units.
+    title : str
+
+    Returns
+    -------
+    drawing : matplotlib Figure
+    axes : PanelAxes
+    """
+    drawing, room = Drawing(figsize=size_in), np.array(size_in) - [0.94, 0.74]
+    axes = PanelAxes(drawing, (0.78 / size_in[0], 0.46 / size_in[1], *(room / size_in)))
+    drawing.add_axes(axes)
+    axes.place_labels(left_in=0.22, bottom_in=0.189)
+    middle, half = (low + high) / 2, 0.54 * max(*(high - low) / room, 1.0) * room
+    across, up = labels
+    axes.set(xlabel=across, ylabel=up, title=title, aspect="equal")
+    axes.set_xlim(middle[0] - half[0], middle[0] + half[0])
+    axes.set_ylim(middle[1] - half[1], middle[1] + half[1])
+    if (np.abs(middle) < half).all():
+        axes.plot(0, 0, marker="+", markersize=9, markeredgewidth=1.2, color=INK, zorder=5)
+    return drawing, axes
+
+
+def dot_style(n: int, area: float) -> dict[str, Any]:
+    """How `n` dots are drawn that together have an area [pt^2]: the more, the smaller and the paler."""
+    many = n > RASTER_FROM
+    return {"s": min(max(area / n, 1.2), 9.0), "alpha": 0.3 if many else 0.7, "linewidths": 0, "rasterized": many}
 
 
 def set_log_scale(axes: Axes, which: str, low: float, high: float) -> None:

@@ -72,30 +72,22 @@ def _scene(arm: Arm, *, from_origin: bool) -> Scene:
 
 
 def _constants(arm: Arm, table: DHTable) -> Table:
-    columns = {
-        "a": (table.a, "mm"),
-        "d": (table.d, "mm"),
-        "alpha": (np.degrees(table.alpha), "deg"),
-        "theta": (np.degrees(table.theta), "deg"),
-        "beta": (np.degrees(table.beta), "deg"),
-        "b": (table.b, "mm"),
-    }
-    shown = {name: one for name, one in columns.items() if name not in ("beta", "b") or one[0].any()}
+    shown = table.used_columns()
     kind = "modified (Craig)" if table.convention == "mdh" else "standard"
-    heads = (Column("joint"), *(Column(name, unit) for name, (_, unit) in shown.items()))
+    heads = (Column("joint"), *(Column(name, unit) for name, unit in (one.split("_") for one in shown)))
     names = [f"J{i + 1}" for i in range(arm.n_joints)]
-    return _table(heads, names, [values for values, _ in shown.values()], f"Denavit-Hartenberg constants, {kind}")
+    return _table(heads, names, list(shown.values()), f"Denavit-Hartenberg constants, {kind}")
 
 
 def _limits(arm: Arm) -> Table:
     rows = []
-    for i, name in enumerate(arm.joint_names):
-        slides = arm.chain.is_prismatic[i]
-        scale, unit = (1.0, "mm") if slides else (np.degrees(1.0), "deg")
+    for i, (joint, unit) in enumerate(zip(arm.joint_labels, arm.joint_units, strict=True)):
+        scale = 1.0 if unit == "mm" else np.degrees(1.0)
         low, high, working = (round(scale * float(value), 6) for value in (*arm.limits[i], arm.working[i]))
         ends = [f"{format_in_text(end, digits=4)} {unit}" if np.isfinite(end) else "none" for end in (low, high)]
-        joint = f"J{i + 1}" if name == f"J{i + 1}" else f"J{i + 1} {name}"
-        rows.append((joint, "slides" if slides else "turns", *ends, f"{format_in_text(working, digits=4)} {unit}"))
+        rows.append(
+            (joint, "slides" if unit == "mm" else "turns", *ends, f"{format_in_text(working, digits=4)} {unit}")
+        )
     heads = Column.of("joint", "kind", "lower limit", "upper limit", "working pose")
     return Table(heads, tuple(rows), "Joints")
 

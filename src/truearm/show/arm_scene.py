@@ -54,8 +54,8 @@ def arm_mechanism(
         fixed=shown.fixed,
         end=shown.tip_in_flange,
         links=[_base(shown, from_origin=from_origin), *_links(shown)],
-        names=[_joint(i, name) for i, name in enumerate(arm.joint_names, start=1)],
-        units=["mm" if one else "deg" for one in slides],
+        names=arm.joint_labels,
+        units=arm.joint_units,
         lower=np.where(np.isfinite(lower), lower, np.minimum(values, 0.0) - span),
         upper=np.where(np.isfinite(upper), upper, np.maximum(values, 0.0) + span),
         limited=limited,
@@ -86,10 +86,6 @@ def joint_frames(chain: Chain, angles: npt.ArrayLike) -> FloatArray:
             moved[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
         frames.append(frames[-1] @ moved @ chain.fixed[i + 1])
     return np.array(frames)
-
-
-def _joint(number: int, name: str) -> str:
-    return name if name == f"J{number}" else f"J{number} {name}"
 
 
 def _base(chain: Chain, *, from_origin: bool) -> FloatArray:

@@ -18,9 +18,9 @@ from truearm.pages.figures import finite_array, finite_arrays, nonnegative_array
 from truearm.pages.palette import INK, LIMIT, PAPER
 from truearm.pages.plotting import (
     LEFT_IN,
-    RASTER_FROM,
     Figure,
     Style,
+    dot_style,
     figure_style,
     join_phrases,
     make_panel,
@@ -175,16 +175,7 @@ def _cloud(axes: Axes, values: FloatArray, base: float, edges: FloatArray, pen: 
     density = np.sqrt(counts / counts.max())
     height = np.interp(values, (edges[1:] + edges[:-1]) / 2, density)
     spread = (np.arange(n) * 0.6180339887498949) % 1 - 0.5  # golden ratio: even and not random
-    many = n > RASTER_FROM
-    axes.scatter(
-        values,
-        base + 0.62 * height * spread,
-        s=float(np.clip(2400 / n, 1.2, 9)),
-        alpha=0.3 if many else 0.7,
-        color=pen.colour,
-        linewidths=0,
-        rasterized=many,
-    )
+    axes.scatter(values, base + 0.62 * height * spread, color=pen.colour, **dot_style(n, 2400))
 
 
 def _cumulative(errors: Mapping[str, FloatArray], pens: Mapping[str, Style], logarithmic: bool) -> Drawing:
@@ -304,16 +295,7 @@ def _error_rows(axes: Axes, errors: Mapping[str, FloatArray], pens: Mapping[str,
 
 def _marks(axes: Axes, values: FloatArray, pen: Style) -> None:
     n = len(values)
-    axes.scatter(
-        np.arange(1, n + 1),
-        values,
-        s=float(np.clip(1600 / n, 1.2, 9)),
-        alpha=0.3 if n > RASTER_FROM else 0.75,
-        color=pen.colour,
-        marker=pen.marker,
-        linewidths=0,
-        rasterized=n > RASTER_FROM,
-    )
+    axes.scatter(np.arange(1, n + 1), values, color=pen.colour, marker=pen.marker, **dot_style(n, 1600))
 
 
 def _coordinate_panel(

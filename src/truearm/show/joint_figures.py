@@ -14,9 +14,9 @@ from truearm.number_format import format_count
 from truearm.pages.figures import finite_array, finite_arrays, range_figure
 from truearm.pages.palette import INK, LIMIT
 from truearm.pages.plotting import (
-    RASTER_FROM,
     Figure,
     Style,
+    dot_style,
     figure_style,
     join_phrases,
     make_panel,
@@ -33,6 +33,7 @@ def joint_ranges(
     lower: npt.ArrayLike | None = None,
     upper: npt.ArrayLike | None = None,
     sliding: Sequence[bool] | None = None,
+    caption: str = "",
 ) -> Figure:
     """Draw how often each joint was where, against its limits.
 
@@ -46,8 +47,11 @@ def joint_ranges(
         Limits [rad or mm]; an infinite one is no limit.
     sliding : sequence of bool, optional
         Which joints slide; none by default.
+    caption : str
+        What the figure shows; that of readings by default.
     """
     angles = joint_matrix(angles)
+    of_readings = f"Range of each joint over {format_count(len(angles), 'reading')}; positions outside are not tested."
     slides = np.zeros(angles.shape[1], dtype=bool) if sliding is None else np.array(sliding, dtype=bool)
     scale = np.where(slides, 1.0, np.degrees(1.0))
     low, high = -np.inf if lower is None else np.asarray(lower), np.inf if upper is None else np.asarray(upper)
@@ -58,7 +62,7 @@ def joint_ranges(
         lower=low * scale,
         upper=high * scale,
         label="joint position",
-        caption=f"Range of each joint over {format_count(len(angles), 'reading')}; positions outside are not tested.",
+        caption=caption or of_readings,
     )
 
 
@@ -127,18 +131,9 @@ def _joint_panel(
     x: FloatArray, errors: Mapping[str, FloatArray], pens: Mapping[str, Style], name: str, slides: bool
 ) -> Drawing:
     drawing, rows = make_panel(3.0, 0.9 + 0.85 * len(errors), rows=len(errors))
-    many = len(x) > RASTER_FROM
     for axes, (model, values) in zip(rows, errors.items(), strict=True):
         pen = pens[model]
-        axes.scatter(
-            x,
-            values,
-            s=float(np.clip(1500 / len(x), 1.2, 7)),
-            alpha=0.25 if many else 0.5,
-            color=pen.colour,
-            linewidths=0,
-            rasterized=many,
-        )
+        axes.scatter(x, values, color=pen.colour, **dot_style(len(x), 1500))
         axes.plot(*running_median(x, values), color=INK, linewidth=1.5)
         _level(axes, values)
         axes.set_ylabel("error [mm]")

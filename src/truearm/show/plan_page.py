@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -16,14 +15,13 @@ from truearm.identification.planning.proposal import CalibrationPlan, Proposal
 from truearm.identification.planning.sampling.workspace import joint_origins, stance
 from truearm.identification.planning.template import bars, place_names
 from truearm.number_format import format_count, format_mm, format_number
-from truearm.pages.figures import range_figure
 from truearm.pages.page import Column, LabelledValue, Page, PageVerdict, Section, Table
 from truearm.pages.palette import INK, LIMIT, NAVY, ORANGE, PAPER
-from truearm.pages.plotting import Figure, Style, figure_style, make_panel, set_log_scale, styles_of
+from truearm.pages.plotting import Figure, figure_style, make_panel, make_view, set_log_scale, styles_of
+from truearm.show.joint_figures import joint_ranges
 from truearm.show.pose_cards import poses_scene, poses_section
 from truearm.typing import FloatArray
 
-_WIDTH_IN, _HEIGHT_IN = 4.6, 3.9
 _MOST_ARMS = 40  # drawn in one figure
 
 CRITERIA = {
@@ -80,7 +78,8 @@ def course_figure(proposals: Mapping[Strategy, Proposal]) -> Figure:
         lowest, highest, most = np.inf, 0.0, 1
         for name, proposal in proposals.items():
             counts, rms = proposal.counts[1:], proposal.rms_mm[1:]
-            _line(axes, counts, rms, pens[name], name)
+            pen = pens[name]
+            axes.plot(counts, rms, color=pen.colour, linestyle=pen.dash, marker=pen.marker, markersize=3, label=name)
             lowest, highest, most = min(lowest, rms.min()), max(highest, rms.max()), max(most, int(counts[-1]))
         set_log_scale(axes, "y", lowest / 1.3, highest * 1.3)
         set_log_scale(axes, "x", 0.95, most * 1.1 if most > 1 else 2)
@@ -100,13 +99,15 @@ def places_figure(plan: CalibrationPlan, poses: Candidates) -> Figure:
     tips = plan.arm.chain.tip_in_base(plan.volume)
     with figure_style():
         panels = tuple(_view(plan, tips, side=side) for side in (False, True))
-        for (_, axes, flat), side in zip(panels, (False, True), strict=True):
-            axes.scatter(*flat(tips), s=5, color=LIMIT, alpha=0.5, linewidths=0, zorder=1)
-            _arm(axes, flat, plan, plan.arm.working, colour=LIMIT, width=2.2)
+        for (_, axes, view), side in zip(panels, (False, True), strict=True):
+            axes.scatter(*_flat(view, tips), s=5, color=LIMIT, alpha=0.5, linewidths=0, zorder=1)
+            _arm(axes, view, plan, plan.arm.working, colour=LIMIT, width=2.2)
             if poses.seat is None:
-                axes.scatter(*flat(plan.arm.chain.tip_in_base(poses.angles)), s=9, color=NAVY, linewidths=0, zorder=4)
+                axes.scatter(
+                    *_flat(view, plan.arm.chain.tip_in_base(poses.angles)), s=9, color=NAVY, linewidths=0, zorder=4
+                )
             else:
-                _artefacts(axes, flat, poses, label=not side or len(set(place_names(poses).tolist())) < 9)
+                _artefacts(axes, view, poses, label=not side or len(set(place_names(poses).tolist())) < 9)
     what = {
         "tracker": "Dark dots: the tip at the poses to measure.",
         "seat": "Orange: the seats.",
@@ -127,10 +128,10 @@ def poses_figure(plan: CalibrationPlan, angles: FloatArray) -> Figure:
     tips = plan.arm.chain.tip_in_base(shown)
     with figure_style():
         panels = tuple(_view(plan, joint_origins(plan.arm.chain, shown).reshape(-1, 3), side=s) for s in (False, True))
-        for _, axes, flat in panels:
+        for _, axes, view in panels:
             for pose in shown:
-                _arm(axes, flat, plan, pose, colour=NAVY, width=0.7, alpha=0.45)
-            axes.scatter(*flat(tips), s=7, color=ORANGE, linewidths=0, zorder=4)
+                _arm(axes, view, plan, pose, colour=NAVY, width=0.7, alpha=0.45)
+            axes.scatter(*_flat(view, tips), s=7, color=ORANGE, linewidths=0, zorder=4)
     number = format_count(len(shown), "pose")
     return Figure(
         tuple(drawing for drawing, _, _ in panels),
@@ -202,18 +203,10 @@ def _places_table(poses: Candidates) -> Table:
 
 def _how(plan: CalibrationPlan, poses: Candidates) -> Section:
     arm = plan.arm
-    slides = arm.chain.is_prismatic
-    scale = np.where(slides, 1.0, np.degrees(1.0))
-    lower, upper = arm.limits.T * scale
-    ranges = range_figure(
-        poses.angles * scale,
-        names=[f"J{joint}" for joint in range(1, arm.n_joints + 1)],
-        units=["mm" if slide else "deg" for slide in slides],
-        lower=lower,
-        upper=upper,
-        label="joint position",
-        caption=f"Range of each joint over {format_count(len(poses.angles), 'pose')}.",
-    )
+    lower, upper = arm.limits.T
+    caption = f"Range of each joint over {format_count(len(poses.angles), 'pose')}."
+    slides = arm.chain.is_prismatic.tolist()
+    ranges = joint_ranges(poses.angles, lower=lower, upper=upper, sliding=slides, caption=caption)
     return Section(
         "Poses",
         "Move near each pose; a few degrees do not matter. Write down what the encoders read. The poses respect the "
@@ -223,53 +216,43 @@ def _how(plan: CalibrationPlan, poses: Candidates) -> Section:
     )
 
 
-def _line(axes: Axes, x: Any, y: Any, pen: Style, name: str) -> None:
-    axes.plot(x, y, color=pen.colour, linestyle=pen.dash, marker=pen.marker, markersize=3, label=name)
+def _axes(plan: CalibrationPlan, *, side: bool) -> FloatArray:
+    """What is across and up (2, 3): from above, or from the side with the front to the right."""
+    front = stance(plan.arm).front_rad
+    return np.array([[np.cos(front), np.sin(front), 0.0], [0.0, 0.0, 1.0]]) if side else np.eye(3)[:2]
 
 
-class _Flat:
-    """From points in the base frame to a view: from above, or from the side with the front to the right."""
-
-    def __init__(self, plan: CalibrationPlan, *, side: bool) -> None:
-        front = stance(plan.arm).front_rad
-        ahead = np.array([np.cos(front), np.sin(front), 0.0])
-        self._axes = np.stack([ahead, [0.0, 0.0, 1.0]]) if side else np.eye(3)[:2]
-
-    def __call__(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        across, up = self._axes @ points.T
-        return across, up
+def _flat(view: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    across, up = view @ points.T
+    return across, up
 
 
-def _view(plan: CalibrationPlan, points: FloatArray, *, side: bool) -> tuple[Drawing, Axes, _Flat]:
-    """Axes of equal scale with a margin about the points, the base and the working pose."""
-    flat = _Flat(plan, side=side)
-    drawing = Drawing(figsize=(_WIDTH_IN, _HEIGHT_IN))
-    width, height = 3.66, 3.16
-    axes = drawing.add_axes((0.78 / _WIDTH_IN, 0.46 / _HEIGHT_IN, width / _WIDTH_IN, height / _HEIGHT_IN))
-    working = joint_origins(plan.arm.chain, plan.arm.working[None])[0]
-    seen = np.stack(flat(np.concatenate([points, working, np.zeros((1, 3))])))
-    low, high = seen.min(axis=1), seen.max(axis=1)
-    half = 1.08 * max((high[0] - low[0]) / width, (high[1] - low[1]) / height, 1.0) / 2
-    middle = (low + high) / 2
-    axes.set_xlim(middle[0] - half * width, middle[0] + half * width)
-    axes.set_ylim(middle[1] - half * height, middle[1] + half * height)
-    axes.set_aspect("equal")
-    across, up = ("ahead [mm]", "z [mm]") if side else ("x [mm]", "y [mm]")
-    axes.set(xlabel=across, ylabel=up, title="from the side" if side else "from above")
-    axes.plot(*flat(np.zeros((1, 3))), marker="+", markersize=9, markeredgewidth=1.2, color=INK, zorder=5)
-    return drawing, axes, flat
+def _view(plan: CalibrationPlan, points: FloatArray, *, side: bool) -> tuple[Drawing, Axes, FloatArray]:
+    """A view of the points, the base and the working pose."""
+    seen = [points, joint_origins(plan.arm.chain, plan.arm.working[None])[0], np.zeros((1, 3))]
+    view = _axes(plan, side=side)
+    flat = view @ np.concatenate(seen).T
+    labels, title = (("ahead [mm]", "z [mm]"), "from the side") if side else (("x [mm]", "y [mm]"), "from above")
+    return *make_view((4.6, 3.9), flat.min(axis=1), flat.max(axis=1), labels=labels, title=title), view
 
 
 def _arm(
-    axes: Axes, flat: _Flat, plan: CalibrationPlan, pose: FloatArray, *, colour: str, width: float, alpha: float = 1.0
+    axes: Axes,
+    view: FloatArray,
+    plan: CalibrationPlan,
+    pose: FloatArray,
+    *,
+    colour: str,
+    width: float,
+    alpha: float = 1.0,
 ) -> None:
     """Draw the arm as a line from joint to joint."""
     chain = plan.arm.chain
     line = np.concatenate([np.zeros((1, 3)), joint_origins(chain, pose[None])[0], chain.tip_in_base(pose[None])])
-    axes.plot(*flat(line), color=colour, linewidth=width, alpha=alpha, solid_joinstyle="round", zorder=2)
+    axes.plot(*_flat(view, line), color=colour, linewidth=width, alpha=alpha, solid_joinstyle="round", zorder=2)
 
 
-def _artefacts(axes: Axes, flat: _Flat, poses: Candidates, *, label: bool) -> None:
+def _artefacts(axes: Axes, view: FloatArray, poses: Candidates, *, label: bool) -> None:
     assert poses.seat is not None
     assert poses.seat_points is not None
     points = {
@@ -277,9 +260,11 @@ def _artefacts(axes: Axes, flat: _Flat, poses: Candidates, *, label: bool) -> No
     }
     ends = bars(poses) if poses.length_mm is not None else []
     for one, other in ends:
-        axes.plot(*flat(np.stack([points[one], points[other]])), color=ORANGE, linewidth=2.4, zorder=3)
-    axes.scatter(*flat(np.stack(list(points.values()))), s=24, color=ORANGE, edgecolors=PAPER, linewidths=0.6, zorder=4)
+        axes.plot(*_flat(view, np.stack([points[one], points[other]])), color=ORANGE, linewidth=2.4, zorder=3)
+    axes.scatter(
+        *_flat(view, np.stack(list(points.values()))), s=24, color=ORANGE, edgecolors=PAPER, linewidths=0.6, zorder=4
+    )
     if label:
         marks = {one[:-1]: (points[one] + points[other]) / 2 for one, other in ends} if ends else points
-        for name, (x, y) in zip(marks, zip(*flat(np.stack(list(marks.values()))), strict=True), strict=True):
-            axes.annotate(name, (x, y), xytext=(4, 4), textcoords="offset points", color=INK, zorder=6)
+        for name, at in marks.items():
+            axes.annotate(name, tuple(view @ at), xytext=(4, 4), textcoords="offset points", color=INK, zorder=6)

@@ -24,7 +24,7 @@ _MINUS = "\N{MINUS SIGN}"
 
 def poses_section(arm: Arm, poses: Candidates) -> Section:
     """The poses in the order of measurement, as a list to tick and as cards."""
-    units = _units(arm)
+    units = arm.joint_units
     joints = (Column(f"J{joint}", unit) for joint, unit in enumerate(units, start=1))
     rows: Iterator[tuple[Cell, ...]] = (
         ("\u2610", number, what, *aim)
@@ -40,7 +40,7 @@ def poses_section(arm: Arm, poses: Candidates) -> Section:
 
 def pose_cards(arm: Arm, poses: Candidates) -> CardSet:
     """A card for each pose, with the arm from the side and from above, its front to the right in both."""
-    units, seats = _units(arm), [""] * len(poses.angles) if poses.seat is None else poses.seat.tolist()
+    units, seats = arm.joint_units, [""] * len(poses.angles) if poses.seat is None else poses.seat.tolist()
     aims, instructions = _aims(arm, poses), notes(poses)
     base = np.zeros((len(poses.angles), 1, 3))
     tips = arm.chain.tip_in_base(poses.angles)
@@ -90,10 +90,6 @@ def _views(arm: Arm) -> tuple[FloatArray, FloatArray]:
     front = stance(arm).front_rad
     ahead, left = [np.cos(front), np.sin(front), 0.0], [-np.sin(front), np.cos(front), 0.0]
     return np.array([ahead, [0.0, 0.0, 1.0]]), np.array([ahead, left])
-
-
-def _units(arm: Arm) -> list[str]:
-    return ["mm" if slides else "deg" for slides in arm.chain.is_prismatic]
 
 
 def _aims(arm: Arm, poses: Candidates) -> list[list[int]]:

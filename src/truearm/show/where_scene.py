@@ -10,7 +10,7 @@ from matplotlib.figure import Figure as Drawing
 
 from truearm.number_format import format_count
 from truearm.pages.palette import BAD, DOUBTFUL, INK, LIMIT, PAPER
-from truearm.pages.plotting import Figure, figure_style, join_phrases, shorten
+from truearm.pages.plotting import Figure, figure_style, join_phrases, make_view, shorten
 from truearm.pages.scene import PointCloud, PointColumn, Scene
 from truearm.typing import FloatArray
 from truearm.verification.standards.decision import ConformityResult, Verdict
@@ -83,8 +83,6 @@ def _origin(places: Sequence[MeasuredPlace]) -> list[FloatArray]:
 # The figure on paper -------------------------------------------------------------------------------------------------
 
 _VIEWS = (("from above", 0, 1), ("from the front", 0, 2))
-_WIDTH_IN, _HEIGHT_IN = 4.6, 3.2
-_ACROSS_IN, _UP_IN = 3.74, 2.44  # of the axes
 # Names of marked places [points]: width of a bold letter, height of a line, and distances above the place to try.
 _LETTER_PT, _LINE_PT = 6.2, 11.0
 _LABEL_UPS = [6 + sign * step * 11 for step in range(8) for sign in ((1,) if step == 0 else (1, -1))]
@@ -119,21 +117,15 @@ def where_figure(places: Sequence[MeasuredPlace]) -> Figure:
 
 
 def _panel(places: Sequence[MeasuredPlace], view: tuple[str, int, int]) -> Drawing:
-    title, across, up = view
-    drawing = Drawing(figsize=(_WIDTH_IN, _HEIGHT_IN))
-    axes = drawing.add_axes((0.72 / _WIDTH_IN, 0.46 / _HEIGHT_IN, _ACROSS_IN / _WIDTH_IN, _UP_IN / _HEIGHT_IN))
-    axes.plot(0, 0, marker="+", markersize=8, markeredgewidth=1.2, color=INK, zorder=5)
-    seen = np.concatenate([*(place.ends[:, [across, up]] for place in places), np.zeros((1, 2))])
-    middle, spans = (seen.max(axis=0) + seen.min(axis=0)) / 2, np.ptp(seen, axis=0)
-    scale = 1.12 * max(float(spans[0]) / _ACROSS_IN, float(spans[1]) / _UP_IN, 1.0)  # [mm per inch], the same for both
-    half = scale * np.array([_ACROSS_IN, _UP_IN]) / 2
-    axes.set(xlabel=f"{'xyz'[across]} [mm]", ylabel=f"{'xyz'[up]} [mm]", title=title)
-    axes.set_xlim(middle[0] - half[0], middle[0] + half[0])
-    axes.set_ylim(middle[1] - half[1], middle[1] + half[1])
+    title, *both = view
+    seen = np.concatenate([*(place.ends[:, both] for place in places), np.zeros((1, 2))])
+    labels = (f"{'xyz'[axis]} [mm]" for axis in both)
+    drawing, axes = make_view((4.6, 3.2), seen.min(axis=0), seen.max(axis=0), labels=labels, title=title)
     axes.locator_params(nbins=6)
     for place in sorted(places, key=lambda one: one.verdict is not None):
-        _draw(axes, place.ends[:, [across, up]], place)
-    _label(axes, [place for place in places if place.decisive is not None], [across, up], mm_per_pt=scale / 72)
+        _draw(axes, place.ends[:, both], place)
+    mm_per_pt = np.ptp(axes.get_xlim()) / (72 * 4.6 * axes.get_position().width)
+    _label(axes, [place for place in places if place.decisive is not None], both, mm_per_pt=float(mm_per_pt))
     return drawing
 
 

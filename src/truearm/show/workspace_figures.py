@@ -15,12 +15,11 @@ from matplotlib.ticker import MaxNLocator
 from truearm.errors import InputError
 from truearm.number_format import format_count, format_number
 from truearm.pages.figures import finite_array, nonnegative_arrays
-from truearm.pages.palette import FAINT, INK, LIMIT, NAVY
-from truearm.pages.panel_axes import PanelAxes
-from truearm.pages.plotting import RASTER_FROM, Figure, figure_style
+from truearm.pages.palette import FAINT, LIMIT, NAVY
+from truearm.pages.plotting import RASTER_FROM, Figure, dot_style, figure_style, make_view
 from truearm.typing import FloatArray
 
-_WIDTH_IN, _HEIGHT_IN = 4.6, 3.7
+SIZE_IN = (4.6, 3.7)
 _CELLS = 26  # cells across a view
 _VIEWS = (("front (x, z)", 0, 2), ("side (y, z)", 1, 2), ("top (x, y)", 0, 1))
 # Light to dark, so that large errors stand out, also in black and white.
@@ -99,13 +98,13 @@ def _four_views(points: FloatArray, pen: dict[str, Any], *, opaque: bool = False
     middle = (points.max(axis=0) + points.min(axis=0)) / 2
     # One scale in all views; a single point gets a span too.
     half = max(float(np.ptp(points, axis=0).max()) / 2, 1.0) * 1.08
-    pen = pen | _dots(len(points), opaque=opaque)
+    pen = pen | dot_style(len(points), 3000) | ({"alpha": 1.0} if opaque else {})
     space = _space_view(points, pen, middle, half)
     return (space, *(_plane_view(points, pen, middle, half, view) for view in _VIEWS))
 
 
 def _space_view(points: FloatArray, pen: dict[str, Any], middle: FloatArray, half: float) -> Drawing:
-    drawing = Drawing(figsize=(_WIDTH_IN, _HEIGHT_IN))
+    drawing = Drawing(figsize=SIZE_IN)
     axes: Any = drawing.add_axes((0.04, 0.04, 0.9, 0.9), projection="3d", computed_zorder=False)
     axes.view_init(elev=22, azim=-55)
     axes.set_proj_type("ortho")
@@ -126,21 +125,14 @@ def _space_view(points: FloatArray, pen: dict[str, Any], middle: FloatArray, hal
 def _plane_view(
     points: FloatArray, pen: dict[str, Any], middle: FloatArray, half: float, view: tuple[str, int, int]
 ) -> Drawing:
-    title, across, up = view
-    drawing = Drawing(figsize=(_WIDTH_IN, _HEIGHT_IN))
-    place = (0.82 / _WIDTH_IN, 0.46 / _HEIGHT_IN, 3.6 / _WIDTH_IN, 2.96 / _HEIGHT_IN)
-    axes = PanelAxes(drawing, place)
-    drawing.add_axes(axes)
-    axes.place_labels(left_in=0.26, bottom_in=0.189)
+    title, *both = view
+    ends = (middle[both] + side * half / 1.08 for side in (-1, 1))
+    drawing, axes = make_view(SIZE_IN, *ends, labels=(f"{'xyz'[axis]} [mm]" for axis in both), title=title)
+    across, up = points[:, both].T
     if "c" in pen and len(points) > RASTER_FROM:
-        _cells(axes, points[:, across], points[:, up], pen)
+        _cells(axes, across, up, pen)
     else:
-        axes.scatter(points[:, across], points[:, up], **pen)
-    axes.set_ylim(middle[up] - half, middle[up] + half)
-    axes.set_xlim(middle[across] - half * 3.6 / 2.96, middle[across] + half * 3.6 / 2.96)
-    axes.set_aspect("equal")
-    axes.set(xlabel=f"{'xyz'[across]} [mm]", ylabel=f"{'xyz'[up]} [mm]", title=title)
-    _mark_origin(axes)
+        axes.scatter(across, up, **pen)
     return drawing
 
 
@@ -159,12 +151,6 @@ def _cells(axes: Axes, across: FloatArray, up: FloatArray, pen: dict[str, Any]) 
         linewidths=0.2,
         rasterized=True,  # more than a thousand cells
     )
-
-
-def _mark_origin(axes: Axes) -> None:
-    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
-    if left < 0 < right and low < 0 < high:
-        axes.plot([0], [0], marker="+", markersize=9, markeredgewidth=1.2, color=INK, linestyle="none")
 
 
 def _colour_bar(drawing: Drawing, pen: dict[str, Any], *, clipped: bool) -> None:
@@ -191,15 +177,6 @@ def _scale(errors: FloatArray) -> tuple[Normalize, bool]:
 
 def _few_ticks() -> MaxNLocator:
     return MaxNLocator(4, steps=[1, 2, 2.5, 5, 10])
-
-
-def _dots(n: int, *, opaque: bool) -> dict[str, Any]:
-    return {
-        "s": float(np.clip(3000 / n, 1.6, 14)),
-        "alpha": 1.0 if opaque else 0.75 if n < RASTER_FROM else 0.45,
-        "linewidths": 0,
-        "rasterized": n > RASTER_FROM,
-    }
 
 
 def _extent(points: FloatArray) -> str:

@@ -11,6 +11,7 @@ import numpy as np
 from truearm.acceptance import acceptance_remarks, accepts
 from truearm.arm import Arm, DHTable, write_arm
 from truearm.arm.chain import Chain
+from truearm.arm.denavit_hartenberg import COLUMNS
 from truearm.arm.nearest_table import drawn_table, nearest_table
 from truearm.arm.rigid_motions import screw_z
 from truearm.choices import Convention
@@ -27,7 +28,6 @@ from truearm.workflows.inputs import SessionLike, to_session, unfilled_remarks
 from truearm.workflows.record import Record, TextTable, format_fixed
 from truearm.workflows.sentences import format_mm, number_of
 
-COLUMNS = {"a": "mm", "d": "mm", "alpha": "deg", "theta": "deg", "beta": "deg", "b": "mm"}
 # Round values that drawings have: of angles multiples of 90 deg, of lengths 0. They are named within so many standard
 # uncertainties, and never put in place of what was measured.
 ROUND_DEG, COVERAGE = 90.0, 2.0
@@ -140,7 +140,7 @@ def constants_of(table: DHTable) -> FloatArray:
     """(6 n_joints + 3,) the columns of a table one after the other [mm, rad], and the tip in the last joint's frame."""
     flange = table.flange
     tip = flange[:3, :3] @ table.tip_in_flange + flange[:3, 3]
-    return np.concatenate([*(getattr(table, name) for name in COLUMNS), tip])
+    return np.concatenate([*(getattr(table, name.partition("_")[0]) for name in COLUMNS), tip])
 
 
 def _judge_gains(session: Session, estimated: EstimatedAxes) -> Iterator[str]:
@@ -193,10 +193,15 @@ class CircleArm(Record):
     remarks: tuple[str, ...]
 
     def u(self, column: str) -> FloatArray:
-        """(n_joints,) standard uncertainties of a column of the table [mm, or rad]."""
-        n = self.arm.n_joints
-        at = n * list(COLUMNS).index(column)
-        return self.std[at : at + n]
+        """(n_joints,) standard uncertainties of a column of the table, a, d, alpha, .. [mm, or rad]."""
+        names = [name.partition("_")[0] for name in COLUMNS]
+        n, at = self.arm.n_joints, names.index(column)
+        return self.std[n * at : n * (at + 1)]
+
+    def _u_columns(self) -> dict[str, FloatArray]:
+        """The same of every column [mm, or deg] under the names of an arm file: a_mm, .., alpha_deg, .."""
+        parts = ((name, self.u(name.partition("_")[0])) for name in COLUMNS)
+        return {name: np.degrees(part) if name.endswith("deg") else part for name, part in parts}
 
     def save(self, path: str | Path) -> None:
         """Write the arm file, .toml or .urdf (see docs/arm-file.md)."""
@@ -228,27 +233,22 @@ class CircleArm(Record):
 
     def near_round_values(self) -> list[str]:
         """Constants that are a round value within their expanded uncertainty, such as ``J2 alpha 90 deg``."""
-        found = []
-        for column, unit in COLUMNS.items():
-            scale, step = (np.degrees(1), ROUND_DEG) if unit == "deg" else (1.0, np.inf)
-            for i, (value, u) in enumerate(
-                zip(scale * getattr(self.table, column), scale * self.u(column), strict=True)
-            ):
-                nearest = 0.0 if step == np.inf else step * round(value / step)
-                if u > 0 and value != nearest and abs(value - nearest) <= COVERAGE * u:
+        found, u = [], self._u_columns()
+        for name, values in self.table.columns().items():
+            column, _, unit = name.partition("_")
+            for i, (value, uncertainty) in enumerate(zip(values, u[name], strict=True)):
+                nearest = ROUND_DEG * round(value / ROUND_DEG) if unit == "deg" else 0.0
+                if uncertainty > 0 and value != nearest and abs(value - nearest) <= COVERAGE * uncertainty:
                     found.append(f"J{i + 1} {column} {nearest:.0f} {unit}")
         return found
 
     def _constants_table(self) -> TextTable:
-        shown = [name for name in COLUMNS if name not in ("beta", "b") or getattr(self.table, name).any()]
-        rows = []
-        for i, joint in enumerate(self.arm.joint_names):
-            cells = [joint]
-            for name in shown:
-                scale = np.degrees(1) if COLUMNS[name] == "deg" else 1.0
-                cells += [_with_u(scale * getattr(self.table, name)[i], scale * self.u(name)[i])]
-            rows.append(cells)
-        heads = [f"{name}_{COLUMNS[name]} (u)" for name in shown]
+        shown, u = self.table.used_columns(), self._u_columns()
+        rows = [
+            [joint, *(_with_u(values[i], u[name][i]) for name, values in shown.items())]
+            for i, joint in enumerate(self.arm.joint_names)
+        ]
+        heads = [f"{name} (u)" for name in shown]
         return TextTable((f"joint, {self.table.convention}", *heads), rows)
 
     def _circles_table(self) -> TextTable:
@@ -262,13 +262,12 @@ class CircleArm(Record):
         return TextTable(("circle", "points", "travel", "radius mm", "scatter mm"), rows)
 
     def _json(self) -> object:
-        scale = {name: np.degrees(1) if unit == "deg" else 1.0 for name, unit in COLUMNS.items()}
         n = self.arm.n_joints
         return {
             "summary": self.summary(),
             "convention": self.table.convention,
-            **{f"{name}_{unit}": scale[name] * getattr(self.table, name) for name, unit in COLUMNS.items()},
-            **{f"u_{name}_{unit}": scale[name] * self.u(name) for name, unit in COLUMNS.items()},
+            **self.table.columns(),
+            **{f"u_{name}": u for name, u in self._u_columns().items()},
             "tip_mm": self.table.tip_in_flange,
             "u_tip_mm": self.std[6 * n :],
             "base_in_instrument": self.table.base,

@@ -17,7 +17,6 @@ from truearm.choices import Convention
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.identified_model import require_identified
 from truearm.errors import InputError
-from truearm.typing import FloatArray
 from truearm.workflows.inputs import ArmLike, ModelLike, is_model_file, to_arm, to_model, to_model_of_tip
 from truearm.workflows.outputs import PageRecord, version_row
 from truearm.workflows.record import Record, TextTable, format_fixed
@@ -26,7 +25,6 @@ if TYPE_CHECKING:
     from truearm.pages.page import Page
 
 # Columns of parallel axes only.
-_IF_NOT_ZERO = ("beta_deg", "b_mm")
 # Base and flange that differ from none by less, in mm and as a matrix, are not shown.
 ROUNDING = 1e-9
 
@@ -173,18 +171,7 @@ class ArmDescription(PageRecord):
             "gravity_in_base": arm.gravity_direction,
             **({} if arm.chain.coupling is None else {"coupling": arm.chain.coupling}),
             **({} if arm.masses is None else {"mass_kg": arm.masses.mass_kg}),
-            self.convention: self._columns(),
-        }
-
-    def _columns(self) -> dict[str, FloatArray]:
-        table = self.table
-        return {
-            "a_mm": table.a,
-            "d_mm": table.d,
-            "alpha_deg": np.degrees(table.alpha),
-            "theta_deg": np.degrees(table.theta),
-            "beta_deg": np.degrees(table.beta),
-            "b_mm": table.b,
+            self.convention: self.table.columns(),
         }
 
     def blocks(self) -> Iterator[str | TextTable]:
@@ -210,13 +197,11 @@ class ArmDescription(PageRecord):
         yield f"source: {arm.source}"
 
     def _joint_table(self) -> TextTable:
-        shown = {head: column for head, column in self._columns().items() if head not in _IF_NOT_ZERO or any(column)}
+        shown = self.table.used_columns()
         rows = []
-        for i, name in enumerate(self.arm.joint_names):
-            slides = self.arm.chain.is_prismatic[i]
-            limits = self.arm.limits[i] if slides else np.degrees(self.arm.limits[i])
+        for i, joint in enumerate(self.arm.joint_labels):
+            limits = self.arm.limits[i] if self.arm.joint_units[i] == "mm" else np.degrees(self.arm.limits[i])
             cells = [format_fixed(column[i]) for column in shown.values()]
             ends = [format_fixed(end, 1) for end in limits]
-            joint = f"J{i + 1}" if name == f"J{i + 1}" else f"J{i + 1} {name}"
-            rows.append([joint, *cells, *ends, "mm" if slides else "deg"])
+            rows.append([joint, *cells, *ends, self.arm.joint_units[i]])
         return TextTable(("joint", *shown, "min", "max", ""), rows)

@@ -84,8 +84,7 @@ def read_planned(path: str | Path, arm: Arm) -> PlannedReadings:
 
 def _aim_columns(sheet: Sheet, arm: Arm) -> list[str]:
     """Names of the columns with the angles to aim at, joint by joint."""
-    units = ["mm" if slides else "deg" for slides in arm.chain.is_prismatic]
-    columns = [f"{AIM}q{joint}_{unit}" for joint, unit in enumerate(units, start=1)]
+    columns = [f"{AIM}q{joint}_{unit}" for joint, unit in enumerate(arm.joint_units, start=1)]
     found = [name for name in sheet.names if name.startswith(f"{AIM}q")]
     if not found:
         raise sheet.error(

@@ -81,8 +81,7 @@ def write_aims(
         As `check_new_form`.
     """
     check_new_form(path, holds="readings")
-    units = ["mm" if slides else "deg" for slides in arm.chain.is_prismatic]
-    joints = [f"q{number}_{unit}" for number, unit in enumerate(units, start=1)]
+    joints = [f"q{number}_{unit}" for number, unit in enumerate(arm.joint_units, start=1)]
     measured = [*joints, *(("x_mm", "y_mm", "z_mm") if points else ())]
     aims = np.where(arm.chain.is_prismatic, angles, np.degrees(angles)).tolist()
     with atomic_file(path) as beside, beside.open("w", encoding="utf-8", newline="") as out:
