@@ -102,7 +102,7 @@ def test_scatters_from_few_readings_alarm_as_often_too(rng):
     """s of three readings in a seat, six degrees of freedom: skew. One chart with one side, limits alone."""
     rules = ControlRules(control_rules(1).limit, np.inf)
     s = np.sqrt(rng.chisquare(6, (100, 25)) / 6)
-    options = {"rules": rules, "scale": True, "upper_only": True, "correlations": INDEPENDENT}
+    options = {"rules": rules, "scale": True, "correlations": INDEPENDENT}
     beyond = sum(int(chart(row, **options).out_of_limits.sum()) for row in s)
     assert binom.ppf(0.0005, 100 * 23, FALSE_ALARMS) <= beyond <= binom.ppf(0.9995, 100 * 23, FALSE_ALARMS)
 
@@ -122,7 +122,7 @@ def test_neither_zero_nor_unit_matters(values, shift, factor):
 
 
 def test_equal_values_are_no_change():
-    one = chart(np.full(30, 0.02), scale=True, upper_only=True)
+    one = chart(np.full(30, 0.02), scale=True)
     assert one.since is None
     assert one.evidence.max() < 1
     assert not alarmed(chart(np.zeros(12), scale=True))
@@ -166,8 +166,8 @@ def test_a_change_downwards_is_one_but_not_of_a_scatter(rng):
     one = chart(values)
     assert abs(one.change_index - 20) <= 1
     scatter = np.abs(10 + values)
-    assert chart(scatter, scale=True, upper_only=True).since is None
-    up = chart(np.r_[scatter[:20], scatter[:10] + 6.0], scale=True, upper_only=True)
+    assert chart(scatter, scale=True).since is None
+    up = chart(np.r_[scatter[:20], scatter[:10] + 6.0], scale=True)
     assert abs(up.change_index - 20) <= 1
     assert np.isnan(up.lower).all()
 

@@ -378,7 +378,6 @@ def _trend(
             rules=[rules[i] for i in at],
             days=[days[i] for i in at],
             scale=quantity.scale,
-            upper_only=quantity.scale,
         )
     limit, over = _compare(latest, specification)
     over_before = (

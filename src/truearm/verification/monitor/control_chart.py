@@ -187,7 +187,6 @@ def control_chart(
     rules: ControlRules | Sequence[ControlRules],
     days: npt.ArrayLike | None = None,
     scale: bool = False,
-    upper_only: bool = False,
     correlations: FloatArray = CORRELATIONS,
 ) -> ControlChart:
     """Make the control chart of a series of values.
@@ -204,10 +203,8 @@ def control_chart(
     days : (n,) array, optional
         Times of the measurements [d]; by default equal steps. Values correlate less over a pause.
     scale : bool
-        Whether values are scatters, never negative. Their power 2/3 is charted, which is nearly normal: E. B. Wilson,
-        M. M. Hilferty, Proc. Natl. Acad. Sci. 17 (1931) 684.
-    upper_only : bool
-        Whether only larger values are a change for the worse.
+        Whether values are scatters, never negative, of which only larger ones are a change for the worse. Their power
+        2/3 is charted, which is nearly normal: E. B. Wilson, M. M. Hilferty, Proc. Natl. Acad. Sci. 17 (1931) 684.
     correlations : (k,) array
         Possible correlations of consecutive values, see `serial_correlation`.
 
@@ -237,17 +234,16 @@ def control_chart(
         if len(before) < 2:
             continue
         lines[:, i] = _, low, high = series(before, i).predict(at[i], rule.limit)
-        beyond[i] = int(charted[i] > high) - int(charted[i] < low and not upper_only)
+        beyond[i] = int(charted[i] > high) - int(charted[i] < low and not scale)
         if signal_index is None:
             judged = np.array([j for j in range(i + 1) if not _alone(j, beyond[: i + 1])])
-            evidence[i] = series(judged, i).evidence(upper_only=upper_only)
+            evidence[i] = series(judged, i).evidence(upper_only=scale)
             if evidence[i] > rule.evidence:
                 signal_index, (changed, gradual) = i, _change(judged, charted[judged])
         else:
             evidence[i] = evidence[i - 1]
     if scale:
         lines = np.where(np.isnan(lines), np.nan, np.maximum(lines, 0.0) ** 1.5)
-    if upper_only:
         lines[1] = np.nan
     baseline = np.flatnonzero(beyond[:changed] == 0)
     correlation = (

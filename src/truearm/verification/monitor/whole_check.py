@@ -112,7 +112,6 @@ def whole_check(
             rules=[rules[i] for i in at],
             days=[days[i] for i in at],
             scale=True,
-            upper_only=True,
         )
         beyond = {at[j] for j in np.flatnonzero(chart.out_of_limits)} - changed
         after = set() if chart.change_index is None else set(at[chart.change_index :]) - changed
