@@ -141,9 +141,8 @@ class Readings:
         """Finite everywhere; points, their uncertainties and quaternions may be missing, but only whole."""
         plain = {"angles": self.angles, "temperature_degC": self.temperature_degC, **self.columns}
         for name, value in plain.items():
-            if value is not None and not np.isfinite(value).all():
-                row = int(np.argwhere(~np.isfinite(value))[0, 0])
-                raise self.error(f"expected finite numbers in {name}, got {value[row]}", row)
+            if value is not None:
+                self.refuse(~np.isfinite(value), f"expected finite numbers in {name}, got {{}}", value)
         whole = {
             "points": "x, y and z",
             "point_std": "sx, sy and sz",
@@ -182,52 +181,33 @@ class Readings:
                 )
 
     def _check_payload(self) -> None:
-        kg = self.columns.get(PAYLOAD)
-        if kg is not None and (odd := (kg < 0) | (kg > LARGEST_PAYLOAD_KG)).any():
-            row = int(np.argmax(odd))
-            raise self.error(
-                f"expected a payload of 0 to {LARGEST_PAYLOAD_KG:g} kg, got {kg[row]:g} kg",
-                row,
-                column=None if self.file is None else PAYLOAD,
-                hint="state the mass on the flange in kg; 0 without a payload",
-            )
+        if (kg := self.columns.get(PAYLOAD)) is not None:
+            problem = f"expected a payload of 0 to {LARGEST_PAYLOAD_KG:g} kg, got {{:g}} kg"
+            hint = "state the mass on the flange in kg; 0 without a payload"
+            self.refuse((kg < 0) | (kg > LARGEST_PAYLOAD_KG), problem, kg, column=PAYLOAD, hint=hint)
 
     def _check_temperature(self) -> None:
         if self.temperature_degC is None:
             return
-        odd = (self.temperature_degC < COLDEST_DEGC) | (self.temperature_degC > WARMEST_DEGC)
-        if not odd.any():
-            return
-        row = int(np.argmax(odd))
-        degC = float(self.temperature_degC[row])
-        if degC < ABSOLUTE_ZERO_DEGC:
-            problem, hint = f"{degC:g} degC is below absolute zero", "check the temperature, or delete its column"
-        else:
-            problem = f"expected a temperature of {COLDEST_DEGC:g} to {WARMEST_DEGC:g} degC, got {degC:g} degC"
-            hint = "state it in degC: kelvin less 273.15, or (degrees Fahrenheit - 32) / 1.8"
-        raise self.error(problem, row, column=None if self.file is None else "temperature_degC", hint=hint)
+        degC, column = self.temperature_degC, "temperature_degC"
+        hint = "check the temperature, or delete its column"
+        self.refuse(degC < ABSOLUTE_ZERO_DEGC, "{:g} degC is below absolute zero", degC, column=column, hint=hint)
+        problem = f"expected a temperature of {COLDEST_DEGC:g} to {WARMEST_DEGC:g} degC, got {{:g}} degC"
+        hint = "state it in degC: kelvin less 273.15, or (degrees Fahrenheit - 32) / 1.8"
+        self.refuse((degC < COLDEST_DEGC) | (degC > WARMEST_DEGC), problem, degC, column=column, hint=hint)
 
     def _check_std(self) -> None:
         if self.point_std is None:
             return
         if self.points is None:
             raise self.error("point_std needs points: without a reference point it has no meaning")
-        odd = np.isnan(self.point_std[:, 0]) == self.has_point
-        if odd.any():
-            row = int(np.argmax(odd))
-            what = "a point without one" if self.has_point[row] else "one without a point"
-            raise self.error(
-                f"expected a standard uncertainty where there is a point and only there, got {what}",
-                row,
-                hint="leave the uncertainties out of the file if they are not all known",
-            )
-        if (self.point_std <= 0).any():
-            row = int(np.argwhere(self.point_std <= 0)[0, 0])
-            raise self.error(
-                f"standard uncertainties must be positive, got {self.point_std[row].tolist()} mm",
-                row,
-                hint="leave the uncertainties out of the file if they are not known",
-            )
+        what = np.where(self.has_point, "a point without one", "one without a point")
+        problem = "expected a standard uncertainty where there is a point and only there, got {}"
+        hint = "leave the uncertainties out of the file if they are not all known"
+        self.refuse(np.isnan(self.point_std[:, 0]) == self.has_point, problem, what, hint=hint)
+        problem = "standard uncertainties must be positive, got {} mm"
+        hint = "leave the uncertainties out of the file if they are not known"
+        self.refuse(self.point_std <= 0, problem, self.point_std.tolist(), hint=hint)
 
     def _check_directions(self) -> None:
         if self.directions is None:
@@ -246,13 +226,9 @@ class Readings:
         """A tip of every reading, or of none."""
         if self.tip is None or (self.tip != "").all():
             return
-        if (self.tip != "").any():
-            raise self.error(
-                "expected the tip of every reading, got none",
-                int(np.argmin(self.tip != "")),
-                column=None if self.file is None else "tip",
-                hint="name the tip of all readings, or remove the column if there is one tip",
-            )
+        hint = "name the tip of all readings, or remove the column if there is one tip"
+        problem = "expected the tip of every reading, got none"
+        self.refuse((self.tip == "") & (self.tip != "").any(), problem, column="tip", hint=hint)
         object.__setattr__(self, "tip", None)
 
     def _settle_quaternion(self) -> None:
@@ -264,13 +240,9 @@ class Readings:
             object.__setattr__(self, "quaternion", None)
             return
         off = np.abs(length - 1)
-        if np.nanmax(off) > QUATERNION_TOLERANCE:
-            row = int(np.nanargmax(off > QUATERNION_TOLERANCE))
-            raise self.error(
-                f"expected a quaternion of length 1, got length {length[row]:.6g}",
-                row,
-                hint="give an orientation as w, x, y, z; the scalar part w comes first",
-            )
+        problem = "expected a quaternion of length 1, got length {:.6g}"
+        hint = "give an orientation as w, x, y, z; the scalar part w comes first"
+        self.refuse(off > QUATERNION_TOLERANCE, problem, length, hint=hint)
         # A normalized one stays as it is, to the last bit.
         rounded = (off > 1e-12)[:, None]
         settled = np.where(rounded, self.quaternion / length[:, None], self.quaternion)
@@ -305,6 +277,15 @@ class Readings:
         line = None if row is None else self.line_of(row)
         return InputError(problem, file=self.file, line=line, column=column, hint=hint, row=name)
 
+    def refuse(
+        self, bad: BoolArray, problem: str, *got: Any, column: str | None = None, hint: str | None = None
+    ) -> None:
+        """Raise an `error` of the first reading that is `bad`, (n,) or (n, k); `problem` shows what it has in `got`."""
+        if bad.any():
+            row = int(np.argwhere(bad)[0, 0])
+            said = problem.format(*(each[row] for each in got)) if got else problem
+            raise self.error(said, row, column=None if self.file is None else column, hint=hint)
+
     def contradict(
         self, problem: str, row: int | None = None, *, column: str | None = None, hint: str | None = None
     ) -> None:
@@ -338,27 +319,14 @@ def _check_shared_uncertainties(readings: Readings) -> None:
         values = getattr(readings, name)
         if values is None or not len(values):
             continue
-        column = None if readings.file is None else name
-        odd = ~((values >= 0) & (values <= largest))
-        if odd.any():
-            row = int(np.argmax(odd))
-            raise readings.error(
-                f"expected {name} from 0 to {largest:g}, got {values[row]:g}",
-                row,
-                column=column,
-                hint="state a standard uncertainty (k = 1) in the unit of the name",
-            )
-        first = np.unique(sessions, return_index=True, return_inverse=True)
-        different = values != values[first[1]][first[2]]
-        if different.any():
-            row = int(np.argmax(different))
-            raise readings.error(
-                f"expected one {name} in all readings of a session, got {values[row]:g} beside "
-                f"{values[first[1]][first[2]][row]:g}",
-                row,
-                column=column,
-                hint="it belongs to the instrument, not to a reading; another instrument is another session",
-            )
+        problem = f"expected {name} from 0 to {largest:g}, got {{:g}}"
+        hint = "state a standard uncertainty (k = 1) in the unit of the name"
+        readings.refuse(~((values >= 0) & (values <= largest)), problem, values, column=name, hint=hint)
+        _, first, group = np.unique(sessions, return_index=True, return_inverse=True)
+        of_first = values[first][group]
+        problem = f"expected one {name} in all readings of a session, got {{:g}} beside {{:g}}"
+        hint = "it belongs to the instrument, not to a reading; another instrument is another session"
+        readings.refuse(values != of_first, problem, values, of_first, column=name, hint=hint)
 
 
 def _check_sphere_distances(readings: Readings) -> None:
@@ -376,27 +344,23 @@ def _check_sphere_distances(readings: Readings) -> None:
     if not known.any():
         object.__setattr__(readings, "sphere_distance", None)
         return
-    column = None if readings.file is None else SPHERE_DISTANCE[0]
     touched = np.zeros(len(readings), bool) if readings.sphere is None else readings.sphere != ""
     for bad, said in (
         (known & (distances <= 0).any(axis=1), "expected a positive distance and uncertainty"),
         (known & ~touched, "expected the name of the sphere to which the distance refers, got none"),
     ):
-        if bad.any():
-            raise readings.error(said, int(np.argmax(bad)), column=column)
+        readings.refuse(bad, said, column=SPHERE_DISTANCE[0])
     assert readings.sphere is not None  # touched
     for name in np.unique(readings.sphere[known]):
-        rows = np.flatnonzero(readings.sphere == name)
-        first = rows[known[rows]][0]
-        same = (distances[rows] == distances[first]).all(axis=1)
-        if not same.all():
-            raise readings.error(
-                f"expected the same distance from sphere {str(name)!r} in all of its readings, but "
-                f"{readings.called(int(first))} has another",
-                int(rows[np.argmin(same)]),
-                column=column,
-                hint="fill it in for all of them; with another ball on the stylus use another name of the sphere",
-            )
+        of_sphere = readings.sphere == name
+        first = int(np.argmax(of_sphere & known))
+        readings.refuse(
+            of_sphere & (distances != distances[first]).any(axis=1),
+            f"expected the same distance from sphere {str(name)!r} in all of its readings, but "
+            f"{readings.called(first)} has another",
+            column=SPHERE_DISTANCE[0],
+            hint="fill it in for all of them; with another ball on the stylus use another name of the sphere",
+        )
 
 
 def _check_anchor_distances(readings: Readings) -> None:
@@ -430,9 +394,7 @@ def _check_anchor_distances(readings: Readings) -> None:
                 (name, stated & ~(values > 0), f"expected a positive {name}", every),
             ]
     for column, bad, said, hint in rules:
-        if bad.any():
-            row = int(np.argmax(bad))
-            raise readings.error(said, row, column=None if readings.file is None else column, hint=hint)
+        readings.refuse(bad, said, column=column, hint=hint)
     if u_offset is not None:
         _check_one_offset(readings, anchor, u_offset, known)
 
@@ -440,14 +402,10 @@ def _check_anchor_distances(readings: Readings) -> None:
 def _refuse_without_distance(readings: Readings) -> None:
     for name in ("anchor", *ANCHOR_DISTANCE[1:]):
         values = getattr(readings, name)
-        stated = None if values is None else values != "" if name == "anchor" else ~np.isnan(values)
-        if stated is not None and stated.any():
-            raise readings.error(
-                f"expected the column distance_mm beside {name}, got no distance",
-                int(np.argmax(stated)),
-                column=None if readings.file is None else name,
-                hint="distance_mm: distance of the tip from the anchor",
-            )
+        if values is not None:
+            stated = values != "" if name == "anchor" else ~np.isnan(values)
+            problem = f"expected the column distance_mm beside {name}, got no distance"
+            readings.refuse(stated, problem, column=name, hint="distance_mm: distance of the tip from the anchor")
 
 
 def _check_one_offset(readings: Readings, anchor: NameArray, u_offset: FloatArray, known: BoolArray) -> None:
