@@ -364,8 +364,7 @@ class ReadCertificate(Record):
             "reservation": made.reservation,
             "coordinates": next(iter(made.texts("coordinates")), None),
             "traceable": made.is_traceable,
-            "signature": self.signature,
-            "from_pdf": self.from_pdf,
+            **self._named("signature", "from_pdf"),
         }
 
 

@@ -365,8 +365,7 @@ class CorrectedTargets(Record):
             "summary": self.summary(),
             "direction": self.direction,
             "kind": self.targets.kind,
-            "frame": self.frame,
-            "tool": self.tool,
+            **self._named("frame", "tool"),
             "n_targets": len(self.targets),
             "n_corrected": int(good.sum()),
             "refused": [

@@ -101,8 +101,7 @@ class PublishedReadings(Record):
 
     def _json(self) -> object:
         return {
-            "name": self.name,
-            "arm": self.arm,
+            **self._named("name", "arm"),
             "n_readings": len(self.session),
             "n_joints": self.session.n_joints,
             "n_lengths": 0 if self.lengths is None else len(self.lengths),

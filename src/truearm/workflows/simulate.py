@@ -221,8 +221,7 @@ class SimulationResult(Record):
             "arm": self.virtual.nominal.name,
             "preset": self.virtual.preset.name,
             "arm_seed": self.virtual.seed,
-            "strategy": self.strategy,
-            "seed": self.seed,
+            **self._named("strategy", "seed"),
             "n": len(self.measurement),
             **self._named("rejected", "nominal_error", "noise_floor"),
         }
