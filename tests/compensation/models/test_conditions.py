@@ -11,7 +11,7 @@ import truearm as ta
 from truearm.compensation.models import KinematicModel, NominalModel, PhysicalModel, load_model
 from truearm.compensation.models.uncertainty import ELLIPSOID_FACTOR
 from truearm.errors import InputError
-from truearm.identification.judgement.day_to_day import COMPONENTS, SHIFT_SHARE, TILT_STD
+from truearm.identification.judgement.day_to_day import BASE_SHIFT_SHARE, COMPONENTS, SHIFT_SHARE, TILT_STD
 from truearm.identification.judgement.expansion_prior import _with_constants
 from truearm.identification.planning.sampling.measuring import measuring_poses
 from truearm.identification.terms import Constant
@@ -57,7 +57,9 @@ def test_points_are_the_same_and_days_add_the_settling_of_their_bearings(model, 
         component = int(np.argmax(term.direction))
         std = TILT_STD if component < 3 else SHIFT_SHARE * ARM.chain.reach
         moves = isinstance(term.basis, Constant) and 1 <= term.place <= ARM.n_joints and component in COMPONENTS
-        assert added[columns] == pytest.approx(2 * std**2 if moves else 0.0, rel=1e-6, abs=1e-20)
+        if is_base := isinstance(term.basis, Constant) and term.place == 0:
+            std = TILT_STD if component < 3 else BASE_SHIFT_SHARE * ARM.chain.reach
+        assert added[columns] == pytest.approx(2 * std**2 if moves or is_base else 0.0, rel=1e-6, abs=1e-20)
 
 
 def test_coverage_of_both_conditions():

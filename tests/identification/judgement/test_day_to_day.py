@@ -9,7 +9,9 @@ import pytest
 
 from truearm.arm import load_arm
 from truearm.compensation.models import KinematicModel, NominalModel, PhysicalModel, load_model
+from truearm.identification.estimation.propagation import relative_covariance
 from truearm.identification.judgement.day_to_day import (
+    BASE_SHIFT_SHARE,
     COMPONENTS,
     GROUP,
     SHIFT_SHARE,
@@ -19,6 +21,7 @@ from truearm.identification.judgement.day_to_day import (
 )
 from truearm.identification.planning.sampling.measuring import measuring_poses
 from truearm.identification.terms import Constant, InSession
+from truearm.identification.terms.catalogue import base_terms
 from truearm.identification.virtual import VirtualArm, load_preset
 from truearm.readings import Session
 
@@ -43,6 +46,10 @@ def days(arm, *, size: float, n_days: int, n: int = 60, seed: int = 0) -> Sessio
     return Session(angles, points, session=np.repeat([f"day {i}" for i in range(n_days)], n))
 
 
+def added_variances(fit):
+    return (on_another_day(fit).covariance - fit.covariance).diagonal()
+
+
 def test_one_session_has_nothing_to_compare(arm):
     assert day_to_day_terms(arm.chain, []) == []
     assert day_to_day_terms(arm.chain, ["Monday"]) == []
@@ -50,15 +57,29 @@ def test_one_session_has_nothing_to_compare(arm):
 
 
 def test_readings_of_one_day_state_the_days_of_reading_and_of_use(arm):
-    """To the variance of a tilt or a shift twice that of a day; nothing to the others."""
+    """To the variance of a tilt or a shift twice that of a day, of the free base too; nothing to the others."""
     readings = replace(days(arm, size=1.0, n_days=1), session=None)
     fit = KinematicModel(arm).fit_readings(readings).fit_
-    added = (on_another_day(fit).covariance - fit.covariance).diagonal()
+    added = added_variances(fit)
     for term, columns in zip(fit.perturbed_chain.terms, fit.perturbed_chain.columns, strict=True):
         component = int(np.argmax(term.direction))
         std = TILT_STD if component < 3 else SHIFT_SHARE * arm.chain.reach
         moves = isinstance(term.basis, Constant) and 1 <= term.place <= arm.n_joints and component in COMPONENTS
-        assert added[columns] == pytest.approx(2 * std**2 if moves else 0.0, rel=1e-6, abs=1e-22)
+        if is_base := isinstance(term.basis, Constant) and term.place == 0:
+            std = TILT_STD if component < 3 else BASE_SHIFT_SHARE * arm.chain.reach
+        assert added[columns] == pytest.approx(2 * std**2 if moves or is_base else 0.0, rel=1e-6, abs=1e-22)
+
+
+def test_a_base_that_settles_is_within_the_uncertainty_and_moves_no_length(arm):
+    """Every tip is uncertain by the base's shift of both days at least; tips relative to each other are not by it."""
+    model = KinematicModel(arm).fit_readings(replace(days(arm, size=0.0, n_days=1), session=None))
+    state = model.checked(replace(days(arm, size=0.0, n_days=1, n=20, seed=3), session=None)).state
+    later = on_another_day(model.fit_)
+    added = later.tip_covariance(state) - model.fit_.tip_covariance(state)
+    assert np.linalg.eigvalsh(added).min() > 2 * (BASE_SHIFT_SHARE * arm.chain.reach) ** 2
+    of_base = np.where(later.columns_of(lambda term: term in base_terms(arm.chain)), added_variances(model.fit_), 0.0)
+    alone = replace(later, covariance=np.diag(of_base))
+    assert np.abs(relative_covariance(alone, state)).max() < 1e-9 * np.abs(alone.tip_covariance(state)).max()
 
 
 def test_several_sessions_show_the_size_of_a_day(arm):
@@ -92,8 +113,7 @@ def test_sessions_that_show_no_difference_leave_the_usual_one(arm):
     noisy = replace(readings, points=readings.points + 0.5 * np.random.default_rng(5).standard_normal((120, 3)))
     fit = KinematicModel(arm).fit_readings(noisy).fit_
     hidden = replace(fit, groups=tuple(replace(group, scale=0.0) for group in fit.groups))
-    added = (on_another_day(hidden).covariance - hidden.covariance).diagonal()
-    assert added.max() >= 2 * TILT_STD**2 * 0.99
+    assert added_variances(hidden).max() >= 2 * TILT_STD**2 * 0.99
 
 
 def test_very_few_readings_leave_the_constants_alone(arm):
