@@ -6,7 +6,13 @@ import pytest
 from truearm.arm import load_arm
 from truearm.compensation.models import KinematicModel
 from truearm.identification.estimation.residual_variance import LEVEL, HeldOutReadings
-from truearm.identification.judgement.outer_regions import PRIOR_GROWTH, _weighted_quantile, least_growth, outer_regions
+from truearm.identification.judgement.outer_regions import (
+    PRIOR_GROWTH,
+    _ranges,
+    _weighted_quantile,
+    least_growth,
+    outer_regions,
+)
 from truearm.readings import Session
 from truearm.solve.distributions import chi2_quantile
 
@@ -18,6 +24,16 @@ def test_regions_are_the_ends_of_the_joints_and_a_joint_of_few_angles_has_none()
     np.testing.assert_array_equal(np.flatnonzero(found[0][1]), np.arange(15))
     np.testing.assert_array_equal(np.flatnonzero(found[1][1]), np.arange(85, 100))
     assert not outer_regions(angles[:20], np.ones(20, bool))
+
+
+def test_a_reading_that_stands_alone_does_not_stand_for_all_angles_on_the_way():
+    """The range of angles evenly spaced is theirs; one at 3 rad ends it where the shares of 2 % and 15 % suggest."""
+    even = np.linspace(-1.0, 1.0, 100)[:, None]
+    np.testing.assert_array_equal(_ranges(even), [[-1.0, 1.0]])
+    (low, high) = _ranges(np.append(even[:, 0], 3.0)[:, None])[0]
+    assert low == -1.0
+    step = 2 / 99
+    assert high == pytest.approx(2 * (1.0 - step) - (1.0 - 14 * step), abs=1e-9)  # ranks 98 and 85 of 0 to 100
 
 
 def test_the_least_growth_puts_a_reading_on_its_ellipsoid():

@@ -28,7 +28,7 @@ class Extrapolation:
     Parameters
     ----------
     ranges : (n_joints, 2) array
-        Smallest and largest trained angle [rad, or mm].
+        Ends of the trained angles [rad, or mm].
     is_prismatic : (n_joints,) bool array
         Which joints slide.
     growth : float

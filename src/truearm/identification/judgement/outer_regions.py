@@ -28,6 +28,9 @@ from truearm.typing import BoolArray, FloatArray
 
 # Readings of an outer region, as a share of all: 30 of 200 readings, 10 to 30 degrees of a six-axis arm's joint.
 OUTER_SHARE = 0.15
+# Share of the readings at either end of a joint that may stand alone. One reading with the elbow turned over would else
+# pass off half a turn between it and the others as trained.
+OUTERMOST_SHARE = 0.02
 # With fewer readings a region shows nothing, and with more than this share of all the others do not predict it: of
 # joints with a few fixed angles.
 LEAST_READINGS, MOST_SHARE = 5, 0.4
@@ -76,7 +79,7 @@ def growing_outside(
     added : (n, 3, 3) array, optional
         Covariance of the tips by the terms that the fit does not have, which grows by itself [mm^2].
     """
-    angles, ranges = state.angles, _all(state.angles[used])
+    angles, ranges = state.angles, _ranges(state.angles[used])
     whole = Extrapolation(ranges, state.chain.is_prismatic, PRIOR_GROWTH)
     regions = outer_regions(angles, used)
     excess, weight = [np.zeros(0)], [np.zeros(0)]
@@ -88,7 +91,7 @@ def growing_outside(
         if len(held_out.rows) < LEAST_READINGS:
             continue
         without = ranges.copy()
-        without[joint] = _all(angles[used & ~rows])[joint]
+        without[joint] = _ranges(angles[used & ~rows])[joint]
         own = replace(whole, ranges=without)
         # Others are inside. A slide counts in units of its whole range, as it does where the growth is applied.
         distance = own.distance(angles) * (own.unit / whole.unit)[joint]
@@ -135,6 +138,13 @@ def _weighted_quantile(values: FloatArray, weight: FloatArray, level: float) -> 
     return float(values[order][min(int(np.searchsorted(below, level)), len(values) - 1)])
 
 
-def _all(angles: FloatArray) -> FloatArray:
-    """(n_joints, 2) range of every joint."""
-    return np.stack([angles.min(axis=0), angles.max(axis=0)], axis=1)
+def _ranges(angles: FloatArray) -> FloatArray:
+    """(n_joints, 2) range of every joint, which a reading that stands alone ends no later than the others suggest.
+
+    Not farther beyond the angle of the outermost readings' share than that is from the region's inner end.
+    """
+    shares = np.array([OUTERMOST_SHARE, OUTER_SHARE])
+    low, inner_low = np.quantile(angles, shares, axis=0)
+    high, inner_high = np.quantile(angles, 1 - shares, axis=0)
+    ends = np.maximum(angles.min(axis=0), 2 * low - inner_low), np.minimum(angles.max(axis=0), 2 * high - inner_high)
+    return np.stack(ends, axis=1)
