@@ -14,6 +14,7 @@ from made_up_certificate import ABOUT, CONFIRMED_PLAN, confirm
 from made_up_verification import ARTEFACTS, MPE, Made
 
 import truearm as ta
+from truearm.errors import InputError
 from truearm.files.xml_signatures import sign_xml
 from truearm.verification.certificate.dcc_reader import read_dcc
 from truearm.verification.standards.verification_plan import plan_text
@@ -586,3 +587,14 @@ def test_a_room_and_artefacts_of_other_temperatures_are_said(truearm, bench):
     assert f"T{said}" in ran.out
     assert any(text.startswith(f"T{said}") for text in read_dcc("certificate.xml").texts("remark"))
     assert said in Path("certificate.html").read_text()
+
+
+def test_an_encrypted_key_without_a_terminal_is_refused_with_what_to_do(tmp_path):
+    from made_up_signers import certified, curve_key, write
+    from truearm.cli import certificate as command
+
+    made = curve_key()
+    write(tmp_path, "locked", made, certified(made), password=b"secret")
+    with pytest.raises(InputError, match="no terminal to ask for its password") as caught:
+        command._signer(tmp_path / "locked.key", tmp_path / "locked.pem")
+    assert "read_signer(KEY, CERTIFICATE, password=...)" in caught.value.hint

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,6 +11,7 @@ from typer import Option
 
 from truearm.cli.console import print_json, print_line, print_record, print_status
 from truearm.cli.options import AcceptOption, ArtefactsFile, Json, MpeFile, RuleOption, refuse_typed, typed_options
+from truearm.errors import InputError
 
 if TYPE_CHECKING:
     from truearm.files.x509_certificates import Signer
@@ -128,8 +130,6 @@ def _print_read(file: Path, trusted: Path | None, as_json: bool) -> None:
 
 def _needed(plan: dict[str, str | None], files: dict[str, Path | None]) -> tuple[Path, ...]:
     """The files that a certificate needs, if the plan and all of them are given."""
-    from truearm.errors import InputError
-
     for option, value in (plan | files).items():
         if value is None:
             hint = "truearm certificate --template > about.toml" if option == "--about" else None
@@ -139,8 +139,6 @@ def _needed(plan: dict[str, str | None], files: dict[str, Path | None]) -> tuple
 
 def _check_reads_only(context: typer.Context) -> None:
     """Check that no option of a new certificate is given with --read: it would have no effect."""
-    from truearm.errors import InputError
-
     typed = typed_options(context)
     if surplus := [option for name, option in typed.items() if name not in ("read", "trusted", "as_json")]:
         raise InputError(
@@ -153,5 +151,11 @@ def _signer(key: Path, certificate: Path) -> Signer:
     from truearm.files.x509_certificates import is_encrypted, read_signer
 
     asked = is_encrypted(key)
+    if asked and not sys.stdin.isatty():
+        raise InputError(
+            "the key is encrypted, and there is no terminal to ask for its password",
+            file=key,
+            hint="sign in a terminal, or in Python with read_signer(KEY, CERTIFICATE, password=...)",
+        )
     password = typer.prompt(f"Password of {key}", hide_input=True, err=True) if asked else None
     return read_signer(key, certificate, password=password)

@@ -75,6 +75,7 @@ from truearm.identification.judgement.nominal_check import (
 )
 from truearm.identification.judgement.outer_regions import growing_outside
 from truearm.identification.judgement.reference_table import reference_table
+from truearm.identification.judgement.repeating_residuals import UNKNOWN_SHARE, repeating_share
 from truearm.identification.judgement.residual_process import ResidualProcess, add_residual_process, with_unspanned
 from truearm.identification.judgement.stated_uncertainty import check_stated_uncertainty
 from truearm.identification.judgement.tails import tail_freedom
@@ -94,7 +95,7 @@ from truearm.identification.terms.basis import Temperature
 from truearm.identification.terms.catalogue import JOINT_COMPLIANCE, unlearned_terms
 from truearm.readings.checks import check_scale
 from truearm.readings.reference_uncertainty import scale_errors
-from truearm.typing import FloatArray
+from truearm.typing import BoolArray, FloatArray
 
 # Share of the error at held-out readings of one place that all terms together may leave: with three quarters of its
 # variance explained, little remains that could be different elsewhere.
@@ -137,11 +138,14 @@ class Unexplained:
         Share of its square at other angles.
     tail_freedom : float
         Degrees of freedom of the tails of the held-out deviations; infinite where they are too few.
+    repeating_share : float
+        Share of the residual variance that is the same at the same pose; 1/2 where it is not known.
     """
 
     residual_std_mm: float
     variance_function: VarianceFunction
     tail_freedom: float
+    repeating_share: float = UNKNOWN_SHARE
 
 
 @dataclass(frozen=True, eq=False)
@@ -489,7 +493,7 @@ def _concluded(
     function = growing_outside(
         rest.variance_function, rest.residual_std_mm**2, fit, readings.state, readings.references, used, added
     )
-    rest = replace(rest, variance_function=function)
+    rest = replace(rest, variance_function=function, repeating_share=_repeating(readings, wider or fit, rest, used))
     birge = birge_ratio(fit.references, kept.rows, rest.residual_std_mm)
     # Few residuals determine the noise only roughly.
     widened = few_readings_factor(fit.residual_freedom(readings.references))
@@ -504,6 +508,19 @@ def _concluded(
         birge,
         process,
     )
+
+
+def _repeating(readings: PreparedReadings, fit: IdentificationResult, rest: Unexplained, used: BoolArray) -> float:
+    """Share of the residual variance that is the same at the same pose, by the readings with points."""
+    session = readings.session
+    rows = np.flatnonzero(used & session.has_point)
+    if session.points is None or session.point_std is None:
+        point_variance = np.zeros(len(rows))
+    else:
+        point_variance = (session.point_std[rows] ** 2).mean(axis=1)
+    points = np.zeros((0, 3)) if session.points is None else session.points[rows]
+    variance = rest.residual_std_mm**2 * rest.variance_function.share(session.angles[rows])
+    return repeating_share(fit, readings.state.rows(rows), points, point_variance, variance)
 
 
 def _as_refitted(

@@ -37,6 +37,14 @@ def test_hand_made_relations():
     assert shapes.distance(ball, bore).value == pytest.approx(np.hypot(4, 1))
 
 
+def test_a_plane_is_concentric_with_nothing():
+    floor, lid = shapes.fit_plane(plane()), shapes.fit_plane(plane(at=[5, 3, 40]))
+    bore = shapes.fit_cylinder(RING)
+    for pair in ((floor, lid), (floor, bore), (bore, floor)):
+        with pytest.raises(InputError, match="centres or axes, got a plane"):
+            shapes.concentricity(*pair)
+
+
 def test_what_has_no_distance_or_no_direction_is_refused():
     with pytest.raises(InputError, match=r"got an angle of 30.0 deg. Try: measure the angle"):
         shapes.distance(shapes.fit_plane(plane()), shapes.fit_plane(plane(TILT)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import datetime
 
 import numpy as np
@@ -43,6 +44,19 @@ def test_a_form_has_every_point_of_the_layout_in_its_order(form, layout):
         assert one.points == pytest.approx(placed.points, abs=5e-4)  # rounded to a micrometre
         assert one.approach == pytest.approx(placed.approach, abs=2e-3)
         assert one.tip_mm == (6.0 if one.test == "effective_diameter" else 0.0)
+
+
+def test_a_form_asks_for_the_serial_number_of_each_artefact(form, planned):
+    """As typed beside one artefact, it is that of its group; the head and all rows have as many cells."""
+    rows = list(csv.reader(form.read_text().splitlines()))
+    assert {len(row) for row in rows} == {len(rows[0])}
+    at = rows[0].index("artefact_serial_number")
+    rows[1][at] = "K-17"
+    with form.open("w", newline="") as out:
+        csv.writer(out, lineterminator="\n").writerows(rows)
+    fill_points_form(form, planned, day=DAY, artefact_degC=20.5)
+    groups = [group for test in read_points(form).tests.values() for group in test]
+    assert [group.serial_number for group in groups].count("K-17") == 1
 
 
 def test_a_filled_form_is_a_file_of_points(form, planned, layout):

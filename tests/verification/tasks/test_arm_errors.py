@@ -10,6 +10,12 @@ from truearm.arm.chain import Chain
 from truearm.compensation.models import KinematicModel, NetworkModel
 from truearm.errors import InputError
 from truearm.identification.estimation.residual_variance import few_readings_factor
+from truearm.identification.judgement.repeating_residuals import (
+    JOINT_VARIANCE_SHARE,
+    ORDER,
+    joint_process,
+    unit_displacements,
+)
 from truearm.identification.planning.sampling.measuring import measuring_poses
 from truearm.identification.references.references import Points
 from truearm.identification.terms import Constant
@@ -17,14 +23,7 @@ from truearm.identification.virtual import VirtualArm, load_preset
 from truearm.identification.virtual.presets import ARCSEC, PERFECT, SHOP, Preset
 from truearm.readings.session import Session
 from truearm.verification.tasks import sampled_arms
-from truearm.verification.tasks.sampled_arms import (
-    JOINT_VARIANCE_SHARE,
-    ORDER,
-    PoseField,
-    PosteriorDistribution,
-    PresetDistribution,
-    unit_displacements,
-)
+from truearm.verification.tasks.sampled_arms import PoseField, PosteriorDistribution, PresetDistribution
 
 ARM = load_arm("gao2017")
 POSES = measuring_poses(ARM, 30, seed=5).angles
@@ -208,7 +207,7 @@ def test_a_field_has_its_size_and_its_correlation():
     pose = np.array([[0.1, 0.2, 0.3, 0.4, 0.5, 0.6]])
     poses = np.concatenate([pose, pose + [d, 0, 0, 0, 0, 0], pose + [0, 0, 2 * np.pi, 0, 0, 0], pose])
     rng = np.random.default_rng(1)
-    drawn = np.array([PoseField.draw(ARM.chain, 3, ORDER, rng).at(poses) for _ in range(1500)])
+    drawn = np.array([PoseField.draw(ARM.chain, ORDER, rng).at(poses) for _ in range(4500)])
     near, beyond, turned, again = (drawn[:, i].ravel() for i in range(4))
     assert near.std() == pytest.approx(1.0, rel=0.05)  # 4500 numbers: 1.1 % a standard deviation
     assert np.corrcoef(near, beyond)[0, 1] == pytest.approx(np.exp(-16 * (1 - np.cos(d))), abs=0.04)
@@ -250,6 +249,16 @@ def test_joints_parts_of_an_arm_are_as_its_chain_s_derivatives():
     assert (joints**2).sum(axis=(1, 2)) == pytest.approx(np.full(len(POSES), 3 * JOINT_VARIANCE_SHARE))
 
 
+def test_the_drawn_field_has_the_covariance_by_which_readings_are_judged(rng):
+    """Pairs of poses that differ in one joint, in all joints, and not at all."""
+    poses = np.concatenate([POSES[:2], POSES[:1] + [0.2, 0, 0, 0, 0, 0], POSES[:1] + 0.1])
+    moved = unit_displacements(ARM.chain, poses)
+    fields = [PoseField.of_joints(ARM.chain, rng).at(poses) for _ in range(4000)]
+    drawn = np.array([np.einsum("nki,nk->ni", moved, one).ravel() for one in fields])
+    expected = joint_process(ARM.chain, poses).reshape(12, 12)
+    assert drawn.T @ drawn / len(drawn) == pytest.approx(expected, abs=0.12)  # 1 / sqrt(4000) is 0.016 times 3
+
+
 def test_near_poses_err_alike_and_far_ones_do_not(model):
     known = PosteriorDistribution(model)
     pose = POSES[:1]
@@ -257,6 +266,7 @@ def test_near_poses_err_alike_and_far_ones_do_not(model):
     drawn = [known.draw(seed) for seed in range(200)]
     errs = np.array([np.einsum("nki,nk->ni", known.displacements(poses), one.field.at(poses)) for one in drawn])
     assert np.abs(errs[:, 0] - errs[:, 1]).max() < 1e-12  # mm, rounding
-    # 1 - exp(-49 * 6 * 0.003^2 / 2) is 0.13 %: the difference is 5 % of a standard deviation.
-    assert np.sqrt(((errs[:, 0] - errs[:, 2]) ** 2).mean() / (errs[:, 0] ** 2).mean()) == pytest.approx(0.05, abs=0.02)
+    # 1 - exp(-16 * 0.003^2 / 2) is 0.007 %: the difference is 1.2 % of a standard deviation.
+    off = np.sqrt(((errs[:, 0] - errs[:, 2]) ** 2).mean() / (errs[:, 0] ** 2).mean())
+    assert off == pytest.approx(0.012, abs=0.004)
     assert np.sqrt(((errs[:, 0] - errs[:, 3]) ** 2).mean() / (errs[:, 0] ** 2).mean()) > 1

@@ -76,22 +76,21 @@ def test_a_model_s_task(capsys, model_file):
     assert length["expanded_mm"] <= 1.05 * max(-low, high)
     points = found["points_mm"]
     assert points[0] == pytest.approx([800, -150, 300], abs=5)  # across the front, which is a degree off the x axis
-    assert any("No repeatability is stated" in remark for remark in found["remarks"])
+    assert any("as the readings of the model show it" in remark for remark in found["remarks"])
     assert any("The part is perfect and at 20 degC" in remark for remark in found["remarks"])
-    assert length["u_random_mm"] == 0
+    assert 0 < length["u_random_mm"] < length["u_mm"]
     assert found["expanded_at_limit_mm"] is None
 
 
-def test_more_points_are_advised_only_if_a_repeatability_was_given(capsys, model_file, tmp_path):
+def test_more_points_are_advised_by_what_the_readings_show_as_by_a_repeatability(capsys, model_file, tmp_path):
     ran(str(model_file), length=300.0, report=tmp_path / "page.html")
     told = capsys.readouterr().out
     page = (tmp_path / "page.html").read_text()
     for one in (told, page):
-        assert "It is unknown whether more points would help" in one
-        assert "Measure one point some ten times" in one
-        assert "four times the points" not in one
+        assert "four times the points" in one
+        assert "as the readings of the model show it" in one
     ran(str(model_file), length=300.0, repeatability=0.005)
-    assert "four times the points" in capsys.readouterr().out
+    assert "0.0050 mm, as stated" in capsys.readouterr().out
 
 
 def test_what_a_repeatability_changes(capsys, model_file):

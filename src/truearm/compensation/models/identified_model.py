@@ -29,6 +29,7 @@ from truearm.identification.identify import (
     place_without_gross_errors,
 )
 from truearm.identification.judgement.held_out_errors import HeldOutErrors
+from truearm.identification.judgement.repeating_residuals import UNKNOWN_SHARE
 from truearm.identification.judgement.residual_process import ResidualProcess
 from truearm.identification.references.prepared_readings import PreparedReadings
 from truearm.identification.references.rounded_angles import tip_motions
@@ -76,6 +77,9 @@ class IdentifiedModel(Compensator):
     tail_freedom_ : float
         Degrees of freedom of the tails of the held-out deviations (`truearm.identification.judgement.tails`); infinite
         where they are too few, and of models from older files.
+    repeating_share_ : float
+        Share of the square of `residual_std_` that is the same at the same pose
+        (`truearm.identification.judgement.repeating_residuals`); 1/2 where it is not known, and of older files.
     residual_process_ : ResidualProcess or None
         What is known of the residual process; None where the model has none, and had none before a transfer.
     refit_reading_ids_ : (k,) array
@@ -89,6 +93,7 @@ class IdentifiedModel(Compensator):
     variance_function_: VarianceFunction
     birge_ratio_: float
     tail_freedom_: float = float("inf")
+    repeating_share_: float = UNKNOWN_SHARE
     refit_reading_ids_: FloatArray
     residual_process_: ResidualProcess | None = None
 
@@ -114,6 +119,7 @@ class IdentifiedModel(Compensator):
         self.residual_std_ = found.unexplained.residual_std_mm
         self.variance_function_ = found.unexplained.variance_function
         self.tail_freedom_ = found.unexplained.tail_freedom
+        self.repeating_share_ = found.unexplained.repeating_share
         self.residual_process_, self.refit_reading_ids_ = found.residual_process, np.zeros(0)
 
     def _check_options(self) -> None:

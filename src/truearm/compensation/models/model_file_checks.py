@@ -53,6 +53,8 @@ def check_model(model: Compensator) -> None:
     if isinstance(model, IdentifiedModel):
         if not 1 <= model.birge_ratio_ < np.inf:
             raise InputError("expected a Birge ratio of 1 or more")
+        if not 0 <= model.repeating_share_ <= 1:
+            raise InputError("expected a share of 0 to 1 of the residual variance that repeats at the same pose")
         _check_process(model, n_joints)
         _check_shape("refit_reading_ids_", model.refit_reading_ids_, (len(model.refit_reading_ids_),))
     if isinstance(model, NetworkModel):

@@ -128,7 +128,15 @@ def distance(one: Directed | Sphere, other: Directed | Sphere) -> Relation:
 
 
 def concentricity(one: Directed | Sphere, other: Directed | Sphere) -> Relation:
-    """Return twice the distance of two centres or axes [mm]: the diameter of the zone about the first."""
+    """Return twice the distance of two centres or axes [mm]: the diameter of the zone about the first.
+
+    Raises
+    ------
+    InputError
+        If one is a plane, which has no centre.
+    """
+    if isinstance(one, Plane) or isinstance(other, Plane):
+        raise InputError("expected two shapes with centres or axes, got a plane", hint="distance or parallelism")
     found = distance(one, other)
     return Relation(2 * found.value, 2 * found.u)
 

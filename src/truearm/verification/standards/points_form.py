@@ -23,6 +23,7 @@ from truearm.verification.standards.dates import check_past
 from truearm.verification.standards.layout import Placement
 from truearm.verification.standards.measured_points import (
     ACCEPTED,
+    ARTEFACT_SERIAL,
     CONDITIONS,
     KEY_COLUMNS,
     OPTIONAL_COLUMNS,
@@ -80,6 +81,7 @@ def write_points_form(layout: Sequence[Placement], path: str | Path, *, tip_diam
         TEMPERATURE,
         TIP,
         SERIAL_NUMBER,
+        ARTEFACT_SERIAL,
         ACCEPTED,
         ORIGIN,
         "note",
@@ -97,7 +99,7 @@ def write_points_form(layout: Sequence[Placement], path: str | Path, *, tip_diam
             for at, approach in zip(one.points, one.approach, strict=True):
                 number += 1
                 aims = [f"{value:.3f}" for value in (*at, *approach)]
-                writer.writerow([*named, "", *keys, "", "", "", "", tip, "", "", "", f"point {number}", *aims])
+                writer.writerow([*named, "", *keys, "", "", "", "", tip, "", "", "", "", f"point {number}", *aims])
 
 
 def fill_points_form(

@@ -189,8 +189,6 @@ def measure_features(
         raise InputError(
             f"the stylus tip of {tip_diameter_mm:g} mm is larger than the {kind} {name!r}", hint="its diameter in mm"
         )
-    # What a single point of an end scatters is not seen; the model states what it does not explain.
-    unseen = errors.field_std_mm if errors.repeatability_mm is None else 0.0
     seeds = np.random.SeedSequence(seed).generate_state(n_arms, np.uint64).tolist()
     drawn = [np.empty((n_arms, len(one))) for one in given]
     variances = np.empty((n_arms, len(shapes)))
@@ -210,8 +208,7 @@ def measure_features(
     for i, arm_seed in enumerate(seeds):
         rng = np.random.default_rng([8, arm_seed])
         scatter = [
-            _scatter(share * root, shape.freedom, unseen, rng)
-            for share, root, shape in zip(rest, roots, shapes, strict=True)
+            _scatter(share * root, shape.freedom, rng) for share, root, shape in zip(rest, roots, shapes, strict=True)
         ]
         for values, which in ((draws, 0), (wide, 1)):
             parameters = [one[i] + off[which] for one, off in zip(drawn, scatter, strict=True)]
@@ -232,19 +229,14 @@ def _unexplained_scatter(seen: FloatArray, with_arms: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(np.clip(1 - share, 0.0, 1.0)))
 
 
-def _scatter(
-    root: FloatArray, freedom: int, unseen_mm: float, rng: np.random.Generator
-) -> tuple[FloatArray, FloatArray]:
+def _scatter(root: FloatArray, freedom: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
     """Errors of a shape's parameters by the scatter of its points; and the same as wide as few points know it.
 
     The scatter was estimated with few degrees of freedom: Student's t in place of a normal distribution (JCGM 101:2008,
     6.4.9).
     """
-    z = rng.standard_normal(len(root))
-    if not freedom:
-        return (unseen_mm * z,) * 2
-    off = root @ z
-    return off, off * np.sqrt(freedom / rng.chisquare(freedom))
+    off = root @ rng.standard_normal(len(root))
+    return off, off * (np.sqrt(freedom / rng.chisquare(freedom)) if freedom else 1.0)
 
 
 def _check_groups(kind: str, groups: Mapping[str, IntArray]) -> None:

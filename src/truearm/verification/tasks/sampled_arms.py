@@ -21,6 +21,7 @@ from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel, require_identified, to_identified
 from truearm.errors import InputError
 from truearm.identification.estimation.propagation import direction_effects
+from truearm.identification.judgement.repeating_residuals import ORDER, radians, unit_displacements
 from truearm.identification.terms.basis import Basis
 from truearm.identification.terms.kernel import InducedProcess
 from truearm.identification.terms.state import ArmState
@@ -35,18 +36,7 @@ from truearm.typing import FloatArray
 
 # First words of the streams, different from those of an arm's own errors.
 _SESSION, _POSTERIOR = 3, 4
-# Order of the waves in a joint, root mean square; chosen: the field of the pose varies like harmonics of order four in
-# every joint, the highest that encoders commonly have; readings identify lower ones. Its correlation falls to 0.6 when
-# one joint turns by 14 deg, or three by 8 deg each.
-ORDER = 4.0
-# Without a repeatability the field also represents the noise, which has no order. Of 4, 6, 7 and 8, tried with virtual
-# arms and an isotropic field: with 4 plates are too flat (90 % of them below U), with 8 U hardly covers means of forty
-# points.
-ORDER_WITH_NOISE = 7.0
 _WAVES = 64
-# Share of the residual variance that acts like motions of all joints along their own coordinate, chosen: held-out
-# readings of virtual arms are most likely with 0.4 to 0.5 (preset shop, two arms, both models) and 0.7 to 1 (research).
-JOINT_VARIANCE_SHARE = 0.5
 # Displacements of tips up to this are calculated to first order.
 LINEAR_MM = 0.3
 _KEPT = 64  # sets of poses in the cache
@@ -206,19 +196,16 @@ class PosteriorDistribution:
     Systematic errors are drawn once per arm: the coefficients of the model's terms, from their posterior (see
     `birge_ratio`). The residual errors of held-out readings (`residual_std_`) have two parts:
 
-    - random: the repeatability, if it was measured. It contains the noise of encoders, hand and contact.
-    - systematic in a pose: the rest, drawn once per arm as smooth functions of the joint angles. Half of its variance
-      acts like small rotations of the joints, as errors of encoders do; half is isotropic, for bearings, bending, hands
-      and contacts together.
+    - random: the repeatability, if it was measured. It contains the noise of encoders, hand and contact. Otherwise
+      what the readings show (`truearm.identification.judgement.repeating_residuals`).
+    - systematic in a pose: the rest, drawn once per arm as smooth functions of each joint's angle. Half of its
+      variance acts like small rotations of the joints, as errors of encoders do; half is isotropic, for bearings and
+      bending together.
 
     Both vary with the pose by the model's variance function (`variance_function_`).
 
     The identified hysteresis is random too, as with `PresetDistribution`: each joint reaches each point in one
     direction or the other, and the compensation assumes the mean of both. With ``directions_given`` it is compensated.
-
-    Without a repeatability all residual errors count as systematic. For averages of many points that overestimates the
-    uncertainty; the scatter about the model, used as random, would underestimate it: about a kinematic model it
-    consists mainly of encoder errors, the same in the same pose.
 
     Parameters
     ----------
@@ -269,8 +256,10 @@ class PosteriorDistribution:
 
     @property
     def random_std_mm(self) -> float:
-        """Standard deviation of the random error of a coordinate [mm]; zero without a repeatability."""
-        return 0.0 if self.repeatability_mm is None else self.repeatability_mm
+        """Standard deviation of the random error of a coordinate [mm]: the repeatability, or what readings show."""
+        if self.repeatability_mm is not None:
+            return self.repeatability_mm
+        return self.identified.residual_std_ * float(np.sqrt(1 - self.identified.repeating_share_))
 
     @property
     def field_std_mm(self) -> float:
@@ -292,9 +281,8 @@ class PosteriorDistribution:
         rng = np.random.default_rng([_POSTERIOR, seed])
         fit = self.identified.fit_
         shift = self.birge_ratio * self._root.T @ rng.standard_normal(len(fit.coefficients))
-        order = ORDER_WITH_NOISE if self.repeatability_mm is None else ORDER
-        field = PoseField.draw(self.arm.chain, self.arm.n_joints + 3, order, rng)
-        of_processes = [PoseField.draw(self.arm.chain, 1, _process_order(term.basis), rng) for term, _ in fit.processes]
+        field = PoseField.of_joints(self.arm.chain, rng)
+        of_processes = [PoseField.draw(self.arm.chain, _process_order(term.basis), rng) for term, _ in fit.processes]
         return PosteriorSample(self, shift, field, tuple(of_processes))
 
     def state(self, angles: FloatArray) -> ArmState:
@@ -431,10 +419,11 @@ class PosteriorSample:
 class PoseField:
     """Smooth random functions of the joints' angles, with a full turn as their period.
 
-    Gaussian processes with covariance ``exp(-c sum_i (1 - cos(q_i - q_i')))``, drawn as a sum of waves: the Fourier
-    coefficients of ``exp(c (cos d - 1))`` are the probabilities of a whole number k that is the difference of two
-    Poisson numbers of mean c/2 (J. G. Skellam, J. R. Stat. Soc. 109 (1946) 296), so whole wave numbers drawn by it have
-    that covariance on average (A. Rahimi, B. Recht, "Random features for large-scale kernel machines", NIPS 2007).
+    Gaussian processes with covariance ``exp(-c sum_i (1 - cos(q_i - q_i')))`` over all joints or one, drawn as a sum of
+    waves: the Fourier coefficients of ``exp(c (cos d - 1))`` are the probabilities of a whole number k that is the
+    difference of two Poisson numbers of mean c/2 (J. G. Skellam, J. R. Stat. Soc. 109 (1946) 296), so whole wave
+    numbers drawn by it have that covariance on average (A. Rahimi, B. Recht, "Random features for large-scale kernel
+    machines", NIPS 2007).
     A prismatic joint that moves by a third of the arm's reach counts as turned by one radian.
 
     Parameters
@@ -450,12 +439,19 @@ class PoseField:
     sine: FloatArray
 
     @classmethod
-    def draw(cls, chain: Chain, k: int, order: float, rng: np.random.Generator) -> PoseField:
-        """Draw k functions of standard deviation 1; c is the square of `order`."""
-        shape = (_WAVES, chain.n_joints)
-        orders = rng.poisson(order**2 / 2, shape) - rng.poisson(order**2 / 2, shape)
-        amplitude = rng.standard_normal((2, _WAVES, k)) / np.sqrt(_WAVES)
-        return cls(orders / _radians(chain), amplitude[0], amplitude[1])
+    def draw(cls, chain: Chain, order: float, rng: np.random.Generator) -> PoseField:
+        """Draw a function of all joints of standard deviation 1; c is the square of `order`."""
+        waves = _orders(order, (_WAVES, chain.n_joints), rng) / radians(chain)
+        return cls(waves, *(rng.standard_normal((2, _WAVES, 1)) / np.sqrt(_WAVES)))
+
+    @classmethod
+    def of_joints(cls, chain: Chain, rng: np.random.Generator) -> PoseField:
+        """Draw a function of each joint, and three that are sums of functions of all joints, in units of each std."""
+        n = chain.n_joints
+        own = np.repeat(np.eye(n), _WAVES, axis=0)
+        waves = own * _orders(ORDER, (len(own), 1), rng) / radians(chain)
+        size = np.concatenate([own, np.full((len(own), 3), 1 / np.sqrt(n))], axis=1) / np.sqrt(_WAVES)
+        return cls(waves, *(size * rng.standard_normal((2, *size.shape))))
 
     def at(self, angles: FloatArray) -> FloatArray:
         """Values (n, k) at angles (n, n_joints)."""
@@ -464,20 +460,9 @@ class PoseField:
         return values
 
 
-def unit_displacements(chain: Chain, angles: FloatArray) -> FloatArray:
-    """(n, n_joints + 3, 3) displacement of the tip by each function of the field at poses (n, n_joints) [mm].
-
-    First by each joint along its own coordinate, all alike, then along each axis: `JOINT_VARIANCE_SHARE` of the
-    variance and the rest. In every pose a coordinate has the variance 1 mm^2, the mean of the three.
-    """
-    along_z = np.where(chain.is_prismatic, 5, 2)
-    motion_jacobian = chain.tip_derivatives(angles).motion_jacobian[:, np.arange(chain.n_joints) + 1, along_z]
-    by_joints = _radians(chain)[:, None] * motion_jacobian
-    size = np.sqrt((by_joints**2).sum(axis=(1, 2), keepdims=True) / 3)
-    # No joint moves a tip that is on the axes of all joints.
-    by_joints = np.sqrt(JOINT_VARIANCE_SHARE) * by_joints / np.where(size > 0, size, 1.0)
-    even = np.broadcast_to(np.sqrt(1 - JOINT_VARIANCE_SHARE) * np.eye(3), (len(angles), 3, 3))
-    return np.concatenate([by_joints, even], axis=1)
+def _orders(order: float, shape: tuple[int, int], rng: np.random.Generator) -> FloatArray:
+    """Whole orders of waves, of this root mean square."""
+    return np.asarray(rng.poisson(order**2 / 2, shape) - rng.poisson(order**2 / 2, shape), dtype=float)
 
 
 def _process_order(basis: Basis) -> float:
@@ -485,8 +470,3 @@ def _process_order(basis: Basis) -> float:
     assert isinstance(basis, InducedProcess)
     scales = [scale for joint, scale in enumerate(basis.length_scales, 1) if joint not in basis.sliding]
     return 1 / min(scales, default=1.0)
-
-
-def _radians(chain: Chain) -> FloatArray:
-    """(n_joints,) equivalent of a radian for each joint [rad, or mm]."""
-    return np.where(chain.is_prismatic, chain.reach / 3, 1.0)

@@ -51,8 +51,6 @@ class TaskEstimates:
         Standard deviation of the error of each coordinate of each point, over the arms.
     at_limit : Estimate or None
         Of the first quantity, for arms whose worst test result equals its limit; only for a specification.
-    repeatability_known : bool
-        Whether it is known which part of the errors is random.
     """
 
     feature: Feature
@@ -60,7 +58,6 @@ class TaskEstimates:
     angles: FloatArray
     point_u_mm: FloatArray
     at_limit: Estimate | None = None
-    repeatability_known: bool = True
 
     @property
     def n_arms(self) -> int:
@@ -212,9 +209,8 @@ def simulate_measurements(
     if share_of_limit is not None:  # small errors of a feature are proportional to the arm's
         scaled = values[:, :, 0] / shares
         at_limit = Estimate(feature.quantities[0], scaled[0], scaled[1], scaled[2], len(postures))
-    repeatability_known = not (isinstance(errors, PosteriorDistribution) and errors.repeatability_mm is None)
     point_u = np.sqrt(np.maximum(sums[1] - sums[0] ** 2 / n_arms, 0.0) / (n_arms - 1))  # not below 0 by rounding
-    return TaskEstimates(feature, estimates, postures, point_u, at_limit, repeatability_known)
+    return TaskEstimates(feature, estimates, postures, point_u, at_limit)
 
 
 def check_draws(n_arms: int, seed: int) -> None:
@@ -235,16 +231,10 @@ def assumptions(errors: ArmDistribution) -> list[str]:
     """Assumptions of a simulated measurement, in sentences."""
     perfect = "The part is perfect and at 20 degC; add the uncertainty of its temperature and form."
     if isinstance(errors, PosteriorDistribution):
-        if errors.repeatability_mm is None:
-            random = (
-                "No repeatability is stated: the residual standard deviation of the model counts as the same at the "
-                "same pose. The uncertainty of means of many points is then overestimated."
-            )
-        else:
-            random = f"Random error of a coordinate: {errors.random_std_mm:.4f} mm, as stated."
+        source = "as the readings of the model show it" if errors.repeatability_mm is None else "as stated"
         return [
             *accepted_in_fit(errors.identified.accepted_),
-            random,
+            f"Random error of a coordinate: {errors.random_std_mm:.4f} mm, {source}.",
             f"Residual standard deviation that repeats at the same pose: {errors.field_std_mm:.4f} mm.",
             "The arm is at the mean temperature of the model's readings.",
             perfect,
@@ -264,11 +254,6 @@ def advice(result: TaskEstimates) -> str:
     systematic, random = estimate.u_systematic_mm**2, estimate.u_random_mm**2
     if systematic + random == 0:
         return "This arm has no errors."
-    if not result.repeatability_known:
-        return (
-            "It is unknown whether more points would help, because no repeatability is stated. Measure one point some "
-            "ten times in the same pose and state the standard deviation of a coordinate as repeatability."
-        )
     share = random / (systematic + random)
     if estimate.quantity.is_form:
         return (
