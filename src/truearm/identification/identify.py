@@ -76,7 +76,12 @@ from truearm.identification.judgement.nominal_check import (
 from truearm.identification.judgement.outer_regions import growing_outside
 from truearm.identification.judgement.reference_table import reference_table
 from truearm.identification.judgement.repeating_residuals import UNKNOWN_SHARE, repeating_share
-from truearm.identification.judgement.residual_process import ResidualProcess, add_residual_process, with_unspanned
+from truearm.identification.judgement.residual_process import (
+    ResidualProcess,
+    add_residual_process,
+    improvement,
+    with_unspanned,
+)
 from truearm.identification.judgement.stated_uncertainty import check_stated_uncertainty
 from truearm.identification.judgement.tails import tail_freedom
 from truearm.identification.planning.sampling import uniform
@@ -360,9 +365,47 @@ def identify_physical(
     else:
         found = everything
         if residual:
-            kept, process = add_residual_process(everything, readings, partial(cross_validate, readings))
-            found = Found(*kept)
+            same_in_every_pose = [term for term in terms if term in further or term in _rigid(terms)]
+            found, process, lost = _with_residual_process(readings, same_in_every_pose, everything, simpler, estimate)
+            skipped = [*lost, *skipped]
     return _concluded(readings, found, tuple(skipped), process, complete=_with_all_states)
+
+
+def _with_residual_process(
+    readings: PreparedReadings,
+    rigid_terms: list[Term],
+    everything: Found,
+    simpler: IdentificationResult | None,
+    estimate: Callable[[list[Term]], Found],
+) -> tuple[Found, ResidualProcess | None, list[SkippedTerm]]:
+    """A residual process in place of the terms that depend on the pose, or beside them, or none.
+
+    What cables or a soft mount do is of no single joint. Of few readings many terms of one joint each take a part of
+    it, in a way that fits nowhere else, and leave too little for a process to be seen by. So where the terms do not
+    explain most of the error, the process is tried in their place first, and kept if it predicts held-out readings
+    better than they do.
+
+    Parameters
+    ----------
+    readings : PreparedReadings
+    rigid_terms : list of Term
+        Those that do not depend on the pose.
+    everything : Found
+        With all terms.
+    simpler : IdentificationResult or None
+        The arm's constants, where they are known.
+    estimate : callable
+        Identifies terms.
+    """
+    add = partial(add_residual_process, data=readings, cross_validate=partial(cross_validate, readings))
+    rest = median_distance(simpler or estimate(rigid_terms).fit)
+    if _typical_error(everything.held_out) > MAX_SHARE_LEFT * rest:
+        found, process = add(estimate(rigid_terms))
+        if process is not None and improvement(everything.held_out, found[1])[0] > 0:
+            why = "a residual process in their place predicts held-out readings better"
+            return Found(*found), process, [SkippedTerm("terms that depend on the pose", why)]
+    found, process = add(everything)
+    return Found(*found), process, []
 
 
 def _likely_elsewhere(

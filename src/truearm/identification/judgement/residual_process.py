@@ -173,7 +173,7 @@ def add_residual_process(
     if not columns.any():
         return found, None
     extended_held_out = cross_validate(extended)
-    gain, error = _improvement(held_out, extended_held_out)
+    gain, error = improvement(held_out, extended_held_out)
     if not gain > error:
         return found, None
     belongs_to = OF_SESSION if len(sessions) < 2 else OF_SESSIONS
@@ -246,7 +246,7 @@ def transfer_improvement(
         cross_validate_by_group(_only_frame_uncertain(fit, free, state), state, references, group)
         for fit in (without, with_process)
     ]
-    return _improvement(*judged)
+    return improvement(*judged)
 
 
 def _identify(
@@ -277,7 +277,7 @@ def _only_frame_uncertain(fit: IdentificationResult, free: list[Term], state: Ar
     return replace(fit, covariance=covariance)
 
 
-def _improvement(before: HeldOutReadings, after: HeldOutReadings) -> tuple[float, float]:
+def improvement(before: HeldOutReadings, after: HeldOutReadings) -> tuple[float, float]:
     """Trimmed mean by which the errors of common readings fall, and its standard error [mm]."""
     common = np.intersect1d(before.rows, after.rows)
     means = []
