@@ -526,9 +526,10 @@ def _concluded(
     if held_out.n_coordinates > 1 and any(part.kind == "distance" for part in readings.references):
         distances = _as_refitted(readings, fit, cross_validate(readings, fit, IN_LENGTH), IN_LENGTH)
     kept = _as_refitted(readings, fit, kept, compared_kinds(fit.references))
-    added, known = None, kept
+    added, known, wider = None, kept, fit
     if missing is not None:
-        added = added_covariance(fit, with_missing_terms(fit, missing), readings.state)
+        wider = with_missing_terms(fit, missing)
+        added = added_covariance(fit, wider, readings.state)
         known = with_covariance(kept, added)
     rest = unexplained(missing or fit, known, readings.session.angles)
     used = np.ones(len(readings.session), dtype=bool)
@@ -536,7 +537,7 @@ def _concluded(
     function = growing_outside(
         rest.variance_function, rest.residual_std_mm**2, fit, readings.state, readings.references, used, added
     )
-    rest = replace(rest, variance_function=function, repeating_share=_repeating(readings, wider or fit, rest, used))
+    rest = replace(rest, variance_function=function, repeating_share=_repeating(readings, wider, rest, used))
     birge = birge_ratio(fit.references, kept.rows, rest.residual_std_mm)
     # Few residuals determine the noise only roughly.
     widened = few_readings_factor(fit.residual_freedom(readings.references))
