@@ -179,34 +179,39 @@ SIZE_OF_BRUTE = 100.0
 def brute(arms: int = 2000, arm: str = "measuring7", preset: str = "shop") -> RowResult:
     """U of a task with a preset against brute force: whole measurements by virtual arms, without the task's shortcuts.
 
-    Each virtual arm of the preset measures the feature once: `VirtualArm.measure` gives what its encoders read, with
-    noise, hands, contact and temperature of the session, and its maker's program shows the tip of the nominal arm,
-    the stylus qualified under the mean force. U of that is the 95 % quantile of the errors' sizes.
+    Each virtual arm of the preset measures all features once, in one session: `VirtualArm.measure` gives what its
+    encoders read, with noise, hands, contact and temperature of the session, and its maker's program shows the tip of
+    the nominal arm, the stylus qualified under the mean force. U of that is the 95 % quantile of the errors' sizes.
     """
     table, targets = [], []
     nominal, drawn_from = load_arm(arm), load_preset(preset)
-    for kind in get_args(FeatureKind):
-        feature = place_feature(kind, SIZE_OF_BRUTE, nominal)
-        stated = simulate_measurements(PresetDistribution(nominal, drawn_from), feature, n_arms=arms)
-        errors = brute_force_errors(feature, stated.angles, nominal, drawn_from, arms)
-        expanded = stated.estimates[0].expanded_mm
-        ratio = expanded / float(expanded_uncertainty(errors[None])[0])
+    features = [place_feature(kind, SIZE_OF_BRUTE, nominal) for kind in get_args(FeatureKind)]
+    stated = [simulate_measurements(PresetDistribution(nominal, drawn_from), one, n_arms=arms) for one in features]
+    errors = brute_force_errors(features, [one.angles for one in stated], nominal, drawn_from, arms)
+    for kind, feature, one, true in zip(get_args(FeatureKind), features, stated, errors, strict=True):
+        expanded = one.estimates[0].expanded_mm
+        ratio = expanded / float(expanded_uncertainty(true[None])[0])
         table.append({"feature": feature.name, "U [mm]": expanded, "U over brute force": ratio})
         for limit, side in ((0.85, "above"), (1.15, "below")):
             targets.append(Target(f"U of {kind} over brute force", ratio, limit, side))
     return RowResult(table, targets)
 
 
-def brute_force_errors(feature: Feature, ways: FloatArray, nominal: Arm, preset: Preset, arms: int) -> FloatArray:
-    """Errors (n,) [mm] of the first quantity, each measured by another virtual arm, with other seeds than a task's."""
+def brute_force_errors(
+    features: Sequence[Feature], ways: Sequence[FloatArray], nominal: Arm, preset: Preset, arms: int
+) -> FloatArray:
+    """Errors (k, n) [mm] of the first quantity of k features, by n virtual arms with other seeds than a task's."""
     qualified = nominal.chain.with_tip(nominal.chain.tip_in_flange + tip_compliance(preset) * mean_hand_force(preset))
+    points = np.concatenate([feature.points for feature in features])
+    ends = np.cumsum([len(feature.points) for feature in features])[:-1]
     errors = []
     for seed in range(SEED_OF_WAYS, SEED_OF_WAYS + arms):
         virtual = VirtualArm.draw(nominal, preset, seed=seed)
-        taken = virtual.measure(ways[seed % len(ways)], seed=seed, seat_points=feature.points, reference=False)
-        shown = qualified.tip_in_base(taken.readings.angles)
-        errors.append(feature.errors(shown)[0])
-    return np.array(errors)
+        poses = np.concatenate([way[seed % len(way)] for way in ways])
+        taken = virtual.measure(poses, seed=seed, seat_points=points, reference=False)
+        shown = np.split(qualified.tip_in_base(taken.readings.angles), ends)
+        errors.append([feature.errors(part)[0] for feature, part in zip(features, shown, strict=True)])
+    return np.array(errors).T
 
 
 # Measured features ----------------------------------------------------------------------------------------------------

@@ -233,6 +233,11 @@ def test_without_confirmed_numbers_a_certificate_is_refused_or_marked(truearm, b
     assert ran.out.startswith(
         "certificate V-2026-042, not for conformity decisions\nNot for conformity decisions: 23 entries are"
     )
+    for form in ("certificate.html", "certificate.xml"):  # each entry once, with the plan
+        written = Path(form).read_text()
+        assert written.count("listed with the test plan") == 1
+        assert "probing.points" not in written  # the key of an entry
+        assert written.count("(not confirmed)") == (23 if form.endswith("xml") else 0)
     assert (read_dcc("certificate.xml").conformity, "conformity>" in Path("certificate.xml").read_text()) == (
         None,
         False,

@@ -11,7 +11,13 @@ from truearm.pages.paper import Attachment, Logo, Paper
 from truearm.show.limits_figure import limits_figure
 from truearm.show.verification_page import sources_section
 from truearm.verification.certificate.administrative_data import NOTES, AdministrativeData, Person, Site
-from truearm.verification.certificate.certificate import Certificate, StatedList, StatedQuantity, StatedResult
+from truearm.verification.certificate.certificate import (
+    LISTED_ENTRIES,
+    Certificate,
+    StatedList,
+    StatedQuantity,
+    StatedResult,
+)
 from truearm.verification.certificate.statements import NOT_FOR_CONFORMITY
 from truearm.verification.standards.verification import Verification
 from truearm.verification.standards.verification_text import limit_uncertainty, verdict_sentence, worst_values
@@ -260,13 +266,16 @@ def _method(certificate: Certificate) -> Section:
     kinds = ("decision", "decision rule", "uncertainty")
     texts = [text for kind in kinds for text in certificate.texts(kind)]
     methods = [
-        f"{method.name}: {method.description}" for method in certificate.methods if method.name != "Decision rule"
+        # The entries of the plan are a table of the page.
+        f"{method.name}: {method.description.partition(LISTED_ENTRIES)[0]}"
+        for method in certificate.methods
+        if method.name != "Decision rule"
     ]
     return Section("Method, uncertainty and decision", "\n\n".join([*texts, *methods]))
 
 
 def _use(certificate: Certificate) -> Section:
-    kinds = ("item", "reproduction", "rated conditions", "limits of use", "reservation", "remark")
+    kinds = ("item", "reproduction", "rated conditions", "limits of use", "remark")
     notes = certificate.about.notes
     own = [f"{name}: {words}" for key, name in NOTES.items() if (words := getattr(notes, key)) is not None]
     stated = [text for kind in kinds for text in certificate.texts(kind)]

@@ -96,8 +96,8 @@ def test_u_is_that_of_brute_force(kind):
     arm, shop = load_arm("measuring7"), load_preset("shop")
     feature = place_feature(kind, 100.0, arm)
     stated = simulate_measurements(PresetDistribution(arm, shop), feature, n_arms=400)
-    errors = brute_force_errors(feature, stated.angles, arm, shop, 400)
-    assert stated.estimates[0].expanded_mm == pytest.approx(expanded_uncertainty(errors[None])[0], rel=0.2)
+    errors = brute_force_errors([feature], [stated.angles], arm, shop, 400)
+    assert stated.estimates[0].expanded_mm == pytest.approx(expanded_uncertainty(errors)[0], rel=0.2)
 
 
 def test_u_holds_95_percent_of_errors_of_any_distribution():

@@ -25,6 +25,7 @@ DEGREES_OF_FREEDOM = "degrees of freedom"
 COMBINED = "combined standard uncertainty"
 DECISION_RULE = "Decision rule"
 TITLE = "Verification: "
+LISTED_ENTRIES = " Numbers and formulas, and where they stand: "
 # The non-binary rule with guard bands of ILAC-G8:09/2019 [recalled, not confirmed]: undecided values within their limit
 # are a conditional pass, those beyond it a conditional fail. Of a value that was measured outside the rated conditions
 # of its limit no conformity is stated, not even "noPass", which a machine can take for a rejection.
@@ -389,7 +390,7 @@ def _describe_plan(verification: Verification) -> str:
         place = one.source if is_confirmed(one) else "not confirmed"
         entries.setdefault(one.test, []).append(f"{one.describe()} ({place})")
     listed = "; ".join(f"{test}: {', '.join(stated)}" for test, stated in entries.items())
-    return f"{source} Numbers and formulas, and where they stand: {listed}."
+    return f"{source}{LISTED_ENTRIES}{listed}."
 
 
 def conformity_of(row: ConformityResult) -> str | None:

@@ -70,8 +70,11 @@ _UNCERTAINTY = (
 
 
 def _reservation(gap: str) -> str:
+    """Why nothing is stated; the entries themselves stand with the plan, once."""
+    reason, _, entries = gap.partition(": ")
+    where = " (listed with the test plan)" if entries and " confirmed against " in reason else ""
     mark = capitalize(NOT_FOR_CONFORMITY)
-    return f"{mark}: {gap}. This certificate states values and limits, but no conformity."
+    return f"{mark}: {reason}{where}. This certificate states values and limits, but no conformity."
 
 
 def _limits_of_use(about: AdministrativeData, verification: Verification) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import cache
 
 import numpy as np
 
@@ -59,8 +60,13 @@ def round_starts(points: FloatArray, frame: FloatArray) -> Iterator[Place]:
 
 
 def frames_around(axes: FloatArray) -> FloatArray:
-    """Return frames (m, 3, 3) whose third axes point to all sides of a half space, and along `axes` (3, 3)."""
-    return np.array([frame_of(up) for up in (*axes.T, *on_sphere(N_DIRECTIONS)[: N_DIRECTIONS // 2])])
+    """Return frames (m, 3, 3) whose third axes point along `axes` (3, 3), and to all sides of a half space."""
+    return np.concatenate([[frame_of(up) for up in axes.T], _frames_to_all_sides()])
+
+
+@cache
+def _frames_to_all_sides() -> FloatArray:
+    return np.array([frame_of(up) for up in on_sphere(N_DIRECTIONS)[: N_DIRECTIONS // 2]])
 
 
 def frame_of(up: FloatArray) -> FloatArray:
