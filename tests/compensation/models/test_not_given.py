@@ -114,7 +114,7 @@ def test_a_model_without_such_terms_misses_nothing(real):
 def test_hysteresis_is_random_in_a_task_unless_directions_are_given(hysteretic):
     _, model = hysteretic
     angles = poses(20, 4)
-    told, untold = (PosteriorDistribution(model, directions_given=given).draw(1) for given in (True, False))
+    told, untold = (PosteriorDistribution(model, 0.0, directions_given=given).draw(1) for given in (True, False))
     assert not told.random(angles, np.random.default_rng(1)).any()
     drawn = np.array([untold.random(angles, np.random.default_rng(seed)) for seed in range(800)])
     expected = model.unstated_input_covariances(Session(angles))["directions of movement"]
