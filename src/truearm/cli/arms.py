@@ -18,6 +18,7 @@ from truearm.cli.console import (
     print_record,
 )
 from truearm.cli.options import ARM_HELP, AcceptOption, Json, free_parts, refuse_typed
+from truearm.errors import InputError
 
 
 def arms(
@@ -67,7 +68,6 @@ def arms(
     """
     from truearm.arm import write_arm
     from truearm.arm.catalogue import arm_path
-    from truearm.errors import InputError
     from truearm.workflows.arms import catalogue, describe_arm, page_name
     from truearm.workflows.inputs import is_model_file
 
@@ -135,7 +135,6 @@ def arms(
 
 def _write_circles_plan(out: Path | None, n_joints: int, points: int, span: float) -> None:
     """The session to fill in: each joint in turn at its angles, the others at zero."""
-    from truearm.errors import InputError
     from truearm.workflows.arm_from_circles import write_circles_form
 
     if out is None:

@@ -16,6 +16,7 @@ import typer
 from typer import Argument, Option
 
 from truearm.cli.console import print_line
+from truearm.errors import InputError
 
 # What a search for a topic leaves out: pages that only lay out the site.
 LAYOUT_PAGES = ("index", "start/index", "guide", "files", "reference", "changelog", "api", "commands")
@@ -35,7 +36,6 @@ def docs(
     --run writes the files that the page shows into a folder, and runs its commands there with what they print.
     first-certificate goes from an empty folder to a certificate; example-data then adds what other pages need.
     """
-    from truearm.errors import InputError
     from truearm.workflows.record import TextTable
 
     pages = guide_pages()
@@ -73,7 +73,6 @@ def run_page(page: Path, folder: Path) -> None:
         If the page has no commands, or the folder holds a file that the page would write.
     """
     from truearm.cli.main import FAULT, make_app
-    from truearm.errors import InputError
 
     steps = list(steps_of(page.read_text(encoding="utf-8")))
     if not any(isinstance(step, list) for step in steps):

@@ -11,6 +11,7 @@ from typer import Option
 from truearm.choices import Convention, ExportFormat, Frame
 from truearm.cli.console import print_record, progress
 from truearm.cli.options import AcceptOption, Json, ModelFile, TipName
+from truearm.errors import InputError
 
 
 def export(
@@ -45,7 +46,6 @@ def export(
     poses; --check FILE runs them (exit code 1: the file does not agree with the model; 3: nothing differs, but its
     content was not run).
     """
-    from truearm.errors import InputError
     from truearm.workflows.export import check_export
     from truearm.workflows.export import export as export_model
 

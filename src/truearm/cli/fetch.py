@@ -8,6 +8,7 @@ from typing import Annotated
 from typer import Argument, Option
 
 from truearm.cli.console import print_line, print_record, progress
+from truearm.errors import InputError
 
 
 def fetch(
@@ -21,7 +22,6 @@ def fetch(
     its seats are known, they are written beside it, to OUT-lengths.csv.
     """
     from truearm.datasets import DATASETS, load_lengths
-    from truearm.errors import InputError
     from truearm.files.atomic_write import check_writable
     from truearm.readings import check_session_path
     from truearm.workflows.fetch import fetch as fetch_readings

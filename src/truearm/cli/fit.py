@@ -22,6 +22,7 @@ from truearm.cli.options import (
     free_parts,
     refuse_typed,
 )
+from truearm.errors import InputError
 
 # The models that have an option.
 MODELS_OF: dict[str, tuple[str, ...]] = {
@@ -98,7 +99,6 @@ def fit(
     """
     from truearm.arm import dh_table, load_arm, write_arm
     from truearm.arm.catalogue import arm_path
-    from truearm.errors import InputError
     from truearm.workflows.fit import fit as fit_model
 
     check_options(context, model)
@@ -161,8 +161,6 @@ def check_options(context: typer.Context, model: str) -> None:
 
 def layer_sizes(text: str) -> tuple[int, ...]:
     """The hidden layers that --hidden names."""
-    from truearm.errors import InputError
-
     parts = text.split(",")
     if not all(part.strip().isascii() and part.strip().isdecimal() and 0 < int(part) < 10_000 for part in parts):
         raise InputError(

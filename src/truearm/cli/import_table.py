@@ -10,6 +10,7 @@ from typer import Argument, Option
 
 from truearm.cli.console import check_output_is_not_input, print_json, print_line, progress
 from truearm.cli.options import FormDate, FormTemperature, IntoForm, Json, numbers_of, refuse_typed
+from truearm.errors import InputError
 
 if TYPE_CHECKING:
     from truearm.files.tables.table import TableForm
@@ -115,7 +116,6 @@ def import_table(
     --into fills in a file of points to measure from the export of a metrology program (--points X,Y,Z), a point for
     each row without coordinates, in their order.
     """
-    from truearm.errors import InputError
     from truearm.files.tables.table import TableForm
 
     signs = {"TAB": "\t", "\\t": "\t", "SPACE": " "}
@@ -273,7 +273,6 @@ def _fill(
 
 def _check_not_predicted(table: Path) -> None:
     """Check that a table is no table of `truearm predict`: its points would pass for those of the arm's software."""
-    from truearm.errors import InputError
     from truearm.verification.standards.coordinate_origin import OUTSIDE
 
     if table.is_file():
@@ -333,8 +332,6 @@ def _listed(text: str) -> tuple[str, ...]:
 
 def _others(stated: list[str], tip: str) -> dict[str, str]:
     """What --column and --tip state: columns of the table by those of a session file."""
-    from truearm.errors import InputError
-
     others = {"tip": tip} if tip else {}
     for text in stated:
         name, sign, column = text.partition("=")
@@ -349,7 +346,6 @@ def _numbers(text: str, option: str) -> tuple[float, ...] | None:
 
 
 def _signs(text: str) -> tuple[float, ...] | None:
-    from truearm.errors import InputError
 
     known = {"+": 1.0, "-": -1.0, "+1": 1.0, "-1": -1.0, "1": 1.0}
     if bad := [part for part in _listed(text) if part not in known]:

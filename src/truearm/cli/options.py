@@ -11,6 +11,7 @@ import typer
 from typer import Argument, Option
 
 from truearm.choices import Conditions, DecisionRule, Limits
+from truearm.errors import InputError
 
 Json = Annotated[bool, Option("--json", help="Print the result as JSON for machines.")]
 ARM_HELP = "A name from `truearm arms`, an arm file (.toml), or a URDF with its links: r.urdf, r.urdf:BASE:TIP."
@@ -76,8 +77,6 @@ def refuse_typed(context: typer.Context, names: Iterable[str], rule: str, *, hin
     InputError
         If a person typed some: their names and the rule.
     """
-    from truearm.errors import InputError
-
     typed = [option for name, option in typed_options(context).items() if name in set(names)]
     if len(typed) > 1:
         typed = [f"{', '.join(typed[:-1])} and {typed[-1]}"]
@@ -94,8 +93,6 @@ def free_parts(text: str) -> tuple[str, ...]:
     InputError
         If one of them is neither base nor tip.
     """
-    from truearm.errors import InputError
-
     parts = () if text.strip() == "none" else tuple(part.strip() for part in text.split(","))
     if not set(parts) <= {"base", "tip"}:
         raise InputError(f"--free expects base, tip, base,tip or none, got {text!r}", hint="--free base,tip")
@@ -110,8 +107,6 @@ def numbers_of(text: str, option: str, example: str) -> list[float]:
     InputError
         If one of them is no number.
     """
-    from truearm.errors import InputError
-
     try:
         return [float(part) for part in text.split(",")]
     except ValueError:

@@ -19,6 +19,7 @@ from truearm.cli.options import (
     ModelFile,
     refuse_typed,
 )
+from truearm.errors import InputError
 
 
 def predict(
@@ -49,7 +50,6 @@ def predict(
     --into fills in a file of points to measure instead, a reading for each row without coordinates, in their order, and
     states there which model computed them (coordinates_from, model, model_sha256, outside_training).
     """
-    from truearm.errors import InputError
     from truearm.workflows.predict import predict as predict_points
 
     if (out is None) == (into is None):

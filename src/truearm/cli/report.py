@@ -11,6 +11,7 @@ from typer import Argument, Option
 from truearm.choices import FigureFormat
 from truearm.cli.console import check_page_path, print_record, progress
 from truearm.cli.options import AcceptOption, refuse_typed
+from truearm.errors import InputError
 
 
 def report(
@@ -34,7 +35,6 @@ def report(
     and what is not identifiable. The page is one HTML file that needs nothing beside it. The readings must have
     reference points, or seats.
     """
-    from truearm.errors import InputError
     from truearm.workflows.inputs import is_model_file
     from truearm.workflows.outputs import make_folder
     from truearm.workflows.report import report as reported

@@ -12,6 +12,7 @@ from truearm.choices import Trainer
 from truearm.cli.console import print_json, print_line, print_status, progress
 from truearm.cli.fit import layer_sizes
 from truearm.cli.options import ARM_HELP, Json, free_parts, refuse_typed
+from truearm.errors import InputError
 
 STEPS = 10_000  # of the bar
 # Options of one use of the command.
@@ -72,8 +73,6 @@ def reproduce(
     cross-validation; the one with the smallest error is trained on all readings, written as network.truearm and
     tested on fresh readings (--test), beside models of the arm (--arm).
     """
-    from truearm.errors import InputError
-
     if readings is not None:
         refuse_typed(context, OF_PAPER, "does not go with --readings: it is of the paper's own arm")
         search: dict[str, Any] = {

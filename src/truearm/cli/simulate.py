@@ -10,6 +10,7 @@ from typer import Argument, Option
 
 from truearm.cli.console import check_new_file, check_output, print_record, progress
 from truearm.cli.options import ARM_HELP, Force, Json, refuse_typed
+from truearm.errors import InputError
 
 if TYPE_CHECKING:
     from truearm.workflows.simulate import SimulationResult
@@ -107,7 +108,6 @@ def simulate(
 
 def _check_outputs(out: Path, lengths: Path | None, bars: int, *, force: bool) -> None:
     """Check, before long work, that the files can be written and belong to the options."""
-    from truearm.errors import InputError
     from truearm.files.atomic_write import check_writable, is_same_file
     from truearm.readings import check_session_path
 

@@ -9,6 +9,7 @@ from typer import Option
 
 from truearm.cli.console import check_new_file, check_output_is_not_input, print_line, progress
 from truearm.cli.options import Force, SessionFile
+from truearm.errors import InputError
 
 
 def split(
@@ -25,7 +26,6 @@ def split(
     Readings of one position (seat, session) are neighbours and stay together, or the test would be too easy. Columns
     of notes are not copied.
     """
-    from truearm.errors import InputError
     from truearm.files.atomic_write import atomic_file, is_same_file
     from truearm.readings import check_session_path, hold_out, read_session, write_session
     from truearm.readings.split import SplitBy

@@ -11,6 +11,7 @@ from typer import Argument, Option
 from truearm.choices import FeatureKind
 from truearm.cli.console import check_page_path, print_record, progress
 from truearm.cli.options import ConditionsOption, DrawnArms, Json, Seed, numbers_of
+from truearm.errors import InputError
 
 CODES = {"yes": 0, "no": 1, "only with guard bands": 3}
 
@@ -121,7 +122,6 @@ def task(
 
 
 def _source(what: str | None, spec: Path | None) -> str | Path:
-    from truearm.errors import InputError
 
     given = [one for one in (what, spec) if one is not None]
     if len(given) != 1:
@@ -134,7 +134,6 @@ def _source(what: str | None, spec: Path | None) -> str | Path:
 
 def _sizes(feature: str, sizes: dict[str, float | None]) -> tuple[float | None, float | None]:
     """Both sizes of a feature out of its options."""
-    from truearm.errors import InputError
     from truearm.verification.tasks.feature_postures import SECOND_SIZES, SIZES
 
     first, second = SIZES[feature], SECOND_SIZES.get(feature, ("", 0.0))[0]
@@ -147,8 +146,6 @@ def _sizes(feature: str, sizes: dict[str, float | None]) -> tuple[float | None, 
 
 def _places(feature: str, texts: list[str]) -> list[float] | list[list[float]] | None:
     """One place, or both ends of a length."""
-    from truearm.errors import InputError
-
     places = [_vector("--at", text) for text in texts]
     if len(places) > 1 + (feature == "length"):
         raise InputError(f"expected --at once, for a length once or twice, got it {len(places)} times")
@@ -158,8 +155,6 @@ def _places(feature: str, texts: list[str]) -> list[float] | list[list[float]] |
 def _vector(option: str, text: str) -> list[float]:
     """Three finite numbers."""
     from math import isfinite
-
-    from truearm.errors import InputError
 
     numbers = numbers_of(text, option, "600,0,300")
     if len(numbers) != 3 or not all(map(isfinite, numbers)):

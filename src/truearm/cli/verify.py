@@ -12,6 +12,7 @@ from typer import Option
 from truearm.choices import DecisionRule, TemplateKind
 from truearm.cli.console import check_page_path, print_line, print_record, progress
 from truearm.cli.options import AcceptOption, ArtefactsFile, Json, MpeFile, RuleOption, refuse_typed, typed_options
+from truearm.errors import InputError
 
 # The ways to use the command: the options that each needs, and those that it takes beside them.
 WAYS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
@@ -136,7 +137,6 @@ def verify(
 def _fill_in_artefacts(
     certificate: Path, out: Path | None, chosen: list[str], *, trusted: Path | None, as_json: bool
 ) -> None:
-    from truearm.errors import InputError
     from truearm.files.atomic_write import check_new_form
     from truearm.workflows.artefacts_from_certificate import NEW_FILE, artefacts_from_certificate
 
@@ -198,7 +198,6 @@ def _verify_points(
 
 def _check_together(context: typer.Context) -> None:
     """Check that exactly one way to use the command is asked for, with all options it needs and no other."""
-    from truearm.errors import InputError
 
     def options(names: Iterable[str]) -> list[str]:
         return ["--" + name.replace("_", "-") for name in names]
