@@ -18,7 +18,8 @@ ARMS = [
 def test_the_worst_state_is_the_verdict():
     assert fleet_page(ARMS, summary="401 arms.").verdict.state == "bad"
     assert fleet_page(ARMS[1:], summary="400 arms.").verdict.state == "good"
-    assert [one.serial_number for one in sorted([*ARMS[1:], ARMS[0]], key=lambda one: one.rank)][:3] == ["A-0", "B-0", "B-1"]
+    ranked = sorted([*ARMS[1:], ARMS[0]], key=lambda one: one.rank)
+    assert [one.serial_number for one in ranked[:3]] == ["A-0", "B-0", "B-1"]
 
 
 def test_a_page_without_such_a_table_has_no_script():
