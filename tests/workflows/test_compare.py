@@ -142,7 +142,7 @@ def test_a_refitted_model_has_the_constants_of_the_first(models):
     refitted = ta.refit(models["old"], ta.simulate("gao2017", poses=30, seed=4).session).model
     same = ta.compare(models["old"], refitted)
     assert same.changed == ()
-    assert same.remarks[0].startswith("The new model was refitted: only its base and tip")
+    assert same.remarks[0].startswith("The new model was refitted: its constants are those of before")
 
 
 def test_what_cannot_be_compared_is_refused(models):

@@ -47,10 +47,10 @@ def refit(
     accept: str | None = None,
     progress: Callable[[int, str], None] | None = None,
 ) -> RefitResult:
-    """Transfer a model to a new set-up: identify base and tip again, keep the arm.
+    """Transfer a model to a new set-up: identify base and tip again, update the arm.
 
-    The tracker was moved or the probe was changed. The arm keeps its identified coefficients with their uncertainty;
-    four or more readings determine where its base and tip are now.
+    The tracker was moved or the probe was changed. Four or more readings determine where base and tip are now; they
+    also move the arm's identified coefficients, within their uncertainty and what is usual between set-ups.
 
     Parameters
     ----------

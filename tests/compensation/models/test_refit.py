@@ -64,8 +64,13 @@ def test_ten_readings_take_the_arm_to_another_tracker_and_probe(real, fitted):
         }
         for one, chain in zip((fitted, new), chains, strict=True)
     )
+    # It moved towards the readings, by less than its uncertainty.
     assert set(found) == set(old)
-    assert {name for name in found if found[name] != old[name]} == {n for n in old if n.startswith(("base", "tip"))}
+    chain, known = chains[0], fitted.fit_
+    off = np.array([found[name][0] - old[name][0] for name in old if not name.startswith(("base", "tip"))])
+    at = [c[0] for t, c in zip(chain.terms, chain.columns, strict=True) if t.name in old and t.place not in (0, 7)]
+    assert off.any()
+    assert (np.abs(off) < 2 * np.sqrt(known.covariance.diagonal()[at]) + 0.2 * known.prior_std[at]).all()
     assert len(new.held_out_.rows) == 0
     assert new.free_ == ("base", "tip")
     # The nominal arm is the drawing in the new place.
@@ -84,9 +89,13 @@ def test_uncertainty_grows_as_readings_get_fewer(real, fitted):
 def test_only_the_base_or_only_the_tip(real, fitted):
     rng = np.random.default_rng(4)
     moved = refit(fitted, elsewhere(real, 10, rng), free=("base",))
-    tip = [i for i, term in enumerate(fitted.fit_.perturbed_chain.terms) if term.name.startswith("tip")]
-    at = [i for i, term in enumerate(moved.fit_.perturbed_chain.terms) if term.name.startswith("tip")]
-    np.testing.assert_array_equal(moved.fit_.coefficients[at], fitted.fit_.coefficients[tip])
+    tip, at = (
+        [c[0] for t, c in zip(fit.perturbed_chain.terms, fit.perturbed_chain.columns, strict=True) if t.place == 7]
+        for fit in (fitted.fit_, moved.fit_)
+    )
+    off = moved.fit_.coefficients[at] - fitted.fit_.coefficients[tip]
+    # It stays where it is known to be.
+    assert (np.abs(off) < 2 * np.sqrt(fitted.fit_.covariance.diagonal()[tip])).all()
     longer = real.chain.with_tip(real.chain.tip_in_flange + [0, 0, 5.0])
     angles = real.arm.working + 0.8 * rng.uniform(-1, 1, (10, 6))
     probe = refit(fitted, Session(angles, longer.tip_in_base(angles)), free=("tip",))
@@ -130,7 +139,7 @@ def test_every_model_whatever_was_free_in_it(real, kind, free):
     error = np.linalg.norm(new.predict(test.angles) - test.points, axis=1).mean()
     assert error < (3 if kind is NominalModel else 5 * NOISE)
     again = refit(new, taken)  # from itself: the same place
-    np.testing.assert_allclose(again.predict(test.angles), new.predict(test.angles), rtol=0, atol=NOISE / 2)
+    np.testing.assert_allclose(again.predict(test.angles), new.predict(test.angles), rtol=0, atol=NOISE)
 
 
 def test_noise_that_the_new_readings_do_not_bear_out_grows(real, fitted):

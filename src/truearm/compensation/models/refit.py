@@ -17,9 +17,10 @@ from truearm.compensation.models.arm_check import check_readings_of, with_serial
 from truearm.compensation.models.compensator import FREE_PARTS, Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel, require_identified, to_identified
 from truearm.errors import InputError
-from truearm.identification.estimation.consider_parameters import consider_update
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.residual_variance import NONE_HELD_OUT
+from truearm.identification.estimation.set_up_update import update_in_set_up
+from truearm.identification.judgement.day_to_day import on_another_day
 from truearm.identification.judgement.description_check import explaining
 from truearm.identification.judgement.nominal_check import (
     NominalCheck,
@@ -58,10 +59,10 @@ def refit(
 ) -> IdentifiedModel:
     """Transfer a model to a new set-up: another place of the tracker, another probe.
 
-    Only the position of the base and of the tip is identified from the new readings, of which there must be four or
-    more; those that repeat each other count as one, their mean. All other parameters keep their values; their
-    uncertainty propagates into base and tip as that of consider parameters
-    (`truearm.identification.estimation.consider_parameters`). Where points place the base, a residual
+    The position of the base and of the tip is identified from the new readings, of which there must be four or more;
+    those that repeat each other count as one, their mean. The arm may have changed: its other parameters move within
+    their uncertainty, and within what is usual between set-ups, as far as the readings ask for it
+    (`truearm.identification.estimation.set_up_update`). Where points place the base, a residual
     process is kept if the new readings are predicted better with it; otherwise it was of the other set-up, and stays
     behind. Where the base is kept or no reading has a point, the process stays, and `residual_process_` says that it
     was not judged.
@@ -83,7 +84,7 @@ def refit(
     -------
     IdentifiedModel
         Of the same class. `residual_std_` is that of `model`, or larger if the new readings say so (see
-        `consider_update`). `held_out_` is empty; `training_` keeps the angles and temperatures that the arm was
+        `update_in_set_up`). `held_out_` is empty; `training_` keeps the angles and temperatures that the arm was
         identified at, with the fingerprint of the new readings.
 
     Raises
@@ -111,6 +112,8 @@ def refit(
     new.nominal_ = transfer(known.nominal_, known.nominal_.references[0].noise_std)
     new.fit_, new.residual_process_, unexplained_std = _judge_process(known, set_up, transfer)
     new.nominal_check_ = _judge_set_up(new, set_up)
+    if known.fit_.repeatability_covariance is not None:
+        new.fit_ = on_another_day(new.fit_)
     new.residual_std_ = max(unexplained_std, new.fit_.references[0].noise_std)
     new.free_, new.tips_ = free, tip_names(readings) if is_new_tip else known.tips_
     new.held_out_, new.held_out_gross_, new.held_out_distances_ = NONE_HELD_OUT, NONE_HELD_OUT, NONE_HELD_OUT
@@ -149,7 +152,7 @@ def _transferred(
         seen = readings.has_point
         assert readings.points is not None
         chain = chain.with_reference_frame(align(fit.tips(state.rows(seen)), readings.points[seen]))
-    return consider_update(
+    return update_in_set_up(
         fit,
         chain,
         state,
@@ -166,16 +169,27 @@ def _judge_process(
 ) -> tuple[IdentificationResult, ResidualProcess | None, float]:
     """The arm in the new set-up; the residual process, if it holds there; and the residual standard deviation [mm]."""
     process, std = model.residual_process_, model.residual_std_
-    fit = transfer(model.fit_, std)
     if process is None:
-        return fit, None, std
+        return transfer(model.fit_, std), None, std
     if not process.is_kept or "base" not in set_up.free:
-        return fit, process.after_transfer_untested(), std
+        return transfer(model.fit_, std), process.after_transfer_untested(), std
     std_without = max(process.residual_std_without_mm, std)
-    without = transfer(without_process(model.fit_), std_without)
-    of = set_up.readings, set_up.state, set_up.references
-    process = process.after_transfer(*transfer_improvement(fit, without, set_up.terms, *of))
-    return (fit, process, std) if process.is_kept else (without, process, std_without)
+    # As they were learned: arms that had moved towards the new readings would predict these alike.
+    placed = (
+        transfer(_known_exactly(model.fit_), std),
+        transfer(_known_exactly(without_process(model.fit_)), std_without),
+    )
+    process = process.after_transfer(
+        *transfer_improvement(*placed, set_up.terms, set_up.readings, set_up.state, set_up.references)
+    )
+    if process.is_kept:
+        return transfer(model.fit_, std), process, std
+    return transfer(without_process(model.fit_), std_without), process, std_without
+
+
+def _known_exactly(fit: IdentificationResult) -> IdentificationResult:
+    """The same arm, which no reading changes."""
+    return replace(fit, covariance=np.zeros_like(fit.covariance), prior_std=np.zeros_like(fit.prior_std))
 
 
 def _judge_set_up(model: IdentifiedModel, set_up: _SetUp) -> NominalCheck:

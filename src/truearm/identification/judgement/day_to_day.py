@@ -65,7 +65,7 @@ def on_another_day(fit: IdentificationResult) -> IdentificationResult:
     """The same arm with the uncertainty of its constants and free base on another day than those of its readings.
 
     The motions of the sessions have served: those of their days are not those of another. The covariance before is that
-    under repeatability conditions.
+    under repeatability conditions. Constants along a whole link, which go with its growth, are no motions of a joint.
     """
     chain, terms = fit.perturbed_chain.chain, fit.perturbed_chain.terms
     shown = [group.scale for group in fit.groups if group.name == GROUP and group.scale > 0]
@@ -77,7 +77,8 @@ def on_another_day(fit: IdentificationResult) -> IdentificationResult:
     def added_variance(term: Term) -> float:
         if term in free_base:
             return float(((of_base * term.direction) ** 2).sum())
-        moves = isinstance(term.basis, Constant) and 1 <= term.place <= chain.n_joints
+        is_motion = isinstance(term.basis, Constant) and max(map(abs, term.direction)) == 1
+        moves = is_motion and 1 <= term.place <= chain.n_joints
         return float((np.multiply(of_joint, term.direction) ** 2).sum()) if moves else 0.0
 
     added = [added_variance(term) for term in terms]
