@@ -103,7 +103,7 @@ def _remarks(old: IdentifiedModel, new: IdentifiedModel, change: ArmChange) -> I
     for which, model in (("old", old), ("new", new)):
         yield from accepted_in_fit(model.accepted_, f"the {which} model")
         if len(model.refit_reading_ids_):
-            yield f"The {which} model was refitted: its constants are those of before, moved by the later readings within their uncertainty."
+            yield f"The {which} model was refitted: its constants are those of before, updated by few readings."
     if change.displacement.region == "either":
         yield "Few poses are in the trained range of both models: those of either are compared."
         if not old.kind == new.kind == "physical":
