@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from truearm.arm import load_arm
+from truearm.identification.judgement import change_point
 from truearm.identification.judgement.change_point import (
     CLEAR_ODDS,
     NEIGHBOURS,
@@ -66,6 +67,15 @@ def test_a_step_is_found_with_its_row_and_size(n, row):
     # 20 readings on the smaller side: six components of a hundredth each over the root of 20.
     assert found.shift_mm == pytest.approx(np.linalg.norm(moved), abs=3 * STD * np.sqrt(6 / 20))
     assert found.p_value <= SIGNIFICANCE
+
+
+def test_of_many_readings_an_even_selection_shows_the_same_step(monkeypatch):
+    angles, points, residuals = session(600, 1)
+    residuals[233:] += [0.03, -0.02, 0.01]
+    monkeypatch.setattr(change_point, "MOST_READINGS", 150)
+    change = examined(angles, points, residuals)
+    assert abs(change.row - 233) <= 8  # two readings of the selection
+    assert change.shift_mm == pytest.approx(np.sqrt(14) * 0.01, rel=0.1)
 
 
 def test_a_rotation_of_the_tracker_is_a_step_too():

@@ -52,6 +52,8 @@ READINGS_PER_FUNCTION, MAX_FUNCTIONS = 4, 400
 NEIGHBOURS = 8
 # Consecutive readings are of one pose if no joint differs by more: as a share of its scatter, or in rad and mm.
 STILL_SHARE, STILL_ANGLE = 0.01, 1e-3
+# Readings that are tested, at most: they show a step of a sixteenth of their scatter.
+MOST_READINGS = 20_000
 # Changes that are looked for one after the other.
 MAX_CHANGES = 5
 # A kind is named alone if its odds against every other are better.
@@ -130,9 +132,10 @@ def session_changes(
     Returns
     -------
     list of Change
-        In the order of their rows; empty if the order of the residuals is what chance gives.
+        In the order of their rows; empty if the order of the residuals is what chance gives. Of more than 20,000
+        readings 20,000 are tested, evenly selected, and rows are known to the next of these.
     """
-    at = _Readings(angles, dict(motions), residuals, weights, rows).less_repeats()
+    at = _Readings(angles, dict(motions), residuals, weights, rows).evenly(MOST_READINGS).less_repeats()
     margin = _margin(len(at.rows))
     if len(at.rows) < 2 * margin + 1:
         return []
@@ -205,6 +208,14 @@ class _Readings:
     def weighed(self, columns: FloatArray) -> FloatArray:
         """(n, 3, p) columns times their weights."""
         return np.stack([one @ columns[:, axis] for axis, one in enumerate(self.precisions)], axis=1)
+
+    def evenly(self, most: int) -> _Readings:
+        """No more than `most` of them, evenly selected in their order."""
+        if len(self.rows) <= most:
+            return self
+        some = np.linspace(0, len(self.rows) - 1, most).astype(np.intp)
+        motions = {name: value[some] for name, value in self.motions.items()}
+        return _Readings(self.angles[some], motions, self.residuals[some], self.weights[some], self.rows[some])
 
     def less_repeats(self) -> _Readings:
         """The mean of readings that repeat a pose one after the other, and the first row of each."""
