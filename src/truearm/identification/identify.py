@@ -215,7 +215,7 @@ def place_without_gross_errors(readings: PreparedReadings) -> Found:
     weights = nearer_half(nominal, n)
     trimmed = nominal
     if not weights.all():
-        trimmed = _identify_terms(readings, terms, readings.references, weights=weights)
+        trimmed = _identify_terms(readings, terms, readings.references, weights=weights, start=nominal)
     if median_distance(trimmed) < MAX_TRIMMED_SHARE * median_distance(nominal):
         weights = nearer_half(trimmed, n)
     else:
@@ -442,9 +442,9 @@ def estimate_without_gross_errors(
         fit = _identify_terms(readings, terms, readings.references, progress=progress, start=start.arm)
         return Found(fit, cross_validate(readings, fit))
 
-    def identified(weights: FloatArray) -> IdentificationResult:
+    def identified(weights: FloatArray, before: IdentificationResult | None) -> IdentificationResult:
         return _identify_terms(
-            readings, terms, readings.references, progress=progress, weights=weights, start=start.arm
+            readings, terms, readings.references, progress=progress, weights=weights, start=before or start.arm
         )
 
     return Found(*identify_without_gross_errors(identified, partial(cross_validate, readings), start.weights))

@@ -172,7 +172,7 @@ def _log_densities(
 
 
 def identify_without_gross_errors(
-    identify: Callable[[FloatArray], IdentificationResult],
+    identify: Callable[[FloatArray, IdentificationResult | None], IdentificationResult],
     cross_validate: Callable[[IdentificationResult], HeldOutReadings],
     weights: FloatArray,
 ) -> tuple[IdentificationResult, HeldOutReadings]:
@@ -181,7 +181,8 @@ def identify_without_gross_errors(
     Parameters
     ----------
     identify : callable
-        Returns the identification with weights (n,) of the readings: 0 excludes one.
+        Returns the identification with weights (n,) of the readings: 0 excludes one. The second argument is that of
+        the round before, from which one that excludes a few readings more or less is a step or two away.
     cross_validate : callable
         Returns the held-out readings of an identification, excluded ones among them.
     weights : (n,) array
@@ -196,8 +197,10 @@ def identify_without_gross_errors(
     """
     tried: dict[bytes, tuple[IdentificationResult, HeldOutReadings]] = {}
     is_soft = is_softened = False
+    before: IdentificationResult | None = None
     while True:
-        fit = identify(weights)
+        # Many gross errors drew the arm to themselves where weights are Student's: these start anew.
+        fit = before = identify(weights, None if is_soft else before)
         held_out = cross_validate(fit)
         # The fit with Student's weights only shows which readings to exclude: it excludes none itself.
         if not is_soft:
