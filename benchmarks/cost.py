@@ -11,8 +11,10 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
@@ -35,11 +37,10 @@ HIGHEST = 104  # of the harmonics about six axes: 1,500 coefficients in all, or 
 NOISE_MM = 0.03
 
 
-def identification(n: int) -> dict[str, Any]:
-    """Identify a planted arm from n readings."""
+def planted(n: int, highest: int) -> tuple[Any, ...]:
+    """Chain, state, terms and points of a planted UR10 that n readings measure."""
     # Here, as a process that measures the memory of a network imports none of it.
     from truearm.arm import load_arm
-    from truearm.identification.estimation.identification import identify
     from truearm.identification.estimation.perturbed_chain import PerturbedChain
     from truearm.identification.references.references import Points
     from truearm.identification.terms import ArmState, candidate_terms
@@ -48,17 +49,24 @@ def identification(n: int) -> dict[str, Any]:
     chain = load_arm("ur10").chain
     # As the first three quarters of a turn: joints of real arms do not go all the way round.
     state = ArmState(chain, rng.uniform(-0.75 * np.pi, 0.75 * np.pi, (n, chain.n_joints)))
-    terms = candidate_terms(state, highest=HIGHEST)[0]
-    perturbed_chain = PerturbedChain(chain, tuple(terms))
+    terms = candidate_terms(state, highest=highest)[0]
     std = np.concatenate([term.prior_stds for term in terms])
-    planted = rng.standard_normal(len(std)) * np.where(std > 0.5, 0.0, 0.3 * std)
-    points = perturbed_chain.tips(state, planted) + NOISE_MM * rng.standard_normal((n, 3))
+    errors = rng.standard_normal(len(std)) * np.where(std > 0.5, 0.0, 0.3 * std)
+    points = PerturbedChain(chain, tuple(terms)).tips(state, errors) + NOISE_MM * rng.standard_normal((n, 3))
+    return chain, state, terms, [Points(np.arange(n), points)]
+
+
+def identification(n: int) -> dict[str, Any]:
+    """Identify a planted arm from n readings."""
+    from truearm.identification.estimation.identification import identify
+
+    arm = planted(n, HIGHEST)
     begun, cpu = time.perf_counter(), time.process_time()
-    fit = identify(chain, state, terms, [Points(np.arange(n), points)])
+    fit = identify(*arm)
     seconds, cpu = time.perf_counter() - begun, time.process_time() - cpu
     return {
         "readings": n,
-        "coefficients": perturbed_chain.n_coefficients,
+        "coefficients": sum(term.n_coefficients for term in arm[2]),
         "seconds": seconds,
         "cpu_seconds": cpu,
         "rounds": fit.rounds,
@@ -83,6 +91,50 @@ def identifications(readings: tuple[int, ...] = READINGS) -> RowResult:
             targets.append(Target(f"{name}: time [s]", of["seconds"], 10))
             targets.append(Target(f"{name}: peak memory of the process [MB]", of["peak_MB"], 500))
     return RowResult(each, targets, [f"A planted UR10 whose tips have noise of {NOISE_MM} mm in every coordinate."])
+
+
+@ROWS.row("regions", threads="one", quick={"readings": 600, "highest": 4})
+def regions(readings: int = 6000, highest: int = HIGHEST) -> RowResult:
+    """The ends of all joints of a planted UR10 held out, by normal equations and by the derivatives of every reading.
+
+    Deviations and covariances by both are compared, in standard deviations of the prediction.
+    """
+    from truearm.identification.estimation.identification import identify
+    from truearm.identification.judgement import cross_validation
+    from truearm.identification.judgement.outer_regions import MOST_PREDICTED, outer_regions
+
+    chain, state, terms, points = planted(readings, highest)
+    fit = identify(chain, state, terms, points)
+    ends = [rows for _, rows in outer_regions(state.angles, np.ones(readings, dtype=bool))]
+    found, seconds = {}, {}
+    for way in ("equations", "derivatives"):
+        plain = patch.object(cross_validation._Minimum, "_without_data", return_value=None)
+        with plain if way == "derivatives" else nullcontext():
+            begun = time.process_time()
+            found[way] = cross_validation.cross_validate_regions(fit, state, points, ends, MOST_PREDICTED)
+            seconds[way] = time.process_time() - begun
+    pairs = list(zip(found["equations"], found["derivatives"], strict=True))
+    std = [np.sqrt(np.einsum("nii->n", one.covariance)) for _, one in pairs]
+    shift = max(
+        float((np.abs(a.deviations - b.deviations).max(axis=1) / s).max()) for (a, b), s in zip(pairs, std, strict=True)
+    )
+    wider = max(
+        float((np.abs(a.covariance - b.covariance).max(axis=(1, 2)) / s**2).max())
+        for (a, b), s in zip(pairs, std, strict=True)
+    )
+    table = [{"regions": len(ends), **{f"{way} [s]": of for way, of in seconds.items()}}]
+    return RowResult(
+        table,
+        [
+            Target(
+                "by normal equations, share of the time by derivatives",
+                seconds["equations"] / seconds["derivatives"],
+                0.35,
+            ),
+            Target("largest difference of a deviation [standard deviations]", shift, 0.01),
+            Target("largest difference of a covariance, relative", wider, 1e-6),
+        ],
+    )
 
 
 # An epoch of a network ------------------------------------------------------------------------------------------------

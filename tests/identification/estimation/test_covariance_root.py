@@ -74,8 +74,46 @@ def test_the_root_of_a_regular_covariance_is_a_triangle():
     perturbed_chain = perturbed_chain_of("wide")
     p = perturbed_chain.n_coefficients
     root = CovarianceRoot.of(covariance_of(p, "regular"), perturbed_chain)
-    assert [len(part.columns) for part in root.wide] == np.cumsum(
-        [part.columns.shape[1] for part in root.wide]
-    ).tolist()
+    assert root.is_triangle
+    assert [part.stop - part.start for part in root.wide] == [2 * (MOST_NARROW + place - 1) for place in range(1, 4)]
+    assert [len(part.columns) for part in root._parts[1:]] == [part.stop for part in root.wide]
     singular = CovarianceRoot.of(covariance_of(p, "singular"), perturbed_chain)
-    assert {len(part.columns) for part in singular.wide} == {p}
+    assert not singular.is_triangle
+    assert {len(part.columns) for part in singular._parts[1:]} == {p}
+
+
+def test_data_are_taken_back_as_in_dense_algebra(rng):
+    """Shares from 1 to 1e-6 of the variance remain; those below a bound count as the bound in the coefficients."""
+    perturbed_chain, least = perturbed_chain_of("both"), 1e-3
+    p = perturbed_chain.n_coefficients
+    unit = rng.uniform(1e-4, 1, p)
+    turned = np.linalg.qr(rng.normal(size=(p, p)))[0]
+    shares = np.concatenate([[1e-6, 2e-5, 1e-4, 0.9e-3, 1.1e-3], np.geomspace(5e-3, 1, p - 5)])
+    # Information 1 with the data and `shares` without them, along orthogonal directions.
+    covariance = np.outer(unit, unit) * (turned @ np.diag(np.geomspace(1, 1e3, p)) @ turned.T)
+    half = np.linalg.cholesky(np.linalg.inv(covariance / np.outer(unit, unit))) / unit[:, None]
+    gram = half @ (turned * (1 - shares)) @ turned.T @ half.T
+    gradient = half @ rng.normal(size=p)
+    whole = CovarianceRoot.of(covariance, perturbed_chain)
+    without = whole.without(gram)
+    assert without is not None
+    F = without.times_matrix(np.eye(p))
+    half = np.linalg.inv(half).T
+
+    def expected(of_shares):
+        return half @ (turned / of_shares) @ turned.T @ half.T
+
+    size = np.sqrt(np.outer(expected(shares).diagonal(), expected(shares).diagonal()))
+    np.testing.assert_allclose(F.T @ F / size, expected(shares) / size, rtol=0, atol=1e-6)
+    moved = expected(np.maximum(shares, least)) @ gradient
+    scale = np.sqrt(expected(np.maximum(shares, least)).diagonal())
+    found, moved = without.shift(whole, gradient, least) / scale, moved / scale
+    np.testing.assert_allclose(found, moved, rtol=0, atol=1e-4 * np.abs(moved).max())
+
+
+def test_data_of_all_information_cannot_be_taken_back():
+    perturbed_chain = perturbed_chain_of("narrow")
+    p = perturbed_chain.n_coefficients
+    covariance = covariance_of(p, "regular")
+    assert CovarianceRoot.of(covariance, perturbed_chain).without(1.1 * np.linalg.inv(covariance)) is None
+    assert CovarianceRoot.of(covariance_of(p, "singular"), perturbed_chain).without(np.zeros((p, p))) is None

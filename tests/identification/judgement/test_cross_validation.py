@@ -15,7 +15,11 @@ from truearm.arm import load_arm
 from truearm.identification.estimation.identification import identify, initial_problem
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.judgement import cross_validation
-from truearm.identification.judgement.cross_validation import cross_validate_by_group, group_batches
+from truearm.identification.judgement.cross_validation import (
+    cross_validate_by_group,
+    cross_validate_regions,
+    group_batches,
+)
 from truearm.identification.planning.sampling.seat import seat
 from truearm.identification.references.orientations import Orientations
 from truearm.identification.references.references import Length, Points, Seats, seats_of
@@ -304,6 +308,30 @@ def test_stacked_groups_are_the_same_as_one_by_one(n_groups, drawn, monkeypatch)
     for part in ("rows", "group", "deviations", "covariance", "freedom"):
         # [mm, mm^2]: rounding of inverses of which the largest is 1 / LEAST_FREEDOM
         np.testing.assert_allclose(getattr(stacked, part), getattr(plain, part), atol=1e-9)
+
+
+@pytest.mark.parametrize("chunk", [5, 1024])
+def test_regions_by_normal_equations_are_the_same_as_by_derivatives(chunk, drawn, monkeypatch):
+    """Of regions that overlap; the second has a direction that no other reading determines."""
+    rows = np.arange(60)
+    fit, state = identified(drawn, rows), ArmState(drawn[0].chain, drawn[1][:60])
+    regions = [rows < 40, rows >= 2, rows % 2 == 0]
+
+    def found(most):
+        return cross_validate_regions(fit, state, references_of(drawn, rows), regions, most)
+
+    whole = found(60)
+    monkeypatch.setattr(cross_validation, "MOST_READINGS", chunk)
+    by_equations = found(60)
+    for one, expected in zip(by_equations, whole, strict=True):
+        assert (one.rows == expected.rows).all()
+        for name in ("deviations", "covariance"):
+            mine, theirs = getattr(one, name), getattr(expected, name)
+            np.testing.assert_allclose(mine, theirs, rtol=1e-5, atol=1e-6 * np.abs(theirs).max())
+    for some, every, region in zip(found(7), by_equations, regions, strict=True):
+        assert len(some.rows) == 7
+        assert region[some.rows].all()
+        np.testing.assert_allclose(some.deviations, every.deviations[np.isin(every.rows, some.rows)], rtol=1e-9)
 
 
 def test_nothing_to_leave_out_is_an_empty_record(drawn):

@@ -10,19 +10,32 @@ third of the product with the columns of J. Sites with few functions are such co
 them. With these first, and the sites with many functions one after the other, Cholesky's F is an upper triangle, and
 F_s has as many rows as it and those before it have columns.
 
-Source of the factor: G. H. Golub, C. F. Van Loan, "Matrix Computations", 4th ed., section 4.2.
+Data of the normal matrix G that are taken back leave the covariance ``(Sigma^-1 - G)^-1``, whose root is again such a
+triangle: one factorisation, however many the data are.
+
+Source of the factor: G. H. Golub, C. F. Van Loan, "Matrix Computations", 4th ed., section 4.2; of the iteration,
+section 7.3.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
 from typing import NamedTuple, Self
 
 import numpy as np
+from scipy.linalg import LinAlgError, cholesky, solve_triangular
+from scipy.linalg.lapack import dtrtri
 
 from truearm.identification.estimation.perturbed_chain import MOST_NARROW, PerturbedChain, as_slice
-from truearm.solve.square_roots import covariance_factor
+from truearm.solve.square_roots import covariance_factor, unit_diagonal
 from truearm.typing import FloatArray, IntArray
+
+# Directions of small shares are found by a subspace iteration: of so many directions at least, in so many rounds, and
+# with shares up to so many times the limit. What remains of others is then less than (1 / FARTHER)^(2 ROUNDS) at the
+# limit, where nothing depends on it.
+FEWEST, ROUNDS, FARTHER = 32, 4, 3.0
 
 
 class _Part(NamedTuple):
@@ -42,36 +55,100 @@ class CovarianceRoot:
 
     Attributes
     ----------
-    n_rows : int
-        One for each coefficient that is uncertain.
-    narrow : _Part
-        All sites with few functions.
-    wide : tuple of _Part
-        A site with many functions each.
+    perturbed_chain : PerturbedChain
+    order : (p,) int array
+        The coefficients that are uncertain; those of sites with few functions first, then site by site.
+    wide : tuple of slice
+        Of each site with many functions among them.
+    factor : (n_rows, p) array
+        F in that order.
     """
 
-    n_rows: int
-    narrow: _Part
-    wide: tuple[_Part, ...]
+    perturbed_chain: PerturbedChain
+    order: IntArray
+    wide: tuple[slice, ...]
+    factor: FloatArray
 
     @classmethod
     def of(cls, covariance: FloatArray, perturbed_chain: PerturbedChain) -> Self:
         """The root of a covariance (n_coefficients, n_coefficients), which may be singular."""
-        site_of, row_of = perturbed_chain.of_coefficient
+        site_of, _ = perturbed_chain.of_coefficient
         uncertain = np.flatnonzero(covariance.diagonal() > 0)
         counts = np.bincount(site_of[uncertain], minlength=len(perturbed_chain.sites))
         is_wide = counts > MOST_NARROW
         wide = [uncertain[site_of[uncertain] == site] for site in np.flatnonzero(is_wide)]
-        order = [uncertain[~is_wide[site_of[uncertain]]], *wide]
-        which = np.concatenate(order)
-        factor = covariance_factor(covariance[np.ix_(which, which)])
-        is_triangle = not np.tril(factor, -1).any()  # from eigenvectors, of a singular covariance, it is none
-        parts, stop = [], 0
-        for coefficients in order:
-            start, stop = stop, stop + len(coefficients)
-            columns = np.ascontiguousarray(factor[: stop if is_triangle else None, start:stop])
-            parts.append(_Part(coefficients, site_of[coefficients], as_slice(row_of[coefficients]), columns))
-        return cls(len(factor), parts[0], tuple(parts[1:]))
+        order = np.concatenate([uncertain[~is_wide[site_of[uncertain]]], *wide])
+        stops = len(order) - np.cumsum([0, *map(len, wide[::-1])])[::-1]
+        spans = tuple(slice(int(start), int(stop)) for start, stop in pairwise(stops))
+        return cls(perturbed_chain, order, spans, covariance_factor(covariance[np.ix_(order, order)]))
+
+    @property
+    def n_rows(self) -> int:
+        """One for each coefficient that is uncertain."""
+        return len(self.factor)
+
+    @cached_property
+    def is_triangle(self) -> bool:
+        """Whether F is an upper triangle; from eigenvectors, of a singular covariance, it is none."""
+        return not np.tril(self.factor, -1).any()
+
+    @cached_property
+    def _information(self) -> FloatArray:
+        """(p, p) the inverse of the covariance, of a triangle."""
+        inverse = dtrtri(self.factor)[0]
+        return np.asarray(inverse @ inverse.T)
+
+    def without(self, gram: FloatArray) -> Self | None:
+        """The root of the covariance without data of the normal matrix (n_coefficients, n_coefficients).
+
+        None where they leave nothing to rounding, and where the covariance itself is singular.
+        """
+        if not self.is_triangle:
+            return None
+        information = self._information - gram[np.ix_(self.order, self.order)]
+        if not (information.diagonal() > 0).all():
+            return None
+        matrix, scale = unit_diagonal(information)
+        try:
+            # With A = U U^T, U an upper triangle, A^-1 = F^T F with F = U^-1: Cholesky's L, from the last row upwards.
+            lower = cholesky(matrix[::-1, ::-1], lower=True, check_finite=False)
+        except LinAlgError:
+            return None
+        factor = dtrtri(lower, lower=1, overwrite_c=1)[0][::-1, ::-1] / scale
+        return replace(self, factor=np.ascontiguousarray(factor))
+
+    def shift(self, whole: Self, gradient: FloatArray, least: float) -> FloatArray:
+        """(n_coefficients,) the change of the coefficients where data of a gradient are taken back.
+
+        `whole` is the root with these data. Of a direction that they determined nearly alone its variance with them is
+        a small share of that without; it counts as `least`.
+        """
+        found, own = np.zeros(len(gradient)), gradient[self.order]
+        share, directions = self._weakest(whole, least)
+        too_far = (1 / share - 1 / np.maximum(share, least)) * (directions.T @ (whole.factor @ own))
+        found[self.order] = self.factor.T @ (self.factor @ own) - whole.factor.T @ (directions @ too_far)
+        return found
+
+    def _weakest(self, whole: Self, least: float) -> tuple[FloatArray, FloatArray]:
+        """Shares (k,) of directions (p, k), orthonormal among the rows of `whole`: all below `least`, and some more."""
+
+        def ratio_times(found: FloatArray) -> FloatArray:
+            """The covariance without the data, in units of that with them, times some directions."""
+            moved = self.factor @ solve_triangular(whole.factor, found, check_finite=False)
+            return np.asarray(solve_triangular(whole.factor, self.factor.T @ moved, trans="T", check_finite=False))
+
+        p, k = self.factor.shape[1], FEWEST
+        while 4 * k <= p:
+            found = np.linalg.qr(np.random.default_rng(0).normal(size=(p, k)))[0]
+            for _ in range(ROUNDS):
+                times = ratio_times(found)
+                values, vectors = np.linalg.eigh(found.T @ times)
+                ritz, found = found @ vectors, np.linalg.qr(times)[0]
+            if 1 / values[0] > FARTHER * least:
+                return 1 / values, ritz
+            k *= 2
+        values, vectors = np.linalg.eigh(ratio_times(np.eye(p)))
+        return 1 / values, vectors
 
     def times(self, along_sites: FloatArray, values: FloatArray) -> FloatArray:
         """``F J^T``: displacements by each cause.
@@ -87,13 +164,14 @@ class CovarianceRoot:
         -------
         (k, n_rows, m) array
         """
-        (_, k, m), narrow = along_sites.shape, self.narrow
+        _, k, m = along_sites.shape
+        narrow, *wide = self._parts
         out = np.zeros((k, self.n_rows, m))
         by_narrow = along_sites[narrow.sites] * values[narrow.functions][:, None]
         height = len(narrow.columns)
         product = narrow.columns @ by_narrow.reshape(len(by_narrow), k * m)
         out[:, :height] = product.reshape(height, k, m).transpose(1, 0, 2)
-        for part in self.wide:
+        for part in wide:
             by_function = part.columns @ values[part.functions]
             for own, along in zip(out, along_sites[part.sites[0]], strict=True):
                 own[: len(by_function)] += along * by_function
@@ -102,6 +180,18 @@ class CovarianceRoot:
     def times_matrix(self, matrix: FloatArray) -> FloatArray:
         """``F @ matrix`` of a matrix (n_coefficients, q): (n_rows, q)."""
         out = np.zeros((self.n_rows, matrix.shape[1]))
-        for part in (self.narrow, *self.wide):
+        for part in self._parts:
             out[: len(part.columns)] += part.columns @ matrix[part.coefficients]
         return out
+
+    @cached_property
+    def _parts(self) -> list[_Part]:
+        """All sites with few functions, and each with many."""
+        site_of, row_of = self.perturbed_chain.of_coefficient
+        n_narrow = self.wide[0].start if self.wide else len(self.order)
+        parts = []
+        for span in (slice(0, n_narrow), *self.wide):
+            coefficients = self.order[span]
+            columns = self.factor[: span.stop if self.is_triangle else None, span]
+            parts.append(_Part(coefficients, site_of[coefficients], as_slice(row_of[coefficients]), columns))
+        return parts

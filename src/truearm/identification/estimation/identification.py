@@ -187,7 +187,7 @@ def initial_problem(
     perturbed_chain: PerturbedChain, state: ArmState, references: Sequence[Reference]
 ) -> tuple[SmallMotionProblem, FloatArray]:
     """The problem with references initialised at the nominal arm, and start values of the unknowns."""
-    rough = perturbed_chain.tips(state, np.zeros(perturbed_chain.n_coefficients)).T
+    rough = perturbed_chain.chain.tip_in_base(state.angles).T
     laid = [reference.initialise(rough[:, reference.rows]) for reference in references]
     problem = SmallMotionProblem(perturbed_chain, state, tuple(reference for reference, _ in laid))
     return problem, np.concatenate([np.zeros(0), *(unknowns for _, unknowns in laid)])

@@ -218,6 +218,11 @@ class PerturbedChain:
             out[site.columns] = along * value[:, None, :]
         return out
 
+    def along(self, x: FloatArray, along_sites: FloatArray, values: FloatArray) -> FloatArray:
+        """(k, m) derivatives along a change `x` of the coefficients, from those along the sites and the values."""
+        shares = np.stack([x[site.columns] @ own for site, own in zip(self.sites, self.by_site(values), strict=True)])
+        return np.asarray((along_sites * shares[:, None]).sum(axis=0))
+
     def derivatives_along(
         self, state: ArmState, x: FloatArray, along: FloatArray
     ) -> Iterator[tuple[slice, FloatArray]]:

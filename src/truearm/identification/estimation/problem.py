@@ -145,7 +145,15 @@ class SmallMotionProblem:
         values = self.perturbed_chain.values(state)
         motions = self.perturbed_chain.motions(x, values)
         motion_jacobian = moved_chain(self.perturbed_chain.chain, state, motions)[1]
-        return self.perturbed_chain.along_sites(_by_place(of_readings(linear, rows), motions, motion_jacobian)), values
+        return self._along_sites(of_readings(linear, rows), motions, motion_jacobian), values
+
+    def equations_of(self, which: int, rows: IntArray, linear: LinearisedResiduals, x: FloatArray) -> Arrowhead:
+        """Normal equations of some of a reference's readings, without unknowns; `linear` as in `site_derivatives`."""
+        sums = _Sums(self.perturbed_chain.sites, self.perturbed_chain.n_coefficients, 0)
+        for piece in chunks(len(rows), CHUNK):
+            along_sites, values = self.site_derivatives(which, rows[piece], linear, x)
+            sums.add(of_readings(linear, rows[piece]), along_sites, self.perturbed_chain.by_site(values))
+        return sums.equations()
 
     def log_size_ratio(self, x: FloatArray) -> float:
         """Logarithm of the size of the arm at readings with relative references, over its nominal size."""
@@ -262,7 +270,26 @@ class SmallMotionProblem:
         motions = self.perturbed_chain.motions(x, values)
         plain, motion_jacobian = self._linearised(which, piece, state, motions, x)
         linear = plain.weighted(weights)
-        sums.add(linear, _by_place(linear, motions, motion_jacobian), self.perturbed_chain.by_site(values))
+        along_sites = self._along_sites(linear, motions, motion_jacobian)
+        sums.add(linear, along_sites, self.perturbed_chain.by_site(values))
+
+    def _along_sites(self, linear: LinearisedResiduals, motions: FloatArray, motion_jacobian: FloatArray) -> FloatArray:
+        """(n_sites, k, m) derivatives of residuals along the sites, from those of the tips (n_places, 6, 3, m)."""
+        parts = [(linear.by_tip, self.perturbed_chain.along_sites(motion_jacobian))]
+        if linear.by_turn is not None:
+            turns = np.zeros_like(motion_jacobian)
+            for place, motion in enumerate(motions):
+                _, jacobian = rotations_and_jacobians(motion[:3])
+                wide = np.broadcast_to(jacobian, (3, 3, motion_jacobian.shape[3]))
+                turns[place, :3] = np.einsum("dbm,dcm->bcm", wide, motion_jacobian[place, 3:])
+            parts.append((linear.by_turn, self.perturbed_chain.along_sites(turns)))
+        (k, _, m), n_sites = linear.by_tip.shape, len(self.perturbed_chain.sites)
+        out, product = np.zeros((n_sites, k, m)), np.empty((n_sites, m))
+        for by, along in parts:
+            # Coordinate by coordinate: contiguous in the readings, several times as fast as an einsum.
+            for row, coordinate in np.argwhere(by.any(axis=2)):
+                out[:, row] += np.multiply(along[:, coordinate], by[row, coordinate], out=product)
+        return out
 
     def _linearised(
         self, which: int, piece: slice, state: ArmState, motions: FloatArray, x: FloatArray
@@ -288,23 +315,6 @@ class SmallMotionProblem:
         return self._kept[key]
 
 
-def _by_place(linear: LinearisedResiduals, motions: FloatArray, motion_jacobian: FloatArray) -> FloatArray:
-    """(n_places, 6, k, m) derivatives of residuals by the motions, from those of the tips (n_places, 6, 3, m)."""
-    # Coordinate by coordinate: contiguous in the readings, several times as fast as an einsum.
-    by_tip = linear.by_tip
-    by_place = motion_jacobian[:, :, 0, None] * by_tip[:, 0]
-    product = np.empty_like(by_place)
-    for c in (1, 2):
-        by_place += np.multiply(motion_jacobian[:, :, c, None], by_tip[:, c], out=product)
-    if linear.by_turn is not None:
-        for place, motion in enumerate(motions):
-            _, jacobian = rotations_and_jacobians(motion[:3])
-            wide = np.broadcast_to(jacobian, (3, 3, motion_jacobian.shape[3]))
-            turns = np.einsum("dbm,dcm->bcm", wide, motion_jacobian[place, 3:])
-            by_place[place, :3] += np.einsum("kcm,bcm->bkm", linear.by_turn, turns)
-    return np.asarray(by_place)
-
-
 def of_readings(linear: LinearisedResiduals, rows: IntArray) -> LinearisedResiduals:
     """The residuals of some readings."""
     return LinearisedResiduals(
@@ -324,7 +334,6 @@ class _Sums:
         self.wide = [i for i, site in enumerate(sites) if len(site.columns) > MOST_NARROW]
         nothing = np.zeros(0, dtype=np.intp)
         self.order = np.concatenate([nothing, *(sites[i].columns for i in (*self.narrow, *self.wide))])
-        self.places = [(site.place, site.direction) for site in sites]
         self.n_narrow = n_coefficients - sum(len(sites[i].columns) for i in self.wide)
         stops = np.cumsum([self.n_narrow, *(len(sites[i].columns) for i in self.wide)])
         self.spans = [slice(int(a), int(b)) for a, b in pairwise(stops)]
@@ -335,11 +344,10 @@ class _Sums:
         self.coupling = np.zeros((n_unknowns, n_coefficients))
         self.blocks = csr_array((n_unknowns, n_unknowns))
 
-    def add(self, linear: LinearisedResiduals, by_place: FloatArray, values: list[FloatArray]) -> None:
-        """Add a weighted chunk: `by_place` (n_places, 6, k, m) are derivatives by the motions of places."""
+    def add(self, linear: LinearisedResiduals, by_site: FloatArray, values: list[FloatArray]) -> None:
+        """Add a weighted chunk: `by_site` (n_sites, k, m) are derivatives along the sites, `values` of each site."""
         residuals = linear.residuals
         k, m = residuals.shape
-        by_site = [np.tensordot(direction, by_place[place], axes=1) for place, direction in self.places]
         columns = np.empty((self.n_narrow, k, m))
         start = 0
         for i in self.narrow:
@@ -363,7 +371,7 @@ class _Sums:
             self._add_unknowns(linear, by_site, values, flat)
 
     def _add_unknowns(
-        self, linear: LinearisedResiduals, by_site: list[FloatArray], values: list[FloatArray], flat: FloatArray
+        self, linear: LinearisedResiduals, by_site: FloatArray, values: list[FloatArray], flat: FloatArray
     ) -> None:
         by = by_all_unknowns(linear, len(self.by_unknown))
         self.by_unknown += by @ linear.residuals.ravel()
@@ -390,10 +398,10 @@ class _Sums:
     def equations(self) -> Arrowhead:
         """The normal equations in the order of the parameters."""
         back = np.argsort(self.order)
-        upper = np.triu(self.gram)
-        gram = upper + np.triu(upper, 1).T
+        gram = np.triu(self.gram)
+        gram += np.triu(gram, 1).T
         gradient = np.concatenate([self.gradient[back], self.by_unknown])
-        return Arrowhead(self.cost, gradient, gram[np.ix_(back, back)], self.coupling[:, back], self.blocks)
+        return Arrowhead(self.cost, gradient, gram.take(back, 0).take(back, 1), self.coupling[:, back], self.blocks)
 
 
 def by_all_unknowns(linear: LinearisedResiduals, n: int) -> csr_array:

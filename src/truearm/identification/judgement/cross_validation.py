@@ -36,7 +36,7 @@ from scipy.sparse import csr_array, hstack, vstack
 
 from truearm.identification.estimation import perturbed_chain
 from truearm.identification.estimation.covariance_root import CovarianceRoot
-from truearm.identification.estimation.identification import initial_problem
+from truearm.identification.estimation.identification import initial_problem, select_evenly
 from truearm.identification.estimation.identification_result import IdentificationResult, ReferenceFit
 from truearm.identification.estimation.linearisation import UNKNOWN_STD, eliminate_unknowns
 from truearm.identification.estimation.problem import SmallMotionProblem
@@ -45,6 +45,7 @@ from truearm.identification.references.distances import Distances
 from truearm.identification.references.references import LinearisedResiduals, Reference
 from truearm.identification.references.surfaces import Lines, Planes, Spheres
 from truearm.identification.terms.state import ArmState
+from truearm.solve.arrowhead import Arrowhead
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import BoolArray, FloatArray, IntArray
 
@@ -110,9 +111,12 @@ def cross_validate_by_group(
 
 
 def cross_validate_regions(
-    fit: IdentificationResult, state: ArmState, references: Sequence[Reference], regions: Sequence[BoolArray]
+    fit: IdentificationResult, state: ArmState, references: Sequence[Reference], regions: Sequence[BoolArray], most: int
 ) -> list[HeldOutReadings]:
-    """Deviations of the readings of each region (n,) from an arm identified without them; regions may overlap."""
+    """Deviations of the readings of each region (n,) from an arm identified without them; regions may overlap.
+
+    All readings of a region are held out; `most` of them at most, evenly selected, are predicted.
+    """
     kinds = IN_SPACE if any(part.kind in IN_SPACE for part in fit.references) else IN_LENGTH
     if not any(part.kind in kinds for part in fit.references):
         return [NONE_HELD_OUT for _ in regions]
@@ -121,11 +125,12 @@ def cross_validate_regions(
         minimum = _Minimum.of(fit, state, references, kinds) if regions else None
         for region in regions:
             assert minimum is not None
+            own = minimum.judging(region, most)
             rows = [np.flatnonzero(region[part.rows]) for part in fit.references]
             which = np.repeat(np.arange(len(rows)), [len(some) for some in rows])
             row = np.concatenate(rows)
             batch = GroupBatch(np.zeros(len(row), dtype=np.intp), which, row)
-            parts = list(minimum.without(batch, np.zeros(len(region), dtype=np.intp))) if len(row) else []
+            parts = list(own.without(batch, np.zeros(len(region), dtype=np.intp))) if len(row) else []
             found.append(_together(parts))
     return found
 
@@ -333,6 +338,14 @@ class _Minimum:
         root = CovarianceRoot.of(fit.covariance, fit.perturbed_chain)
         return cls(problem, x, root, slope, root.times_matrix(slope.T), found)
 
+    def judging(self, region: BoolArray, most: int) -> _Minimum:
+        """The same, where of the readings of a region (n,) no more than `most` are judged, evenly selected."""
+        judged = np.concatenate([part.reference_fit.rows[part.is_judged] for part in self.parts])
+        rows = np.unique(judged[region[judged]])
+        chosen = np.isin(np.arange(len(region)), select_evenly(rows, min(most, len(rows))))
+        parts = [replace(part, is_judged=part.is_judged & chosen[part.reference_fit.rows]) for part in self.parts]
+        return replace(self, parts=parts)
+
     def without(self, batch: GroupBatch, group: IntArray) -> Iterator[HeldOutReadings]:
         """The deviations of every group of a batch."""
         if len(batch.row) <= self.chunk and not any(part.linear.unknown.size for part in self.parts):
@@ -342,6 +355,9 @@ class _Minimum:
             members for members in batch.members() if any(self.parts[i].is_judged[rows].any() for i, rows in members)
         ]
         if batch.n_groups == 1 and judged:
+            if (found := self._without_data(judged[0], group)) is not None:
+                yield from found
+                return
             yield from self._without(self._group(judged[0]), partial(self._pieces, judged[0]), group)
             return
         spread: dict[int, list[FloatArray]] = {}
@@ -352,6 +368,33 @@ class _Minimum:
         for members in judged:
             pieces = [_Piece(i, rows, spread[i].pop(0)) for i, rows in members]
             yield from self._without(self._group(members), lambda pieces=pieces: iter(pieces), group)  # type: ignore[misc]
+
+    def _without_data(self, members: Members, group: IntArray) -> list[HeldOutReadings] | None:
+        """The deviations of a large group, by the arm's normal equations less those of the group.
+
+        None for a group with unknowns, or of fewer residuals than coefficients, and where rounding spoils it.
+        """
+        n_residuals = sum(self.parts[i].residuals[rows].size for i, rows in members)
+        if any(self.parts[i].linear.unknown.size for i, _ in members) or n_residuals <= self.root.n_rows:
+            return None
+        own = Arrowhead.combine(
+            [self.problem.equations_of(i, rows, self.parts[i].linear, self.x) for i, rows in members]
+        )
+        without = self.root.without(own.head)
+        if without is None:
+            return None
+        shift = without.shift(self.root, own.gradient, LEAST_FREEDOM)
+        found = []
+        for i, rows in members:
+            part = self.parts[i]
+            judged = rows[part.is_judged[rows]]
+            for some in np.split(judged, range(self.chunk, len(judged), self.chunk)):
+                along_sites, values = self.problem.site_derivatives(i, some, part.linear, self.x)
+                half = without.times(along_sites, values)
+                white = part.residuals[some] + self.problem.perturbed_chain.along(shift, along_sites, values).T
+                blocks = np.einsum("krm,lrm->mkl", half, half)
+                found.append(_held_out(part, some, white, blocks, np.ones(len(some)), group))
+        return found
 
     def _pieces(self, members: Members) -> Iterator[_Piece]:
         for i, rows in members:

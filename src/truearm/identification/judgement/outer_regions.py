@@ -34,6 +34,8 @@ OUTERMOST_SHARE = 0.02
 # With fewer readings a region shows nothing, and with more than this share of all the others do not predict it: of
 # joints with a few fixed angles.
 LEAST_READINGS, MOST_SHARE = 5, 0.4
+# Readings of a region that are predicted, at most: they have errors in common, and more of them show no other growth.
+MOST_PREDICTED = 2000
 # Growth where no region can be judged, as of fewer than 28 readings [1/rad, or 1/range of a slide]: the largest with
 # which 95 % of readings up to 0.6 rad outside are in their ellipsoids (24 readings of ur5, ur10, gao2017, panda, three
 # arms each; kinematic models need 0 to 4, and their median is 0.3). It is a prior, not seen in the readings.
@@ -83,8 +85,8 @@ def growing_outside(
     whole = Extrapolation(ranges, state.chain.is_prismatic, PRIOR_GROWTH)
     regions = outer_regions(angles, used)
     excess, weight = [np.zeros(0)], [np.zeros(0)]
-    pairs = zip(regions, cross_validate_regions(fit, state, references, [rows for _, rows in regions]), strict=True)
-    for (joint, rows), found in pairs:
+    held_out_of = cross_validate_regions(fit, state, references, [rows for _, rows in regions], MOST_PREDICTED)
+    for (joint, rows), found in zip(regions, held_out_of, strict=True):
         held_out = found.select_informative(own_variance(fit.references, found.rows))
         if added is not None:
             held_out = with_covariance(held_out, added)
