@@ -20,6 +20,7 @@ from truearm.choices import Conditions, FeatureKind
 from truearm.compensation.models import PhysicalModel
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
+from truearm.compensation.models.refit import refit
 from truearm.identification.planning.sampling.measuring import measuring_poses
 from truearm.identification.virtual import Measurement, VirtualArm, load_preset
 from truearm.identification.virtual.error_model import tip_compliance
@@ -278,7 +279,9 @@ def measure(
 
 PRESETS = ("research", "shop", "worn")
 TESTED, SUBSET = 300, 40
-REPEATED = "same day, u of repeatability"
+REPEATED, MOVED = "same day, u of repeatability", "another set-up, refitted"
+# Readings of another day that a refit takes.
+REFITTED = 20
 # Seeds of poses and days that differ from those of the arms.
 TRAIN, OTHER, DAY = 1000, 5000, 77_777
 
@@ -308,7 +311,8 @@ def share_of(
 def virtual_shares(preset: str, model: str, n: int, arms: int) -> dict[str, list[Share]]:
     """The tests of some arms."""
     arm = load_arm(ARM)
-    found: dict[str, list[Share]] = {name: [] for name in (REPEATED, "another day", "same day", "uniform poses")}
+    names = REPEATED, MOVED, "another day", "same day", "uniform poses"
+    found: dict[str, list[Share]] = {name: [] for name in names}
     for seed in range(arms):
         rng = np.random.default_rng(seed)
         virtual = VirtualArm.draw(arm, load_preset(preset), seed=seed)
@@ -316,13 +320,17 @@ def virtual_shares(preset: str, model: str, n: int, arms: int) -> dict[str, list
         order = rng.permutation(n + TESTED)
         learned, tested = np.sort(order[:n]), np.sort(order[n:])
         fitted = IDENTIFIED[model](arm).fit_readings(day.readings.rows(learned))
-        later = virtual.measure(measuring_poses(arm, TESTED, seed=OTHER + seed).angles, seed=seed + DAY)
+        later = virtual.measure(measuring_poses(arm, TESTED + REFITTED, seed=OTHER + seed).angles, seed=seed + DAY)
+        moved = refit(fitted, later.readings.rows(np.arange(REFITTED)), free=("base", "tip"))
+        others = np.arange(REFITTED, TESTED + REFITTED)
         lower, upper = np.clip(arm.limits.T, -np.pi, np.pi)
         uniform = virtual.measure(rng.uniform(lower, upper, (TESTED, arm.n_joints)), seed=seed)
         same = day.readings.rows(tested), day.true_tips[tested]
         found["same day"].append(share_of(fitted, *same))
         found[REPEATED].append(share_of(fitted, *same, conditions="repeatability"))
-        found["another day"].append(share_of(fitted, later.readings, later.true_tips))
+        on_it = later.readings.rows(others), later.true_tips[others]
+        found["another day"].append(share_of(fitted, *on_it))
+        found[MOVED].append(share_of(moved, *on_it, conditions="repeatability"))
         found["uniform poses"].append(share_of(fitted, uniform.readings, uniform.true_tips))
     return found
 
@@ -371,6 +379,7 @@ def points(arms: int = 32, sizes: tuple[int, ...] = (50, 300, 2000), subsets: in
             yield judged(f"{label}: {REPEATED}", found[REPEATED], 0.93, 0.97, 0.85)
             yield judged(f"{label}: same day, u of any day", found["same day"], 0.93, 1.0, 0.85)
             yield judged(f"{label}: another day", found["another day"], 0.92, 0.97, 0.0)
+            yield judged(f"{label}: {MOVED}", found[MOVED], 0.93, 0.98, 0.85)
             yield judged(f"{label}: uniform poses", found["uniform poses"], 0.92, 0.98, 0.0)
     for model in IDENTIFIED if 300 in sizes else ():
         for preset in PRESETS:
