@@ -93,8 +93,8 @@ def identifications(readings: tuple[int, ...] = READINGS) -> RowResult:
     return RowResult(each, targets, [f"A planted UR10 whose tips have noise of {NOISE_MM} mm in every coordinate."])
 
 
-@ROWS.row("regions", threads="one", quick={"readings": 600, "highest": 4})
-def regions(readings: int = 6000, highest: int = HIGHEST) -> RowResult:
+@ROWS.row("regions", threads="one", quick={"poses": 600, "highest": 4})
+def regions(poses: int = 5000, highest: int = HIGHEST) -> RowResult:
     """The ends of all joints of a planted UR10 held out, by normal equations and by the derivatives of every reading.
 
     Deviations and covariances by both are compared, in standard deviations of the prediction.
@@ -103,9 +103,9 @@ def regions(readings: int = 6000, highest: int = HIGHEST) -> RowResult:
     from truearm.identification.judgement import cross_validation
     from truearm.identification.judgement.outer_regions import MOST_PREDICTED, outer_regions
 
-    chain, state, terms, points = planted(readings, highest)
+    chain, state, terms, points = planted(poses, highest)
     fit = identify(chain, state, terms, points)
-    ends = [rows for _, rows in outer_regions(state.angles, np.ones(readings, dtype=bool))]
+    ends = [rows for _, rows in outer_regions(state.angles, np.ones(poses, dtype=bool))]
     found, seconds = {}, {}
     for way in ("equations", "derivatives"):
         plain = patch.object(cross_validation._Minimum, "_without_data", return_value=None)
