@@ -111,7 +111,8 @@ def refit(
     transfer = partial(_transferred, set_up, robust=known.robust, progress=progress)
     new.nominal_ = transfer(known.nominal_, known.nominal_.references[0].noise_std)
     new.fit_, new.residual_process_, unexplained_std = _judge_process(known, set_up, transfer)
-    new.nominal_check_ = _judge_set_up(new, set_up)
+    # As it was learned: an arm that follows the new readings would follow wrong ones.
+    new.nominal_check_ = _judge_set_up(new, transfer(_known_exactly(known.fit_), known.residual_std_), set_up)
     if known.fit_.repeatability_covariance is not None:
         new.fit_ = on_another_day(new.fit_)
     new.residual_std_ = max(unexplained_std, new.fit_.references[0].noise_std)
@@ -192,16 +193,14 @@ def _known_exactly(fit: IdentificationResult) -> IdentificationResult:
     return replace(fit, covariance=np.zeros_like(fit.covariance), prior_std=np.zeros_like(fit.prior_std))
 
 
-def _judge_set_up(model: IdentifiedModel, set_up: _SetUp) -> NominalCheck:
-    """Refuse readings that are not of the arm; what is unusual of the nominal one, the identified arm explains."""
+def _judge_set_up(model: IdentifiedModel, placed: IdentificationResult, set_up: _SetUp) -> NominalCheck:
+    """Refuse readings that are not of the arm; what is unusual of the nominal one, the `placed` arm explains."""
     arm, (readings, lengths, free, state, references) = model.arm_, set_up
     bare = [without_sizes(reference) for reference in references]
     usual = usual_nominal_error(arm, model.nominal_, state, bare, constants(arm.chain, free=free))
-    check = NominalCheck(
-        typical_error(model.fit_), usual, most_noise_mm=most_noise(model.nominal_, state, arm.chain.reach)
-    )
+    check = NominalCheck(typical_error(placed), usual, most_noise_mm=most_noise(model.nominal_, state, arm.chain.reach))
     if not check.is_usual:
-        check = replace(check, left=left_by(model.fit_, state, bare, set_up.terms))
+        check = replace(check, left=left_by(placed, state, bare, set_up.terms))
     tips = model.nominal_.tips(state)
     with explaining(arm, readings, lengths=lengths, free=free):
         check_scale(readings, tips)

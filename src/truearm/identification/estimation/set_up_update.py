@@ -61,8 +61,9 @@ SETTLED_SHARE = 0.05
 # Groups of constants that do what a free base or tip does: these are new anyhow.
 EQUIVALENT = "equivalent to a free"
 # Median of the share by which causes change between set-ups before the readings speak, and the largest step of its
-# logarithm. Its spread is that of any scale, a factor of 5.
-TYPICAL_SHARE = 0.1
+# logarithm. Its spread is that of any scale, a factor of 5. What changes by more than its causes are large is another
+# arm, or its readings are wrong.
+TYPICAL_SHARE, LARGEST_SHARE = 0.1, 1.0
 LARGEST_STEP = 1.5
 
 
@@ -186,7 +187,8 @@ class _Share:
         by_prior, tau2 = LOG_SPREAD**-2.0, self.typical**2
         variance = 1 / (2 * tau2**2 * information + by_prior)
         step = variance * (tau2 * (squares - expected) - by_prior * self.log_ratio)
-        return _Share(self.log_ratio + float(np.clip(step, -LARGEST_STEP, LARGEST_STEP)), variance)
+        ratio = self.log_ratio + float(np.clip(step, -LARGEST_STEP, LARGEST_STEP))
+        return _Share(min(ratio, float(np.log(LARGEST_SHARE / TYPICAL_SHARE))), variance)
 
 
 @dataclass(frozen=True, eq=False)
