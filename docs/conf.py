@@ -109,14 +109,21 @@ def write_command_reference() -> None:
 
     runner, program = CliRunner(), make_app()
     parts = ["# Commands\n", "What every command prints for `--help`.\n"]
-    for verb, _ in VERBS:
+    commands = [verb for verb, _ in VERBS]
+    for command in commands:  # a group adds its own
         ran = runner.invoke(
-            program, [verb, "--help"], prog_name="truearm", env={"COLUMNS": "100", "TERM": "dumb", "NO_COLOR": "1"}
+            program,
+            [*command.split(), "--help"],
+            prog_name="truearm",
+            env={"COLUMNS": "100", "TERM": "dumb", "NO_COLOR": "1"},
         )
         if ran.exit_code != 0:
-            raise RuntimeError(f"truearm {verb} --help: {ran.output}")
+            raise RuntimeError(f"truearm {command} --help: {ran.output}")
         text = re.sub(r"\x1b\[[0-9;]*m", "", ran.output).strip()
-        parts += [f"## truearm {verb}\n", f"```text\n{text}\n```\n"]
+        parts += [f"## truearm {command}\n", f"```text\n{text}\n```\n"]
+        listed = re.findall(r"^  ([a-z]+) ", text.partition("\nCommands:")[2], flags=re.MULTILINE)
+        place = commands.index(command) + 1
+        commands[place:place] = [f"{command} {name}" for name in listed]
     (HERE / "commands.md").write_text("\n".join(parts), encoding="utf-8")
 
 
