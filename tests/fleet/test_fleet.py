@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
@@ -212,7 +213,9 @@ BAD = [
     ({"serial_number": "a" * 201}, "at most 200 characters"),
     ({"arm": "ur11"}, "ur11"),
     ({"model": "best"}, "expected a model among"),
-    ({"every_days": 0}, "at least 1"),
+    ({"every_days": 0}, "of 1 to 36500, got 0"),
+    ({"every_days": 10**9}, "of 1 to 36500"),  # a day after the last one of the calendar
+    ({"serial_number": "a\udcff"}, "serial_number of Unicode characters"),  # a file name that is not UTF-8
     ({"session": "nowhere.csv"}, "does not exist"),
 ]
 
@@ -260,6 +263,7 @@ def test_a_folder_that_is_none_of_a_fleet(tmp_path):
     with pytest.raises(InputError, match="database"):
         Fleet(tmp_path)
     (tmp_path / "fleet.toml").write_text('[fleet]\ndatabase = "sqlite:///other.sqlite"\n')
+    (tmp_path / "other.sqlite").touch()
     with pytest.raises(InputError, match="another database"):
         Fleet(tmp_path)
 
@@ -269,7 +273,46 @@ def test_a_fleet_is_not_made_twice(fleet):
         Fleet.create(fleet.folder)
 
 
-@pytest.mark.parametrize("url", ["registry.sqlite", "nosql://host/fleet"])
+@pytest.mark.parametrize("url", ["registry.sqlite", "nosql://host/fleet", "postgresql+psycopg://host:port/fleet"])
 def test_a_url_that_is_none(url):
     with pytest.raises(InputError, match="the database cannot be opened"):
         Registry(url)
+
+
+@pytest.mark.parametrize("url", ["postgresql+psycopg://user:secret@host/fleet", "postgresql://host/f?password=secret"])
+def test_no_password_is_written_or_shown(tmp_path, url):
+    with pytest.raises(InputError, match="without a password") as found:
+        Fleet.create(tmp_path / "fleet", database=url)
+    assert "secret" not in str(found.value)
+    assert not (tmp_path / "fleet" / "fleet.toml").exists()
+
+
+@pytest.mark.parametrize("url", ["sqlite://", "sqlite:///:memory:"])
+def test_a_registry_in_memory_is_refused(tmp_path, url):
+    with pytest.raises(InputError, match="gone with the program"):
+        Fleet.create(tmp_path, database=url)
+
+
+@pytest.mark.parametrize("url", ["sqlite:///r.sqlite", "sqlite+pysqlite:///r.sqlite"])
+def test_a_file_of_sqlite_is_in_the_folder_whatever_its_name(tmp_path, url):
+    folder = tmp_path / ("100 % #1" + "?" * (sys.platform != "win32"))
+    Fleet.create(folder, database=url).close()
+    assert (folder / "r.sqlite").is_file()
+
+
+def test_a_registry_that_is_gone_is_not_made_anew(fleet):
+    (fleet.folder / "registry.sqlite").unlink()
+    with pytest.raises(InputError, match="does not exist. Try: restore it from a backup"):
+        Fleet(fleet.folder)
+    assert not (fleet.folder / "registry.sqlite").exists()
+
+
+def test_what_is_given_again_replaces_what_was_before(fleet, sessions):
+    fleet.add_all([RegisteredArm("A", "ur10", "Turin", "kinematic", 30, str(sessions / "0.csv"))])
+    assert fleet.add(" A ", "ur10", session=sessions / "1.csv") == 1
+    assert fleet.registry.arms() == [RegisteredArm("A", "ur10", "Turin", "kinematic", 30, str(sessions / "1.csv"))]
+    assert fleet.add("A", "ur10", site="Oslo", model="nominal", every_days=60) == 1
+    assert fleet.add("A", "ur10", site="Oslo") == 0
+    assert fleet.registry.arms() == [RegisteredArm("A", "ur10", "Oslo", "nominal", 60, str(sessions / "1.csv"))]
+    assert fleet.add("A", "ur10", session=sessions / "0.csv") == 1  # readings of before are the last ones again
+    assert fleet.registry.arms()[0].session == str(sessions / "0.csv")

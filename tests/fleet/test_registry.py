@@ -6,15 +6,18 @@ import itertools
 import os
 import shutil
 import socket
+import sqlite3
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from pathlib import Path
 
 import pytest
 
 pytest.importorskip("sqlalchemy", reason="a fleet is an extra: pip install 'truearm[fleet]'")
 
+from truearm.errors import TruearmError
 from truearm.fleet import registry as module
 from truearm.fleet.fit_task import FitRow
 from truearm.fleet.registry import RegisteredArm, Registry
@@ -69,6 +72,48 @@ def test_a_lost_worker_is_replaced_by_a_result_and_no_result_by_another(tmp_path
         registry.record(row, in_force=row.is_usable)
     assert registry.fits()["k"] == found
     registry.close()
+
+
+@pytest.fixture
+def registry(tmp_path):
+    found = Registry(f"sqlite:///{(tmp_path / 'registry.sqlite').as_posix()}", create=True)
+    yield found
+    found.close()
+
+
+def test_a_run_that_ends_late_replaces_no_model_of_later_readings(registry):
+    first, second = FitRow("1", "A", "ur10", "1.csv", "fitted"), FitRow("2", "A", "ur10", "2.csv", "fitted")
+    for row in (first, second):
+        registry.add([RegisteredArm("A", "ur10", session=row.session)])
+    for row in (second, first):
+        registry.record(row, in_force=True)
+    assert registry.models_in_force() == {"A": "2"}
+    assert set(registry.fits()) == {"1", "2"}
+
+
+def test_a_number_without_bounds_stops_no_run(registry):
+    registry.add([RegisteredArm("A", "ur10")])
+    row = FitRow("1", "A", "ur10", "1.csv", "fitted", residual_std_mm=float("inf"))
+    registry.record(row, in_force=True)
+    assert registry.fits() == {"1": row}
+
+
+def test_what_waiting_does_not_mend_is_said_at_once(tmp_path, registry, monkeypatch):
+    monkeypatch.setattr(module.time, "sleep", lambda _: pytest.fail("it waits"))
+    with closing(sqlite3.connect(tmp_path / "registry.sqlite")) as database:
+        database.execute("DROP TABLE models_in_force")
+    with pytest.raises(TruearmError, match="cannot be used .*no such table.*Try: "):
+        registry.models_in_force()
+
+
+def test_a_damaged_table_is_named(tmp_path, registry):
+    registry.add([RegisteredArm("A", "ur10")])
+    registry.record(FitRow("1", "A", "ur10", "1.csv", "fitted"), in_force=False)
+    with closing(sqlite3.connect(tmp_path / "registry.sqlite")) as database:
+        database.execute("UPDATE fits SET row = '{}'")
+        database.commit()
+    with pytest.raises(TruearmError, match="table of fits is damaged .*Try: restore a backup"):
+        registry.fits()
 
 
 class Server:

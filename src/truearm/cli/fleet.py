@@ -30,7 +30,7 @@ def init(
     """Make the folder of a fleet and the tables of its registry.
 
     By default the registry is a file in the folder. PostgreSQL: postgresql+psycopg://USER@HOST/NAME, with the password
-    in ~/.pgpass or PGPASSWORD.
+    in ~/.pgpass or PGPASSWORD, as the URL is written to a file.
     """
     from truearm.fleet.fleet import Fleet
 
@@ -46,14 +46,14 @@ def add(
     arm: Annotated[str | None, Argument(metavar="[ARM]", help=ARM_HELP)] = None,
     session: Annotated[Path | None, Option(help="File of its readings; the last one added is fitted.")] = None,
     site: Annotated[str, Option(help="Where the arm is.")] = "",
-    model: Annotated[ModelName, Option(help="Kind of model.")] = "auto",
+    model: Annotated[ModelName | None, Option(help="Kind of model; by default auto, or as before.")] = None,
     every_days: Annotated[int | None, Option(help="Days after which readings are due again.")] = None,
     arms: Annotated[
         Path | None,
         Option("--list", help="Table of many: columns serial_number, arm, and session, site, model, every_days."),
     ] = None,
 ) -> None:
-    """Add an arm, or new readings of one; with --list all arms of a table, or none of them.
+    """Add an arm, or new readings, site or model of one; with --list all arms of a table, or none of them.
 
     Files stay where they are. In a list their names are relative to its folder.
     """

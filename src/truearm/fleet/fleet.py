@@ -37,10 +37,10 @@ if TYPE_CHECKING:
 
 SETTINGS = "fleet.toml"
 DEFAULT_DATABASE = "sqlite:///registry.sqlite"
-_SQLITE = "sqlite:///"
 MAX_BYTES = 100_000
 # Arms that are printed.
 MAX_ROWS = 20
+MAX_DAYS = 36_500
 
 
 class Fleet:
@@ -82,7 +82,7 @@ class Fleet:
             raise InputError(
                 "expected the folder of a fleet", file=self.folder, hint=f"truearm fleet init {folder} makes one"
             )
-        self.registry = Registry(_absolute(parse_file(settings, _database, limit_bytes=MAX_BYTES), self.folder))
+        self.registry = Registry(parse_file(settings, _database, limit_bytes=MAX_BYTES), beside=self.folder)
 
     @classmethod
     def create(cls, folder: str | Path, *, database: str = DEFAULT_DATABASE) -> Fleet:
@@ -91,10 +91,10 @@ class Fleet:
         Parameters
         ----------
         folder : path
-            New or empty.
+            New, or without a fleet.
         database : str
-            URL as SQLAlchemy writes it; a file of SQLite is in the folder. PostgreSQL takes passwords from
-            ``~/.pgpass`` or ``PGPASSWORD``: the URL is written to a file.
+            URL as SQLAlchemy writes it, without a password; a file of SQLite is in the folder. PostgreSQL takes
+            passwords from ``~/.pgpass`` or ``PGPASSWORD``.
 
         Raises
         ------
@@ -107,7 +107,7 @@ class Fleet:
         if (path / SETTINGS).exists():
             raise InputError("this is the folder of a fleet already", file=path)
         make_folder(path)
-        Registry(_absolute(database, path), create=True).close()
+        Registry(database, beside=path, create=True).close()
         with atomic_file(path / SETTINGS) as beside:
             beside.write_text(f"[fleet]\ndatabase = {toml_text(database)}\n", encoding="utf-8")
         return cls(path)
@@ -123,10 +123,12 @@ class Fleet:
         *,
         session: str | Path | None = None,
         site: str = "",
-        model: ModelName = "auto",
+        model: ModelName | None = None,
         every_days: int | None = None,
     ) -> int:
         """Add an arm, or new readings of an arm that is there: the last ones added are those that are fitted.
+
+        Site, model and days that are given replace those before.
 
         Parameters
         ----------
@@ -137,15 +139,15 @@ class Fleet:
             File of its readings. It stays where it is.
         site : str
             Where the arm is.
-        model : str
-            Kind of model, as `fit` takes it.
+        model : str, optional
+            Kind of model, as `fit` takes it; by default ``auto``.
         every_days : int, optional
             Days after which readings are due again.
 
         Returns
         -------
         int
-            1 if the arm or the readings are new, otherwise 0.
+            1 if anything is new, otherwise 0.
 
         Raises
         ------
@@ -317,13 +319,13 @@ class Fleet:
         return FleetStatus(self.registry.place, tuple(sorted(states, key=lambda one: one.rank)))
 
     def _task(self, arm: RegisteredArm, in_force: dict[str, str]) -> FitTask:
-        key = key_of(arm.serial_number, arm.arm, arm.session, arm.model)
+        key = key_of(arm.serial_number, arm.arm, arm.session, arm.model or "auto")
         before = in_force.get(arm.serial_number)
         return FitTask(
             arm.serial_number,
             arm.arm,
             arm.session,
-            arm.model,
+            arm.model or "auto",
             key,
             str(self.model_file(key)),
             "" if before is None or before == key else str(self.model_file(before)),
@@ -485,22 +487,25 @@ def _state(
 
 def _checked(arm: RegisteredArm, beside: Path) -> RegisteredArm:
     """The arm with whole paths, if it can be that of a registry."""
-    for name, value in (("serial_number", arm.serial_number), ("site", arm.site)):
+    serial_number = arm.serial_number.strip()
+    for name, value in (("serial_number", serial_number), ("site", arm.site), ("arm", arm.arm), ("file", arm.session)):
         reject_control_characters(value)
-        if len(value) > MAX_NAME:
+        if not value.isascii() and value != value.encode(errors="replace").decode():
+            raise InputError(f"expected a {name} of Unicode characters, got {value!r}")
+        if name in ("serial_number", "site") and len(value) > MAX_NAME:
             raise InputError(f"expected a {name} of at most {MAX_NAME} characters, got {len(value)}")
-    if not arm.serial_number.strip():
+    if not serial_number:
         raise InputError("expected a serial number, got an empty one")
-    if arm.model not in get_args(ModelName):
+    if arm.model is not None and arm.model not in get_args(ModelName):
         raise InputError(f"expected a model among {', '.join(get_args(ModelName))}, got {arm.model!r}")
-    if arm.every_days is not None and arm.every_days < 1:
-        raise InputError(f"expected every_days of at least 1, got {arm.every_days}")
-    drawing = str(beside / arm.arm) if arm_path(beside / arm.arm).is_file() else arm.arm
+    if arm.every_days is not None and not 1 <= arm.every_days <= MAX_DAYS:
+        raise InputError(f"expected every_days of 1 to {MAX_DAYS}, got {arm.every_days}")
+    drawing = str((beside / arm.arm).absolute()) if arm_path(beside / arm.arm).is_file() else arm.arm
     load_arm(drawing)
     session = str((beside / arm.session).absolute()) if arm.session else ""
     if session and not Path(session).is_file():
         raise InputError("the file of the readings does not exist", file=session)
-    return replace(arm, arm=drawing, session=session)
+    return replace(arm, serial_number=serial_number, arm=drawing, session=session)
 
 
 def _database(content: bytes) -> str:
@@ -512,11 +517,3 @@ def _database(content: bytes) -> str:
     if not isinstance(url, str):
         raise InputError('expected [fleet] with database = "URL"', hint="truearm fleet init writes it")
     return url
-
-
-def _absolute(database: str, folder: Path) -> str:
-    """The URL, with a relative file of SQLite in the folder of the fleet."""
-    name = database.removeprefix(_SQLITE)
-    if name == database or not name or Path(name).is_absolute():
-        return database
-    return f"{_SQLITE}{(folder / name).as_posix()}"

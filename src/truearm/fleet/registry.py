@@ -7,13 +7,15 @@ force are one transaction, and its key is unique: a writer that was cut off repe
 from __future__ import annotations
 
 import json
+import sqlite3
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, fields
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import TypeVar
 
-from pydantic import TypeAdapter
+from pydantic import TypeAdapter, ValidationError
 
 from truearm.choices import ModelName
 from truearm.errors import InputError, MissingTool, TruearmError
@@ -83,8 +85,8 @@ class RegisteredArm:
     serial_number, site : str
     arm : str
         The nominal arm: a name of the catalogue, or a file.
-    model : str
-        Kind of model that is fitted, as `truearm.fit` takes it.
+    model : str or None
+        Kind of model that is fitted, as `truearm.fit` takes it; None stands for ``auto``, or as before.
     every_days : int or None
         Days after which readings are due again.
     session : str
@@ -94,7 +96,7 @@ class RegisteredArm:
     serial_number: str
     arm: str
     site: str = ""
-    model: ModelName = "auto"
+    model: ModelName | None = None
     every_days: int | None = None
     session: str = ""
 
@@ -106,7 +108,9 @@ class Registry:
     ----------
     url : str
         Of the database, as SQLAlchemy writes it: ``sqlite:////data/fleet/registry.sqlite``,
-        ``postgresql+psycopg://user@host/fleet``.
+        ``postgresql+psycopg://user@host/fleet``. It has no password, as it is written to files and shown.
+    beside : Path, optional
+        Folder of relative files of SQLite; by default the current one.
     create : bool
         Create the tables; otherwise they must be there.
 
@@ -116,10 +120,13 @@ class Registry:
         If the database cannot be opened, or is none of a fleet or of a later version.
     """
 
-    def __init__(self, url: str, *, create: bool = False) -> None:
+    def __init__(self, url: str, *, beside: Path | None = None, create: bool = False) -> None:
         try:
-            self._engine = sql.create_engine(url, pool_pre_ping=True)
-        except (ArgumentError, NoSuchModuleError, ModuleNotFoundError) as error:
+            checked = _checked_url(sql.make_url(url), beside or Path.cwd(), create=create)
+            self._engine = sql.create_engine(checked, pool_pre_ping=True)
+        except InputError:
+            raise
+        except (ArgumentError, NoSuchModuleError, ModuleNotFoundError, ValueError) as error:
             raise InputError(
                 f"the database cannot be opened ({error})",
                 hint="a URL as sqlite:///registry.sqlite or postgresql+psycopg://user@host/fleet (pip install psycopg)",
@@ -140,12 +147,12 @@ class Registry:
         self._engine.dispose()
 
     def add(self, arms: Iterable[RegisteredArm]) -> int:
-        """Add arms, or new readings of arms that are there; all of them or none.
+        """Add arms, or what is new of arms that are there: readings, site, model, days; all of them or none.
 
         Returns
         -------
         int
-            How many arms or readings are new.
+            Of how many arms something is new.
 
         Raises
         ------
@@ -167,11 +174,15 @@ class Registry:
         )
         return [RegisteredArm(**row) for row in self._do(lambda database: database.execute(query).mappings().all())]
 
-    def fits(self, keys: Iterable[str] | None = None) -> dict[str, FitRow]:
-        """The fits by their keys: of all keys, or those of some that are there."""
-        wanted = None if keys is None else set(keys)
+    def fits(self) -> dict[str, FitRow]:
+        """All fits by their keys."""
         rows = self._do(lambda database: database.execute(sql.select(_FITS.c.key, _FITS.c.row)).all())
-        return {key: _ROW.validate_json(row) for key, row in rows if wanted is None or key in wanted}
+        try:
+            return {key: _ROW.validate_json(row) for key, row in rows}
+        except ValidationError as error:
+            raise TruearmError(
+                f"{self.place}: the table of fits is damaged ({error.errors()[0]['msg']}). Try: restore a backup"
+            ) from None
 
     def models_in_force(self) -> dict[str, str]:
         """The key of the fit whose model is in force, by serial number."""
@@ -195,7 +206,7 @@ class Registry:
         ----------
         row : FitRow
         in_force : bool
-            Whether its model replaces the one in force.
+            Whether its model replaces the one in force, unless other readings were added meanwhile.
         """
         self._do(lambda database: _record(database, row, in_force=in_force))
 
@@ -213,11 +224,32 @@ class Registry:
             except IntegrityError:
                 if time.monotonic() > end:
                     raise
-            except (OperationalError, DBAPIError) as error:
-                lost = isinstance(error, OperationalError) or error.connection_invalidated
-                if not lost or time.monotonic() > end:
-                    raise TruearmError(f"{self.place}: the database does not answer ({error.orig})") from None
+            except DBAPIError as error:
+                code = getattr(error.orig, "sqlite_errorcode", sqlite3.SQLITE_BUSY) & 0xFF
+                passes = isinstance(error, OperationalError) and code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED)
+                if not (passes or error.connection_invalidated) or time.monotonic() > end:
+                    raise TruearmError(
+                        f"{self.place}: the database cannot be used ({' '.join(str(error.orig).split())}). "
+                        "Try: see that it runs, may be written and has room; the same command then goes on"
+                    ) from None
             time.sleep(PAUSE_S)
+
+
+def _checked_url(url: sql.URL, beside: Path, *, create: bool) -> sql.URL:
+    """The URL, with a file of SQLite as a whole path."""
+    if url.password or "password" in url.query:
+        raise InputError(
+            "expected the URL of a database without a password: it is written to files",
+            hint="a password in ~/.pgpass or PGPASSWORD",
+        )
+    if url.get_backend_name() != "sqlite":
+        return url
+    if url.database in (None, "", ":memory:"):
+        raise InputError("a database in memory is gone with the program", hint="sqlite:///registry.sqlite")
+    file = beside / str(url.database)
+    if not create and not file.is_file():  # which SQLite would make
+        raise InputError("the registry does not exist", file=file, hint="restore it from a backup")
+    return url.set(database=file.as_posix())
 
 
 def _now() -> str:
@@ -237,29 +269,36 @@ def _version(database: sql.Connection) -> int | None:
 
 
 def _add(database: sql.Connection, one: RegisteredArm) -> int:
-    """Add an arm, and its readings if they are new; 1 if anything was."""
+    """Add an arm, or what is new of it; 1 if anything was."""
     known = database.execute(sql.select(_ARMS).where(_ARMS.c.serial_number == one.serial_number)).mappings().first()
+    given = {name: value for name, value in asdict(one).items() if name != "session" and value not in ("", None)}
+    new = given if known is None else {name: value for name, value in given.items() if known[name] != value}
     if known is None:
-        values = {name: value for name, value in asdict(one).items() if name != "session"}
-        database.execute(sql.insert(_ARMS).values(added_at=_now(), **values))
-    elif known["arm"] != one.arm:
+        database.execute(sql.insert(_ARMS).values(**{"site": "", "model": "auto", "added_at": _now(), **given}))
+    elif "arm" in new:
         raise InputError(
             f"serial number {one.serial_number!r} is in the registry as an arm {known['arm']!r}, got {one.arm!r}",
             hint="check the serial number",
         )
-    if not one.session:
-        return int(known is None)
-    there = sql.select(_SESSIONS.c.id).where(
-        _SESSIONS.c.serial_number == one.serial_number, _SESSIONS.c.file == one.session
-    )
-    if database.scalar(there) is not None:
-        return int(known is None)
+    elif new:
+        database.execute(sql.update(_ARMS).where(_ARMS.c.serial_number == one.serial_number).values(**new))
+    if not one.session or one.session == _last_session(database, one.serial_number):
+        return int(bool(new))
+    # Readings of before that are added again are the last ones.
+    of_arm = _SESSIONS.c.serial_number == one.serial_number
+    database.execute(sql.delete(_SESSIONS).where(of_arm, _SESSIONS.c.file == one.session))
     database.execute(sql.insert(_SESSIONS).values(serial_number=one.serial_number, file=one.session, added_at=_now()))
     return 1
 
 
+def _last_session(database: sql.Connection, serial_number: str) -> str | None:
+    of_arm = sql.select(_SESSIONS.c.file).where(_SESSIONS.c.serial_number == serial_number)
+    return database.scalar(of_arm.order_by(_SESSIONS.c.id.desc()).limit(1))
+
+
 def _record(database: sql.Connection, row: FitRow, *, in_force: bool) -> None:
-    text = json.dumps(asdict(row), allow_nan=False)
+    _lock(database, row.serial_number)
+    text = json.dumps(asdict(row))
     state = database.scalar(sql.select(_FITS.c.state).where(_FITS.c.key == row.key))
     if state == "lost":
         database.execute(sql.update(_FITS).where(_FITS.c.key == row.key).values(state=row.state, row=text))
@@ -267,11 +306,18 @@ def _record(database: sql.Connection, row: FitRow, *, in_force: bool) -> None:
         database.execute(
             sql.insert(_FITS).values(key=row.key, serial_number=row.serial_number, state=row.state, row=text)
         )
-    if in_force:
+    if in_force and _last_session(database, row.serial_number) in (None, row.session):
         _put_in_force(database, row.serial_number, row.key)
 
 
+def _lock(database: sql.Connection, serial_number: str) -> None:
+    """Make other writers of the arm wait for the end of this transaction, which a write does in any database."""
+    of_arm = sql.update(_ARMS).where(_ARMS.c.serial_number == serial_number)
+    database.execute(of_arm.values(serial_number=serial_number))
+
+
 def _put_in_force(database: sql.Connection, serial_number: str, key: str) -> None:
+    _lock(database, serial_number)
     last = (
         sql.select(_IN_FORCE.c.key)
         .where(_IN_FORCE.c.serial_number == serial_number)
