@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
+from urllib.parse import unquote
 
 import numpy as np
 import pandas as pd
@@ -12,11 +13,14 @@ import pytest
 
 import truearm as ta
 from truearm.errors import InputError
+from truearm.fleet import fit_task
+from truearm.fleet import fleet as module
 from truearm.fleet.arm_list import read_arm_list
 from truearm.fleet.executors import Processes, WorkerLost
 from truearm.fleet.fit_task import FitRow
 from truearm.fleet.fleet import Fleet
 from truearm.fleet.registry import RegisteredArm, Registry
+from truearm.fleet.results import write_results
 
 pytest.importorskip("sqlalchemy", reason="a fleet is an extra: pip install 'truearm[fleet]'")
 
@@ -152,6 +156,95 @@ def test_what_a_worker_lost_is_tried_again(fleet, sessions):
     assert fleet.status().arms[0].what == "in force"
 
 
+def test_a_failure_that_is_not_of_the_readings_is_tried_again(fleet, sessions, monkeypatch):
+    """A full disk, or no memory: the same inputs give a model once it is mended."""
+
+    def no_memory(*_, **__):
+        raise MemoryError
+
+    fleet.add_all(arms_of(sessions, 0))
+    (fleet.folder / "models").touch()  # a file where the folder must be
+    assert fleet.run().n_fitted == 0
+    (fleet.folder / "models").unlink()
+    with monkeypatch.context() as patched:
+        patched.setattr(fit_task, "fit", no_memory)
+        assert [row.message for row in fleet.run().failures] == ["MemoryError"]
+    assert fleet.run().n_fitted == 1
+
+
+def test_readings_that_change_during_their_fit_have_no_result(fleet, sessions, tmp_path, monkeypatch):
+    path = tmp_path / "a.csv"
+    path.write_bytes((sessions / "0.csv").read_bytes())
+    fleet.add("virtual-research-0", "ur10", session=path, model="nominal")
+
+    class Late:
+        def results(self, function, tasks):
+            ta.simulate("ur10", poses=12, seed=9, arm_seed=0).save(path)
+            yield 0, function(tasks[0])
+
+    (row,) = fleet.run(Late()).failures
+    assert "its files changed during the fit" in row.message
+    assert fleet.registry.models_in_force() == {}
+    (row,) = fleet.run().rows
+    assert fleet.registry.models_in_force() == {"virtual-research-0": row.key}
+
+
+def test_a_mistake_that_is_taken_back_leaves_no_failure(fleet, sessions, tmp_path):
+    path = tmp_path / "a.csv"
+    good, bad = (sessions / "0.csv").read_bytes(), (sessions / "bad.csv").read_bytes()
+    path.write_bytes(good)
+    fleet.add("virtual-research-0", "ur10", session=path, model="nominal")
+    found = []
+    for content in (good, bad, good):
+        path.write_bytes(content)
+        found.append(fleet.status().arms[0].what)
+        fleet.run()
+        found.append(fleet.status().arms[0].what)
+    assert found == ["to be fitted", "in force", "to be fitted", "failed", "in force", "in force"]
+
+
+def test_readings_grow_no_younger_by_another_fit(fleet, sessions):
+    fleet.add_all([replace(one, every_days=30) for one in arms_of(sessions, 0)])
+    (row,) = fleet.run().rows
+    later = replace(row, key="another version", fitted_at="2099-01-01T00:00:00+00:00")
+    due = fleet.status().arms[0].due
+    fleet.registry.record(later, in_force=True)
+    assert fleet.status().arms[0].due == due
+    assert fleet.status(today=datetime.now() + timedelta(days=31)).arms[0].due == due
+
+
+def test_two_runs_at_once_leave_every_result_once(fleet, sessions):
+    """The other one records its result, and writes the data set, before this one ends."""
+    fleet.add_all(arms_of(sessions, 0, 1))
+
+    class Beside:
+        def results(self, function, tasks):
+            yield 0, function(tasks[0])
+            other = Fleet(fleet.folder)
+            other.run()
+            other.close()
+            yield 1, function(tasks[1])
+
+    fleet.run(Beside())
+    keys = list(pd.read_parquet(fleet.folder / "results").key)
+    assert sorted(keys) == sorted(fleet.registry.fits())
+    assert len(keys) == 2
+    assert all(len(fleet.registry.models_of(one.serial_number)) == 1 for one in fleet.registry.arms())
+
+
+def test_a_result_that_comes_while_the_data_set_is_written_is_in_it(fleet, sessions, monkeypatch):
+    fleet.add_all(arms_of(sessions, 0))
+    other = FitRow("other", "virtual-research-0", "ur10", "s.csv", "fitted")
+
+    def write_late(rows, folder):
+        write_results(rows, folder)
+        fleet.registry.record(other, in_force=False)
+
+    monkeypatch.setattr(module, "write_results", write_late)
+    fleet.run()
+    assert sorted(pd.read_parquet(fleet.folder / "results").key) == sorted(fleet.registry.fits())
+
+
 def test_processes_give_the_models_of_a_serial_run(tmp_path, sessions):
     """To the last bit: the hash of a model is that of its file."""
     hashes = []
@@ -199,11 +292,13 @@ def test_the_overview_links_to_a_page_of_each_arm(fleet, sessions, tmp_path):
     bad = RegisteredArm("<b>&", "ur10", model="nominal", session=str(sessions / "bad.csv"))
     fleet.add_all([*arms_of(sessions, 0), bad])
     fleet.run()
-    assert fleet.write_pages(tmp_path / "overview.html") == 2
-    html = (tmp_path / "overview.html").read_text(encoding="utf-8")
+    assert fleet.write_pages(tmp_path / "overview #1.html") == 2
+    html = (tmp_path / "overview #1.html").read_text(encoding="utf-8")
     assert "<b>&" not in html
     for name in ("virtual-research-0", "&lt;b&gt;&amp;"):
         page = html.split(f'">{name}</a>')[0].rpartition('href="')[2]
+        assert "#" not in page  # which would be a place in a page
+        page = unquote(page)
         assert name in (tmp_path / page).read_text(encoding="utf-8")
 
 

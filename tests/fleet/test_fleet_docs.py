@@ -40,6 +40,18 @@ def test_its_walk_prints_what_it_says(tmp_path, monkeypatch, capsys):
     assert '"in force"' in capsys.readouterr().out
 
 
+def test_a_failed_arm_is_the_exit_code(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "bad.csv").write_text("q1_deg,q2_deg\n1,2\n")
+    codes = []
+    for command in ("init f", "add f A ur10 --session bad.csv", "run f", "status f"):
+        with pytest.raises(SystemExit) as ended:
+            run(["fleet", *command.split()])
+        codes.append(ended.value.code)
+    assert codes == [0, 0, 1, 0]
+    assert "A: " in capsys.readouterr().out
+
+
 def test_a_group_of_commands_alone_shows_its_help(capsys):
     with pytest.raises(SystemExit):
         run(["fleet"])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from typer import Argument, Option, Typer
+from typer import Argument, Exit, Option, Typer
 
 from truearm.choices import ModelName
 from truearm.cli.console import print_line, print_record, progress
@@ -88,6 +88,7 @@ def run(
 
     What is fitted already is not fitted again, and an interrupted run is continued by the same command. One arm's
     failure stops no other; a failed or worse fit replaces no model in force. Results are the same whoever computes.
+    Exit code 1: some arms failed.
     """
     from truearm.errors import InputError
     from truearm.fleet.executors import Dask, Executor, Processes, Serial
@@ -101,10 +102,11 @@ def run(
     elif workers is not None:
         executor = Processes(workers)
     opened = Fleet(folder)
-    with progress(f"fitting {folder.name}", total=opened.n_to_fit()) as update:
+    with progress(f"fitting {folder.name}") as update:
         result = opened.run(executor, progress=update)
     opened.close()
     print_record(result, as_json=as_json)
+    raise Exit(1 if result.failures else 0)
 
 
 @fleet.command()

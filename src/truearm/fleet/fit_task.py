@@ -19,7 +19,7 @@ from truearm.compensation.export.constants_table import constants_table
 from truearm.compensation.export.rigid_arm import best_rigid_arm
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel, to_identified
-from truearm.errors import InputError, TruearmError
+from truearm.errors import InputError, MissingTool, TruearmError
 from truearm.workflows.compare import compare
 from truearm.workflows.fit import FitResult, fit
 from truearm.workflows.sentences import format_mm
@@ -67,7 +67,7 @@ class FitRow:
     key, serial_number, arm, session : str
         See `FitTask`.
     state : {"fitted", "failed", "lost"}
-        Lost: its workers were killed; the next run tries again.
+        Lost: for another reason than its inputs (a killed worker, a full disk); the next run tries again.
     message : str
         Why it failed.
     truearm, fitted_at : str
@@ -76,6 +76,8 @@ class FitRow:
         Kind of the fitted model.
     model_sha256 : str
         Of the model file.
+    session_sha256 : str
+        Of the file of the readings.
     n_readings : int
     held_out_mm, nominal_mm : float or None
         Mean error on held-out readings, of the model and of the nominal arm.
@@ -103,6 +105,7 @@ class FitRow:
     fitted_at: str = field(default_factory=lambda: datetime.now(UTC).isoformat(timespec="seconds"))
     model: str = ""
     model_sha256: str = ""
+    session_sha256: str = ""
     n_readings: int = 0
     held_out_mm: float | None = None
     nominal_mm: float | None = None
@@ -155,19 +158,32 @@ def _content(path: Path, name: str) -> str:
 def fit_arm(task: FitTask) -> FitRow:
     """Fit one arm and write its model; what fails is in the row, so that one arm stops no other."""
     start = time.perf_counter()
+    state: State = "failed"
     try:
         if task.model not in get_args(ModelName):
             raise InputError(f"expected a model among {', '.join(get_args(ModelName))}, got {task.model!r}")
         result = fit(task.arm, task.session, model=task.model)
         _check_serial_number(task, result.model)
+        state = "lost"  # what fails from here on may be mended without other readings
+        if _has_changed(task):
+            raise TruearmError(
+                "its files changed during the fit, or the worker has others, or another version of truearm. "
+                "Try: the same command again"
+            )
         Path(task.out).parent.mkdir(parents=True, exist_ok=True)
         result.model.fit_seconds_ = 0.0  # the same inputs give the same file; the row has the duration
         result.save(task.out)
         return _row(task, result, seconds=time.perf_counter() - start)
     except (TruearmError, OSError, MemoryError) as error:
-        return FitRow.without_result(task, "failed", str(error) or type(error).__name__)
+        if isinstance(error, (OSError, MemoryError, MissingTool)) or _has_changed(task):
+            state = "lost"
+        return FitRow.without_result(task, state, str(error) or type(error).__name__)
     except Exception:
         return FitRow.without_result(task, "failed", f"a fault of the program: {traceback.format_exc(limit=-3)}")
+
+
+def _has_changed(task: FitTask) -> bool:
+    return key_of(task.serial_number, task.arm, task.session, task.model) != task.key
 
 
 def _check_serial_number(task: FitTask, model: Compensator) -> None:
@@ -193,6 +209,7 @@ def _row(task: FitTask, result: FitResult, *, seconds: float) -> FitRow:
         "fitted",
         model=result.model_name,
         model_sha256=_content(Path(task.out), task.out),
+        session_sha256=_content(Path(task.session), task.session),
         n_readings=result.n_readings,
         held_out_mm=held_out,
         nominal_mm=nominal,

@@ -11,6 +11,7 @@ from hashlib import sha256
 from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, get_args
+from urllib.parse import quote
 
 from truearm.arm import load_arm
 from truearm.arm.catalogue import arm_path
@@ -213,10 +214,20 @@ class Fleet:
                 self.registry.record(row, in_force=row.is_usable)
                 rows.append(row)
                 if progress is not None:
-                    progress(len(rows), f"{row.serial_number}: {row.outcome}")
+                    progress(len(rows), f"{len(rows)} of {len(tasks)}: {row.serial_number}: {row.outcome}")
         finally:
-            write_results([row for row in (*unchanged, *rows) if row.state != "lost"], self.folder / "results")
+            self._write_results()
         return FleetRun(tuple(sorted(rows, key=lambda row: row.serial_number)), tuple(unchanged))
+
+    def _write_results(self) -> None:
+        """Write all results; again if another run had one meanwhile, so that the last one to write has them all."""
+        written: set[str] = set()
+        while True:
+            found = {key: row for key, row in self.registry.fits().items() if row.state != "lost"}
+            if found.keys() == written:
+                break
+            write_results(found.values(), self.folder / "results")
+            written = set(found)
 
     def _tasks(self) -> tuple[list[FitTask], list[FitRow]]:
         """What is to be fitted, and the results of arms for which nothing changed."""
@@ -239,10 +250,6 @@ class Fleet:
     def n_arms(self) -> int:
         """How many arms are registered."""
         return len(self.registry.arms())
-
-    def n_to_fit(self) -> int:
-        """How many arms a run would fit."""
-        return len(self._tasks()[0])
 
     def write_pages(self, out: str | Path, *, progress: Callable[[int, str], None] | None = None) -> int:
         """Write the overview of all arms, and beside it a page of each arm with its history.
@@ -275,9 +282,9 @@ class Fleet:
                 failed.setdefault(row.serial_number, []).append(row)
         for i, one in enumerate(status.arms, 1):
             name = f"{sha256(one.serial_number.encode()).hexdigest()[:16]}.html"
-            models = [(since, fits[key]) for since, key in self.registry.models_of(one.serial_number)]
+            models = [(since, fits[key]) for since, key in self.registry.models_of(one.serial_number) if key in fits]
             write_page(self._history(one, models, failed.get(one.serial_number, [])), beside / name)
-            states.append(replace(one, page=f"{beside.name}/{name}"))
+            states.append(replace(one, page=quote(f"{beside.name}/{name}")))
             if progress is not None:
                 progress(i, one.serial_number)
         write_page(FleetStatus(self.registry.place, tuple(states)).page(), out)
@@ -304,18 +311,24 @@ class Fleet:
         today : datetime, optional
             For what is due; by default now.
         """
-        now = today or datetime.now(UTC)
+        now = (today or datetime.now(UTC)).astimezone(UTC)
         in_force, fits = self.registry.models_in_force(), self.registry.fits()
         of_type: dict[str, list[float]] = {}
         for key in in_force.values():
-            if (error := fits[key].held_out_mm) is not None:
+            if error := fits[key].held_out_mm:
                 of_type.setdefault(fits[key].arm, []).append(error)
         medians = {name: median(errors) for name, errors in of_type.items()}
+        # Readings are due from their first fit on: one by a later version of truearm makes them no newer.
+        first: dict[tuple[str, str], str] = {}
+        for row in fits.values():
+            of = row.serial_number, row.session_sha256
+            first[of] = min(row.fitted_at, first.get(of, row.fitted_at))
         states = []
-        last = {row.serial_number: row for row in sorted(fits.values(), key=lambda row: row.fitted_at)}
         for arm in self.registry.arms():
+            known = fits.get(self._task(arm, in_force).key) if arm.session else None
             used = fits.get(in_force.get(arm.serial_number, ""))
-            states.append(_state(arm, last.get(arm.serial_number), used, medians, now))
+            read = None if used is None else first[used.serial_number, used.session_sha256]
+            states.append(_state(arm, known, used, read, medians, now))
         return FleetStatus(self.registry.place, tuple(sorted(states, key=lambda one: one.rank)))
 
     def _task(self, arm: RegisteredArm, in_force: dict[str, str]) -> FitTask:
@@ -376,8 +389,8 @@ class FleetRun(Record):
         yield self.summary()
         for row in self.failures[:MAX_ROWS]:
             yield f"{row.serial_number}: {row.message}"
-        if more := len(self.failures) - MAX_ROWS:
-            yield from [f"{number_of(more, 'more failure')}: truearm fleet status"] if more > 0 else []
+        if (more := len(self.failures) - MAX_ROWS) > 0:
+            yield f"{number_of(more, 'more failure')}: truearm fleet status"
         for row in self.rows:
             if row.state == "fitted" and not row.is_usable:
                 yield f"{row.serial_number}: {row.outcome}"
@@ -449,22 +462,26 @@ def _text_row(one: ArmState) -> tuple[str, ...]:
 
 
 def _state(
-    arm: RegisteredArm, last: FitRow | None, used: FitRow | None, medians: dict[str, float], now: datetime
+    arm: RegisteredArm,
+    known: FitRow | None,
+    used: FitRow | None,
+    read: str | None,
+    medians: dict[str, float],
+    now: datetime,
 ) -> ArmState:
-    """The state of one arm from its last fit and the fit whose model is in force."""
+    """The state of one arm from the fit of its readings, the fit whose model is in force, and when that was read."""
     due, overdue = "", False
-    if used is not None and arm.every_days is not None:
-        at = datetime.fromisoformat(used.fitted_at) + timedelta(days=arm.every_days)
+    if read is not None and arm.every_days is not None:
+        at = datetime.fromisoformat(read) + timedelta(days=arm.every_days)
         due, overdue = f"{at.date()}", at <= now
-    is_new = bool(arm.session) and (last is None or last.session != arm.session)
     what: What = "in force"
     message = ""
-    if is_new:
-        what = "to be fitted"
-    elif last is None:
+    if not arm.session:
         what = "without readings"
-    elif last.state != "fitted" or not last.is_usable:
-        what, message = "failed", last.outcome
+    elif known is not None and not known.is_usable:
+        what, message = "failed", known.outcome
+    elif known is None or known is not used:
+        what = "to be fitted"
     elif overdue:
         what = "due"
     error = None if used is None else used.held_out_mm

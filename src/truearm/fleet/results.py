@@ -1,32 +1,33 @@
 """The results of a fleet's fits as a Parquet data set, which DuckDB, Polars and pandas read.
 
-One file a run; columns are those of `FitRow`, units in their names.
+Columns are those of `FitRow`, units in their names.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import asdict, fields
 from pathlib import Path
 
 from truearm.errors import MissingTool
 from truearm.files.atomic_write import atomic_file
 from truearm.fleet.fit_task import FitRow
+from truearm.workflows.outputs import make_folder
 
 
-def write_results(rows: Sequence[FitRow], folder: Path) -> int:
-    """Add the rows that the data set lacks as one more file, whole or not at all.
+def write_results(rows: Iterable[FitRow], folder: Path) -> None:
+    """Write the rows as the file of the data set, whole or not at all.
 
     Parameters
     ----------
-    rows : sequence of FitRow
+    rows : iterable of FitRow
     folder : Path
         Made where it does not exist.
 
-    Returns
-    -------
-    int
-        How many were added.
+    Raises
+    ------
+    TruearmError
+        If pyarrow is not installed, or the file cannot be written.
     """
     try:
         import pyarrow as pa
@@ -46,14 +47,6 @@ def write_results(rows: Sequence[FitRow], folder: Path) -> int:
         "variances": pa.list_(group),
     }
     schema = pa.schema([(one.name, kinds.get(one.name, text)) for one in fields(FitRow)])
-    folder.mkdir(parents=True, exist_ok=True)
-    there = {
-        key for file in folder.glob("*.parquet") for key in pq.read_table(file, columns=["key"])["key"].to_pylist()
-    }
-    new = [row for row in rows if row.key not in there]
-    if not new:
-        return 0
-    first = min(row.fitted_at for row in new).replace(":", "").partition("+")[0]
-    with atomic_file(folder / f"{first}-{new[0].key[:12]}.parquet") as beside:
-        pq.write_table(pa.Table.from_pylist([asdict(row) for row in new], schema=schema), beside)
-    return len(new)
+    make_folder(folder)
+    with atomic_file(folder / "fits.parquet") as beside:
+        pq.write_table(pa.Table.from_pylist([asdict(row) for row in rows], schema=schema), beside)
