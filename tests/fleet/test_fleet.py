@@ -189,6 +189,18 @@ def test_readings_that_change_during_their_fit_have_no_result(fleet, sessions, t
     assert fleet.registry.models_in_force() == {"virtual-research-0": row.key}
 
 
+def test_a_model_file_that_is_gone_is_made_again(fleet, sessions):
+    fleet.add_all(arms_of(sessions, 0))
+    (row,) = fleet.run().rows
+    before = fleet.model_file(row.key).read_bytes()
+    fleet.model_file(row.key).unlink()
+    with pytest.raises(InputError, match="does not exist. Try: truearm fleet run fits it again"):
+        fleet.model("virtual-research-0")
+    assert fleet.status().arms[0].what == "to be fitted"
+    fleet.run()
+    assert fleet.model_file(row.key).read_bytes() == before
+
+
 def test_a_mistake_that_is_taken_back_leaves_no_failure(fleet, sessions, tmp_path):
     path = tmp_path / "a.csv"
     good, bad = (sessions / "0.csv").read_bytes(), (sessions / "bad.csv").read_bytes()
@@ -325,6 +337,7 @@ def test_an_arm_that_cannot_be_is_refused(fleet, sessions, changed, message):
 
 def test_an_arm_of_another_type_is_refused(fleet, sessions):
     fleet.add_all(arms_of(sessions, 0))
+    assert fleet.add("virtual-research-0", "UR-10") == 0  # another way to write it
     with pytest.raises(InputError, match="is in the registry as an arm 'ur10', got 'ur5'"):
         fleet.add("virtual-research-0", "ur5")
 

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from hashlib import file_digest, sha256
+from math import isfinite
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -236,4 +237,5 @@ def _change(before: str, new: IdentifiedModel | None) -> tuple[float | None, int
 def _constants(model: IdentifiedModel) -> Iterator[dict[str, Any]]:
     for one in constants_table(model, best_rigid_arm(model)).constants:
         values = {"nominal": one.nominal, "value": one.identified, "u": one.std}
-        yield {"name": f"{one.place} {one.name}", "unit": one.unit, **values}
+        finite = {name: value if value is not None and isfinite(value) else None for name, value in values.items()}
+        yield {"name": f"{one.place} {one.name}", "unit": one.unit, **finite}

@@ -187,7 +187,10 @@ class Fleet:
             raise InputError(
                 f"no model of an arm {serial_number!r} is in force", hint="truearm fleet status lists them"
             )
-        return load_model(self.model_file(key))
+        file = self.model_file(key)
+        if not file.is_file():
+            raise InputError("the model file does not exist", file=file, hint="truearm fleet run fits it again")
+        return load_model(file)
 
     def run(self, executor: Executor | None = None, *, progress: Callable[[int, str], None] | None = None) -> FleetRun:
         """Fit every arm whose readings, drawing or kind of model changed since its last fit.
@@ -237,8 +240,8 @@ class Fleet:
             if not arm.session:
                 continue
             task = self._task(arm, in_force)
-            known = fits.get(task.key)
-            if known is None or known.state == "lost" or (known.state == "fitted" and not Path(task.out).exists()):
+            known = _fit_of(task, fits)
+            if known is None or known.state == "lost":
                 tasks.append(task)
                 continue
             unchanged.append(known)
@@ -325,7 +328,7 @@ class Fleet:
             first[of] = min(row.fitted_at, first.get(of, row.fitted_at))
         states = []
         for arm in self.registry.arms():
-            known = fits.get(self._task(arm, in_force).key) if arm.session else None
+            known = _fit_of(self._task(arm, in_force), fits) if arm.session else None
             used = fits.get(in_force.get(arm.serial_number, ""))
             read = None if used is None else first[used.serial_number, used.session_sha256]
             states.append(_state(arm, known, used, read, medians, now))
@@ -453,6 +456,12 @@ class FleetStatus(PageRecord):
         return {"summary": self.summary(), "database": self.place, "arms": self.arms}
 
 
+def _fit_of(task: FitTask, fits: dict[str, FitRow]) -> FitRow | None:
+    """The result of a task; None if there is none, or its model file is gone."""
+    known = fits.get(task.key)
+    return None if known is not None and known.state == "fitted" and not Path(task.out).is_file() else known
+
+
 def _text_row(one: ArmState) -> tuple[str, ...]:
     numbers = [
         "" if value is None else format_fixed(value, decimals)
@@ -517,12 +526,13 @@ def _checked(arm: RegisteredArm, beside: Path) -> RegisteredArm:
         raise InputError(f"expected a model among {', '.join(get_args(ModelName))}, got {arm.model!r}")
     if arm.every_days is not None and not 1 <= arm.every_days <= MAX_DAYS:
         raise InputError(f"expected every_days of 1 to {MAX_DAYS}, got {arm.every_days}")
-    drawing = str((beside / arm.arm).absolute()) if arm_path(beside / arm.arm).is_file() else arm.arm
-    load_arm(drawing)
+    is_file = arm_path(beside / arm.arm).is_file()
+    drawing = str((beside / arm.arm).absolute()) if is_file else arm.arm
+    name = load_arm(drawing).name
     session = str((beside / arm.session).absolute()) if arm.session else ""
     if session and not Path(session).is_file():
         raise InputError("the file of the readings does not exist", file=session)
-    return replace(arm, serial_number=serial_number, arm=drawing, session=session)
+    return replace(arm, serial_number=serial_number, arm=drawing if is_file else name, session=session)
 
 
 def _database(content: bytes) -> str:

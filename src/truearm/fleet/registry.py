@@ -221,12 +221,11 @@ class Registry:
             try:
                 with self._engine.begin() as database:
                     return work(database)
-            except IntegrityError:
-                if time.monotonic() > end:
-                    raise
             except DBAPIError as error:
                 code = getattr(error.orig, "sqlite_errorcode", sqlite3.SQLITE_BUSY) & 0xFF
-                passes = isinstance(error, OperationalError) and code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED)
+                passes = isinstance(error, IntegrityError) or (
+                    isinstance(error, OperationalError) and code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED)
+                )
                 if not (passes or error.connection_invalidated) or time.monotonic() > end:
                     raise TruearmError(
                         f"{self.place}: the database cannot be used ({' '.join(str(error.orig).split())}). "
