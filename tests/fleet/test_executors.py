@@ -8,11 +8,14 @@ import socket
 import subprocess
 import sys
 import time
+from contextlib import nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from truearm.errors import TruearmError
+from truearm.fleet import executors
 from truearm.fleet.executors import Dask, Processes, Serial, WorkerLost
 
 
@@ -106,6 +109,23 @@ def test_dask_gives_up_a_task_that_kills_its_workers(cluster):
     *found, last = by_number(Dask(cluster.scheduler_address), killed_always, [0, 1, 3, 2])
     assert found == [0, 1, 3]
     assert isinstance(last, WorkerLost)
+
+
+def test_a_scheduler_lost_in_a_long_task_is_waited_for(monkeypatch):
+    now, lost = [0.0], []
+
+    def of_client(client, function, tasks):
+        now[0] += 1000  # seconds, more than the patience
+        if not lost:
+            lost.append(True)
+            raise OSError("no connection")
+        yield from ((i, function(task)) for i, task in list(tasks.items()))
+
+    clock = SimpleNamespace(monotonic=lambda: now[0], sleep=lambda _: None)
+    monkeypatch.setattr(executors, "time", clock)
+    monkeypatch.setattr(executors, "_of_client", of_client)
+    monkeypatch.setattr(executors, "_distributed", lambda: SimpleNamespace(Client=lambda *_, **__: nullcontext()))
+    assert by_number(Dask("tcp://host:1"), square, [1.0, 2.0]) == [1.0, 4.0]
 
 
 def test_a_scheduler_that_does_not_answer_is_named():

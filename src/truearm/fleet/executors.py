@@ -135,10 +135,12 @@ class Dask:
                 with distributed.Client(
                     self.address, timeout=min(10.0, self.patience_s), set_as_default=False
                 ) as client:
-                    for i, result in _of_client(client, function, left):
+                    try:
+                        for i, result in _of_client(client, function, left):
+                            del left[i]
+                            yield i, result
+                    finally:  # a task may have taken longer than the patience
                         answered = time.monotonic()
-                        del left[i]
-                        yield i, result
             except OSError as error:  # no connection, or a time-out
                 if time.monotonic() - answered > self.patience_s:
                     raise TruearmError(

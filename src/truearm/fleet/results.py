@@ -6,7 +6,7 @@ Columns are those of `FitRow`, units in their names.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import asdict, fields
+from dataclasses import fields
 from pathlib import Path
 
 from truearm.errors import MissingTool
@@ -49,4 +49,4 @@ def write_results(rows: Iterable[FitRow], folder: Path) -> None:
     schema = pa.schema([(one.name, kinds.get(one.name, text)) for one in fields(FitRow)])
     make_folder(folder)
     with atomic_file(folder / "fits.parquet") as beside:
-        pq.write_table(pa.Table.from_pylist([asdict(row) for row in rows], schema=schema), beside)
+        pq.write_table(pa.Table.from_pylist([vars(row) for row in rows], schema=schema), beside)
