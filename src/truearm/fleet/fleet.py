@@ -66,11 +66,11 @@ class Fleet:
     >>> folder = tempfile.TemporaryDirectory()
     >>> fleet = ta.Fleet.create(folder.name)
     >>> ta.simulate("ur10", poses=20, seed=1).save(f"{folder.name}/a.csv")
-    >>> fleet.add("A-17", "ur10", session=f"{folder.name}/a.csv", model="nominal")
+    >>> fleet.add("virtual-research-0", "ur10", session=f"{folder.name}/a.csv", model="nominal")
     1
     >>> fleet.run().n_fitted
     1
-    >>> fleet.model("A-17").kind
+    >>> fleet.model("virtual-research-0").kind
     'nominal'
     >>> fleet.close()
     >>> folder.cleanup()
