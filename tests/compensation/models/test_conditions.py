@@ -105,8 +105,15 @@ def test_without_another_day_there_is_one_uncertainty(train, model):
     nominal = NominalModel(ARM).fit_readings(train)
     assert nominal.under("repeatability") is nominal
     assert model.under("reproducibility") is model
+
+
+def test_a_refitted_model_has_both(train, test_session, model):
     moved = ta.refit(model, train.rows(np.arange(20))).model
-    assert moved.under("repeatability") is moved
+    on_the_day, any_day = (
+        np.trace(moved.under(one).predict_readings(test_session, return_cov=True)[1], axis1=1, axis2=2)
+        for one in ("repeatability", "reproducibility")
+    )
+    assert (on_the_day < any_day).all()
 
 
 def test_a_file_keeps_both(model, test_session, tmp_path):
