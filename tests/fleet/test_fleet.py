@@ -15,11 +15,11 @@ import truearm as ta
 from truearm.errors import InputError
 from truearm.fleet import fit_task
 from truearm.fleet import fleet as module
-from truearm.fleet.arm_list import read_arm_list
+from truearm.fleet.arm_list import RegisteredArm, read_arm_list
 from truearm.fleet.executors import Processes, WorkerLost
 from truearm.fleet.fit_task import FitRow
 from truearm.fleet.fleet import Fleet
-from truearm.fleet.registry import RegisteredArm, Registry
+from truearm.fleet.registry import Registry
 from truearm.fleet.results import write_results
 
 pytest.importorskip("sqlalchemy", reason="a fleet is an extra: pip install 'truearm[fleet]'")

@@ -19,8 +19,9 @@ pytest.importorskip("sqlalchemy", reason="a fleet is an extra: pip install 'true
 
 from truearm.errors import TruearmError
 from truearm.fleet import registry as module
+from truearm.fleet.arm_list import RegisteredArm
 from truearm.fleet.fit_task import FitRow
-from truearm.fleet.registry import RegisteredArm, Registry
+from truearm.fleet.registry import Registry
 
 N_WRITERS, N_EACH = 8, 12
 

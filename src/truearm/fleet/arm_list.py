@@ -1,16 +1,42 @@
-"""A table of arms to add to a fleet, as a spreadsheet saves it."""
+"""The arms of a fleet, and a table of arms to add to it, as a spreadsheet saves it."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 from pydantic import TypeAdapter, ValidationError
 
+from truearm.choices import ModelName
 from truearm.files.delimited import check_names
 from truearm.files.spreadsheet_forms import read_form
-from truearm.fleet.registry import RegisteredArm
+
+
+@dataclass(frozen=True)
+class RegisteredArm:
+    """An arm of the fleet.
+
+    Attributes
+    ----------
+    serial_number, site : str
+    arm : str
+        The nominal arm: a name of the catalogue, or a file.
+    model : str or None
+        Kind of model that is fitted, as `truearm.fit` takes it; None stands for ``auto``, or as before.
+    every_days : int or None
+        Days after which readings are due again.
+    session : str
+        File of the last readings; empty if there are none.
+    """
+
+    serial_number: str
+    arm: str
+    site: str = ""
+    model: ModelName | None = None
+    every_days: int | None = None
+    session: str = ""
+
 
 _ARM = TypeAdapter(RegisteredArm)
 _NEEDED = ("serial_number", "arm")

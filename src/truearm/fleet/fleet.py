@@ -23,9 +23,9 @@ from truearm.files.atomic_write import atomic_file
 from truearm.files.delimited import MAX_NAME
 from truearm.files.file_reading import parse_file, utf8_text
 from truearm.files.toml_documents import reject_control_characters, toml_text
+from truearm.fleet.arm_list import RegisteredArm
 from truearm.fleet.executors import Executor, Serial, WorkerLost
 from truearm.fleet.fit_task import FitRow, FitTask, fit_arm, key_of
-from truearm.fleet.registry import RegisteredArm, Registry
 from truearm.fleet.results import write_results
 from truearm.pages.html import write_page
 from truearm.show.fleet_page import ArmState, What, arm_history_page, fleet_page
@@ -83,6 +83,8 @@ class Fleet:
             raise InputError(
                 "expected the folder of a fleet", file=self.folder, hint=f"truearm fleet init {folder} makes one"
             )
+        from truearm.fleet.registry import Registry  # SQLAlchemy is an extra
+
         self.registry = Registry(parse_file(settings, _database, limit_bytes=MAX_BYTES), beside=self.folder)
 
     @classmethod
@@ -108,6 +110,8 @@ class Fleet:
         if (path / SETTINGS).exists():
             raise InputError("this is the folder of a fleet already", file=path)
         make_folder(path)
+        from truearm.fleet.registry import Registry
+
         Registry(database, beside=path, create=True).close()
         with atomic_file(path / SETTINGS) as beside:
             beside.write_text(f"[fleet]\ndatabase = {toml_text(database)}\n", encoding="utf-8")

@@ -10,15 +10,15 @@ import json
 import sqlite3
 import time
 from collections.abc import Callable, Iterable
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, fields
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
-from truearm.choices import ModelName
 from truearm.errors import InputError, MissingTool, TruearmError
+from truearm.fleet.arm_list import RegisteredArm
 from truearm.fleet.fit_task import FitRow
 
 try:
@@ -74,31 +74,6 @@ _IN_FORCE = sql.Table(
     sql.Column("key", sql.ForeignKey("fits.key"), nullable=False),
     sql.Column("since", sql.String(40), nullable=False),
 )
-
-
-@dataclass(frozen=True)
-class RegisteredArm:
-    """An arm of the fleet.
-
-    Attributes
-    ----------
-    serial_number, site : str
-    arm : str
-        The nominal arm: a name of the catalogue, or a file.
-    model : str or None
-        Kind of model that is fitted, as `truearm.fit` takes it; None stands for ``auto``, or as before.
-    every_days : int or None
-        Days after which readings are due again.
-    session : str
-        File of the last readings; empty if there are none.
-    """
-
-    serial_number: str
-    arm: str
-    site: str = ""
-    model: ModelName | None = None
-    every_days: int | None = None
-    session: str = ""
 
 
 class Registry:
