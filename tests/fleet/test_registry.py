@@ -9,6 +9,7 @@ import socket
 import sqlite3
 import subprocess
 import sys
+import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from pathlib import Path
@@ -153,18 +154,16 @@ class Server:
 
 
 @pytest.fixture
-def server(tmp_path_factory):
+def server():
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    folder = tmp_path_factory.mktemp("postgresql")
-    for above in [folder, *folder.parents]:  # which pytest makes for its own user alone
-        if above.stat().st_uid == os.geteuid() and above != Path("/"):
-            above.chmod(above.stat().st_mode | 0o011)
-    found = Server(folder, port)
-    found.start()
-    yield found
-    found.kill()
+    # Not in pytest's own folders, which are closed to the server's user.
+    with tempfile.TemporaryDirectory(prefix="truearm-postgresql-") as folder:
+        found = Server(Path(folder), port)
+        found.start()
+        yield found
+        found.kill()
 
 
 def test_eight_writers_of_a_server_that_is_killed_and_started_again(server, monkeypatch):
