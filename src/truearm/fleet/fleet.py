@@ -106,12 +106,12 @@ class Fleet:
         TruearmError
             If the database does not answer.
         """
+        from truearm.fleet.registry import Registry
+
         path = Path(folder).absolute()
         if (path / SETTINGS).exists():
             raise InputError("this is the folder of a fleet already", file=path)
         make_folder(path)
-        from truearm.fleet.registry import Registry
-
         Registry(database, beside=path, create=True).close()
         with atomic_file(path / SETTINGS) as beside:
             beside.write_text(f"[fleet]\ndatabase = {toml_text(database)}\n", encoding="utf-8")
