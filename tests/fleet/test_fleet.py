@@ -119,7 +119,7 @@ def test_readings_of_before_bring_back_their_model(fleet, sessions, tmp_path):
     later.write_bytes((sessions / "0.csv").read_bytes())
     fleet.run()
     assert fleet.registry.models_in_force() == {"virtual-research-0": first.key}
-    assert [key for _, key in fleet.registry.models_of("virtual-research-0")] == [first.key, second.key, first.key]
+    assert [key for _, key in fleet.registry.histories()["virtual-research-0"]] == [first.key, second.key, first.key]
 
 
 class Interrupted:
@@ -241,7 +241,7 @@ def test_two_runs_at_once_leave_every_result_once(fleet, sessions):
     keys = list(pd.read_parquet(fleet.folder / "results").key)
     assert sorted(keys) == sorted(fleet.registry.fits())
     assert len(keys) == 2
-    assert all(len(fleet.registry.models_of(one.serial_number)) == 1 for one in fleet.registry.arms())
+    assert all(len(fleet.registry.histories()[one.serial_number]) == 1 for one in fleet.registry.arms())
 
 
 def test_a_result_that_comes_while_the_data_set_is_written_is_in_it(fleet, sessions, monkeypatch):

@@ -53,7 +53,7 @@ def write_all(url: str, during=lambda: None) -> Registry:
 def check_complete(registry: Registry) -> None:
     expected = {row_of(i).key: row_of(i).serial_number for i in range((N_WRITERS + 1) * N_EACH // 2)}
     assert {key: row.serial_number for key, row in registry.fits().items()} == expected
-    histories = [registry.models_of(f"A-{i}") for i in range(5)]
+    histories = [registry.histories()[f"A-{i}"] for i in range(5)]
     for i, history in enumerate(histories):
         keys = [key for _, key in history]
         assert {key for key, serial in expected.items() if serial == f"A-{i}"} == set(keys)

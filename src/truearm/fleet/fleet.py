@@ -282,14 +282,14 @@ class Fleet:
         check_page_path(out, *self.folder.glob("*.*"))
         beside = out.with_name(f"{out.stem}-arms")
         make_folder(beside)
-        status, fits, states = self.status(), self.registry.fits(), []
+        status, fits, histories, states = self.status(), self.registry.fits(), self.registry.histories(), []
         failed: dict[str, list[FitRow]] = {}
         for row in fits.values():
             if row.state != "fitted":
                 failed.setdefault(row.serial_number, []).append(row)
         for i, one in enumerate(status.arms, 1):
             name = f"{sha256(one.serial_number.encode()).hexdigest()[:16]}.html"
-            models = [(since, fits[key]) for since, key in self.registry.models_of(one.serial_number) if key in fits]
+            models = [(since, fits[key]) for since, key in histories.get(one.serial_number, ()) if key in fits]
             write_page(self._history(one, models, failed.get(one.serial_number, [])), beside / name)
             states.append(replace(one, page=quote(f"{beside.name}/{name}")))
             if progress is not None:

@@ -98,7 +98,8 @@ class Registry:
     def __init__(self, url: str, *, beside: Path | None = None, create: bool = False) -> None:
         try:
             checked = _checked_url(sql.make_url(url), beside or Path.cwd(), create=create)
-            self._engine = sql.create_engine(checked, pool_pre_ping=True)
+            # A connection for each transaction: none is stale after a pause, and none is left open.
+            self._engine = sql.create_engine(checked, poolclass=sql.NullPool)
         except InputError:
             raise
         except (ArgumentError, NoSuchModuleError, ModuleNotFoundError, ValueError) as error:
@@ -159,20 +160,16 @@ class Registry:
                 f"{self.place}: the table of fits is damaged ({error.errors()[0]['msg']}). Try: restore a backup"
             ) from None
 
+    def histories(self) -> dict[str, list[tuple[str, str]]]:
+        """The models that were in force, by serial number, the last one last: since when (UTC), and the fit's key."""
+        found: dict[str, list[tuple[str, str]]] = {}
+        for row in self._do(lambda database: database.execute(sql.select(_IN_FORCE).order_by(_IN_FORCE.c.id)).all()):
+            found.setdefault(row.serial_number, []).append((row.since, row.key))
+        return found
+
     def models_in_force(self) -> dict[str, str]:
         """The key of the fit whose model is in force, by serial number."""
-        last = sql.select(sql.func.max(_IN_FORCE.c.id)).group_by(_IN_FORCE.c.serial_number)
-        query = sql.select(_IN_FORCE.c.serial_number, _IN_FORCE.c.key).where(_IN_FORCE.c.id.in_(last))
-        return {row.serial_number: row.key for row in self._do(lambda database: database.execute(query).all())}
-
-    def models_of(self, serial_number: str) -> list[tuple[str, str]]:
-        """The models that were in force for an arm, the last one last: since when (UTC), and the key of the fit."""
-        query = (
-            sql.select(_IN_FORCE.c.since, _IN_FORCE.c.key)
-            .where(_IN_FORCE.c.serial_number == serial_number)
-            .order_by(_IN_FORCE.c.id)
-        )
-        return [(row.since, row.key) for row in self._do(lambda database: database.execute(query).all())]
+        return {serial_number: models[-1][1] for serial_number, models in self.histories().items()}
 
     def record(self, row: FitRow, *, in_force: bool) -> None:
         """Keep the result of a fit; a fit that is there already with a result stays as it is.
