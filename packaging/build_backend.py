@@ -18,7 +18,19 @@ def get_requires_for_build_wheel(config_settings=None):
     return ["hatchling>=1.24"]
 
 
-get_requires_for_build_sdist = get_requires_for_build_editable = get_requires_for_build_wheel
+get_requires_for_build_sdist = get_requires_for_build_wheel
+
+
+def get_requires_for_build_editable(config_settings=None):
+    """An editable install is a file that names the folder, which hatchling writes by another package."""
+    return [*get_requires_for_build_wheel(), "editables>=0.3"]
+
+
+def build_editable(wheel_directory, config_settings=None, metadata_directory=None):
+    """An editable install; pip asks whether this hook is there before hatchling is."""
+    import hatchling.build
+
+    return hatchling.build.build_editable(wheel_directory, config_settings, metadata_directory)
 
 
 def __getattr__(hook):

@@ -25,6 +25,17 @@ def test_the_version_is_one():
     assert f"## {truearm.__version__}" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
 
 
+def test_the_build_backend_answers_before_hatchling_is_installed():
+    """pip asks for the hook of an editable install first, and fetches hatchling only then."""
+    asked = (
+        "import sys; sys.path.insert(0, 'packaging'); sys.modules['hatchling'] = None; import build_backend as backend;"
+        "assert callable(backend.build_editable); print(backend.get_requires_for_build_editable())"
+    )
+    done = subprocess.run([sys.executable, "-c", asked], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == "['hatchling>=1.24', 'editables>=0.3']"
+
+
 def test_the_conda_recipe_has_the_dependencies_of_the_project():
     recipe = yaml.safe_load((ROOT / "packaging/conda/recipe.yaml").read_text(encoding="utf-8"))
     named = [re.fullmatch(r"([\w-]+)(>=[\d.]+)", dependency).groups() for dependency in PROJECT["dependencies"]]
