@@ -104,7 +104,8 @@ def fit(
         Readings with reference points, seats, distances to anchors or surfaces.
     model : {"auto", "nominal", "kinematic", "physical", "network", "hybrid"}
         ``"auto"`` fits the first three, and the hybrid model where it may win, and selects the simplest whose mean
-        error on held-out readings is within one standard error of the smallest. See `NominalModel`, `KinematicModel`,
+        error on held-out readings is within one standard error of the smallest; of fewer than ten positions or
+        seats the best. See `NominalModel`, `KinematicModel`,
         `PhysicalModel`, `NetworkModel` and `HybridModel`.
     lengths : Lengths, str or Path, optional
         Known lengths between seats of the session.

@@ -13,7 +13,7 @@ from truearm.arm import load_arm
 from truearm.compensation.models import KinematicModel, NominalModel
 from truearm.compensation.models.selection import worse_than_nominal
 from truearm.identification.estimation.residual_variance import NONE_HELD_OUT, HeldOutReadings
-from truearm.identification.judgement.paired_comparison import exceeds, trimmed_mean
+from truearm.identification.judgement.paired_comparison import exceeds, selected, trimmed_mean
 from truearm.readings import Session
 
 ARM = load_arm("gao2017")
@@ -59,6 +59,15 @@ def test_of_few_groups_a_standard_error_is_students(n, rng):
     centred = difference - trimmed_mean(difference)[0]
     assert exceeds(others + centred + 1.001 * limit, others)
     assert not exceeds(others + centred + 0.999 * limit, others)
+
+
+@pytest.mark.parametrize(("n", "kept"), [(9, "richer"), (10, "simpler")])
+def test_a_tie_goes_to_the_simpler_model_and_of_few_groups_to_the_better_one(n, kept):
+    """The richer model is 1 % better on average, where the differences scatter by ten times that."""
+    differences = np.linspace(-0.1, 0.1, n) + 0.01
+    errors = {"simpler": 1 + differences, "richer": np.ones(n), "worst": np.full(n, 2.0)}
+    assert selected(errors) == (kept, "richer")
+    assert selected({"simpler": errors["richer"] * 1.0005, "richer": errors["richer"]}) == ("simpler", "richer")
 
 
 def test_a_gain_of_a_thousandth_is_none(rng):

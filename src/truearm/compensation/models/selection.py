@@ -1,5 +1,7 @@
 """Model selection: the simplest model whose error on readings held out is within a standard error of the least.
 
+Of few positions or seats it is the best one (`paired_comparison.selected`).
+
 Models are compared in pairs on the same readings, all of them: an error that all share, such as a far-out pose, a seat
 that is hard to predict or a gross error, cancels in the difference, which is at most the distance between the two
 predictions. Differences are averaged by position or seat, without the tenth at either end, so that a few readings
@@ -28,7 +30,7 @@ from truearm.identification.estimation.residual_variance import HeldOutReadings
 from truearm.identification.identify import Progress
 from truearm.identification.judgement.frame_changes import SessionChange, frame_changes
 from truearm.identification.judgement.gross_errors import excluded_readings
-from truearm.identification.judgement.paired_comparison import exceeds, group_means, trimmed_mean
+from truearm.identification.judgement.paired_comparison import exceeds, group_means, selected, trimmed_mean
 from truearm.identification.references.prepared_readings import PreparedReadings
 from truearm.identification.terms import Term
 from truearm.typing import IntArray
@@ -108,9 +110,7 @@ def select_model(
 ) -> Selection:
     """Fit the kinematic and the physical model, and the hybrid model if it may win, and keep one or the nominal model.
 
-    One standard error rule (L. Breiman and others, "Classification and Regression Trees", 1984, section 3.4.3) on
-    paired differences: the simplest model is kept whose error on readings held out exceeds that of the best one by no
-    more than one standard error of their difference.
+    Which one is kept is said by `selected`: the simplest within a standard error of the best, of few groups the best.
 
     The hybrid model comes last: it is kept only where its error is smaller than that of the physical model by more than
     a standard error. It must first win a heat (O. Maron, A. W. Moore, "Hoeffding races", NIPS 6 (1994) 59): it is
@@ -184,9 +184,8 @@ def _scores(models: dict[str, SelectedModel]) -> tuple[ModelScore, ...]:
     """Errors on the readings that are held out of all models, by the one standard error rule."""
     compared = on_common_readings(models)
     errors = {name: group_means(part) for name, part in compared.items()}
-    best = min(errors, key=lambda name: trimmed_mean(errors[name])[0])
+    kept, best = selected(errors)
     excess = {name: trimmed_mean(of - errors[best]) for name, of in errors.items()}
-    kept = next(name for name in models if not exceeds(errors[name], errors[best]))
     excluded = excluded_readings(models[kept].fit_)
     shown = {name: part.select(~np.isin(part.rows, excluded)) for name, part in compared.items()}
     return tuple(

@@ -5,6 +5,8 @@ An error that all models share, such as a far-out pose or a seat that is hard to
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from truearm.identification.estimation.residual_variance import HeldOutReadings
@@ -15,6 +17,8 @@ from truearm.typing import FloatArray
 TRIMMED_SHARE = 0.1
 # A gain of a smaller share of the error is none: of two equal models of few readings the simpler one is kept.
 LEAST_GAIN = 1e-3
+# Fewer groups, as a few seats are, hardly show their own standard error: the better model is kept, not the simpler one.
+FEW_GROUPS = 10
 
 
 def group_means(held_out: HeldOutReadings) -> FloatArray:
@@ -38,6 +42,20 @@ def exceeds(errors: FloatArray, others: FloatArray) -> bool:
     freedom = len(errors) - 2 * int(TRIMMED_SHARE * len(errors)) - 1
     wide = np.sqrt(f_quantile(chi2_probability(1.0, 1), 1, freedom))
     return bool(excess > max(wide * error, LEAST_GAIN * trimmed_mean(others)[0]))
+
+
+def selected(errors: Mapping[str, FloatArray]) -> tuple[str, str]:
+    """The model to keep, and the one of the least error, by errors by group of models that are named simplest first.
+
+    One standard error rule (L. Breiman and others, "Classification and Regression Trees", 1984, section 3.4.3) on
+    paired differences: the simplest model whose error exceeds the least by no more than one standard error of their
+    difference. Of fewer than ten groups it is the one of the least error, if it is a tenth of a per cent better.
+    """
+    mean = {name: trimmed_mean(by_group)[0] for name, by_group in errors.items()}
+    best = min(mean, key=lambda name: mean[name])
+    if len(errors[best]) < FEW_GROUPS:
+        return next(name for name in errors if mean[name] <= (1 + LEAST_GAIN) * mean[best]), best
+    return next(name for name in errors if not exceeds(errors[name], errors[best])), best
 
 
 def trimmed_mean(values: FloatArray) -> tuple[float, float]:

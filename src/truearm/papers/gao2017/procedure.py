@@ -12,7 +12,7 @@ from truearm.arm import Arm
 from truearm.compensation.models import Compensator, NetworkModel
 from truearm.errors import InputError
 from truearm.identification.judgement.cross_validation_groups import cross_validation_groups
-from truearm.identification.judgement.paired_comparison import exceeds
+from truearm.identification.judgement.paired_comparison import selected
 from truearm.number_format import format_number
 from truearm.papers.gao2017.results import MODELS
 from truearm.papers.gao2017.search import CoordinateErrors, CrossValidation, SearchGrid, SettingResult
@@ -237,12 +237,11 @@ def run_procedure(
 
 
 def _best(predicted: Mapping[str, FloatArray], tested: Session) -> str:
-    """The simplest model whose mean distance exceeds the smallest by no more than a standard error, by position."""
+    """The model to keep by mean distances by position."""
     groups, points = cross_validation_groups(tested), np.asarray(tested.points)
     errors = {
         name: np.bincount(groups, np.linalg.norm(predicted[name] - points, axis=1)) / np.bincount(groups)
         for name in SIMPLEST_FIRST
         if name in predicted
     }
-    least = min(errors, key=lambda name: float(errors[name].mean()))
-    return next(name for name in errors if not exceeds(errors[name], errors[least]))
+    return selected(errors)[0]
