@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import tomllib
-from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from datetime import UTC, datetime, timedelta
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from datetime import UTC, datetime
 from hashlib import sha256
 from pathlib import Path
 from statistics import median
@@ -26,12 +25,12 @@ from truearm.files.toml_documents import reject_control_characters, toml_text
 from truearm.fleet.arm_list import RegisteredArm
 from truearm.fleet.executors import Executor, Serial, WorkerLost
 from truearm.fleet.fit_task import FitRow, FitTask, fit_arm, key_of
+from truearm.fleet.fleet_run import FleetRun
+from truearm.fleet.fleet_status import FleetStatus, arm_state
 from truearm.fleet.results import write_results
 from truearm.pages.html import write_page
-from truearm.show.fleet_page import ArmState, What, arm_history_page, fleet_page
-from truearm.workflows.outputs import PageRecord, check_page_path, make_folder, version_row
-from truearm.workflows.record import Record, TextTable, format_fixed
-from truearm.workflows.sentences import agree, number_of
+from truearm.show.fleet_page import ArmState, arm_history_page
+from truearm.workflows.outputs import check_page_path, make_folder, version_row
 
 if TYPE_CHECKING:
     from truearm.pages.page import Page
@@ -39,8 +38,6 @@ if TYPE_CHECKING:
 SETTINGS = "fleet.toml"
 DEFAULT_DATABASE = "sqlite:///registry.sqlite"
 MAX_BYTES = 100_000
-# Arms that are printed.
-MAX_ROWS = 20
 MAX_DAYS = 36_500
 
 
@@ -335,7 +332,7 @@ class Fleet:
             known = _fit_of(self._task(arm, in_force), fits) if arm.session else None
             used = fits.get(in_force.get(arm.serial_number, ""))
             read = None if used is None else first[used.serial_number, used.session_sha256]
-            states.append(_state(arm, known, used, read, medians, now))
+            states.append(arm_state(arm, known, used, read, medians, now))
         return FleetStatus(self.registry.place, tuple(sorted(states, key=lambda one: one.rank)))
 
     def _task(self, arm: RegisteredArm, in_force: dict[str, str]) -> FitTask:
@@ -352,167 +349,10 @@ class Fleet:
         )
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class FleetRun(Record):
-    """What a run did.
-
-    Attributes
-    ----------
-    rows : tuple of FitRow
-        Of the arms that were fitted, by serial number; those that failed are among them.
-    unchanged : tuple of FitRow
-        Earlier results of arms with the same inputs.
-
-    Examples
-    --------
-    >>> from truearm.fleet.fleet import FleetRun
-    >>> print(FleetRun((), ()))
-    Nothing to fit: 0 arms are unchanged.
-    """
-
-    rows: tuple[FitRow, ...]
-    unchanged: tuple[FitRow, ...]
-
-    @property
-    def n_fitted(self) -> int:
-        """Arms that got a model."""
-        return sum(row.state == "fitted" for row in self.rows)
-
-    @property
-    def failures(self) -> tuple[FitRow, ...]:
-        """Fits without a model, those of earlier runs with the same inputs among them."""
-        return tuple(row for row in (*self.rows, *self.unchanged) if row.state != "fitted")
-
-    def summary(self) -> str:
-        """How many arms were fitted, and how many failed."""
-        same = f"{number_of(len(self.unchanged), 'arm')} {agree(len(self.unchanged), 'are')} unchanged"
-        if not self.rows:
-            return f"Nothing to fit: {same}."
-        failed = len(self.rows) - self.n_fitted
-        return f"{number_of(self.n_fitted, 'arm')} fitted, {failed} failed; {same}."
-
-    def blocks(self) -> Iterator[str | TextTable]:
-        """See `Record.blocks`."""
-        yield self.summary()
-        for row in self.failures[:MAX_ROWS]:
-            yield f"{row.serial_number}: {row.message}"
-        if (more := len(self.failures) - MAX_ROWS) > 0:
-            yield f"{number_of(more, 'more failure')}: truearm fleet status"
-        for row in self.rows:
-            if row.state == "fitted" and not row.is_usable:
-                yield f"{row.serial_number}: {row.outcome}"
-
-    def _json(self) -> object:
-        return {
-            "summary": self.summary(),
-            "n_fitted": self.n_fitted,
-            "n_unchanged": len(self.unchanged),
-            "failures": {row.serial_number: row.message for row in self.failures},
-            "rows": self.rows,
-        }
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class FleetStatus(PageRecord):
-    """The state of every arm of a fleet.
-
-    Attributes
-    ----------
-    place : str
-        The database.
-    arms : tuple of ArmState
-        Worst first.
-
-    Examples
-    --------
-    >>> from truearm.fleet.fleet import FleetStatus
-    >>> FleetStatus("sqlite:///registry.sqlite", ()).summary()
-    'The fleet has no arms.'
-    """
-
-    place: str
-    arms: tuple[ArmState, ...]
-
-    def summary(self) -> str:
-        """How many arms there are, by what is to be done."""
-        if not self.arms:
-            return "The fleet has no arms."
-        counts = Counter(one.what for one in self.arms)
-        return f"{number_of(len(self.arms), 'arm')}: " + ", ".join(f"{n} {what}" for what, n in counts.items()) + "."
-
-    def blocks(self) -> Iterator[str | TextTable]:
-        """See `Record.blocks`."""
-        yield self.summary()
-        if self.arms:
-            columns = ("serial number", "type", "site", "state", "held out, mm", "of type", "moved, mm", "due")
-            yield TextTable(columns, (_text_row(one) for one in self.arms[:MAX_ROWS]), left_aligned=(0, 1, 2, 3, 7))
-            if (more := len(self.arms) - MAX_ROWS) > 0:
-                yield f"{number_of(more, 'more arm')}: truearm fleet report, or --json"
-        for one in self.arms[:MAX_ROWS]:
-            if one.message:
-                yield f"{one.serial_number}: {one.message}"
-
-    def page(self) -> Page:
-        """See `PageRecord.page`."""
-        return fleet_page(self.arms, summary=self.summary(), facts=(("database", self.place), version_row()))
-
-    def _json(self) -> object:
-        return {"summary": self.summary(), "database": self.place, "arms": self.arms}
-
-
 def _fit_of(task: FitTask, fits: dict[str, FitRow]) -> FitRow | None:
     """The result of a task; None if there is none, or its model file is gone."""
     known = fits.get(task.key)
     return None if known is not None and known.state == "fitted" and not Path(task.out).is_file() else known
-
-
-def _text_row(one: ArmState) -> tuple[str, ...]:
-    numbers = [
-        "" if value is None else format_fixed(value, decimals)
-        for value, decimals in ((one.held_out_mm, 4), (one.of_type, 2), (one.moved_mm, 4))
-    ]
-    return one.serial_number, one.arm, one.site, one.what, *numbers, one.due
-
-
-def _state(
-    arm: RegisteredArm,
-    known: FitRow | None,
-    used: FitRow | None,
-    read: str | None,
-    medians: dict[str, float],
-    now: datetime,
-) -> ArmState:
-    """The state of one arm from the fit of its readings, the fit whose model is in force, and when that was read."""
-    due, overdue = "", False
-    if read is not None and arm.every_days is not None:
-        at = datetime.fromisoformat(read) + timedelta(days=arm.every_days)
-        due, overdue = f"{at.date()}", at <= now
-    what: What = "in force"
-    message = ""
-    if not arm.session:
-        what = "without readings"
-    elif known is not None and not known.is_usable:
-        what, message = "failed", known.outcome
-    elif known is None or known is not used:
-        what = "to be fitted"
-    elif overdue:
-        what = "due"
-    error = None if used is None else used.held_out_mm
-    return ArmState(
-        arm.serial_number,
-        arm.arm if used is None else used.arm,
-        arm.site,
-        what,
-        message=message,
-        model="" if used is None else used.model,
-        since="" if used is None else used.fitted_at[:10],
-        n_readings=None if used is None else used.n_readings,
-        held_out_mm=error,
-        of_type=None if used is None or not error else error / medians[used.arm],
-        moved_mm=None if used is None else used.moved_mm,
-        n_changed=None if used is None else used.n_changed,
-        due=due,
-    )
 
 
 def _checked(arm: RegisteredArm, beside: Path) -> RegisteredArm:
