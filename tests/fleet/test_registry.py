@@ -19,7 +19,7 @@ import pytest
 pytest.importorskip("sqlalchemy", reason="a fleet is an extra: pip install 'truearm[fleet]'")
 
 from truearm.errors import TruearmError
-from truearm.fleet import registry as module
+from truearm.fleet import database
 from truearm.fleet.arm_list import RegisteredArm
 from truearm.fleet.fit_task import FitRow
 from truearm.fleet.registry import Registry
@@ -101,9 +101,9 @@ def test_a_number_without_bounds_stops_no_run(registry):
 
 
 def test_what_waiting_does_not_mend_is_said_at_once(tmp_path, registry, monkeypatch):
-    monkeypatch.setattr(module.time, "sleep", lambda _: pytest.fail("it waits"))
-    with closing(sqlite3.connect(tmp_path / "registry.sqlite")) as database:
-        database.execute("DROP TABLE models_in_force")
+    monkeypatch.setattr(database.time, "sleep", lambda _: pytest.fail("it waits"))
+    with closing(sqlite3.connect(tmp_path / "registry.sqlite")) as opened:
+        opened.execute("DROP TABLE models_in_force")
     with pytest.raises(TruearmError, match="cannot be used .*no such table.*Try: "):
         registry.models_in_force()
 
@@ -111,9 +111,9 @@ def test_what_waiting_does_not_mend_is_said_at_once(tmp_path, registry, monkeypa
 def test_a_damaged_table_is_named(tmp_path, registry):
     registry.add([RegisteredArm("A", "ur10")])
     registry.record(FitRow("1", "A", "ur10", "1.csv", "fitted"), in_force=False)
-    with closing(sqlite3.connect(tmp_path / "registry.sqlite")) as database:
-        database.execute("UPDATE fits SET row = '{}'")
-        database.commit()
+    with closing(sqlite3.connect(tmp_path / "registry.sqlite")) as opened:
+        opened.execute("UPDATE fits SET row = '{}'")
+        opened.commit()
     with pytest.raises(TruearmError, match="table of fits is damaged .*Try: restore a backup"):
         registry.fits()
 
@@ -167,7 +167,7 @@ def server():
 
 
 def test_eight_writers_of_a_server_that_is_killed_and_started_again(server, monkeypatch):
-    monkeypatch.setattr(module, "PAUSE_S", 0.05)
+    monkeypatch.setattr(database, "PAUSE_S", 0.05)
 
     def killed_twice() -> None:
         for _ in range(2):

@@ -46,6 +46,11 @@ class HistoryStore(Protocol):
         """The files that it writes, over which no page is written."""
         ...
 
+    @property
+    def serial_number(self) -> str:
+        """Of the arm whose history it is; empty if the rows alone say."""
+        ...
+
     def read(self) -> HistoryRows:
         """All rows.
 
@@ -148,6 +153,10 @@ class History:
             If the file is damaged.
         """
         return self.store.read().checks_of(model)
+
+    def models(self) -> tuple[str, ...]:
+        """The fingerprints of the models with checks, the last used one first."""
+        return tuple(dict.fromkeys(one.check.model for one in reversed(self.store.read().check_rows)))
 
     @property
     def head(self) -> tuple[int, str]:
@@ -277,7 +286,7 @@ class History:
 
     def _check_arm(self, records: Sequence[CheckRow], arm: str, serial_number: str) -> None:
         """Refuse another arm; a model without the name of an arm may belong to any, and so may one without a number."""
-        numbers = {one.serial_number for one in records} - {""}
+        numbers = {self.store.serial_number, *(one.serial_number for one in records)} - {""}
         if serial_number and numbers and serial_number not in numbers:
             raise self.store.error(
                 f"the checks in this history are of serial number {', '.join(map(repr, sorted(numbers)))}, "

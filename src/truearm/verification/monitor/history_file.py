@@ -66,6 +66,11 @@ class HistoryFile:
         """See `HistoryStore`."""
         return (self.path,)
 
+    @property
+    def serial_number(self) -> str:
+        """See `HistoryStore`."""
+        return ""
+
     def error(self, problem: str, hint: str | None = None) -> InputError:
         """See `HistoryStore`."""
         return InputError(problem, file=self.path, hint=hint)
