@@ -54,7 +54,7 @@ def test_a_certificate_of_another_laboratory_says_when_the_next_one_is_due(fleet
     assert (of["4711"].certificate, of["4711"].due, of["4711"].what) == ("1234 EX 26", "2028-01-15", "without readings")
     assert (of["10017"].certificate, of["10017"].due) == ("", "")
     late = fleet.status(today=datetime.datetime(2028, 1, 15, tzinfo=datetime.UTC)).arms[0]
-    assert (late.what, late.message) == ("due", "the certificate due on 2028-01-15")
+    assert (late.what, late.message) == ("due", "calibration due since 2028-01-15")
 
 
 def test_a_day_that_is_given_replaces_the_one_that_is_stated(fleet, file):

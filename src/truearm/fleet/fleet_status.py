@@ -13,6 +13,7 @@ from truearm.fleet.arm_list import RegisteredArm
 from truearm.fleet.certificates import RegisteredCertificate
 from truearm.fleet.drift import ConstantDrift, constant_drifts, type_constants
 from truearm.fleet.fit_task import FitRow
+from truearm.number_format import RoundedNumber
 from truearm.show.fleet_page import ArmState, What, arm_history_page, fixed, fleet_page, worst_of
 from truearm.verification.monitor.assessment import RecalibrationAdvice
 from truearm.workflows.outputs import PageRecord, version_row
@@ -196,11 +197,15 @@ def _due(of: ArmRecords, certificate: RegisteredCertificate | None, now: datetim
     if of.read is not None and of.arm.every_days is not None:
         days.append((f"{(datetime.fromisoformat(of.read) + timedelta(days=of.arm.every_days)).date()}", "readings"))
     if certificate is not None and certificate.due:
-        days.append((certificate.due, "the certificate"))
+        days.append((certificate.due, "calibration"))
     today = f"{now.date()}"
     fitted = of.known is of.used  # other readings are there, but not fitted yet
-    late = [f"{what} due on {day}" for day, what in sorted(days) if day <= today and (fitted or what != "readings")]
+    late = [f"{what} due since {day}" for day, what in sorted(days) if day <= today and (fitted or what != "readings")]
     return min(days, default=("", ""))[0], {"due": "; ".join(late)} if late else {}
+
+
+def _rounded(value: float | None, u: float | None) -> RoundedNumber | None:
+    return None if value is None else RoundedNumber(value, u or 0.0)
 
 
 def _largest(values: Iterable[float | None]) -> float | None:
@@ -227,7 +232,10 @@ def history_page(
             (one.number, one.issued, one.verdict, one.due, one.sha256, one.file) for one in reversed(of.certificates)
         ],
         constants=[
-            (one.name, one.unit, one.nominal, one.value, one.u, fixed(one.own, 1), fixed(one.of_type, 1))
+            (
+                *(one.name, one.unit, one.nominal, _rounded(one.value, one.u), one.u),
+                *(fixed(one.own, 1), fixed(one.of_type, 1)),
+            )
             for one in drifts
         ],
         failed=[(one.fitted_at[:10], one.session, one.message) for one in failed],

@@ -170,7 +170,10 @@ def fleet_page(arms: Sequence[ArmState], *, summary: str, facts: Sequence[tuple[
 
 def fixed(value: float | None, decimals: int) -> Cell:
     """A number of a long table: with fixed decimals it needs no element of its own to stand below the others."""
-    return None if value is None else FormattedCell(text := f"{value:.{decimals}f}", whole=text)
+    if value is None:
+        return None
+    text = f"{round(value, decimals) + 0.0:.{decimals}f}".replace("-", "\u2212")  # no -0.0
+    return FormattedCell(text, whole=text)
 
 
 def arm_history_page(
