@@ -413,12 +413,12 @@ class Fleet:
                 records.append(
                     ArmRecords(
                         arm,
-                        _fit_of(task, fits) if arm.session else None,
-                        models,
-                        days,
-                        None if used is None else first[used.serial_number, used.session_sha256],
-                        verdict if used is not None and verdict and verdict.model == used.model_sha256 else None,
-                        tuple(certificates.get(arm.serial_number, ())),
+                        known=_fit_of(task, fits) if arm.session else None,
+                        models=models,
+                        days=days,
+                        read=None if used is None else first[used.serial_number, used.session_sha256],
+                        verdict=verdict if used and verdict and verdict.model == used.model_sha256 else None,
+                        certificates=tuple(certificates.get(arm.serial_number, ())),
                     )
                 )
         return records

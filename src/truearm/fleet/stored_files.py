@@ -6,7 +6,7 @@ import shutil
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from hashlib import file_digest
+from hashlib import file_digest, sha256
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -57,7 +57,8 @@ def stamp(name: str) -> tuple[str, bool]:
     if is_url(name):
         with _reached(name):
             place, path = _place(name)
-            return str(place.ukey(path)), True
+            said = sorted((key, str(value)) for key, value in place.info(path).items())
+            return sha256(repr(said).encode()).hexdigest(), True
     found = Path(name).stat()
     return f"{found.st_size} {found.st_mtime_ns}", time.time() - found.st_mtime > SETTLED_S
 
