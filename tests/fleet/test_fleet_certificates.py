@@ -131,6 +131,8 @@ def test_the_command_and_the_pages_show_them(fleet, file, tmp_path, capsys):
         with pytest.raises(SystemExit, match=str(code)):
             run([*asked, *more])
         assert said in "".join(capsys.readouterr())
+    assert "1234 EX 26, not stated" in str(fleet.status())
+    assert "recalibrate" not in str(fleet.status())  # a column without an entry
     fleet.write_pages(tmp_path / "overview.html")
     pages = [path.read_text(encoding="utf-8") for path in (tmp_path / "overview-arms").iterdir()]
     assert sum("1234 EX 26" in page and sha256(file.read_bytes()).hexdigest() in page for page in pages) == 1

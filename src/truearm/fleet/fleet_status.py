@@ -60,8 +60,10 @@ class FleetStatus(PageRecord):
         """See `Record.blocks`."""
         yield self.summary()
         if self.arms:
-            columns = ("serial number", "type", "site", "state", "held out, mm", "of type", "drift, u", "due")
-            yield TextTable(columns, (_text_row(one) for one in self.arms[:MAX_ROWS]), left_aligned=(0, 1, 2, 3, 7))
+            rows = [_text_row(one) for one in self.arms[:MAX_ROWS]]
+            shown = [head for head in _HEADS if head in _HEADS[:4] or any(row[head] for row in rows)]
+            words = tuple(i for i, head in enumerate(shown) if head not in _NUMBERS)
+            yield TextTable(shown, [[row[head] for head in shown] for row in rows], left_aligned=words)
             if (more := len(self.arms) - MAX_ROWS) > 0:
                 yield f"{number_of(more, 'more arm')}: truearm fleet report, or --json"
         for one in self.arms[:MAX_ROWS]:
@@ -76,12 +78,19 @@ class FleetStatus(PageRecord):
         return {"summary": self.summary(), "database": self.place, "arms": self.arms}
 
 
-def _text_row(one: ArmState) -> tuple[str, ...]:
+_NUMBERS = ("held out, mm", "of type", "drift, u")
+# Columns of the table; those after the fourth are shown where one of the arms has an entry.
+_HEADS = ("serial number", "type", "site", "state", *_NUMBERS, "due", "recalibrate", "certificate")
+
+
+def _text_row(one: ArmState) -> dict[str, str]:
     numbers = [
         "" if value is None else format_fixed(value, decimals)
         for value, decimals in ((one.held_out_mm, 4), (one.of_type, 2), (one.drift_u, 1))
     ]
-    return one.serial_number, one.arm, one.site, one.what, *numbers, one.due
+    certificate = ", ".join(filter(None, (one.certificate, one.certified)))
+    cells = one.serial_number, one.arm, one.site, one.what, *numbers, one.due, one.recalibrate, certificate
+    return dict(zip(_HEADS, cells, strict=True))
 
 
 @dataclass(frozen=True)
