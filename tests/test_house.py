@@ -205,7 +205,7 @@ def options() -> dict[str, set[str]]:
         ran = CliRunner().invoke(app, [verb, "--help"])
         assert ran.exit_code == 0, ran.output
         found[verb] = options_of(ran.output)
-        for name in re.findall(r"^  ([a-z]+) ", ran.output.partition("Commands:")[2], flags=re.MULTILINE):
+        for name in re.findall(r"^  ([a-z-]+) ", ran.output.partition("Commands:")[2], flags=re.MULTILINE):
             found[verb] |= options_of(CliRunner().invoke(app, [verb, name, "--help"]).output)
     return found
 

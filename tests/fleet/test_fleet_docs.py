@@ -8,7 +8,9 @@ from pathlib import Path
 
 import pytest
 
+import truearm as ta
 from truearm.cli.main import run
+from truearm.fleet.arm_list import read_arm_list
 
 pytest.importorskip("sqlalchemy", reason="a fleet is an extra: pip install 'truearm[fleet]'")
 
@@ -17,18 +19,17 @@ PAGE = Path(__file__).resolve().parents[2] / "docs" / "fleet.md"
 
 def block(name: str) -> str:
     found = re.search(
-        rf"```(?:console |csv ){re.escape(name)}\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL
+        rf"```(?:console|python) {re.escape(name)}\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL
     )
     assert found is not None, name
     return found[1]
 
 
-def test_its_walk_prints_what_it_says(tmp_path, monkeypatch, capsys):
+def test_its_walk_prints_what_it_says_and_a_cluster_gives_the_same_models(tmp_path, monkeypatch, capsys):
+    """Twenty arms one by one; three of them, from another folder, on a cluster of two workers: to the last bit."""
+    pytest.importorskip("distributed", reason="Dask is an extra: pip install 'truearm[dask]'")
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "arms.csv").write_text(block("arms.csv"), encoding="utf-8")
-    for command in re.findall(r"^\$ truearm (.*)$", block("list"), flags=re.MULTILINE):
-        with pytest.raises(SystemExit, match="0"):
-            run(shlex.split(command))
+    exec(block("readings"), {})
     for step in block("fleet").split("$ truearm ")[1:]:
         command, _, said = step.partition("\n")
         capsys.readouterr()
@@ -37,7 +38,17 @@ def test_its_walk_prints_what_it_says(tmp_path, monkeypatch, capsys):
         assert capsys.readouterr().out == said
     with pytest.raises(SystemExit, match="0"):
         run(["fleet", "status", "fleet", "--json"])
-    assert '"in force"' in capsys.readouterr().out
+    assert capsys.readouterr().out.count('"in force"') == 20
+    serial = ta.Fleet("fleet").registry.fits()
+    few = tmp_path / "cluster"
+    few.mkdir()
+    monkeypatch.chdir(few)
+    ta.Fleet.create("fleet").add_all(read_arm_list(tmp_path / "arms.csv")[:3], beside=tmp_path)
+    exec(block("cluster"), {})
+    assert capsys.readouterr().out == "3 arms fitted, 0 failed; 0 arms are unchanged.\n"
+    fits = ta.Fleet("fleet").registry.fits()
+    assert len(fits) == 3
+    assert all(row.model_sha256 == serial[key].model_sha256 for key, row in fits.items())
 
 
 def test_a_failed_arm_is_the_exit_code(tmp_path, monkeypatch, capsys):

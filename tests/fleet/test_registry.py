@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 import itertools
 import os
 import shutil
@@ -18,11 +19,14 @@ import pytest
 
 pytest.importorskip("sqlalchemy", reason="a fleet is an extra: pip install 'truearm[fleet]'")
 
+import truearm as ta
 from truearm.errors import TruearmError
-from truearm.fleet import registry as module
+from truearm.fleet import database
 from truearm.fleet.arm_list import RegisteredArm
 from truearm.fleet.fit_task import FitRow
+from truearm.fleet.fleet import Fleet
 from truearm.fleet.registry import Registry
+from truearm.verification.monitor.interim_check import CheckValue, InterimCheck
 
 N_WRITERS, N_EACH = 8, 12
 
@@ -101,9 +105,9 @@ def test_a_number_without_bounds_stops_no_run(registry):
 
 
 def test_what_waiting_does_not_mend_is_said_at_once(tmp_path, registry, monkeypatch):
-    monkeypatch.setattr(module.time, "sleep", lambda _: pytest.fail("it waits"))
-    with closing(sqlite3.connect(tmp_path / "registry.sqlite")) as database:
-        database.execute("DROP TABLE models_in_force")
+    monkeypatch.setattr(database.time, "sleep", lambda _: pytest.fail("it waits"))
+    with closing(sqlite3.connect(tmp_path / "registry.sqlite")) as opened:
+        opened.execute("DROP TABLE models_in_force")
     with pytest.raises(TruearmError, match="cannot be used .*no such table.*Try: "):
         registry.models_in_force()
 
@@ -111,9 +115,9 @@ def test_what_waiting_does_not_mend_is_said_at_once(tmp_path, registry, monkeypa
 def test_a_damaged_table_is_named(tmp_path, registry):
     registry.add([RegisteredArm("A", "ur10")])
     registry.record(FitRow("1", "A", "ur10", "1.csv", "fitted"), in_force=False)
-    with closing(sqlite3.connect(tmp_path / "registry.sqlite")) as database:
-        database.execute("UPDATE fits SET row = '{}'")
-        database.commit()
+    with closing(sqlite3.connect(tmp_path / "registry.sqlite")) as opened:
+        opened.execute("UPDATE fits SET row = '{}'")
+        opened.commit()
     with pytest.raises(TruearmError, match="table of fits is damaged .*Try: restore a backup"):
         registry.fits()
 
@@ -167,7 +171,7 @@ def server():
 
 
 def test_eight_writers_of_a_server_that_is_killed_and_started_again(server, monkeypatch):
-    monkeypatch.setattr(module, "PAUSE_S", 0.05)
+    monkeypatch.setattr(database, "PAUSE_S", 0.05)
 
     def killed_twice() -> None:
         for _ in range(2):
@@ -176,3 +180,25 @@ def test_eight_writers_of_a_server_that_is_killed_and_started_again(server, monk
 
     url = f"postgresql+psycopg://fleet@127.0.0.1:{server.port}/postgres"
     check_complete(write_all(url, killed_twice))
+
+
+def test_a_server_that_is_lost_in_a_run_is_said_and_the_next_run_does_the_rest(server, tmp_path, monkeypatch):
+    sessions = [tmp_path / f"{i}.csv" for i in range(3)]
+    url = f"postgresql+psycopg://fleet@127.0.0.1:{server.port}/postgres"
+    fleet = Fleet.create(tmp_path / "fleet", database=url)
+    for i, path in enumerate(sessions):
+        ta.simulate("ur10", poses=12, seed=i, arm_seed=i).save(path)
+        fleet.add(f"virtual-research-{i}", "ur10", session=path, model="nominal")
+    monkeypatch.setattr(database, "PATIENCE_S", 0.1)
+    monkeypatch.setattr(database, "PAUSE_S", 0.05)
+    with pytest.raises(TruearmError, match=r"database cannot be used .* the same command then goes on"):
+        fleet.run(progress=lambda n, _: server.kill() if n == 1 else None)
+    server.start()
+    assert len(fleet.registry.fits()) == 1
+    assert fleet.run().n_fitted == 2
+    history = fleet.history("virtual-research-0")
+    values = (CheckValue("SPAT.2s", "cone", 0.01, 0.001, 0.0, 10),)
+    assert history.append(InterimCheck(datetime.datetime(2026, 1, 1), "a" * 64, "b" * 64, 20.5, values))
+    assert len(Registry(url).history("virtual-research-0").checks("a" * 64)) == 1
+    assert {one.what for one in fleet.status().arms} == {"in force"}
+    fleet.close()

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer import Argument, Option
@@ -12,27 +13,36 @@ from truearm.cli.console import check_output_is_not_input, check_page_path, prin
 from truearm.cli.options import AcceptOption, Json, LengthsFile, ModelFile, refuse_typed
 from truearm.errors import InputError
 
+if TYPE_CHECKING:
+    from truearm.workflows.check import CheckResult, WithdrawalResult
+
+CheckedSession = Annotated[
+    Path | None, Argument(metavar="SESSION", help="Session file, .csv or .parquet; none with --withdraw.")
+]
+RetiredOption = Annotated[
+    list[str] | None, Option(help="Artefact that was repaired or replaced, and is no longer assessed.")
+]
+LimitsFile = Annotated[Path | None, Option(help="The arm's specification: limits for the values, .toml.")]
+CheckDate = Annotated[str | None, Option(help="Date of the check: 2026-11-03 or 2026-11-03T08:30; now by default.")]
+ChartsPage = Annotated[Path | None, Option(help="Page with the trend charts to write, .html.")]
+WithdrawOption = Annotated[
+    str | None, Option("--withdraw", metavar="NUMBER|DATE", help="Withdraw a wrong check; it stays in the history.")
+]
+ReasonOption = Annotated[str | None, Option(help="With --withdraw: what was wrong with it.")]
+
 
 def check(
     context: typer.Context,
     model: ModelFile,
     history: Annotated[Path, Option(help="File of the checks so far, .sqlite; the first check creates it.")],
-    session: Annotated[
-        Path | None, Argument(metavar="SESSION", help="Session file, .csv or .parquet; none with --withdraw.")
-    ] = None,
+    session: CheckedSession = None,
     lengths: LengthsFile = None,
-    retired: Annotated[
-        list[str] | None, Option(help="Artefact that was repaired or replaced, and is no longer assessed.")
-    ] = None,
-    mpe: Annotated[Path | None, Option(help="The arm's specification: limits for the values, .toml.")] = None,
-    date: Annotated[
-        str | None, Option(help="Date of the check: 2026-11-03 or 2026-11-03T08:30; now by default.")
-    ] = None,
-    report: Annotated[Path | None, Option(help="Page with the trend charts to write, .html.")] = None,
-    withdrawn: Annotated[
-        str | None, Option("--withdraw", metavar="NUMBER|DATE", help="Withdraw a wrong check; it stays in the history.")
-    ] = None,
-    reason: Annotated[str | None, Option(help="With --withdraw: what was wrong with it.")] = None,
+    retired: RetiredOption = None,
+    mpe: LimitsFile = None,
+    date: CheckDate = None,
+    report: ChartsPage = None,
+    withdrawn: WithdrawOption = None,
+    reason: ReasonOption = None,
     accept: AcceptOption = None,
     as_json: Json = False,
 ) -> None:
@@ -48,39 +58,54 @@ def check(
 
     Exit code 0: no need; 1: recalibrate; 3: undecided (repeat the check), or not enough checks.
     """
-    if withdrawn is not None:
-        refuse_typed(
-            context, ("session", "lengths", "retired", "mpe", "date", "accept"), "does not apply to --withdraw"
-        )
-        _withdraw(model, history, withdrawn, reason, report=report, as_json=as_json)
-        return
-    refuse_typed(context, ["reason"], "applies to --withdraw only")
-    if session is None:
-        raise InputError("the session is missing", hint="truearm check MODEL SESSION --history HISTORY")
-    from truearm.verification.monitor.assessment import RecalibrationAdvice
     from truearm.workflows.check import check as checked
+    from truearm.workflows.check import withdraw_check
 
-    files = (model, session, lengths, mpe)
+    if withdrawn is not None:
+        given = needed_reason(context, reason)
+        check_page_path(report, model, history)
+        print_withdrawal(withdraw_check(model, history, withdrawn, reason=given), report, as_json=as_json)
+        return
+    file = needed_session(context, session, "truearm check MODEL SESSION --history HISTORY")
+    files = (model, file, lengths, mpe)
     check_output_is_not_input(history, *files)
     check_page_path(report, *files, history)
+    options: dict[str, Any] = {"lengths": lengths, "specification": mpe, "retired": retired or ()}
+    print_check(
+        lambda: checked(model, file, history, **options, date=date, accept=accept), file, report, as_json=as_json
+    )
+
+
+def needed_reason(context: typer.Context, reason: str | None) -> str:
+    """The reason of a withdrawal, with which no option of a check is given."""
+    refuse_typed(context, ("session", "lengths", "retired", "mpe", "date", "accept"), "does not apply to --withdraw")
+    if reason is None:
+        raise InputError("--withdraw needs --reason as well", hint='--reason "the ball was dirty"')
+    return reason
+
+
+def needed_session(context: typer.Context, session: Path | None, hint: str) -> Path:
+    """The session of a check, with which no option of a withdrawal is given."""
+    refuse_typed(context, ["reason"], "applies to --withdraw only")
+    if session is None:
+        raise InputError("the session is missing", hint=hint)
+    return session
+
+
+def print_check(checked: Callable[[], CheckResult], session: Path, report: Path | None, *, as_json: bool) -> None:
+    """Make a check, write its page, print it, and exit with what it says."""
+    from truearm.verification.monitor.assessment import RecalibrationAdvice
+
     with progress(f"checking {session.name}"):
-        options: dict[str, Any] = {"lengths": lengths, "specification": mpe, "retired": retired or ()}
-        result = checked(model, session, history, **options, date=date, accept=accept)
+        result = checked()
         if report is not None:
             result.save_page(report)
     print_record(result, as_json=as_json, files={"page": report})
     raise typer.Exit({RecalibrationAdvice.NO: 0, RecalibrationAdvice.YES: 1}.get(result.recalibrate, 3))
 
 
-def _withdraw(
-    model: Path, history: Path, which: str, reason: str | None, *, report: Path | None, as_json: bool
-) -> None:
-    from truearm.workflows.check import withdraw_check
-
-    if reason is None:
-        raise InputError("--withdraw needs --reason as well", hint='--reason "the ball was dirty"')
-    check_page_path(report, model, history)
-    result = withdraw_check(model, history, which, reason=reason)
+def print_withdrawal(result: WithdrawalResult, report: Path | None, *, as_json: bool) -> None:
+    """Print a withdrawal, and write its page."""
     if report is not None and result.assessment is not None:
         result.save_page(report)
     print_record(result, as_json=as_json, files={"page": None if result.assessment is None else report})

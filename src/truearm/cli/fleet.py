@@ -5,13 +5,29 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from typer import Argument, Exit, Option, Typer
+from typer import Argument, Context, Exit, Option, Typer
 
 from truearm.choices import ModelName
-from truearm.cli.console import print_line, print_record, progress
-from truearm.cli.options import ARM_HELP, Json
+from truearm.cli.check import (
+    ChartsPage,
+    CheckDate,
+    CheckedSession,
+    LimitsFile,
+    ReasonOption,
+    RetiredOption,
+    WithdrawOption,
+    needed_reason,
+    needed_session,
+    print_check,
+    print_withdrawal,
+)
+from truearm.cli.console import check_page_path, print_line, print_record, progress
+from truearm.cli.options import ARM_HELP, AcceptOption, Json, LengthsFile
 
 Folder = Annotated[Path, Argument(metavar="FOLDER", help="Folder of the fleet.")]
+Verify = Annotated[
+    bool, Option("--verify", help="Read every session file, also those of which size and time are as they were.")
+]
 
 fleet = Typer(
     rich_markup_mode=None,
@@ -44,7 +60,9 @@ def add(
     folder: Folder,
     serial_number: Annotated[str | None, Argument(metavar="[SERIAL]", help="Serial number of the arm.")] = None,
     arm: Annotated[str | None, Argument(metavar="[ARM]", help=ARM_HELP)] = None,
-    session: Annotated[Path | None, Option(help="File of its readings; the last one added is fitted.")] = None,
+    session: Annotated[
+        str | None, Option(help="File of its readings, or a URL (s3://..); the last one added is fitted.")
+    ] = None,
     site: Annotated[str, Option(help="Where the arm is.")] = "",
     model: Annotated[ModelName | None, Option(help="Kind of model; by default auto, or as before.")] = None,
     every_days: Annotated[int | None, Option(help="Days after which readings are due again.")] = None,
@@ -76,12 +94,93 @@ def add(
 
 
 @fleet.command()
+def add_certificate(
+    folder: Folder,
+    files: Annotated[list[Path], Argument(metavar="FILE...", help="Certificates (DCC), .xml or .pdf.")],
+    due: Annotated[
+        str | None, Option(help="Day of the next calibration, 2027-11-03; by default that of the certificate.")
+    ] = None,
+    trusted: Annotated[
+        Path | None, Option(help="Certificates that you trust, of the signers or of who issued theirs, .pem.")
+    ] = None,
+) -> None:
+    """Add calibration certificates of arms, all or none of them; each states the serial number of its arm.
+
+    The registry keeps number, day, verdict, the day of the next calibration and the SHA-256 of the file. A certificate
+    that contradicts itself, or whose signature is broken, is refused.
+    """
+    from datetime import date
+
+    from truearm.errors import InputError
+    from truearm.fleet.fleet import Fleet
+
+    try:
+        day = None if due is None else date.fromisoformat(due)
+    except ValueError:
+        raise InputError(f"expected a day after --due, got {due!r}", hint="--due 2027-11-03") from None
+    opened = Fleet(folder)
+    n = opened.add_certificates(files, due=day, trusted=trusted)
+    opened.close()
+    print_line(f"{n} new in the registry. Next: truearm fleet status {folder}" if n else "Nothing is new.")
+
+
+@fleet.command()
+def check(
+    context: Context,
+    folder: Folder,
+    serial_number: Annotated[str, Argument(metavar="SERIAL", help="Serial number of the arm.")],
+    session: CheckedSession = None,
+    lengths: LengthsFile = None,
+    retired: RetiredOption = None,
+    mpe: LimitsFile = None,
+    date: CheckDate = None,
+    report: ChartsPage = None,
+    withdrawn: WithdrawOption = None,
+    reason: ReasonOption = None,
+    accept: AcceptOption = None,
+    as_json: Json = False,
+) -> None:
+    """Check whether an arm is still as its model in force; the history of its checks is in the registry.
+
+    As truearm check, which explains the options. Exit code 0: no need to recalibrate; 1: recalibrate; 3: undecided
+    (repeat the check), or not enough checks.
+    """
+    from truearm.fleet.fleet import Fleet
+    from truearm.workflows.check import withdraw_check
+
+    if withdrawn is not None:
+        given = needed_reason(context, reason)
+        check_page_path(report)
+        opened = Fleet(folder)
+        model, history = opened.model(serial_number), opened.history(serial_number)
+        print_withdrawal(withdraw_check(model, history, withdrawn, reason=given), report, as_json=as_json)
+        opened.close()
+        return
+    file = needed_session(context, session, "truearm fleet check FOLDER SERIAL SESSION")
+    check_page_path(report, file, lengths, mpe)
+    opened = Fleet(folder)
+    print_check(
+        lambda: opened.check(
+            *(serial_number, file),
+            lengths=lengths,
+            specification=mpe,
+            retired=retired or (),
+            date=date,
+            accept=accept,
+        ),
+        *(file, report),
+        as_json=as_json,
+    )
+
+
+@fleet.command()
 def run(
     folder: Folder,
     workers: Annotated[
         int | None, Option(min=1, help="Processes of this machine; without it, one arm at a time.")
     ] = None,
     scheduler: Annotated[str | None, Option(metavar="ADDRESS", help="Dask cluster: address of its scheduler.")] = None,
+    verify: Verify = False,
     as_json: Json = False,
 ) -> None:
     """Fit every arm whose readings, drawing or kind of model changed.
@@ -103,19 +202,19 @@ def run(
         executor = Processes(workers)
     opened = Fleet(folder)
     with progress(f"fitting {folder.name}") as update:
-        result = opened.run(executor, progress=update)
+        result = opened.run(executor, verify=verify, progress=update)
     opened.close()
     print_record(result, as_json=as_json)
     raise Exit(1 if result.failures else 0)
 
 
 @fleet.command()
-def status(folder: Folder, as_json: Json = False) -> None:
-    """Print the state of every arm: those first that failed, are due, or are worse than others of their type."""
+def status(folder: Folder, verify: Verify = False, as_json: Json = False) -> None:
+    """Print the state of every arm: first those for which something is to be done, then by the drift of constants."""
     from truearm.fleet.fleet import Fleet
 
     opened = Fleet(folder)
-    print_record(opened.status(), as_json=as_json)
+    print_record(opened.status(verify=verify), as_json=as_json)
     opened.close()
 
 

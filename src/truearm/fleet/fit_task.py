@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 import time
 import traceback
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from hashlib import file_digest, sha256
+from hashlib import sha256
 from math import isfinite
 from pathlib import Path
 from typing import Any, Literal
@@ -21,6 +21,7 @@ from truearm.compensation.export.rigid_arm import best_rigid_arm
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel, to_identified
 from truearm.errors import InputError, MissingTool, TruearmError
+from truearm.fleet.stored_files import content_sha256, local_copy
 from truearm.workflows.compare import compare
 from truearm.workflows.fit import FitResult, fit
 from truearm.workflows.sentences import format_mm
@@ -39,7 +40,7 @@ class FitTask:
     arm : str
         The nominal arm, as `truearm.load_arm` takes it.
     session : str
-        File of the readings.
+        File of the readings, or its URL.
     model : str
         Kind of model, as `truearm.fit` takes it.
     key : str
@@ -139,20 +140,28 @@ class FitRow:
         return found if self.is_usable else f"{found}, worse than the nominal arm; not in force"
 
 
-def key_of(serial_number: str, arm: str, session: str, model: str) -> str:
+def key_of(
+    serial_number: str, arm: str, session: str, model: str, sha256_of: Callable[[str], str] = content_sha256
+) -> str:
     """The SHA-256 of the inputs of a fit: contents of its files, kind of model, version of truearm.
 
-    A file that cannot be read counts by its name, and the fit then says why.
+    A file that cannot be read counts by its name, and the fit then says why. `sha256_of` gives that of a file.
     """
-    inputs = [__version__, serial_number, _content(arm_path(arm), arm), _content(Path(session), session), model]
+    drawing = str(arm_path(arm))
+    inputs = [
+        __version__,
+        serial_number,
+        _content(drawing, arm, sha256_of),
+        _content(session, session, sha256_of),
+        model,
+    ]
     return sha256(json.dumps(inputs).encode()).hexdigest()
 
 
-def _content(path: Path, name: str) -> str:
+def _content(file: str, name: str, sha256_of: Callable[[str], str] = content_sha256) -> str:
     try:
-        with path.open("rb") as stream:
-            return file_digest(stream, "sha256").hexdigest()
-    except OSError:
+        return sha256_of(file)
+    except (OSError, TruearmError):
         return f"file {name}"
 
 
@@ -160,8 +169,11 @@ def fit_arm(task: FitTask) -> FitRow:
     """Fit one arm and write its model; what fails is in the row, so that one arm stops no other."""
     start = time.perf_counter()
     state: State = "failed"
+    copy = task.session
     try:
-        result = fit(task.arm, task.session, model=task.model)
+        with local_copy(task.session) as file:
+            copy = str(file)
+            result = fit(task.arm, file, model=task.model)
         _check_serial_number(task, result.model)
         state = "lost"  # what fails from here on may be mended without other readings
         if _has_changed(task):
@@ -176,7 +188,7 @@ def fit_arm(task: FitTask) -> FitRow:
     except (TruearmError, OSError, MemoryError) as error:
         if isinstance(error, (OSError, MemoryError, MissingTool)) or _has_changed(task):
             state = "lost"
-        return FitRow.without_result(task, state, str(error) or type(error).__name__)
+        return FitRow.without_result(task, state, str(error).replace(copy, task.session) or type(error).__name__)
     except Exception:
         return FitRow.without_result(task, "failed", f"a fault of the program: {traceback.format_exc(limit=-3)}")
 
@@ -207,8 +219,8 @@ def _row(task: FitTask, result: FitResult, *, seconds: float) -> FitRow:
         task.session,
         "fitted",
         model=result.model_name,
-        model_sha256=_content(Path(task.out), task.out),
-        session_sha256=_content(Path(task.session), task.session),
+        model_sha256=_content(task.out, task.out),
+        session_sha256=_content(task.session, task.session),
         n_readings=result.n_readings,
         held_out_mm=held_out,
         nominal_mm=nominal,

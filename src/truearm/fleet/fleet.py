@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import tomllib
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from datetime import UTC, datetime, timedelta
+from contextlib import contextmanager
+from dataclasses import replace
+from datetime import UTC, date, datetime
 from hashlib import sha256
 from pathlib import Path
-from statistics import median
-from typing import TYPE_CHECKING, get_args
+from typing import get_args
 from urllib.parse import quote
 
 from truearm.arm import load_arm
@@ -24,23 +23,23 @@ from truearm.files.delimited import MAX_NAME
 from truearm.files.file_reading import parse_file, utf8_text
 from truearm.files.toml_documents import reject_control_characters, toml_text
 from truearm.fleet.arm_list import RegisteredArm
+from truearm.fleet.certificates import read_registered
 from truearm.fleet.executors import Executor, Serial, WorkerLost
 from truearm.fleet.fit_task import FitRow, FitTask, fit_arm, key_of
+from truearm.fleet.fleet_run import FleetRun
+from truearm.fleet.fleet_status import ArmRecords, FleetFigures, FleetStatus, arm_state, history_page
 from truearm.fleet.results import write_results
+from truearm.fleet.stored_files import FileHashes, check_stored, is_url
 from truearm.pages.html import write_page
-from truearm.show.fleet_page import ArmState, What, arm_history_page, fleet_page
-from truearm.workflows.outputs import PageRecord, check_page_path, make_folder, version_row
-from truearm.workflows.record import Record, TextTable, format_fixed
-from truearm.workflows.sentences import agree, number_of
-
-if TYPE_CHECKING:
-    from truearm.pages.page import Page
+from truearm.verification.monitor.history import History
+from truearm.workflows.check import CheckResult, check
+from truearm.workflows.inputs import LengthsLike, SessionLike
+from truearm.workflows.outputs import check_page_path, make_folder, version_row
+from truearm.workflows.verify import SpecificationLike
 
 SETTINGS = "fleet.toml"
 DEFAULT_DATABASE = "sqlite:///registry.sqlite"
 MAX_BYTES = 100_000
-# Arms that are printed.
-MAX_ROWS = 20
 MAX_DAYS = 36_500
 
 
@@ -141,7 +140,7 @@ class Fleet:
         arm : str
             The nominal arm: a name of `list_arms`, or an arm file or URDF.
         session : path, optional
-            File of its readings. It stays where it is.
+            File of its readings, or its URL as fsspec has it (``s3://bucket/a.csv``). It stays where it is.
         site : str
             Where the arm is.
         model : str, optional
@@ -196,7 +195,80 @@ class Fleet:
             raise InputError("the model file does not exist", file=file, hint="truearm fleet run fits it again")
         return load_model(file)
 
-    def run(self, executor: Executor | None = None, *, progress: Callable[[int, str], None] | None = None) -> FleetRun:
+    def add_certificates(
+        self, files: Iterable[str | Path], *, due: date | None = None, trusted: str | Path | None = None
+    ) -> int:
+        """Add calibration certificates of arms of the fleet, all or none; each states the serial number of its arm.
+
+        Parameters
+        ----------
+        files : iterable of path
+            Digital calibration certificates, ``.xml`` or the ``.pdf`` with one inside. They stay where they are.
+        due : date, optional
+            Day of the next calibration; by default that which a certificate states.
+        trusted : path, optional
+            Certificates (PEM) of the signers, as `read_certificate` takes them.
+
+        Returns
+        -------
+        int
+            Of how many something is new.
+
+        Raises
+        ------
+        InputError
+            If a file is no certificate, its signature is broken, or it is of no arm of the fleet.
+        """
+        arms = {one.serial_number for one in self.registry.arms()}
+        return self.registry.keep_certificates(
+            [read_registered(file, arms, due=due, trusted=trusted) for file in files]
+        )
+
+    def history(self, serial_number: str) -> History:
+        """The history of an arm's interim checks, as `check` and `withdraw_check` take it."""
+        return self.registry.history(serial_number)
+
+    def check(
+        self,
+        serial_number: str,
+        session: SessionLike,
+        *,
+        lengths: LengthsLike | None = None,
+        specification: SpecificationLike | None = None,
+        retired: Sequence[str] = (),
+        date: datetime | str | None = None,
+        accept: str | None = None,
+    ) -> CheckResult:
+        """Check whether an arm is still as its model in force: see `truearm.check`.
+
+        Its history and what it says are in the registry.
+
+        Parameters
+        ----------
+        serial_number : str
+        session, lengths, specification, retired, date, accept
+            As `truearm.check` takes them.
+        """
+        result = check(
+            self.model(serial_number),
+            session,
+            self.history(serial_number),
+            lengths=lengths,
+            specification=specification,
+            retired=retired,
+            date=date,
+            accept=accept,
+        )
+        self.registry.keep_verdict(serial_number, result.head, result.record.checks, result.assessment)
+        return result
+
+    def run(
+        self,
+        executor: Executor | None = None,
+        *,
+        verify: bool = False,
+        progress: Callable[[int, str], None] | None = None,
+    ) -> FleetRun:
         """Fit every arm whose readings, drawing or kind of model changed since its last fit.
 
         A failed fit, or one that is worse than the nominal arm, replaces no model in force. An interrupted run goes on
@@ -206,6 +278,8 @@ class Fleet:
         ----------
         executor : Executor, optional
             Who computes; by default this process.
+        verify : bool
+            Read every session file, also those of which size and time are as they were.
         progress : callable, optional
             Called with the number of arms done and a note.
 
@@ -213,7 +287,7 @@ class Fleet:
         -------
         FleetRun
         """
-        tasks, unchanged = self._tasks()
+        tasks, unchanged = self._tasks(verify=verify)
         rows: list[FitRow] = []
         try:
             for i, found in (executor or Serial()).results(fit_arm, tasks):
@@ -236,21 +310,21 @@ class Fleet:
             write_results(found.values(), self.folder / "results")
             written = set(found)
 
-    def _tasks(self) -> tuple[list[FitTask], list[FitRow]]:
+    def _tasks(self, *, verify: bool) -> tuple[list[FitTask], list[FitRow]]:
         """What is to be fitted, and the results of arms for which nothing changed."""
         in_force, fits = self.registry.models_in_force(), self.registry.fits()
+        arms = [arm for arm in self.registry.arms() if arm.session]
+        with self._hashes(verify=verify) as sha256_of:
+            of_arms = [self._task(arm, in_force.get(arm.serial_number), sha256_of) for arm in arms]
         tasks, unchanged = [], []
-        for arm in self.registry.arms():
-            if not arm.session:
-                continue
-            task = self._task(arm, in_force)
+        for task in of_arms:
             known = _fit_of(task, fits)
             if known is None or known.state == "lost":
                 tasks.append(task)
                 continue
             unchanged.append(known)
-            if known.is_usable and in_force.get(arm.serial_number) != task.key:  # earlier readings were added again
-                self.registry.put_in_force(arm.serial_number, task.key)
+            if known.is_usable and in_force.get(task.serial_number) != task.key:  # earlier readings were added again
+                self.registry.put_in_force(task.serial_number, task.key)
         return tasks, unchanged
 
     @property
@@ -282,65 +356,83 @@ class Fleet:
         check_page_path(out, *self.folder.glob("*.*"))
         beside = out.with_name(f"{out.stem}-arms")
         make_folder(beside)
-        status, fits, histories, states = self.status(), self.registry.fits(), self.registry.histories(), []
+        records = {one.arm.serial_number: one for one in self._records(verify=False)}
+        figures = FleetFigures(one.used for one in records.values() if one.used is not None)
+        now = datetime.now(UTC)
         failed: dict[str, list[FitRow]] = {}
-        for row in fits.values():
+        for row in self.registry.fits().values():
             if row.state != "fitted":
                 failed.setdefault(row.serial_number, []).append(row)
-        for i, one in enumerate(status.arms, 1):
-            name = f"{sha256(one.serial_number.encode()).hexdigest()[:16]}.html"
-            models = [(since, fits[key]) for since, key in histories.get(one.serial_number, ()) if key in fits]
-            write_page(self._history(one, models, failed.get(one.serial_number, [])), beside / name)
+        facts = (("database", self.registry.place), version_row())
+        states = []
+        for one in sorted((arm_state(one, figures, now) for one in records.values()), key=lambda one: one.rank):
+            name, of = f"{sha256(one.serial_number.encode()).hexdigest()[:16]}.html", records[one.serial_number]
+            page = history_page(of, one, figures.drifts(of.models), failed.get(one.serial_number, ()), facts)
+            write_page(page, beside / name)
             states.append(replace(one, page=quote(f"{beside.name}/{name}")))
             if progress is not None:
-                progress(i, one.serial_number)
+                progress(len(states), one.serial_number)
         write_page(FleetStatus(self.registry.place, tuple(states)).page(), out)
         return len(states)
 
-    def _history(self, arm: ArmState, models: Sequence[tuple[str, FitRow]], failed: Sequence[FitRow]) -> Page:
-        constants = models[-1][1].constants if models else ()
-        return arm_history_page(
-            arm,
-            models=[
-                (since[:10], one.model, one.n_readings, one.held_out_mm, one.moved_mm, one.n_changed, one.session)
-                for since, one in reversed(models)
-            ],
-            constants=[(one["name"], one["unit"], one["nominal"], one["value"], one["u"]) for one in constants],
-            failed=[(one.fitted_at[:10], one.session, one.message) for one in failed],
-            facts=(("database", self.registry.place), version_row()),
-        )
-
-    def status(self, *, today: datetime | None = None) -> FleetStatus:
-        """The state of every arm, worst first: failed, due, worse than others of its type.
+    def status(self, *, today: datetime | None = None, verify: bool = False) -> FleetStatus:
+        """The state of every arm, worst first: by what is to be done, then by the drift of its constants.
 
         Parameters
         ----------
         today : datetime, optional
             For what is due; by default now.
+        verify : bool
+            Read every session file, also those of which size and time are as they were.
         """
         now = (today or datetime.now(UTC)).astimezone(UTC)
-        in_force, fits = self.registry.models_in_force(), self.registry.fits()
-        of_type: dict[str, list[float]] = {}
-        for key in in_force.values():
-            if error := fits[key].held_out_mm:
-                of_type.setdefault(fits[key].arm, []).append(error)
-        medians = {name: median(errors) for name, errors in of_type.items()}
+        records = self._records(verify=verify)
+        figures = FleetFigures(one.used for one in records if one.used is not None)
+        states = [arm_state(one, figures, now) for one in records]
+        return FleetStatus(self.registry.place, tuple(sorted(states, key=lambda one: one.rank)))
+
+    def _records(self, *, verify: bool) -> list[ArmRecords]:
+        """What the registry has of every arm, by serial number."""
+        fits, histories = self.registry.fits(), self.registry.histories()
+        verdicts, certificates = self.registry.verdicts(), self.registry.certificates()
         # Readings are due from their first fit on: one by a later version of truearm makes them no newer.
         first: dict[tuple[str, str], str] = {}
         for row in fits.values():
             of = row.serial_number, row.session_sha256
             first[of] = min(row.fitted_at, first.get(of, row.fitted_at))
-        states = []
-        for arm in self.registry.arms():
-            known = _fit_of(self._task(arm, in_force), fits) if arm.session else None
-            used = fits.get(in_force.get(arm.serial_number, ""))
-            read = None if used is None else first[used.serial_number, used.session_sha256]
-            states.append(_state(arm, known, used, read, medians, now))
-        return FleetStatus(self.registry.place, tuple(sorted(states, key=lambda one: one.rank)))
+        records = []
+        with self._hashes(verify=verify) as sha256_of:
+            for arm in self.registry.arms():
+                history = [
+                    (since[:10], fits[key]) for since, key in histories.get(arm.serial_number, ()) if key in fits
+                ]
+                days, models = tuple(day for day, _ in history), tuple(row for _, row in history)
+                used = models[-1] if models else None
+                task = self._task(arm, None if used is None else used.key, sha256_of)
+                verdict = verdicts.get(arm.serial_number)
+                records.append(
+                    ArmRecords(
+                        arm,
+                        known=_fit_of(task, fits) if arm.session else None,
+                        models=models,
+                        days=days,
+                        read=None if used is None else first[used.serial_number, used.session_sha256],
+                        verdict=verdict if used and verdict and verdict.model == used.model_sha256 else None,
+                        certificates=tuple(certificates.get(arm.serial_number, ())),
+                    )
+                )
+        return records
 
-    def _task(self, arm: RegisteredArm, in_force: dict[str, str]) -> FitTask:
-        key = key_of(arm.serial_number, arm.arm, arm.session, arm.model or "auto")
-        before = in_force.get(arm.serial_number)
+    @contextmanager
+    def _hashes(self, *, verify: bool) -> Iterator[Callable[[str], str]]:
+        """Gives the SHA-256 of files, by size and time of those that were read before; keeps what is new."""
+        hashes = FileHashes({} if verify else self.registry.file_hashes())
+        yield hashes.sha256
+        self.registry.keep_file_hashes(hashes.new)
+
+    def _task(self, arm: RegisteredArm, before: str | None, sha256_of: Callable[[str], str]) -> FitTask:
+        """The fit of an arm; `before` is the key of that whose model is in force."""
+        key = key_of(arm.serial_number, arm.arm, arm.session, arm.model or "auto", sha256_of)
         return FitTask(
             arm.serial_number,
             arm.arm,
@@ -352,167 +444,10 @@ class Fleet:
         )
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class FleetRun(Record):
-    """What a run did.
-
-    Attributes
-    ----------
-    rows : tuple of FitRow
-        Of the arms that were fitted, by serial number; those that failed are among them.
-    unchanged : tuple of FitRow
-        Earlier results of arms with the same inputs.
-
-    Examples
-    --------
-    >>> from truearm.fleet.fleet import FleetRun
-    >>> print(FleetRun((), ()))
-    Nothing to fit: 0 arms are unchanged.
-    """
-
-    rows: tuple[FitRow, ...]
-    unchanged: tuple[FitRow, ...]
-
-    @property
-    def n_fitted(self) -> int:
-        """Arms that got a model."""
-        return sum(row.state == "fitted" for row in self.rows)
-
-    @property
-    def failures(self) -> tuple[FitRow, ...]:
-        """Fits without a model, those of earlier runs with the same inputs among them."""
-        return tuple(row for row in (*self.rows, *self.unchanged) if row.state != "fitted")
-
-    def summary(self) -> str:
-        """How many arms were fitted, and how many failed."""
-        same = f"{number_of(len(self.unchanged), 'arm')} {agree(len(self.unchanged), 'are')} unchanged"
-        if not self.rows:
-            return f"Nothing to fit: {same}."
-        failed = len(self.rows) - self.n_fitted
-        return f"{number_of(self.n_fitted, 'arm')} fitted, {failed} failed; {same}."
-
-    def blocks(self) -> Iterator[str | TextTable]:
-        """See `Record.blocks`."""
-        yield self.summary()
-        for row in self.failures[:MAX_ROWS]:
-            yield f"{row.serial_number}: {row.message}"
-        if (more := len(self.failures) - MAX_ROWS) > 0:
-            yield f"{number_of(more, 'more failure')}: truearm fleet status"
-        for row in self.rows:
-            if row.state == "fitted" and not row.is_usable:
-                yield f"{row.serial_number}: {row.outcome}"
-
-    def _json(self) -> object:
-        return {
-            "summary": self.summary(),
-            "n_fitted": self.n_fitted,
-            "n_unchanged": len(self.unchanged),
-            "failures": {row.serial_number: row.message for row in self.failures},
-            "rows": self.rows,
-        }
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class FleetStatus(PageRecord):
-    """The state of every arm of a fleet.
-
-    Attributes
-    ----------
-    place : str
-        The database.
-    arms : tuple of ArmState
-        Worst first.
-
-    Examples
-    --------
-    >>> from truearm.fleet.fleet import FleetStatus
-    >>> FleetStatus("sqlite:///registry.sqlite", ()).summary()
-    'The fleet has no arms.'
-    """
-
-    place: str
-    arms: tuple[ArmState, ...]
-
-    def summary(self) -> str:
-        """How many arms there are, by what is to be done."""
-        if not self.arms:
-            return "The fleet has no arms."
-        counts = Counter(one.what for one in self.arms)
-        return f"{number_of(len(self.arms), 'arm')}: " + ", ".join(f"{n} {what}" for what, n in counts.items()) + "."
-
-    def blocks(self) -> Iterator[str | TextTable]:
-        """See `Record.blocks`."""
-        yield self.summary()
-        if self.arms:
-            columns = ("serial number", "type", "site", "state", "held out, mm", "of type", "moved, mm", "due")
-            yield TextTable(columns, (_text_row(one) for one in self.arms[:MAX_ROWS]), left_aligned=(0, 1, 2, 3, 7))
-            if (more := len(self.arms) - MAX_ROWS) > 0:
-                yield f"{number_of(more, 'more arm')}: truearm fleet report, or --json"
-        for one in self.arms[:MAX_ROWS]:
-            if one.message:
-                yield f"{one.serial_number}: {one.message}"
-
-    def page(self) -> Page:
-        """See `PageRecord.page`."""
-        return fleet_page(self.arms, summary=self.summary(), facts=(("database", self.place), version_row()))
-
-    def _json(self) -> object:
-        return {"summary": self.summary(), "database": self.place, "arms": self.arms}
-
-
 def _fit_of(task: FitTask, fits: dict[str, FitRow]) -> FitRow | None:
     """The result of a task; None if there is none, or its model file is gone."""
     known = fits.get(task.key)
     return None if known is not None and known.state == "fitted" and not Path(task.out).is_file() else known
-
-
-def _text_row(one: ArmState) -> tuple[str, ...]:
-    numbers = [
-        "" if value is None else format_fixed(value, decimals)
-        for value, decimals in ((one.held_out_mm, 4), (one.of_type, 2), (one.moved_mm, 4))
-    ]
-    return one.serial_number, one.arm, one.site, one.what, *numbers, one.due
-
-
-def _state(
-    arm: RegisteredArm,
-    known: FitRow | None,
-    used: FitRow | None,
-    read: str | None,
-    medians: dict[str, float],
-    now: datetime,
-) -> ArmState:
-    """The state of one arm from the fit of its readings, the fit whose model is in force, and when that was read."""
-    due, overdue = "", False
-    if read is not None and arm.every_days is not None:
-        at = datetime.fromisoformat(read) + timedelta(days=arm.every_days)
-        due, overdue = f"{at.date()}", at <= now
-    what: What = "in force"
-    message = ""
-    if not arm.session:
-        what = "without readings"
-    elif known is not None and not known.is_usable:
-        what, message = "failed", known.outcome
-    elif known is None or known is not used:
-        what = "to be fitted"
-    elif overdue:
-        what = "due"
-    error = None if used is None else used.held_out_mm
-    return ArmState(
-        arm.serial_number,
-        arm.arm if used is None else used.arm,
-        arm.site,
-        what,
-        message=message,
-        model="" if used is None else used.model,
-        since="" if used is None else used.fitted_at[:10],
-        n_readings=None if used is None else used.n_readings,
-        held_out_mm=error,
-        of_type=None if used is None or not error else error / medians[used.arm],
-        moved_mm=None if used is None else used.moved_mm,
-        n_changed=None if used is None else used.n_changed,
-        due=due,
-    )
 
 
 def _checked(arm: RegisteredArm, beside: Path) -> RegisteredArm:
@@ -533,9 +468,9 @@ def _checked(arm: RegisteredArm, beside: Path) -> RegisteredArm:
     is_file = arm_path(beside / arm.arm).is_file()
     drawing = str((beside / arm.arm).absolute()) if is_file else arm.arm
     name = load_arm(drawing).name
-    session = str((beside / arm.session).absolute()) if arm.session else ""
-    if session and not Path(session).is_file():
-        raise InputError("the file of the readings does not exist", file=session)
+    session = arm.session if not arm.session or is_url(arm.session) else str((beside / arm.session).absolute())
+    if session:
+        check_stored(session)
     return replace(arm, serial_number=serial_number, arm=drawing if is_file else name, session=session)
 
 

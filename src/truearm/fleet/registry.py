@@ -1,79 +1,49 @@
-"""The registry of a fleet: arms, their readings, every fit and the model in force, in any SQL database.
+"""The registry of a fleet: arms, their readings, fits, models in force, checks and certificates, in any SQL database.
 
-Tables are those of SQLAlchemy Core, in SQL that SQLite and PostgreSQL both have. A fit and the model that it puts in
+A fit and the model that it puts in
 force are one transaction, and its key is unique: a writer that was cut off repeats it, and nothing is lost or double.
 """
 
 from __future__ import annotations
 
 import json
-import sqlite3
-import time
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, fields
-from datetime import UTC, datetime
 from pathlib import Path
-from typing import TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
 from truearm.errors import InputError, MissingTool, TruearmError
 from truearm.fleet.arm_list import RegisteredArm
+from truearm.fleet.certificates import RegisteredCertificate
 from truearm.fleet.fit_task import FitRow
+from truearm.verification.monitor.assessment import Assessment
+from truearm.verification.monitor.history import History
+from truearm.verification.monitor.interim_check import InterimCheck
 
 try:
     import sqlalchemy as sql
-    from sqlalchemy.exc import ArgumentError, DBAPIError, IntegrityError, NoSuchModuleError, OperationalError
 except ModuleNotFoundError:
     raise MissingTool(
         "a fleet needs the package SQLAlchemy, which is not installed", hint="pip install 'truearm[fleet]'"
     ) from None
-
-T = TypeVar("T")
+from truearm.fleet.check_history import CheckVerdict, RegisteredHistory, keep_verdict, verdicts
+from truearm.fleet.database import Database
+from truearm.fleet.tables import (
+    ARMS,
+    CERTIFICATES,
+    FILES,
+    FITS,
+    FLEET,
+    IN_FORCE,
+    SESSIONS,
+    TABLES,
+    VERSION,
+    lock_arm,
+    utc_now,
+)
 
 _ROW = TypeAdapter(FitRow)
-
-VERSION = 1
-# How long a writer waits for a database that does not answer, and between attempts.
-PATIENCE_S, PAUSE_S = 60.0, 0.5
-
-_TABLES = sql.MetaData()
-_VERSION = sql.Table("truearm_fleet", _TABLES, sql.Column("version", sql.Integer, primary_key=True))
-_ARMS = sql.Table(
-    "arms",
-    _TABLES,
-    sql.Column("serial_number", sql.String(200), primary_key=True),
-    sql.Column("arm", sql.Text, nullable=False),
-    sql.Column("site", sql.Text, nullable=False),
-    sql.Column("model", sql.String(20), nullable=False),
-    sql.Column("every_days", sql.Integer),
-    sql.Column("added_at", sql.String(40), nullable=False),
-)
-_SESSIONS = sql.Table(
-    "sessions",
-    _TABLES,
-    sql.Column("id", sql.Integer, primary_key=True),
-    sql.Column("serial_number", sql.ForeignKey("arms.serial_number"), nullable=False),
-    sql.Column("file", sql.Text, nullable=False),
-    sql.Column("added_at", sql.String(40), nullable=False),
-    sql.UniqueConstraint("serial_number", "file"),
-)
-_FITS = sql.Table(
-    "fits",
-    _TABLES,
-    sql.Column("key", sql.String(64), primary_key=True),
-    sql.Column("serial_number", sql.ForeignKey("arms.serial_number"), nullable=False),
-    sql.Column("state", sql.String(10), nullable=False),
-    sql.Column("row", sql.Text, nullable=False),
-)
-_IN_FORCE = sql.Table(
-    "models_in_force",
-    _TABLES,
-    sql.Column("id", sql.Integer, primary_key=True),
-    sql.Column("serial_number", sql.ForeignKey("arms.serial_number"), nullable=False),
-    sql.Column("key", sql.ForeignKey("fits.key"), nullable=False),
-    sql.Column("since", sql.String(40), nullable=False),
-)
 
 
 class Registry:
@@ -96,31 +66,21 @@ class Registry:
     """
 
     def __init__(self, url: str, *, beside: Path | None = None, create: bool = False) -> None:
-        try:
-            checked = _checked_url(sql.make_url(url), beside or Path.cwd(), create=create)
-            # A connection for each transaction: none is stale after a pause, and none is left open.
-            self._engine = sql.create_engine(checked, poolclass=sql.NullPool)
-        except InputError:
-            raise
-        except (ArgumentError, NoSuchModuleError, ModuleNotFoundError, ValueError) as error:
-            raise InputError(
-                f"the database cannot be opened ({error})",
-                hint="a URL as sqlite:///registry.sqlite or postgresql+psycopg://user@host/fleet (pip install psycopg)",
-            ) from None
-        self.place = self._engine.url.render_as_string(hide_password=True)
+        self.database = Database(url, beside=beside or Path.cwd(), create=create)
+        self.place = self.database.place
         if create:
-            self._do(_create)
-        version = self._do(_version)
+            self.database.do(_create)
+        version = self.database.do(_version)
         if version != VERSION:
             raise InputError(
                 f"expected the registry of a fleet of version {VERSION} in {self.place}, got "
                 f"{'another database' if version is None else f'version {version}'}",
-                hint="truearm fleet init creates one; a later version needs a later truearm",
+                hint="truearm fleet init creates one; version 1 was never released, a later one needs a later truearm",
             )
 
     def close(self) -> None:
         """Close the connections."""
-        self._engine.dispose()
+        self.database.close()
 
     def add(self, arms: Iterable[RegisteredArm]) -> int:
         """Add arms, or what is new of arms that are there: readings, site, model, days; all of them or none.
@@ -136,23 +96,25 @@ class Registry:
             If an arm is there as an arm of another type.
         """
         given = list(arms)
-        return self._do(lambda database: sum(_add(database, one) for one in given))
+        return self.database.do(lambda database: sum(_add(database, one) for one in given))
 
     def arms(self) -> list[RegisteredArm]:
         """All arms by their serial number, each with its last readings."""
-        last = sql.select(sql.func.max(_SESSIONS.c.id)).group_by(_SESSIONS.c.serial_number)
-        of_last = sql.select(_SESSIONS).where(_SESSIONS.c.id.in_(last)).subquery()
-        columns = [_ARMS.c[one.name] for one in fields(RegisteredArm) if one.name != "session"]
+        last = sql.select(sql.func.max(SESSIONS.c.id)).group_by(SESSIONS.c.serial_number)
+        of_last = sql.select(SESSIONS).where(SESSIONS.c.id.in_(last)).subquery()
+        columns = [ARMS.c[one.name] for one in fields(RegisteredArm) if one.name != "session"]
         query = (
             sql.select(*columns, sql.func.coalesce(of_last.c.file, "").label("session"))
-            .select_from(_ARMS.outerjoin(of_last, _ARMS.c.serial_number == of_last.c.serial_number))
-            .order_by(_ARMS.c.serial_number)
+            .select_from(ARMS.outerjoin(of_last, ARMS.c.serial_number == of_last.c.serial_number))
+            .order_by(ARMS.c.serial_number)
         )
-        return [RegisteredArm(**row) for row in self._do(lambda database: database.execute(query).mappings().all())]
+        return [
+            RegisteredArm(**row) for row in self.database.do(lambda database: database.execute(query).mappings().all())
+        ]
 
     def fits(self) -> dict[str, FitRow]:
         """All fits by their keys."""
-        rows = self._do(lambda database: database.execute(sql.select(_FITS.c.key, _FITS.c.row)).all())
+        rows = self.database.do(lambda database: database.execute(sql.select(FITS.c.key, FITS.c.row)).all())
         try:
             return {key: _ROW.validate_json(row) for key, row in rows}
         except ValidationError as error:
@@ -163,7 +125,9 @@ class Registry:
     def histories(self) -> dict[str, list[tuple[str, str]]]:
         """The models that were in force, by serial number, the last one last: since when (UTC), and the fit's key."""
         found: dict[str, list[tuple[str, str]]] = {}
-        for row in self._do(lambda database: database.execute(sql.select(_IN_FORCE).order_by(_IN_FORCE.c.id)).all()):
+        for row in self.database.do(
+            lambda database: database.execute(sql.select(IN_FORCE).order_by(IN_FORCE.c.id)).all()
+        ):
             found.setdefault(row.serial_number, []).append((row.since, row.key))
         return found
 
@@ -180,120 +144,159 @@ class Registry:
         in_force : bool
             Whether its model replaces the one in force, unless other readings were added meanwhile.
         """
-        self._do(lambda database: _record(database, row, in_force=in_force))
+        self.database.do(lambda database: _record(database, row, in_force=in_force))
 
     def put_in_force(self, serial_number: str, key: str) -> None:
         """Put the model of a fit in force that is there already."""
-        self._do(lambda database: _put_in_force(database, serial_number, key))
+        self.database.do(lambda database: _put_in_force(database, serial_number, key))
 
-    def _do(self, work: Callable[[sql.Connection], T]) -> T:
-        """Do work in one transaction; again where the connection was lost, or another writer was faster."""
-        end = time.monotonic() + PATIENCE_S
-        while True:
-            try:
-                with self._engine.begin() as database:
-                    return work(database)
-            except DBAPIError as error:
-                code = getattr(error.orig, "sqlite_errorcode", sqlite3.SQLITE_BUSY) & 0xFF
-                passes = isinstance(error, IntegrityError) or (
-                    isinstance(error, OperationalError) and code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED)
-                )
-                if not (passes or error.connection_invalidated) or time.monotonic() > end:
-                    raise TruearmError(
-                        f"{self.place}: the database cannot be used ({' '.join(str(error.orig).split())}). "
-                        "Try: see that it runs, may be written and has room; the same command then goes on"
-                    ) from None
-            time.sleep(PAUSE_S)
+    def keep_certificates(self, certificates: Iterable[RegisteredCertificate]) -> int:
+        """Keep certificates, all or none; of one that is there already another due date or file name.
 
+        Returns
+        -------
+        int
+            Of how many something is new.
 
-def _checked_url(url: sql.URL, beside: Path, *, create: bool) -> sql.URL:
-    """The URL, with a file of SQLite as a whole path."""
-    if url.password or "password" in url.query:
-        raise InputError(
-            "expected the URL of a database without a password: it is written to files",
-            hint="a password in ~/.pgpass or PGPASSWORD",
-        )
-    if url.get_backend_name() != "sqlite":
-        return url
-    if url.database in (None, "", ":memory:"):
-        raise InputError("a database in memory is gone with the program", hint="sqlite:///registry.sqlite")
-    file = beside / str(url.database)
-    if not create and not file.is_file():  # which SQLite would make
-        raise InputError("the registry does not exist", file=file, hint="restore it from a backup")
-    return url.set(database=file.as_posix())
+        Raises
+        ------
+        InputError
+            If an arm has a certificate of the same number with another content.
+        """
+        given = list(certificates)
+        return self.database.do(lambda database: sum(_keep_certificate(database, one) for one in given))
 
+    def certificates(self) -> dict[str, list[RegisteredCertificate]]:
+        """The certificates by serial number, the last one last."""
+        query = sql.select(CERTIFICATES).order_by(CERTIFICATES.c.issued, CERTIFICATES.c.number)
+        found: dict[str, list[RegisteredCertificate]] = {}
+        for row in self.database.do(lambda database: database.execute(query).mappings().all()):
+            found.setdefault(row["serial_number"], []).append(RegisteredCertificate(**row))
+        return found
 
-def _now() -> str:
-    return datetime.now(UTC).isoformat(timespec="milliseconds")
+    def history(self, serial_number: str) -> History:
+        """The history of an arm's interim checks.
+
+        Raises
+        ------
+        InputError
+            If there is no such arm.
+        """
+        of_arm = sql.select(ARMS.c.arm).where(ARMS.c.serial_number == serial_number)
+        if self.database.do(lambda database: database.scalar(of_arm)) is None:
+            raise InputError(
+                f"no arm {serial_number!r} is in the registry", hint="truearm fleet add adds one, status lists them"
+            )
+        return History(RegisteredHistory(self.database, serial_number))
+
+    def keep_verdict(
+        self, serial_number: str, head: tuple[int, str], checks: Sequence[InterimCheck], assessment: Assessment
+    ) -> None:
+        """Keep what the checks of an arm say, unless there are others than those of `head` by now."""
+        keep_verdict(self.database, serial_number, head, CheckVerdict.of(checks, assessment))
+
+    def verdicts(self) -> dict[str, CheckVerdict]:
+        """What the interim checks say, by serial number."""
+        return verdicts(self.database)
+
+    def file_hashes(self) -> dict[str, tuple[str, str]]:
+        """Stamp and SHA-256 of the files that were read, by their names."""
+        rows = self.database.do(lambda database: database.execute(sql.select(FILES)).all())
+        return {row.file: (row.stamp, row.sha256) for row in rows}
+
+    def keep_file_hashes(self, hashes: Mapping[str, tuple[str, str]]) -> None:
+        """Keep stamps and SHA-256 of files, in place of those before."""
+        if not hashes:
+            return
+        rows = [{"file": file, "stamp": stamp, "sha256": digest} for file, (stamp, digest) in hashes.items()]
+        before = sql.delete(FILES).where(FILES.c.file == sql.bindparam("of"))
+
+        def work(database: sql.Connection) -> None:
+            database.execute(before, [{"of": file} for file in hashes])
+            database.execute(sql.insert(FILES), rows)
+
+        self.database.do(work)
 
 
 def _create(database: sql.Connection) -> None:
-    _TABLES.create_all(database)
-    if database.scalar(sql.select(_VERSION.c.version)) is None:
-        database.execute(sql.insert(_VERSION).values(version=VERSION))
+    TABLES.create_all(database)
+    if database.scalar(sql.select(FLEET.c.version)) is None:
+        database.execute(sql.insert(FLEET).values(version=VERSION))
 
 
 def _version(database: sql.Connection) -> int | None:
-    if not sql.inspect(database).has_table(_VERSION.name):
+    if not sql.inspect(database).has_table(FLEET.name):
         return None
-    return database.scalar(sql.select(_VERSION.c.version))
+    return database.scalar(sql.select(FLEET.c.version))
 
 
 def _add(database: sql.Connection, one: RegisteredArm) -> int:
     """Add an arm, or what is new of it; 1 if anything was."""
-    known = database.execute(sql.select(_ARMS).where(_ARMS.c.serial_number == one.serial_number)).mappings().first()
+    known = database.execute(sql.select(ARMS).where(ARMS.c.serial_number == one.serial_number)).mappings().first()
     given = {name: value for name, value in asdict(one).items() if name != "session" and value not in ("", None)}
     new = given if known is None else {name: value for name, value in given.items() if known[name] != value}
     if known is None:
-        database.execute(sql.insert(_ARMS).values(**{"site": "", "model": "auto", "added_at": _now(), **given}))
+        database.execute(sql.insert(ARMS).values(**{"site": "", "model": "auto", "added_at": utc_now(), **given}))
     elif "arm" in new:
         raise InputError(
             f"serial number {one.serial_number!r} is in the registry as an arm {known['arm']!r}, got {one.arm!r}",
             hint="check the serial number",
         )
     elif new:
-        database.execute(sql.update(_ARMS).where(_ARMS.c.serial_number == one.serial_number).values(**new))
+        database.execute(sql.update(ARMS).where(ARMS.c.serial_number == one.serial_number).values(**new))
     if not one.session or one.session == _last_session(database, one.serial_number):
         return int(bool(new))
     # Readings of before that are added again are the last ones.
-    of_arm = _SESSIONS.c.serial_number == one.serial_number
-    database.execute(sql.delete(_SESSIONS).where(of_arm, _SESSIONS.c.file == one.session))
-    database.execute(sql.insert(_SESSIONS).values(serial_number=one.serial_number, file=one.session, added_at=_now()))
+    of_arm = SESSIONS.c.serial_number == one.serial_number
+    database.execute(sql.delete(SESSIONS).where(of_arm, SESSIONS.c.file == one.session))
+    database.execute(sql.insert(SESSIONS).values(serial_number=one.serial_number, file=one.session, added_at=utc_now()))
     return 1
 
 
 def _last_session(database: sql.Connection, serial_number: str) -> str | None:
-    of_arm = sql.select(_SESSIONS.c.file).where(_SESSIONS.c.serial_number == serial_number)
-    return database.scalar(of_arm.order_by(_SESSIONS.c.id.desc()).limit(1))
+    of_arm = sql.select(SESSIONS.c.file).where(SESSIONS.c.serial_number == serial_number)
+    return database.scalar(of_arm.order_by(SESSIONS.c.id.desc()).limit(1))
 
 
 def _record(database: sql.Connection, row: FitRow, *, in_force: bool) -> None:
-    _lock(database, row.serial_number)
+    lock_arm(database, row.serial_number)
     text = json.dumps(asdict(row))
-    state = database.scalar(sql.select(_FITS.c.state).where(_FITS.c.key == row.key))
+    state = database.scalar(sql.select(FITS.c.state).where(FITS.c.key == row.key))
     if state == "lost":
-        database.execute(sql.update(_FITS).where(_FITS.c.key == row.key).values(state=row.state, row=text))
+        database.execute(sql.update(FITS).where(FITS.c.key == row.key).values(state=row.state, row=text))
     elif state is None:
         database.execute(
-            sql.insert(_FITS).values(key=row.key, serial_number=row.serial_number, state=row.state, row=text)
+            sql.insert(FITS).values(key=row.key, serial_number=row.serial_number, state=row.state, row=text)
         )
     if in_force and _last_session(database, row.serial_number) in (None, row.session):
         _put_in_force(database, row.serial_number, row.key)
 
 
-def _lock(database: sql.Connection, serial_number: str) -> None:
-    """Make other writers of the arm wait for the end of this transaction, which a write does in any database."""
-    of_arm = sql.update(_ARMS).where(_ARMS.c.serial_number == serial_number)
-    database.execute(of_arm.values(serial_number=serial_number))
-
-
 def _put_in_force(database: sql.Connection, serial_number: str, key: str) -> None:
-    _lock(database, serial_number)
+    lock_arm(database, serial_number)
     last = (
-        sql.select(_IN_FORCE.c.key)
-        .where(_IN_FORCE.c.serial_number == serial_number)
-        .order_by(_IN_FORCE.c.id.desc())
+        sql.select(IN_FORCE.c.key)
+        .where(IN_FORCE.c.serial_number == serial_number)
+        .order_by(IN_FORCE.c.id.desc())
         .limit(1)
     )
     if database.scalar(last) != key:
-        database.execute(sql.insert(_IN_FORCE).values(serial_number=serial_number, key=key, since=_now()))
+        database.execute(sql.insert(IN_FORCE).values(serial_number=serial_number, key=key, since=utc_now()))
+
+
+def _keep_certificate(database: sql.Connection, one: RegisteredCertificate) -> bool:
+    lock_arm(database, one.serial_number)
+    of_arm = sql.select(CERTIFICATES).where(CERTIFICATES.c.serial_number == one.serial_number)
+    known = [RegisteredCertificate(**row) for row in database.execute(of_arm).mappings().all()]
+    if one in known:
+        return False
+    if any(other.number == one.number and other.sha256 != one.sha256 for other in known):
+        raise InputError(
+            f"{one.serial_number} has a certificate {one.number} with another content",
+            file=one.file,
+            hint="a certificate that replaces another has a number of its own: ask the laboratory which one is valid",
+        )
+    same = (CERTIFICATES.c.serial_number == one.serial_number) & (CERTIFICATES.c.sha256 == one.sha256)
+    database.execute(sql.delete(CERTIFICATES).where(same))
+    database.execute(sql.insert(CERTIFICATES).values(**asdict(one)))
+    return True

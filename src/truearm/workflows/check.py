@@ -73,8 +73,7 @@ class CheckResult(PageRecord):
     model : Compensator
     model_name : str
         Name of the model file, or of the kind of model.
-    history : Path
-        The file of the history.
+    history : History
     head : (int, str)
         Its number of rows and its last checksum after this check.
     input_remarks : tuple of str
@@ -94,7 +93,7 @@ class CheckResult(PageRecord):
     record: RecordedCheck
     model: Compensator
     model_name: str
-    history: Path
+    history: History
     head: tuple[int, str]
     input_remarks: tuple[str, ...]
     readings: Session
@@ -106,7 +105,7 @@ class CheckResult(PageRecord):
     @property
     def input_files(self) -> tuple[Path, ...]:
         """See `PageRecord`."""
-        return (*self.files, self.history)
+        return (*self.files, *self.history.store.files)
 
     @property
     def recalibrate(self) -> RecalibrationAdvice:
@@ -282,8 +281,8 @@ def check(
     'not enough checks yet'
     """
     files = input_files(model, session, lengths, specification)
-    file = history.path if isinstance(history, History) else Path(history)
-    check_output_is_not_input(file, *files)
+    if isinstance(history, str | Path):
+        check_output_is_not_input(history, *files)
     moment = now() if date is None else date if isinstance(date, datetime.datetime) else parse_moment(date)
     limits = None if specification is None else to_specification(specification)
     kept = history if isinstance(history, History) else History(history)
@@ -311,7 +310,7 @@ def check(
         record,
         fitted,
         name,
-        file,
+        kept,
         kept.head,
         tuple(remarks),
         readings,
@@ -390,9 +389,9 @@ def _model_json(model: OtherModel, assessment: Assessment) -> dict[str, object]:
     }
 
 
-def _page_facts(model: str, arm: Arm, history: Path, head: tuple[int, str]) -> list[tuple[str, str]]:
+def _page_facts(model: str, arm: Arm, history: History, head: tuple[int, str]) -> list[tuple[str, str]]:
     """The sources of the charts."""
-    stored = f"{history.name}: {head[0]} rows, last checksum {head[1]}"
+    stored = f"{history.store.name}: {head[0]} rows, last checksum {head[1]}"
     return [("model", model), arm_row(arm), ("history", stored), version_row()]
 
 
@@ -411,8 +410,7 @@ class WithdrawalResult(PageRecord):
     assessment : Assessment or None
         Of those that count; None where there is none.
     model : model or path
-    history : Path
-        The file of the history.
+    history : History
     head : (int, str)
         Its number of rows and its last checksum after the withdrawal.
     """
@@ -422,13 +420,13 @@ class WithdrawalResult(PageRecord):
     checks: tuple[InterimCheck, ...]
     assessment: Assessment | None
     model: ModelLike
-    history: Path
+    history: History
     head: tuple[int, str]
 
     @property
     def input_files(self) -> tuple[Path, ...]:
         """See `PageRecord`."""
-        return (*input_files(self.model), self.history)
+        return (*input_files(self.model), *self.history.store.files)
 
     def page(self) -> Page:
         """The control charts without the withdrawn check, which is struck through.
@@ -508,9 +506,9 @@ def withdraw_check(
     kept = history if isinstance(history, History) else existing_history(Path(history))
     whose = model_file_fingerprint(model)
     known = kept.checks(whose)
-    number = number_of_check(str(which).strip(), known, kept.path)
+    number = number_of_check(str(which).strip(), known, kept.store)
     withdrawal = Withdrawal(now(), reason)
     kept.withdraw(known[number - 1], withdrawal)
     checks = kept.checks(whose)
     assessment = assess(checks) if counted(checks) else None
-    return WithdrawalResult(checks[number - 1], number, checks, assessment, model, kept.path, kept.head)
+    return WithdrawalResult(checks[number - 1], number, checks, assessment, model, kept, kept.head)

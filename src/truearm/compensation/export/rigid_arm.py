@@ -9,6 +9,7 @@ does not determine stay nominal, whatever the prior's size was at the start.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -55,18 +56,43 @@ class RigidArm:
         identify the base: then base frame and reference frame are one, and the arm's base contains what differs.
     fit : IdentificationResult
         Identification of the constants from the model's points; its covariance is that of the stand-in.
-    loss : ExportLoss
-        What is lost over the region, at poses held out.
     poses : (n, n_joints) array
         Of the region [rad, or mm].
+    region : str
+        The poses in words.
+    points : (n, 3) array
+        Of the model at the poses [mm].
+    model_mm : float
+        Root mean square standard uncertainty of these points.
+    start : Chain
+        The nominal one with the model's base and tip.
+    free : tuple of str
+        The parts that the model identified.
     """
 
     arm: Arm
     nominal: Arm
     T_reference_base: FloatArray
     fit: IdentificationResult
-    loss: ExportLoss
     poses: FloatArray
+    region: str
+    points: FloatArray
+    model_mm: float
+    start: Chain
+    free: tuple[str, ...]
+
+    @cached_property
+    def loss(self) -> ExportLoss:
+        """What is lost over the region, at poses held out."""
+        exported = _held_out_errors(self.fit, self.start, self.free, self.poses, self.points)
+        return ExportLoss(
+            nominal_mm=float(np.linalg.norm(self.start.tip_in_base(self.poses) - self.points, axis=1).mean()),
+            exported_mm=float(exported.mean()),
+            model_mm=self.model_mm,
+            exported_max_mm=float(exported.max()),
+            region=stated_text(self.region),
+            n_poses=len(self.poses),
+        )
 
     def in_reference_frame(self) -> Arm:
         """The arm with the frame of the model's points as its base frame."""
@@ -125,16 +151,8 @@ def best_rigid_arm(
     kind = type(model).__name__.removesuffix("Model").lower()
     title = f"{arm.title}, constants refitted to a {kind} model".strip(", ")
     rigid = replace(arm, chain=chain, title=title, serial_number=model.arm_.serial_number or arm.serial_number)
-    exported = _held_out_errors(fit, start, free, poses, points)
-    loss = ExportLoss(
-        nominal_mm=float(np.linalg.norm(start.tip_in_base(poses) - points, axis=1).mean()),
-        exported_mm=float(exported.mean()),
-        model_mm=float(np.sqrt(np.trace(covariances, axis1=1, axis2=2).mean())),
-        exported_max_mm=float(exported.max()),
-        region=stated_text(words),
-        n_poses=len(poses),
-    )
-    return RigidArm(rigid, arm, T_reference_base, fit, loss, poses)
+    model_mm = float(np.sqrt(np.trace(covariances, axis1=1, axis2=2).mean()))
+    return RigidArm(rigid, arm, T_reference_base, fit, poses, words, points, model_mm, start, free)
 
 
 def _fitted(start: Chain, free: tuple[str, ...], poses: FloatArray, points: FloatArray) -> IdentificationResult:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import datetime
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
+from hashlib import sha256
 
 from truearm.verification.monitor.interim_check import CheckReading, CheckValue, InterimCheck, Withdrawal
 
@@ -71,6 +72,40 @@ def _is_same(stored: InterimCheck, check: InterimCheck) -> bool:
     return stored.session == check.session and stored.withdrawn is None
 
 
+def next_checksum(before: str, text: str) -> str:
+    """The checksum of a row after that of the row before; of the first row that is empty."""
+    return sha256(f"{before}\n{text}".encode()).hexdigest()
+
+
+def linked_rows(stored: Iterable[tuple[object, object, object]], head: Sequence[tuple[object, object]]) -> HistoryRows:
+    """The rows of a store, if they are as they were added.
+
+    Parameters
+    ----------
+    stored : iterable of (object, object, object)
+        Number, text and checksum of each row.
+    head : sequence of (object, object)
+        One: the number of rows and the last checksum.
+
+    Raises
+    ------
+    ValueError
+        If a row was changed, added or removed; or is not a row.
+    """
+    rows: list[CheckRow | WithdrawalRow] = []
+    checksum = ""
+    for expected, (number, text, sum_of_row) in enumerate(stored, start=1):
+        if number != expected or not isinstance(text, str) or sum_of_row != (checksum := next_checksum(checksum, text)):
+            raise ValueError(f"the checksum of row {expected} does not match its content")
+        try:
+            rows.append(decode_row(text, rows))
+        except (ValueError, TypeError, LookupError, AttributeError, RecursionError, OverflowError) as error:
+            raise ValueError(f"row {expected} is not a check: {error!s:.200}") from None
+    if list(map(tuple, head)) != [(len(rows), checksum)]:
+        raise ValueError("the last rows are missing, or were added by another program")
+    return HistoryRows(tuple(rows), checksum)
+
+
 def encode_check(record: CheckRow) -> str:
     """Return the JSON text of a row with a check."""
     check = {**asdict(record.check), "date": record.check.date.isoformat(sep=" ")}
@@ -94,7 +129,7 @@ def encode_withdrawal(row: int, withdrawal: Withdrawal) -> str:
 
 
 def decode_row(text: str, rows: Sequence[CheckRow | WithdrawalRow]) -> CheckRow | WithdrawalRow:
-    """The row of a JSON text after other rows; raises what `History._read` catches."""
+    """The row of a JSON text after other rows; raises what `linked_rows` catches."""
     fields = json.loads(text)
     if "withdraws" in fields:
         row, date = fields.pop("withdraws"), datetime.datetime.fromisoformat(fields.pop("date"))

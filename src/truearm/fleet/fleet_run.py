@@ -1,0 +1,73 @@
+"""The result of a run: the arms that were fitted, and those that failed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from truearm.fleet.fit_task import FitRow
+from truearm.workflows.record import Record, TextTable
+from truearm.workflows.sentences import agree, number_of
+
+# Failures that are printed.
+MAX_ROWS = 20
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FleetRun(Record):
+    """What a run did.
+
+    Attributes
+    ----------
+    rows : tuple of FitRow
+        Of the arms that were fitted, by serial number; those that failed are among them.
+    unchanged : tuple of FitRow
+        Earlier results of arms with the same inputs.
+
+    Examples
+    --------
+    >>> from truearm.fleet.fleet_run import FleetRun
+    >>> print(FleetRun((), ()))
+    Nothing to fit: 0 arms are unchanged.
+    """
+
+    rows: tuple[FitRow, ...]
+    unchanged: tuple[FitRow, ...]
+
+    @property
+    def n_fitted(self) -> int:
+        """Arms that got a model."""
+        return sum(row.state == "fitted" for row in self.rows)
+
+    @property
+    def failures(self) -> tuple[FitRow, ...]:
+        """Fits without a model, those of earlier runs with the same inputs among them."""
+        return tuple(row for row in (*self.rows, *self.unchanged) if row.state != "fitted")
+
+    def summary(self) -> str:
+        """How many arms were fitted, and how many failed."""
+        same = f"{number_of(len(self.unchanged), 'arm')} {agree(len(self.unchanged), 'are')} unchanged"
+        if not self.rows:
+            return f"Nothing to fit: {same}."
+        failed = len(self.rows) - self.n_fitted
+        return f"{number_of(self.n_fitted, 'arm')} fitted, {failed} failed; {same}."
+
+    def blocks(self) -> Iterator[str | TextTable]:
+        """See `Record.blocks`."""
+        yield self.summary()
+        for row in self.failures[:MAX_ROWS]:
+            yield f"{row.serial_number}: {row.message}"
+        if (more := len(self.failures) - MAX_ROWS) > 0:
+            yield f"{number_of(more, 'more failure')}: truearm fleet status"
+        for row in self.rows:
+            if row.state == "fitted" and not row.is_usable:
+                yield f"{row.serial_number}: {row.outcome}"
+
+    def _json(self) -> object:
+        return {
+            "summary": self.summary(),
+            "n_fitted": self.n_fitted,
+            "n_unchanged": len(self.unchanged),
+            "failures": {row.serial_number: row.message for row in self.failures},
+            "rows": self.rows,
+        }
