@@ -29,6 +29,7 @@ VERBS: tuple[tuple[str, str], ...] = (
     ("fetch", "fetch"),
     ("simulate", "simulate"),
     ("plan", "plan"),
+    ("record", "record"),
     ("import", "import_table"),
     ("split", "split"),
     ("fit", "fit"),

@@ -1,0 +1,91 @@
+"""Sources by what people type: ``KIND:ADDRESS``, such as ``rtde:192.168.0.7`` or ``lines:arm.toml@tcp:HOST:PORT``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from truearm.arm.catalogue import load_arm
+from truearm.errors import InputError
+from truearm.sources.replay import replay
+from truearm.sources.sample import Source
+from truearm.sources.text_lines import text_lines
+from truearm.sources.virtual_arm import virtual_arm
+
+
+@dataclass(frozen=True)
+class SourceKind:
+    """A kind of source.
+
+    Attributes
+    ----------
+    name, form : str
+        What it is called, and how it is typed.
+    title : str
+        What it is.
+    open : callable
+        Makes the source from the address and what follows ``@``.
+    """
+
+    name: str
+    form: str
+    title: str
+    open: Callable[[str, str], Source]
+
+
+def _speed(text: str) -> float:
+    try:
+        return float("inf") if text == "max" else float(text or 1)
+    except ValueError:
+        raise InputError(f"expected a speed, got {text!r:.40}", hint="@10, or @max") from None
+
+
+KINDS = (
+    SourceKind(
+        "lines",
+        "lines:FILE.toml[@CONNECTION]",
+        "text lines from a serial port, TCP, UDP or standard input",
+        lambda address, rest: text_lines(Path(address), rest),
+    ),
+    SourceKind(
+        "replay",
+        "replay:SESSION[@SPEED]",
+        "a session file, reading by reading",
+        lambda address, rest: replay(Path(address), _speed(rest)),
+    ),
+    SourceKind(
+        "virtual",
+        "virtual:ARM[@SPEED]",
+        "an arm without errors that moves by itself",
+        lambda address, rest: virtual_arm(load_arm(address), speed=_speed(rest)),
+    ),
+)
+
+
+def open_source(name: str) -> Source:
+    """The source of a name.
+
+    Parameters
+    ----------
+    name : str
+        ``KIND:ADDRESS``; `truearm sources` lists the kinds.
+
+    Raises
+    ------
+    InputError
+        If there is no such kind, its file breaks a rule of its format, or a package is missing.
+
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> samples = ta.open_source("virtual:ur10@max").samples()
+    >>> len(next(samples).joint_angles_rad)
+    6
+    """
+    kind, colon, address = name.partition(":")
+    known = {one.name: one for one in KINDS}
+    if kind not in known or not colon or not address:
+        raise InputError(f"expected a source, got {name!r:.80}", hint=", ".join(one.form for one in KINDS))
+    first, _, rest = address.partition("@")
+    return known[kind].open(first, rest)

@@ -1,0 +1,489 @@
+"""`record`: readings of a connected arm, latched at standstill and written at once."""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from math import degrees
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from truearm.arm import Arm
+from truearm.choices import TakeOn
+from truearm.errors import InputError
+from truearm.identification.planning.planned_readings import PlannedReadings, read_planned
+from truearm.number_format import format_count
+from truearm.readings.session_log import SessionLog
+from truearm.sources import Notice, Sample, Source, StandstillRule, open_source
+from truearm.sources.standstill import Standstill, TakenReading
+from truearm.typing import FloatArray
+from truearm.workflows.inputs import to_arm
+from truearm.workflows.record import to_plain
+
+TYPED = "typed"
+LARGEST_POINT_SPREAD_MM = 0.1  # of a second instrument in the window of a reading
+FAR_FROM_AIM_DEG = 20.0  # a pose that is farther from the plan's is said to be
+WAIT_FOR_POINT_S = 1.0  # the second instrument may lag behind the arm
+REFERENCE_SAMPLES = 10_000
+MOST_WAITING = 10_000  # samples and commands
+
+Kind = Literal["ready", "reading", "undone", "next", "notice", "refused", "end"]
+_Origin = Literal["arm", "reference", "command"]
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that a recording says.
+
+    Attributes
+    ----------
+    kind : {"ready", "reading", "undone", "next", "notice", "refused", "end"}
+        ``reading``: it is on the disk. ``next``: the pose of the plan that comes next. ``refused``: what a person asked
+        for was not done.
+    text : str
+        In one sentence.
+    values : mapping of str to object
+        For machines; the keys state their units.
+    """
+
+    kind: Kind
+    text: str
+    values: Mapping[str, Any] = field(default_factory=dict)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The event for machines: its kind, its text and its values."""
+        plain: dict[str, Any] = to_plain({"event": self.kind, "text": self.text, **self.values})
+        return plain
+
+
+class Recording:
+    """Samples and commands in, readings in a session file and events out.
+
+    Parameters
+    ----------
+    source : Source
+    out : Path
+    arm : Arm, optional
+        For limits and names of joints; needed with a plan.
+    plan : Path, optional
+        The file of a plan.
+    reference : Source or "typed", optional
+        What measures the tip, if not `source`.
+    rule : StandstillRule
+    on : {"still", "key"}
+        Whether readings are taken at every standstill, or when a person (or the arm's button) asks.
+    seat : str
+        Name of the seat of the next readings.
+
+    Raises
+    ------
+    InputError
+        If the plan is of another arm, or the file cannot be continued.
+    """
+
+    def __init__(
+        self,
+        source: Source,
+        out: Path,
+        *,
+        arm: Arm | None = None,
+        plan: Path | None = None,
+        reference: Source | str | None = None,
+        rule: StandstillRule | None = None,
+        on: TakeOn = "still",
+        seat: str = "",
+    ) -> None:
+        if plan is not None and arm is None:
+            raise InputError("a plan needs the arm that it is for", file=plan, hint="--arm ARM")
+        self.source, self.arm, self.reference, self.seat, self._on = source, arm, reference, seat, on
+        self.plan: PlannedReadings | None = None if plan is None or arm is None else read_planned(plan, arm)
+        prismatic = source.prismatic
+        if arm is not None:
+            prismatic = tuple(int(joint) + 1 for joint in np.flatnonzero(arm.chain.is_prismatic))
+        self._prismatic = prismatic
+        self._rule = rule or StandstillRule()
+        self._standstill = Standstill(self._rule, prismatic)
+        self._points: deque[Sample] = deque(maxlen=REFERENCE_SAMPLES)
+        self._typed_mm: FloatArray | None = None
+        self._asked, self._was_pressed, self._said = False, False, ""
+        self._still_since_s = 0.0
+        self._skipped: set[int] = set()
+        self._out = out
+        self._log: SessionLog | None = None
+        self.sample: Sample | None = None
+
+    @property
+    def n_readings(self) -> int:
+        """Number of readings in the file."""
+        return 0 if self._log is None else len(self._log.rows)
+
+    @property
+    def is_still(self) -> bool:
+        """Whether the arm stands still."""
+        return self._standstill.is_still
+
+    @property
+    def units(self) -> list[str]:
+        """Unit in which people read each joint: deg, or mm of one that slides."""
+        n = 0 if self.sample is None else len(self.sample.joint_angles_rad)
+        return ["mm" if joint in self._prismatic else "deg" for joint in range(1, n + 1)]
+
+    def displayed(self, angles_rad: FloatArray) -> list[float]:
+        """Joint angles in the units in which people read them."""
+        shown = zip(angles_rad.tolist(), self.units, strict=True)
+        return [angle if unit == "mm" else degrees(angle) for angle, unit in shown]
+
+    @property
+    def next_pose(self) -> int | None:
+        """Number of the plan's next pose, counted from 1; None without a plan or after its last."""
+        return next(iter(self._poses_left()), None)
+
+    def _poses_left(self) -> list[int]:
+        if self.plan is None or self._log is None:
+            return []
+        done = {row["note_pose"] for row in self._log.rows}
+        return [n for n in range(1, len(self.plan) + 1) if str(n) not in done and n not in self._skipped]
+
+    def to_go(self) -> list[float] | None:
+        """How far each joint is from the plan's next pose, in the units in which people read them."""
+        number = self.next_pose
+        if self.plan is None or number is None or self.sample is None:
+            return None
+        return self.displayed(self.plan.angles[number - 1] - self.sample.joint_angles_rad)
+
+    def on_sample(self, sample: Sample) -> Iterator[Event]:
+        """Take in a sample of the arm."""
+        self.sample = sample
+        if self._log is None:
+            yield from self._start(sample)
+        self._standstill.add(sample)
+        self._asked |= sample.is_button_pressed and not self._was_pressed
+        self._was_pressed = sample.is_button_pressed
+        wanted = self._asked or (self._on == "still" and self._standstill.is_new)
+        if not self._standstill.is_still:
+            self._still_since_s, self._said = sample.time_s, ""
+        elif wanted and (problem := self._missing_point()):
+            waited_s = sample.time_s - self._still_since_s
+            if problem != self._said and (self.reference == TYPED or waited_s > WAIT_FOR_POINT_S):
+                yield Event("notice", problem)
+                self._said = problem
+        elif wanted:
+            yield from self._take(self._standstill.taken())
+
+    def on_reference(self, sample: Sample) -> None:
+        """Take in a sample of the second instrument."""
+        if sample.tip_in_reference_mm is not None:
+            self._points.append(sample)
+
+    def on_command(self, text: str) -> Iterator[Event]:
+        """Do what a person asks for.
+
+        Parameters
+        ----------
+        text : str
+            ``take``, ``take moving``, ``undo``, ``seat NAME``, ``point X Y Z``, ``skip``.
+        """
+        word, _, rest = text.strip().partition(" ")
+        if text.strip() == "take":
+            self._asked = True
+            if not self.is_still:
+                yield Event("notice", "the reading is taken when the arm stands still")
+        elif text.strip() == "take moving":
+            yield from self._take_moving()
+        elif text.strip() == "undo":
+            yield from self._undo()
+        elif word == "seat":
+            self.seat = rest.strip()[:200]
+            yield Event("notice", f"seat {self.seat}" if self.seat else "no seat")
+        elif word == "point":
+            yield self._type_point(rest)
+        elif text.strip() == "skip" and (number := self.next_pose) is not None:
+            self._skipped.add(number)
+            yield from self._next()
+        else:
+            yield Event("refused", f"unknown command {text[:40]!a}: take, take moving, undo, seat, point or skip")
+
+    def close(self) -> Event:
+        """Close the file."""
+        if self._log is not None:
+            self._log.close()
+        count = format_count(self.n_readings, "reading")
+        return Event("end", f"{count} in {self._out}", {"readings": self.n_readings, "file": str(self._out)})
+
+    def _start(self, sample: Sample) -> Iterator[Event]:
+        """Open the file; its columns depend on what the device gives."""
+        n = len(sample.joint_angles_rad)
+        if n == 0:
+            raise InputError(f"{self.source.name} gives no joint angles", hint="give it as --reference")
+        if self.arm is not None and self.arm.n_joints != n:
+            raise InputError(
+                f"{self.source.name} gives {n} joints, arm {self.arm.name!r} has {self.arm.n_joints}",
+                hint="give the arm that is connected",
+            )
+        self._log = SessionLog(self._out, self._columns(sample))
+        if self._log.repaired:
+            yield Event("notice", f"{self._out}: {self._log.repaired}")
+        before = f", after {format_count(self.n_readings, 'reading')} before" if self.n_readings else ""
+        yield Event("ready", f"recording {self.source.name} to {self._out}{before}", {"readings": self.n_readings})
+        yield from self._next()
+
+    def _columns(self, sample: Sample) -> list[str]:
+        joints = [f"q{joint}_{unit}" for joint, unit in enumerate(self.units, start=1)]
+        has_points = self.source.has_points or self.reference is not None
+        planned = [] if self.plan is None else ["sphere", "position"]
+        return [
+            *joints,
+            *(("x_mm", "y_mm", "z_mm") if has_points else ()),
+            "seat",
+            *(name for name in planned if getattr(self.plan, name) is not None),
+            *(("serial_number",) if self.arm is not None and self.arm.serial_number else ()),
+            *(("temperature_degC",) if sample.temperature_degC is not None else ()),
+            *sample.columns,
+            *(("note_pose",) if self.plan is not None else ()),
+            "note_samples",
+            *(f"note_std_{joint}" for joint in joints),
+            "note_time",
+        ]
+
+    def _missing_point(self) -> str:
+        """Why the reference has no point for the samples of the window; empty if it has."""
+        if self.reference == TYPED and self._typed_mm is None:
+            return "still: type the point"
+        if isinstance(self.reference, Source):
+            points = self._reference_points(self._standstill.window_s)
+            if not len(points):
+                return f"{self.reference.name} gives no point while the arm stands still"
+            if (spread := float(np.ptp(points, axis=0).max())) > LARGEST_POINT_SPREAD_MM:
+                return f"{self.reference.name}: the points of this standstill differ by {spread:.3f} mm"
+        return ""
+
+    def _reference_points(self, window_s: tuple[float, float]) -> FloatArray:
+        """(n, 3) points of the second instrument in a window of time [mm]."""
+        start_s, end_s = window_s
+        found = [one.tip_in_reference_mm for one in self._points if start_s <= one.time_s <= end_s]
+        return np.array(found).reshape(-1, 3)
+
+    def _point(self, reading: TakenReading) -> FloatArray | None:
+        if self.reference == TYPED:
+            return self._typed_mm
+        if isinstance(self.reference, Source):
+            points = self._reference_points((reading.start_s, reading.end_s))
+            return points.mean(axis=0) if len(points) else None
+        return reading.tip_in_reference_mm
+
+    def _take(self, reading: TakenReading) -> Iterator[Event]:
+        assert self._log is not None  # opened at the first sample
+        number, plan = self.next_pose, self.plan
+        point = self._point(reading)
+        row: dict[str, float | str] = {"seat": self.seat, "note_samples": str(reading.n), **reading.columns}
+        mean, std = self.displayed(reading.joint_angles_rad), self.displayed(reading.joint_std_rad)
+        for joint, (unit, angle, scatter) in enumerate(zip(self.units, mean, std, strict=True), start=1):
+            row |= {f"q{joint}_{unit}": angle, f"note_std_q{joint}_{unit}": float(f"{scatter:.2g}")}
+        if point is not None:
+            row |= zip(("x_mm", "y_mm", "z_mm"), point.tolist(), strict=True)
+        if reading.temperature_degC is not None:
+            row["temperature_degC"] = reading.temperature_degC
+        if self.arm is not None:
+            row["serial_number"] = self.arm.serial_number
+        if plan is not None and number is not None:
+            row["note_pose"] = str(number)
+            for name in ("seat", "sphere", "position"):
+                if (names := getattr(plan, name)) is not None and not (name == "seat" and self.seat):
+                    row[name] = str(names[number - 1])
+        row["note_time"] = datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+        self._log.append(row)
+        self._typed_mm, self._asked, self._said = None, False, ""
+        yield Event("reading", self._describe(row, number, reading), {"reading": self.n_readings, **row})
+        yield from self._next()
+
+    def _describe(self, row: Mapping[str, float | str], number: int | None, reading: TakenReading) -> str:
+        where = f", seat {row['seat']}" if row["seat"] else ""
+        pose = f", pose {number} of {len(self.plan)}" if self.plan is not None and number is not None else ""
+        text = f"reading {self.n_readings}{pose}{where}: mean of {format_count(reading.n, 'sample')}"
+        if self.plan is not None and number is not None:
+            away = np.abs(self.displayed(self.plan.angles[number - 1] - reading.joint_angles_rad))
+            if away[joint := int(np.argmax(away))] > FAR_FROM_AIM_DEG:
+                text += f"; J{joint + 1} is {away[joint]:.0f} {self.units[joint]} from the pose of the plan"
+        if self.arm is not None:
+            lower, upper = self.arm.limits.T
+            beyond = np.flatnonzero((reading.joint_angles_rad < lower) | (reading.joint_angles_rad > upper))
+            text += "".join(f"; J{joint + 1} is beyond its limit" for joint in beyond)
+        return text
+
+    def _take_moving(self) -> Iterator[Event]:
+        if self._log is None:
+            yield Event("refused", "nothing was received from the arm yet")
+        elif isinstance(self.reference, Source):
+            yield Event("refused", "from a moving arm, arm and second instrument cannot be paired")
+        else:
+            yield from self._take(self._standstill.last())
+
+    def _undo(self) -> Iterator[Event]:
+        row = None if self._log is None else self._log.undo()
+        if row is None:
+            yield Event("refused", "there is no reading to undo")
+            return
+        yield Event("undone", f"reading {self.n_readings + 1} removed", {"reading": self.n_readings + 1, **row})
+        yield from self._next()
+
+    def _type_point(self, text: str) -> Event:
+        try:
+            point = np.array([float(part) for part in text.replace(",", " ").split()])
+        except ValueError:
+            point = np.empty(0)
+        if self.reference != TYPED:
+            return Event("refused", "points are not typed in this recording", {"hint": "--reference typed"})
+        if point.shape != (3,) or not (np.abs(point) < 1e9).all():
+            return Event("refused", f"expected a point as three numbers in mm, got {text[:40]!a}")
+        self._typed_mm = point
+        return Event("notice", "point {:g} {:g} {:g} mm".format(*point))
+
+    def _next(self) -> Iterator[Event]:
+        """What the plan wants next."""
+        if self.plan is None:
+            return
+        number = self.next_pose
+        if number is None:
+            yield Event("next", "the plan is done", {"pose": None, "remaining": 0})
+            return
+        aims = self.displayed(self.plan.angles[number - 1])
+        aim = ", ".join(f"J{joint} {angle:.0f}" for joint, angle in enumerate(aims, start=1))
+        note = "" if self.plan.note is None else str(self.plan.note[number - 1])
+        left = len(self._poses_left())
+        text = f"next: pose {number} of {len(self.plan)}{note and f', {note}'}; {aim} {self.units[0]}; {left} to go"
+        yield Event("next", text, {"pose": number, "remaining": left, "aim": aims, "instruction": note})
+
+
+def record(
+    source: str | Source,
+    out: str | Path,
+    *,
+    arm: Arm | str | Path | None = None,
+    plan: str | Path | None = None,
+    reference: str | Source | None = None,
+    rule: StandstillRule | None = None,
+    on: TakeOn = "still",
+    seat: str = "",
+    commands: Iterator[str] | None = None,
+) -> Iterator[Event]:
+    """Take readings of a connected arm into a session file, which every verb reads while it grows.
+
+    A reading is the mean of the samples of a standstill, taken once until the arm moves again. It is on the disk before
+    its event comes. The columns ``note_..`` hold the number of samples, their standard deviation and the time.
+
+    Parameters
+    ----------
+    source : str or Source
+        ``KIND:ADDRESS`` as `truearm sources` lists them, or one of your own.
+    out : path
+        Session file, ``.csv``. One with the same columns is continued.
+    arm : Arm, str or path, optional
+        The arm: its number of joints and limits are checked.
+    plan : path, optional
+        The file of `plan`, for seats, instructions and what remains; needs `arm`.
+    reference : str or Source, optional
+        What measures the tip, if not `source`: another source, paired by time, or ``typed``.
+    rule : StandstillRule, optional
+        0.5 s within 0.05 deg by default.
+    on : {"still", "key"}
+        Take a reading at every standstill, or when asked.
+    seat : str
+        Name of the seat of the readings; the plan's by default.
+    commands : iterator of str, optional
+        ``take``, ``take moving``, ``undo``, ``seat NAME``, ``point X Y Z``, ``skip``, ``end``.
+
+    Yields
+    ------
+    Event
+
+    Raises
+    ------
+    InputError
+        If the source, the plan or the file cannot be used, or they are of different arms.
+    TruearmError
+        If a reading cannot be written.
+
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> ta.simulate("ur10", poses=3, seed=1).session.save("simulated.csv")
+    >>> [event.kind for event in ta.record("replay:simulated.csv@max", "session.csv")]
+    ['ready', 'reading', 'reading', 'reading', 'notice', 'end']
+    >>> len(ta.read_session("session.csv"))
+    3
+    """
+    opened = open_source(source) if isinstance(source, str) else source
+    second = open_source(reference) if isinstance(reference, str) and reference != TYPED else reference
+    if isinstance(second, Source) and not second.has_points:
+        raise InputError(f"{second.name} measures no points", hint="--reference names an instrument, or is typed")
+    recording = Recording(
+        opened,
+        Path(out),
+        arm=None if arm is None else to_arm(arm),
+        plan=None if plan is None else Path(plan),
+        reference=second,
+        rule=rule,
+        on=on,
+        seat=seat,
+    )
+    return follow(recording, commands)
+
+
+def follow(recording: Recording, commands: Iterator[str] | None = None) -> Iterator[Event]:
+    """Read the sources of a recording, and commands, in threads; until its source ends or a command is ``end``."""
+    waiting: queue.Queue[tuple[_Origin, Any]] = queue.Queue(MOST_WAITING)
+    over = threading.Event()
+
+    def put(origin: _Origin, what: object) -> None:
+        while not over.is_set():
+            with suppress(queue.Full):
+                waiting.put((origin, what), timeout=1.0)
+                return
+
+    def read(origin: _Origin, values: Callable[[], Iterator[object]]) -> None:
+        try:
+            for value in values():
+                put(origin, value)
+                if over.is_set():
+                    return
+            put(origin, None)
+        except Exception as error:
+            put(origin, error)
+
+    readers: list[tuple[_Origin, Callable[[], Iterator[object]]]] = [("arm", recording.source.samples)]
+    if isinstance(recording.reference, Source):
+        readers.append(("reference", recording.reference.samples))
+    if commands is not None:
+        readers.append(("command", lambda: commands))
+    for origin, values in readers:
+        threading.Thread(target=read, args=(origin, values), name=f"truearm {origin}", daemon=True).start()
+    try:
+        while True:
+            origin, what = waiting.get()
+            if isinstance(what, Exception):
+                raise what
+            if (origin == "arm" and what is None) or what == "end":
+                break
+            yield from _dealt_with(recording, origin, what)
+    finally:
+        over.set()
+        end = recording.close()
+    yield end
+
+
+def _dealt_with(recording: Recording, origin: _Origin, what: Sample | Notice | str | None) -> Iterator[Event]:
+    if isinstance(what, Notice):
+        yield Event("notice", what.text)
+    elif isinstance(what, str):
+        yield from recording.on_command(what)
+    elif isinstance(what, Sample) and origin == "arm":
+        yield from recording.on_sample(what)
+    elif isinstance(what, Sample):
+        recording.on_reference(what)
