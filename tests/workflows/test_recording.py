@@ -88,7 +88,11 @@ def test_an_undone_pose_comes_next_again_and_a_skipped_one_does_not(tmp_path, pl
     assert recording.next_pose == 3
     assert recording.to_go() == pytest.approx([20] * 6)
     far = fed(recording, stops(poses[5], start_s=2.0))
-    assert "J1 is 60 deg from the pose of the plan" in far[0].text
+    assert [event.text for event in far] == [
+        "still, and not taken: J1 is 60 deg from pose 3; take it by key, or skip the pose"
+    ]
+    assert kinds(recording.on_command("take")) == []
+    assert kinds(fed(recording, stops(poses[5], start_s=2.5))) == ["reading", "next"]
     recording.close()
 
 

@@ -5,15 +5,20 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from math import radians
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from typer import Option
 
 from truearm.choices import TakeOn
 from truearm.cli.console import print_line
 from truearm.cli.options import ARM_HELP
+from truearm.errors import InputError
+
+if TYPE_CHECKING:
+    from truearm.workflows.recording import Recording
 
 
 def record(
@@ -42,10 +47,9 @@ def record(
     With --headless these are lines on standard input: take, take moving, undo, seat NAME, point X Y Z, skip, end.
     """
     from truearm.sources import StandstillRule
-    from truearm.workflows.recording import record as recorded
+    from truearm.workflows.recording import follow, recording_of
 
-    commands = _lines() if headless else None
-    events = recorded(
+    recording = recording_of(
         source,
         out,
         arm=arm,
@@ -54,15 +58,43 @@ def record(
         rule=StandstillRule(still, radians(spread), spread_mm),
         on=on,
         seat=seat,
-        commands=commands,
     )
-    for event in events:
-        print_line(json.dumps(event.to_dict(), allow_nan=False) if headless else event.text)
-        sys.stdout.flush()
+    if headless:
+        for event in follow(recording, _lines(recording)):
+            print_line(json.dumps(event.to_dict(), allow_nan=False))
+            sys.stdout.flush()
+    elif sys.stdin is not None and sys.stdin.isatty() and sys.stdout is not None and sys.stdout.isatty():
+        _record_in_terminal(recording)
+    else:
+        raise InputError("taking readings needs a terminal", hint="--headless prints JSON lines and reads commands")
 
 
-def _lines() -> Iterator[str]:
-    """Commands on standard input."""
-    for line in sys.stdin:
-        if line.strip():
-            yield line
+def _record_in_terminal(recording: Recording) -> None:
+    from rich.console import Console
+    from rich.live import Live
+
+    from truearm.cli.keyboard import pressed_keys
+    from truearm.cli.recording_view import RecordingView
+    from truearm.workflows.recording import follow
+
+    view, console = RecordingView(recording), Console(highlight=False)
+    with (
+        pressed_keys() as keys,
+        Live(view, console=console, refresh_per_second=10, transient=True, redirect_stdout=False) as live,
+    ):
+        for event in follow(recording, view.commands(keys)):
+            view.add(event)
+            if event.kind in ("reading", "undone"):
+                live.console.print(event.text, markup=False)
+    print_line(event.text)
+
+
+def _lines(recording: Recording) -> Iterator[str]:
+    """Commands on standard input, unless the angles come from there."""
+    from truearm.sources.connections import connector
+    from truearm.sources.text_lines import lines_of
+
+    if sys.stdin is None or recording.source.name.endswith("@stdin"):
+        return
+    with suppress(EOFError):
+        yield from filter(None, lines_of(connector("stdin")()))

@@ -127,6 +127,11 @@ class Standstill:
         return self._window[0].time_s, self._window[-1].time_s
 
     @property
+    def mean_rad(self) -> FloatArray:
+        """(n_joints,) Mean of the window [rad, or mm]."""
+        return self.mean([*self._window]).joint_angles_rad
+
+    @property
     def is_new(self) -> bool:
         """Whether no reading was taken since the arm moved."""
         return self._taken_at is None

@@ -18,6 +18,7 @@ import numpy as np
 from truearm.arm import Arm
 from truearm.choices import TakeOn
 from truearm.errors import InputError
+from truearm.files.delimited import MAX_NAME
 from truearm.identification.planning.planned_readings import PlannedReadings, read_planned
 from truearm.number_format import format_count
 from truearm.readings.session_log import SessionLog
@@ -29,7 +30,7 @@ from truearm.workflows.record import to_plain
 
 TYPED = "typed"
 LARGEST_POINT_SPREAD_MM = 0.1  # of a second instrument in the window of a reading
-FAR_FROM_AIM_DEG = 20.0  # a pose that is farther from the plan's is said to be
+FAR_FROM_AIM_DEG = 20.0  # a standstill that is farther from the plan's pose is taken by key only
 WAIT_FOR_POINT_S = 1.0  # the second instrument may lag behind the arm
 REFERENCE_SAMPLES = 10_000
 MOST_WAITING = 10_000  # samples and commands
@@ -166,16 +167,14 @@ class Recording:
         self._standstill.add(sample)
         self._asked |= sample.is_button_pressed and not self._was_pressed
         self._was_pressed = sample.is_button_pressed
-        wanted = self._asked or (self._on == "still" and self._standstill.is_new)
         if not self._standstill.is_still:
             self._still_since_s, self._said = sample.time_s, ""
-        elif wanted and (problem := self._missing_point()):
-            waited_s = sample.time_s - self._still_since_s
-            if problem != self._said and (self.reference == TYPED or waited_s > WAIT_FOR_POINT_S):
-                yield Event("notice", problem)
-                self._said = problem
-        elif wanted:
-            yield from self._take(self._standstill.taken())
+        elif self._asked or (self._on == "still" and self._standstill.is_new):
+            problem = "" if self._asked else self._unlikely(self._standstill.mean_rad)
+            if problem := problem or self._missing_point():
+                yield from self._say_once(problem, sample.time_s)
+            else:
+                yield from self._take(self._standstill.taken())
 
     def on_reference(self, sample: Sample) -> None:
         """Take in a sample of the second instrument."""
@@ -200,8 +199,7 @@ class Recording:
         elif text.strip() == "undo":
             yield from self._undo()
         elif word == "seat":
-            self.seat = rest.strip()[:200]
-            yield Event("notice", f"seat {self.seat}" if self.seat else "no seat")
+            yield self._name_seat(rest.strip())
         elif word == "point":
             yield self._type_point(rest)
         elif text.strip() == "skip" and (number := self.next_pose) is not None:
@@ -251,6 +249,22 @@ class Recording:
             *(f"note_std_{joint}" for joint in joints),
             "note_time",
         ]
+
+    def _say_once(self, problem: str, time_s: float) -> Iterator[Event]:
+        """Say in a standstill why no reading is taken, once the second instrument had its time."""
+        is_late = not isinstance(self.reference, Source) or time_s - self._still_since_s > WAIT_FOR_POINT_S
+        if problem != self._said and is_late:
+            self._said = problem
+            yield Event("notice", problem)
+
+    def _unlikely(self, angles_rad: FloatArray) -> str:
+        """Why a standstill is probably not meant to be a reading: the arm rests, or hangs beside the seat."""
+        if self.plan is not None and (number := self.next_pose) is not None:
+            away = np.abs(self.displayed(self.plan.angles[number - 1] - angles_rad))
+            if away[joint := int(np.argmax(away))] > FAR_FROM_AIM_DEG:
+                far = f"J{joint + 1} is {away[joint]:.0f} {self.units[joint]} from pose {number}"
+                return f"still, and not taken: {far}; take it by key, or skip the pose"
+        return ""
 
     def _missing_point(self) -> str:
         """Why the reference has no point for the samples of the window; empty if it has."""
@@ -307,10 +321,6 @@ class Recording:
         where = f", seat {row['seat']}" if row["seat"] else ""
         pose = f", pose {number} of {len(self.plan)}" if self.plan is not None and number is not None else ""
         text = f"reading {self.n_readings}{pose}{where}: mean of {format_count(reading.n, 'sample')}"
-        if self.plan is not None and number is not None:
-            away = np.abs(self.displayed(self.plan.angles[number - 1] - reading.joint_angles_rad))
-            if away[joint := int(np.argmax(away))] > FAR_FROM_AIM_DEG:
-                text += f"; J{joint + 1} is {away[joint]:.0f} {self.units[joint]} from the pose of the plan"
         if self.arm is not None:
             lower, upper = self.arm.limits.T
             beyond = np.flatnonzero((reading.joint_angles_rad < lower) | (reading.joint_angles_rad > upper))
@@ -332,6 +342,12 @@ class Recording:
             return
         yield Event("undone", f"reading {self.n_readings + 1} removed", {"reading": self.n_readings + 1, **row})
         yield from self._next()
+
+    def _name_seat(self, name: str) -> Event:
+        if len(name) > MAX_NAME or not name.isprintable():
+            return Event("refused", f"expected a name of at most {MAX_NAME} characters, got {name[:40]!a}")
+        self.seat = name
+        return Event("notice", f"seat {name}" if name else "no seat")
 
     def _type_point(self, text: str) -> Event:
         try:
@@ -419,12 +435,27 @@ def record(
     >>> len(ta.read_session("session.csv"))
     3
     """
-    opened = open_source(source) if isinstance(source, str) else source
+    recording = recording_of(source, out, arm=arm, plan=plan, reference=reference, rule=rule, on=on, seat=seat)
+    return follow(recording, commands)
+
+
+def recording_of(
+    source: str | Source,
+    out: str | Path,
+    *,
+    arm: Arm | str | Path | None = None,
+    plan: str | Path | None = None,
+    reference: str | Source | None = None,
+    rule: StandstillRule | None = None,
+    on: TakeOn = "still",
+    seat: str = "",
+) -> Recording:
+    """The recording of `record`, before its sources are read; see there."""
     second = open_source(reference) if isinstance(reference, str) and reference != TYPED else reference
     if isinstance(second, Source) and not second.has_points:
         raise InputError(f"{second.name} measures no points", hint="--reference names an instrument, or is typed")
-    recording = Recording(
-        opened,
+    return Recording(
+        open_source(source) if isinstance(source, str) else source,
         Path(out),
         arm=None if arm is None else to_arm(arm),
         plan=None if plan is None else Path(plan),
@@ -433,7 +464,6 @@ def record(
         on=on,
         seat=seat,
     )
-    return follow(recording, commands)
 
 
 def follow(recording: Recording, commands: Iterator[str] | None = None) -> Iterator[Event]:
