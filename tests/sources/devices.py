@@ -14,9 +14,9 @@ Serve = Callable[[socket.socket], None]
 
 
 @contextlib.contextmanager
-def tcp_device(*serve: Serve) -> Iterator[int]:
+def tcp_device(*serve: Serve, port: int = 0) -> Iterator[int]:
     """A server on a port of this computer; its first client meets the first function, the last one all others."""
-    server = socket.create_server(("127.0.0.1", 0))
+    server = socket.create_server(("127.0.0.1", port))
     server.settimeout(0.05)
     ends = threading.Event()
 

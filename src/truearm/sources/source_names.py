@@ -8,9 +8,13 @@ from pathlib import Path
 
 from truearm.arm.catalogue import load_arm
 from truearm.errors import InputError
+from truearm.sources.dynamixel import dynamixel
+from truearm.sources.feetech import feetech
+from truearm.sources.microscribe import microscribe
 from truearm.sources.replay import replay
 from truearm.sources.sample import Source
 from truearm.sources.text_lines import text_lines
+from truearm.sources.ur_rtde import ur_rtde
 from truearm.sources.virtual_arm import virtual_arm
 
 
@@ -47,6 +51,25 @@ KINDS = (
         "lines:FILE.toml[@CONNECTION]",
         "text lines from a serial port, TCP, UDP or standard input",
         lambda address, rest: text_lines(Path(address), rest),
+    ),
+    SourceKind("rtde", "rtde:HOST[:PORT][@HZ]", "a Universal Robots controller (RTDE)", ur_rtde),
+    SourceKind(
+        "microscribe",
+        "microscribe:CONNECTION",
+        "a MicroScribe arm",
+        lambda address, _: microscribe(address),
+    ),
+    SourceKind(
+        "feetech",
+        "feetech:FILE.toml[@CONNECTION]",
+        "an arm of Feetech bus servos (SO-100, SO-101)",
+        lambda address, rest: feetech(Path(address), rest),
+    ),
+    SourceKind(
+        "dynamixel",
+        "dynamixel:FILE.toml[@CONNECTION]",
+        "an arm of Dynamixel X servos (ViperX)",
+        lambda address, rest: dynamixel(Path(address), rest),
     ),
     SourceKind(
         "replay",
