@@ -49,6 +49,7 @@ _HOMES = {
     "truearm.workflows.reproduce": ("ReproductionResult", "reproduce"),
     "truearm.workflows.simulate": ("SimulationResult", "rehearse", "simulate"),
     "truearm.workflows.simulate_verification": ("SimulatedVerification", "simulate_verification"),
+    "truearm.workflows.sources": ("SourceList", "SourceTrial", "list_sources", "try_source"),
     "truearm.workflows.task": ("TaskResult", "task"),
     "truearm.workflows.verify": ("VerificationResult", "verify"),
 }

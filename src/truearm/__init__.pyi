@@ -91,6 +91,10 @@ from truearm.workflows.simulate import rehearse as rehearse
 from truearm.workflows.simulate import simulate as simulate
 from truearm.workflows.simulate_verification import SimulatedVerification as SimulatedVerification
 from truearm.workflows.simulate_verification import simulate_verification as simulate_verification
+from truearm.workflows.sources import SourceList as SourceList
+from truearm.workflows.sources import SourceTrial as SourceTrial
+from truearm.workflows.sources import list_sources as list_sources
+from truearm.workflows.sources import try_source as try_source
 from truearm.workflows.task import TaskResult as TaskResult
 from truearm.workflows.task import task as task
 from truearm.workflows.verify import VerificationResult as VerificationResult

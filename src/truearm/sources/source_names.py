@@ -30,12 +30,15 @@ class SourceKind:
         What it is.
     open : callable
         Makes the source from the address and what follows ``@``.
+    has_serial_port : bool
+        Whether it may be on a serial port, which needs pyserial.
     """
 
     name: str
     form: str
     title: str
     open: Callable[[str, str], Source]
+    has_serial_port: bool = False
 
 
 def _speed(text: str) -> float:
@@ -51,6 +54,7 @@ KINDS = (
         "lines:FILE.toml[@CONNECTION]",
         "text lines from a serial port, TCP, UDP or standard input",
         lambda address, rest: text_lines(Path(address), rest),
+        has_serial_port=True,
     ),
     SourceKind("rtde", "rtde:HOST[:PORT][@HZ]", "a Universal Robots controller (RTDE)", ur_rtde),
     SourceKind(
@@ -58,18 +62,21 @@ KINDS = (
         "microscribe:CONNECTION",
         "a MicroScribe arm",
         lambda address, _: microscribe(address),
+        has_serial_port=True,
     ),
     SourceKind(
         "feetech",
         "feetech:FILE.toml[@CONNECTION]",
         "an arm of Feetech bus servos (SO-100, SO-101)",
         lambda address, rest: feetech(Path(address), rest),
+        has_serial_port=True,
     ),
     SourceKind(
         "dynamixel",
         "dynamixel:FILE.toml[@CONNECTION]",
         "an arm of Dynamixel X servos (ViperX)",
         lambda address, rest: dynamixel(Path(address), rest),
+        has_serial_port=True,
     ),
     SourceKind(
         "replay",
