@@ -9,16 +9,37 @@ import struct
 import threading
 from math import tau
 
+import numpy as np
 import pytest
 from devices import samples_of, tcp_device
+from scipy.spatial.transform import Rotation
 
+import truearm as ta
+from truearm.cli.main import run
+from truearm.errors import InputError, TruearmError
 from truearm.sources import connections
 from truearm.sources import microscribe as protocol
 from truearm.sources.microscribe import microscribe
+from truearm.sources.source_names import read_source_arm
 
 # Those of a MicroScribe DX, serial number 40937, as its firmware states them; it has no sixth encoder.
 TURNS = (16384, 16384, 8192, 4096, 4096)
 COUNTS = (100, 16383, 4096, 0, 2048)
+
+
+# Its constants: angles in 180 deg / 32768, lengths in thousandths of an inch.
+ALPHA = (0, 16373, -7, 16357, -16382, -16372)
+A = (0, 960, 10256, 533, -401, 399)
+D = (8300, -878, -3, 9244, 320, -5274)
+CONSTANTS = {
+    0xC0: bytes([36]) + struct.pack(">18h", *ALPHA, *A, *D),
+    0xD3: bytes([2]) + struct.pack(">h", 3),
+    0xC8: b"MicroScribe\0",
+    0xCA: b"DX\0",
+    0xCB: b"40937\0",
+    0xCC: b"Beta \x1b[31m\0",
+    0xCD: b"Format DH0.5\0",
+}
 
 
 class Arm:
@@ -52,6 +73,8 @@ class Arm:
                     + struct.pack(">BH9B", 3, 10000, *[0] * 9)
                     + struct.pack(">6H", *(n - 1 for n in (*self.turns, 1)[:6]))
                 )
+            elif byte in CONSTANTS:
+                out += bytes([byte]) + CONSTANTS[byte]
             elif byte in (1, 3):
                 out += self._state(byte)
         return out
@@ -157,3 +180,64 @@ def test_on_a_pseudo_terminal():
         os.close(device)
         os.close(port)
     assert sample.joint_angles_rad == pytest.approx(angles_of(COUNTS, TURNS), abs=1e-15)
+
+
+def test_the_constants_of_the_maker_are_an_arm_file(truearm_in, tmp_path):
+    file = tmp_path / "arm.toml"
+    with tcp_device(Arm()) as port:
+        ran = truearm_in(
+            "sources", "--try", f"microscribe:tcp:127.0.0.1:{port}", "--seconds", "0.2", "--arm-file", file
+        )
+    assert ran == 0
+    arm = ta.load_arm(file)
+    assert (arm.n_joints, arm.serial_number, arm.title) == (5, "40937", "MicroScribe DX")
+    table = arm.table
+    assert np.degrees(table.alpha) == pytest.approx([0, 89.940, -0.038, 89.852, -89.989], abs=5e-4)  # as published
+    assert table.a == pytest.approx([0, 24.38, 260.50, 13.54, -10.19], abs=5e-3)
+    assert table.d == pytest.approx([210.82, -22.30, -0.08, 234.80, 8.13], abs=5e-3)
+    assert np.degrees(table.beta[2]) == pytest.approx(0.016, abs=5e-4)
+    angles = np.random.default_rng(1).uniform(-3, 3, (5, 5))
+    assert arm.forward(angles).tip_in_base == pytest.approx(
+        np.array([tip_by_the_formula(one) for one in angles]), abs=1e-6
+    )
+
+
+def tip_by_the_formula(angles):
+    """The product of six matrices Rx(alpha) Tx(a) Ry(beta) Rz(theta) Tz(d), as the maker's library has it."""
+    tip = np.eye(4)
+    for row, (alpha, a, d, theta) in enumerate(zip(ALPHA, A, D, [*angles, 0.0], strict=True)):
+        turned = Rotation.from_euler("XYZ", [np.pi * alpha / 32768, np.pi * 3 / 32768 if row == 2 else 0.0, theta])
+        step = np.eye(4)
+        step[:3, :3] = turned.as_matrix()
+        step[:3, 3] = [a * 0.0254, 0, 0] + turned.apply([0, 0, d * 0.0254])
+        tip = tip @ step
+    return tip[:3, 3]
+
+
+@pytest.fixture
+def truearm_in(capsys):
+    def run_it(*arguments):
+        with pytest.raises(SystemExit) as ended:
+            run([str(one) for one in arguments])
+        return ended.value.code
+
+    return run_it
+
+
+@pytest.mark.parametrize(
+    ("request_byte", "answer", "said"),
+    [
+        (0xCD, b"Format DH9\0", "expected constants in 'Format DH0.5'"),
+        (0xC0, b"\x04abcd", "expected 36 bytes of constants, got 4"),
+        (0xC0, b"\x24abcd", "the answer of the arm is cut short"),
+    ],
+)
+def test_constants_that_cannot_be_read_are_refused(monkeypatch, request_byte, answer, said):
+    monkeypatch.setitem(CONSTANTS, request_byte, answer)
+    with tcp_device(Arm()) as port, pytest.raises(TruearmError, match=said):
+        read_source_arm(f"microscribe:tcp:127.0.0.1:{port}")
+
+
+def test_another_source_states_no_constants():
+    with pytest.raises(InputError, match="states no constants"):
+        read_source_arm("virtual:ur10")

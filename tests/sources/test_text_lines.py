@@ -17,7 +17,8 @@ from hypothesis import strategies as st
 
 from truearm.errors import InputError
 from truearm.sources import Notice, Sample, connections
-from truearm.sources.text_lines import MOST_CHARACTERS, LinesDocument, line_parser, lines_of, text_lines
+from truearm.sources.line_pattern import MOST_CHARACTERS, LinesDocument, line_parser
+from truearm.sources.text_lines import lines_of, text_lines
 
 TWO = "pattern = '{J1},{J2}'\n"
 

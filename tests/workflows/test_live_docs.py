@@ -11,9 +11,9 @@ import pytest
 
 from truearm.cli.main import run
 from truearm.files.toml_documents import parse_toml
+from truearm.sources.line_pattern import LinesDocument, line_parser
 from truearm.sources.servo_bus import ServoDocument
 from truearm.sources.source_names import KINDS
-from truearm.sources.text_lines import LinesDocument, line_parser
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "live.md"
 

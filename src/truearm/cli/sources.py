@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -18,6 +19,10 @@ def sources(
     ] = None,
     arm: Annotated[str | None, Option("--arm", help=f"With --try, for its limits. {ARM_HELP}")] = None,
     seconds: Annotated[float, Option(min=0.1, max=600, help="With --try: for how long.")] = 5.0,
+    arm_file: Annotated[
+        Path | None,
+        Option(help="With --try: arm file to write, .toml, with the constants that a MicroScribe states."),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """List what can be connected, or look at one: ten samples, and what is probably wrong.
@@ -25,12 +30,16 @@ def sources(
     Move every joint while --try runs. It finds joints that never move, units by the size of the angles, and with --arm
     signs and zeros by the limits of the joints.
     """
+    from truearm.arm.arm_files import write_arm
+    from truearm.sources.source_names import read_source_arm
     from truearm.workflows.sources import list_sources, try_source
 
     if source is None:
-        refuse_typed(context, ["arm", "seconds"], "applies to --try only")
+        refuse_typed(context, ["arm", "seconds", "arm_file"], "applies to --try only")
         print_record(list_sources(), as_json=as_json)
         return
+    if arm_file is not None:
+        write_arm(read_source_arm(source), arm_file, convention="mdh")
     with progress(f"reading {source}: move every joint"):
         trial = try_source(source, arm=arm, seconds=seconds)
-    print_record(trial, as_json=as_json)
+    print_record(trial, as_json=as_json, files={"arm": arm_file})

@@ -77,7 +77,7 @@ def sign_on(link: Connection) -> str:
         if time.monotonic() > until_s:
             raise ConnectionError("the port is never silent: no MicroScribe")
     link.send(b"BEGIN")
-    name = _read(link, b"", lambda data: b"\0" in data)
+    name = read_until(link, lambda data: b"\0" in data)
     return name.partition(b"\0")[0].decode("ascii", "replace")
 
 
@@ -90,7 +90,7 @@ def counts_per_turn(link: Connection) -> np.ndarray[tuple[int], np.dtype[np.int6
         If the answer is cut short or makes no sense.
     """
     link.send(bytes([GET_MAXES]))
-    data = _read(link, b"", lambda data: GET_MAXES in data and len(data) - data.index(GET_MAXES) > 24)
+    data = read_until(link, lambda data: GET_MAXES in data and len(data) - data.index(GET_MAXES) > 24)
     start = data.index(GET_MAXES) + 13  # buttons, timer (2) and analog inputs (9) come first
     turns = np.frombuffer(data[start : start + 12], ">u2").astype(np.int64) + 1
     n = 5 + int(turns[5] >= _LEAST_COUNTS)
@@ -106,7 +106,7 @@ def _content(link: Connection, first: int, size: int) -> bytes | None:
         return bytes([first]) in data and len(data) - data.rindex(bytes([first])) > size
 
     try:
-        data = _read(link, b"", is_whole)
+        data = read_until(link, is_whole)
     except ConnectionError:
         return None
     start = data.rindex(bytes([first])) + 1
@@ -114,7 +114,9 @@ def _content(link: Connection, first: int, size: int) -> bytes | None:
     return None if max(content) >= 0x80 else content
 
 
-def _read(link: Connection, data: bytes, is_whole: Callable[[bytes], bool]) -> bytes:
+def read_until(link: Connection, is_whole: Callable[[bytes], bool]) -> bytes:
+    """What arrives until it is whole; ConnectionError if it is cut short."""
+    data = b""
     until_s = time.monotonic() + ANSWER_S
     while not is_whole(data):
         more = link.receive(max(0.001, until_s - time.monotonic()))

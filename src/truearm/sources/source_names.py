@@ -6,11 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from truearm.arm.arm import Arm
 from truearm.arm.catalogue import load_arm
 from truearm.errors import InputError
 from truearm.sources.dynamixel import dynamixel
 from truearm.sources.feetech import feetech
 from truearm.sources.microscribe import microscribe
+from truearm.sources.microscribe_constants import microscribe_arm
 from truearm.sources.replay import replay
 from truearm.sources.sample import Source
 from truearm.sources.text_lines import text_lines
@@ -32,6 +34,8 @@ class SourceKind:
         Makes the source from the address and what follows ``@``.
     has_serial_port : bool
         Whether it may be on a serial port, which needs pyserial.
+    read_arm : callable, optional
+        Reads the arm that its maker identified, where the device states it.
     """
 
     name: str
@@ -39,6 +43,7 @@ class SourceKind:
     title: str
     open: Callable[[str, str], Source]
     has_serial_port: bool = False
+    read_arm: Callable[[str], Arm] | None = None
 
 
 def _speed(text: str) -> float:
@@ -63,6 +68,7 @@ KINDS = (
         "a MicroScribe arm",
         lambda address, _: microscribe(address),
         has_serial_port=True,
+        read_arm=microscribe_arm,
     ),
     SourceKind(
         "feetech",
@@ -113,9 +119,35 @@ def open_source(name: str) -> Source:
     >>> len(next(samples).joint_angles_rad)
     6
     """
-    kind, colon, address = name.partition(":")
-    known = {one.name: one for one in KINDS}
-    if kind not in known or not colon or not address:
-        raise InputError(f"expected a source, got {name!r:.80}", hint=", ".join(one.form for one in KINDS))
+    kind, address = _parsed(name)
     first, _, rest = address.partition("@")
-    return known[kind].open(first, rest)
+    return kind.open(first, rest)
+
+
+def read_source_arm(name: str) -> Arm:
+    """The arm as its maker identified it, read from the device.
+
+    Parameters
+    ----------
+    name : str
+        As of `open_source`.
+
+    Raises
+    ------
+    InputError
+        If such a device states no constants.
+    TruearmError
+        If the device is not there.
+    """
+    kind, address = _parsed(name)
+    if kind.read_arm is None:
+        raise InputError(f"{kind.title} states no constants of its arm", hint="truearm arms, or your own arm file")
+    return kind.read_arm(address.partition("@")[0])
+
+
+def _parsed(name: str) -> tuple[SourceKind, str]:
+    word, colon, address = name.partition(":")
+    kind = next((one for one in KINDS if one.name == word), None)
+    if kind is None or not colon or not address:
+        raise InputError(f"expected a source, got {name!r:.80}", hint=", ".join(one.form for one in KINDS))
+    return kind, address
