@@ -17,7 +17,7 @@ import numpy as np
 from benchmarks.rows import RowResult, Rows, Target
 from truearm.readings import read_session
 from truearm.sources import Sample, Source, StandstillRule
-from truearm.workflows.recording import record
+from truearm.workflows.record_readings import record
 
 ROWS = Rows()
 

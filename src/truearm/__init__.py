@@ -43,7 +43,7 @@ _HOMES = {
     "truearm.workflows.plan": ("CheckPlan", "PlanResult", "plan", "plan_check"),
     "truearm.workflows.predict": ("Prediction", "predict"),
     "truearm.workflows.procedure": ("ProcedureResult",),
-    "truearm.workflows.recording": ("record",),
+    "truearm.workflows.record_readings": ("record",),
     "truearm.workflows.refit": ("RefitResult", "refit"),
     "truearm.workflows.report": ("ReportResult", "report"),
     "truearm.workflows.reproduce": ("ReproductionResult", "reproduce"),

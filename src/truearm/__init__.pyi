@@ -79,7 +79,7 @@ from truearm.workflows.plan import plan_check as plan_check
 from truearm.workflows.predict import Prediction as Prediction
 from truearm.workflows.predict import predict as predict
 from truearm.workflows.procedure import ProcedureResult as ProcedureResult
-from truearm.workflows.recording import record as record
+from truearm.workflows.record_readings import record as record
 from truearm.workflows.refit import RefitResult as RefitResult
 from truearm.workflows.refit import refit as refit
 from truearm.workflows.report import ReportResult as ReportResult

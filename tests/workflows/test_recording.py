@@ -10,7 +10,8 @@ import pytest
 import truearm as ta
 from truearm.errors import InputError
 from truearm.sources import Notice, Sample, Source, StandstillRule
-from truearm.workflows.recording import Recording, record
+from truearm.workflows.record_readings import record
+from truearm.workflows.recording import Recording
 
 RULE = StandstillRule(window_s=0.2)
 
@@ -73,6 +74,8 @@ def test_a_plan_names_seats_and_says_what_comes_next_and_is_continued(tmp_path, 
     second = [*record(source(*stops(*poses[4:])), out, arm="ur10", plan=plan, rule=RULE)]
     assert second[0].text.endswith("after 4 readings before")
     assert second[-2].text == "the plan is done"
+    rested = [*record(source(*stops(poses[5] + 1.0)), out, arm="ur10", plan=plan, rule=RULE)]
+    assert rested[-2].text == "still, and not taken: the plan is done; take further readings by key"
     assert ta.read_session(out).seat.tolist() == ["S1"] * 3 + ["S2"] * 3
 
 
@@ -96,6 +99,20 @@ def test_an_undone_pose_comes_next_again_and_a_skipped_one_does_not(tmp_path, pl
     recording.close()
 
 
+def test_an_arm_that_rests_beside_its_seat_is_no_reading(tmp_path):
+    arm = ta.load_arm("ur10")
+    recording = Recording(source(), tmp_path / "out.csv", arm=arm, seat="A", rule=RULE)
+    at = arm.working
+    assert kinds(fed(recording, stops(at))) == ["ready", "reading"]
+    (said,) = fed(recording, stops(at + 0.3, start_s=0.5))
+    assert "mm from the readings in seat A; take it by key, or name another seat" in said.text
+    wrist = np.array([0, 0, 0, 0, 0, 0.3])
+    assert kinds(fed(recording, stops(at + wrist, start_s=1.0))) == ["reading"]
+    assert kinds(recording.on_command("seat B")) == ["notice"]
+    assert kinds(fed(recording, stops(at + 0.3, start_s=1.5))) == ["reading"]
+    recording.close()
+
+
 def test_a_reading_on_key_waits_for_the_standstill(tmp_path):
     recording = Recording(source(), tmp_path / "out.csv", on="key", rule=RULE, seat="A")
     assert kinds(fed(recording, stops([0.0]))) == ["ready"]
@@ -106,7 +123,9 @@ def test_a_reading_on_key_waits_for_the_standstill(tmp_path):
     fed(recording, moving)
     assert kinds(recording.on_command("take")) == ["notice"]
     assert kinds(fed(recording, stops([0.9], start_s=1.5))) == ["reading"]
-    assert kinds(recording.on_command("take moving")) == ["reading"]
+    (moving,) = recording.on_command("take moving")
+    assert moving.kind == "reading"
+    json.dumps(moving.to_dict(), allow_nan=False)
     recording.close()
     session = ta.read_session(tmp_path / "out.csv")
     assert session.seat.tolist() == ["A", "B", "B"]
@@ -123,11 +142,22 @@ def test_a_typed_point_belongs_to_one_reading(tmp_path):
     recording = Recording(source(), tmp_path / "out.csv", reference="typed", rule=RULE)
     assert kinds(fed(recording, stops([0.0]))) == ["ready", "notice"]
     assert kinds(recording.on_command("point 1 2")) == ["refused"]
+    assert kinds(recording.on_command("point 1 2 nan")) == ["refused"]
     assert kinds(recording.on_command("point 1, 2.5, -3")) == ["notice"]
     assert kinds(fed(recording, stops([0.0], start_s=0.5))) == ["reading"]
     assert kinds(fed(recording, stops([0.5], start_s=1.0))) == ["notice"]
+    fed(recording, [Sample(1.5, np.array([0.6]))])
+    assert next(recording.on_command("point 1 2 3")).text.startswith("type the point while the arm")
     recording.close()
     assert ta.read_session(tmp_path / "out.csv").points.tolist() == [[1, 2.5, -3]]
+
+
+def test_angles_are_events_as_often_as_asked(tmp_path):
+    events = [*record(source(*stops([0.0], [0.5])), tmp_path / "out.csv", rule=RULE, samples_hz=5)]
+    samples = [event.to_dict() for event in events if event.kind == "sample"]
+    assert [one["time_s"] for one in samples] == pytest.approx([0, 0.2, 0.4, 0.6, 0.8], abs=0.06)
+    assert [one["is_still"] for one in samples] == [False, True, True, False, True]
+    assert samples[-1]["q1_deg"] == pytest.approx(np.degrees(0.5))
 
 
 def test_a_second_instrument_is_paired_by_time(tmp_path):

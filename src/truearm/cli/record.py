@@ -34,6 +34,7 @@ def record(
     still: Annotated[float, Option(help="For how long the arm stands still before a reading is taken [s].")] = 0.5,
     spread: Annotated[float, Option(help="By how much a joint moves at most in that time [deg].")] = 0.05,
     spread_mm: Annotated[float, Option(help="By how much a sliding joint moves at most [mm].")] = 0.05,
+    samples: Annotated[float, Option(min=0, max=1000, help="With --headless: angles so often a second, too.")] = 0.0,
     headless: Annotated[
         bool, Option("--headless", help="Print events as JSON lines, and read commands from standard input.")
     ] = False,
@@ -47,7 +48,7 @@ def record(
     With --headless these are lines on standard input: take, take moving, undo, seat NAME, point X Y Z, skip, end.
     """
     from truearm.sources import StandstillRule
-    from truearm.workflows.recording import follow, recording_of
+    from truearm.workflows.record_readings import follow, recording_of
 
     recording = recording_of(
         source,
@@ -58,6 +59,7 @@ def record(
         rule=StandstillRule(still, radians(spread), spread_mm),
         on=on,
         seat=seat,
+        samples_hz=samples if headless else 0.0,
     )
     if headless:
         for event in follow(recording, _lines(recording)):
@@ -75,7 +77,7 @@ def _record_in_terminal(recording: Recording) -> None:
 
     from truearm.cli.keyboard import pressed_keys
     from truearm.cli.recording_view import RecordingView
-    from truearm.workflows.recording import follow
+    from truearm.workflows.record_readings import follow
 
     view, console = RecordingView(recording), Console(highlight=False)
     with (

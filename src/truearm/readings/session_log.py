@@ -57,6 +57,7 @@ class SessionLog:
         if not path.exists() or path.stat().st_size == 0:
             with atomic_file(path) as beside:
                 beside.write_bytes(_line(self.columns))
+            _entry_to_disk(path)
         check_readable(path, limit_bytes=MAX_BYTES)
         content = path.read_bytes()
         whole = content[: content.rfind(b"\n") + 1]
@@ -147,6 +148,16 @@ class SessionLog:
             is_same = False
         if not is_same:
             raise TruearmError(f"{self.path}: another program changed the file while it grew. Record to another file")
+
+
+def _entry_to_disk(path: Path) -> None:
+    """The name of a new file belongs to its folder; Windows has no such step."""
+    if os.name == "posix":
+        folder = os.open(path.resolve().parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
 
 
 def _cell(value: float | str) -> str:

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import queue
-import threading
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import suppress
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from math import degrees
+from math import degrees, radians
 from pathlib import Path
 from typing import Any, Literal
 
@@ -22,21 +19,19 @@ from truearm.files.delimited import MAX_NAME
 from truearm.identification.planning.planned_readings import PlannedReadings, read_planned
 from truearm.number_format import format_count
 from truearm.readings.session_log import SessionLog
-from truearm.sources import Notice, Sample, Source, StandstillRule, open_source
+from truearm.sources import Sample, Source, StandstillRule
 from truearm.sources.standstill import Standstill, TakenReading
 from truearm.typing import FloatArray
-from truearm.workflows.inputs import to_arm
 from truearm.workflows.record import to_plain
 
 TYPED = "typed"
 LARGEST_POINT_SPREAD_MM = 0.1  # of a second instrument in the window of a reading
-FAR_FROM_AIM_DEG = 20.0  # a standstill that is farther from the plan's pose is taken by key only
+FAR_FROM_AIM = 20.0  # deg, or mm; a standstill that is farther from the plan's pose is taken by key only
+BESIDE_SEAT = 0.05  # of the arm's reach; a standstill that is farther from its seat is taken by key only
 WAIT_FOR_POINT_S = 1.0  # the second instrument may lag behind the arm
 REFERENCE_SAMPLES = 10_000
-MOST_WAITING = 10_000  # samples and commands
 
-Kind = Literal["ready", "reading", "undone", "next", "notice", "refused", "end"]
-_Origin = Literal["arm", "reference", "command"]
+Kind = Literal["ready", "sample", "reading", "undone", "next", "notice", "refused", "end"]
 
 
 @dataclass(frozen=True)
@@ -45,7 +40,7 @@ class Event:
 
     Attributes
     ----------
-    kind : {"ready", "reading", "undone", "next", "notice", "refused", "end"}
+    kind : {"ready", "sample", "reading", "undone", "next", "notice", "refused", "end"}
         ``reading``: it is on the disk. ``next``: the pose of the plan that comes next. ``refused``: what a person asked
         for was not done.
     text : str
@@ -82,6 +77,8 @@ class Recording:
         Whether readings are taken at every standstill, or when a person (or the arm's button) asks.
     seat : str
         Name of the seat of the next readings.
+    samples_hz : float
+        How often the angles are an event, by the clock of the source; 0: never.
 
     Raises
     ------
@@ -100,6 +97,7 @@ class Recording:
         rule: StandstillRule | None = None,
         on: TakeOn = "still",
         seat: str = "",
+        samples_hz: float = 0.0,
     ) -> None:
         if plan is not None and arm is None:
             raise InputError("a plan needs the arm that it is for", file=plan, hint="--arm ARM")
@@ -114,7 +112,7 @@ class Recording:
         self._points: deque[Sample] = deque(maxlen=REFERENCE_SAMPLES)
         self._typed_mm: FloatArray | None = None
         self._asked, self._was_pressed, self._said = False, False, ""
-        self._still_since_s = 0.0
+        self._still_since_s, self._samples_hz, self._streamed_s = 0.0, samples_hz, -np.inf
         self._skipped: set[int] = set()
         self._out = out
         self._log: SessionLog | None = None
@@ -131,10 +129,19 @@ class Recording:
         return self._standstill.is_still
 
     @property
+    def _has_points(self) -> bool:
+        return self.source.has_points or self.reference is not None
+
+    @property
     def units(self) -> list[str]:
         """Unit in which people read each joint: deg, or mm of one that slides."""
         n = 0 if self.sample is None else len(self.sample.joint_angles_rad)
         return ["mm" if joint in self._prismatic else "deg" for joint in range(1, n + 1)]
+
+    @property
+    def joint_columns(self) -> list[str]:
+        """Name of each joint's column in the session file."""
+        return [f"q{joint}_{unit}" for joint, unit in enumerate(self.units, start=1)]
 
     def displayed(self, angles_rad: FloatArray) -> list[float]:
         """Joint angles in the units in which people read them."""
@@ -167,14 +174,23 @@ class Recording:
         self._standstill.add(sample)
         self._asked |= sample.is_button_pressed and not self._was_pressed
         self._was_pressed = sample.is_button_pressed
+        yield from self._stream(sample)
         if not self._standstill.is_still:
-            self._still_since_s, self._said = sample.time_s, ""
+            self._still_since_s, self._said, self._typed_mm = sample.time_s, "", None
         elif self._asked or (self._on == "still" and self._standstill.is_new):
             problem = "" if self._asked else self._unlikely(self._standstill.mean_rad)
             if problem := problem or self._missing_point():
                 yield from self._say_once(problem, sample.time_s)
             else:
                 yield from self._take(self._standstill.taken())
+
+    def _stream(self, sample: Sample) -> Iterator[Event]:
+        """The angles as they arrive, no more often than asked for."""
+        if self._samples_hz and not 0 <= sample.time_s - self._streamed_s < 0.999 / self._samples_hz:
+            self._streamed_s = sample.time_s
+            shown = dict(zip(self.joint_columns, self.displayed(sample.joint_angles_rad), strict=True))
+            state = {"time_s": sample.time_s, "is_still": self.is_still, "tip_mm": sample.tip_in_reference_mm}
+            yield Event("sample", "still" if state["is_still"] else "moving", {**state, **shown})
 
     def on_reference(self, sample: Sample) -> None:
         """Take in a sample of the second instrument."""
@@ -228,17 +244,20 @@ class Recording:
         self._log = SessionLog(self._out, self._columns(sample))
         if self._log.repaired:
             yield Event("notice", f"{self._out}: {self._log.repaired}")
-        before = f", after {format_count(self.n_readings, 'reading')} before" if self.n_readings else ""
-        yield Event("ready", f"recording {self.source.name} to {self._out}{before}", {"readings": self.n_readings})
+        text = f"recording {self.source.name} to {self._out}"
+        if self.n_readings:
+            text += f", after {format_count(self.n_readings, 'reading')} before"
+        if not (self._has_points or self.plan or self.seat):
+            text += "; nothing is known of the tip until a seat is named"
+        yield Event("ready", text, {"readings": self.n_readings})
         yield from self._next()
 
     def _columns(self, sample: Sample) -> list[str]:
-        joints = [f"q{joint}_{unit}" for joint, unit in enumerate(self.units, start=1)]
-        has_points = self.source.has_points or self.reference is not None
+        joints = self.joint_columns
         planned = [] if self.plan is None else ["sphere", "position"]
         return [
             *joints,
-            *(("x_mm", "y_mm", "z_mm") if has_points else ()),
+            *(("x_mm", "y_mm", "z_mm") if self._has_points else ()),
             "seat",
             *(name for name in planned if getattr(self.plan, name) is not None),
             *(("serial_number",) if self.arm is not None and self.arm.serial_number else ()),
@@ -259,12 +278,36 @@ class Recording:
 
     def _unlikely(self, angles_rad: FloatArray) -> str:
         """Why a standstill is probably not meant to be a reading: the arm rests, or hangs beside the seat."""
-        if self.plan is not None and (number := self.next_pose) is not None:
+        number = self.next_pose
+        if self.plan is not None and number is None:
+            return "still, and not taken: the plan is done; take further readings by key"
+        if self.plan is not None and number is not None:
             away = np.abs(self.displayed(self.plan.angles[number - 1] - angles_rad))
-            if away[joint := int(np.argmax(away))] > FAR_FROM_AIM_DEG:
+            if away[joint := int(np.argmax(away))] > FAR_FROM_AIM:
                 far = f"J{joint + 1} is {away[joint]:.0f} {self.units[joint]} from pose {number}"
                 return f"still, and not taken: {far}; take it by key, or skip the pose"
+        elif self.arm is not None and self.arm.has_kinematics and len(others := self._angles_in_seat()):
+            tips = self.arm.forward(others).tip_in_base
+            away_mm = float(np.linalg.norm(self.arm.forward([angles_rad]).tip_in_base[0] - tips.mean(axis=0)))
+            if away_mm > BESIDE_SEAT * self.arm.chain.reach:
+                far = f"the tip of the nominal arm is {away_mm:.0f} mm from the readings in seat {self._seat_now()}"
+                return f"still, and not taken: {far}; take it by key, or name another seat"
         return ""
+
+    def _seat_now(self) -> str:
+        """Seat of the next reading: the one that a person named, else the plan's; empty if there is none."""
+        number = self.next_pose
+        if self.seat or self.plan is None or self.plan.seat is None or number is None:
+            return self.seat
+        return str(self.plan.seat[number - 1])
+
+    def _angles_in_seat(self) -> FloatArray:
+        """(n, n_joints) joint angles of the readings in the seat of the next one [rad, or mm]."""
+        seat = self._seat_now()
+        rows = [row for row in self._log.rows if row["seat"] == seat] if self._log is not None and seat else []
+        columns = self.joint_columns
+        factors = [1.0 if unit == "mm" else radians(1) for unit in self.units]
+        return np.array([[float(row[name]) for name in columns] for row in rows]).reshape(-1, len(columns)) * factors
 
     def _missing_point(self) -> str:
         """Why the reference has no point for the samples of the window; empty if it has."""
@@ -296,10 +339,10 @@ class Recording:
         assert self._log is not None  # opened at the first sample
         number, plan = self.next_pose, self.plan
         point = self._point(reading)
-        row: dict[str, float | str] = {"seat": self.seat, "note_samples": str(reading.n), **reading.columns}
+        row: dict[str, float | str] = {"seat": self._seat_now(), "note_samples": str(reading.n), **reading.columns}
         mean, std = self.displayed(reading.joint_angles_rad), self.displayed(reading.joint_std_rad)
-        for joint, (unit, angle, scatter) in enumerate(zip(self.units, mean, std, strict=True), start=1):
-            row |= {f"q{joint}_{unit}": angle, f"note_std_q{joint}_{unit}": float(f"{scatter:.2g}")}
+        for name, angle, scatter in zip(self.joint_columns, mean, std, strict=True):
+            row |= {name: angle, f"note_std_{name}": f"{scatter:.2g}" if reading.n > 1 else ""}
         if point is not None:
             row |= zip(("x_mm", "y_mm", "z_mm"), point.tolist(), strict=True)
         if reading.temperature_degC is not None:
@@ -308,8 +351,8 @@ class Recording:
             row["serial_number"] = self.arm.serial_number
         if plan is not None and number is not None:
             row["note_pose"] = str(number)
-            for name in ("seat", "sphere", "position"):
-                if (names := getattr(plan, name)) is not None and not (name == "seat" and self.seat):
+            for name in ("sphere", "position"):
+                if (names := getattr(plan, name)) is not None:
                     row[name] = str(names[number - 1])
         row["note_time"] = datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
         self._log.append(row)
@@ -356,6 +399,8 @@ class Recording:
             point = np.empty(0)
         if self.reference != TYPED:
             return Event("refused", "points are not typed in this recording", {"hint": "--reference typed"})
+        if not self.is_still:
+            return Event("refused", "type the point while the arm stands still: it is that of this standstill")
         if point.shape != (3,) or not (np.abs(point) < 1e9).all():
             return Event("refused", f"expected a point as three numbers in mm, got {text[:40]!a}")
         self._typed_mm = point
@@ -375,145 +420,3 @@ class Recording:
         left = len(self._poses_left())
         text = f"next: pose {number} of {len(self.plan)}{note and f', {note}'}; {aim} {self.units[0]}; {left} to go"
         yield Event("next", text, {"pose": number, "remaining": left, "aim": aims, "instruction": note})
-
-
-def record(
-    source: str | Source,
-    out: str | Path,
-    *,
-    arm: Arm | str | Path | None = None,
-    plan: str | Path | None = None,
-    reference: str | Source | None = None,
-    rule: StandstillRule | None = None,
-    on: TakeOn = "still",
-    seat: str = "",
-    commands: Iterator[str] | None = None,
-) -> Iterator[Event]:
-    """Take readings of a connected arm into a session file, which every verb reads while it grows.
-
-    A reading is the mean of the samples of a standstill, taken once until the arm moves again. It is on the disk before
-    its event comes. The columns ``note_..`` hold the number of samples, their standard deviation and the time.
-
-    Parameters
-    ----------
-    source : str or Source
-        ``KIND:ADDRESS`` as `truearm sources` lists them, or one of your own.
-    out : path
-        Session file, ``.csv``. One with the same columns is continued.
-    arm : Arm, str or path, optional
-        The arm: its number of joints and limits are checked.
-    plan : path, optional
-        The file of `plan`, for seats, instructions and what remains; needs `arm`.
-    reference : str or Source, optional
-        What measures the tip, if not `source`: another source, paired by time, or ``typed``.
-    rule : StandstillRule, optional
-        0.5 s within 0.05 deg by default.
-    on : {"still", "key"}
-        Take a reading at every standstill, or when asked.
-    seat : str
-        Name of the seat of the readings; the plan's by default.
-    commands : iterator of str, optional
-        ``take``, ``take moving``, ``undo``, ``seat NAME``, ``point X Y Z``, ``skip``, ``end``.
-
-    Yields
-    ------
-    Event
-
-    Raises
-    ------
-    InputError
-        If the source, the plan or the file cannot be used, or they are of different arms.
-    TruearmError
-        If a reading cannot be written.
-
-    Examples
-    --------
-    >>> import truearm as ta
-    >>> ta.simulate("ur10", poses=3, seed=1).session.save("simulated.csv")
-    >>> [event.kind for event in ta.record("replay:simulated.csv@max", "session.csv")]
-    ['ready', 'reading', 'reading', 'reading', 'notice', 'end']
-    >>> len(ta.read_session("session.csv"))
-    3
-    """
-    recording = recording_of(source, out, arm=arm, plan=plan, reference=reference, rule=rule, on=on, seat=seat)
-    return follow(recording, commands)
-
-
-def recording_of(
-    source: str | Source,
-    out: str | Path,
-    *,
-    arm: Arm | str | Path | None = None,
-    plan: str | Path | None = None,
-    reference: str | Source | None = None,
-    rule: StandstillRule | None = None,
-    on: TakeOn = "still",
-    seat: str = "",
-) -> Recording:
-    """The recording of `record`, before its sources are read; see there."""
-    second = open_source(reference) if isinstance(reference, str) and reference != TYPED else reference
-    if isinstance(second, Source) and not second.has_points:
-        raise InputError(f"{second.name} measures no points", hint="--reference names an instrument, or is typed")
-    return Recording(
-        open_source(source) if isinstance(source, str) else source,
-        Path(out),
-        arm=None if arm is None else to_arm(arm),
-        plan=None if plan is None else Path(plan),
-        reference=second,
-        rule=rule,
-        on=on,
-        seat=seat,
-    )
-
-
-def follow(recording: Recording, commands: Iterator[str] | None = None) -> Iterator[Event]:
-    """Read the sources of a recording, and commands, in threads; until its source ends or a command is ``end``."""
-    waiting: queue.Queue[tuple[_Origin, Any]] = queue.Queue(MOST_WAITING)
-    over = threading.Event()
-
-    def put(origin: _Origin, what: object) -> None:
-        while not over.is_set():
-            with suppress(queue.Full):
-                waiting.put((origin, what), timeout=1.0)
-                return
-
-    def read(origin: _Origin, values: Callable[[], Iterator[object]]) -> None:
-        try:
-            for value in values():
-                put(origin, value)
-                if over.is_set():
-                    return
-            put(origin, None)
-        except Exception as error:
-            put(origin, error)
-
-    readers: list[tuple[_Origin, Callable[[], Iterator[object]]]] = [("arm", recording.source.samples)]
-    if isinstance(recording.reference, Source):
-        readers.append(("reference", recording.reference.samples))
-    if commands is not None:
-        readers.append(("command", lambda: commands))
-    for origin, values in readers:
-        threading.Thread(target=read, args=(origin, values), name=f"truearm {origin}", daemon=True).start()
-    try:
-        while True:
-            origin, what = waiting.get()
-            if isinstance(what, Exception):
-                raise what
-            if (origin == "arm" and what is None) or what == "end":
-                break
-            yield from _dealt_with(recording, origin, what)
-    finally:
-        over.set()
-        end = recording.close()
-    yield end
-
-
-def _dealt_with(recording: Recording, origin: _Origin, what: Sample | Notice | str | None) -> Iterator[Event]:
-    if isinstance(what, Notice):
-        yield Event("notice", what.text)
-    elif isinstance(what, str):
-        yield from recording.on_command(what)
-    elif isinstance(what, Sample) and origin == "arm":
-        yield from recording.on_sample(what)
-    elif isinstance(what, Sample):
-        recording.on_reference(what)
