@@ -234,3 +234,27 @@ def test_commands_come_in_while_samples_do(tmp_path):
     events = [*record(Source("test", samples), tmp_path / "a.csv", commands=commands())]
     assert kinds(events)[-1] == "end"
     assert "refused" in kinds(events)
+
+
+def test_the_corrected_tip_is_that_of_predict(tmp_path):
+    session = ta.simulate("ur10", poses=40, seed=1).session
+    model = ta.fit("ur10", session, model="kinematic").model
+    samples = stops(*session.angles[:3])
+    events = [*record(source(*samples), tmp_path / "out.csv", model=model, rule=RULE, samples_hz=5)]
+    shown = [event.to_dict() for event in events if event.kind == "sample"]
+    angles = np.radians([[one[f"q{joint}_deg"] for joint in range(1, 7)] for one in shown])
+    points, covariances = model.predict(angles, return_cov=True)
+    assert [one["corrected_mm"] for one in shown] == [pytest.approx(point, abs=1e-9) for point in points]
+    u_mm = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
+    assert [one["U_mm"] for one in shown] == [pytest.approx(2 * u, rel=1e-9) for u in u_mm]
+    assert all(one["is_trained"] for one in shown)
+    assert "U (k = 2) 0." in shown[0]["text"]
+
+
+def test_where_the_model_cannot_correct_it_says_why(tmp_path):
+    session = ta.simulate("ur10", poses=40, seed=1).session
+    model = ta.fit("ur10", session, model="nominal").model
+    events = [*record(source(*stops([9.0] * 6)), tmp_path / "out.csv", model=model, rule=RULE, samples_hz=5)]
+    shown = next(event.to_dict() for event in events if event.kind == "sample")
+    assert "corrected_mm" not in shown
+    assert "limit" in shown["text"]

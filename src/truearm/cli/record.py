@@ -26,6 +26,7 @@ def record(
     out: Annotated[Path, Option(help="Session file, .csv; one with the same columns is continued.")],
     plan: Annotated[Path | None, Option(help="Plan of truearm plan: seats, instructions, what remains.")] = None,
     arm: Annotated[str | None, Option("--arm", help=ARM_HELP)] = None,
+    model: Annotated[Path | None, Option(help="Model file: shows the corrected tip with its uncertainty.")] = None,
     reference: Annotated[
         str | None, Option(help="What measures the tip, if not the source: another source, paired by time, or typed.")
     ] = None,
@@ -55,6 +56,7 @@ def record(
         out,
         arm=arm,
         plan=plan,
+        model=model,
         reference=reference,
         rule=StandstillRule(still, radians(spread), spread_mm),
         on=on,

@@ -71,6 +71,8 @@ class RecordingView:
         state = "waiting for the arm" if recording.sample is None else "still" if recording.is_still else "moving"
         seat = f", seat {recording.seat}" if recording.seat else ""
         parts: list[Table | Text] = [Text(f"{recording.n_readings} readings{seat}: {state}", style="bold")]
+        if (tip := recording.corrected()) is not None:
+            parts.append(Text(str(tip), style="bold green"))
         if recording.sample is not None:
             parts.append(self._angles())
         if self._next:

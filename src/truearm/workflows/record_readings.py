@@ -13,7 +13,7 @@ from truearm.arm import Arm
 from truearm.choices import TakeOn
 from truearm.errors import InputError
 from truearm.sources import Notice, Sample, Source, StandstillRule, open_source
-from truearm.workflows.inputs import to_arm
+from truearm.workflows.inputs import ModelLike, to_arm, to_model_of_tip
 from truearm.workflows.recording import TYPED, Event, Recording
 
 MOST_WAITING = 10_000  # samples and commands
@@ -30,6 +30,7 @@ def record(
     rule: StandstillRule | None = None,
     on: TakeOn = "still",
     seat: str = "",
+    model: ModelLike | None = None,
     samples_hz: float = 0.0,
     commands: Iterator[str] | None = None,
 ) -> Iterator[Event]:
@@ -56,6 +57,8 @@ def record(
         Take a reading at every standstill, or when asked.
     seat : str
         Name of the seat of the readings; the plan's by default.
+    model : Compensator, str or path, optional
+        Corrects the tip at the samples.
     samples_hz : float
         How often the angles come as an event of the kind ``sample``, by the clock of the source; 0: never.
     commands : iterator of str, optional
@@ -82,7 +85,16 @@ def record(
     3
     """
     recording = recording_of(
-        source, out, arm=arm, plan=plan, reference=reference, rule=rule, on=on, seat=seat, samples_hz=samples_hz
+        source,
+        out,
+        arm=arm,
+        plan=plan,
+        reference=reference,
+        rule=rule,
+        on=on,
+        seat=seat,
+        model=model,
+        samples_hz=samples_hz,
     )
     return follow(recording, commands)
 
@@ -97,6 +109,7 @@ def recording_of(
     rule: StandstillRule | None = None,
     on: TakeOn = "still",
     seat: str = "",
+    model: ModelLike | None = None,
     samples_hz: float = 0.0,
 ) -> Recording:
     """The recording of `record`, before its sources are read; see there."""
@@ -112,6 +125,7 @@ def recording_of(
         rule=rule,
         on=on,
         seat=seat,
+        model=None if model is None else to_model_of_tip(model),
         samples_hz=samples_hz,
     )
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from truearm.arm import Arm
 from truearm.choices import TakeOn
+from truearm.compensation.models import Compensator
 from truearm.errors import InputError
 from truearm.files.delimited import MAX_NAME
 from truearm.identification.planning.planned_readings import PlannedReadings, read_planned
@@ -22,6 +23,7 @@ from truearm.readings.session_log import SessionLog
 from truearm.sources import Sample, Source, StandstillRule
 from truearm.sources.standstill import Standstill, TakenReading
 from truearm.typing import FloatArray
+from truearm.workflows.corrected_tip import CorrectedTip, corrected_tip
 from truearm.workflows.record import to_plain
 
 TYPED = "typed"
@@ -77,6 +79,8 @@ class Recording:
         Whether readings are taken at every standstill, or when a person (or the arm's button) asks.
     seat : str
         Name of the seat of the next readings.
+    model : Compensator, optional
+        Of the arm, for the corrected tip; its arm by default.
     samples_hz : float
         How often the angles are an event, by the clock of the source; 0: never.
 
@@ -97,8 +101,10 @@ class Recording:
         rule: StandstillRule | None = None,
         on: TakeOn = "still",
         seat: str = "",
+        model: Compensator | None = None,
         samples_hz: float = 0.0,
     ) -> None:
+        arm = model.arm_ if arm is None and model is not None else arm
         if plan is not None and arm is None:
             raise InputError("a plan needs the arm that it is for", file=plan, hint="--arm ARM")
         self.source, self.arm, self.reference, self.seat, self._on = source, arm, reference, seat, on
@@ -114,7 +120,7 @@ class Recording:
         self._asked, self._was_pressed, self._said = False, False, ""
         self._still_since_s, self._samples_hz, self._streamed_s = 0.0, samples_hz, -np.inf
         self._skipped: set[int] = set()
-        self._out = out
+        self._out, self._model = out, model
         self._log: SessionLog | None = None
         self.sample: Sample | None = None
 
@@ -122,6 +128,10 @@ class Recording:
     def n_readings(self) -> int:
         """Number of readings in the file."""
         return 0 if self._log is None else len(self._log.rows)
+
+    def corrected(self) -> CorrectedTip | str | None:
+        """The tip at the last sample by the model, or why there is none; None without a model or a sample."""
+        return None if self._model is None or self.sample is None else corrected_tip(self._model, self.sample)
 
     @property
     def is_still(self) -> bool:
@@ -189,8 +199,16 @@ class Recording:
         if self._samples_hz and not 0 <= sample.time_s - self._streamed_s < 0.999 / self._samples_hz:
             self._streamed_s = sample.time_s
             shown = dict(zip(self.joint_columns, self.displayed(sample.joint_angles_rad), strict=True))
-            state = {"time_s": sample.time_s, "is_still": self.is_still, "tip_mm": sample.tip_in_reference_mm}
-            yield Event("sample", "still" if state["is_still"] else "moving", {**state, **shown})
+            state: dict[str, object] = {
+                "time_s": sample.time_s,
+                "is_still": self.is_still,
+                "tip_mm": sample.tip_in_reference_mm,
+            }
+            tip = self.corrected()
+            if isinstance(tip, CorrectedTip):
+                state |= {"corrected_mm": tip.tip_in_reference_mm, "U_mm": tip.U_mm, "is_trained": tip.is_trained}
+            text = "still" if self.is_still else "moving"
+            yield Event("sample", text if tip is None else f"{text}: {tip}", {**state, **shown})
 
     def on_reference(self, sample: Sample) -> None:
         """Take in a sample of the second instrument."""
