@@ -1,4 +1,4 @@
-"""Connected arms: readings that are acknowledged survive the end of the program, at any moment."""
+"""Connected arms: acknowledged readings survive the end of the program; the time of a corrected tip."""
 
 from __future__ import annotations
 
@@ -14,9 +14,11 @@ from typing import Any
 
 import numpy as np
 
+import truearm as ta
 from benchmarks.rows import RowResult, Rows, Target
 from truearm.readings import read_session
 from truearm.sources import Sample, Source, StandstillRule
+from truearm.workflows.corrected_tip import corrected_tip
 from truearm.workflows.record_readings import record
 
 ROWS = Rows()
@@ -73,6 +75,23 @@ def kills(n: int = 50) -> RowResult:
             before, acknowledged = now, acknowledged + said
     row: dict[str, Any] = {"kills": n, "acknowledged": acknowledged, "lost": lost, "written, not acknowledged": more}
     return RowResult([row], [Target("acknowledged readings lost", lost, 0), Target("kills", n, n, "above")])
+
+
+@ROWS.row("tip", "corrected tip of a sample with its covariance, physical model of 200 readings, 99 % of samples")
+def tip(n: int = 500, readings: int = 200) -> RowResult:
+    """CPU time of one thread, with the directions of movement known as a connected arm shows them, and unknown."""
+    session = ta.simulate("ur10", poses=readings, seed=1).session
+    model = ta.fit("ur10", session, model="physical").model
+    rows: list[dict[str, Any]] = []
+    for known, directions in (("known", np.ones(6)), ("unknown", np.zeros(6))):
+        times = []
+        for k in range(n):
+            sample, start = Sample(0.0, session.angles[k % readings], temperature_degC=20.5), time.thread_time()
+            corrected_tip(model, sample, directions)
+            times.append(1e3 * (time.thread_time() - start))
+        median, slow = np.percentile(times, [50, 99])
+        rows.append({"directions": known, "median [ms]": float(median), "99 % below [ms]": float(slow)})
+    return RowResult(rows, [Target("directions known, 99 % below [ms]", rows[0]["99 % below [ms]"], 5.0)])
 
 
 if sys.platform == "win32":

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from truearm.errors import InputError
 from truearm.sources import Sample, StandstillRule
+from truearm.sources.last_movement import LastMovement
 from truearm.sources.standstill import MOVED, Standstill
 
 RULE = StandstillRule(window_s=0.5, spread_rad=0.001)
@@ -93,3 +94,17 @@ def test_a_rule_without_sense_is_refused(keys):
 
 def test_the_default_spread_is_a_twentieth_of_a_degree():
     assert StandstillRule().spread_rad == radians(0.05)
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.lists(st.floats(-3, 3), min_size=1, max_size=8), st.integers(0, 99))
+def test_the_last_movement_is_the_sign_of_the_last_large_step_whatever_the_noise(turns, seed):
+    noise = np.random.default_rng(seed)
+    movement = LastMovement(np.zeros(1))
+    at, want = 0.0, 0.0
+    for turn in turns:
+        step = turn if abs(turn) > 0.01 else 0.0
+        for share in np.linspace(0, 1, 20):
+            movement.add(np.array([at + share * step + noise.uniform(-4e-4, 4e-4)]), np.array([1e-3]))
+        at, want = at + step, np.sign(step) or want
+    assert movement.signs.tolist() == [want]

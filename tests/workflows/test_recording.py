@@ -57,6 +57,7 @@ def test_a_replayed_session_comes_back(tmp_path):
     assert again.angles == pytest.approx(session.angles, abs=StandstillRule().spread_rad)
     assert np.median(np.abs(again.angles - session.angles)) < 1e-12
     assert again.points == pytest.approx(session.points, abs=1e-9)
+    assert again.directions.tolist() == session.directions.tolist()
     assert again.temperature_degC == pytest.approx(session.temperature_degC)
     assert kinds(events) == ["ready", *["reading"] * 12, "notice", "end"]
     for event in events:
@@ -97,6 +98,12 @@ def test_an_undone_pose_comes_next_again_and_a_skipped_one_does_not(tmp_path, pl
     assert kinds(recording.on_command("take")) == []
     assert kinds(fed(recording, stops(poses[5], start_s=2.5))) == ["reading", "next"]
     recording.close()
+
+
+def test_a_reading_has_the_direction_of_each_joints_last_movement(tmp_path):
+    poses = [0.0, 1.0, 5.0], [0.5, 1.0, 4.0], [0.4, 1.0, 4.0]
+    [*record(source(*stops(*poses)), tmp_path / "out.csv", rule=RULE)]
+    assert ta.read_session(tmp_path / "out.csv").directions.tolist() == [[0, 0, 0], [1, 0, -1], [-1, 0, -1]]
 
 
 def test_an_arm_that_rests_beside_its_seat_is_no_reading(tmp_path):

@@ -80,7 +80,7 @@ def line_parser(document: LinesDocument) -> tuple[Parse, int]:
             np.array([numbers[axis] for axis in _POINT]) if points else None,
             numbers.get("temperature_degC"),
             numbers.get("button", 0) != 0,
-            {name: numbers[name] for name in extra},
+            columns={name: numbers[name] for name in extra},
         )
 
     return parse, len(joints)

@@ -45,6 +45,8 @@ def _samples(session: Session, speed: float) -> Stream:
             angles,
             session.points[row] if is_stop and session.points is not None and there[row] else None,
             None if session.temperature_degC is None else float(session.temperature_degC[row]),
+            # What moved between the readings of a session is known to the session alone.
+            directions=np.zeros(len(angles)) if session.directions is None else session.directions[row],
             columns={name: float(values[row]) for name, values in session.columns.items()},
         )
     yield Notice("the session has ended")

@@ -25,6 +25,8 @@ class Sample:
         Temperature of the arm [degC].
     is_button_pressed : bool
         The arm's own button.
+    directions : (n_joints,) array, optional
+        Sign of each joint's last movement, where the source knows it better than its samples show: -1, 1, or 0.
     columns : mapping of str to float
         Further columns of the session file: ``payload_kg``, or names that start with ``load_``. A source gives the
         same ones in all its samples.
@@ -42,6 +44,7 @@ class Sample:
     tip_in_reference_mm: FloatArray | None = None
     temperature_degC: float | None = None
     is_button_pressed: bool = False
+    directions: FloatArray | None = None
     columns: Mapping[str, float] = field(default_factory=dict)
 
 

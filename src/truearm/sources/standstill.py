@@ -10,6 +10,7 @@ from math import radians
 import numpy as np
 
 from truearm.errors import InputError
+from truearm.sources.last_movement import LastMovement
 from truearm.sources.sample import Sample
 from truearm.typing import FloatArray
 
@@ -62,6 +63,8 @@ class TakenReading:
         Times of the first and the last sample.
     joint_angles_rad, joint_std_rad : (n_joints,) array
         Mean and standard deviation [rad, or mm]; NaN of a single sample.
+    directions : (n_joints,) array
+        Sign of each joint's last movement: -1, 1, or 0 if it is not known.
     n : int
         Number of samples.
     tip_in_reference_mm : (3,) array, optional
@@ -74,6 +77,7 @@ class TakenReading:
     end_s: float
     joint_angles_rad: FloatArray
     joint_std_rad: FloatArray
+    directions: FloatArray
     n: int
     tip_in_reference_mm: FloatArray | None
     temperature_degC: float | None
@@ -94,6 +98,7 @@ class Standstill:
         self._rule, self._prismatic = rule, [number - 1 for number in prismatic]
         self._window: deque[Sample] = deque(maxlen=MOST_SAMPLES)
         self._taken_at: FloatArray | None = None
+        self._movement: LastMovement | None = None
 
     def add(self, sample: Sample) -> None:
         """Take in the next sample. A gap of a window's length, a clock that jumps, or another arm starts a new one."""
@@ -104,7 +109,10 @@ class Standstill:
                 window[-1].joint_angles_rad
             ):
                 window.clear()
+        if self._movement is None or len(self._movement.signs) != len(sample.joint_angles_rad):
+            self._movement = LastMovement(sample.joint_angles_rad)
         window.append(sample)
+        self._movement.add(sample.joint_angles_rad, self._allowed())
         while len(window) > 1 and sample.time_s - window[1].time_s >= self._rule.window_s:
             window.popleft()
         if self._taken_at is not None and (
@@ -146,8 +154,14 @@ class Standstill:
         """The last sample alone: a reading of an arm that moves."""
         return self.mean([self._window[-1]])
 
-    @staticmethod
-    def mean(samples: list[Sample]) -> TakenReading:
+    @property
+    def directions(self) -> FloatArray:
+        """(n_joints,) Sign of each joint's last movement."""
+        assert self._movement is not None  # there was a sample
+        stated = self._window[-1].directions
+        return self._movement.signs if stated is None else stated
+
+    def mean(self, samples: list[Sample]) -> TakenReading:
         """The mean of samples."""
         first = samples[0].joint_angles_rad
         angles = np.array([one.joint_angles_rad for one in samples]) - first  # equal samples have exactly their mean
@@ -159,6 +173,7 @@ class Standstill:
             samples[-1].time_s,
             first + angles.mean(axis=0),
             angles.std(axis=0, ddof=1) if n > 1 else np.full(angles.shape[1], np.nan),
+            self.directions,
             n,
             points[0] + np.mean(np.array(points) - points[0], axis=0) if points else None,
             float(np.mean(temperatures)) if temperatures else None,

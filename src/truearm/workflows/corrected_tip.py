@@ -38,7 +38,7 @@ class CorrectedTip:
         return f"x {x:.3f}  y {y:.3f}  z {z:.3f} mm, U (k = 2) {self.U_mm.max():.3f} mm{outside}"
 
 
-def corrected_tip(model: Compensator, sample: Sample) -> CorrectedTip | str:
+def corrected_tip(model: Compensator, sample: Sample, directions: FloatArray) -> CorrectedTip | str:
     """The tip at a sample, with its temperature and loads; or why there is none.
 
     Parameters
@@ -46,11 +46,16 @@ def corrected_tip(model: Compensator, sample: Sample) -> CorrectedTip | str:
     model : Compensator
     sample : Sample
         Of the arm that the model is of.
+    directions : (n_joints,) array
+        Sign of each joint's last movement: -1, 1, or 0; an unknown one takes time, for its uncertainty.
     """
     temperature = None if sample.temperature_degC is None else np.array([sample.temperature_degC])
     known = {name: np.array([value]) for name, value in sample.columns.items() if name in model.training_.columns}
     try:
-        at = model.checked(Session(sample.joint_angles_rad[None], temperature_degC=temperature, columns=known))
+        readings = Session(
+            sample.joint_angles_rad[None], temperature_degC=temperature, directions=directions[None], columns=known
+        )
+        at = model.checked(readings)
         points, covariances = model.predict_readings(at, return_cov=True)
         is_trained = not model.outside_training(at)[0]
     except InputError as error:

@@ -19,6 +19,7 @@ from truearm.errors import InputError
 from truearm.files.delimited import MAX_NAME
 from truearm.identification.planning.planned_readings import PlannedReadings, read_planned
 from truearm.number_format import format_count
+from truearm.readings.readings import DIRECTION
 from truearm.readings.session_log import SessionLog
 from truearm.sources import Sample, Source, StandstillRule
 from truearm.sources.standstill import Standstill, TakenReading
@@ -131,7 +132,9 @@ class Recording:
 
     def corrected(self) -> CorrectedTip | str | None:
         """The tip at the last sample by the model, or why there is none; None without a model or a sample."""
-        return None if self._model is None or self.sample is None else corrected_tip(self._model, self.sample)
+        if self._model is None or self.sample is None:
+            return None
+        return corrected_tip(self._model, self.sample, self._standstill.directions)
 
     @property
     def is_still(self) -> bool:
@@ -280,6 +283,7 @@ class Recording:
             *(name for name in planned if getattr(self.plan, name) is not None),
             *(("serial_number",) if self.arm is not None and self.arm.serial_number else ()),
             *(("temperature_degC",) if sample.temperature_degC is not None else ()),
+            *(f"{DIRECTION}{joint}" for joint in range(1, len(joints) + 1)),
             *sample.columns,
             *(("note_pose",) if self.plan is not None else ()),
             "note_samples",
@@ -361,6 +365,7 @@ class Recording:
         mean, std = self.displayed(reading.joint_angles_rad), self.displayed(reading.joint_std_rad)
         for name, angle, scatter in zip(self.joint_columns, mean, std, strict=True):
             row |= {name: angle, f"note_std_{name}": f"{scatter:.2g}" if reading.n > 1 else ""}
+        row |= {f"{DIRECTION}{joint}": f"{sign:.0f}" for joint, sign in enumerate(reading.directions, start=1)}
         if point is not None:
             row |= zip(("x_mm", "y_mm", "z_mm"), point.tolist(), strict=True)
         if reading.temperature_degC is not None:
