@@ -50,9 +50,7 @@ class SessionLog:
     """
 
     def __init__(self, path: Path, columns: Sequence[str]) -> None:
-        if path.suffix != ".csv":
-            raise InputError(f"expected a file name that ends in .csv, got {path.name!r}", file=path)
-        check_writable(path)
+        check_log_path(path)
         self.path, self.columns, self.repaired = path, tuple(columns), ""
         if not path.exists() or path.stat().st_size == 0:
             with atomic_file(path) as beside:
@@ -148,6 +146,19 @@ class SessionLog:
             is_same = False
         if not is_same:
             raise TruearmError(f"{self.path}: another program changed the file while it grew. Record to another file")
+
+
+def check_log_path(path: Path) -> None:
+    """Check, before readings are taken, that a session log can be written.
+
+    Raises
+    ------
+    InputError
+        If the name does not end in ``.csv``, or the file cannot be written.
+    """
+    if path.suffix != ".csv":
+        raise InputError(f"expected a file name that ends in .csv, got {path.name!r}", file=path)
+    check_writable(path)
 
 
 def _entry_to_disk(path: Path) -> None:

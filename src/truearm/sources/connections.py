@@ -92,7 +92,10 @@ class _Udp:
 
 class _Serial:
     def __init__(self, port: str, baud: int) -> None:
-        self._port: Any = _pyserial().Serial(port, baud, timeout=CONNECT_S, write_timeout=CONNECT_S)
+        try:
+            self._port: Any = _pyserial().Serial(port, baud, timeout=CONNECT_S, write_timeout=CONNECT_S)
+        except ValueError as error:  # a rate that the port does not have
+            raise OSError(str(error)) from None
 
     def receive(self, timeout_s: float) -> bytes:
         self._port.timeout = timeout_s

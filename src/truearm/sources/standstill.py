@@ -92,6 +92,11 @@ class Standstill:
     rule : StandstillRule
     prismatic : tuple of int
         Numbers of the joints that slide.
+
+    Attributes
+    ----------
+    is_still : bool
+        Whether the samples fill the window and no joint moves in it.
     """
 
     def __init__(self, rule: StandstillRule, prismatic: tuple[int, ...] = ()) -> None:
@@ -99,6 +104,7 @@ class Standstill:
         self._window: deque[Sample] = deque(maxlen=MOST_SAMPLES)
         self._taken_at: FloatArray | None = None
         self._movement: LastMovement | None = None
+        self.is_still = False
 
     def add(self, sample: Sample) -> None:
         """Take in the next sample. A gap of a window's length, a clock that jumps, or another arm starts a new one."""
@@ -120,10 +126,9 @@ class Standstill:
             or (np.abs(sample.joint_angles_rad - self._taken_at) > MOVED * self._allowed()).any()
         ):
             self._taken_at = None
+        self.is_still = self._stands()
 
-    @property
-    def is_still(self) -> bool:
-        """Whether the samples fill the window and no joint moves in it."""
+    def _stands(self) -> bool:
         window = self._window
         if len(window) < LEAST_SAMPLES or window[-1].time_s - window[0].time_s < self._rule.window_s:
             return False

@@ -1,4 +1,4 @@
-"""The virtual arm: an arm that exists in memory only, steered by a target, or moving by itself from pose to pose."""
+"""The virtual arm: an arm that exists in memory only and moves by itself from pose to pose."""
 
 from __future__ import annotations
 
@@ -8,12 +8,11 @@ from math import radians
 import numpy as np
 
 from truearm.arm.arm import Arm
-from truearm.sources.poses_in_turn import RATE_HZ, clock, poses_in_turn
+from truearm.sources.poses_in_turn import poses_in_turn
 from truearm.sources.sample import Sample, Source, Stream
 from truearm.typing import FloatArray
 
 ENCODER_NOISE_RAD = radians(0.002)
-FASTEST_RAD_S = radians(60)
 
 
 def virtual_arm(arm: Arm, *, speed: float = 1.0, seed: int = 0) -> Source:
@@ -35,27 +34,6 @@ def virtual_arm(arm: Arm, *, speed: float = 1.0, seed: int = 0) -> Source:
             yield _sample(time_s, angles, arm, random)
 
     return Source(f"virtual:{arm.name}", samples, _prismatic(arm), arm.has_kinematics)
-
-
-class SteeredArm:
-    """An arm whose joints move towards a target at a bounded speed: the target is what sliders set."""
-
-    def __init__(self, arm: Arm, *, seed: int = 0) -> None:
-        self._arm = arm
-        self._random = np.random.default_rng(seed)
-        self.target_rad: FloatArray = arm.working.copy()
-
-    def source(self) -> Source:
-        """The samples of the arm, in real time."""
-        return Source(f"virtual:{self._arm.name}", self._samples, _prismatic(self._arm), self._arm.has_kinematics)
-
-    def _samples(self) -> Stream:
-        pause, angles, tick = clock(1.0), self._arm.working.copy(), 0
-        fastest = np.where(self._arm.chain.is_prismatic, 100.0, FASTEST_RAD_S) / RATE_HZ
-        while True:
-            angles = angles + np.clip(self.target_rad - angles, -fastest, fastest)
-            yield _sample(pause(tick / RATE_HZ), angles, self._arm, self._random)
-            tick += 1
 
 
 def _sample(time_s: float, angles: FloatArray, arm: Arm, random: np.random.Generator) -> Sample:

@@ -20,7 +20,7 @@ from truearm.files.delimited import MAX_NAME
 from truearm.identification.planning.planned_readings import PlannedReadings, read_planned
 from truearm.number_format import format_count
 from truearm.readings.readings import DIRECTION
-from truearm.readings.session_log import SessionLog
+from truearm.readings.session_log import SessionLog, check_log_path
 from truearm.sources import Sample, Source, StandstillRule
 from truearm.sources.standstill import Standstill, TakenReading
 from truearm.typing import FloatArray
@@ -106,6 +106,7 @@ class Recording:
         samples_hz: float = 0.0,
     ) -> None:
         arm = model.arm_ if arm is None and model is not None else arm
+        check_log_path(out)
         if plan is not None and arm is None:
             raise InputError("a plan needs the arm that it is for", file=plan, hint="--arm ARM")
         self.source, self.arm, self.reference, self.seat, self._on = source, arm, reference, seat, on
