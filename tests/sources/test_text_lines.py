@@ -94,13 +94,20 @@ def test_a_checksum_is_checked():
         ({"pattern": "{elbow}"}, "unknown name in the pattern: {elbow}"),
         ({"pattern": "{skip}"}, "neither joints nor a point"),
         ({"pattern": "{J1}", "unit": "counts"}, "counts_per_turn is missing"),
-        ({"pattern": "{J1},{J2}", "zero": (1.0,)}, "expected 2 entries of zero"),
+        ({"pattern": "{J1},{J2}", "zero": (1.0, 2.0, 3.0)}, "expected 2 entries of zero"),
         ({"pattern": "{J1},{J2}", "coupling": "J3 += J2"}, "the arm has the joints"),
     ],
 )
 def test_a_wrong_file_is_refused(keys, said):
     with pytest.raises(InputError, match=said.replace("{", r"\{")):
         line_parser(LinesDocument(**keys))
+
+
+def test_a_wrong_unit_is_one_fault(tmp_path):
+    file = tmp_path / "arm.toml"
+    file.write_text(TWO + "unit = 'grad'\nconnection = 'tcp:h:1'\n")
+    with pytest.raises(InputError, match=r"unit\[1\]: expected 'deg', 'rad', 'counts' or 'mm', got 'grad'"):
+        text_lines(file)
 
 
 def test_a_file_without_a_connection_is_refused(tmp_path):

@@ -11,9 +11,9 @@ from typing import Annotated
 from pydantic import Field
 
 from truearm.errors import InputError
-from truearm.files.toml_documents import read_document
+from truearm.files.toml_documents import Positive, read_document
 from truearm.sources.connections import Connection, connected, connector
-from truearm.sources.joint_scale import MOST_JOINTS, JointScale, Unit
+from truearm.sources.joint_scale import MOST_JOINTS, Each, JointScale, Unit
 from truearm.sources.sample import Notice, Sample, Source, Stream
 from truearm.typing import FloatArray
 
@@ -46,8 +46,8 @@ class ServoDocument(JointScale):
     ids: Annotated[
         tuple[Annotated[int, Field(strict=True, ge=0, le=252)], ...], Field(min_length=1, max_length=MOST_JOINTS)
     ]
-    unit: Unit | tuple[Unit, ...] = "counts"
-    counts_per_turn: float | tuple[float, ...] | None = COUNTS_PER_TURN
+    unit: Each[Unit] = ("counts",)
+    counts_per_turn: Each[Positive] = (COUNTS_PER_TURN,)
 
 
 def servo_bus(kind: str, file: Path, connection: str, request: Request, answers: Answers) -> Source:
