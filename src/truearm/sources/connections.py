@@ -94,7 +94,7 @@ class _Serial:
     def __init__(self, port: str, baud: int) -> None:
         try:
             self._port: Any = _pyserial().Serial(port, baud, timeout=CONNECT_S, write_timeout=CONNECT_S)
-        except ValueError as error:  # a rate that the port does not have
+        except (ValueError, OverflowError) as error:  # a rate that no port has
             raise OSError(str(error)) from None
 
     def receive(self, timeout_s: float) -> bytes:

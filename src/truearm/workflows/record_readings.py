@@ -163,7 +163,7 @@ def follow(recording: Recording, commands: Iterator[str] | None = None) -> Itera
             origin, what = waiting.get()
             if isinstance(what, Exception):
                 raise what
-            if (origin == "arm" and what is None) or what == "end":
+            if (origin == "arm" and what is None) or (isinstance(what, str) and what.strip() == "end"):
                 break
             yield from _dealt_with(recording, origin, what)
     finally:
