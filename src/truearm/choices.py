@@ -11,6 +11,8 @@ Trainer = Literal["varpro", "trainlm", "trainbr", "traingd", "traingdx"]
 Limits = Literal["skip", "ignore"]  # of readings beyond a joint limit
 Conditions = Literal["reproducibility", "repeatability"]  # of an uncertainty (JCGM 200:2012, 2.24 and 2.20)
 
+TakeOn = Literal["still", "key"]  # when a reading of a connected arm is taken
+
 ArtefactKind = Literal["seat", "bar", "tracker"]
 Strategy = Literal["i-optimal", "d-optimal", "technician", "random"]
 Terms = Literal["physical", "constants"]

@@ -29,6 +29,8 @@ VERBS: tuple[tuple[str, str], ...] = (
     ("fetch", "fetch"),
     ("simulate", "simulate"),
     ("plan", "plan"),
+    ("sources", "sources"),
+    ("record", "record"),
     ("import", "import_table"),
     ("split", "split"),
     ("fit", "fit"),

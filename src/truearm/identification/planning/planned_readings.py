@@ -29,6 +29,8 @@ class PlannedReadings:
     position : (n,) array of str, optional
         Name of the place of the artefact.
     file : Path
+    note : (n,) array of str, optional
+        Instruction for each reading.
     """
 
     angles: FloatArray
@@ -36,6 +38,7 @@ class PlannedReadings:
     sphere: NameArray | None
     position: NameArray | None
     file: Path
+    note: NameArray | None = None
 
     def __len__(self) -> int:
         return len(self.angles)
@@ -63,7 +66,7 @@ def read_planned(path: str | Path, arm: Arm) -> PlannedReadings:
     """
     sheet = read_form(Path(path))
     columns = _aim_columns(sheet, arm)
-    touched = [name for name in ("seat", "sphere", "position") if name in sheet.names]
+    touched = [name for name in ("seat", "sphere", "position", "note") if name in sheet.names]
     numbers, words = read_columns(
         sheet, [sheet.names.index(name) for name in columns], list(map(sheet.names.index, touched))
     )
@@ -111,4 +114,4 @@ def _touched(sheet: Sheet, words: dict[str, NameArray]) -> dict[str, NameArray |
             row = int(np.argmax(wrong))
             what = "neither a seat nor a sphere" if count[row] == 0 else "a seat and a sphere"
             raise sheet.error(f"expected a seat or a sphere, got {what}", row, column="seat")
-    return {name: words.get(name) for name in ("seat", "sphere", "position")}
+    return {name: words.get(name) for name in ("seat", "sphere", "position", "note")}

@@ -1,0 +1,104 @@
+"""``truearm record``: readings of a connected arm, taken when it stands still."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator
+from contextlib import suppress
+from math import radians
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from typer import Option
+
+from truearm.choices import TakeOn
+from truearm.cli.console import print_line
+from truearm.cli.options import ARM_HELP
+from truearm.errors import InputError
+
+if TYPE_CHECKING:
+    from truearm.workflows.recording import Recording
+
+
+def record(
+    source: Annotated[str, Option(help="Where the angles come from: KIND:ADDRESS, as truearm sources lists them.")],
+    out: Annotated[Path, Option(help="Session file, .csv; one with the same columns is continued.")],
+    plan: Annotated[Path | None, Option(help="Plan of truearm plan: seats, instructions, what remains.")] = None,
+    arm: Annotated[str | None, Option("--arm", help=ARM_HELP)] = None,
+    model: Annotated[Path | None, Option(help="Model file: shows the corrected tip with its uncertainty.")] = None,
+    reference: Annotated[
+        str | None, Option(help="What measures the tip, if not the source: another source, paired by time, or typed.")
+    ] = None,
+    on: Annotated[TakeOn, Option(help="Take a reading at every standstill, or by key or the arm's button.")] = "still",
+    seat: Annotated[str, Option(help="Name of the seat of the first readings; by default the plan's.")] = "",
+    still: Annotated[float, Option(help="For how long the arm stands still before a reading is taken [s].")] = 0.5,
+    spread: Annotated[float, Option(help="By how much a joint moves at most in that time [deg].")] = 0.05,
+    spread_mm: Annotated[float, Option(help="By how much a sliding joint moves at most [mm].")] = 0.05,
+    samples: Annotated[float, Option(min=0, max=1000, help="With --headless: angles so often a second, too.")] = 0.0,
+    headless: Annotated[
+        bool, Option("--headless", help="Print events as JSON lines, and read commands from standard input.")
+    ] = False,
+) -> None:
+    """Take readings of a connected arm into a session file, which every command reads while it grows.
+
+    A reading is the mean of the samples of a standstill, taken once until the arm moves again. It is on the disk before
+    it is said. Keys: space takes a reading, m one of a moving arm, u undoes the last, s names the seat, p types the
+    reference point, n skips a pose of the plan, q ends.
+
+    With --headless these are lines on standard input: take, take moving, undo, seat NAME, point X Y Z, skip, end.
+    """
+    from truearm.sources import StandstillRule
+    from truearm.workflows.record_readings import follow, recording_of
+
+    recording = recording_of(
+        source,
+        out,
+        arm=arm,
+        plan=plan,
+        model=model,
+        reference=reference,
+        rule=StandstillRule(still, radians(spread), spread_mm),
+        on=on,
+        seat=seat,
+        samples_hz=samples if headless else 0.0,
+    )
+    if headless:
+        for event in follow(recording, _lines(recording)):
+            print_line(json.dumps(event.to_dict(), allow_nan=False))
+            sys.stdout.flush()
+    elif sys.stdin is not None and sys.stdin.isatty() and sys.stdout is not None and sys.stdout.isatty():
+        _record_in_terminal(recording)
+    else:
+        raise InputError("taking readings needs a terminal", hint="--headless prints JSON lines and reads commands")
+
+
+def _record_in_terminal(recording: Recording) -> None:
+    from rich.console import Console
+    from rich.live import Live
+
+    from truearm.cli.keyboard import pressed_keys
+    from truearm.cli.recording_view import RecordingView
+    from truearm.workflows.record_readings import follow
+
+    view, console = RecordingView(recording), Console(highlight=False)
+    with (
+        pressed_keys() as keys,
+        Live(view, console=console, refresh_per_second=10, transient=True, redirect_stdout=False) as live,
+    ):
+        for event in follow(recording, view.commands(keys)):
+            view.add(event)
+            if event.kind in ("reading", "undone"):
+                live.console.print(event.text, markup=False)
+    print_line(event.text)
+
+
+def _lines(recording: Recording) -> Iterator[str]:
+    """Commands on standard input, unless the angles come from there."""
+    from truearm.sources.connections import connector
+    from truearm.sources.text_lines import lines_of
+
+    if sys.stdin is None or recording.source.name.endswith("@stdin"):
+        return
+    with suppress(EOFError):
+        yield from filter(None, lines_of(connector("stdin")()))

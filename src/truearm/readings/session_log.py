@@ -1,0 +1,188 @@
+"""A session file that grows reading by reading: each row is on the disk before it is acknowledged."""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from truearm.errors import InputError, TruearmError
+from truearm.files.atomic_write import atomic_file, check_writable
+from truearm.files.delimited import MAX_BYTES, escape_formula
+from truearm.files.file_reading import check_readable
+
+Row = Mapping[str, float | str]
+
+
+class SessionLog:
+    """An open session file (CSV) to which readings are appended.
+
+    A row is one write, followed by fsync: after `append` has returned, neither the end of the program nor that of the
+    system loses it. A row that a power failure cut short was not acknowledged; it is removed when the file is opened
+    again (the last column is a note, so that a row with all its cells is one). The last reading is undone by truncating
+    the file at the end of the one before, which is one step too.
+
+    Parameters
+    ----------
+    path : Path
+        Ends in ``.csv``. A file with the same columns is continued.
+    columns : sequence of str
+        Of the session file; notes among them.
+
+    Attributes
+    ----------
+    rows : list of dict
+        The cells of the readings in the file.
+    repaired : str
+        What was removed when the file was opened; empty if nothing was.
+
+    Raises
+    ------
+    InputError
+        If the name has another ending, the file has other columns, or it cannot be written.
+    """
+
+    def __init__(self, path: Path, columns: Sequence[str]) -> None:
+        check_log_path(path)
+        self.path, self.columns, self.repaired = path, tuple(columns), ""
+        if not path.exists() or path.stat().st_size == 0:
+            with atomic_file(path) as beside:
+                beside.write_bytes(_line(self.columns))
+            _entry_to_disk(path)
+        check_readable(path, limit_bytes=MAX_BYTES)
+        content = path.read_bytes()
+        whole = content[: content.rfind(b"\n") + 1]
+        lines = whole.splitlines(keepends=True)
+        if not lines or _cells(lines[0]) != list(self.columns):
+            raise InputError(
+                f"the file exists, with other columns than {','.join(self.columns)}",
+                file=path,
+                line=1,
+                hint="choose another name, or the source and options with which it was recorded",
+            )
+        self.rows = [dict(zip(self.columns, _cells(line), strict=False)) for line in lines[1:]]
+        self._ends = [int(end) for end in np.cumsum([len(line) for line in lines])]
+        self._handle = os.open(path, os.O_RDWR | os.O_APPEND | getattr(os, "O_BINARY", 0))
+        if tail := content[len(whole) :]:
+            self._mend(tail)
+        self._to_disk()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file."""
+        os.close(self._handle)
+
+    def append(self, row: Row) -> None:
+        """Append a reading; it is on the disk when this returns.
+
+        Raises
+        ------
+        TruearmError
+            If another program changed or replaced the file, or the disk is full; the file is as before.
+        """
+        self._check_own()
+        cells = [_cell(row.get(name, "")) for name in self.columns]
+        line = _line(cells)
+        try:
+            written = os.write(self._handle, line)
+            if written < len(line):
+                raise OSError("the disk is full")
+            self._to_disk()
+        except OSError as error:
+            with suppress(OSError):
+                os.ftruncate(self._handle, self._ends[-1])
+            raise TruearmError(f"{self.path}: the reading cannot be written ({error.strerror or error})") from None
+        self._ends.append(self._ends[-1] + len(line))
+        self.rows.append(dict(zip(self.columns, cells, strict=True)))
+
+    def undo(self) -> dict[str, str] | None:
+        """Remove the last reading and return its cells; None if there is none.
+
+        Raises
+        ------
+        TruearmError
+            As `append`.
+        """
+        self._check_own()
+        if not self.rows:
+            return None
+        os.ftruncate(self._handle, self._ends[-2])
+        self._to_disk()
+        self._ends.pop()
+        return self.rows.pop()
+
+    def _mend(self, tail: bytes) -> None:
+        """Remove a last line without its end. With all its cells, it is one that an editor saved so."""
+        os.ftruncate(self._handle, self._ends[-1])
+        cells = dict(zip(self.columns, _cells(tail), strict=False))
+        if len(cells) == len(self.columns):
+            self.append(cells)
+        else:
+            self.repaired = "the last line was incomplete, and its reading not acknowledged; removed"
+
+    def _to_disk(self) -> None:
+        os.fsync(self._handle)
+
+    def _check_own(self) -> None:
+        """An editor that saves the file replaces it: rows would go to a file without a name."""
+        own = os.fstat(self._handle)
+        try:
+            is_same = os.path.samestat(own, os.stat(self.path)) and own.st_size == self._ends[-1]
+        except FileNotFoundError:
+            is_same = False
+        if not is_same:
+            raise TruearmError(f"{self.path}: another program changed the file while it grew. Record to another file")
+
+
+def check_log_path(path: Path) -> None:
+    """Check, before readings are taken, that a session log can be written.
+
+    Raises
+    ------
+    InputError
+        If the name does not end in ``.csv``, or the file cannot be written.
+    """
+    if path.suffix != ".csv":
+        raise InputError(f"expected a file name that ends in .csv, got {path.name!r}", file=path)
+    check_writable(path)
+
+
+def _entry_to_disk(path: Path) -> None:
+    """The name of a new file belongs to its folder; Windows has no such step."""
+    if os.name == "posix":
+        folder = os.open(path.resolve().parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
+
+
+def _cell(value: float | str) -> str:
+    """Text, or a number with as many digits as it needs to come back the same; NaN is empty."""
+    if isinstance(value, str):
+        return escape_formula(value)
+    return "" if value != value else repr(value)
+
+
+def _line(cells: Iterable[str]) -> bytes:
+    out = io.StringIO()
+    csv.writer(out, lineterminator="\n").writerow(cells)
+    return out.getvalue().encode()
+
+
+def _cells(line: bytes) -> list[str]:
+    return next(csv.reader([line.decode("utf-8", "replace")]), [])

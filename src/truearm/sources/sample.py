@@ -1,0 +1,97 @@
+"""A sample: what a connected arm or instrument says at one moment; a notice: what happened to the connection."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+
+from truearm.typing import FloatArray
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Sample:
+    """What a device says at one moment.
+
+    Attributes
+    ----------
+    time_s : float
+        When the bytes arrived, on this computer's monotonic clock [s]; of a replay, a virtual arm or lines that state
+        their time, the clock of the source.
+    joint_angles_rad : (n_joints,) array
+        Joint angles [rad], displacements of sliding joints [mm]; empty from an instrument that measures points only.
+    tip_in_reference_mm : (3,) array, optional
+        The tip as a reference instrument measures it, in its frame [mm].
+    temperature_degC : float, optional
+        Temperature of the arm [degC].
+    is_button_pressed : bool
+        The arm's own button.
+    directions : (n_joints,) array, optional
+        Sign of each joint's last movement, where the source knows it better than its samples show: -1, 1, or 0.
+    columns : mapping of str to float
+        Further columns of the session file: ``payload_kg``, or names that start with ``load_``. A source gives the
+        same ones in all its samples.
+
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> import numpy as np
+    >>> ta.Sample(0.0, np.radians([10.0, 20.0]), temperature_degC=21.5).is_button_pressed
+    False
+    """
+
+    time_s: float
+    joint_angles_rad: FloatArray
+    tip_in_reference_mm: FloatArray | None = None
+    temperature_degC: float | None = None
+    is_button_pressed: bool = False
+    directions: FloatArray | None = None
+    columns: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Notice:
+    """What happened to a connection, in one sentence.
+
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> ta.Notice("nothing was received for a second").text
+    'nothing was received for a second'
+    """
+
+    text: str
+
+
+Stream = Iterator[Sample | Notice]
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where samples come from.
+
+    Attributes
+    ----------
+    name : str
+        As it was written on the command line.
+    samples : callable
+        Connects and returns an iterator of samples and notices. It waits for the device, says what it waits for at
+        least once a second, connects again by itself, and ends only where its input does.
+    prismatic : tuple of int
+        Numbers of the joints that slide, counted from 1.
+    has_points : bool
+        Whether it measures reference points.
+
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> import numpy as np
+    >>> def samples():  # of a device of one's own
+    ...     yield ta.Sample(0.0, np.zeros(6))
+    >>> [event.kind for event in ta.record(ta.Source("mine", samples), "session.csv")]
+    ['ready', 'end']
+    """
+
+    name: str
+    samples: Callable[[], Stream]
+    prismatic: tuple[int, ...] = ()
+    has_points: bool = False

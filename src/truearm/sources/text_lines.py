@@ -1,0 +1,80 @@
+"""Text lines: numbers in lines of text, by a pattern; from any connection."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+from truearm.errors import InputError
+from truearm.files.toml_documents import read_document
+from truearm.sources.connections import Connection, connected, connector
+from truearm.sources.line_pattern import MOST_CHARACTERS, LinesDocument, Parse, line_parser
+from truearm.sources.sample import Notice, Source, Stream
+
+SILENT_S = 1.0
+
+
+def text_lines(file: Path, connection: str = "") -> Source:
+    """Samples from lines of text.
+
+    Parameters
+    ----------
+    file : Path
+        Of a `LinesDocument`.
+    connection : str
+        In place of that of the file.
+
+    Raises
+    ------
+    InputError
+        If the file breaks a rule of its format, or no connection is given.
+    """
+    document = read_document(file, LinesDocument)
+    connection = connection or document.connection
+    if not connection:
+        raise InputError("the key connection is missing", file=file, hint="or write it after the name: FILE@CONNECTION")
+    try:
+        parse, n_joints = line_parser(document)
+        opened = partial(connected, connector(connection), connection, partial(_samples, parse))
+        return Source(f"lines:{file}@{connection}", opened, document.prismatic(n_joints), "{x_mm}" in document.pattern)
+    except InputError as error:
+        raise InputError(error.problem, file=file, hint=error.hint) from None
+
+
+def lines_of(link: Connection) -> Iterator[str | None]:
+    """Lines as they arrive; None once a second while nothing does. What is too long is one line that fits nothing."""
+    buffer, skipping = bytearray(), False
+    while True:
+        data = link.receive(SILENT_S)
+        if not data:
+            yield None
+            continue
+        buffer += data.replace(b"\r", b"\n")
+        *lines, rest = buffer.split(b"\n")
+        for line in lines:
+            if line and not skipping:
+                yield line[:MOST_CHARACTERS].decode("latin-1")
+            skipping = False
+        if len(rest) > MOST_CHARACTERS:
+            if not skipping:
+                yield rest[:MOST_CHARACTERS].decode("latin-1")
+            rest, skipping = bytearray(), True
+        buffer = rest
+
+
+def _samples(parse: Parse, link: Connection) -> Stream:
+    ignored, last, said_s = 0, "", -SILENT_S
+    for line in lines_of(link):
+        now_s = time.monotonic()
+        sample = None if line is None else parse(line, now_s)
+        if sample is not None:
+            yield sample
+        elif line is None:
+            yield Notice("nothing was received for a second")
+        else:
+            ignored, last = ignored + 1, line
+        if ignored and now_s - said_s >= SILENT_S:
+            yield Notice(f"{ignored} lines do not fit the pattern, the last {last[:60]!a}; ignored")
+            ignored, said_s = 0, now_s

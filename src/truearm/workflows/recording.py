@@ -1,0 +1,446 @@
+"""`record`: readings of a connected arm, latched at standstill and written at once."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from math import degrees, radians
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from truearm.arm import Arm
+from truearm.choices import TakeOn
+from truearm.compensation.models import Compensator
+from truearm.errors import InputError
+from truearm.files.delimited import MAX_NAME
+from truearm.identification.planning.planned_readings import PlannedReadings, read_planned
+from truearm.number_format import format_count
+from truearm.readings.readings import DIRECTION
+from truearm.readings.session_log import SessionLog, check_log_path
+from truearm.sources import Sample, Source, StandstillRule
+from truearm.sources.standstill import Standstill, TakenReading
+from truearm.typing import FloatArray
+from truearm.workflows.corrected_tip import CorrectedTip, corrected_tip
+from truearm.workflows.record import to_plain
+
+TYPED = "typed"
+LARGEST_POINT_SPREAD_MM = 0.1  # of a second instrument in the window of a reading
+FAR_FROM_AIM = 20.0  # deg, or mm; a standstill that is farther from the plan's pose is taken by key only
+BESIDE_SEAT = 0.05  # of the arm's reach; a standstill that is farther from its seat is taken by key only
+WAIT_FOR_POINT_S = 1.0  # the second instrument may lag behind the arm
+REFERENCE_SAMPLES = 10_000
+
+Kind = Literal["ready", "sample", "reading", "undone", "next", "notice", "refused", "end"]
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that a recording says.
+
+    Attributes
+    ----------
+    kind : {"ready", "sample", "reading", "undone", "next", "notice", "refused", "end"}
+        ``reading``: it is on the disk. ``next``: the pose of the plan that comes next. ``refused``: what a person asked
+        for was not done.
+    text : str
+        In one sentence.
+    values : mapping of str to object
+        For machines; the keys state their units.
+    """
+
+    kind: Kind
+    text: str
+    values: Mapping[str, Any] = field(default_factory=dict)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The event for machines: its kind, its text and its values."""
+        plain: dict[str, Any] = to_plain({"event": self.kind, "text": self.text, **self.values})
+        return plain
+
+
+class Recording:
+    """Samples and commands in, readings in a session file and events out.
+
+    Parameters
+    ----------
+    source : Source
+    out : Path
+    arm : Arm, optional
+        For limits and names of joints; needed with a plan.
+    plan : Path, optional
+        The file of a plan.
+    reference : Source or "typed", optional
+        What measures the tip, if not `source`.
+    rule : StandstillRule
+    on : {"still", "key"}
+        Whether readings are taken at every standstill, or when a person (or the arm's button) asks.
+    seat : str
+        Name of the seat of the next readings.
+    model : Compensator, optional
+        Of the arm, for the corrected tip; its arm by default.
+    samples_hz : float
+        How often the angles are an event, by the clock of the source; 0: never.
+
+    Raises
+    ------
+    InputError
+        If the plan is of another arm, or the file cannot be continued.
+    """
+
+    def __init__(
+        self,
+        source: Source,
+        out: Path,
+        *,
+        arm: Arm | None = None,
+        plan: Path | None = None,
+        reference: Source | str | None = None,
+        rule: StandstillRule | None = None,
+        on: TakeOn = "still",
+        seat: str = "",
+        model: Compensator | None = None,
+        samples_hz: float = 0.0,
+    ) -> None:
+        arm = model.arm_ if arm is None and model is not None else arm
+        check_log_path(out)
+        if plan is not None and arm is None:
+            raise InputError("a plan needs the arm that it is for", file=plan, hint="--arm ARM")
+        self.source, self.arm, self.reference, self.seat, self._on = source, arm, reference, seat, on
+        self.plan: PlannedReadings | None = None if plan is None or arm is None else read_planned(plan, arm)
+        prismatic = source.prismatic
+        if arm is not None:
+            prismatic = tuple(int(joint) + 1 for joint in np.flatnonzero(arm.chain.is_prismatic))
+        self._prismatic = prismatic
+        self._rule = rule or StandstillRule()
+        self._standstill = Standstill(self._rule, prismatic)
+        self._points: deque[Sample] = deque(maxlen=REFERENCE_SAMPLES)
+        self._typed_mm: FloatArray | None = None
+        self._asked, self._was_pressed, self._said = False, False, ""
+        self._still_since_s, self._samples_hz, self._streamed_s = 0.0, samples_hz, -np.inf
+        self._skipped: set[int] = set()
+        self._out, self._model = out, model
+        self._log: SessionLog | None = None
+        self.sample: Sample | None = None
+
+    @property
+    def n_readings(self) -> int:
+        """Number of readings in the file."""
+        return 0 if self._log is None else len(self._log.rows)
+
+    def corrected(self) -> CorrectedTip | str | None:
+        """The tip at the last sample by the model, or why there is none; None without a model or a sample."""
+        if self._model is None or self.sample is None:
+            return None
+        return corrected_tip(self._model, self.sample, self._standstill.directions)
+
+    @property
+    def is_still(self) -> bool:
+        """Whether the arm stands still."""
+        return self._standstill.is_still
+
+    @property
+    def _has_points(self) -> bool:
+        return self.source.has_points or self.reference is not None
+
+    @property
+    def units(self) -> list[str]:
+        """Unit in which people read each joint: deg, or mm of one that slides."""
+        n = 0 if self.sample is None else len(self.sample.joint_angles_rad)
+        return ["mm" if joint in self._prismatic else "deg" for joint in range(1, n + 1)]
+
+    @property
+    def joint_columns(self) -> list[str]:
+        """Name of each joint's column in the session file."""
+        return [f"q{joint}_{unit}" for joint, unit in enumerate(self.units, start=1)]
+
+    def displayed(self, angles_rad: FloatArray) -> list[float]:
+        """Joint angles in the units in which people read them."""
+        shown = zip(angles_rad.tolist(), self.units, strict=True)
+        return [angle if unit == "mm" else degrees(angle) for angle, unit in shown]
+
+    @property
+    def next_pose(self) -> int | None:
+        """Number of the plan's next pose, counted from 1; None without a plan or after its last."""
+        return next(iter(self._poses_left()), None)
+
+    def _poses_left(self) -> list[int]:
+        if self.plan is None or self._log is None:
+            return []
+        done = {row["note_pose"] for row in self._log.rows}
+        return [n for n in range(1, len(self.plan) + 1) if str(n) not in done and n not in self._skipped]
+
+    def to_go(self) -> list[float] | None:
+        """How far each joint is from the plan's next pose, in the units in which people read them."""
+        number = self.next_pose
+        if self.plan is None or number is None or self.sample is None:
+            return None
+        return self.displayed(self.plan.angles[number - 1] - self.sample.joint_angles_rad)
+
+    def on_sample(self, sample: Sample) -> Iterator[Event]:
+        """Take in a sample of the arm."""
+        self.sample = sample
+        if self._log is None:
+            yield from self._start(sample)
+        self._standstill.add(sample)
+        self._asked |= sample.is_button_pressed and not self._was_pressed
+        self._was_pressed = sample.is_button_pressed
+        yield from self._stream(sample)
+        if not self._standstill.is_still:
+            self._still_since_s, self._said, self._typed_mm = sample.time_s, "", None
+        elif self._asked or (self._on == "still" and self._standstill.is_new):
+            problem = "" if self._asked else self._unlikely(self._standstill.mean_rad)
+            if problem := problem or self._missing_point():
+                yield from self._say_once(problem, sample.time_s)
+            else:
+                yield from self._take(self._standstill.taken())
+
+    def _stream(self, sample: Sample) -> Iterator[Event]:
+        """The angles as they arrive, no more often than asked for."""
+        if self._samples_hz and not 0 <= sample.time_s - self._streamed_s < 0.999 / self._samples_hz:
+            self._streamed_s = sample.time_s
+            shown = dict(zip(self.joint_columns, self.displayed(sample.joint_angles_rad), strict=True))
+            state: dict[str, object] = {
+                "time_s": sample.time_s,
+                "is_still": self.is_still,
+                "tip_mm": sample.tip_in_reference_mm,
+            }
+            tip = self.corrected()
+            if isinstance(tip, CorrectedTip):
+                state |= {"corrected_mm": tip.tip_in_reference_mm, "U_mm": tip.U_mm, "is_trained": tip.is_trained}
+            text = "still" if self.is_still else "moving"
+            yield Event("sample", text if tip is None else f"{text}: {tip}", {**state, **shown})
+
+    def on_reference(self, sample: Sample) -> None:
+        """Take in a sample of the second instrument."""
+        if sample.tip_in_reference_mm is not None:
+            self._points.append(sample)
+
+    def on_command(self, text: str) -> Iterator[Event]:
+        """Do what a person asks for.
+
+        Parameters
+        ----------
+        text : str
+            ``take``, ``take moving``, ``undo``, ``seat NAME``, ``point X Y Z``, ``skip``.
+        """
+        word, _, rest = text.strip().partition(" ")
+        if text.strip() == "take":
+            self._asked = True
+            if not self.is_still:
+                yield Event("notice", "the reading is taken when the arm stands still")
+        elif text.strip() == "take moving":
+            yield from self._take_moving()
+        elif text.strip() == "undo":
+            yield from self._undo()
+        elif word == "seat":
+            yield self._name_seat(rest.strip())
+        elif word == "point":
+            yield self._type_point(rest)
+        elif text.strip() == "skip" and (number := self.next_pose) is not None:
+            self._skipped.add(number)
+            yield from self._next()
+        else:
+            yield Event("refused", f"unknown command {text[:40]!a}: take, take moving, undo, seat, point or skip")
+
+    def close(self) -> Event:
+        """Close the file."""
+        if self._log is not None:
+            self._log.close()
+        count = format_count(self.n_readings, "reading")
+        return Event("end", f"{count} in {self._out}", {"readings": self.n_readings, "file": str(self._out)})
+
+    def _start(self, sample: Sample) -> Iterator[Event]:
+        """Open the file; its columns depend on what the device gives."""
+        n = len(sample.joint_angles_rad)
+        if n == 0:
+            raise InputError(f"{self.source.name} gives no joint angles", hint="give it as --reference")
+        if self.arm is not None and self.arm.n_joints != n:
+            raise InputError(
+                f"{self.source.name} gives {n} joints, arm {self.arm.name!r} has {self.arm.n_joints}",
+                hint="give the arm that is connected",
+            )
+        self._log = SessionLog(self._out, self._columns(sample))
+        if self._log.repaired:
+            yield Event("notice", f"{self._out}: {self._log.repaired}")
+        text = f"recording {self.source.name} to {self._out}"
+        if self.n_readings:
+            text += f", after {format_count(self.n_readings, 'reading')} before"
+        if not (self._has_points or self.plan or self.seat):
+            text += "; nothing is known of the tip until a seat is named"
+        yield Event("ready", text, {"readings": self.n_readings})
+        yield from self._next()
+
+    def _columns(self, sample: Sample) -> list[str]:
+        joints = self.joint_columns
+        planned = [] if self.plan is None else ["sphere", "position"]
+        return [
+            *joints,
+            *(("x_mm", "y_mm", "z_mm") if self._has_points else ()),
+            "seat",
+            *(name for name in planned if getattr(self.plan, name) is not None),
+            *(("serial_number",) if self.arm is not None and self.arm.serial_number else ()),
+            *(("temperature_degC",) if sample.temperature_degC is not None else ()),
+            *(f"{DIRECTION}{joint}" for joint in range(1, len(joints) + 1)),
+            *sample.columns,
+            *(("note_pose",) if self.plan is not None else ()),
+            "note_samples",
+            *(f"note_std_{joint}" for joint in joints),
+            "note_time",
+        ]
+
+    def _say_once(self, problem: str, time_s: float) -> Iterator[Event]:
+        """Say in a standstill why no reading is taken, once the second instrument had its time."""
+        is_late = not isinstance(self.reference, Source) or time_s - self._still_since_s > WAIT_FOR_POINT_S
+        if problem != self._said and is_late:
+            self._said = problem
+            yield Event("notice", problem)
+
+    def _unlikely(self, angles_rad: FloatArray) -> str:
+        """Why a standstill is probably not meant to be a reading: the arm rests, or hangs beside the seat."""
+        number = self.next_pose
+        if self.plan is not None and number is None:
+            return "still, and not taken: the plan is done; take further readings by key"
+        if self.plan is not None and number is not None:
+            away = np.abs(self.displayed(self.plan.angles[number - 1] - angles_rad))
+            if away[joint := int(np.argmax(away))] > FAR_FROM_AIM:
+                far = f"J{joint + 1} is {away[joint]:.0f} {self.units[joint]} from pose {number}"
+                return f"still, and not taken: {far}; take it by key, or skip the pose"
+        elif self.arm is not None and self.arm.has_kinematics and len(others := self._angles_in_seat()):
+            tips = self.arm.forward(others).tip_in_base
+            away_mm = float(np.linalg.norm(self.arm.forward([angles_rad]).tip_in_base[0] - tips.mean(axis=0)))
+            if away_mm > BESIDE_SEAT * self.arm.chain.reach:
+                far = f"the tip of the nominal arm is {away_mm:.0f} mm from the readings in seat {self._seat_now()}"
+                return f"still, and not taken: {far}; take it by key, or name another seat"
+        return ""
+
+    def _seat_now(self) -> str:
+        """Seat of the next reading: the one that a person named, else the plan's; empty if there is none."""
+        number = self.next_pose
+        if self.seat or self.plan is None or self.plan.seat is None or number is None:
+            return self.seat
+        return str(self.plan.seat[number - 1])
+
+    def _angles_in_seat(self) -> FloatArray:
+        """(n, n_joints) joint angles of the readings in the seat of the next one [rad, or mm]."""
+        seat = self._seat_now()
+        rows = [row for row in self._log.rows if row["seat"] == seat] if self._log is not None and seat else []
+        columns = self.joint_columns
+        factors = [1.0 if unit == "mm" else radians(1) for unit in self.units]
+        return np.array([[float(row[name]) for name in columns] for row in rows]).reshape(-1, len(columns)) * factors
+
+    def _missing_point(self) -> str:
+        """Why the reference has no point for the samples of the window; empty if it has."""
+        if self.reference == TYPED and self._typed_mm is None:
+            return "still: type the point"
+        if isinstance(self.reference, Source):
+            points = self._reference_points(self._standstill.window_s)
+            if not len(points):
+                return f"{self.reference.name} gives no point while the arm stands still"
+            if (spread := float(np.ptp(points, axis=0).max())) > LARGEST_POINT_SPREAD_MM:
+                return f"{self.reference.name}: the points of this standstill differ by {spread:.3f} mm"
+        return ""
+
+    def _reference_points(self, window_s: tuple[float, float]) -> FloatArray:
+        """(n, 3) points of the second instrument in a window of time [mm]."""
+        start_s, end_s = window_s
+        found = [one.tip_in_reference_mm for one in self._points if start_s <= one.time_s <= end_s]
+        return np.array(found).reshape(-1, 3)
+
+    def _point(self, reading: TakenReading) -> FloatArray | None:
+        if self.reference == TYPED:
+            return self._typed_mm
+        if isinstance(self.reference, Source):
+            points = self._reference_points((reading.start_s, reading.end_s))
+            return points.mean(axis=0) if len(points) else None
+        return reading.tip_in_reference_mm
+
+    def _take(self, reading: TakenReading) -> Iterator[Event]:
+        assert self._log is not None  # opened at the first sample
+        number, plan = self.next_pose, self.plan
+        point = self._point(reading)
+        row: dict[str, float | str] = {"seat": self._seat_now(), "note_samples": str(reading.n), **reading.columns}
+        mean, std = self.displayed(reading.joint_angles_rad), self.displayed(reading.joint_std_rad)
+        for name, angle, scatter in zip(self.joint_columns, mean, std, strict=True):
+            row |= {name: angle, f"note_std_{name}": f"{scatter:.2g}" if reading.n > 1 else ""}
+        row |= {f"{DIRECTION}{joint}": f"{sign:.0f}" for joint, sign in enumerate(reading.directions, start=1)}
+        if point is not None:
+            row |= zip(("x_mm", "y_mm", "z_mm"), point.tolist(), strict=True)
+        if reading.temperature_degC is not None:
+            row["temperature_degC"] = reading.temperature_degC
+        if self.arm is not None:
+            row["serial_number"] = self.arm.serial_number
+        if plan is not None and number is not None:
+            row["note_pose"] = str(number)
+            for name in ("sphere", "position"):
+                if (names := getattr(plan, name)) is not None:
+                    row[name] = str(names[number - 1])
+        row["note_time"] = datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+        self._log.append(row)
+        self._typed_mm, self._asked, self._said = None, False, ""
+        yield Event("reading", self._describe(row, number, reading), {"reading": self.n_readings, **row})
+        yield from self._next()
+
+    def _describe(self, row: Mapping[str, float | str], number: int | None, reading: TakenReading) -> str:
+        where = f", seat {row['seat']}" if row["seat"] else ""
+        pose = f", pose {number} of {len(self.plan)}" if self.plan is not None and number is not None else ""
+        text = f"reading {self.n_readings}{pose}{where}: mean of {format_count(reading.n, 'sample')}"
+        if self.arm is not None:
+            lower, upper = self.arm.limits.T
+            beyond = np.flatnonzero((reading.joint_angles_rad < lower) | (reading.joint_angles_rad > upper))
+            text += "".join(f"; J{joint + 1} is beyond its limit" for joint in beyond)
+        return text
+
+    def _take_moving(self) -> Iterator[Event]:
+        if self._log is None:
+            yield Event("refused", "nothing was received from the arm yet")
+        elif isinstance(self.reference, Source):
+            yield Event("refused", "from a moving arm, arm and second instrument cannot be paired")
+        else:
+            yield from self._take(self._standstill.last())
+
+    def _undo(self) -> Iterator[Event]:
+        row = None if self._log is None else self._log.undo()
+        if row is None:
+            yield Event("refused", "there is no reading to undo")
+            return
+        yield Event("undone", f"reading {self.n_readings + 1} removed", {"reading": self.n_readings + 1, **row})
+        yield from self._next()
+
+    def _name_seat(self, name: str) -> Event:
+        if len(name) > MAX_NAME or not name.isprintable():
+            return Event("refused", f"expected a name of at most {MAX_NAME} characters, got {name[:40]!a}")
+        self.seat = name
+        return Event("notice", f"seat {name}" if name else "no seat")
+
+    def _type_point(self, text: str) -> Event:
+        try:
+            point = np.array([float(part) for part in text.replace(",", " ").split()])
+        except ValueError:
+            point = np.empty(0)
+        if self.reference != TYPED:
+            return Event("refused", "points are not typed in this recording", {"hint": "--reference typed"})
+        if not self.is_still:
+            return Event("refused", "type the point while the arm stands still: it is that of this standstill")
+        if point.shape != (3,) or not (np.abs(point) < 1e9).all():
+            return Event("refused", f"expected a point as three numbers in mm, got {text[:40]!a}")
+        self._typed_mm = point
+        return Event("notice", "point {:g} {:g} {:g} mm".format(*point))
+
+    def _next(self) -> Iterator[Event]:
+        """What the plan wants next."""
+        if self.plan is None:
+            return
+        number = self.next_pose
+        if number is None:
+            yield Event("next", "the plan is done", {"pose": None, "remaining": 0})
+            return
+        aims = self.displayed(self.plan.angles[number - 1])
+        aim = ", ".join(f"J{joint} {angle:.0f}" for joint, angle in enumerate(aims, start=1))
+        note = "" if self.plan.note is None else str(self.plan.note[number - 1])
+        left = len(self._poses_left())
+        text = f"next: pose {number} of {len(self.plan)}{note and f', {note}'}; {aim} {self.units[0]}; {left} to go"
+        yield Event("next", text, {"pose": number, "remaining": left, "aim": aims, "instruction": note})

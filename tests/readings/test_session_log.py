@@ -1,0 +1,104 @@
+"""A session file that grows: what is acknowledged is in it, whatever happens next."""
+
+from __future__ import annotations
+
+import os
+
+import pytest
+
+from truearm.errors import InputError, TruearmError
+from truearm.readings import read_session
+from truearm.readings.session_log import SessionLog
+
+COLUMNS = ("q1_deg", "q2_deg", "seat", "note_time")
+ROW = {"q1_deg": 0.1, "q2_deg": -2.5, "seat": "A", "note_time": "now"}
+
+
+def test_the_file_is_a_session_after_every_reading(tmp_path):
+    path = tmp_path / "session.csv"
+    with SessionLog(path, COLUMNS) as log:
+        for n in range(1, 4):
+            log.append({**ROW, "seat": "cone, left" if n == 2 else "=A1"})
+            assert len(read_session(path)) == n
+    assert read_session(path).seat.tolist() == ["=A1", "cone, left", "=A1"]
+
+
+def test_a_file_is_continued(tmp_path):
+    path = tmp_path / "session.csv"
+    for _ in range(3):
+        with SessionLog(path, COLUMNS) as log:
+            log.append(ROW)
+    assert len(log.rows) == 3
+    assert path.read_text().splitlines() == [",".join(COLUMNS), *["0.1,-2.5,A,now"] * 3]
+
+
+def test_undo_removes_the_last_reading_only(tmp_path):
+    path = tmp_path / "session.csv"
+    with SessionLog(path, COLUMNS) as log:
+        log.append(ROW)
+        before = path.read_bytes()
+        log.append({**ROW, "seat": "B"})
+        assert log.undo()["seat"] == "B"
+        assert path.read_bytes() == before
+        log.undo()
+        assert log.undo() is None
+        assert path.read_text() == ",".join(COLUMNS) + "\n"
+        log.append(ROW)
+    assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize("cut", range(1, 15))
+def test_a_line_cut_short_is_removed_or_was_whole(tmp_path, cut):
+    path = tmp_path / "session.csv"
+    with SessionLog(path, COLUMNS) as log:
+        log.append(ROW)
+        before = path.read_bytes()
+        log.append({**ROW, "seat": "B"})
+    path.write_bytes(path.read_bytes()[:-cut])
+    with SessionLog(path, COLUMNS) as log:
+        is_whole = cut <= 4  # the line's end and the note alone
+        assert len(log.rows) == (2 if is_whole else 1)
+        assert bool(log.repaired) != is_whole
+        assert path.read_bytes() == before or is_whole
+    read_session(path)
+
+
+def test_other_columns_are_refused_and_nothing_is_changed(tmp_path):
+    path = tmp_path / "session.csv"
+    path.write_text("q1_deg,seat\n1,A\n")
+    with pytest.raises(InputError, match="with other columns"):
+        SessionLog(path, COLUMNS)
+    assert path.read_text() == "q1_deg,seat\n1,A\n"
+    with pytest.raises(InputError, match=r"ends in \.csv"):
+        SessionLog(tmp_path / "session.parquet", COLUMNS)
+
+
+@pytest.mark.parametrize("change", ["replaced", "removed", "longer"])
+def test_a_file_that_another_program_changed_is_not_written(tmp_path, change):
+    path = tmp_path / "session.csv"
+    with SessionLog(path, COLUMNS) as log:
+        log.append(ROW)
+        if change == "replaced":
+            (tmp_path / "new").write_bytes(path.read_bytes())
+            os.replace(tmp_path / "new", path)
+        elif change == "removed":
+            path.unlink()
+        else:
+            path.write_bytes(path.read_bytes() + b"1,2,C,\n")
+        for act in (lambda: log.append(ROW), log.undo):
+            with pytest.raises(TruearmError, match="another program changed the file"):
+                act()
+
+
+def test_a_full_disk_leaves_the_file_as_it_was(tmp_path, monkeypatch):
+    path = tmp_path / "session.csv"
+    with SessionLog(path, COLUMNS) as log:
+        log.append(ROW)
+        before, write = path.read_bytes(), os.write
+        monkeypatch.setattr(os, "write", lambda handle, line: write(handle, line[:5]))
+        with pytest.raises(TruearmError, match="the disk is full"):
+            log.append(ROW)
+        assert path.read_bytes() == before
+        monkeypatch.undo()
+        log.append(ROW)
+    assert len(read_session(path)) == 2

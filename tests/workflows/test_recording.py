@@ -1,0 +1,267 @@
+"""`record`: a replayed session comes back; plans, seats, undo, typed points and a second instrument."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import truearm as ta
+from truearm.errors import InputError
+from truearm.sources import Notice, Sample, Source, StandstillRule
+from truearm.workflows.record_readings import record
+from truearm.workflows.recording import Recording
+
+RULE = StandstillRule(window_s=0.2)
+
+
+def stops(*poses, start_s=0.0, points=None, button=False):
+    """Samples of stops of half a second at 20 Hz."""
+    for number, pose in enumerate(poses):
+        for k in range(10):
+            point = None if points is None else np.asarray(points[number], dtype=float)
+            time_s = start_s + (10 * number + k) / 20
+            yield Sample(time_s, np.asarray(pose, dtype=float), point, is_button_pressed=button and k > 5)
+
+
+def source(*samples, **keys):
+    return Source("test", lambda: iter(samples), **keys)
+
+
+def kinds(events):
+    return [event.kind for event in events]
+
+
+def fed(recording, samples):
+    return [event for sample in samples for event in recording.on_sample(sample)]
+
+
+@pytest.fixture(scope="module")
+def planned(tmp_path_factory):
+    """A plan of six poses in two seats of an arm."""
+    path = tmp_path_factory.mktemp("plan") / "plan.csv"
+    poses = [[f"{20 * k + j}" for j in range(6)] for k in range(6)]
+    head = [*(f"q{j}_deg" for j in range(1, 7)), "seat", "note", *(f"note_q{j}_deg" for j in range(1, 7))]
+    rows = [[*[""] * 6, f"S{k // 3 + 1}", f"tip in seat S{k // 3 + 1}", *pose] for k, pose in enumerate(poses)]
+    path.write_text("\n".join(",".join(row) for row in [head, *rows]) + "\n")
+    return path, np.radians(np.array(poses, dtype=float))
+
+
+def test_a_replayed_session_comes_back(tmp_path):
+    session = ta.simulate("ur10", poses=12, seed=3).session
+    session.save(tmp_path / "simulated.csv")
+    events = [*record(f"replay:{tmp_path / 'simulated.csv'}@max", tmp_path / "out.csv", arm="ur10")]
+    again = ta.read_session(tmp_path / "out.csv")
+    # A stop may begin with the end of the movement to it, within the spread of a standstill.
+    assert again.angles == pytest.approx(session.angles, abs=StandstillRule().spread_rad)
+    assert np.median(np.abs(again.angles - session.angles)) < 1e-12
+    assert again.points == pytest.approx(session.points, abs=1e-9)
+    assert again.directions.tolist() == session.directions.tolist()
+    assert again.temperature_degC == pytest.approx(session.temperature_degC)
+    assert kinds(events) == ["ready", *["reading"] * 12, "notice", "end"]
+    for event in events:
+        json.dumps(event.to_dict(), allow_nan=False)
+
+
+def test_a_plan_names_seats_and_says_what_comes_next_and_is_continued(tmp_path, planned):
+    plan, poses = planned
+    out = tmp_path / "out.csv"
+    first = [*record(source(*stops(*poses[:4])), out, arm="ur10", plan=plan, rule=RULE)]
+    said = [event.text for event in first if event.kind == "next"]
+    assert said[0] == "next: pose 1 of 6, tip in seat S1; J1 0, J2 1, J3 2, J4 3, J5 4, J6 5 deg; 6 to go"
+    assert said[-1].startswith("next: pose 5 of 6, tip in seat S2; J1 80,")
+    assert [event.values["note_pose"] for event in first if event.kind == "reading"] == ["1", "2", "3", "4"]
+    second = [*record(source(*stops(*poses[4:])), out, arm="ur10", plan=plan, rule=RULE)]
+    assert second[0].text.endswith("after 4 readings before")
+    assert second[-2].text == "the plan is done"
+    rested = [*record(source(*stops(poses[5] + 1.0)), out, arm="ur10", plan=plan, rule=RULE)]
+    assert rested[-2].text == "still, and not taken: the plan is done; take further readings by key"
+    assert ta.read_session(out).seat.tolist() == ["S1"] * 3 + ["S2"] * 3
+
+
+def test_an_undone_pose_comes_next_again_and_a_skipped_one_does_not(tmp_path, planned):
+    plan, poses = planned
+    arm = ta.load_arm("ur10")
+    recording = Recording(source(), tmp_path / "out.csv", arm=arm, plan=plan, rule=RULE)
+    fed(recording, stops(*poses[:2]))
+    assert recording.next_pose == 3
+    assert kinds(recording.on_command("undo")) == ["undone", "next"]
+    assert recording.next_pose == 2
+    assert kinds(recording.on_command("skip")) == ["next"]
+    assert recording.next_pose == 3
+    assert recording.to_go() == pytest.approx([20] * 6)
+    far = fed(recording, stops(poses[5], start_s=2.0))
+    assert [event.text for event in far] == [
+        "still, and not taken: J1 is 60 deg from pose 3; take it by key, or skip the pose"
+    ]
+    assert kinds(recording.on_command("take")) == []
+    assert kinds(fed(recording, stops(poses[5], start_s=2.5))) == ["reading", "next"]
+    recording.close()
+
+
+def test_a_reading_has_the_direction_of_each_joints_last_movement(tmp_path):
+    poses = [0.0, 1.0, 5.0], [0.5, 1.0, 4.0], [0.4, 1.0, 4.0]
+    [*record(source(*stops(*poses)), tmp_path / "out.csv", rule=RULE)]
+    assert ta.read_session(tmp_path / "out.csv").directions.tolist() == [[0, 0, 0], [1, 0, -1], [-1, 0, -1]]
+
+
+def test_an_arm_that_rests_beside_its_seat_is_no_reading(tmp_path):
+    arm = ta.load_arm("ur10")
+    recording = Recording(source(), tmp_path / "out.csv", arm=arm, seat="A", rule=RULE)
+    at = arm.working
+    assert kinds(fed(recording, stops(at))) == ["ready", "reading"]
+    (said,) = fed(recording, stops(at + 0.3, start_s=0.5))
+    assert "mm from the readings in seat A; take it by key, or name another seat" in said.text
+    wrist = np.array([0, 0, 0, 0, 0, 0.3])
+    assert kinds(fed(recording, stops(at + wrist, start_s=1.0))) == ["reading"]
+    assert kinds(recording.on_command("seat B")) == ["notice"]
+    assert kinds(fed(recording, stops(at + 0.3, start_s=1.5))) == ["reading"]
+    recording.close()
+
+
+def test_a_reading_on_key_waits_for_the_standstill(tmp_path):
+    recording = Recording(source(), tmp_path / "out.csv", on="key", rule=RULE, seat="A")
+    assert kinds(fed(recording, stops([0.0]))) == ["ready"]
+    assert kinds(recording.on_command("take")) == []
+    assert kinds(fed(recording, stops([0.0], start_s=0.5))) == ["reading"]
+    moving = [Sample(1 + k / 20, np.array([0.1 * k])) for k in range(10)]
+    assert kinds(recording.on_command("seat B")) == ["notice"]
+    fed(recording, moving)
+    assert kinds(recording.on_command("take")) == ["notice"]
+    assert kinds(fed(recording, stops([0.9], start_s=1.5))) == ["reading"]
+    (moving,) = recording.on_command("take moving")
+    assert moving.kind == "reading"
+    json.dumps(moving.to_dict(), allow_nan=False)
+    recording.close()
+    session = ta.read_session(tmp_path / "out.csv")
+    assert session.seat.tolist() == ["A", "B", "B"]
+    assert (tmp_path / "out.csv").read_text().splitlines()[-1].split(",")[2] == "1"
+
+
+def test_the_button_of_the_arm_takes_one_reading(tmp_path):
+    recording = Recording(source(), tmp_path / "out.csv", on="key", rule=RULE)
+    assert kinds(fed(recording, stops([0.0], [0.5], button=True))) == ["ready", "reading", "reading"]
+    recording.close()
+
+
+def test_a_typed_point_belongs_to_one_reading(tmp_path):
+    recording = Recording(source(), tmp_path / "out.csv", reference="typed", rule=RULE)
+    assert kinds(fed(recording, stops([0.0]))) == ["ready", "notice"]
+    assert kinds(recording.on_command("point 1 2")) == ["refused"]
+    assert kinds(recording.on_command("point 1 2 nan")) == ["refused"]
+    assert kinds(recording.on_command("point 1, 2.5, -3")) == ["notice"]
+    assert kinds(fed(recording, stops([0.0], start_s=0.5))) == ["reading"]
+    assert kinds(fed(recording, stops([0.5], start_s=1.0))) == ["notice"]
+    fed(recording, [Sample(1.5, np.array([0.6]))])
+    assert next(recording.on_command("point 1 2 3")).text.startswith("type the point while the arm")
+    recording.close()
+    assert ta.read_session(tmp_path / "out.csv").points.tolist() == [[1, 2.5, -3]]
+
+
+def test_angles_are_events_as_often_as_asked(tmp_path):
+    events = [*record(source(*stops([0.0], [0.5])), tmp_path / "out.csv", rule=RULE, samples_hz=5)]
+    samples = [event.to_dict() for event in events if event.kind == "sample"]
+    assert [one["time_s"] for one in samples] == pytest.approx([0, 0.2, 0.4, 0.6, 0.8], abs=0.06)
+    assert [one["is_still"] for one in samples] == [False, True, True, False, True]
+    assert samples[-1]["q1_deg"] == pytest.approx(np.degrees(0.5))
+
+
+def test_a_second_instrument_is_paired_by_time(tmp_path):
+    tracker = Source("tracker", lambda: iter(()), has_points=True)
+    recording = Recording(source(), tmp_path / "out.csv", reference=tracker, rule=RULE)
+
+    def seen(start_s, point, end_s):
+        for k in range(int((end_s - start_s) * 50)):
+            recording.on_reference(Sample(start_s + k / 50, np.empty(0), np.asarray(point, dtype=float)))
+
+    seen(-1.0, [9, 9, 9], -0.01)  # before the standstill
+    assert kinds(fed(recording, stops([0.0]))) == ["ready"]
+    seen(0.5, [1, 2, 3], 1.0)
+    assert kinds(fed(recording, stops([0.0], start_s=0.5))) == ["reading"]
+    seen(1.0, [1, 2, 3], 1.2)
+    seen(1.2, [1, 2, 5], 2.5)  # the reflector moves while the arm stands
+    events = fed(recording, [*stops([0.5], start_s=1.0), *stops([0.5], start_s=1.5), *stops([0.5], start_s=2.0)])
+    assert kinds(events) == ["reading"]
+    recording.close()
+    points = ta.read_session(tmp_path / "out.csv").points
+    assert points.tolist() == [[1, 2, 3], [1, 2, 5]]
+
+
+def test_a_second_instrument_that_is_silent_is_said(tmp_path):
+    tracker = Source("tracker", lambda: iter(()), has_points=True)
+    recording = Recording(source(), tmp_path / "out.csv", reference=tracker, rule=RULE)
+    events = fed(recording, [sample for k in range(6) for sample in stops([0.0], start_s=0.5 * k)])
+    assert [event.text for event in events[1:]] == ["tracker gives no point while the arm stands still"]
+    assert kinds(recording.on_command("take moving")) == ["refused"]
+    recording.close()
+
+
+def test_sliding_joints_are_in_mm(tmp_path):
+    [*record(source(*stops([0.5, 120.0]), prismatic=(2,)), tmp_path / "out.csv", rule=RULE)]
+    session = ta.read_session(tmp_path / "out.csv")
+    assert session.angle_columns == ("q1_deg", "q2_mm")
+    assert session.angles.tolist() == [[pytest.approx(0.5), 120.0]]
+
+
+def test_what_does_not_fit_is_refused(tmp_path, planned):
+    with pytest.raises(InputError, match="gives 2 joints, arm 'ur10' has 6"):
+        [*record(source(*stops([0, 0])), tmp_path / "a.csv", arm="ur10")]
+    with pytest.raises(InputError, match="a plan needs the arm"):
+        record(source(), tmp_path / "a.csv", plan=planned[0])
+    with pytest.raises(InputError, match="measures no points"):
+        record(source(), tmp_path / "a.csv", reference=source())
+    with pytest.raises(InputError, match="gives no joint angles"):
+        [*record(source(Sample(0.0, np.empty(0))), tmp_path / "a.csv")]
+    with pytest.raises(InputError, match="expected a source"):
+        record("teapot:1", tmp_path / "a.csv")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_source_that_fails_ends_the_recording_with_its_error(tmp_path):
+    def samples():
+        yield Notice("connected")
+        raise InputError("the device is of another kind")
+
+    with pytest.raises(InputError, match="another kind"):
+        [*record(Source("test", samples), tmp_path / "a.csv")]
+
+
+def test_commands_come_in_while_samples_do(tmp_path):
+    def commands():
+        yield "nonsense"
+        yield "end"
+
+    def samples():
+        k = 0
+        while True:
+            yield Sample(k / 20, np.zeros(1))
+            k += 1
+
+    events = [*record(Source("test", samples), tmp_path / "a.csv", commands=commands())]
+    assert kinds(events)[-1] == "end"
+    assert "refused" in kinds(events)
+
+
+def test_the_corrected_tip_is_that_of_predict(tmp_path):
+    session = ta.simulate("ur10", poses=40, seed=1).session
+    model = ta.fit("ur10", session, model="kinematic").model
+    samples = stops(*session.angles[:3])
+    events = [*record(source(*samples), tmp_path / "out.csv", model=model, rule=RULE, samples_hz=5)]
+    shown = [event.to_dict() for event in events if event.kind == "sample"]
+    angles = np.radians([[one[f"q{joint}_deg"] for joint in range(1, 7)] for one in shown])
+    points, covariances = model.predict(angles, return_cov=True)
+    assert [one["corrected_mm"] for one in shown] == [pytest.approx(point, abs=1e-9) for point in points]
+    u_mm = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
+    assert [one["U_mm"] for one in shown] == [pytest.approx(2 * u, rel=1e-9) for u in u_mm]
+    assert all(one["is_trained"] for one in shown)
+    assert "U (k = 2) 0." in shown[0]["text"]
+
+
+def test_where_the_model_cannot_correct_it_says_why(tmp_path):
+    session = ta.simulate("ur10", poses=40, seed=1).session
+    model = ta.fit("ur10", session, model="nominal").model
+    events = [*record(source(*stops([9.0] * 6)), tmp_path / "out.csv", model=model, rule=RULE, samples_hz=5)]
+    shown = next(event.to_dict() for event in events if event.kind == "sample")
+    assert "corrected_mm" not in shown
+    assert "limit" in shown["text"]
