@@ -27,6 +27,7 @@ from truearm.fleet.arm_list import RegisteredArm
 from truearm.fleet.executors import Executor, Serial, WorkerLost
 from truearm.fleet.fit_task import FitRow, FitTask, fit_arm, key_of
 from truearm.fleet.results import write_results
+from truearm.fleet.type_prior import LearnedTypePrior, learn_type_prior
 from truearm.pages.html import write_page
 from truearm.show.fleet_page import ArmState, What, arm_history_page, fleet_page
 from truearm.workflows.outputs import PageRecord, check_page_path, make_folder, version_row
@@ -225,6 +226,38 @@ class Fleet:
         finally:
             self._write_results()
         return FleetRun(tuple(sorted(rows, key=lambda row: row.serial_number)), tuple(unchanged))
+
+    def type_prior(
+        self,
+        arm: str | None = None,
+        *,
+        executor: Executor | None = None,
+        progress: Callable[[int, str], None] | None = None,
+    ) -> LearnedTypePrior:
+        """Learn what the arms of a type have in common, from the readings of those with a model in force.
+
+        Parameters
+        ----------
+        arm : str, optional
+            The nominal arm, as it was added; needed if the fleet has several types.
+        executor : Executor, optional
+            Who computes; by default this process.
+        progress : callable, optional
+            Called with the number of steps done and a note.
+
+        Returns
+        -------
+        LearnedTypePrior
+            Its `save` writes the file that `truearm.fit` takes.
+
+        Raises
+        ------
+        InputError
+            If the type is not one of the fleet, or has fewer than three arms with 20 readings.
+        """
+        in_force = self.registry.models_in_force()
+        arms = [one for one in self.registry.arms() if one.session and one.serial_number in in_force]
+        return learn_type_prior(arms, arm=arm, executor=executor or Serial(), progress=progress)
 
     def _write_results(self) -> None:
         """Write all results; again if another run had one meanwhile, so that the last one to write has them all."""
