@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from truearm import __version__
-from truearm.arm import load_arm
+from truearm.arm import Arm, load_arm
 from truearm.compensation.models import KinematicModel
 from truearm.compensation.models.arm_check import with_serial_number
 from truearm.errors import InputError, TruearmError
@@ -20,9 +20,11 @@ from truearm.identification.identify import Start, estimate_without_gross_errors
 from truearm.identification.judgement.type_gain import ArmEquations, estimate_type
 from truearm.identification.terms import constants
 from truearm.identification.terms.type_prior import FORMAT, ConstantPrior, TypePrior, kinematics_sha256, type_constants
+from truearm.readings import Session, read_session
+from truearm.readings.lengths import Lengths
 from truearm.readings.repeats import merge_repeats
 from truearm.solve.threads import one_blas_thread
-from truearm.workflows.inputs import to_session, within_limits
+from truearm.workflows.inputs import within_limits
 from truearm.workflows.record import Record, TextTable, format_fixed
 from truearm.workflows.sentences import number_of
 
@@ -39,20 +41,30 @@ class ArmTask(NamedTuple):
     session: str
 
 
-@one_blas_thread()
 def arm_equations(task: ArmTask) -> ArmEquations | str:
     """The normal equations of an arm's readings, or why there are none."""
     try:
         arm = load_arm(task.arm)
-        session = to_session(task.session, n_joints=arm.n_joints)
-        arm = with_serial_number(arm, session)
-        used = merge_repeats(within_limits(session, arm, "skip").session).readings
-        readings = KinematicModel(arm).prepare(used)
-        terms = constants(arm.chain, free=readings.free)
-        found = estimate_without_gross_errors(readings, terms, Start(np.ones(len(used))))
-        return ArmEquations.of(found.fit, terms, readings)
+        return linearised_arm(arm, read_session(task.session, n_joints=arm.n_joints))
     except (TruearmError, OSError) as error:
         return str(error)
+
+
+@one_blas_thread()
+def linearised_arm(arm: Arm, session: Session, lengths: Lengths | None = None) -> ArmEquations:
+    """The normal equations of the readings of an arm, about its identified constants.
+
+    Raises
+    ------
+    InputError
+        If the readings are not of this arm, or too few.
+    """
+    arm = with_serial_number(arm, session)
+    used = merge_repeats(within_limits(session, arm).session).readings
+    readings = KinematicModel(arm).prepare(used, lengths)
+    terms = constants(arm.chain, free=readings.free)
+    found = estimate_without_gross_errors(readings, terms, Start(np.ones(len(used))))
+    return ArmEquations.of(found.fit, terms, readings)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -197,7 +197,7 @@ def fit(
         remarks=(
             *acceptance_remarks(accept),
             *nominal_arm.remarks,
-            *(() if of_type is None else (of_type.describe(),)),
+            *(() if of_type is None else (f"Constants are expected as the type has them: {of_type}.",)),
             *_gains(fitted),
             *_scatter(learned.arm_model, readings),
             *checked.remarks,

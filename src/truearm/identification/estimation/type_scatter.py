@@ -153,7 +153,9 @@ class TypeScatter(NamedTuple):
     mean_std: FloatArray
 
 
-def type_scatter(arms: Sequence[tuple[FloatArray, FloatArray]], terms: Sequence[Term]) -> TypeScatter:
+def type_scatter(
+    arms: Sequence[tuple[FloatArray, FloatArray]], terms: Sequence[Term], *, start: TypeScatter | None = None
+) -> TypeScatter:
     """Mean and scatter of the constants of a type.
 
     Parameters
@@ -162,22 +164,25 @@ def type_scatter(arms: Sequence[tuple[FloatArray, FloatArray]], terms: Sequence[
         Normal equations (p, p), (p,) of each arm.
     terms : sequence of Term
         The p constants; scatter shrinks within their groups.
+    start : TypeScatter, optional
+        Of nearly the same arms: fewer rounds are needed from there.
     """
     unit, names = _prior_std(terms), np.array([term.group for term in terms])
     groups = [np.flatnonzero(names == name) for name in dict.fromkeys(names.tolist())]
     grams = np.stack([gram for gram, _ in arms]) * unit * unit[:, None]
     rights = np.stack([right for _, right in arms]) * unit
     n, p = rights.shape
-    scatter, size = np.full(p, START**2), np.ones(p)  # variances in units of the prior
+    # Variances in units of the prior.
+    scatter, size = np.full(p, START**2) if start is None else (start.std / unit) ** 2, np.ones(p)
     for _ in range(MOST_ROUNDS):
         root = np.sqrt(scatter)
         covariances = root * np.linalg.inv(root * grams * root[:, None] + np.eye(p)) * root[:, None]
         gains = grams @ covariances
         precision = (grams - gains @ grams).sum(axis=0) + np.diag(1 / size)
         of_mean = np.linalg.inv((precision + precision.T) / 2)
-        mean = of_mean @ (rights - np.einsum("nij,nj->ni", gains, rights)).sum(axis=0)
-        off = np.einsum("nij,nj->ni", covariances, rights - grams @ mean)
-        variance = np.einsum("nii->ni", covariances) + np.einsum("nji,jk,nki->ni", gains, of_mean, gains)
+        mean = of_mean @ (rights - (gains @ rights[:, :, None])[:, :, 0]).sum(axis=0)
+        off = (covariances @ (rights - grams @ mean)[:, :, None])[:, :, 0]
+        variance = np.einsum("nii->ni", covariances) + ((of_mean @ gains) * gains).sum(axis=1)
         squares, before = (off**2 + variance).sum(axis=0), scatter
         scatter, size = np.empty(p), np.empty(p)
         for own in groups:

@@ -112,18 +112,18 @@ def estimate_type(
             f"expected {LEAST_ARMS} arms or more of the type with {2 * FEW[0]} readings each, got {len(enough)}"
         )
     equations = [one.all.of_terms(np.array([term.name in names for term in one.terms])) for one in arms]
-    n_parts = min(len(arms), MOST_PARTS)
+    whole, n_parts = type_scatter(equations, terms), min(len(arms), MOST_PARTS)
     logs: dict[int, list[float]] = {}
     for part in range(n_parts):
         others = [one for i, one in enumerate(equations) if i % n_parts != part]
-        found = TypeEstimate(type_scatter(others, terms), ())
+        found = TypeEstimate(type_scatter(others, terms, start=whole), ())
         for arm in arms[part::n_parts]:
             for few, log_ratio in _log_ratios(arm, names, found).items():
                 logs.setdefault(few, []).append(log_ratio)
         if progress is not None:
             progress(part + 1, f"arms held out: {part + 1} of {n_parts} parts")
     gains = tuple(_gain(few, np.array(found)) for few, found in logs.items() if len(found) >= LEAST_ARMS)
-    return TypeEstimate(type_scatter(equations, terms), gains)
+    return TypeEstimate(whole, gains)
 
 
 def _log_ratios(arm: ArmEquations, names: Sequence[str], found: TypeEstimate) -> dict[int, float]:

@@ -68,7 +68,7 @@ class HeldOutGain(Document):
     error_ratio_u: NotNegative
 
     def __str__(self) -> str:
-        return f"{self.error_ratio:.2f} (u {self.error_ratio_u:.2f}) after {self.n_readings} readings"
+        return f"{self.error_ratio:.2f} of the error after {self.n_readings} readings"
 
 
 class TypePrior(Document):
@@ -116,12 +116,9 @@ class TypePrior(Document):
             different = min(set(expected) ^ set(given), default="one twice")
             raise InputError(f"expected the {len(expected)} constants of arm {arm.name!r}, each once, got {different}")
 
-    def describe(self) -> str:
-        """What a person must know where it is used."""
-        return (
-            f"Prior of the type, from {len(self.arms)} arms: the constants are expected about those of the typical "
-            f"{self.arm}. On arms held out it left of the error {' and '.join(map(str, self.gains))}."
-        )
+    def __str__(self) -> str:
+        left = " and ".join(map(str, self.gains))
+        return f"prior of type {self.arm} from {len(self.arms)} arms; on arms held out {left}"
 
     def applied(self, chain: Chain, terms: Sequence[Term]) -> tuple[Chain, list[Term]]:
         """The typical chain, and terms with the priors of the type; base and tip are as before.
