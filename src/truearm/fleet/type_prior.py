@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -82,7 +82,7 @@ class LearnedTypePrior(Record):
 
     prior: TypePrior
     helps: bool
-    remarks: tuple[str, ...]
+    remarks: tuple[str, ...] = ()
 
     def save(self, path: str | Path) -> None:
         """Write the file that `truearm.fit` takes.
@@ -160,25 +160,37 @@ def learn_type_prior(
             skipped[i] = result.reason if isinstance(result, WorkerLost) else result
         if progress is not None:
             progress(done, f"{done} of {len(tasks)}: {tasks[i].serial_number}")
-    used = sorted(found)
-    nominal = load_arm(kind)
-    terms = type_constants(nominal.chain)
-    estimate = estimate_type([found[i] for i in used], terms, progress=progress)
-    scatter, serial_numbers = estimate.scatter, tuple(tasks[i].serial_number for i in used)
+    learned = learned_from(load_arm(kind), {tasks[i].serial_number: found[i] for i in sorted(found)}, progress=progress)
+    remarks = tuple(f"{tasks[i].serial_number} is skipped: {skipped[i]}" for i in sorted(skipped))
+    return replace(learned, remarks=remarks)
+
+
+def learned_from(
+    arm: Arm, arms: Mapping[str, ArmEquations], *, progress: Callable[[int, str], None] | None = None
+) -> LearnedTypePrior:
+    """What arms by serial number have in common.
+
+    Raises
+    ------
+    InputError
+        If they are too few, or have too few readings.
+    """
+    terms = type_constants(arm.chain)
+    estimate = estimate_type(list(arms.values()), terms, progress=progress)
+    scatter = estimate.scatter
     prior = TypePrior(
         format=FORMAT,
         truearm=__version__,
-        arm=nominal.name,
-        arm_sha256=kinematics_sha256(nominal),
-        arms=serial_numbers,
+        arm=arm.name,
+        arm_sha256=kinematics_sha256(arm),
+        arms=tuple(arms),
         gains=estimate.gains,
         constants=tuple(
             ConstantPrior(name=term.name, mean=float(m), mean_u=float(u), std=float(s))
             for term, m, u, s in zip(terms, scatter.mean, scatter.mean_std, estimate.std, strict=True)
         ),
     )
-    remarks = tuple(f"{tasks[i].serial_number} is skipped: {skipped[i]}" for i in sorted(skipped))
-    return LearnedTypePrior(prior, helps=estimate.helps, remarks=remarks)
+    return LearnedTypePrior(prior, helps=estimate.helps)
 
 
 def _type_of(arms: Sequence[RegisteredArm], arm: str | None) -> str:
