@@ -140,28 +140,31 @@ def fleets(
 
 
 @ROWS.row("nothing", quick={"fleets": 1, "arms": (5,), "new": 1}, is_long=True)
-def nothing(arms: tuple[int, ...] = (5, 20), fleets: int = 5, readings: int = 20, new: int = 6) -> RowResult:
+def nothing(
+    arms: tuple[int, ...] = (5, 20), fleets: int = 5, readings: tuple[int, ...] = (20,), new: int = 6
+) -> RowResult:
     """A fleet with nothing in common: whether a prior is kept by chance, and what it then does."""
     table, ratios = [], []
     for n in arms:
         for i in range(fleets):
             learned = fleet_prior(NOTHING_IN_COMMON, n, 1000 * (i + 1))
             used = learned.prior if learned.helps else None
-            found = compared(NOTHING_IN_COMMON, used, readings, new)
-            table.append(_row(f"nothing in common, fleet {i + 1}", n, readings, learned, found))
-            ratios.append(found[3] / found[0])
+            for m in readings:
+                found = compared(NOTHING_IN_COMMON, used, m, new)
+                table.append(_row(f"nothing in common, fleet {i + 1}", n, m, learned, found))
+                ratios.append(found[3] / found[0])
     return RowResult(table, [Target("largest ratio of the errors", float(max(ratios)), 1.01)])
 
 
-@ROWS.row("readings", quick={"readings": (10,), "arms": 5, "new": 1}, is_long=True)
-def readings(
+@ROWS.row("readings", quick={"readings": (10,), "fleet": 5, "new": 1}, is_long=True)
+def by_readings(
     readings: tuple[int, ...] = (8, 10, 12, 15, 20, 30, 40, 60),
-    arms: int = 20,
+    fleet: int = 20,
     new: int = 8,
     kind: str = "robot, tight type, camera",
 ) -> Iterator[dict[str, Any]]:
     """Error and stated uncertainty by number of readings, without and with the prior."""
-    learned = fleet_prior(KINDS[kind], arms)
+    learned = fleet_prior(KINDS[kind], fleet)
     used = learned.prior if learned.helps else None
     for n in readings:
         found = compared(KINDS[kind], used, n, new)
