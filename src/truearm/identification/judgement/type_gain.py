@@ -63,6 +63,11 @@ class ArmEquations:
         """The terms of the arm."""
         return self.parts[0].terms
 
+    @property
+    def coefficients(self) -> list[str]:
+        """Name of the term of each coefficient."""
+        return [term.name for term in self.terms for _ in range(term.n_coefficients)]
+
 
 class TypeEstimate(NamedTuple):
     """Constants of a type, and what their prior gains on arms held out."""
@@ -72,12 +77,8 @@ class TypeEstimate(NamedTuple):
 
     @property
     def std(self) -> FloatArray:
-        """(p,) standard deviations of an arm's constants about the mean, as far as that is known [rad, mm].
-
-        Where no readings determine the mean, it is uncertain by far more, together with other constants: there the
-        scatter limits it.
-        """
-        return np.hypot(self.scatter.std, np.minimum(self.scatter.mean_std, self.scatter.std))
+        """(p,) standard deviations of an arm's constants about the mean, uncertain as that is [rad, mm]."""
+        return np.hypot(self.scatter.std, self.scatter.mean_std)
 
     @property
     def helps(self) -> bool:
@@ -111,7 +112,7 @@ def estimate_type(
         raise InputError(
             f"expected {LEAST_ARMS} arms or more of the type with {2 * FEW[0]} readings each, got {len(enough)}"
         )
-    equations = [one.all.of_terms(np.array([term.name in names for term in one.terms])) for one in arms]
+    equations = [one.all.of_terms(np.isin(one.coefficients, names)) for one in arms]
     whole, n_parts = type_scatter(equations, terms), min(len(arms), MOST_PARTS)
     logs: dict[int, list[float]] = {}
     for part in range(n_parts):
@@ -129,7 +130,7 @@ def estimate_type(
 def _log_ratios(arm: ArmEquations, names: Sequence[str], found: TypeEstimate) -> dict[int, float]:
     """By number of readings the logarithm of the ratio of the errors at the others, with the prior and without."""
     values = {name: (m, s) for name, m, s in zip(names, found.scatter.mean, found.std, strict=True)}
-    mean = np.array([values.get(term.name, (0.0,))[0] for term in arm.terms])
+    mean = np.array([values.get(name, (0.0,))[0] for name in arm.coefficients])
     terms = [
         replace(term, prior_std=float(values[term.name][1])) if term.name in values else term for term in arm.terms
     ]
