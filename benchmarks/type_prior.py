@@ -87,11 +87,13 @@ def fleet_prior(kind: Kind, n_arms: int, first_seed: int = 0) -> LearnedTypePrio
     return learned_from(arm, arms)
 
 
-def errors(kind: Kind, prior: TypePrior | None, n_readings: int, seed: int) -> tuple[float, float, float]:
+def errors(
+    kind: Kind, prior: TypePrior | None, n_readings: int, seed: int, strategy: str
+) -> tuple[float, float, float]:
     """Of a new arm from few readings: mean error [mm], share inside 95 % ellipsoids, mean stated u [mm]."""
     arm, virtual = load_arm(NOMINAL), kind.draw(seed)
     model = KinematicModel(arm)
-    model.learn(model.prepare(measured(virtual, n_readings, 20_000 + seed))._replace(prior=prior))
+    model.learn(model.prepare(measured(virtual, n_readings, 20_000 + seed, strategy))._replace(prior=prior))
     angles = measured(virtual, TEST_READINGS, 30_000 + seed).angles
     points, covariance = model.predict(angles, return_cov=True)
     off = points - virtual.true_tip(angles)
@@ -100,9 +102,12 @@ def errors(kind: Kind, prior: TypePrior | None, n_readings: int, seed: int) -> t
     return float(np.linalg.norm(off, axis=1).mean()), float((squares < chi2.ppf(LEVEL, 3)).mean()), float(u.mean())
 
 
-def compared(kind: Kind, prior: TypePrior | None, n_readings: int, new: int) -> FloatArray:
+def compared(kind: Kind, prior: TypePrior | None, n_readings: int, new: int, strategy: str = "uniform") -> FloatArray:
     """(6,) means over new arms: error, coverage and u without the prior, then with it."""
-    found = [[*errors(kind, None, n_readings, s), *errors(kind, prior, n_readings, s)] for s in range(900, 900 + new)]
+    found = [
+        [value for one in (None, prior) for value in errors(kind, one, n_readings, seed, strategy)]
+        for seed in range(900, 900 + new)
+    ]
     return np.asarray(found).mean(axis=0)
 
 
@@ -126,14 +131,19 @@ def fleets(
     readings: tuple[int, ...] = (8, 12, 20),
     new: int = 12,
     kinds: tuple[str, ...] = tuple(KINDS),
+    strategy: str = "uniform",
 ) -> RowResult:
-    """A new arm of a type with a biased drawing, from few readings, with the prior of 5, 20 and 100 arms."""
+    """A new arm of a type with a biased drawing, from few readings, with the prior of 5, 20 and 100 arms.
+
+    Its readings are those of a `strategy`: anywhere (uniform), or within 20 degrees of a working pose (box). Its errors
+    are those anywhere.
+    """
     table = []
     for name in kinds:
         for n in arms:
             learned = fleet_prior(KINDS[name], n)
             used = learned.prior if learned.helps else None
-            table += [_row(name, n, m, learned, compared(KINDS[name], used, m, new)) for m in readings]
+            table += [_row(name, n, m, learned, compared(KINDS[name], used, m, new, strategy)) for m in readings]
     at20 = [row["ratio"] for row in table if (row["arms"], row["readings"]) == (20, 20)]
     best = min(at20, default=None)
     return RowResult(table, [Target("error of the next arm after 20 readings, 20 arms, best type", best, 0.6)])
