@@ -17,6 +17,7 @@ _HOMES = {
     "truearm.errors": ("InputError",),
     "truearm.files.x509_certificates": ("Signer", "read_signer"),
     "truearm.fleet.fleet": ("Fleet", "FleetRun", "FleetStatus"),
+    "truearm.fleet.type_prior": ("LearnedTypePrior",),
     "truearm.identification.terms": ("Expression", "Term"),
     "truearm.identification.virtual": ("VirtualArm",),
     "truearm.readings": ("Lengths", "Session", "read_lengths", "read_session"),

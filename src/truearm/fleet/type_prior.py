@@ -78,6 +78,16 @@ class LearnedTypePrior(Record):
         Whether it predicts arms held out better than the prior of any arm.
     remarks : tuple of str
         Arms that were skipped, and why.
+
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> from truearm.fleet.type_prior import learned_from, linearised_arm
+    >>> sessions = [ta.simulate("ur10", poses=20, seed=i, arm_seed=i).session for i in range(3)]
+    >>> arm = ta.load_arm("ur10")
+    >>> learned = learned_from(arm, {f"{i}": linearised_arm(arm, one) for i, one in enumerate(sessions)})
+    >>> learned.prior.arm, len(learned.prior.arms), learned.prior.gains[0].n_readings
+    ('ur10', 3, 10)
     """
 
     prior: TypePrior
