@@ -19,6 +19,7 @@ _HOMES = {
     "truearm.fleet.fleet": ("Fleet",),
     "truearm.fleet.fleet_run": ("FleetRun",),
     "truearm.fleet.fleet_status": ("FleetStatus",),
+    "truearm.fleet.type_prior": ("LearnedTypePrior",),
     "truearm.identification.terms": ("Expression", "Term"),
     "truearm.identification.virtual": ("VirtualArm",),
     "truearm.readings": ("Lengths", "Session", "read_lengths", "read_session"),

@@ -17,6 +17,7 @@ from truearm.files.x509_certificates import read_signer as read_signer
 from truearm.fleet.fleet import Fleet as Fleet
 from truearm.fleet.fleet_run import FleetRun as FleetRun
 from truearm.fleet.fleet_status import FleetStatus as FleetStatus
+from truearm.fleet.type_prior import LearnedTypePrior as LearnedTypePrior
 from truearm.identification.terms import Expression as Expression
 from truearm.identification.terms import Term as Term
 from truearm.identification.virtual import VirtualArm as VirtualArm

@@ -26,6 +26,7 @@ from truearm.errors import InputError
 
 # The models that have an option.
 MODELS_OF: dict[str, tuple[str, ...]] = {
+    "prior": ("auto", "kinematic", "physical", "hybrid"),
     "no_residual_process": ("auto", "physical"),
     "hidden": ("network", "hybrid"),
     "trainer": ("network",),
@@ -49,6 +50,9 @@ def fit(
     lengths: LengthsFile = None,
     free: Annotated[str, Option(help="What is unknown of the nominal arm's placement: base,tip or none.")] = "base,tip",
     limits: LimitsOption = "skip",
+    prior: Annotated[
+        Path | None, Option(help="File of truearm fleet prior: what arms of this type have in common.")
+    ] = None,
     accept: AcceptOption = None,
     no_residual_process: Annotated[
         bool, Option("--no-residual-process", help="Physical: without smooth errors that no term describes.")
@@ -103,9 +107,9 @@ def fit(
 
     check_options(context, model)
     arm_file = None if arm is None else arm_path(arm)
-    check_output(out, session, arm_file, lengths)
+    check_output(out, session, arm_file, lengths, prior)
     if apply is not None:
-        check_output(apply, session, arm_file, lengths, out, endings=(".toml", ".urdf"))
+        check_output(apply, session, arm_file, lengths, prior, out, endings=(".toml", ".urdf"))
         check_new_file(apply, force=force)
         if arm is not None and apply.suffix == ".toml":
             dh_table(load_arm(arm).chain)  # refused before the fit where a table cannot hold the arm
@@ -133,6 +137,7 @@ def fit(
             lengths=lengths,
             free=parts,
             limits=limits,
+            prior=prior,
             accept=accept,
             progress=report,
             **options,

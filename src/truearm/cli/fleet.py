@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Context, Exit, Option, Typer
 
@@ -21,13 +21,18 @@ from truearm.cli.check import (
     print_check,
     print_withdrawal,
 )
-from truearm.cli.console import check_page_path, print_line, print_record, progress
-from truearm.cli.options import ARM_HELP, AcceptOption, Json, LengthsFile
+from truearm.cli.console import check_new_file, check_page_path, print_line, print_record, progress
+from truearm.cli.options import ARM_HELP, AcceptOption, Force, Json, LengthsFile
+
+if TYPE_CHECKING:
+    from truearm.fleet.executors import Executor
 
 Folder = Annotated[Path, Argument(metavar="FOLDER", help="Folder of the fleet.")]
 Verify = Annotated[
     bool, Option("--verify", help="Read every session file, also those of which size and time are as they were.")
 ]
+Workers = Annotated[int | None, Option(min=1, help="Processes of this machine; without it, one arm at a time.")]
+Scheduler = Annotated[str | None, Option(metavar="ADDRESS", help="Dask cluster: address of its scheduler.")]
 
 fleet = Typer(
     rich_markup_mode=None,
@@ -176,10 +181,8 @@ def check(
 @fleet.command()
 def run(
     folder: Folder,
-    workers: Annotated[
-        int | None, Option(min=1, help="Processes of this machine; without it, one arm at a time.")
-    ] = None,
-    scheduler: Annotated[str | None, Option(metavar="ADDRESS", help="Dask cluster: address of its scheduler.")] = None,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
     verify: Verify = False,
     as_json: Json = False,
 ) -> None:
@@ -189,17 +192,9 @@ def run(
     failure stops no other; a failed or worse fit replaces no model in force. Results are the same whoever computes.
     Exit code 1: some arms failed.
     """
-    from truearm.errors import InputError
-    from truearm.fleet.executors import Dask, Executor, Processes, Serial
     from truearm.fleet.fleet import Fleet
 
-    if workers is not None and scheduler is not None:
-        raise InputError("expected --workers or --scheduler, got both")
-    executor: Executor = Serial()
-    if scheduler is not None:
-        executor = Dask(scheduler)
-    elif workers is not None:
-        executor = Processes(workers)
+    executor = _executor(workers, scheduler)
     opened = Fleet(folder)
     with progress(f"fitting {folder.name}") as update:
         result = opened.run(executor, verify=verify, progress=update)
@@ -231,3 +226,44 @@ def report(
         n = opened.write_pages(out, progress=update)
     opened.close()
     print_line(f"page written to {out}, with {n} pages of arms beside it")
+
+
+@fleet.command()
+def prior(
+    folder: Folder,
+    into: Annotated[Path, Option(help="File to write, for truearm fit --prior.")],
+    arm: Annotated[str | None, Option("--arm", help="The type, if the fleet has several: its nominal arm.")] = None,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Learn what the arms of a type have in common: the prior of the next arm, which then needs fewer readings.
+
+    Mean and scatter of the constants come from the readings of all arms with a model in force. Each arm is held out and
+    predicted from 10 and from 20 of its readings; the file is written only if the others help. Exit code 1: they do
+    not, and nothing is written.
+    """
+    from truearm.fleet.fleet import Fleet
+
+    check_new_file(into, force=force)
+    executor, opened = _executor(workers, scheduler), Fleet(folder)
+    with progress(f"learning from {folder.name}") as update:
+        learned = opened.type_prior(arm, executor=executor, progress=update)
+        if learned.helps:
+            learned.save(into)
+    opened.close()
+    print_record(learned, as_json=as_json, files={"prior": into if learned.helps else None})
+    raise Exit(0 if learned.helps else 1)
+
+
+def _executor(workers: int | None, scheduler: str | None) -> Executor:
+    """Who computes."""
+    from truearm.errors import InputError
+    from truearm.fleet.executors import Dask, Processes, Serial
+
+    if workers is not None and scheduler is not None:
+        raise InputError("expected --workers or --scheduler, got both")
+    if scheduler is not None:
+        return Dask(scheduler)
+    return Serial() if workers is None else Processes(workers)

@@ -30,6 +30,7 @@ from truearm.fleet.fleet_run import FleetRun
 from truearm.fleet.fleet_status import ArmRecords, FleetFigures, FleetStatus, arm_state, history_page
 from truearm.fleet.results import write_results
 from truearm.fleet.stored_files import FileHashes, check_stored, is_url
+from truearm.fleet.type_prior import LearnedTypePrior, learn_type_prior
 from truearm.pages.html import write_page
 from truearm.verification.monitor.history import History
 from truearm.workflows.check import CheckResult, check
@@ -299,6 +300,38 @@ class Fleet:
         finally:
             self._write_results()
         return FleetRun(tuple(sorted(rows, key=lambda row: row.serial_number)), tuple(unchanged))
+
+    def type_prior(
+        self,
+        arm: str | None = None,
+        *,
+        executor: Executor | None = None,
+        progress: Callable[[int, str], None] | None = None,
+    ) -> LearnedTypePrior:
+        """Learn what the arms of a type have in common, from the readings of those with a model in force.
+
+        Parameters
+        ----------
+        arm : str, optional
+            The nominal arm, as it was added; needed if the fleet has several types.
+        executor : Executor, optional
+            Who computes; by default this process.
+        progress : callable, optional
+            Called with the number of steps done and a note.
+
+        Returns
+        -------
+        LearnedTypePrior
+            Its `save` writes the file that `truearm.fit` takes.
+
+        Raises
+        ------
+        InputError
+            If the type is not one of the fleet, or has fewer than three arms with 20 readings.
+        """
+        in_force = self.registry.models_in_force()
+        arms = [one for one in self.registry.arms() if one.session and one.serial_number in in_force]
+        return learn_type_prior(arms, arm=arm, executor=executor or Serial(), progress=progress)
 
     def _write_results(self) -> None:
         """Write all results; again if another run had one meanwhile, so that the last one to write has them all."""

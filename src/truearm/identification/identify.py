@@ -598,8 +598,11 @@ def _identify_terms(
 ) -> IdentificationResult:
     """Terms, and beside them those of the tool and of the sessions' frames, identified from references."""
     arm = readings.arm
+    chain = roughly_aligned_chain(arm, readings.session, readings.free)
+    if readings.prior is not None:
+        chain, terms = readings.prior.applied(chain, terms)
     return identify(
-        roughly_aligned_chain(arm, readings.session, readings.free),
+        chain,
         readings.state,
         [
             *terms,

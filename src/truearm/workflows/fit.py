@@ -46,6 +46,7 @@ from truearm.identification.references.reading_references import (
     check_spread,
     surfaces_with_too_few_readings,
 )
+from truearm.identification.terms.type_prior import TypePrior, read_type_prior
 from truearm.readings import Session, compare_errors, point_errors, seat_errors
 from truearm.readings.anchors import LEAST_COMPARED, distance_errors, has_located_anchor
 from truearm.readings.distances import OFFSET_STD_MM, bars_without_certificate
@@ -89,6 +90,7 @@ def fit(
     lengths: LengthsLike | None = None,
     free: Iterable[str] = ("base", "tip"),
     limits: Limits = "skip",
+    prior: TypePrior | str | Path | None = None,
     accept: str | None = None,
     progress: Callable[[int, str], None] | None = None,
     **options: Any,
@@ -113,6 +115,9 @@ def fit(
         What is unknown of the placement of the nominal arm; empty if points are in its base frame and its tip is known.
     limits : {"skip", "ignore"}
         Skip the readings beyond a joint limit, or use them.
+    prior : TypePrior, str or Path, optional
+        What arms of this type have in common, or its file (docs/type-prior.md): the constants of the arm are then
+        expected about the mean of its type, within the scatter of its type, and not about the nominal arm.
     accept : str, optional
         Why the readings are right where they would be refused as contradicted: the reason and what it overrode are
         kept (docs/imperfect-readings.md).
@@ -129,7 +134,8 @@ def fit(
     Raises
     ------
     InputError
-        If the readings are too few, of another arm, in another unit, or do not determine the model.
+        If the readings are too few, of another arm, in another unit, or do not determine the model; if the prior is of
+        another nominal arm.
 
     Examples
     --------
@@ -153,6 +159,7 @@ def fit(
     used = merged.readings
     if "terms" in options and model not in ("auto", "kinematic", "physical"):
         raise InputError(f"expected a model that identifies terms, got {model!r}", hint="model='physical'")
+    of_type = None if prior is None else _checked_prior(prior, known_arm, model)
     # Options are checked before anything is computed.
     chosen = None if model == "auto" else MODELS[model](nominal_arm, free=parts, **options)
     if len(used) < MIN_ROWS <= merged.count.sum():
@@ -174,6 +181,7 @@ def fit(
         nominal = NominalModel(nominal_arm, free=parts)
         readings = (chosen or nominal).prepare(used, known)
         nominal.learn(readings)
+        readings = readings._replace(prior=of_type)
         learned = _learn(chosen, nominal, readings, progress=progress, **options)
     fitted = learned.model
     at = fitted.at(used)
@@ -190,6 +198,7 @@ def fit(
         remarks=(
             *acceptance_remarks(accept),
             *nominal_arm.remarks,
+            *(() if of_type is None else (f"Constants are expected as the type has them: {of_type}.",)),
             *_gains(fitted),
             *_scatter(learned.arm_model, readings),
             *checked.remarks,
@@ -198,6 +207,18 @@ def fit(
             *_said(learned, nominal, readings),
         ),
     )
+
+
+def _checked_prior(prior: TypePrior | str | Path, arm: Arm | None, model: ModelName) -> TypePrior:
+    """A type prior that a model can use, of this nominal arm."""
+    if arm is None or model in ("nominal", "network"):
+        raise InputError(f"a {model} model identifies no constants, and takes no type prior", hint="--model kinematic")
+    found = prior if isinstance(prior, TypePrior) else read_type_prior(prior)
+    try:
+        found.check_arm(arm)
+    except InputError as error:
+        raise error if isinstance(prior, TypePrior) else error.in_file(prior) from None
+    return found
 
 
 def _gains(model: Compensator) -> tuple[str, ...]:

@@ -82,6 +82,8 @@ class IdentifiedModel(Compensator):
         (`truearm.identification.judgement.repeating_residuals`); 1/2 where it is not known, and of older files.
     residual_process_ : ResidualProcess or None
         What is known of the residual process; None where the model has none, and had none before a transfer.
+    type_prior_ : str
+        Which arms the prior of its type was learned from; empty without a type prior, and of models from older files.
     refit_reading_ids_ : (k,) array
         Identifiers of the readings from which base and tip were re-identified (`refit`); none by `fit`.
     """
@@ -96,6 +98,7 @@ class IdentifiedModel(Compensator):
     repeating_share_: float = UNKNOWN_SHARE
     refit_reading_ids_: FloatArray
     residual_process_: ResidualProcess | None = None
+    type_prior_: str = ""
 
     terms: Sequence[Term] = ()
 
@@ -121,6 +124,7 @@ class IdentifiedModel(Compensator):
         self.tail_freedom_ = found.unexplained.tail_freedom
         self.repeating_share_ = found.unexplained.repeating_share
         self.residual_process_, self.refit_reading_ids_ = found.residual_process, np.zeros(0)
+        self.type_prior_ = "" if readings.prior is None else str(readings.prior)
 
     def _check_options(self) -> None:
         super()._check_options()

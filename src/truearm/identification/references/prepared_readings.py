@@ -16,6 +16,7 @@ from truearm.identification.references.session_frames import rough_session_frame
 from truearm.identification.references.tips import free_tips
 from truearm.identification.terms import ArmState
 from truearm.identification.terms.catalogue import relative_size
+from truearm.identification.terms.type_prior import TypePrior
 from truearm.readings.checks import check_sessions
 from truearm.readings.lengths import Lengths
 from truearm.readings.rounding import rounding_steps
@@ -53,6 +54,8 @@ class PreparedReadings(NamedTuple):
         Names of the tips on the flange; empty if none is named.
     robust : bool
         Whether outliers get a smaller weight.
+    prior : TypePrior or None
+        What arms of its type have in common, if that is known.
     """
 
     arm: Arm
@@ -65,6 +68,7 @@ class PreparedReadings(NamedTuple):
     frames: Mapping[str, FloatArray]
     tips: tuple[str, ...]
     robust: bool
+    prior: TypePrior | None = None
 
     @classmethod
     def of(cls, arm: Arm, readings: Session, lengths: Lengths | None, *, free: tuple[str, ...], robust: bool) -> Self:
