@@ -133,6 +133,8 @@ def identify(
         x, prior = started_at(start, perturbed_chain, prior, groups)
     offered = dict(zip(groups, np.bincount(prior.group).tolist(), strict=False))  # the last group are the unknowns
     rounds = Rounds(problem, given, x, prior, groups, is_fast(terms, groups, state), robust=robust)
+    if start is not None and {group.name for group in start.groups} >= set(groups):
+        rounds.noise = np.array([part.noise_std**2 for part in start.references])
     for n_rounds in range(1, MOST_ROUNDS + 1):
         rounds.weigh()
         if progress is not None:

@@ -241,6 +241,15 @@ class PerturbedChain:
                 out[:, site.columns] = by_site[:, None] * value
             yield rows, out
 
+    def gradient(self, state: ArmState, x: FloatArray, pulls: FloatArray) -> FloatArray:
+        """(n_coefficients,) derivatives of the tips along vectors (3, n), summed over the readings of a state."""
+        found = np.zeros(self.n_coefficients)
+        for rows, _, along_sites, values in self.site_derivatives(state, x):
+            pulled = (along_sites * pulls[:, rows]).sum(axis=1)
+            for site, own, value in zip(self.sites, pulled, self.by_site(values), strict=True):
+                found[site.columns] += value @ own
+        return found
+
     def motion_derivatives(self, state: ArmState, x: FloatArray, place: int) -> FloatArray:
         """(n, 6, 3) derivatives of the tips [mm] by the components of a motion at a place."""
         out = np.empty((len(state), 6, 3))
