@@ -588,7 +588,7 @@ def _by_rotation_vector(by_axes: FloatArray, jacobians: FloatArray) -> FloatArra
     if jacobians.shape[-1] > 1:
         return np.asarray(np.einsum("...dcm,...dbm->...cbm", jacobians, by_axes))
     flat = by_axes.reshape(*by_axes.shape[:-2], -1)
-    return np.matmul(np.swapaxes(jacobians[..., 0], -1, -2), flat).reshape(by_axes.shape)
+    return np.asarray(np.matmul(np.swapaxes(jacobians[..., 0], -1, -2), flat)).reshape(by_axes.shape)
 
 
 def _moved(v: FloatArray, motion: FloatArray, R: FloatArray | None) -> FloatArray:
