@@ -348,6 +348,7 @@ class _Minimum:
 
     def without(self, batch: GroupBatch, group: IntArray) -> Iterator[HeldOutReadings]:
         """The deviations of every group of a batch."""
+        # A group by itself, such as a region, is large.
         is_small = batch.n_groups > 1 and len(batch.row) <= self.chunk
         if is_small and not any(part.linear.unknown.size for part in self.parts):
             yield from self._without_stacked(batch, group)
