@@ -22,7 +22,6 @@ from functools import reduce
 
 import numpy as np
 from scipy.sparse import block_diag, csr_array, diags_array
-from scipy.sparse.csgraph import connected_components
 
 from truearm.solve.square_roots import MIN_PIVOT, ROUNDING
 from truearm.typing import BoolArray, FloatArray, IntArray
@@ -195,6 +194,8 @@ def _inverse_root(matrix: csr_array) -> tuple[csr_array, int]:
     n = matrix.shape[0]
     if not n:
         return csr_array((0, 0)), 0
+    from scipy.sparse.csgraph import connected_components  # slow to import, and points alone need no blocks
+
     n_blocks, block = connected_components(matrix, directed=False)
     sizes = np.bincount(block, minlength=n_blocks)
     order = np.argsort(block, kind="stable")

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from truearm.arm import Chain
 from truearm.identification.estimation import problem as problem_module
-from truearm.identification.estimation.perturbed_chain import PerturbedChain
+from truearm.identification.estimation.perturbed_chain import FEW, PerturbedChain
 from truearm.identification.estimation.problem import SmallMotionProblem
 from truearm.identification.references.references import LinearisedResiduals, Points, seats_of
 from truearm.identification.terms import ArmState, Constant, Harmonics, Temperature, Term, candidate_terms, constants
@@ -137,6 +137,18 @@ def test_gradient_and_matrix_are_those_of_a_dense_jacobian_by_differences(seed, 
     # Steps of 1e-4 rad, or orders below it, of motions that bend over a radian: 1e-12 by truncation; rounding leaves
     # 1e-12 mm / (1e-5 rad x 1e3 mm) = 1e-10.
     assert_same_equations(summed(problem, x, weights), (0.5 * r @ r, J.T @ r, J.T @ J), rtol=3e-8)
+
+
+def test_a_sum_of_derivatives_along_vectors_is_that_of_all_derivatives(rng):
+    """Of many readings in one pass, and of a few at once: the two ways to the derivatives along a tilted direction."""
+    problem, x, _ = everything(4, n=FEW + 20)
+    chain, state, pulls = problem.perturbed_chain, problem.state, rng.normal(size=(3, FEW + 20))
+    x = x[: chain.n_coefficients]
+    expected = np.zeros(chain.n_coefficients)
+    for rows in (slice(0, FEW), slice(FEW, None)):
+        ((_, _, columns),) = chain.derivatives(state.rows(rows), x)
+        expected += np.einsum("pcm,cm->p", columns, pulls[:, rows])
+    np.testing.assert_allclose(chain.gradient(state, x, pulls), expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
 
 
 def test_relations_are_those_of_a_dense_jacobian_by_differences():

@@ -36,12 +36,13 @@ def response_to_point_errors(fit: IdentificationResult, state: ArmState, errors:
         Zeros if no reading has a point.
     """
     gradient = np.zeros(len(fit.coefficients))
+    if not errors.any():
+        return gradient
     for reference in fit.references:
         if reference.kind == "point":
             pulls = np.zeros((3, len(state)))
             pulls[:, reference.rows] = reference.weights**2 * errors[reference.rows].T
-            for rows, _, columns in fit.perturbed_chain.derivatives(state, fit.coefficients):
-                gradient += np.tensordot(columns, pulls[:, rows], axes=2)
+            gradient += fit.perturbed_chain.gradient(state, fit.coefficients, pulls)
     return np.asarray(fit.covariance @ gradient)
 
 

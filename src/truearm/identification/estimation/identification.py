@@ -126,6 +126,7 @@ def identify(
     problem, unknowns = initial_problem(perturbed_chain, state, references)
     x = np.concatenate([np.zeros(perturbed_chain.n_coefficients), unknowns])
     prior, groups = grouped_prior(terms, len(unknowns))
+    sampled = None
     if start is None or len(start.coefficients) < LEAST_KNOWN * perturbed_chain.n_coefficients:
         sampled = _start_by_sample(chain, state, terms, references, reading_weights, robust=robust)
         start = start if sampled is None else sampled
@@ -133,6 +134,8 @@ def identify(
         x, prior = started_at(start, perturbed_chain, prior, groups)
     offered = dict(zip(groups, np.bincount(prior.group).tolist(), strict=False))  # the last group are the unknowns
     rounds = Rounds(problem, given, x, prior, groups, is_fast(terms, groups, state), robust=robust)
+    if sampled is not None:  # of the same terms: the noise of the first round is compared with that of the sample
+        rounds.noise = np.array([part.noise_std**2 for part in sampled.references])
     for n_rounds in range(1, MOST_ROUNDS + 1):
         rounds.weigh()
         if progress is not None:

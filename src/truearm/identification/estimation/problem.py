@@ -167,9 +167,8 @@ class SmallMotionProblem:
         if len(self._relative):
             off = self._off_axis(x)
             off = self.perturbed_chain.chain.fixed[0, :3, :3] @ off.T / ((off**2).sum() + 1e-12)
-            state = self.state.rows(self._relative)
-            for rows, _, columns in self.perturbed_chain.derivatives(state, self._without_base(x)):
-                found[: self.perturbed_chain.n_coefficients] += np.tensordot(columns, off[:, rows], axes=2)
+            state, chain = self.state.rows(self._relative), self.perturbed_chain
+            found[: chain.n_coefficients] = chain.gradient(state, self._without_base(x), off)
             found[self._base] = 0.0
         return found
 

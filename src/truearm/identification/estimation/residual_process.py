@@ -181,10 +181,7 @@ def _gradient(fit: IdentificationResult, state: ArmState, weighted: FloatArray) 
     """
     if len(fit.references) > 1:
         return np.zeros(len(fit.coefficients))
-    gradient = fit.coefficients / fit.prior_std**2
-    for _, derivatives in fit.perturbed_chain.derivatives_along(state, fit.coefficients, weighted[None]):
-        gradient += derivatives[0].sum(axis=1)
-    return gradient
+    return fit.coefficients / fit.prior_std**2 + fit.perturbed_chain.gradient(state, fit.coefficients, weighted)
 
 
 def _right(

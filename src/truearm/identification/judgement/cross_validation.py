@@ -348,7 +348,9 @@ class _Minimum:
 
     def without(self, batch: GroupBatch, group: IntArray) -> Iterator[HeldOutReadings]:
         """The deviations of every group of a batch."""
-        if len(batch.row) <= self.chunk and not any(part.linear.unknown.size for part in self.parts):
+        # A group by itself, such as a region, is large.
+        is_small = batch.n_groups > 1 and len(batch.row) <= self.chunk
+        if is_small and not any(part.linear.unknown.size for part in self.parts):
             yield from self._without_stacked(batch, group)
             return
         judged = [
@@ -515,7 +517,9 @@ class _Minimum:
         # With S = A A^T: (I - S)^-1 = I + A (I - A^T A)^-1 A^T, of which one matrix is small.
         dual = n <= dimension
         if dual:
-            A = np.hstack([np.concatenate([piece.spread for piece in pieces()]), of.spread])
+            few = list(pieces())
+            pieces = partial(iter, few)
+            A = np.hstack([np.concatenate([piece.spread for piece in few]), of.spread])
             shares, vectors = np.linalg.eigh(A @ A.T)
             determined = vectors * np.sqrt(np.maximum(shares, 0))
             along, mean = determined.T @ r, np.zeros((0, n)) if own is None else own.T @ determined

@@ -238,8 +238,7 @@ def _mixture(histories: Sequence[LinkHistory], widened: float = 1.0) -> _Moments
     weight /= weight.sum()
     centre = weight @ np.array(means)
     scatter = (np.array(means) - centre) * np.sqrt(weight)[:, None]
-    covariance = scatter.T @ scatter
-    for w, by_cause, root, rest in zip(weight, causes, roots, rests, strict=True):
-        covariance += w * by_cause @ root @ by_cause.T
-        covariance[-2 * n :, -2 * n :] += w * rest
+    weighed = [w * by_cause @ root for w, by_cause, root in zip(weight, causes, roots, strict=True)]
+    covariance = scatter.T @ scatter + np.hstack(weighed) @ np.hstack(causes).T
+    covariance[-2 * n :, -2 * n :] += np.tensordot(weight, rests, axes=1)
     return _Moments(centre, covariance, REFERENCE_DEGC + float(weight @ above), float(weight @ determined))

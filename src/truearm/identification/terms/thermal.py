@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.linalg import solve_banded
 
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
@@ -106,11 +107,10 @@ def link_temperatures(air_degC: FloatArray, lag_s: npt.ArrayLike, *, interval_s:
     (n, n_links) array
         [degC].
     """
-    from scipy.signal import lfilter  # with much of SciPy, which a prediction does not need
-
     out = np.empty((len(air_degC), len(np.asarray(lag_s))))
     for link, lag in enumerate(np.asarray(lag_s, dtype=float)):
         memory = float(np.exp(-interval_s / lag)) if lag > 0 else 0.0
-        # T_k = memory T_{k-1} + (1 - memory) air_k, relative to the air at the first reading.
-        out[:, link] = air_degC[0] + lfilter([1 - memory], [1, -memory], air_degC - air_degC[0])
+        # T_k - memory T_{k-1} = (1 - memory) air_k, relative to the air at the first reading.
+        bands = np.stack([np.ones(len(air_degC)), np.full(len(air_degC), -memory)])
+        out[:, link] = air_degC[0] + solve_banded((1, 0), bands, (1 - memory) * (air_degC - air_degC[0]))
     return out
