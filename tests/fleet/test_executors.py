@@ -16,7 +16,8 @@ import pytest
 
 from truearm.errors import TruearmError
 from truearm.fleet import executors
-from truearm.fleet.executors import Dask, Processes, Serial, WorkerLost
+from truearm.fleet.executors import Dask, Processes
+from truearm.solve.executor import Serial, WorkerLost
 
 
 def square(x: float) -> float:

@@ -9,7 +9,7 @@ from typer import Argument, Exit, Option, Typer
 
 from truearm.choices import ModelName
 from truearm.cli.console import print_line, print_record, progress
-from truearm.cli.options import ARM_HELP, Json
+from truearm.cli.options import ARM_HELP, Json, SchedulerOption, WorkersOption
 
 Folder = Annotated[Path, Argument(metavar="FOLDER", help="Folder of the fleet.")]
 
@@ -78,10 +78,8 @@ def add(
 @fleet.command()
 def run(
     folder: Folder,
-    workers: Annotated[
-        int | None, Option(min=1, help="Processes of this machine; without it, one arm at a time.")
-    ] = None,
-    scheduler: Annotated[str | None, Option(metavar="ADDRESS", help="Dask cluster: address of its scheduler.")] = None,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
     as_json: Json = False,
 ) -> None:
     """Fit every arm whose readings, drawing or kind of model changed.
@@ -90,17 +88,10 @@ def run(
     failure stops no other; a failed or worse fit replaces no model in force. Results are the same whoever computes.
     Exit code 1: some arms failed.
     """
-    from truearm.errors import InputError
-    from truearm.fleet.executors import Dask, Executor, Processes, Serial
+    from truearm.fleet.executors import chosen_executor
     from truearm.fleet.fleet import Fleet
 
-    if workers is not None and scheduler is not None:
-        raise InputError("expected --workers or --scheduler, got both")
-    executor: Executor = Serial()
-    if scheduler is not None:
-        executor = Dask(scheduler)
-    elif workers is not None:
-        executor = Processes(workers)
+    executor = chosen_executor(workers, scheduler)
     opened = Fleet(folder)
     with progress(f"fitting {folder.name}") as update:
         result = opened.run(executor, progress=update)

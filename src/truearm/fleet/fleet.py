@@ -24,11 +24,11 @@ from truearm.files.delimited import MAX_NAME
 from truearm.files.file_reading import parse_file, utf8_text
 from truearm.files.toml_documents import reject_control_characters, toml_text
 from truearm.fleet.arm_list import RegisteredArm
-from truearm.fleet.executors import Executor, Serial, WorkerLost
 from truearm.fleet.fit_task import FitRow, FitTask, fit_arm, key_of
 from truearm.fleet.results import write_results
 from truearm.pages.html import write_page
 from truearm.show.fleet_page import ArmState, What, arm_history_page, fleet_page
+from truearm.solve.executor import Executor, Serial, WorkerLost
 from truearm.workflows.outputs import PageRecord, check_page_path, make_folder, version_row
 from truearm.workflows.record import Record, TextTable, format_fixed
 from truearm.workflows.sentences import agree, number_of
