@@ -513,9 +513,9 @@ def test_a_failure_while_writing_leaves_what_was_there(tmp_path, monkeypatch, su
         raise OSError(28, "No space left on device")
 
     if suffix == ".csv":
-        monkeypatch.setattr(files, "write_columns", full)
+        monkeypatch.setattr(table_writer, "append_rows", full)
     else:
-        monkeypatch.setattr(importlib.import_module("pyarrow.parquet"), "write_table", full)
+        monkeypatch.setattr(importlib.import_module("pyarrow.parquet").ParquetWriter, "write_table", full)
     with pytest.raises(TruearmError, match=f"{path.name}: the file cannot be written .No space left on device."):
         write_session(Session([[1.0]]), path)
     assert [p.name for p in tmp_path.iterdir()] == [path.name]

@@ -13,12 +13,16 @@ from truearm.choices import ModelName, Trainer
 from truearm.cli.console import check_new_file, check_output, print_record, progress
 from truearm.cli.options import (
     ARM_HELP,
+    LARGE_ONLY,
+    ONLY_LARGE,
     AcceptOption,
     Force,
     Json,
     LengthsFile,
     LimitsOption,
     ModelOut,
+    SchedulerOption,
+    WorkersOption,
     free_parts,
     refuse_typed,
 )
@@ -42,7 +46,9 @@ MODELS_OF: dict[str, tuple[str, ...]] = {
 
 def fit(
     context: typer.Context,
-    session: Annotated[Path, Argument(metavar="SESSION", help="Session file with reference points or seats.")],
+    session: Annotated[
+        Path, Argument(metavar="SESSION", help="Session file with reference points or seats, or folder of files.")
+    ],
     out: ModelOut,
     arm: Annotated[str | None, Option("--arm", help=f"{ARM_HELP} A network needs none.")] = None,
     model: Annotated[ModelName, Option(help="What to fit: see above.")] = "auto",
@@ -80,6 +86,8 @@ def fit(
         Path | None, Option(help="Write the nominal arm with the joint zeros found to a new arm file, .toml or .urdf.")
     ] = None,
     force: Force = False,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
     as_json: Json = False,
 ) -> None:
     """Identify an arm: fit a model to its readings.
@@ -96,10 +104,17 @@ def fit(
 
     --free base,tip: the reference has a frame of its own, and the position of the tip on the flange is not known (a
     laser tracker). --free none: points are in the arm's base frame and the tip is known.
+
+    A folder of session files, or a file beyond 512 MB, is read part by part, and --workers or --scheduler shares the
+    parts out: nominal and kinematic models use all readings, others 20000 of them (docs/large-sessions.md).
     """
     from truearm.arm import dh_table, load_arm, write_arm
     from truearm.arm.catalogue import arm_path
+    from truearm.fleet.executors import chosen_executor
+    from truearm.readings.large_sessions import is_large
+    from truearm.workflows.fit import FitResult
     from truearm.workflows.fit import fit as fit_model
+    from truearm.workflows.fit_large import LargeFit, fit_large
 
     check_options(context, model)
     arm_file = None if arm is None else arm_path(arm)
@@ -125,29 +140,30 @@ def fit(
     if no_residual_process:
         options["residual"] = False
     parts = free_parts(free)
-    with progress(f"fitting {model}", total=total) as report:
-        result = fit_model(
-            arm,
-            session,
-            model=model,
-            lengths=lengths,
-            free=parts,
-            limits=limits,
-            accept=accept,
-            progress=report,
-            **options,
-        )
+    large = is_large(session)
+    refuse_typed(
+        context, ("lengths",) if large else LARGE_ONLY, "does not apply to large sessions" if large else ONLY_LARGE
+    )
+    record: FitResult | LargeFit
+    with progress(f"fitting {model}", total=None if large else total) as report:
+        options |= {"model": model, "free": parts, "limits": limits, "accept": accept, "progress": report}
+        if large:
+            record = fit_large(arm, session, executor=chosen_executor(workers, scheduler), **options)
+            result = record.result
+        else:
+            record = result = fit_model(arm, session, lengths=lengths, **options)
         result.save(out)
         if apply is not None and not result.identifies_constants:
             why = f"{apply} is not written: the nominal arm was kept, and no joint zeros were identified."
             result, apply = replace(result, remarks=(*result.remarks, why)), None
+            record = replace(record, result=result) if isinstance(record, LargeFit) else result
         if apply is not None:
             try:
                 write_arm(result.arm_with_zeros(), apply)
             except InputError as error:
                 written = f"the model is written to {out}"
                 raise error.with_hint(f"{error.hint}; {written}" if error.hint else written) from None
-    print_record(result, as_json=as_json, files={"model": out, "arm": apply})
+    print_record(record, as_json=as_json, files={"model": out, "arm": apply})
 
 
 def check_options(context: typer.Context, model: str) -> None:

@@ -8,7 +8,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from truearm.errors import MissingTool
+import numpy as np
+
+from truearm.errors import InputError, MissingTool
 from truearm.files.atomic_write import atomic_file
 from truearm.files.delimited import append_rows
 from truearm.typing import FloatArray, IntArray, NameArray
@@ -18,7 +20,9 @@ Columns: TypeAlias = "Mapping[str, FloatArray | IntArray | NameArray]"
 
 @contextmanager
 def table_writer(path: str | Path, *, decimals: int | None = None) -> Iterator[Callable[[Columns], None]]:
-    """Yield a function that appends columns of one length to a table, each time the same ones.
+    """Yield a function that appends columns of one length to a table: those of the first time, or fewer.
+
+    Numbers and names of columns that come no more are missing.
 
     Parameters
     ----------
@@ -30,12 +34,26 @@ def table_writer(path: str | Path, *, decimals: int | None = None) -> Iterator[C
     Raises
     ------
     InputError, TruearmError
-        As `atomic_file`.
+        As `atomic_file`; or if a later part has a column that the first has not.
     """
     with atomic_file(path) as beside:
+        first: Columns = {}
+
+        def complete(columns: Columns) -> Columns:
+            nonlocal first
+            first = first or columns
+            if further := [name for name in columns if name not in first]:
+                raise InputError(f"the column {further[0]} is not in the first part of the table", file=path)
+            n = len(next(iter(columns.values())))
+            return {name: columns.get(name, _missing(known, n)) for name, known in first.items()}
+
         parts = _parquet_parts(beside) if beside.suffix == ".parquet" else _csv_parts(beside, decimals)
         with parts as append:
-            yield append
+            yield lambda columns: append(complete(columns))
+
+
+def _missing(column: FloatArray | IntArray | NameArray, n: int) -> FloatArray | NameArray:
+    return np.full(n, "") if column.dtype.kind == "U" else np.full(n, np.nan)
 
 
 def pyarrow_modules(path: str | Path) -> tuple[Any, Any]:

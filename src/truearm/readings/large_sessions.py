@@ -8,7 +8,7 @@ small session.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import accumulate, pairwise
 from pathlib import Path
@@ -23,7 +23,8 @@ from truearm.files.spreadsheet_forms import encoding_of_form, form_of
 from truearm.readings.columns import Columns, fields_of_frame, recognise_columns
 from truearm.readings.files import MAX_CELLS, fields_of_sheet, is_parquet, open_parquet
 from truearm.readings.session import Session
-from truearm.typing import IntArray
+from truearm.readings.split import chosen_groups, group_names
+from truearm.typing import BoolArray, IntArray
 
 # Bytes of the lines of a part: some ten thousand readings, in the memory some ten times as large.
 PART_BYTES = 2**23
@@ -33,6 +34,10 @@ MAX_READINGS = 2**16
 HEAD_BYTES = 2**16
 # No file is larger: a petabyte. One that is counted must have an end.
 LARGEST_BYTES = 2**50
+# Consecutive readings that stay together in a split by rows.
+STRETCH = 2**13
+# Groups of a split: their names are in the memory.
+MAX_GROUPS = 10**6
 SUFFIXES = (".csv", ".parquet", ".pq")
 
 
@@ -244,6 +249,38 @@ def is_large(path: object) -> bool:
         return path.is_file() and path.stat().st_size > MAX_BYTES
     with open_parquet(path) as file:
         return path.stat().st_size > MAX_BYTES or file.metadata.num_rows * len(file.schema_arrow.names) > MAX_CELLS
+
+
+def held_out_rows(large: LargeSession, *, by: str, fraction: float, seed: int) -> Callable[[Session, int], BoolArray]:
+    """A function that says which readings of a session, the first of which is number n of all, are held out.
+
+    Parameters
+    ----------
+    large : LargeSession
+    by : {"position", "seat", "session", "row"}
+        What names the groups; ``row``: stretches of `STRETCH` consecutive readings, as neighbours are much alike.
+    fraction : float
+        Share of the groups to hold out.
+    seed : int
+
+    Raises
+    ------
+    InputError
+        As `truearm.readings.split.hold_out`; or if there are more than `MAX_GROUPS` groups.
+    """
+    if by == "row":
+        n = -(-len(large) // STRETCH)
+        chosen = chosen_groups(n, fraction=fraction, seed=seed, by=by, file=large.path)
+        return lambda session, start: chosen[(start + np.arange(len(session))) // STRETCH]
+    names: set[str] = set()
+    for part in large.parts:
+        for session in part.sessions():
+            names.update(np.unique(group_names(session, by)).tolist())
+        if len(names) > MAX_GROUPS:
+            raise InputError(f"expected up to {MAX_GROUPS} names of a {by}, got more", file=large.path, hint="--by row")
+    ordered = np.array(sorted(names))
+    chosen = chosen_groups(len(ordered), fraction=fraction, seed=seed, by=by, file=large.path)
+    return lambda session, _: chosen[np.searchsorted(ordered, group_names(session, by))]
 
 
 def joined_sessions(sessions: list[Session]) -> Session:

@@ -11,7 +11,7 @@ effect no longer grows (H. Flyvbjerg, H. G. Petersen, "Error estimates on averag
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,52 +25,60 @@ LEAST_BLOCKS = 8
 SIGNIFICANT = 2.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class DesignEffect:
-    """Factor on the covariance of independent readings.
+    """By how much the gradient of correlated readings scatters more than that of independent ones.
 
     Attributes
     ----------
     factor : float
-        1 or more: n readings are worth n / factor independent ones.
-    n_block : int
-        Consecutive readings of the blocks from which it follows.
+        1 or more: n readings are worth n / factor independent ones, on average over what they determine.
+    scatter : (p, p) array
+        Covariance of the gradient as its blocks show it, direction by direction; zeros where there are too few.
+    n_blocks, n_block : int
+        Number of the blocks from which both follow, and of the consecutive readings of each.
     is_settled : bool
         Whether longer blocks would show no more; otherwise there are too few, and the factor may be larger.
     """
 
     factor: float
+    scatter: FloatArray
+    n_blocks: int
     n_block: int
     is_settled: bool
 
 
-def design_effect(scores: FloatArray, covariance: FloatArray, n_readings: int) -> DesignEffect:
-    """Design effect of estimates whose gradient is a sum of scores.
+def design_effect(
+    scores: FloatArray, covariance: FloatArray, n_readings: int, n_determined: float | None = None
+) -> DesignEffect:
+    """Design effect of a gradient that is a sum of scores.
 
     Parameters
     ----------
     scores : (n_blocks, p) array
         Sums over blocks of about equal numbers of consecutive readings, in their order.
     covariance : (p, p) array
-        Of the estimates, if readings were independent; it may contain a weak prior.
+        Of the estimates, were the readings independent; it may contain a prior.
     n_readings : int
         In all blocks.
+    n_determined : float, optional
+        How many estimates the readings determine, rather than a prior; all by default.
     """
-    scores = scores - scores.mean(axis=0)
-    n_estimates = len(covariance)
+    n_determined = n_determined or float(len(covariance))
+    found: DesignEffect | None = None
     length = n_readings / max(len(scores), 1)
-    factor, error, n_block = 1.0, np.inf, length
-    while len(scores) >= LEAST_BLOCKS:
-        n = len(scores)
-        total = float(np.einsum("bi,ij,bj->", scores, covariance, scores))
-        longer = total / n_estimates * n / (n - 1)
-        own_error = longer * np.sqrt(2 / (n * n_estimates))
-        if longer - factor < SIGNIFICANT * own_error and np.isfinite(error):
-            return DesignEffect(max(factor, longer, 1.0), round(n_block), True)
-        factor, error, n_block = longer, own_error, length
+    while (n := len(scores)) >= LEAST_BLOCKS:
+        centred = scores - scores.mean(axis=0)
+        scatter = centred.T @ centred * (n / (n - 1))
+        factor = float((scatter * covariance).sum()) / n_determined
+        if found is not None and factor - found.factor < SIGNIFICANT * factor * np.sqrt(2 / (n * n_determined)):
+            return replace(found, factor=max(factor, found.factor, 1.0), is_settled=True)
+        found = DesignEffect(factor, scatter, n, round(length), False)
         pairs = scores[: n // 2 * 2]
         scores, length = pairs[::2] + pairs[1::2], 2 * length
-    return DesignEffect(max(factor, 1.0), round(n_block), False)
+    if found is None:
+        return DesignEffect(1.0, np.zeros_like(covariance), n, round(length), False)
+    return replace(found, factor=max(found.factor, 1.0))
 
 
 def block_starts(n: int) -> IntArray:
