@@ -200,7 +200,7 @@ def _by_all_readings(
     executor: Executor,
     progress: Callable[[int, str], None] | None,
 ) -> LargeFit:
-    arm, light = of_sample.fit_, _without_readings(of_sample)
+    arm, light = of_sample.fit_, without_readings(of_sample)
     gross = gross_error_limit(arm, of_sample.held_out_.and_also(of_sample.held_out_gross_))
     at = Estimate(arm.coefficients, arm.references[0].noise_std ** 2)
     folds = [i * FOLDS // len(large.parts) for i in range(len(large.parts))]
@@ -236,7 +236,7 @@ def _by_all_readings(
     return LargeFit(replace(found, model=new), len(large), "", n_pass, total, effect)
 
 
-def _without_readings(model: IdentifiedModel) -> IdentifiedModel:
+def without_readings(model: IdentifiedModel) -> IdentifiedModel:
     """The model without what it keeps of its readings: it is sent to every worker."""
     light = copy.copy(model)
     none = type(model).held_out_
