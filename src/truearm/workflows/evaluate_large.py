@@ -12,7 +12,7 @@ import numpy as np
 from truearm.acceptance import acceptance_remarks, accepts
 from truearm.choices import Conditions
 from truearm.compensation.models import Compensator
-from truearm.compensation.models.uncertainty import UncertaintyBudget, uncertainty_budget
+from truearm.compensation.models.uncertainty import uncertainty_budget
 from truearm.errors import InputError
 from truearm.identification.judgement.outliers import Outlier
 from truearm.readings import Session, check_reach
@@ -50,8 +50,8 @@ class EvaluationSums:
         Readings, those without a reference point among them.
     errors : dict of str to PointErrorSums
         Of ``"nominal"`` and ``"model"``.
-    n_covered, n_covered_99, n_covered_same_day : int
-        Points in the ellipsoids of 95 % and 99 %, and of 95 % under repeatability conditions.
+    n_covered, n_covered_99 : int
+        Points in the ellipsoids of 95 % and 99 %.
     variance : float
         Sum of the variances of a coordinate, the mean of three at each reading [mm^2].
     outside : dict of str to int
@@ -67,7 +67,6 @@ class EvaluationSums:
     errors: Mapping[str, PointErrorSums] = field(default_factory=dict)
     n_covered: int = 0
     n_covered_99: int = 0
-    n_covered_same_day: int = 0
     variance: float = 0.0
     outside: Mapping[str, int] = field(default_factory=dict)
     n_outliers: int = 0
@@ -81,7 +80,6 @@ class EvaluationSums:
             {name: self.errors.get(name, PointErrorSums()) + sums for name, sums in other.errors.items()},
             self.n_covered + other.n_covered,
             self.n_covered_99 + other.n_covered_99,
-            self.n_covered_same_day + other.n_covered_same_day,
             self.variance + other.variance,
             added(self.outside, other.outside),
             self.n_outliers + other.n_outliers,
@@ -118,18 +116,14 @@ def _sums_of(task: EvaluateTask, given: Session, accept: str | None) -> Evaluati
     errors = {"model": PointErrorSums.of(model.predict_readings(at), used.points)}
     if model.kind != "nominal" and model.arm_.has_kinematics:
         errors = {"nominal": PointErrorSums.of(model.predict_nominal_readings(at), used.points)} | errors
-    budget, far = uncertainty_budget(model, at)
-    same_day: UncertaintyBudget = budget
-    if (on_the_day := model.under("repeatability")) is not model:
-        same_day, far_that_day = uncertainty_budget(on_the_day, used)
-        conditions = task.conditions or model.training_.conditions_of(used)
-        far = far_that_day if conditions == "repeatability" else far
+    conditions = task.conditions or model.training_.conditions_of(used) or "reproducibility"
+    stated = model.under(conditions)
+    budget, far = uncertainty_budget(stated, at if stated is model else used)
     return EvaluationSums(
         len(given),
         errors,
         budget.n_covered,
         budget.n_covered_99,
-        same_day.n_covered,
         len(used) * budget.combined_mm**2,
         {name: int(rows.sum()) for name, rows in model.inputs_outside_training(at).items()},
         len(far),
@@ -158,8 +152,11 @@ def evaluate_large(
 
     Parameters
     ----------
-    model, limits, conditions, accept
+    model, limits, accept
         As of `evaluate`.
+    conditions : {"reproducibility", "repeatability"}, optional
+        Of these readings; the coverage is that of these. By default what names of their sessions say, otherwise
+        reproducibility.
     session : str or Path
         One file, or a folder of files (`LargeSession`).
     executor : Executor, optional
@@ -215,7 +212,7 @@ class LargeEvaluation(Record):
 
     @property
     def coverage(self) -> float:
-        """Share of the reference points inside the 95 % ellipsoid that the model states for any day."""
+        """Share of the reference points inside the 95 % ellipsoid that the model states for their conditions."""
         return self.sums.n_covered / self.sums.errors["model"].n
 
     def summary(self) -> str:
@@ -261,7 +258,6 @@ class LargeEvaluation(Record):
             "n_parts": self.n_parts,
             "coverage": self.coverage,
             "coverage_99": self.sums.n_covered_99 / own.n,
-            "repeatability_coverage": self.sums.n_covered_same_day / own.n,
             "combined_u_mm": float(np.sqrt(self.sums.variance / own.n)),
             "inputs_outside_training": self.sums.outside,
             "n_outliers": self.sums.n_outliers,
