@@ -90,7 +90,8 @@ def test_it_says_what_the_readings_are_worth_and_which_were_excluded(found):
     assert said["held_out"]["mean_mm"] == pytest.approx(0.03 * np.sqrt(8 / np.pi), rel=0.1)  # of three normal numbers
     text = str(found)
     assert "have like errors" in text
-    assert f"{len(GROSS)} readings are gross errors and were excluded: reading 701, reading 15001." in text
+    names = "reading 701 of a.parquet, reading 15001 of a.parquet"
+    assert f"{len(GROSS)} readings are gross errors and were excluded: {names}." in text
     assert "10 readings have no reference point" in text
 
 

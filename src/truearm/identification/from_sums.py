@@ -62,7 +62,7 @@ def improved(arm: IdentificationResult, before: Estimate, sums: ReadingSums) -> 
     return Estimate(x, noise, moved < SETTLED_STEP and abs(np.log(noise / before.noise_mm2)) < SETTLED_STEP)
 
 
-def left_out(arm: IdentificationResult, at: Estimate, sums: ReadingSums, part: ReadingSums) -> FloatArray:
+def without_part(arm: IdentificationResult, at: Estimate, sums: ReadingSums, part: ReadingSums) -> FloatArray:
     """(p,) coefficients by the readings that are not in a part, from sums at the same estimate."""
     own, x = own_coefficients_of(arm), at.x.copy()
     x[own] = sums.without(part).posterior(x, arm.prior_std, own).x

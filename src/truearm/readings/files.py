@@ -31,12 +31,16 @@ if TYPE_CHECKING:
 
 # Cells of a Parquet file before they are unpacked: a small file can hold very many equal ones.
 MAX_CELLS = 2**27
+LARGE = "truearm fit, predict, evaluate and split read folders and larger files part by part (docs/large-sessions.md)"
 
 
 def read_fields(path: str | Path, *, n_joints: int | None = None) -> dict[str, Any]:
     """Fields of the readings in a session file, by name; see `truearm.readings.session.read_session`."""
     path = Path(path)
-    check_readable(path, limit_bytes=MAX_BYTES)
+    try:
+        check_readable(path, limit_bytes=MAX_BYTES)
+    except InputError as error:
+        raise error.with_hint(LARGE) if path.is_dir() or path.is_file() else error from None
     if is_parquet(path):
         return fields_of_frame(_read_parquet(path, n_joints), file=path, n_joints=n_joints)
     return fields_of_sheet(read_form(path), n_joints=n_joints)
@@ -137,7 +141,7 @@ def _read_parquet(path: Path, n_joints: int | None) -> pd.DataFrame:
         columns = recognise_columns(names, file=path, line=None, n_joints=n_joints)
         n_rows = file.metadata.num_rows
         if n_rows * len(names) > MAX_CELLS:
-            raise InputError(f"expected at most {MAX_CELLS} cells, got {n_rows} rows", file=path)
+            raise InputError(f"expected at most {MAX_CELLS} cells, got {n_rows} rows", file=path, hint=LARGE)
         frame: pd.DataFrame = file.read([*columns.numbers, *columns.words]).to_pandas(ignore_metadata=True)
         return frame
 

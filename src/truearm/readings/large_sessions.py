@@ -24,6 +24,7 @@ from truearm.readings.columns import Columns, fields_of_frame, recognise_columns
 from truearm.readings.files import MAX_CELLS, fields_of_sheet, is_parquet, open_parquet
 from truearm.readings.session import Session
 from truearm.readings.split import chosen_groups, group_names
+from truearm.solve.executor import Executor, Serial, results_in_order
 from truearm.typing import BoolArray, IntArray
 
 # Bytes of the lines of a part: some ten thousand readings, in the memory some ten times as large.
@@ -230,12 +231,21 @@ class LargeSession:
             raise InputError("expected at least one reading, got none", file=path)
         return cls(path, tuple(parts))
 
-    def sample(self, n: int) -> Session:
-        """Up to n readings, evenly spaced in their order."""
+    def sample(self, n: int, executor: Executor | None = None) -> Session:
+        """Up to n readings, evenly spaced in their order; an executor may read the parts."""
         rows = np.unique(np.linspace(0, len(self) - 1, n).astype(np.intp))
-        starts = [0, *accumulate(part.n_readings for part in self.parts)]
+        starts = accumulate((part.n_readings for part in self.parts), initial=0)
         chosen = [rows[(rows >= a) & (rows < b)] - a for a, b in pairwise(starts)]
-        return joined_sessions([part.rows(own) for part, own in zip(self.parts, chosen, strict=True) if len(own)])
+        tasks = [(part, own) for part, own in zip(self.parts, chosen, strict=True) if len(own)]
+        found = joined_sessions(list(results_in_order(executor or Serial(), _rows_of_part, tasks)))
+        if len({part.file for part in self.parts}) == 1:
+            return found
+        return replace(found, numbers=rows + 1, by_line=False, file=self.path)  # a line would be one of many files
+
+
+def _rows_of_part(task: tuple[Part, IntArray]) -> Session:
+    part, which = task
+    return part.rows(which)
 
 
 def is_large(path: object) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -88,6 +88,10 @@ class EvaluationSums:
         )
 
 
+def _named(outlier: Outlier, part: Part) -> Outlier:
+    return replace(outlier, name=f"{outlier.name} of {part.file.name}")
+
+
 def _largest(found: tuple[Outlier, ...]) -> tuple[Outlier, ...]:
     return tuple(sorted(found, key=lambda one: -one.normalized_residual)[:MAX_OUTLIERS])
 
@@ -127,7 +131,7 @@ def _sums_of(task: EvaluateTask, given: Session, accept: str | None) -> Evaluati
         len(used) * budget.combined_mm**2,
         {name: int(rows.sum()) for name, rows in model.inputs_outside_training(at).items()},
         len(far),
-        tuple(one.located(given, allowed.rows[seen]) for one in far[:MAX_OUTLIERS]),
+        tuple(_named(one.located(given, allowed.rows[seen]), task.part) for one in far[:MAX_OUTLIERS]),
         (*acceptance_remarks(accept), *allowed.remarks, *payload_remarks(model, used), *model_remarks(model)),
     )
 
@@ -164,10 +168,25 @@ def evaluate_large(
     progress : callable, optional
         Called with the number of readings done and a note.
 
+    Returns
+    -------
+    LargeEvaluation
+
     Raises
     ------
     InputError
         As `evaluate`; or if no reading has a reference point.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import truearm as ta
+    >>> session = ta.simulate("ur10", poses=40, seed=1).session
+    >>> Path("line").mkdir()
+    >>> session.save("line/1.csv")
+    >>> model = ta.fit("ur10", session, model="nominal").model
+    >>> ta.evaluate_large(model, "line").errors["model"]["n"]
+    40
     """
     known = to_model(model)
     large = LargeSession.open(session, n_joints=known.arm.n_joints)

@@ -14,7 +14,7 @@ from truearm.choices import ModelName
 from truearm.compensation.models.identified_model import IdentifiedModel, to_identified
 from truearm.compensation.models.input_ranges import InputRanges
 from truearm.identification.estimation.reading_sums import ReadingSums
-from truearm.identification.from_sums import Estimate, identified, improved, left_out
+from truearm.identification.from_sums import Estimate, identified, improved, without_part
 from truearm.identification.judgement.gross_errors import gross_error_limit
 from truearm.identification.judgement.held_out_errors import HeldOutErrors
 from truearm.identification.references.reading_references import references_of
@@ -51,7 +51,7 @@ class SumTask:
     model : IdentifiedModel
         Of the sample.
     at : Estimate
-    left_out : (p,) array or None
+    without_part : (p,) array or None
         Coefficients by the readings of other stretches, to predict these.
     gross : float
         Whitened length from which a reading is a gross error.
@@ -61,7 +61,7 @@ class SumTask:
     part: Part
     model: IdentifiedModel
     at: Estimate
-    left_out: FloatArray | None
+    without_part: FloatArray | None
     gross: float
     limits: Limits
 
@@ -118,12 +118,12 @@ def sums_of_part(task: SumTask) -> PartSums:
         points = next(one for one in references_of(used, None) if isinstance(one, Points))
         sums, gross = ReadingSums.of(chain, at.state, points, x, task.at.noise_mm2, task.gross)
         held_out = nominal = PointErrorSums()
-        if task.left_out is not None:
+        if task.without_part is not None:
             known = points.points.copy()
             known[gross] = np.nan
-            held_out = PointErrorSums.of(chain.tips(at.state, task.left_out), known)
+            held_out = PointErrorSums.of(chain.tips(at.state, task.without_part), known)
             nominal = PointErrorSums.of(model.nominal_.tips(at.state), known)
-        names = tuple(used.called(row) for row in gross[:MAX_NAMED].tolist())
+        names = tuple(f"{used.called(row)} of {task.part.file.name}" for row in gross[:MAX_NAMED].tolist())
         total = total + PartSums(len(given), sums, InputRanges.of(used), held_out, nominal, names)
     return total
 
@@ -158,10 +158,25 @@ def fit_large(
     progress : callable, optional
         Called with the number of readings done and a note.
 
+    Returns
+    -------
+    LargeFit
+
     Raises
     ------
     InputError
         As `fit`.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import truearm as ta
+    >>> Path("line").mkdir()
+    >>> for day in (1, 2):
+    ...     ta.simulate("ur10", poses=30, seed=day).session.save(f"line/{day}.csv")
+    >>> found = ta.fit_large("ur10", "line", model="nominal")
+    >>> found.n_readings, found.model.kind
+    (60, 'nominal')
     """
     known_arm = None if arm is None else to_arm(arm)
     large = LargeSession.open(session, n_joints=None if known_arm is None else known_arm.n_joints)
@@ -171,13 +186,14 @@ def fit_large(
             progress(0, f"sample: {note}")
 
     report(0, "reading")
-    sample = large.sample(SAMPLE)
+    executor = executor or Serial()
+    sample = large.sample(SAMPLE, executor)
     found = fit(known_arm, sample, model=model, free=free, limits=limits, accept=accept, progress=report, **options)
     if why_not := _why_of_sample(found):
         return LargeFit(found, len(large), why_not)
     identified_model = to_identified(found.model)
     assert identified_model is not None
-    return _by_all_readings(found, identified_model, large, limits, executor or Serial(), progress)
+    return _by_all_readings(found, identified_model, large, limits, executor, progress)
 
 
 def _why_of_sample(found: FitResult) -> str:
@@ -222,7 +238,7 @@ def _by_all_readings(
         if following.is_settled and n_pass > 1:
             break
         if len(of_folds) > 1:
-            by_fold = {fold: left_out(arm, at, total.sums, one.sums) for fold, one in of_folds.items()}
+            by_fold = {fold: without_part(arm, at, total.sums, one.sums) for fold, one in of_folds.items()}
         at = following
     sample = of_sample.at(found.session)
     errors = scale_errors(found.session, is_frame_free="base" in of_sample.free_)
@@ -335,7 +351,7 @@ class LargeFit(Record):
                 f"is unexplained and which readings are gross errors, those of {n_sample} of them, evenly spaced."
             )
             said = describe_effective_number(self.n_effective, used, self.effect.is_settled)
-            yield f"{said}, which the uncertainty of the constants contains."
+            yield f"{said}." if self.effect.factor <= 1 else f"{said}, which the uncertainty of the constants contains."
             yield from self._skipped(self.total)
         yield "Of the sample:"
         yield from self.result.blocks()

@@ -137,10 +137,25 @@ def predict_large(
     progress : callable, optional
         Called with the number of readings done and a note.
 
+    Returns
+    -------
+    LargePrediction
+
     Raises
     ------
     InputError
         As `predict`; more than half of the readings beyond a joint limit are refused of every part.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import truearm as ta
+    >>> session = ta.simulate("ur10", poses=40, seed=1).session
+    >>> Path("line").mkdir()
+    >>> session.save("line/1.csv")
+    >>> model = ta.fit("ur10", session, model="nominal").model
+    >>> ta.predict_large(model, "line", "points.csv").sums.n_points
+    40
     """
     check_output(out, session, endings=ENDINGS)
     known = to_model(model)
