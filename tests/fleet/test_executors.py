@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -187,3 +188,10 @@ def test_sums_over_a_large_session_are_the_same_on_a_cluster(cluster, tmp_path):
     found = evaluate_large(model, tmp_path, executor=Dask(cluster.scheduler_address))
     assert found.n_parts == 2
     assert found.to_dict() == evaluate_large(model, tmp_path).to_dict()
+
+
+def test_only_the_room_of_fleets_knows_dask():
+    package = Path(ta.__file__).parent
+    importing = re.compile(r"^\s*(?:import|from) (?:dask|distributed|joblib)\b", flags=re.MULTILINE)
+    found = [path for path in package.rglob("*.py") if importing.search(path.read_text(encoding="utf-8"))]
+    assert [path.relative_to(package).as_posix() for path in found] == ["fleet/executors.py"]

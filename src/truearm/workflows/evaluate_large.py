@@ -20,7 +20,15 @@ from truearm.readings.large_sessions import LargeSession, Part
 from truearm.readings.point_error_sums import PointErrorSums
 from truearm.solve.executor import Executor, Serial, results_in_order
 from truearm.solve.threads import one_blas_thread
-from truearm.workflows.inputs import Limits, ModelLike, model_remarks, payload_remarks, to_model, within_limits
+from truearm.workflows.inputs import (
+    Limits,
+    ModelLike,
+    model_remarks,
+    payload_remarks,
+    to_model,
+    within_limits,
+    without_refit_readings,
+)
 from truearm.workflows.predict_large import added, joined_remarks
 from truearm.workflows.record import Record, TextTable, format_fixed
 from truearm.workflows.sentences import compare_with_nominal, describe_effective_number, format_mm, listed
@@ -110,7 +118,8 @@ def _sums_of(task: EvaluateTask, given: Session, accept: str | None) -> Evaluati
     model = task.model
     allowed = within_limits(given, model.arm, task.limits)
     seen = np.flatnonzero(allowed.session.has_point)
-    used = allowed.session.rows(seen)
+    used, kept, refit_remarks = without_refit_readings(allowed.session.rows(seen), model)
+    seen = seen[kept]
     if not len(used):
         return EvaluationSums(len(given))
     if model.arm.has_kinematics:
@@ -132,7 +141,13 @@ def _sums_of(task: EvaluateTask, given: Session, accept: str | None) -> Evaluati
         {name: int(rows.sum()) for name, rows in model.inputs_outside_training(at).items()},
         len(far),
         tuple(_named(one.located(given, allowed.rows[seen]), task.part) for one in far[:MAX_OUTLIERS]),
-        (*acceptance_remarks(accept), *allowed.remarks, *payload_remarks(model, used), *model_remarks(model)),
+        (
+            *acceptance_remarks(accept),
+            *allowed.remarks,
+            *refit_remarks,
+            *payload_remarks(model, used),
+            *model_remarks(model),
+        ),
     )
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from truearm.acceptance import accepting
 from truearm.choices import ModelName
 from truearm.compensation.models.identified_model import IdentifiedModel, to_identified
 from truearm.compensation.models.input_ranges import InputRanges
@@ -19,6 +20,7 @@ from truearm.identification.judgement.gross_errors import gross_error_limit
 from truearm.identification.judgement.held_out_errors import HeldOutErrors
 from truearm.identification.references.reading_references import references_of
 from truearm.identification.references.references import Points
+from truearm.readings import Session
 from truearm.readings.large_sessions import LargeSession, Part
 from truearm.readings.point_error_sums import PointErrorSums
 from truearm.readings.reference_uncertainty import scale_errors
@@ -56,6 +58,8 @@ class SumTask:
     gross : float
         Whitened length from which a reading is a gross error.
     limits : {"skip", "ignore"}
+    accept : str or None
+        Why readings that seem contradicted are right.
     """
 
     part: Part
@@ -64,6 +68,7 @@ class SumTask:
     without_part: FloatArray | None
     gross: float
     limits: Limits
+    accept: str | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,28 +109,32 @@ class PartSums:
 @one_blas_thread()
 def sums_of_part(task: SumTask) -> PartSums:
     """Sums over one part."""
+    total = PartSums(0, ReadingSums.zero(len(task.at.x)))
+    with accepting(task.accept):
+        for given in task.part.sessions():
+            total = total + _sums_of(task, given)
+    return total
+
+
+def _sums_of(task: SumTask, given: Session) -> PartSums:
     model, x = task.model, task.at.x
     chain = model.fit_.perturbed_chain
-    total = PartSums(0, ReadingSums.zero(len(x)))
-    for given in task.part.sessions():
-        used = within_limits(given, model.arm, task.limits).session
-        used = used.rows(used.has_point)
-        if not len(used):
-            total = total + PartSums(len(given), ReadingSums.zero(len(x)))
-            continue
-        check_has_reference(used, model.arm, purpose="fit to")
-        at = model.at(used)
-        points = next(one for one in references_of(used, None) if isinstance(one, Points))
-        sums, gross = ReadingSums.of(chain, at.state, points, x, task.at.noise_mm2, task.gross)
-        held_out = nominal = PointErrorSums()
-        if task.without_part is not None:
-            known = points.points.copy()
-            known[gross] = np.nan
-            held_out = PointErrorSums.of(chain.tips(at.state, task.without_part), known)
-            nominal = PointErrorSums.of(model.nominal_.tips(at.state), known)
-        names = tuple(f"{used.called(row)} of {task.part.file.name}" for row in gross[:MAX_NAMED].tolist())
-        total = total + PartSums(len(given), sums, InputRanges.of(used), held_out, nominal, names)
-    return total
+    used = within_limits(given, model.arm, task.limits).session
+    used = used.rows(used.has_point)
+    if not len(used):
+        return PartSums(len(given), ReadingSums.zero(len(x)))
+    check_has_reference(used, model.arm, purpose="fit to")
+    at = model.at(used)
+    points = next(one for one in references_of(used, None) if isinstance(one, Points))
+    sums, gross = ReadingSums.of(chain, at.state, points, x, task.at.noise_mm2, task.gross)
+    held_out = nominal = PointErrorSums()
+    if task.without_part is not None:
+        known = points.points.copy()
+        known[gross] = np.nan
+        held_out = PointErrorSums.of(chain.tips(at.state, task.without_part), known)
+        nominal = PointErrorSums.of(model.nominal_.tips(at.state), known)
+    names = tuple(f"{used.called(row)} of {task.part.file.name}" for row in gross[:MAX_NAMED].tolist())
+    return PartSums(len(given), sums, InputRanges.of(used), held_out, nominal, names)
 
 
 def fit_large(
@@ -193,7 +202,7 @@ def fit_large(
         return LargeFit(found, len(large), why_not)
     identified_model = to_identified(found.model)
     assert identified_model is not None
-    return _by_all_readings(found, identified_model, large, limits, executor, progress)
+    return _by_all_readings(found, identified_model, large, limits, accept, executor, progress)
 
 
 def _why_of_sample(found: FitResult) -> str:
@@ -213,6 +222,7 @@ def _by_all_readings(
     of_sample: IdentifiedModel,
     large: LargeSession,
     limits: Limits,
+    accept: str | None,
     executor: Executor,
     progress: Callable[[int, str], None] | None,
 ) -> LargeFit:
@@ -223,7 +233,7 @@ def _by_all_readings(
     by_fold: dict[int, FloatArray] = {}
     for n_pass in range(1, MAX_PASSES + 1):
         tasks = [
-            SumTask(part, light, at, by_fold.get(fold), gross, limits)
+            SumTask(part, light, at, by_fold.get(fold), gross, limits, accept)
             for part, fold in zip(large.parts, folds, strict=True)
         ]
         of_folds: dict[int, PartSums] = {}
@@ -235,7 +245,7 @@ def _by_all_readings(
                 progress(n_read, f"pass {n_pass}: {n_read} of {len(large)} readings")
         total = sum(list(of_folds.values())[1:], next(iter(of_folds.values())))
         following = improved(arm, at, total.sums)
-        if following.is_settled and n_pass > 1:
+        if n_pass == MAX_PASSES or (following.is_settled and n_pass > 1):
             break
         if len(of_folds) > 1:
             by_fold = {fold: without_part(arm, at, total.sums, one.sums) for fold, one in of_folds.items()}
@@ -244,6 +254,7 @@ def _by_all_readings(
     errors = scale_errors(found.session, is_frame_free="base" in of_sample.free_)
     same = of_sample.kind == "nominal"
     whole, effect = identified(arm, at, total.sums, sample=sample.state, scale_errors=errors, same_every_day=same)
+    whole = replace(whole, converged=following.is_settled, rounds=n_pass)
     new = copy.copy(of_sample)
     new.fit_, new.training_ = whole, total.inputs.conditions(of_sample.training_)
     if same:
@@ -350,6 +361,8 @@ class LargeFit(Record):
                 f"Constants and their uncertainty are those of {used} readings, in {self.n_passes} passes; terms, what "
                 f"is unexplained and which readings are gross errors, those of {n_sample} of them, evenly spaced."
             )
+            if not self.model.fit_.converged:
+                yield f"The constants still changed in pass {self.n_passes}: their uncertainty may be larger."
             said = describe_effective_number(self.n_effective, used, self.effect.is_settled)
             yield f"{said}." if self.effect.factor <= 1 else f"{said}, which the uncertainty of the constants contains."
             yield from self._skipped(self.total)
