@@ -316,7 +316,7 @@ def _files(path: Path) -> list[Path]:
         if file.suffix in SUFFIXES and not any(part[0] in "._" for part in file.relative_to(path).parts)
     )
     if not found:
-        raise InputError(f"expected session files ({', '.join(SUFFIXES)}) in the folder, got none", file=path)
+        raise InputError(f"expected session files ({', '.join(SUFFIXES)}), got a folder without any", file=path)
     return found
 
 
