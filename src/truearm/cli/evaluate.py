@@ -59,12 +59,13 @@ def evaluate(
     A folder of session files, or a file beyond 512 MB, is read part by part, and --workers or --scheduler shares the
     parts out; only its reference points are compared (docs/large-sessions.md).
     """
-    from truearm.fleet.executors import chosen_executor
     from truearm.readings.large_sessions import is_large
     from truearm.workflows.evaluate import evaluate as evaluate_model
-    from truearm.workflows.evaluate_large import evaluate_large
 
     if is_large(session):
+        from truearm.fleet.executors import chosen_executor  # no small session waits for these
+        from truearm.workflows.evaluate_large import evaluate_large
+
         refuse_typed(context, ("lengths",), "does not apply to large sessions")
         with progress(f"evaluating {session.name}") as update:
             large = evaluate_large(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from typer import Argument, Option
@@ -27,6 +27,9 @@ from truearm.cli.options import (
     refuse_typed,
 )
 from truearm.errors import InputError
+
+if TYPE_CHECKING:
+    from truearm.workflows.fit_large import LargeFit
 
 # The models that have an option.
 MODELS_OF: dict[str, tuple[str, ...]] = {
@@ -110,11 +113,8 @@ def fit(
     """
     from truearm.arm import dh_table, load_arm, write_arm
     from truearm.arm.catalogue import arm_path
-    from truearm.fleet.executors import chosen_executor
     from truearm.readings.large_sessions import is_large
-    from truearm.workflows.fit import FitResult
     from truearm.workflows.fit import fit as fit_model
-    from truearm.workflows.fit_large import LargeFit, fit_large
 
     check_options(context, model)
     arm_file = None if arm is None else arm_path(arm)
@@ -144,25 +144,28 @@ def fit(
     refuse_typed(
         context, ("lengths",) if large else LARGE_ONLY, "does not apply to large sessions" if large else ONLY_LARGE
     )
-    record: FitResult | LargeFit
+    of_large: LargeFit | None = None
     with progress(f"fitting {model}", total=None if large else total) as report:
         options |= {"model": model, "free": parts, "limits": limits, "accept": accept, "progress": report}
         if large:
-            record = fit_large(arm, session, executor=chosen_executor(workers, scheduler), **options)
-            result = record.result
+            from truearm.fleet.executors import chosen_executor  # no small session waits for these
+            from truearm.workflows.fit_large import fit_large
+
+            of_large = fit_large(arm, session, executor=chosen_executor(workers, scheduler), **options)
+            result = of_large.result
         else:
-            record = result = fit_model(arm, session, lengths=lengths, **options)
+            result = fit_model(arm, session, lengths=lengths, **options)
         result.save(out)
         if apply is not None and not result.identifies_constants:
             why = f"{apply} is not written: the nominal arm was kept, and no joint zeros were identified."
             result, apply = replace(result, remarks=(*result.remarks, why)), None
-            record = replace(record, result=result) if isinstance(record, LargeFit) else result
         if apply is not None:
             try:
                 write_arm(result.arm_with_zeros(), apply)
             except InputError as error:
                 written = f"the model is written to {out}"
                 raise error.with_hint(f"{error.hint}; {written}" if error.hint else written) from None
+    record = result if of_large is None else replace(of_large, result=result)
     print_record(record, as_json=as_json, files={"model": out, "arm": apply})
 
 

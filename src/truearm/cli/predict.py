@@ -60,16 +60,17 @@ def predict(
     A folder of session files, or a file beyond 512 MB, is read part by part, and --workers or --scheduler shares the
     parts out (docs/large-sessions.md).
     """
-    from truearm.fleet.executors import chosen_executor
     from truearm.readings.large_sessions import is_large
     from truearm.workflows.predict import predict as predict_points
-    from truearm.workflows.predict_large import predict_large
 
     if (out is None) == (into is None):
         raise InputError("expected --out or --into", hint="--out points.csv")
     if into is None:
         refuse_typed(context, ("date", "artefact_temperature"), "applies to --into only")
     if is_large(session):
+        from truearm.fleet.executors import chosen_executor  # no small session waits for these
+        from truearm.workflows.predict_large import predict_large
+
         refuse_typed(context, ("into",), "does not apply to large sessions", hint="--out points.csv")
         assert out is not None
         check_output(out, model, session)
