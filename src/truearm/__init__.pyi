@@ -102,3 +102,9 @@ from truearm.workflows.verify import VerificationResult as VerificationResult
 from truearm.workflows.verify import verify as verify
 
 __version__: str
+from truearm.workflows.evaluate_large import LargeEvaluation as LargeEvaluation
+from truearm.workflows.evaluate_large import evaluate_large as evaluate_large
+from truearm.workflows.fit_large import LargeFit as LargeFit
+from truearm.workflows.fit_large import fit_large as fit_large
+from truearm.workflows.predict_large import LargePrediction as LargePrediction
+from truearm.workflows.predict_large import predict_large as predict_large

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -12,11 +13,15 @@ from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
+import truearm as ta
 from truearm.errors import TruearmError
 from truearm.fleet import executors
-from truearm.fleet.executors import Dask, Processes, Serial, WorkerLost
+from truearm.fleet.executors import Dask, Processes
+from truearm.solve.executor import Serial, WorkerLost
+from truearm.workflows.evaluate_large import evaluate_large
 
 
 def square(x: float) -> float:
@@ -173,3 +178,20 @@ def test_a_restarted_scheduler_gets_what_is_left(tmp_path):
             process.kill()
             process.wait()
     assert sorted(found) == [(i, i) for i in range(12)]
+
+
+def test_sums_over_a_large_session_are_the_same_on_a_cluster(cluster, tmp_path):
+    session = ta.simulate("ur10", poses=300, seed=1).session
+    model = ta.fit("ur10", session.rows(np.arange(60)), model="nominal").model
+    for name, rows in (("a", np.arange(200)), ("b", np.arange(200, 300))):
+        session.rows(rows).save(tmp_path / f"{name}.csv")
+    found = evaluate_large(model, tmp_path, executor=Dask(cluster.scheduler_address))
+    assert found.n_parts == 2
+    assert found.to_dict() == evaluate_large(model, tmp_path).to_dict()
+
+
+def test_only_the_room_of_fleets_knows_dask():
+    package = Path(ta.__file__).parent
+    importing = re.compile(r"^\s*(?:import|from) (?:dask|distributed|joblib)\b", flags=re.MULTILINE)
+    found = [path for path in package.rglob("*.py") if importing.search(path.read_text(encoding="utf-8"))]
+    assert [path.relative_to(package).as_posix() for path in found] == ["fleet/executors.py"]

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from truearm.errors import InputError, TruearmError
-from truearm.files import delimited
+from truearm.files import delimited, table_writer
 from truearm.readings import Session, files, read_session, write_session
 
 HEADER = "q1_deg,q2_deg,x_mm,y_mm,z_mm\n"
@@ -495,7 +495,7 @@ def test_without_pyarrow_the_message_says_what_to_install(tmp_path, monkeypatch)
     def missing(name: str, *rest: object) -> object:
         raise ImportError(name)
 
-    monkeypatch.setattr(files.importlib, "import_module", missing)
+    monkeypatch.setattr(table_writer.importlib, "import_module", missing)
     with pytest.raises(InputError, match=r"pip install 'truearm\[parquet\]'"):
         write_session(Session([[1.0]]), tmp_path / "s.parquet")
     assert not list(tmp_path.iterdir())
@@ -513,9 +513,9 @@ def test_a_failure_while_writing_leaves_what_was_there(tmp_path, monkeypatch, su
         raise OSError(28, "No space left on device")
 
     if suffix == ".csv":
-        monkeypatch.setattr(files, "write_columns", full)
+        monkeypatch.setattr(table_writer, "append_rows", full)
     else:
-        monkeypatch.setattr(importlib.import_module("pyarrow.parquet"), "write_table", full)
+        monkeypatch.setattr(importlib.import_module("pyarrow.parquet").ParquetWriter, "write_table", full)
     with pytest.raises(TruearmError, match=f"{path.name}: the file cannot be written .No space left on device."):
         write_session(Session([[1.0]]), path)
     assert [p.name for p in tmp_path.iterdir()] == [path.name]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from typer import Argument, Option
@@ -13,16 +13,23 @@ from truearm.choices import ModelName, Trainer
 from truearm.cli.console import check_new_file, check_output, print_record, progress
 from truearm.cli.options import (
     ARM_HELP,
+    LARGE_ONLY,
+    ONLY_LARGE,
     AcceptOption,
     Force,
     Json,
     LengthsFile,
     LimitsOption,
     ModelOut,
+    SchedulerOption,
+    WorkersOption,
     free_parts,
     refuse_typed,
 )
 from truearm.errors import InputError
+
+if TYPE_CHECKING:
+    from truearm.workflows.fit_large import LargeFit
 
 # The models that have an option.
 MODELS_OF: dict[str, tuple[str, ...]] = {
@@ -43,7 +50,9 @@ MODELS_OF: dict[str, tuple[str, ...]] = {
 
 def fit(
     context: typer.Context,
-    session: Annotated[Path, Argument(metavar="SESSION", help="Session file with reference points or seats.")],
+    session: Annotated[
+        Path, Argument(metavar="SESSION", help="Session file with reference points or seats, or folder of files.")
+    ],
     out: ModelOut,
     arm: Annotated[str | None, Option("--arm", help=f"{ARM_HELP} A network needs none.")] = None,
     model: Annotated[ModelName, Option(help="What to fit: see above.")] = "auto",
@@ -84,6 +93,8 @@ def fit(
         Path | None, Option(help="Write the nominal arm with the joint zeros found to a new arm file, .toml or .urdf.")
     ] = None,
     force: Force = False,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
     as_json: Json = False,
 ) -> None:
     """Identify an arm: fit a model to its readings.
@@ -100,9 +111,13 @@ def fit(
 
     --free base,tip: the reference has a frame of its own, and the position of the tip on the flange is not known (a
     laser tracker). --free none: points are in the arm's base frame and the tip is known.
+
+    A folder of session files, or a file beyond 512 MB, is read part by part, and --workers or --scheduler shares the
+    parts out: nominal and kinematic models use all readings, others 20000 of them (docs/large-sessions.md).
     """
     from truearm.arm import dh_table, load_arm, write_arm
     from truearm.arm.catalogue import arm_path
+    from truearm.readings.large_sessions import is_large
     from truearm.workflows.fit import fit as fit_model
 
     check_options(context, model)
@@ -129,19 +144,22 @@ def fit(
     if no_residual_process:
         options["residual"] = False
     parts = free_parts(free)
-    with progress(f"fitting {model}", total=total) as report:
-        result = fit_model(
-            arm,
-            session,
-            model=model,
-            lengths=lengths,
-            free=parts,
-            limits=limits,
-            prior=prior,
-            accept=accept,
-            progress=report,
-            **options,
-        )
+    large = is_large(session)
+    refuse_typed(
+        context, ("lengths",) if large else LARGE_ONLY, "does not apply to large sessions" if large else ONLY_LARGE
+    )
+    of_large: LargeFit | None = None
+    with progress(f"fitting {model}", total=None if large else total) as report:
+        options |= {"model": model, "free": parts, "limits": limits, "prior": prior, "accept": accept}
+        options["progress"] = report
+        if large:
+            from truearm.fleet.executors import chosen_executor  # no small session waits for these
+            from truearm.workflows.fit_large import fit_large
+
+            of_large = fit_large(arm, session, executor=chosen_executor(workers, scheduler), **options)
+            result = of_large.result
+        else:
+            result = fit_model(arm, session, lengths=lengths, **options)
         result.save(out)
         if apply is not None and not result.identifies_constants:
             why = f"{apply} is not written: the nominal arm was kept, and no joint zeros were identified."
@@ -152,7 +170,8 @@ def fit(
             except InputError as error:
                 written = f"the model is written to {out}"
                 raise error.with_hint(f"{error.hint}; {written}" if error.hint else written) from None
-    print_record(result, as_json=as_json, files={"model": out, "arm": apply})
+    record = result if of_large is None else replace(of_large, result=result)
+    print_record(record, as_json=as_json, files={"model": out, "arm": apply})
 
 
 def check_options(context: typer.Context, model: str) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from typer import Argument, Context, Exit, Option, Typer
 
@@ -22,17 +22,12 @@ from truearm.cli.check import (
     print_withdrawal,
 )
 from truearm.cli.console import check_new_file, check_page_path, print_line, print_record, progress
-from truearm.cli.options import ARM_HELP, AcceptOption, Force, Json, LengthsFile
-
-if TYPE_CHECKING:
-    from truearm.fleet.executors import Executor
+from truearm.cli.options import ARM_HELP, AcceptOption, Force, Json, LengthsFile, SchedulerOption, WorkersOption
 
 Folder = Annotated[Path, Argument(metavar="FOLDER", help="Folder of the fleet.")]
 Verify = Annotated[
     bool, Option("--verify", help="Read every session file, also those of which size and time are as they were.")
 ]
-Workers = Annotated[int | None, Option(min=1, help="Processes of this machine; without it, one arm at a time.")]
-Scheduler = Annotated[str | None, Option(metavar="ADDRESS", help="Dask cluster: address of its scheduler.")]
 
 fleet = Typer(
     rich_markup_mode=None,
@@ -181,8 +176,8 @@ def check(
 @fleet.command()
 def run(
     folder: Folder,
-    workers: Workers = None,
-    scheduler: Scheduler = None,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
     verify: Verify = False,
     as_json: Json = False,
 ) -> None:
@@ -192,9 +187,10 @@ def run(
     failure stops no other; a failed or worse fit replaces no model in force. Results are the same whoever computes.
     Exit code 1: some arms failed.
     """
+    from truearm.fleet.executors import chosen_executor
     from truearm.fleet.fleet import Fleet
 
-    executor = _executor(workers, scheduler)
+    executor = chosen_executor(workers, scheduler)
     opened = Fleet(folder)
     with progress(f"fitting {folder.name}") as update:
         result = opened.run(executor, verify=verify, progress=update)
@@ -233,8 +229,8 @@ def prior(
     folder: Folder,
     into: Annotated[Path, Option(help="File to write, for truearm fit --prior.")],
     arm: Annotated[str | None, Option("--arm", help="The type, if the fleet has several: its nominal arm.")] = None,
-    workers: Workers = None,
-    scheduler: Scheduler = None,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -244,10 +240,11 @@ def prior(
     predicted from 10 and from 20 of its readings; the file is written only if the others help. Exit code 1: they do
     not, and nothing is written.
     """
+    from truearm.fleet.executors import chosen_executor
     from truearm.fleet.fleet import Fleet
 
     check_new_file(into, force=force)
-    executor, opened = _executor(workers, scheduler), Fleet(folder)
+    executor, opened = chosen_executor(workers, scheduler), Fleet(folder)
     with progress(f"learning from {folder.name}") as update:
         learned = opened.type_prior(arm, executor=executor, progress=update)
         if learned.helps:
@@ -255,15 +252,3 @@ def prior(
     opened.close()
     print_record(learned, as_json=as_json, files={"prior": into if learned.helps else None})
     raise Exit(0 if learned.helps else 1)
-
-
-def _executor(workers: int | None, scheduler: str | None) -> Executor:
-    """Who computes."""
-    from truearm.errors import InputError
-    from truearm.fleet.executors import Dask, Processes, Serial
-
-    if workers is not None and scheduler is not None:
-        raise InputError("expected --workers or --scheduler, got both")
-    if scheduler is not None:
-        return Dask(scheduler)
-    return Serial() if workers is None else Processes(workers)

@@ -41,6 +41,15 @@ AcceptOption = Annotated[
     str | None,
     Option("--accept", metavar="REASON", help="Go on where readings contradict arm or model; the reason is kept."),
 ]
+WorkersOption = Annotated[
+    int | None, Option("--workers", min=1, help="Processes of this machine; without it, one task at a time.")
+]
+SchedulerOption = Annotated[
+    str | None, Option("--scheduler", metavar="ADDRESS", help="Dask cluster: address of its scheduler.")
+]
+# Options for large sessions, and why they are refused with others.
+LARGE_ONLY = ("workers", "scheduler")
+ONLY_LARGE = "applies to large sessions only: folders of session files, and files beyond 512 MB"
 
 # Of the commands that fill in points to measure.
 IntoForm = Annotated[

@@ -10,6 +10,8 @@ from typer import Argument, Option
 
 from truearm.cli.console import check_output, check_output_is_not_input, print_record, progress
 from truearm.cli.options import (
+    LARGE_ONLY,
+    ONLY_LARGE,
     AcceptOption,
     ConditionsOption,
     FormDate,
@@ -17,6 +19,8 @@ from truearm.cli.options import (
     IntoForm,
     Json,
     ModelFile,
+    SchedulerOption,
+    WorkersOption,
     refuse_typed,
 )
 from truearm.errors import InputError
@@ -29,15 +33,18 @@ def predict(
         Path,
         Argument(
             metavar="SESSION",
-            help="Session file; its angles, and temperature, payload_kg, loads, directions and tip if there, are used.",
+            help="Session file, or folder of files; its angles, and temperature, payload_kg, loads, directions and tip "
+            "if there, are used.",
         ),
     ],
-    out: Annotated[Path | None, Option(help="Table of points to write, .csv.")] = None,
+    out: Annotated[Path | None, Option(help="Table of points to write, .csv; of a large session .parquet too.")] = None,
     into: IntoForm = None,
     date: FormDate = None,
     artefact_temperature: FormTemperature = None,
     conditions: ConditionsOption = "reproducibility",
     accept: AcceptOption = None,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
     as_json: Json = False,
 ) -> None:
     """Compensate: turn joint angles into corrected coordinates.
@@ -49,13 +56,37 @@ def predict(
 
     --into fills in a file of points to measure instead, a reading for each row without coordinates, in their order, and
     states there which model computed them (coordinates_from, model, model_sha256, outside_training).
+
+    A folder of session files, or a file beyond 512 MB, is read part by part, and --workers or --scheduler shares the
+    parts out (docs/large-sessions.md).
     """
+    from truearm.readings.large_sessions import is_large
     from truearm.workflows.predict import predict as predict_points
 
     if (out is None) == (into is None):
         raise InputError("expected --out or --into", hint="--out points.csv")
     if into is None:
         refuse_typed(context, ("date", "artefact_temperature"), "applies to --into only")
+    if is_large(session):
+        from truearm.fleet.executors import chosen_executor  # no small session waits for these
+        from truearm.workflows.predict_large import predict_large
+
+        refuse_typed(context, ("into",), "does not apply to large sessions", hint="--out points.csv")
+        assert out is not None
+        check_output(out, model, session)
+        with progress(f"predicting {session.name}") as update:
+            large = predict_large(
+                model,
+                session,
+                out,
+                conditions=conditions,
+                accept=accept,
+                executor=chosen_executor(workers, scheduler),
+                progress=update,
+            )
+        print_record(large, as_json=as_json, files={"points": out})
+        return
+    refuse_typed(context, LARGE_ONLY, ONLY_LARGE)
     if out is not None:
         check_output(out, model, session, endings=(".csv",))
     with progress(f"predicting {session.name}"):

@@ -25,9 +25,15 @@ def split(
 
     Readings of one position (seat, session) are neighbours and stay together, or the test would be too easy. Columns
     of notes are not copied.
+
+    A folder of session files, or a file beyond 512 MB, is read part by part; by row, 8192 consecutive readings stay
+    together.
     """
     from truearm.files.atomic_write import atomic_file, is_same_file
+    from truearm.files.table_writer import table_writer
     from truearm.readings import check_session_path, hold_out, read_session, write_session
+    from truearm.readings.columns import session_columns
+    from truearm.readings.large_sessions import LargeSession, held_out_rows, is_large
     from truearm.readings.split import SplitBy
 
     if is_same_file(train, test):
@@ -36,12 +42,26 @@ def split(
         check_output_is_not_input(path, session)
         check_session_path(path)
         check_new_file(path, force=force)
-    with progress(f"splitting {session.name}"):
-        readings = read_session(session)
-        parts = hold_out(readings, by=cast(SplitBy, by), fraction=share, seed=seed)
+    counts = [0, 0]
+    with progress(f"splitting {session.name}") as update:
         # Both or none: a new training file beside an old test file would share readings with it.
-        with atomic_file(train) as new_train, atomic_file(test) as new_test:
-            for path, part in zip((new_train, new_test), parts, strict=True):
-                write_session(part, path)
-    for path, part in zip((train, test), parts, strict=True):
-        print_line(f"{path}: {len(part)} of {len(readings)} readings")
+        if is_large(session):
+            large = LargeSession.open(session)
+            held = held_out_rows(large, by=by, fraction=share, seed=seed)
+            with table_writer(train) as append_train, table_writer(test) as append_test:
+                for part in large.parts:
+                    for readings in part.sessions():
+                        is_held = held(readings, sum(counts))
+                        for i, (append, rows) in enumerate(((append_train, ~is_held), (append_test, is_held))):
+                            if rows.any():
+                                append(session_columns(readings.rows(rows)))
+                                counts[i] += int(rows.sum())
+                        update(sum(counts), f"{sum(counts)} of {len(large)} readings")
+        else:
+            parts = hold_out(read_session(session), by=cast(SplitBy, by), fraction=share, seed=seed)
+            with atomic_file(train) as new_train, atomic_file(test) as new_test:
+                for i, (path, one) in enumerate(zip((new_train, new_test), parts, strict=True)):
+                    write_session(one, path)
+                    counts[i] = len(one)
+    for path, n in zip((train, test), counts, strict=True):
+        print_line(f"{path}: {n} of {sum(counts)} readings")

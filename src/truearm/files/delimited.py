@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 
@@ -63,7 +63,9 @@ class Sheet:
     separator, decimal : str
         One character each.
     data : bytes
-        The whole file in UTF-8.
+        The whole file in UTF-8, or its lines from `data_line` on.
+    data_line : int
+        The line of `file` with which `data` begins.
     """
 
     file: Path
@@ -73,6 +75,7 @@ class Sheet:
     separator: str
     decimal: str
     data: bytes
+    data_line: int = 1
 
     def error(
         self, problem: str, row: int | None = None, *, column: str | int | None = None, hint: str | None = None
@@ -90,7 +93,7 @@ class Sheet:
             If a row has too many or too few cells, a line break, or nothing at all while others follow.
         """
         lines = physical_lines(self.data)
-        for _ in range(self.first_line - 1):
+        for _ in range(self.first_line - self.data_line):
             next(lines)
         reader, width, empty = _cells_of(lines, self.separator), len(self.names), None
         row = -1
@@ -240,11 +243,23 @@ def write_columns(
     A name that a spreadsheet would run as a formula gets an apostrophe in front; `read_columns` removes it.
     """
     with path.open("w", encoding="utf-8", newline="") as out:
-        writer = csv.writer(out, lineterminator="\n")
+        append_rows(out, columns, decimals=decimals, header=True)
+
+
+def append_rows(
+    out: TextIO,
+    columns: Mapping[str, FloatArray | IntArray | NameArray],
+    *,
+    decimals: int | None = None,
+    header: bool = False,
+) -> None:
+    """Append rows to a table as `write_columns` writes it, after its header where it has none yet."""
+    writer = csv.writer(out, lineterminator="\n")
+    if header:
         writer.writerow(columns)
-        for start in range(0, len(next(iter(columns.values()))), _CHUNK):
-            # Python's floats write themselves with the fewest digits that come back the same.
-            writer.writerows(zip(*(_cells(v[start : start + _CHUNK], decimals) for v in columns.values()), strict=True))
+    for start in range(0, len(next(iter(columns.values()))), _CHUNK):
+        # Python's floats write themselves with the fewest digits that come back the same.
+        writer.writerows(zip(*(_cells(v[start : start + _CHUNK], decimals) for v in columns.values()), strict=True))
 
 
 def as_utf8(data: bytes, path: Path, encoding: str, *, hint: str = "save it as 'CSV UTF-8'") -> bytes:

@@ -37,9 +37,12 @@ def read_form(path: str | Path) -> Sheet:
         If the file is missing, too large or binary, a row does not fit the header, or 1,234 may mean 1.234 as well as
         1234.
     """
-    path = Path(path)
-    data = read_limited(path, limit_bytes=MAX_BYTES)
-    text = as_utf8(data, path, _encoding(data))
+    return form_of(read_limited(path, limit_bytes=MAX_BYTES), Path(path))
+
+
+def form_of(data: bytes, path: Path) -> Sheet:
+    """The form in the bytes of a file; see `read_form`."""
+    text = as_utf8(data, path, encoding_of_form(data))
     head = first_line(text, path, 0, "a header line with the names of the columns")
     separator = _separator(head)
     names = split_line(head, separator)
@@ -53,7 +56,7 @@ def _separator(head: str) -> str:
     return max(SEPARATORS, key=head.count)
 
 
-def _encoding(data: bytes) -> str:
+def encoding_of_form(data: bytes) -> str:
     """UTF-8, or Windows' encoding where the separator is a local one too."""
     encoding = recognise_encoding(data)
     head = data.partition(b"\n")[0].decode("latin-1")

@@ -1,6 +1,6 @@
-"""Who computes many tasks: this process, several processes, or a Dask cluster.
+"""Who computes many tasks beside this process: several processes, or a Dask cluster (`truearm.solve.executor`).
 
-All three give the same results, in the order in which they are ready. What a task raises passes through to the caller,
+All give the same results, in the order in which they are ready. What a task raises passes through to the caller,
 so a task that may fail returns its failure. A worker that is killed costs the task that it had, not the run.
 """
 
@@ -13,51 +13,16 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from multiprocessing import get_context
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
-from truearm.errors import TruearmError
+from truearm.errors import InputError, TruearmError
+from truearm.solve.executor import Executor, Serial, WorkerLost
 
 T = TypeVar("T")
 R = TypeVar("R")
 
 # Workers that one task may lose before it is given up.
 MAX_LOST = 3
-
-
-@dataclass(frozen=True)
-class WorkerLost:
-    """A task without a result: its workers were killed, `MAX_LOST` times."""
-
-    reason: str
-
-
-class Executor(Protocol):
-    """Computes tasks."""
-
-    def results(self, function: Callable[[T], R], tasks: Sequence[T]) -> Iterator[tuple[int, R | WorkerLost]]:
-        """Compute ``function(task)`` for each task.
-
-        Parameters
-        ----------
-        function : callable
-            Of a module, and so are its tasks: other processes import them by name.
-        tasks : sequence
-
-        Yields
-        ------
-        tuple of int and object
-            The number of a task, counted from 0, with its result; each once, as they become ready.
-        """
-        ...
-
-
-class Serial:
-    """One task after the other, in this process."""
-
-    def results(self, function: Callable[[T], R], tasks: Sequence[T]) -> Iterator[tuple[int, R | WorkerLost]]:
-        """See `Executor.results`."""
-        for i, task in enumerate(tasks):
-            yield i, function(task)
 
 
 @dataclass(frozen=True)
@@ -171,3 +136,18 @@ def _distributed() -> Any:
     except ModuleNotFoundError:
         raise TruearmError("a Dask cluster needs the package distributed: pip install 'truearm[dask]'") from None
     return distributed
+
+
+def chosen_executor(workers: int | None, scheduler: str | None) -> Executor:
+    """The engine that the options ``--workers`` and ``--scheduler`` choose; without both, this process.
+
+    Raises
+    ------
+    InputError
+        If both are given.
+    """
+    if workers is not None and scheduler is not None:
+        raise InputError("expected --workers or --scheduler, got both")
+    if scheduler is not None:
+        return Dask(scheduler)
+    return Serial() if workers is None else Processes(workers)

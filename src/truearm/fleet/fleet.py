@@ -24,7 +24,6 @@ from truearm.files.file_reading import parse_file, utf8_text
 from truearm.files.toml_documents import reject_control_characters, toml_text
 from truearm.fleet.arm_list import RegisteredArm
 from truearm.fleet.certificates import read_registered
-from truearm.fleet.executors import Executor, Serial, WorkerLost
 from truearm.fleet.fit_task import FitRow, FitTask, fit_arm, key_of
 from truearm.fleet.fleet_run import FleetRun
 from truearm.fleet.fleet_status import ArmRecords, FleetFigures, FleetStatus, arm_state, history_page
@@ -32,6 +31,7 @@ from truearm.fleet.results import write_results
 from truearm.fleet.stored_files import FileHashes, check_stored, is_url
 from truearm.fleet.type_prior import LearnedTypePrior, learn_type_prior
 from truearm.pages.html import write_page
+from truearm.solve.executor import Executor, Serial, WorkerLost
 from truearm.verification.monitor.history import History
 from truearm.workflows.check import CheckResult, check
 from truearm.workflows.inputs import LengthsLike, SessionLike

@@ -15,7 +15,6 @@ from truearm.compensation.models import KinematicModel
 from truearm.compensation.models.arm_check import with_serial_number
 from truearm.errors import InputError, TruearmError
 from truearm.fleet.arm_list import RegisteredArm
-from truearm.fleet.executors import Executor, WorkerLost
 from truearm.fleet.stored_files import local_copy
 from truearm.identification.identify import Start, estimate_without_gross_errors
 from truearm.identification.judgement.type_gain import ArmEquations, estimate_type
@@ -24,6 +23,7 @@ from truearm.identification.terms.type_prior import FORMAT, ConstantPrior, TypeP
 from truearm.readings import Session, read_session
 from truearm.readings.lengths import Lengths
 from truearm.readings.repeats import merge_repeats
+from truearm.solve.executor import Executor, WorkerLost
 from truearm.solve.threads import one_blas_thread
 from truearm.workflows.inputs import within_limits
 from truearm.workflows.record import Record, TextTable, format_fixed

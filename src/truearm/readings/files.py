@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import importlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,10 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.errors import InputError
-from truearm.files.atomic_write import atomic_file, check_writable
-from truearm.files.delimited import MAX_BYTES, quoted_cell, read_columns, write_columns
+from truearm.files.atomic_write import check_writable
+from truearm.files.delimited import MAX_BYTES, Sheet, quoted_cell, read_columns
 from truearm.files.file_reading import check_readable
 from truearm.files.spreadsheet_forms import read_form
+from truearm.files.table_writer import pyarrow_modules, table_writer
 from truearm.readings.columns import (
     AngleUnit,
     fields_of_columns,
@@ -29,15 +31,24 @@ if TYPE_CHECKING:
 
 # Cells of a Parquet file before they are unpacked: a small file can hold very many equal ones.
 MAX_CELLS = 2**27
+LARGE = "truearm fit, predict, evaluate and split read folders and larger files part by part (docs/large-sessions.md)"
 
 
 def read_fields(path: str | Path, *, n_joints: int | None = None) -> dict[str, Any]:
     """Fields of the readings in a session file, by name; see `truearm.readings.session.read_session`."""
     path = Path(path)
-    check_readable(path, limit_bytes=MAX_BYTES)
-    if path.suffix in (".parquet", ".pq") or _begins_as_parquet(path):
+    try:
+        check_readable(path, limit_bytes=MAX_BYTES)
+    except InputError as error:
+        raise error.with_hint(LARGE) if path.is_dir() or path.is_file() else error from None
+    if is_parquet(path):
         return fields_of_frame(_read_parquet(path, n_joints), file=path, n_joints=n_joints)
-    sheet = read_form(path)
+    return fields_of_sheet(read_form(path), n_joints=n_joints)
+
+
+def fields_of_sheet(sheet: Sheet, *, n_joints: int | None = None) -> dict[str, Any]:
+    """Fields of the readings in the rows of a session file, by name."""
+    path = sheet.file
     columns = recognise_columns(sheet.names, file=path, line=1, n_joints=n_joints)
     groups = ([sheet.names.index(c) for c in g] for g in (columns.numbers, columns.words, columns.optional))
     unfilled: list[int] = []
@@ -88,16 +99,8 @@ def write_session(
                 f"a {name} must be one line of text, got {quoted_cell(str(broken))}", file=path, column=name
             )
     columns = session_columns(session, prismatic, angle_unit)
-    with atomic_file(path) as beside:
-        if path.suffix == ".parquet":
-            arrow, parquet = _pyarrow(path)
-            # from_pandas: what is missing (NaN) becomes an empty cell.
-            table = {
-                n: arrow.array(v.tolist() if v.dtype.kind == "U" else v, from_pandas=True) for n, v in columns.items()
-            }
-            parquet.write_table(arrow.table(table), beside)
-        else:
-            write_columns(beside, columns)
+    with table_writer(path) as append:
+        append(columns)
 
 
 def check_session_path(path: str | Path) -> None:
@@ -113,14 +116,17 @@ def check_session_path(path: str | Path) -> None:
         raise InputError(f"expected a file name that ends in .csv or .parquet, got {path.name!r}", file=path)
     check_writable(path)
     if path.suffix == ".parquet":
-        _pyarrow(path)
+        pyarrow_modules(path)
 
 
 def _first_broken(words: NameArray) -> str | None:
     return next((w for w in np.unique(words).tolist() if any(sign in w for sign in "\n\r\0")), None)
 
 
-def _begins_as_parquet(path: Path) -> bool:
+def is_parquet(path: Path) -> bool:
+    """Whether a file is of Parquet, by its name or by how it begins."""
+    if path.suffix in (".parquet", ".pq"):
+        return True
     try:
         with path.open("rb") as file:
             return file.read(4) == b"PAR1"
@@ -128,29 +134,31 @@ def _begins_as_parquet(path: Path) -> bool:
         return False  # read_form says what is wrong
 
 
-def _pyarrow(path: Path) -> tuple[Any, Any]:
-    try:
-        return importlib.import_module("pyarrow"), importlib.import_module("pyarrow.parquet")
-    except ImportError:
-        raise InputError(
-            "Parquet needs the package pyarrow, which is not installed",
-            file=path,
-            hint="pip install 'truearm[parquet]', or use a .csv file",
-        ) from None
-
-
 def _read_parquet(path: Path, n_joints: int | None) -> pd.DataFrame:
     """Read the columns of a session, after a check of the size to which they would unpack."""
-    arrow, parquet = _pyarrow(path)
+    with open_parquet(path) as file:
+        names = file.schema_arrow.names
+        columns = recognise_columns(names, file=path, line=None, n_joints=n_joints)
+        n_rows = file.metadata.num_rows
+        if n_rows * len(names) > MAX_CELLS:
+            raise InputError(f"expected at most {MAX_CELLS} cells, got {n_rows} rows", file=path, hint=LARGE)
+        frame: pd.DataFrame = file.read([*columns.numbers, *columns.words]).to_pandas(ignore_metadata=True)
+        return frame
+
+
+@contextmanager
+def open_parquet(path: Path) -> Iterator[Any]:
+    """A Parquet file (`pyarrow.parquet.ParquetFile`), whose damage is reported as such.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read.
+    """
+    arrow, parquet = pyarrow_modules(path)
     try:
         with parquet.ParquetFile(path) as file:
-            names = file.schema_arrow.names
-            columns = recognise_columns(names, file=path, line=None, n_joints=n_joints)
-            n_rows = file.metadata.num_rows
-            if n_rows * len(names) > MAX_CELLS:
-                raise InputError(f"expected at most {MAX_CELLS} cells, got {n_rows} rows", file=path)
-            frame: pd.DataFrame = file.read([*columns.numbers, *columns.words]).to_pandas(ignore_metadata=True)
-            return frame
+            yield file
     except InputError:
         raise
     except (arrow.ArrowException, OSError, ValueError) as error:  # a damaged file fails in many ways

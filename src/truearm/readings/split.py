@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Literal, TypeVar, get_args
 
 import numpy as np
@@ -10,7 +11,7 @@ from truearm.errors import InputError
 from truearm.readings.distances import rows_with_distance
 from truearm.readings.readings import Readings
 from truearm.readings.repeats import readings_of_one_pose
-from truearm.typing import IntArray
+from truearm.typing import BoolArray, IntArray, NameArray
 
 Kept = TypeVar("Kept", bound=Readings)
 SplitBy = Literal["position", "seat", "session", "row"]
@@ -45,16 +46,27 @@ def hold_out(readings: Kept, *, by: SplitBy = "position", fraction: float, seed:
     InputError
         If the readings do not name their groups, a name is empty, or there are fewer than two groups.
     """
+    groups = _groups(readings, by)
+    held = chosen_groups(int(groups.max()) + 1, fraction=fraction, seed=seed, by=by, file=readings.file)[groups]
+    return readings.rows(~held), readings.rows(held)
+
+
+def chosen_groups(n_groups: int, *, fraction: float, seed: int, by: str, file: Path | None) -> BoolArray:
+    """(n_groups,) which groups are held out; see `hold_out`.
+
+    Raises
+    ------
+    InputError
+        If the share is not between 0 and 1, or there are fewer than two groups.
+    """
     if not 0 < fraction < 1:
         raise InputError(f"the share to hold out must lie between 0 and 1, got {fraction}", hint="0.3")
-    groups = _groups(readings, by)
-    n_groups = int(groups.max()) + 1
     if n_groups < 2:
-        raise readings.error(f"a split needs readings of at least two {_plural(by)}, got one")
+        raise InputError(f"a split needs readings of at least two {by}s, got one", file=file)
     n_test = min(max(round(fraction * n_groups), 1), n_groups - 1)
-    chosen = np.random.default_rng(seed).permutation(n_groups)[:n_test]
-    held = np.isin(groups, chosen)
-    return readings.rows(~held), readings.rows(held)
+    chosen = np.zeros(n_groups, bool)
+    chosen[np.random.default_rng(seed).permutation(n_groups)[:n_test]] = True
+    return chosen
 
 
 def stratified_rows(readings: Readings, n: int, *, seed: int) -> IntArray:
@@ -114,13 +126,25 @@ def stratified_rows(readings: Readings, n: int, *, seed: int) -> IntArray:
 
 def _groups(readings: Readings, by: SplitBy) -> IntArray:
     """Give each reading the number of its group."""
-    if by not in get_args(SplitBy):
-        raise InputError(f"expected a split by {', '.join(get_args(SplitBy))}, got {by!r}")
     if by == "row":
         return np.unique(readings_of_one_pose(readings), return_inverse=True)[1]
-    names = getattr(readings, by)
+    return np.unique(group_names(readings, by), return_inverse=True)[1]
+
+
+def group_names(readings: Readings, by: str) -> NameArray:
+    """(n,) names of the groups of readings.
+
+    Raises
+    ------
+    InputError
+        If the readings do not name their groups, or a name is empty.
+    """
+    kinds = get_args(SplitBy)
+    if by not in kinds[:-1]:
+        raise InputError(f"expected a split by {', '.join(kinds)}, got {by!r}")
+    names: NameArray | None = getattr(readings, by)
     if names is None:
-        present = [name for name in get_args(SplitBy)[:-1] if getattr(readings, name) is not None]
+        present = [name for name in kinds[:-1] if getattr(readings, name) is not None]
         raise readings.error(
             f"the readings have no column {by!r} to split by",
             hint=f"by {' or '.join([*present, 'row'])}, or name a {by} for every reading",
@@ -128,8 +152,4 @@ def _groups(readings: Readings, by: SplitBy) -> IntArray:
     if (names == "").any():
         row = int(np.argmax(names == ""))
         raise readings.error(f"the reading names no {by}, so it belongs to no group", row, column=by)
-    return np.unique(names, return_inverse=True)[1]
-
-
-def _plural(by: SplitBy) -> str:
-    return f"{by}s"
+    return names

@@ -199,7 +199,7 @@ class Prediction(Record):
         """A DataFrame: x_mm, y_mm, z_mm, their standard uncertainties sx_mm .. sz_mm, outside_training, names."""
         import pandas as pd
 
-        return pd.DataFrame({n: v.tolist() if v.dtype.kind == "U" else v for n, v in self._columns().items()})
+        return pd.DataFrame({n: v.tolist() if v.dtype.kind == "U" else v for n, v in self.columns().items()})
 
     def save(self, path: str | Path) -> None:
         """Write the table of `to_frame` as CSV, to the nanometre.
@@ -211,7 +211,7 @@ class Prediction(Record):
         """
         check_table_path(path)
         with atomic_file(path) as beside:
-            write_columns(beside, self._columns(), decimals=DECIMALS)
+            write_columns(beside, self.columns(), decimals=DECIMALS)
 
     def fill(self, path: str | Path, *, date: str | None = None, artefact_degC: float | None = None) -> int:
         """Enter the points into a file of points to measure, in the order of the readings (see `operator_sheet`).
@@ -257,7 +257,7 @@ class Prediction(Record):
             outside=self.outside_training,
         )
 
-    def _columns(self) -> dict[str, FloatArray | IntArray | NameArray]:
+    def columns(self) -> dict[str, FloatArray | IntArray | NameArray]:
         """The columns of `to_frame`."""
         columns: dict[str, FloatArray | IntArray | NameArray]
         columns = {f"{axis}_mm": self.points[:, i] for i, axis in enumerate("xyz")}

@@ -49,3 +49,15 @@ def compare_with_nominal(error: float, nominal: float) -> str:
 
 def _times(ratio: float) -> str:
     return f"{ratio:.0f} times" if ratio >= 9.5 else f"{ratio:.1f} times"
+
+
+def describe_effective_number(number: float, n: int, is_settled: bool) -> str:
+    """How many independent readings correlated ones are worth, as the beginning of a sentence."""
+    if number > 0.99 * n:
+        return "Consecutive readings (in the order of the rows) have independent errors"
+    digits = max(len(str(int(number))) - 3, 0)
+    more = "" if is_settled else " (or fewer: there are too few to show all of their correlation)"
+    return (
+        f"Consecutive readings (in the order of the rows) have like errors: {n} are worth {round(number, -digits):.0f} "
+        f"independent ones{more}"
+    )

@@ -241,6 +241,15 @@ def has_gross_errors(fit: IdentificationResult, held_out: HeldOutReadings) -> bo
     return bool((probability > 0.5).any()) or distribution.freedom < HEAVY_TAILS
 
 
+def gross_error_limit(fit: IdentificationResult, held_out: HeldOutReadings) -> float:
+    """Whitened length from which a point is more probably a gross error than not, by held-out readings like it."""
+    distribution = _judge(fit, held_out)[1]
+    lengths = np.geomspace(LEAST_GROSS_STDS, LEAST_GROSS_STDS * 10**DECADES, 4000)
+    squares = np.repeat(lengths[None] ** 2 * distribution.variance / 3, 3, axis=0)
+    honest, gross = _log_densities(np.zeros_like(squares), squares, np.ones(len(lengths)), distribution)
+    return float(lengths[min(int(np.count_nonzero(gross <= honest)), len(lengths) - 1)])
+
+
 def nearer_half(fit: IdentificationResult, n: int) -> FloatArray:
     """(n,) weights of the readings for a fit to the half of the points that is nearest to an arm: 1 or 0.
 

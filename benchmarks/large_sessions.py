@@ -1,0 +1,177 @@
+"""Large sessions: fit, predict and evaluate part by part, against reading alone; workers; bytes that are sent.
+
+Readings are those of a moving UR10: a smooth path, points with autocorrelated noise. CPU seconds count all threads and
+processes; a size is a process of its own, so that its peak memory is its own.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle  # of what is sent to workers, to count it; nothing is read from a file
+import resource
+import time
+from pathlib import Path
+
+import numpy as np
+
+import truearm as ta
+from benchmarks.cost import exponent
+from benchmarks.rows import RowResult, Rows, Target, own_process, peak_bytes, scratch
+from truearm.files.table_writer import table_writer
+from truearm.fleet.executors import Processes
+from truearm.identification.from_sums import Estimate
+from truearm.readings import Session
+from truearm.readings.columns import session_columns
+from truearm.readings.large_sessions import LargeSession
+from truearm.solve.executor import Executor, Serial
+from truearm.workflows import fit_large as fitting
+from truearm.workflows.evaluate_large import evaluate_large
+from truearm.workflows.fit_large import fit_large
+from truearm.workflows.predict_large import predict_large
+
+ROWS = Rows()
+# Readings that are made, and written as a row group, at once.
+CHUNK = 2**17
+# Correlation of a reading's noise, and of its pose, with those of the one before.
+NOISE_CORRELATION, PATH_CORRELATION = 0.95, 0.999
+FORMS = ("csv", "parquet")
+
+
+def cpu_seconds() -> float:
+    """Of this process and of those it has waited for."""
+    return time.process_time() + sum(resource.getrusage(resource.RUSAGE_CHILDREN)[:2])
+
+
+def made_session(n: int, form: str) -> str:
+    """A folder with one file of n readings, made once; and beside it a model of the arm that moved."""
+    from scipy.signal import lfilter
+
+    folder = scratch() / f"{form}-{n}"
+    if folder.exists():
+        return str(folder)
+    folder.mkdir()
+    truth = ta.fit("ur10", ta.simulate("ur10", poses=400, seed=1).session, model="kinematic").model
+    truth.save(scratch() / "arm.truearm")
+    rng, path, noise = np.random.default_rng(1), np.zeros((1, 6)), np.zeros((1, 3))
+
+    def continued(last: np.ndarray, steps: np.ndarray, correlation: float) -> tuple[np.ndarray, np.ndarray]:
+        scaled = np.sqrt(1 - correlation**2) * steps
+        found = lfilter([1.0], [1.0, -correlation], scaled, axis=0, zi=correlation * last)[0]
+        return found, found[-1:]
+
+    with table_writer(folder / f"readings.{form}") as append:
+        for start in range(0, n, CHUNK):
+            m = min(CHUNK, n - start)
+            angles, path = continued(path, rng.normal(size=(m, 6)), PATH_CORRELATION)
+            errors, noise = continued(noise, rng.normal(size=(m, 3)), NOISE_CORRELATION)
+            session = Session(0.9 * angles)
+            points = truth.predict_readings(session) + 0.03 * errors
+            append(session_columns(Session(session.angles, points)))
+    return str(folder)
+
+
+def executor_of(workers: int) -> Executor:
+    """So many processes, or this one."""
+    return Processes(workers) if workers > 1 else Serial()
+
+
+def fitted(kind: str, folder: str, workers: int) -> dict[str, float]:
+    """CPU and elapsed seconds of a fit, and the peak memory of its largest process."""
+    begun, elapsed = cpu_seconds(), time.perf_counter()
+    found = fit_large("ur10", folder, model=kind, executor=executor_of(workers))
+    children = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * 1024
+    return {
+        "readings": found.n_readings,
+        "workers": workers,
+        "passes": found.n_passes,
+        "CPU [s]": cpu_seconds() - begun,
+        "elapsed [s]": time.perf_counter() - elapsed,
+        "peak [MB]": max(peak_bytes(), children) / 1e6,
+        "effective": found.n_effective or 0.0,
+        "held out [mm]": found.held_out_mm[0] if found.held_out_mm else 0.0,
+    }
+
+
+@ROWS.row("fit", quick={"readings": (30_000, 60_000)})
+def fits(readings: tuple[int, ...] = (100_000, 1_000_000), kind: str = "kinematic", workers: int = 1) -> RowResult:
+    """A fit by sums: seconds, peak memory, and their growth with the readings."""
+    table = [own_process(fitted, kind, made_session(n, "parquet"), workers) for n in readings]
+    growth = exponent(table, "readings", "CPU [s]")
+    largest = table[-1]
+    return RowResult(
+        table,
+        [
+            Target("growth with the readings, exponent", growth, 1.02),
+            Target(f"{largest['readings']} readings, elapsed [min]", largest["elapsed [s]"] / 60, 15),
+            Target(f"{largest['readings']} readings, peak memory [MB]", largest["peak [MB]"], 2000),
+        ],
+    )
+
+
+def read_and_used(folder: str, workers: int) -> dict[str, float]:
+    """CPU seconds of reading alone, as checked sessions and by pandas, and of predict and evaluate."""
+    import pandas
+
+    model = ta.load_model(scratch() / "arm.truearm")
+    out = Path(folder).with_suffix(".out.parquet")
+    file = next(Path(folder).iterdir())
+    seconds: dict[str, float] = {"readings": 0, "workers": workers}
+    works = {
+        "pandas [s]": lambda: (pandas.read_csv if file.suffix == ".csv" else pandas.read_parquet)(file),
+        "read [s]": lambda: sum(len(one) for part in LargeSession.open(folder).parts for one in part.sessions()),
+        "predict [s]": lambda: predict_large(model, folder, out, executor=executor_of(workers)),
+        "evaluate [s]": lambda: evaluate_large(model, folder, executor=executor_of(workers)),
+    }
+    for name, work in works.items():
+        begun = cpu_seconds()
+        found = work()
+        seconds[name] = cpu_seconds() - begun
+        if name == "read [s]":
+            seconds["readings"] = float(found)
+    return seconds | {"peak [MB]": peak_bytes() / 1e6}
+
+
+@ROWS.row("read", quick={"readings": (20_000,)})
+def reading(readings: tuple[int, ...] = (1_000_000,), workers: int = 1) -> RowResult:
+    """Predict and evaluate against reading the file alone, CSV and Parquet."""
+    table, targets = [], []
+    for form in FORMS:
+        for n in readings:
+            one = own_process(read_and_used, made_session(n, form), workers)
+            table.append({"form": form, **one})
+            for verb in ("predict", "evaluate"):
+                ratio = one[f"{verb} [s]"] / one["read [s]"]
+                targets.append(Target(f"{verb}, {n} rows of {form}, by the time of reading them", ratio, 2.0))
+    return RowResult(table, targets)
+
+
+@ROWS.row("workers", quick={"readings": (60_000,)})
+def shared(readings: tuple[int, ...] = (1_000_000,)) -> RowResult:
+    """A kinematic fit by two processes against one: elapsed time. Two idle cores are needed."""
+    folder = made_session(readings[-1], "parquet")
+    one, two = (own_process(fitted, "kinematic", folder, workers) for workers in (1, 2))
+    ratio = one["elapsed [s]"] / two["elapsed [s]"]
+    return RowResult(
+        [one, two], [Target("two processes, times as fast", ratio, 1.8, "above")], [f"load {os.getloadavg()[0]:.1f}"]
+    )
+
+
+@ROWS.row("sent", quick={"readings": (20_000,)})
+def sent(readings: tuple[int, ...] = (100_000,)) -> RowResult:
+    """Bytes of a task and of its sums, by the readings of a part, which are those of a row group."""
+    folder = made_session(readings[-1], "parquet")
+    part = LargeSession.open(folder).parts[0]
+    model = ta.load_model(scratch() / "arm.truearm")
+    at = Estimate(model.fit_.coefficients, model.fit_.references[0].noise_std ** 2)
+    task = fitting.SumTask(part, fitting.without_readings(model), at, at.x, 10.0, "skip", None)
+    sums = fitting.sums_of_part(task)
+    table = [
+        {
+            "readings of a part": part.n_readings,
+            "coefficients": len(at.x),
+            "task [kB]": len(pickle.dumps(task)) / 1e3,
+            "sums [kB]": len(pickle.dumps(sums)) / 1e3,
+            "file [kB]": next(Path(folder).iterdir()).stat().st_size / 1e3 * part.n_readings / readings[-1],
+        }
+    ]
+    return RowResult(table)

@@ -1,0 +1,156 @@
+"""Sums over the points of a session that determine an arm: parts of a session are added, in their order.
+
+At given parameters x the normal equations ``J^T W J``, ``J^T W r`` are sums over readings, and so is all else that an
+identification needs of them. A session of any length is then identified in a few passes, with the memory of one part,
+and parts may be summed anywhere.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from functools import reduce
+
+import numpy as np
+
+from truearm.identification.estimation.perturbed_chain import PerturbedChain
+from truearm.identification.estimation.problem import SmallMotionProblem
+from truearm.identification.estimation.residual_variance import (
+    FLOOR_MM2,
+    expected_clipped_square,
+    huber_threshold_squared,
+    huber_weights,
+)
+from truearm.identification.references.references import Points
+from truearm.identification.terms.state import ArmState
+from truearm.solve.effective_number import DesignEffect, block_starts, design_effect
+from truearm.solve.group_evidence import GroupedPrior, Posterior, posterior
+from truearm.typing import FloatArray, IntArray
+
+# Noise variances, relative to the one assumed, at which whitened residuals are summed: the noise is found between them.
+TRIAL_NOISE = np.array([1e-3, 0.1, 0.25, 0.5, 0.7, 0.85, 1.0, 1.2, 1.5, 2.0, 4.0, 10.0])
+
+
+@dataclass(frozen=True, eq=False)
+class ReadingSums:
+    """Sums over points at parameters of p coefficients.
+
+    Attributes
+    ----------
+    n : int
+        Points, without gross errors.
+    n_gross : int
+        Gross errors: they take no part.
+    gram : (p, p) array
+        ``J^T W J``.
+    gradient : (p,) array
+        ``J^T W r``.
+    clipped : (k,) array
+        Squared whitened lengths at `TRIAL_NOISE`, clipped as in `paule_mandel_variance`.
+    scores : (n_blocks, p) array
+        The gradient of blocks of consecutive readings.
+    """
+
+    n: int
+    n_gross: int
+    gram: FloatArray
+    gradient: FloatArray
+    clipped: FloatArray
+    scores: FloatArray
+
+    @classmethod
+    def zero(cls, p: int) -> ReadingSums:
+        """Of no reading."""
+        return cls(0, 0, np.zeros((p, p)), np.zeros(p), np.zeros(len(TRIAL_NOISE)), np.zeros((0, p)))
+
+    @classmethod
+    def of(
+        cls, chain: PerturbedChain, state: ArmState, points: Points, x: FloatArray, noise_mm2: float, gross: float
+    ) -> tuple[ReadingSums, IntArray]:
+        """Sums over points, and which of them are gross errors.
+
+        Parameters
+        ----------
+        chain : PerturbedChain
+        state : ArmState
+            Of the readings.
+        points : Points
+            Of all readings.
+        x : (p,) array
+            Coefficients.
+        noise_mm2 : float
+            Variance of a residual beyond the stated uncertainty.
+        gross : float
+            Whitened length from which a reading is a gross error.
+        """
+        residuals = SmallMotionProblem(chain, state, (points,)).residuals(x)[0]
+        squares, known = residuals**2, points.std**2
+        lengths = np.sqrt((squares / (known + noise_mm2)).sum(axis=0))
+        is_gross = lengths > gross
+        variance = known + noise_mm2
+        robust = np.where(is_gross, 0.0, huber_weights(residuals.T, variance.T))
+        of_repeats = 0.0 if points.repeat_variance is None else points.repeat_variance
+        weights = np.sqrt(robust / (variance + of_repeats))
+        most = huber_threshold_squared(len(squares))
+        squares, known = squares[:, ~is_gross], known[:, ~is_gross]
+        clipped = [
+            float(np.minimum((squares / (known + noise_mm2 * trial)).sum(axis=0), most).sum()) for trial in TRIAL_NOISE
+        ]
+        n, starts = len(robust), block_starts(len(robust))
+        gram, scores = np.zeros((len(x), len(x))), []
+        for start, stop in zip(starts.tolist(), [*starts[1:].tolist(), n], strict=True):
+            rows = np.arange(start, stop)
+            block = Points(rows - start, points.points[rows], None)
+            problem = SmallMotionProblem(chain, state.rows(rows), (block,))
+            equations = problem.normal_equations(x, [weights[:, rows]])[0]
+            gram += equations.head
+            scores.append(equations.gradient)
+        gradient = reduce(np.add, scores)
+        n_gross = int(is_gross.sum())
+        sums = cls(n - n_gross, n_gross, gram, gradient, np.array(clipped), np.array(scores))
+        return sums, np.flatnonzero(is_gross)
+
+    def __add__(self, other: ReadingSums) -> ReadingSums:
+        """Sums over both; scores in their order."""
+        added = {part.name: getattr(self, part.name) + getattr(other, part.name) for part in fields(self)[:-1]}
+        return ReadingSums(**added, scores=np.concatenate([self.scores, other.scores]))
+
+    def without(self, part: ReadingSums) -> ReadingSums:
+        """Sums over the readings that are not in a part; all scores."""
+        less = {one.name: getattr(self, one.name) - getattr(part, one.name) for one in fields(self)[:-1]}
+        return ReadingSums(**less, scores=self.scores)
+
+    def posterior(self, x: FloatArray, prior_std: FloatArray, which: IntArray) -> Posterior:
+        """Posterior of some coefficients, about zero like their prior, were the readings independent.
+
+        The others are fixed at `x`, where the sums are.
+        """
+        gram, n = self.gram[np.ix_(which, which)], len(which)
+        prior = GroupedPrior(prior_std[which], np.zeros(n, np.intp), np.ones(1), np.zeros(1, bool))
+        return posterior(gram, gram @ x[which] - self.gradient[which], prior)
+
+    def correlated(
+        self, independent: Posterior, prior_std: FloatArray, which: IntArray
+    ) -> tuple[FloatArray, DesignEffect]:
+        """Covariance of these coefficients by readings that are correlated, and by how much they are.
+
+        With S the covariance of the gradient, P that of the coefficients by independent readings and L one over the
+        prior's variances, it is ``P (S + L) P`` (P. J. Huber, Proc. 5th Berkeley Symp. 1 (1967) 221). S is the design
+        effect times ``J^T W J``, and in directions where blocks scatter more, more: as much of it as their number
+        allows to know.
+        """
+        precision, root = prior_std[which] ** -2.0, independent.root
+        determined = float((1 - independent.variance * precision).sum())
+        effect = design_effect(self.scores[:, which], independent.covariance, self.n, determined)
+        alike = effect.factor * self.gram[np.ix_(which, which)]
+        sizes, directions = np.linalg.eigh(root @ (effect.scatter - alike) @ root.T)
+        sizes = np.maximum(sizes, 0.0) * effect.n_blocks / (effect.n_blocks + determined)
+        middle = root @ (alike + np.diag(precision)) @ root.T + (directions * sizes) @ directions.T
+        covariance = root.T @ middle @ root
+        return np.asarray((covariance + covariance.T) / 2), effect
+
+    def noise_mm2(self, assumed: float, n_effective: float) -> float:
+        """Variance of a residual as `paule_mandel_variance` estimates it, between the trials about an assumed one."""
+        freedom = max(expected_clipped_square(3) * self.n - n_effective, 1e-3 * self.n)
+        falling = np.log(np.maximum(self.clipped[::-1], 1e-300))
+        trial = np.exp(np.interp(np.log(freedom), falling, np.log(TRIAL_NOISE[::-1])))
+        return max(assumed * float(trial), FLOOR_MM2)

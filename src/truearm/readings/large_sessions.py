@@ -1,0 +1,372 @@
+"""Sessions that do not fit into the memory: one large file, or a folder of files, read part by part.
+
+A part is what one task reads: some lines of a CSV file, or a row group of a Parquet file. Parts depend on the files
+alone, not on who reads them, so that sums over them in their order are always the same. Every row is checked as in a
+small session.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from itertools import accumulate, pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from truearm.errors import InputError
+from truearm.files.delimited import MAX_BYTES, Sheet, as_utf8
+from truearm.files.file_reading import access_error, check_readable
+from truearm.files.spreadsheet_forms import encoding_of_form, form_of
+from truearm.readings.columns import Columns, fields_of_frame, recognise_columns
+from truearm.readings.files import MAX_CELLS, fields_of_sheet, is_parquet, open_parquet
+from truearm.readings.session import Session
+from truearm.readings.split import chosen_groups, group_names
+from truearm.solve.executor import Executor, Serial, results_in_order
+from truearm.typing import BoolArray, IntArray
+
+# Bytes of the lines of a part: some ten thousand readings, in the memory some ten times as large.
+PART_BYTES = 2**23
+# Readings of a Parquet file that are in the memory at once.
+MAX_READINGS = 2**16
+# Bytes at the beginning of a file that show its separators; a line is shorter.
+HEAD_BYTES = 2**16
+# No file is larger: a petabyte. One that is counted must have an end.
+LARGEST_BYTES = 2**50
+# Consecutive readings that stay together in a split by rows.
+STRETCH = 2**13
+# Groups of a split: their names are in the memory.
+MAX_GROUPS = 10**6
+SUFFIXES = (".csv", ".parquet", ".pq")
+
+
+@dataclass(frozen=True)
+class Part(ABC):
+    """Consecutive readings of one file.
+
+    Attributes
+    ----------
+    file : Path
+    n_readings : int
+    n_before : int
+        Readings before them in the file.
+    n_joints : int or None
+        The arm's number of joints, if it is known.
+    """
+
+    file: Path
+    n_readings: int
+    n_before: int
+    n_joints: int | None
+
+    @abstractmethod
+    def sessions(self) -> Iterator[Session]:
+        """Iterate over the readings, some ten thousand at a time.
+
+        Raises
+        ------
+        InputError
+            As `read_session`.
+        """
+
+    @abstractmethod
+    def rows(self, which: IntArray) -> Session:
+        """Some of the readings, counted from 0 in the part, rising."""
+
+
+@dataclass(frozen=True)
+class Lines(Part):
+    """Lines of a CSV file.
+
+    Attributes
+    ----------
+    form : Sheet
+        Header and separators of the file.
+    start, stop : int
+        Bytes of the file.
+    """
+
+    form: Sheet
+    start: int
+    stop: int
+
+    def sessions(self) -> Iterator[Session]:
+        """See `Part.sessions`."""
+        session = self._session(_bytes(self.file, self.start, self.stop))
+        n = len(session) + len(session.unfilled)
+        if n != self.n_readings:  # an empty line at the end is none, but there may be readings after this part
+            raise InputError(
+                "expected numbers, got an empty row, or the file has changed",
+                file=self.file,
+                line=self._first_line + n,
+                hint="delete the row",
+            )
+        yield session
+
+    def rows(self, which: IntArray) -> Session:
+        """See `Part.rows`."""
+        lines = _bytes(self.file, self.start, self.stop).split(b"\n")
+        try:
+            session = self._session(b"\n".join(lines[row] for row in which.tolist()))
+        except InputError as error:
+            raise self._in_line(error, which) from None
+        assert session.numbers is not None
+        return replace(session, numbers=self._first_line + which[session.numbers - self._first_line])
+
+    @property
+    def _first_line(self) -> int:
+        return self.form.first_line + self.n_before
+
+    def _session(self, data: bytes) -> Session:
+        first = self._first_line
+        text = as_utf8(data, self.file, encoding_of_form(self.form.head.encode() + b"\n" + data[:HEAD_BYTES]))
+        sheet = replace(self.form, data=text, first_line=first, data_line=first)
+        return Session(**fields_of_sheet(sheet, n_joints=self.n_joints))
+
+    def _in_line(self, error: InputError, which: IntArray) -> InputError:
+        error.line = None if error.line is None else self._first_line + int(which[error.line - self._first_line])
+        return error.in_file(self.file)
+
+
+@dataclass(frozen=True)
+class RowGroup(Part):
+    """A row group of a Parquet file.
+
+    Attributes
+    ----------
+    number : int
+        Of the row group.
+    columns : tuple of str
+        Those of a session; others are not read.
+    """
+
+    number: int
+    columns: tuple[str, ...]
+
+    def sessions(self) -> Iterator[Session]:
+        """See `Part.sessions`."""
+        for start, batch in self._batches():
+            yield self._session(batch, np.arange(start, start + batch.num_rows))
+
+    def rows(self, which: IntArray) -> Session:
+        """See `Part.rows`."""
+        found = []
+        for start, batch in self._batches():
+            own = which[(which >= start) & (which < start + batch.num_rows)]
+            if len(own):
+                found.append(self._session(batch.take((own - start).tolist()), own))
+        return joined_sessions(found)
+
+    def _batches(self) -> Iterator[tuple[int, Any]]:
+        with open_parquet(self.file) as file:
+            start = 0
+            for batch in file.iter_batches(MAX_READINGS, row_groups=[self.number], columns=list(self.columns)):
+                yield start, batch
+                start += batch.num_rows
+
+    def _session(self, batch: Any, which: IntArray) -> Session:
+        try:
+            fields = fields_of_frame(batch.to_pandas(), file=self.file, n_joints=self.n_joints)
+            return Session(**fields | {"numbers": self.n_before + which + 1})
+        except InputError as error:
+            name, _, number = (error.row or "").partition(" ")
+            if number.isdecimal() and int(number) <= len(which):  # counted from the first of these rows
+                error.row = f"{name} {self.n_before + which[int(number) - 1] + 1}"
+            raise error.in_file(self.file) from None
+
+
+@dataclass(frozen=True)
+class LargeSession:
+    """A session in one large file, or in the files of a folder, in the order of their names.
+
+    Attributes
+    ----------
+    path : Path
+    parts : tuple of Part
+        In the order of the readings.
+    """
+
+    path: Path
+    parts: tuple[Part, ...]
+
+    def __len__(self) -> int:
+        return sum(part.n_readings for part in self.parts)
+
+    @classmethod
+    def open(cls, path: str | Path, *, n_joints: int | None = None, part_bytes: int = PART_BYTES) -> LargeSession:
+        """Find the parts of a session.
+
+        Parameters
+        ----------
+        path : path
+            A file, or a folder: all of its files ``.csv`` and ``.parquet`` in all its folders, but hidden ones, belong
+            to the session and have the same columns.
+        n_joints : int, optional
+            The arm's number of joints; any number by default.
+        part_bytes : int
+            Bytes of the lines of a part of a CSV file.
+
+        Raises
+        ------
+        InputError
+            If a file cannot be read, is none of a session, or has other columns than the first.
+        """
+        path = Path(path)
+        parts: list[Part] = []
+        first: tuple[Path, set[str]] | None = None
+        for file in _files(path):
+            check_readable(file, limit_bytes=LARGEST_BYTES)
+            names, found = _row_groups(file, n_joints) if is_parquet(file) else _lines(file, n_joints, part_bytes)
+            first = first or (file, names)
+            if different := sorted(names ^ first[1]):
+                raise InputError(
+                    f"expected the columns of {first[0].name}, which differ in {different[0]}",
+                    file=file,
+                    hint="put sessions with other columns into another folder",
+                )
+            parts += found
+        if not sum(part.n_readings for part in parts):
+            raise InputError("expected at least one reading, got none", file=path)
+        return cls(path, tuple(parts))
+
+    def sample(self, n: int, executor: Executor | None = None) -> Session:
+        """Up to n readings, evenly spaced in their order; an executor may read the parts."""
+        rows = np.unique(np.linspace(0, len(self) - 1, n).astype(np.intp))
+        starts = accumulate((part.n_readings for part in self.parts), initial=0)
+        chosen = [rows[(rows >= a) & (rows < b)] - a for a, b in pairwise(starts)]
+        tasks = [(part, own) for part, own in zip(self.parts, chosen, strict=True) if len(own)]
+        found = joined_sessions(list(results_in_order(executor or Serial(), _rows_of_part, tasks)))
+        if len({part.file for part in self.parts}) == 1:
+            return found
+        return replace(found, numbers=rows + 1, by_line=False, file=self.path)  # a line would be one of many files
+
+
+def _rows_of_part(task: tuple[Part, IntArray]) -> Session:
+    part, which = task
+    return part.rows(which)
+
+
+def is_large(path: object) -> bool:
+    """Whether a session is read part by part: that of a folder, or of a file beyond the limits of `read_session`."""
+    if not isinstance(path, str | Path):
+        return False
+    path = Path(path)
+    if path.is_dir():
+        return True
+    if not path.is_file() or not is_parquet(path):
+        return path.is_file() and path.stat().st_size > MAX_BYTES
+    with open_parquet(path) as file:
+        return path.stat().st_size > MAX_BYTES or file.metadata.num_rows * len(file.schema_arrow.names) > MAX_CELLS
+
+
+def held_out_rows(large: LargeSession, *, by: str, fraction: float, seed: int) -> Callable[[Session, int], BoolArray]:
+    """A function that says which readings of a session, the first of which is number n of all, are held out.
+
+    Parameters
+    ----------
+    large : LargeSession
+    by : {"position", "seat", "session", "row"}
+        What names the groups; ``row``: stretches of `STRETCH` consecutive readings, as neighbours are much alike.
+    fraction : float
+        Share of the groups to hold out.
+    seed : int
+
+    Raises
+    ------
+    InputError
+        As `truearm.readings.split.hold_out`; or if there are more than `MAX_GROUPS` groups.
+    """
+    if by == "row":
+        n = -(-len(large) // STRETCH)
+        chosen = chosen_groups(n, fraction=fraction, seed=seed, by=by, file=large.path)
+        return lambda session, start: chosen[(start + np.arange(len(session))) // STRETCH]
+    names: set[str] = set()
+    for part in large.parts:
+        for session in part.sessions():
+            names.update(np.unique(group_names(session, by)).tolist())
+        if len(names) > MAX_GROUPS:
+            raise InputError(f"expected up to {MAX_GROUPS} names of a {by}, got more", file=large.path, hint="--by row")
+    ordered = np.array(sorted(names))
+    chosen = chosen_groups(len(ordered), fraction=fraction, seed=seed, by=by, file=large.path)
+    return lambda session, _: chosen[np.searchsorted(ordered, group_names(session, by))]
+
+
+def joined_sessions(sessions: list[Session]) -> Session:
+    """The readings of sessions with the same columns, one after the other; they name the file of the first."""
+    first = sessions[0]
+    if len(sessions) == 1:
+        return first
+    fields: dict[str, Any] = {}
+    for name, value in vars(first).items():
+        if isinstance(value, np.ndarray):
+            fields[name] = np.concatenate([getattr(one, name) for one in sessions])
+    columns = {name: np.concatenate([one.columns[name] for one in sessions]) for name in first.columns}
+    unfilled = tuple(seat for one in sessions for seat in one.unfilled)
+    return replace(first, **fields, columns=columns, unfilled=unfilled)
+
+
+def _files(path: Path) -> list[Path]:
+    if not path.is_dir():
+        return [path]
+    found = sorted(
+        file
+        for file in path.rglob("*")
+        if file.suffix in SUFFIXES and not any(part[0] in "._" for part in file.relative_to(path).parts)
+    )
+    if not found:
+        raise InputError(f"expected session files ({', '.join(SUFFIXES)}), got a folder without any", file=path)
+    return found
+
+
+def _lines(path: Path, n_joints: int | None, part_bytes: int) -> tuple[set[str], list[Part]]:
+    """Names of the columns and parts of a CSV file."""
+    size = path.stat().st_size
+    head = _bytes(path, 0, HEAD_BYTES)
+    form = form_of(head if len(head) < HEAD_BYTES else head[: head.rfind(b"\n") + 1], path)
+    columns = recognise_columns(form.names, file=path, line=1, n_joints=n_joints)
+    parts: list[Part] = []
+    start = 1 + head.find(b"\n")
+    n_before, form = 0, replace(form, data=b"")
+    with path.open("rb") as stream:
+        while 0 < start < size:
+            stream.seek(start)
+            data = stream.read(part_bytes)
+            data += stream.readline(HEAD_BYTES)
+            end = len(data.rstrip(b"\r\n")) if start + len(data) >= size else len(data)
+            n = data.count(b"\n", 0, end) + (not data[:end].endswith(b"\n") and end > 0)
+            if n:
+                parts.append(Lines(path, n, n_before, n_joints, form, start, start + end))
+            start, n_before = start + len(data), n_before + n
+    return _names(columns), parts
+
+
+def _row_groups(path: Path, n_joints: int | None) -> tuple[set[str], list[Part]]:
+    """Names of the columns and parts of a Parquet file."""
+    with open_parquet(path) as file:
+        columns = recognise_columns(file.schema_arrow.names, file=path, line=None, n_joints=n_joints)
+        names = (*columns.numbers, *columns.words)
+        counts = [file.metadata.row_group(i).num_rows for i in range(file.metadata.num_row_groups)]
+        if max(counts, default=0) * len(names) > MAX_CELLS:
+            raise InputError(
+                f"expected at most {MAX_CELLS // len(names)} rows in a row group, got {max(counts)}",
+                file=path,
+                hint="write it with row groups of a million rows or fewer",
+            )
+        starts = [0, *accumulate(counts)]
+        parts: list[Part] = [RowGroup(path, n, starts[i], n_joints, i, names) for i, n in enumerate(counts) if n]
+        return _names(columns), parts
+
+
+def _names(columns: Columns) -> set[str]:
+    return {*columns.numbers, *columns.words}
+
+
+def _bytes(path: Path, start: int, stop: int) -> bytes:
+    try:
+        with path.open("rb") as stream:
+            stream.seek(start)
+            return stream.read(stop - start)
+    except OSError as error:
+        raise access_error(path, error) from None

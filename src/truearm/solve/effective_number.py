@@ -1,0 +1,86 @@
+"""How many independent readings correlated ones are worth: the design effect, by sums over blocks.
+
+Consecutive readings of a moving arm have residuals alike. The covariance of a sum over them, such as the gradient of
+a least-squares cost, is then larger than that of as many independent ones, by the design effect (L. Kish, "Survey
+Sampling", 1965, section 8.2). Sums over blocks of consecutive readings are nearly independent of each other if the
+blocks are much longer than the correlation; the length follows from the readings: blocks are joined in pairs until the
+effect no longer grows (H. Flyvbjerg, H. G. Petersen, "Error estimates on averages of correlated data", J. Chem. Phys.
+91 (1989) 461). Of a gradient it includes how the derivatives change along the readings (K.-Y. Liang, S. L. Zeger,
+"Longitudinal data analysis using generalized linear models", Biometrika 73 (1986) 13).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from truearm.typing import FloatArray, IntArray
+
+# Consecutive readings of the shortest block.
+BLOCK = 1024
+# With fewer blocks their scatter is not known.
+LEAST_BLOCKS = 8
+# Growth from one length to its double that counts, in standard errors.
+SIGNIFICANT = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class DesignEffect:
+    """By how much the gradient of correlated readings scatters more than that of independent ones.
+
+    Attributes
+    ----------
+    factor : float
+        1 or more: n readings are worth n / factor independent ones, on average over what they determine.
+    scatter : (p, p) array
+        Covariance of the gradient as its blocks show it, direction by direction; zeros where there are too few.
+    n_blocks, n_block : int
+        Number of the blocks from which both follow, and of the consecutive readings of each.
+    is_settled : bool
+        Whether longer blocks would show no more; otherwise there are too few, and the factor may be larger.
+    """
+
+    factor: float
+    scatter: FloatArray
+    n_blocks: int
+    n_block: int
+    is_settled: bool
+
+
+def design_effect(
+    scores: FloatArray, covariance: FloatArray, n_readings: int, n_determined: float | None = None
+) -> DesignEffect:
+    """Design effect of a gradient that is a sum of scores.
+
+    Parameters
+    ----------
+    scores : (n_blocks, p) array
+        Sums over blocks of about equal numbers of consecutive readings, in their order.
+    covariance : (p, p) array
+        Of the estimates, were the readings independent; it may contain a prior.
+    n_readings : int
+        In all blocks.
+    n_determined : float, optional
+        How many estimates the readings determine, rather than a prior; all by default.
+    """
+    n_determined = n_determined or float(len(covariance))
+    found: DesignEffect | None = None
+    length = n_readings / max(len(scores), 1)
+    while (n := len(scores)) >= LEAST_BLOCKS:
+        centred = scores - scores.mean(axis=0)
+        scatter = centred.T @ centred * (n / (n - 1))
+        factor = float((scatter * covariance).sum()) / n_determined
+        if found is not None and factor - found.factor < SIGNIFICANT * factor * np.sqrt(2 / (n * n_determined)):
+            return replace(found, factor=max(factor, found.factor, 1.0), is_settled=True)
+        found = DesignEffect(factor, scatter, n, round(length), False)
+        pairs = scores[: n // 2 * 2]
+        scores, length = pairs[::2] + pairs[1::2], 2 * length
+    if found is None:
+        return DesignEffect(1.0, np.zeros_like(covariance), n, round(length), False)
+    return replace(found, factor=max(found.factor, 1.0))
+
+
+def block_starts(n: int) -> IntArray:
+    """First rows of the blocks of n consecutive readings: of `BLOCK` each, the last of up to twice as many."""
+    return np.arange(0, max(n - BLOCK + 1, 1), BLOCK)

@@ -1,0 +1,52 @@
+"""Quantiles of many positive numbers to a relative accuracy, from counts that are added over parts.
+
+Numbers are counted in bins whose limits grow by a constant factor: C. Masson, J. E. Rim, H. K. Lee, "DDSketch: a fast
+and fully-mergeable quantile sketch with relative-error guarantees", Proc. VLDB Endow. 12 (2019) 2195.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from truearm.typing import FloatArray, IntArray
+
+# Relative accuracy of a quantile.
+ACCURACY = 1e-3
+# Smaller and larger numbers are counted as these.
+SMALLEST, LARGEST = 1e-9, 1e9
+
+_LOG_GROWTH = np.log((1 + ACCURACY) / (1 - ACCURACY))
+_N_BINS = 2 + int(np.log(LARGEST / SMALLEST) / _LOG_GROWTH)
+
+
+@dataclass(frozen=True, eq=False)
+class QuantileSketch:
+    """Counts of numbers in bins.
+
+    Parameters
+    ----------
+    counts : (n_bins,) int array
+    """
+
+    counts: IntArray = field(default_factory=lambda: np.zeros(_N_BINS, np.int64))
+
+    @classmethod
+    def of(cls, values: FloatArray) -> QuantileSketch:
+        """Count values (n,) of 0 or more."""
+        logs = np.log(np.clip(values, SMALLEST, LARGEST) / SMALLEST)
+        bins = (logs / _LOG_GROWTH).astype(np.intp)
+        return cls(np.bincount(bins, minlength=_N_BINS).astype(np.int64))
+
+    def __add__(self, other: QuantileSketch) -> QuantileSketch:
+        """The counts of both."""
+        return QuantileSketch(self.counts + other.counts)
+
+    def quantile(self, share: float) -> float:
+        """The value below which a share of the numbers lies, to `ACCURACY`; NaN without numbers."""
+        total = np.cumsum(self.counts)
+        if not total[-1]:
+            return float("nan")
+        which = int(np.searchsorted(total, share * (total[-1] - 1), side="right"))
+        return float(SMALLEST * np.exp((which + 0.5) * _LOG_GROWTH))

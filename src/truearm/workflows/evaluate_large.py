@@ -1,0 +1,300 @@
+"""Evaluate a model on a large session: errors of points and their coverage, as sums over its parts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from truearm.acceptance import acceptance_remarks, accepts
+from truearm.choices import Conditions
+from truearm.compensation.models import Compensator
+from truearm.compensation.models.uncertainty import uncertainty_budget
+from truearm.errors import InputError
+from truearm.identification.judgement.outliers import Outlier
+from truearm.readings import Session, check_reach
+from truearm.readings.large_sessions import LargeSession, Part
+from truearm.readings.point_error_sums import PointErrorSums
+from truearm.solve.executor import Executor, Serial, results_in_order
+from truearm.solve.threads import one_blas_thread
+from truearm.workflows.inputs import (
+    Limits,
+    ModelLike,
+    model_remarks,
+    payload_remarks,
+    to_model,
+    within_limits,
+    without_refit_readings,
+)
+from truearm.workflows.predict_large import added, joined_remarks
+from truearm.workflows.record import Record, TextTable, format_fixed
+from truearm.workflows.sentences import compare_with_nominal, describe_effective_number, format_mm, listed
+
+# Outliers of a part, and of all, that are kept: the largest.
+MAX_OUTLIERS = 20
+
+
+@dataclass(frozen=True)
+class EvaluateTask:
+    """What one part needs."""
+
+    part: Part
+    model: Compensator
+    limits: Limits
+    conditions: Conditions | None
+    accept: str | None
+
+
+@dataclass(frozen=True)
+class EvaluationSums:
+    """Figures of an evaluation that are added over parts.
+
+    Attributes
+    ----------
+    n_read : int
+        Readings, those without a reference point among them.
+    errors : dict of str to PointErrorSums
+        Of ``"nominal"`` and ``"model"``.
+    n_covered, n_covered_99 : int
+        Points in the ellipsoids of 95 % and 99 %.
+    variance : float
+        Sum of the variances of a coordinate, the mean of three at each reading [mm^2].
+    outside : dict of str to int
+        Readings outside the trained range, by input.
+    n_outliers : int
+        Readings farther from their reference point than eight stated standard uncertainties.
+    outliers : tuple of Outlier
+        The largest of them.
+    remarks : tuple of str
+    """
+
+    n_read: int = 0
+    errors: Mapping[str, PointErrorSums] = field(default_factory=dict)
+    n_covered: int = 0
+    n_covered_99: int = 0
+    variance: float = 0.0
+    outside: Mapping[str, int] = field(default_factory=dict)
+    n_outliers: int = 0
+    outliers: tuple[Outlier, ...] = ()
+    remarks: tuple[str, ...] = ()
+
+    def __add__(self, other: EvaluationSums) -> EvaluationSums:
+        """Figures of both."""
+        return EvaluationSums(
+            self.n_read + other.n_read,
+            {name: self.errors.get(name, PointErrorSums()) + sums for name, sums in other.errors.items()},
+            self.n_covered + other.n_covered,
+            self.n_covered_99 + other.n_covered_99,
+            self.variance + other.variance,
+            added(self.outside, other.outside),
+            self.n_outliers + other.n_outliers,
+            _largest((*self.outliers, *other.outliers)),
+            joined_remarks(self.remarks, other.remarks),
+        )
+
+
+def _named(outlier: Outlier, part: Part) -> Outlier:
+    return replace(outlier, name=f"{outlier.name} of {part.file.name}")
+
+
+def _largest(found: tuple[Outlier, ...]) -> tuple[Outlier, ...]:
+    return tuple(sorted(found, key=lambda one: -one.normalized_residual)[:MAX_OUTLIERS])
+
+
+@one_blas_thread()
+@accepts
+def evaluate_part(task: EvaluateTask, *, accept: str | None = None) -> EvaluationSums:
+    """Figures of one part."""
+    sums = EvaluationSums()
+    for session in task.part.sessions():
+        sums = sums + _sums_of(task, session, accept)
+    return sums
+
+
+def _sums_of(task: EvaluateTask, given: Session, accept: str | None) -> EvaluationSums:
+    model = task.model
+    allowed = within_limits(given, model.arm, task.limits)
+    seen = np.flatnonzero(allowed.session.has_point)
+    used, kept, refit_remarks = without_refit_readings(allowed.session.rows(seen), model)
+    seen = seen[kept]
+    if not len(used):
+        return EvaluationSums(len(given))
+    if model.arm.has_kinematics:
+        check_reach(used, reach=model.arm.chain.reach, sliding=model.arm.chain.is_prismatic)
+    assert used.points is not None
+    at = model.at(used)
+    errors = {"model": PointErrorSums.of(model.predict_readings(at), used.points)}
+    if model.kind != "nominal" and model.arm_.has_kinematics:
+        errors = {"nominal": PointErrorSums.of(model.predict_nominal_readings(at), used.points)} | errors
+    conditions = task.conditions or model.training_.conditions_of(used) or "reproducibility"
+    stated = model.under(conditions)
+    budget, far = uncertainty_budget(stated, at if stated is model else used)
+    return EvaluationSums(
+        len(given),
+        errors,
+        budget.n_covered,
+        budget.n_covered_99,
+        len(used) * budget.combined_mm**2,
+        {name: int(rows.sum()) for name, rows in model.inputs_outside_training(at).items()},
+        len(far),
+        tuple(_named(one.located(given, allowed.rows[seen]), task.part) for one in far[:MAX_OUTLIERS]),
+        (
+            *acceptance_remarks(accept),
+            *allowed.remarks,
+            *refit_remarks,
+            *payload_remarks(model, used),
+            *model_remarks(model),
+        ),
+    )
+
+
+def _evaluate_task(task: EvaluateTask) -> EvaluationSums:
+    return evaluate_part(task, accept=task.accept)
+
+
+def evaluate_large(
+    model: ModelLike,
+    session: str | Path,
+    *,
+    limits: Limits = "skip",
+    conditions: Conditions | None = None,
+    accept: str | None = None,
+    executor: Executor | None = None,
+    progress: Callable[[int, str], None] | None = None,
+) -> LargeEvaluation:
+    """Test a model on the reference points of a large session, beside the nominal arm.
+
+    Seats, lengths and distances compare readings of different parts with each other, and are not evaluated.
+
+    Parameters
+    ----------
+    model, limits, accept
+        As of `evaluate`.
+    conditions : {"reproducibility", "repeatability"}, optional
+        Of these readings; the coverage is that of these. By default what names of their sessions say, otherwise
+        reproducibility.
+    session : str or Path
+        One file, or a folder of files (`LargeSession`).
+    executor : Executor, optional
+        Who computes the parts; this process by default. The figures do not depend on it.
+    progress : callable, optional
+        Called with the number of readings done and a note.
+
+    Returns
+    -------
+    LargeEvaluation
+
+    Raises
+    ------
+    InputError
+        As `evaluate`; or if no reading has a reference point.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import truearm as ta
+    >>> session = ta.simulate("ur10", poses=40, seed=1).session
+    >>> Path("line").mkdir()
+    >>> session.save("line/1.csv")
+    >>> model = ta.fit("ur10", session, model="nominal").model
+    >>> ta.evaluate_large(model, "line").errors["model"]["n"]
+    40
+    """
+    known = to_model(model)
+    large = LargeSession.open(session, n_joints=known.arm.n_joints)
+    tasks = [EvaluateTask(part, known, limits, conditions, accept) for part in large.parts]
+    sums = EvaluationSums()
+    for of_part in results_in_order(executor or Serial(), _evaluate_task, tasks):
+        sums = sums + of_part
+        if progress is not None:
+            progress(sums.n_read, f"{sums.n_read} of {len(large)} readings")
+    if "model" not in sums.errors:
+        raise InputError(
+            "expected reference points (x_mm, y_mm, z_mm), which a large session is evaluated against, got none",
+            file=session,
+            hint="a file of the readings in seats alone is evaluated as a small session",
+        )
+    return LargeEvaluation(known, len(tasks), sums)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LargeEvaluation(Record):
+    """Errors of a model and of the nominal arm on the reference points of a large session.
+
+    Attributes
+    ----------
+    model : Compensator
+    n_parts : int
+    sums : EvaluationSums
+    """
+
+    model: Compensator
+    n_parts: int
+    sums: EvaluationSums
+
+    @property
+    def errors(self) -> dict[str, dict[str, Any]]:
+        """For ``"nominal"`` and ``"model"``, as of `Evaluation`; the 95 % quantile to 0.1 %."""
+        found: dict[str, dict[str, Any]] = {name: dict(sums.errors()) for name, sums in self.sums.errors.items()}
+        if "nominal" in found and (before := found["nominal"]["mean_abs_coordinate_mm"]) > 0:
+            own = found["model"]
+            own["removed_percent"] = 100 * (1 - own["mean_abs_coordinate_mm"] / before)
+        return found
+
+    @property
+    def coverage(self) -> float:
+        """Share of the reference points inside the 95 % ellipsoid that the model states for their conditions."""
+        return self.sums.n_covered / self.sums.errors["model"].n
+
+    def summary(self) -> str:
+        """The answer in one sentence: the mean error, and how it compares with the nominal arm."""
+        errors = self.errors
+        own, nominal = errors["model"], errors.get("nominal")
+        compared = "" if nominal is None else compare_with_nominal(own["mean_mm"], nominal["mean_mm"])
+        return f"Mean error {format_mm(own['mean_mm'])} on {own['n']} readings{compared}."
+
+    def blocks(self) -> Iterator[str | TextTable]:
+        """See `Record.blocks`."""
+        errors, own = self.errors, self.sums.errors["model"]
+        yield self.summary()
+        number, is_settled = own.effective_number()
+        said = describe_effective_number(number, own.n, is_settled)
+        yield f"{said}: standard error of the mean {own.standard_error_mm():.2g} mm."
+        names = [name for name in errors["model"] if name.endswith("_mm")]
+        rows = [(name, *(format_fixed(one[name]) for one in errors.values())) for name in names]
+        yield TextTable((f"{own.n} readings", *errors), rows)
+        n = own.n
+        yield f"{100 * self.coverage:.1f} % of the points are inside their stated 95 % ellipsoid"
+        yield f"{100 * self.sums.n_covered_99 / n:.1f} % of the points are inside their stated 99 % ellipsoid"
+        if self.sums.outside:
+            inputs = ", ".join(f"{name} {count}" for name, count in self.sums.outside.items())
+            yield f"Outside the trained range ({inputs} of {n} readings)."
+        if without := self.sums.n_read - n:
+            yield f"{without} of {self.sums.n_read} readings have no reference point or are skipped."
+        yield from listed("outlier", self.sums.outliers, "readings")
+        if self.sums.n_outliers > MAX_OUTLIERS:
+            yield f"{self.sums.n_outliers} outliers in all, of which the {MAX_OUTLIERS} largest are kept"
+        yield from self.sums.remarks
+
+    def _json(self) -> object:
+        errors, own = self.errors, self.sums.errors["model"]
+        number, is_settled = own.effective_number()
+        return {
+            "summary": self.summary(),
+            **errors["model"],
+            "nominal": errors.get("nominal"),
+            "standard_error_mm": own.standard_error_mm(),
+            "n_effective": number,
+            "is_effective_number_settled": is_settled,
+            "n_parts": self.n_parts,
+            "coverage": self.coverage,
+            "coverage_99": self.sums.n_covered_99 / own.n,
+            "combined_u_mm": float(np.sqrt(self.sums.variance / own.n)),
+            "inputs_outside_training": self.sums.outside,
+            "n_outliers": self.sums.n_outliers,
+            "outliers": self.sums.outliers,
+            "remarks": self.sums.remarks,
+        }

@@ -1,0 +1,397 @@
+"""Fit a large session: a sample of its readings shows what to identify, and all of them, as sums, how large it is."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from truearm.acceptance import accepting
+from truearm.choices import ModelName
+from truearm.compensation.models.identified_model import IdentifiedModel, to_identified
+from truearm.compensation.models.input_ranges import InputRanges
+from truearm.identification.estimation.reading_sums import ReadingSums
+from truearm.identification.from_sums import Estimate, identified, improved, without_part
+from truearm.identification.judgement.gross_errors import gross_error_limit
+from truearm.identification.judgement.held_out_errors import HeldOutErrors
+from truearm.identification.references.reading_references import references_of
+from truearm.identification.references.references import Points
+from truearm.readings import Session
+from truearm.readings.large_sessions import LargeSession, Part
+from truearm.readings.point_error_sums import PointErrorSums
+from truearm.readings.reference_uncertainty import scale_errors
+from truearm.solve.effective_number import DesignEffect
+from truearm.solve.executor import Executor, Serial, results_in_order
+from truearm.solve.threads import one_blas_thread
+from truearm.typing import FloatArray
+from truearm.workflows.fit import FitResult, fit
+from truearm.workflows.inputs import ArmLike, Limits, check_has_reference, to_arm, within_limits
+from truearm.workflows.record import Record, TextTable
+from truearm.workflows.sentences import compare_with_nominal, describe_effective_number, format_mm
+
+# Readings of the sample: its judgements cost some seconds of a kinematic model, and some ten of a physical one.
+SAMPLE = 20_000
+# Stretches of the session that are held out in turn.
+FOLDS = 10
+# Passes over the session. Two are the rule: the sample is near.
+MAX_PASSES = 6
+# Gross errors of a part, and of all, that are named.
+MAX_NAMED = 6
+
+
+@dataclass(frozen=True)
+class SumTask:
+    """What one part needs.
+
+    Attributes
+    ----------
+    part : Part
+    model : IdentifiedModel
+        Of the sample.
+    at : Estimate
+    without_part : (p,) array or None
+        Coefficients by the readings of other stretches, to predict these.
+    gross : float
+        Whitened length from which a reading is a gross error.
+    limits : {"skip", "ignore"}
+    accept : str or None
+        Why readings that seem contradicted are right.
+    """
+
+    part: Part
+    model: IdentifiedModel
+    at: Estimate
+    without_part: FloatArray | None
+    gross: float
+    limits: Limits
+    accept: str | None
+
+
+@dataclass(frozen=True, eq=False)
+class PartSums:
+    """Sums over a part.
+
+    Attributes
+    ----------
+    n_read : int
+        Readings, those without a point or beyond a joint limit among them.
+    sums : ReadingSums
+    inputs : InputRanges
+    held_out, nominal : PointErrorSums
+        Errors of the points as predicted without their stretch, and by the nominal arm; without gross errors.
+    gross : tuple of str
+        Names of the first gross errors.
+    """
+
+    n_read: int
+    sums: ReadingSums
+    inputs: InputRanges = field(default_factory=lambda: InputRanges(0, {}))
+    held_out: PointErrorSums = field(default_factory=PointErrorSums)
+    nominal: PointErrorSums = field(default_factory=PointErrorSums)
+    gross: tuple[str, ...] = ()
+
+    def __add__(self, other: PartSums) -> PartSums:
+        """Sums over both."""
+        return PartSums(
+            self.n_read + other.n_read,
+            self.sums + other.sums,
+            self.inputs + other.inputs,
+            self.held_out + other.held_out,
+            self.nominal + other.nominal,
+            (*self.gross, *other.gross)[:MAX_NAMED],
+        )
+
+
+@one_blas_thread()
+def sums_of_part(task: SumTask) -> PartSums:
+    """Sums over one part."""
+    total = PartSums(0, ReadingSums.zero(len(task.at.x)))
+    with accepting(task.accept):
+        for given in task.part.sessions():
+            total = total + _sums_of(task, given)
+    return total
+
+
+def _sums_of(task: SumTask, given: Session) -> PartSums:
+    model, x = task.model, task.at.x
+    chain = model.fit_.perturbed_chain
+    used = within_limits(given, model.arm, task.limits).session
+    used = used.rows(used.has_point)
+    if not len(used):
+        return PartSums(len(given), ReadingSums.zero(len(x)))
+    check_has_reference(used, model.arm, purpose="fit to")
+    at = model.at(used)
+    points = next(one for one in references_of(used, None) if isinstance(one, Points))
+    sums, gross = ReadingSums.of(chain, at.state, points, x, task.at.noise_mm2, task.gross)
+    held_out = nominal = PointErrorSums()
+    if task.without_part is not None:
+        known = points.points.copy()
+        known[gross] = np.nan
+        held_out = PointErrorSums.of(chain.tips(at.state, task.without_part), known)
+        nominal = PointErrorSums.of(model.nominal_.tips(at.state), known)
+    names = tuple(f"{used.called(row)} of {task.part.file.name}" for row in gross[:MAX_NAMED].tolist())
+    return PartSums(len(given), sums, InputRanges.of(used), held_out, nominal, names)
+
+
+def fit_large(
+    arm: ArmLike | None,
+    session: str | Path,
+    *,
+    model: ModelName = "auto",
+    free: Iterable[str] = ("base", "tip"),
+    limits: Limits = "skip",
+    accept: str | None = None,
+    executor: Executor | None = None,
+    progress: Callable[[int, str], None] | None = None,
+    **options: Any,
+) -> LargeFit:
+    """Fit a model to a large session.
+
+    `SAMPLE` readings, evenly spaced, are fitted as a small session: they show whether the readings are of the arm,
+    which model and which terms, what it leaves unexplained and where. The coefficients of a nominal or kinematic model
+    and their covariance are then those of all readings, by sums over its parts, with the errors of stretches of the
+    session that are held out in turn; models of other kinds stay those of the sample.
+
+    Parameters
+    ----------
+    arm, model, free, limits, accept, **options
+        As of `fit`.
+    session : str or Path
+        One file, or a folder of files (`LargeSession`).
+    executor : Executor, optional
+        Who sums over the parts; this process by default. The model does not depend on it.
+    progress : callable, optional
+        Called with the number of readings done and a note.
+
+    Returns
+    -------
+    LargeFit
+
+    Raises
+    ------
+    InputError
+        As `fit`.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import truearm as ta
+    >>> Path("line").mkdir()
+    >>> for day in (1, 2):
+    ...     ta.simulate("ur10", poses=30, seed=day).session.save(f"line/{day}.csv")
+    >>> found = ta.fit_large("ur10", "line", model="nominal")
+    >>> found.n_readings, found.model.kind
+    (60, 'nominal')
+    """
+    known_arm = None if arm is None else to_arm(arm)
+    large = LargeSession.open(session, n_joints=None if known_arm is None else known_arm.n_joints)
+
+    def report(_: int, note: str) -> None:
+        if progress is not None:
+            progress(0, f"sample: {note}")
+
+    report(0, "reading")
+    executor = executor or Serial()
+    sample = large.sample(SAMPLE, executor)
+    found = fit(known_arm, sample, model=model, free=free, limits=limits, accept=accept, progress=report, **options)
+    if why_not := _why_of_sample(found):
+        return LargeFit(found, len(large), why_not)
+    identified_model = to_identified(found.model)
+    assert identified_model is not None
+    return _by_all_readings(found, identified_model, large, limits, accept, executor, progress)
+
+
+def _why_of_sample(found: FitResult) -> str:
+    """Why the model stays that of the sample; nothing where it is identified from all readings."""
+    model = to_identified(found.model)
+    if model is None or model.kind == "physical":
+        return f"a {found.model_name} model is not identified from sums over a session (--model kinematic is)"
+    if [part.kind for part in model.fit_.references] != ["point"]:
+        return "sums over a session are of reference points alone"
+    if model.session_frames_:
+        return "the readings are of several sessions"
+    return "terms of your own are not summed" if model.terms else ""
+
+
+def _by_all_readings(
+    found: FitResult,
+    of_sample: IdentifiedModel,
+    large: LargeSession,
+    limits: Limits,
+    accept: str | None,
+    executor: Executor,
+    progress: Callable[[int, str], None] | None,
+) -> LargeFit:
+    arm, light = of_sample.fit_, without_readings(of_sample)
+    gross = gross_error_limit(arm, of_sample.held_out_.and_also(of_sample.held_out_gross_))
+    at = Estimate(arm.coefficients, arm.references[0].noise_std ** 2)
+    folds = [i * FOLDS // len(large.parts) for i in range(len(large.parts))]
+    by_fold: dict[int, FloatArray] = {}
+    for n_pass in range(1, MAX_PASSES + 1):
+        tasks = [
+            SumTask(part, light, at, by_fold.get(fold), gross, limits, accept)
+            for part, fold in zip(large.parts, folds, strict=True)
+        ]
+        of_folds: dict[int, PartSums] = {}
+        n_read = 0
+        for fold, one in zip(folds, results_in_order(executor, sums_of_part, tasks), strict=True):
+            of_folds[fold] = of_folds[fold] + one if fold in of_folds else one
+            n_read += one.n_read
+            if progress is not None:
+                progress(n_read, f"pass {n_pass}: {n_read} of {len(large)} readings")
+        total = sum(list(of_folds.values())[1:], next(iter(of_folds.values())))
+        following = improved(arm, at, total.sums)
+        if n_pass == MAX_PASSES or (following.is_settled and n_pass > 1):
+            break
+        if len(of_folds) > 1:
+            by_fold = {fold: without_part(arm, at, total.sums, one.sums) for fold, one in of_folds.items()}
+        at = following
+    sample = of_sample.at(found.session)
+    errors = scale_errors(found.session, is_frame_free="base" in of_sample.free_)
+    same = of_sample.kind == "nominal"
+    whole, effect = identified(arm, at, total.sums, sample=sample.state, scale_errors=errors, same_every_day=same)
+    whole = replace(whole, converged=following.is_settled, rounds=n_pass)
+    new = copy.copy(of_sample)
+    new.fit_, new.training_ = whole, total.inputs.conditions(of_sample.training_)
+    if same:
+        new.nominal_ = whole
+    new.held_out_errors_ = _held_out_errors(total, len(by_fold)) or of_sample.held_out_errors_
+    return LargeFit(replace(found, model=new), len(large), "", n_pass, total, effect)
+
+
+def without_readings(model: IdentifiedModel) -> IdentifiedModel:
+    """The model without what it keeps of its readings: it is sent to every worker."""
+    light = copy.copy(model)
+    none = type(model).held_out_
+    light.held_out_ = light.held_out_gross_ = light.held_out_distances_ = none
+    light.fit_, light.nominal_ = (replace(one, references=()) for one in (model.fit_, model.nominal_))
+    return light
+
+
+def _held_out_errors(total: PartSums, n_folds: int) -> HeldOutErrors | None:
+    if not total.held_out.n:
+        return None
+    errors = total.held_out.errors()
+    return HeldOutErrors(
+        total.held_out.n,
+        n_folds,
+        errors["mean_mm"],
+        total.held_out.standard_error_mm(),
+        errors["p95_mm"],
+        errors["max_mm"],
+        total.sums.n_gross,
+    )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LargeFit(Record):
+    """A model fitted to a large session.
+
+    Attributes
+    ----------
+    result : FitResult
+        The fit of the sample; its model is that of all readings.
+    n_readings : int
+        Of the session.
+    of_sample : str
+        Why the model is that of the sample; empty where it is identified from all readings.
+    n_passes : int
+        Passes over the session, beside the one that selects the sample.
+    total : PartSums or None
+    effect : DesignEffect or None
+        By how much correlated readings are worth less.
+    """
+
+    result: FitResult
+    n_readings: int
+    of_sample: str
+    n_passes: int = 0
+    total: PartSums | None = None
+    effect: DesignEffect | None = None
+
+    @property
+    def model(self) -> Any:
+        """The fitted model."""
+        return self.result.model
+
+    @property
+    def held_out_mm(self) -> tuple[float, float] | None:
+        """Mean error of the stretches that were held out, of the model and of the nominal arm [mm]."""
+        if self.total is None or not self.total.held_out.n:
+            return self.result.held_out_mm
+        return self.total.held_out.errors()["mean_mm"], self.total.nominal.errors()["mean_mm"]
+
+    @property
+    def n_effective(self) -> float | None:
+        """Independent readings of the same worth for the coefficients; None where the model is that of the sample."""
+        if self.total is None or self.effect is None:
+            return None
+        return self.total.sums.n / self.effect.factor
+
+    def save(self, path: str | Path) -> None:
+        """Write the model to a file (see `load_model`)."""
+        self.result.save(path)
+
+    def summary(self) -> str:
+        """The answer in one sentence: the mean error, and how it compares with the nominal arm."""
+        of = f"{self.result.model_name} model of {self.model.arm.name}, {self.n_readings} readings"
+        if self.held_out_mm is None:
+            return f"Fitted ({of})."
+        error, nominal = self.held_out_mm
+        compared = "" if self.result.model_name == "nominal" else compare_with_nominal(error, nominal)
+        what = "held-out readings of the sample" if self.of_sample else "held-out readings"
+        return f"Mean error {format_mm(error)} on {what}{compared} ({of})."
+
+    def blocks(self) -> Iterator[str | TextTable]:
+        """See `Record.blocks`."""
+        yield self.summary()
+        n_sample = len(self.result.session)
+        if self.of_sample or self.total is None or self.effect is None or self.n_effective is None:
+            yield (
+                f"The model is that of {n_sample} readings, evenly spaced in the session, and not of all: "
+                f"{self.of_sample}."
+            )
+        else:
+            used = self.total.sums.n
+            yield (
+                f"Constants and their uncertainty are those of {used} readings, in {self.n_passes} passes; terms, what "
+                f"is unexplained and which readings are gross errors, those of {n_sample} of them, evenly spaced."
+            )
+            if not self.model.fit_.converged:
+                yield f"The constants still changed in pass {self.n_passes}: their uncertainty may be larger."
+            said = describe_effective_number(self.n_effective, used, self.effect.is_settled)
+            yield f"{said}." if self.effect.factor <= 1 else f"{said}, which the uncertainty of the constants contains."
+            yield from self._skipped(self.total)
+        yield "Of the sample:"
+        yield from self.result.blocks()
+
+    def _skipped(self, total: PartSums) -> Iterator[str]:
+        if n := total.sums.n_gross:
+            named = ", ".join(total.gross)
+            yield f"{n} readings are gross errors and were excluded: {named}{' and others' * (n > len(total.gross))}."
+        if n := total.n_read - total.sums.n - total.sums.n_gross:
+            yield f"{n} readings have no reference point, or are beyond a joint limit, and were skipped."
+
+    def _json(self) -> object:
+        total, effect = self.total, self.effect
+        found: dict[str, Any] = {
+            "summary": self.summary(),
+            "model": self.result.model_name,
+            "n_readings": self.n_readings,
+            "n_sample": len(self.result.session),
+            "model_of_sample": self.of_sample or None,
+            "n_passes": self.n_passes,
+            "n_effective": self.n_effective,
+            "n_used": None if total is None else total.sums.n,
+            "n_gross": None if total is None else total.sums.n_gross,
+            "n_block": None if effect is None else effect.n_block,
+            "is_effective_number_settled": None if effect is None else effect.is_settled,
+            "held_out": None,
+        }
+        if self.held_out_mm is not None:
+            found["held_out"] = dict(zip(("mean_mm", "nominal_mean_mm"), self.held_out_mm, strict=True))
+        return {**found, "sample": self.result.to_dict()}

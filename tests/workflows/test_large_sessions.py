@@ -1,0 +1,144 @@
+"""Large sessions: parts together are the whole, whoever computes them; a fault is in its line and leaves nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import truearm as ta
+from truearm.errors import InputError
+from truearm.fleet.executors import Processes
+from truearm.readings import large_sessions, read_session
+from truearm.readings.large_sessions import LargeSession, is_large
+from truearm.solve.executor import Serial
+from truearm.workflows.evaluate_large import evaluate_large
+from truearm.workflows.predict_large import predict_large
+
+N = 3000
+
+
+@pytest.fixture(scope="module")
+def session():
+    return ta.simulate("ur10", poses=N, seed=1).session
+
+
+@pytest.fixture(scope="module")
+def model(session):
+    return ta.fit("ur10", session.rows(np.arange(200)), model="kinematic").model
+
+
+@pytest.fixture(scope="module")
+def folder(session, tmp_path_factory):
+    """A data set of CSV and Parquet in folders, in the order of the names."""
+    pyarrow = pytest.importorskip("pyarrow.parquet")
+    path = tmp_path_factory.mktemp("set") / "readings"
+    (path / "b").mkdir(parents=True)
+    session.rows(np.arange(1000)).save(path / "a.csv")
+    session.rows(np.arange(1000, N)).save(path / "b" / "rest.parquet")
+    table = pyarrow.read_table(path / "b" / "rest.parquet")
+    pyarrow.write_table(table, path / "b" / "rest.parquet", row_group_size=700)
+    (path / ".hidden.csv").write_text("no session")
+    return path
+
+
+@pytest.mark.parametrize("part_bytes", [2000, 2**23])
+def test_parts_together_are_the_session(folder, session, part_bytes, monkeypatch):
+    monkeypatch.setattr(large_sessions, "MAX_READINGS", 300)
+    large = LargeSession.open(folder, n_joints=6, part_bytes=part_bytes)
+    assert len(large) == N
+    found = large_sessions.joined_sessions([one for part in large.parts for one in part.sessions()])
+    assert np.allclose(found.angles, session.angles, rtol=1e-12, atol=0)
+    assert np.array_equal(found.points, session.points)
+    assert np.array_equal(found.serial_number, session.serial_number)
+    assert np.array_equal(found.numbers[:1000], np.arange(2, 1002))  # lines of the file
+    assert np.array_equal(found.numbers[1000:], np.arange(1, N - 999))
+    rows = np.unique(np.linspace(0, N - 1, 77).astype(int))
+    sample = large.sample(77)
+    assert np.array_equal(sample.points, session.points[rows])
+    assert np.array_equal(sample.numbers, rows + 1)  # of all files
+
+
+def test_a_large_session_is_a_folder_or_a_file_beyond_the_limit(folder, monkeypatch, tmp_path):
+    assert is_large(folder)
+    assert not is_large(folder / "a.csv")
+    assert not is_large(tmp_path / "missing.csv")
+    monkeypatch.setattr(large_sessions, "MAX_BYTES", 1000)
+    monkeypatch.setattr(large_sessions, "MAX_CELLS", 100)
+    assert is_large(folder / "a.csv")
+    assert is_large(folder / "b" / "rest.parquet")
+
+
+@pytest.mark.parametrize("ending", ["csv", "parquet"])
+def test_points_are_those_of_the_whole_session_whoever_computes_them(folder, session, model, tmp_path, ending):
+    found = predict_large(model, folder, tmp_path / f"a.{ending}")
+    predict_large(model, folder, tmp_path / f"b.{ending}", executor=Processes(2) if ending == "csv" else Serial())
+    assert (tmp_path / f"a.{ending}").read_bytes() == (tmp_path / f"b.{ending}").read_bytes()
+    whole = ta.predict(model, session)
+    pandas = pytest.importorskip("pandas")
+    read = pandas.read_csv if ending == "csv" else pandas.read_parquet
+    table = read(tmp_path / f"a.{ending}")
+    assert np.allclose(table[["x_mm", "y_mm", "z_mm"]], whole.points, atol=2e-6)
+    assert np.allclose(table[["sx_mm", "sy_mm", "sz_mm"]], whole.u_mm, atol=2e-6)
+    assert np.array_equal(table["outside_training"], whole.outside_training)
+    assert found.to_dict()["median_u_mm"] == pytest.approx(np.median(whole.u_mm), rel=2e-3)
+    assert found.sums.n_outside == whole.outside_training.sum()
+
+
+def test_errors_and_coverage_are_those_of_the_whole_session(folder, session, model):
+    parts, whole = evaluate_large(model, folder), ta.evaluate(model, session)
+    for name, errors in parts.errors.items():
+        for figure, value in errors.items():
+            assert value == pytest.approx(whole.errors[name][figure], rel=2e-3 if "p95" in figure else 1e-9)
+    assert parts.coverage == whole.coverage
+    assert parts.sums.n_covered_99 == whole.budget.n_covered_99
+    assert parts.to_dict()["combined_u_mm"] == pytest.approx(whole.budget.combined_mm)
+    again = evaluate_large(model, folder, executor=Processes(2))
+    assert again.to_dict() == parts.to_dict()
+
+
+def test_a_fault_is_in_its_line_and_no_table_is_written(session, model, tmp_path):
+    file = tmp_path / "s.csv"
+    session.save(file)
+    lines = file.read_text().splitlines(keepends=True)
+    lines[2500] = lines[2500].replace(",", ",x", 1)
+    file.write_text("".join(lines))
+    large = LargeSession.open(file, part_bytes=10_000)
+    with pytest.raises(InputError) as caught:
+        [one for part in large.parts for one in part.sessions()]
+    assert caught.value.line == 2501
+    with pytest.raises(InputError) as caught:
+        large.sample(N)
+    assert caught.value.line == 2501
+    with pytest.raises(InputError, match="line 2501"):
+        predict_large(model, file, tmp_path / "p.csv")
+    assert [path.name for path in tmp_path.iterdir()] == ["s.csv"]
+
+
+def test_an_empty_row_between_parts_is_refused(session, tmp_path):
+    file = tmp_path / "s.csv"
+    session.rows(np.arange(9)).save(file)
+    lines = file.read_bytes().splitlines(keepends=True)
+    file.write_bytes(b"".join([*lines[:5], b"\n", *lines[5:], b"\n\n"]))
+    size = sum(map(len, lines[1:5])) + 1
+    with pytest.raises(InputError, match="line 6: expected numbers, got an empty row"):
+        [one for part in LargeSession.open(file, part_bytes=size - 1).parts for one in part.sessions()]
+    file.write_bytes(b"".join([*lines, b"\n\n"]))  # at the end it is none
+    assert len(LargeSession.open(file)) == len(read_session(file)) == 9
+
+
+def test_what_is_no_data_set_is_refused(session, tmp_path):
+    with pytest.raises(InputError, match="expected session files"):
+        LargeSession.open(tmp_path)
+    session.save(tmp_path / "a.csv")
+    (tmp_path / "b.csv").write_text("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n1,2,3,4,5,6\n")
+    with pytest.raises(InputError, match=r"b\.csv.*expected the columns of a\.csv"):
+        LargeSession.open(tmp_path)
+    (tmp_path / "a.csv").unlink()
+    with pytest.raises(InputError, match="expected 7 joints, got 6"):
+        LargeSession.open(tmp_path, n_joints=7)
+    (tmp_path / "b.csv").write_text("q1_deg\n")
+    with pytest.raises(InputError, match="at least one reading"):
+        LargeSession.open(tmp_path)
+    (tmp_path / "b.parquet").write_bytes(b"PAR1 and no more")
+    with pytest.raises(InputError, match="expected a Parquet file"):
+        LargeSession.open(tmp_path)
