@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from truearm.arm import load_arm
-from truearm.compensation.models import KinematicModel
+from truearm.compensation.models import KinematicModel, NominalModel
 from truearm.identification.estimation.residual_variance import LEVEL, HeldOutReadings
 from truearm.identification.judgement.outer_regions import (
     PRIOR_GROWTH,
@@ -106,3 +106,12 @@ def test_points_outside_are_in_their_ellipsoids(size):
     assert model.outside_training(outside).all()
     np.testing.assert_array_equal(growing.factor(inside.angles), 1.0)
     assert (growing.growth > 1) if size else growing.factor(outside.angles).max() < 1.5
+
+
+def test_an_arm_with_nothing_free_has_regions_too():
+    """The nominal arm in its own frame has no coefficient, and its errors are the same inside and outside."""
+    arm, inside, _ = sessions(3e-4)
+    model = NominalModel(arm, free=()).fit_readings(inside)
+    np.testing.assert_allclose(
+        model.held_out_.deviations, arm.chain.tip_in_base(inside.angles) - inside.points, atol=1e-9
+    )

@@ -374,10 +374,11 @@ class _Minimum:
     def _without_data(self, members: Members, group: IntArray) -> list[HeldOutReadings] | None:
         """The deviations of a large group, by the arm's normal equations less those of the group.
 
-        None for a group with unknowns, or of fewer residuals than coefficients, and where rounding spoils it.
+        None for a group with unknowns, or of fewer residuals than coefficients, without any, and where rounding spoils it.
         """
         n_residuals = sum(self.parts[i].residuals[rows].size for i, rows in members)
-        if any(self.parts[i].linear.unknown.size for i, _ in members) or n_residuals <= self.root.n_rows:
+        has_unknowns = any(self.parts[i].linear.unknown.size for i, _ in members)
+        if has_unknowns or not 0 < self.root.n_rows < n_residuals:
             return None
         own = Arrowhead.combine(
             [self.problem.equations_of(i, rows, self.parts[i].linear, self.x) for i, rows in members]
