@@ -374,7 +374,7 @@ class _Minimum:
     def _without_data(self, members: Members, group: IntArray) -> list[HeldOutReadings] | None:
         """The deviations of a large group, by the arm's normal equations less those of the group.
 
-        None for a group with unknowns, of fewer residuals than coefficients or without any, and where rounding spoils it.
+        None for a group with unknowns, of fewer residuals than coefficients, or where rounding spoils it.
         """
         n_residuals = sum(self.parts[i].residuals[rows].size for i, rows in members)
         has_unknowns = any(self.parts[i].linear.unknown.size for i, _ in members)
