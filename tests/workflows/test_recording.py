@@ -159,6 +159,13 @@ def test_a_typed_point_belongs_to_one_reading(tmp_path):
     assert ta.read_session(tmp_path / "out.csv").points.tolist() == [[1, 2.5, -3]]
 
 
+@pytest.mark.parametrize("device_hz", [20, 24, 37, 50, 125, 500])
+def test_the_angles_come_as_often_as_asked_for_whatever_the_rate_of_the_device(tmp_path, device_hz):
+    samples = (Sample(k / device_hz, np.zeros(2)) for k in range(10 * device_hz))
+    events = [*record(source(*samples), tmp_path / "out.csv", on="key", samples_hz=20)]
+    assert kinds(events).count("sample") == pytest.approx(200, abs=1)
+
+
 def test_angles_are_events_as_often_as_asked(tmp_path):
     events = [*record(source(*stops([0.0], [0.5])), tmp_path / "out.csv", rule=RULE, samples_hz=5)]
     samples = [event.to_dict() for event in events if event.kind == "sample"]

@@ -31,6 +31,7 @@ VERBS: tuple[tuple[str, str], ...] = (
     ("plan", "plan"),
     ("sources", "sources"),
     ("record", "record"),
+    ("live", "live"),
     ("import", "import_table"),
     ("split", "split"),
     ("fit", "fit"),

@@ -7,14 +7,24 @@ import sys
 from collections.abc import Iterator
 from contextlib import suppress
 from math import radians
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from typer import Option
 
-from truearm.choices import TakeOn
 from truearm.cli.console import print_line
-from truearm.cli.options import ARM_HELP
+from truearm.cli.options import (
+    FirstSeat,
+    LiveModel,
+    RecordedArm,
+    RecordedFile,
+    RecordedPlan,
+    ReferenceOption,
+    SourceOption,
+    StillSpread,
+    StillSpreadMm,
+    StillTime,
+    TakeOption,
+)
 from truearm.errors import InputError
 
 if TYPE_CHECKING:
@@ -22,19 +32,17 @@ if TYPE_CHECKING:
 
 
 def record(
-    source: Annotated[str, Option(help="Where the angles come from: KIND:ADDRESS, as truearm sources lists them.")],
-    out: Annotated[Path, Option(help="Session file, .csv; one with the same columns is continued.")],
-    plan: Annotated[Path | None, Option(help="Plan of truearm plan: seats, instructions, what remains.")] = None,
-    arm: Annotated[str | None, Option("--arm", help=ARM_HELP)] = None,
-    model: Annotated[Path | None, Option(help="Model file: shows the corrected tip with its uncertainty.")] = None,
-    reference: Annotated[
-        str | None, Option(help="What measures the tip, if not the source: another source, paired by time, or typed.")
-    ] = None,
-    on: Annotated[TakeOn, Option(help="Take a reading at every standstill, or by key or the arm's button.")] = "still",
-    seat: Annotated[str, Option(help="Name of the seat of the first readings; by default the plan's.")] = "",
-    still: Annotated[float, Option(help="For how long the arm stands still before a reading is taken [s].")] = 0.5,
-    spread: Annotated[float, Option(help="By how much a joint moves at most in that time [deg].")] = 0.05,
-    spread_mm: Annotated[float, Option(help="By how much a sliding joint moves at most [mm].")] = 0.05,
+    source: SourceOption,
+    out: RecordedFile,
+    plan: RecordedPlan = None,
+    arm: RecordedArm = None,
+    model: LiveModel = None,
+    reference: ReferenceOption = None,
+    on: TakeOption = "still",
+    seat: FirstSeat = "",
+    still: StillTime = 0.5,
+    spread: StillSpread = 0.05,
+    spread_mm: StillSpreadMm = 0.05,
     samples: Annotated[float, Option(min=0, max=1000, help="With --headless: angles so often a second, too.")] = 0.0,
     headless: Annotated[
         bool, Option("--headless", help="Print events as JSON lines, and read commands from standard input.")

@@ -261,7 +261,7 @@ class Scene:
     lines: Sequence[npt.ArrayLike] = ()
 
     def to_json(self) -> str:
-        """The data block of the page. No text in it can end the block: ``<`` is written as an escape."""
+        """The data block of the page."""
         data = {
             "label": self.label,
             "unit": self.unit,
@@ -269,8 +269,7 @@ class Scene:
             "mechanism": None if self.mechanism is None else self.mechanism.to_json(self.unit),
             "lines": [{"at": finite_array(line, "a line", width=3).round(4).tolist()} for line in self.lines],
         }
-        text = json.dumps(data, allow_nan=False, separators=(",", ":"))
-        return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+        return data_block(data)
 
     @property
     def remark(self) -> str:
@@ -283,13 +282,25 @@ class Scene:
         )
 
 
+def data_block(data: object) -> str:
+    """Data of a page as JSON. No text in it can end the block: ``<`` is written as an escape."""
+    text = json.dumps(data, allow_nan=False, separators=(",", ":"))
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+
+
 @cache
-def scene_script() -> str:
-    """The script of a page with scenes: our modules as one, in a scope of their own."""
+def scene_script(after: str = "") -> str:
+    """The script of a page with scenes: our modules as one, in a scope of their own.
+
+    Parameters
+    ----------
+    after : str
+        A further module, which runs when the scenes are drawn.
+    """
     parts = [files("truearm.pages").joinpath(f"scene_{name}.mjs").read_text(encoding="utf-8") for name in SCRIPTS]
-    code = re.sub(r"^import [^;]*;\n", "", "\n".join(parts), flags=re.MULTILINE)
+    code = re.sub(r"^import [^;]*;\n", "", "\n".join([*parts, "start();", after]), flags=re.MULTILINE)
     code = re.sub(r"^export ", "", code, flags=re.MULTILINE)
-    return f'(() => {{\n"use strict";\n{code}\nstart();\n}})();\n'
+    return f'(() => {{\n"use strict";\n{code}\n}})();\n'
 
 
 @cache

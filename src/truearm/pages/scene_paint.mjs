@@ -267,6 +267,7 @@ export class Painter {
     const { mechanism, camera } = scene;
     const frames = framesOf(mechanism, scene.values);
     const thick = Math.max(3, Math.min(30, 0.3 * mechanism.size * camera.pixels()));
+    if (scene.ghost) this.paintGhost(framesOf(mechanism, scene.ghost), thick);
     [...this.linkPieces(frames), ...this.pivotPieces(frames)]
       .sort((a, b) => this.nearness(a) - this.nearness(b))
       .forEach(({ at, width, cap, colour }) => {
@@ -283,6 +284,13 @@ export class Painter {
       this.label(mechanism.names[i], movePoint(frame, [0, 0, 1.35 * mechanism.size]), colours.ink),
     );
     if (scene.showLengths) this.writeLengths(frames);
+  }
+
+  /** @param {object} frames of another pose @param {number} thick its links, translucent */
+  paintGhost(frames, thick) {
+    this.pen.globalAlpha = 0.35;
+    this.linkPieces(frames).forEach(({ at, width }) => this.stroke(at, this.colours.axis, thick * width));
+    this.pen.globalAlpha = 1;
   }
 
   /** @param {{at: number[][]}} piece @returns {number} */

@@ -143,6 +143,10 @@ export class SceneView {
   refresh(plots = true) {
     this.hide();
     this.changed = this.changed || plots;
+    this.drawSoon();
+  }
+
+  drawSoon() {
     if (this.waiting) return;
     this.waiting = true;
     requestAnimationFrame(() => {
@@ -151,9 +155,25 @@ export class SceneView {
     });
   }
 
+  /**
+   * Of an arm that moves: bring the mechanism to a pose; what a reader points at stays.
+   * @param {number[]} values @param {number[] | null} ghost the values at which it is drawn translucent, too
+   */
+  move(values, ghost) {
+    this.values = values;
+    this.ghost = ghost;
+    this.drawSoon();
+  }
+
+  /** Other points, in a view that began without any. @param {object} points as the part `points` of the data */
+  replaceCloud(points) {
+    this.cloud = new Cloud(points);
+    this.refresh(false);
+  }
+
   draw() {
     this.painter.paint();
-    if (this.cloud && this.changed) {
+    if (this.plots && this.changed) {
       this.plots.forEach((plot) => plot.paint());
       const text = this.cloud.summary();
       if (this.status.textContent !== text) this.status.textContent = text;
@@ -236,7 +256,7 @@ export class SceneView {
     else if (event.key === "-") this.look(() => this.camera.magnify(1 / 1.2));
     else if (event.key === "0") this.look(() => this.camera.reset());
     else if (event.key === "Escape") this.hide();
-    else if ("np".includes(event.key) && this.cloud) this.step(event.key === "n" ? 1 : -1);
+    else if ("np".includes(event.key) && this.plots) this.step(event.key === "n" ? 1 : -1);
     else return;
     event.preventDefault();
   }
@@ -291,7 +311,7 @@ export class SceneView {
 export function start() {
   document.querySelectorAll("figure.scene:not(.live)").forEach((figure) => {
     const data = JSON.parse(figure.querySelector("script[type='application/json']").textContent);
-    new SceneView(figure, data);
+    figure.view = new SceneView(figure, data);
   });
   performance.mark("scenes drawn"); // read by the benchmark of the pages
   if (document.readyState === "loading") document.addEventListener("DOMContentLoaded", start, { once: true });

@@ -122,7 +122,7 @@ class Recording:
         self._asked, self._was_pressed, self._said = False, False, ""
         self._still_since_s, self._samples_hz, self._streamed_s = 0.0, samples_hz, -np.inf
         self._skipped: set[int] = set()
-        self._out, self._model = out, model
+        self.out, self.model = out, model
         self._log: SessionLog | None = None
         self.sample: Sample | None = None
 
@@ -131,11 +131,16 @@ class Recording:
         """Number of readings in the file."""
         return 0 if self._log is None else len(self._log.rows)
 
+    @property
+    def rows(self) -> list[dict[str, str]]:
+        """The cells of the readings in the file."""
+        return [] if self._log is None else self._log.rows
+
     def corrected(self) -> CorrectedTip | str | None:
         """The tip at the last sample by the model, or why there is none; None without a model or a sample."""
-        if self._model is None or self.sample is None:
+        if self.model is None or self.sample is None:
             return None
-        return corrected_tip(self._model, self.sample, self._standstill.directions)
+        return corrected_tip(self.model, self.sample, self._standstill.directions)
 
     @property
     def is_still(self) -> bool:
@@ -200,8 +205,10 @@ class Recording:
 
     def _stream(self, sample: Sample) -> Iterator[Event]:
         """The angles as they arrive, no more often than asked for."""
-        if self._samples_hz and not 0 <= sample.time_s - self._streamed_s < 0.999 / self._samples_hz:
-            self._streamed_s = sample.time_s
+        since, period = sample.time_s - self._streamed_s, 1.0 / self._samples_hz if self._samples_hz else np.inf
+        if self._samples_hz and not 0 <= since < 0.999 * period:
+            # From one due time to the next: the rate is kept on average, whatever that of the samples.
+            self._streamed_s = self._streamed_s + period if period <= since < 2 * period else sample.time_s
             shown = dict(zip(self.joint_columns, self.displayed(sample.joint_angles_rad), strict=True))
             state: dict[str, object] = {
                 "time_s": sample.time_s,
@@ -211,6 +218,8 @@ class Recording:
             tip = self.corrected()
             if isinstance(tip, CorrectedTip):
                 state |= {"corrected_mm": tip.tip_in_reference_mm, "U_mm": tip.U_mm, "is_trained": tip.is_trained}
+            elif tip is not None:
+                state["not_corrected"] = tip
             text = "still" if self.is_still else "moving"
             yield Event("sample", text if tip is None else f"{text}: {tip}", {**state, **shown})
 
@@ -251,7 +260,7 @@ class Recording:
         if self._log is not None:
             self._log.close()
         count = format_count(self.n_readings, "reading")
-        return Event("end", f"{count} in {self._out}", {"readings": self.n_readings, "file": str(self._out)})
+        return Event("end", f"{count} in {self.out}", {"readings": self.n_readings, "file": str(self.out)})
 
     def _start(self, sample: Sample) -> Iterator[Event]:
         """Open the file; its columns depend on what the device gives."""
@@ -263,10 +272,10 @@ class Recording:
                 f"{self.source.name} gives {n} joints, arm {self.arm.name!r} has {self.arm.n_joints}",
                 hint="give the arm that is connected",
             )
-        self._log = SessionLog(self._out, self._columns(sample))
+        self._log = SessionLog(self.out, self._columns(sample))
         if self._log.repaired:
-            yield Event("notice", f"{self._out}: {self._log.repaired}")
-        text = f"recording {self.source.name} to {self._out}"
+            yield Event("notice", f"{self.out}: {self._log.repaired}")
+        text = f"recording {self.source.name} to {self.out}"
         if self.n_readings:
             text += f", after {format_count(self.n_readings, 'reading')} before"
         if not (self._has_points or self.plan or self.seat):

@@ -1,0 +1,86 @@
+"""The page of a connected arm: one HTML document with its style, its script and the arm; the server sends the rest."""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib.resources import files
+
+import jinja2
+import numpy as np
+from markupsafe import Markup
+
+from truearm.live.drawn_arm import DrawnArm
+from truearm.pages.palette import style_rules
+from truearm.pages.scene import data_block, scene_script, script_hash
+from truearm.show.arm_scene import arm_mechanism
+from truearm.workflows.recording import TYPED, Recording
+
+SPACE = 0.55  # of the reach: half the box that the first view shows
+FULL_TURN_DEG = 180.0  # what the strip of a joint without limit spans, to each side
+
+
+def live_page(recording: Recording, drawn: DrawnArm) -> str:
+    """The page as one HTML document.
+
+    Parameters
+    ----------
+    recording : Recording
+    drawn : DrawnArm
+    """
+    arm, script = drawn.arm, scene_script(_text("live.mjs"))
+    sheets = [style_rules(), *(files("truearm.pages").joinpath(name).read_text("utf-8") for name in _SHEETS)]
+    return _template().render(
+        arm=arm,
+        drawn=drawn,
+        out=str(recording.out),
+        source=recording.source.name,
+        has_model=recording.model is not None,
+        has_plan=recording.plan is not None,
+        is_typed=recording.reference == TYPED,
+        joints=list(zip(arm.joint_labels, arm.joint_units, strict=True)),
+        scene=Markup(data_block(_scene(drawn))),  # noqa: S704, every sign of markup in it is an escape
+        spans=Markup(data_block(_spans(drawn))),  # noqa: S704
+        style=Markup("".join([*sheets, _text("live.css")])),  # noqa: S704, our own files
+        script=Markup(script),  # noqa: S704, our own files
+        script_hash=Markup(script_hash(script)),  # noqa: S704
+    )
+
+
+_SHEETS = ("page.css", "scene.css")
+
+
+def _scene(drawn: DrawnArm) -> dict[str, object]:
+    """The arm in the space that it reaches, without points."""
+    chain = drawn.arm.chain
+    first, reach = chain.fixed[0, :3, 3], SPACE * chain.reach
+    corners = [first + [side * reach, side * reach, up * reach] for side, up in ((-1, 0), (1, 1))]
+    mechanism = arm_mechanism(drawn.arm, from_origin=not drawn.is_identified)
+    return {
+        "label": f"The arm {drawn.arm.name} in space as it moves, and the readings taken",
+        "unit": "mm",
+        "points": None,
+        "mechanism": mechanism.to_json("mm"),
+        "lines": [{"at": [corner.tolist()]} for corner in corners],  # single points: nothing is drawn
+    }
+
+
+def _spans(drawn: DrawnArm) -> list[list[float]]:
+    """The ends of each joint's strip [deg, or mm of sliding joints]."""
+    arm = drawn.arm
+    slides = arm.chain.is_prismatic
+    ends = arm.limits * np.where(slides, 1.0, np.degrees(1.0))[:, None]
+    widest = np.where(slides, arm.chain.reach, FULL_TURN_DEG)[:, None] * [-1.0, 1.0]
+    spans: list[list[float]] = np.where(np.isfinite(ends), ends, widest).tolist()
+    return spans
+
+
+def _text(name: str) -> str:
+    return files("truearm.live").joinpath(name).read_text("utf-8")
+
+
+@cache
+def _template() -> jinja2.Template:
+    environment = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    return environment.from_string(_text("live.html.j2"))

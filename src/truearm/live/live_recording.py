@@ -1,0 +1,117 @@
+"""A recording as messages to its page: its events, and the pose of the arm 20 times a second."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping
+from math import isfinite, radians
+
+import numpy as np
+
+from truearm.errors import InputError
+from truearm.live.drawn_arm import DrawnArm
+from truearm.live.messages import Pose, ReadingPoint, Said, State
+from truearm.live.server import LiveServer
+from truearm.readings.readings import DIRECTION
+from truearm.sources import Sample
+from truearm.workflows.corrected_tip import CorrectedTip, corrected_tip
+from truearm.workflows.record_readings import follow
+from truearm.workflows.recording import Event, Recording
+
+FRAMES_HZ = 20.0
+
+
+class LiveRecording:
+    """What the page is sent of a recording.
+
+    Parameters
+    ----------
+    recording : Recording
+        With an arm, and with `FRAMES_HZ` samples a second.
+    drawn : DrawnArm
+    """
+
+    def __init__(self, recording: Recording, drawn: DrawnArm) -> None:
+        self._recording, self._drawn = recording, drawn
+        self._readings: list[ReadingPoint] = []
+        self._next: Said | None = None
+        self._ended, self._sent_s = "", -np.inf
+
+    def follow(self, server: LiveServer) -> Iterator[Event]:
+        """Send the events of the recording, and do what the page asks for; the events but the samples."""
+        for event in follow(self._recording, server.commands()):
+            if event.kind != "sample":
+                server.send(self._said(event), State(tuple(self._readings), self._next, self._ended))
+                yield event
+            elif time.monotonic() - self._sent_s > 0.5 / FRAMES_HZ:  # a replay may run faster than its clock
+                self._sent_s = time.monotonic()
+                server.send_newest(self._pose(event))
+
+    def _said(self, event: Event) -> Said:
+        said = Said(event.to_dict())
+        if event.kind == "ready":
+            self._readings = [*self._points_of_file()]
+        elif event.kind == "reading":
+            said = Said(said.event, reading=self._point(self._recording.rows[-1]))
+            assert said.reading is not None
+            self._readings.append(said.reading)
+        elif event.kind == "undone":
+            self._readings.pop()
+        elif event.kind == "next":
+            plan, number = self._recording.plan, event.values["pose"]
+            aim = None if plan is None or number is None else self._drawn.pivots(plan.angles[number - 1])
+            said = self._next = Said(said.event, aim_pivots=aim)
+        elif event.kind == "end":
+            self._ended = event.text
+        return said
+
+    def _pose(self, event: Event) -> Pose:
+        recording, sample, values = self._recording, self._recording.sample, event.to_dict()
+        arm = recording.arm
+        assert sample is not None  # the event is of one
+        assert arm is not None
+        return Pose(
+            joints=recording.displayed(sample.joint_angles_rad),
+            pivots=self._drawn.pivots(sample.joint_angles_rad),
+            tip_in_base_mm=arm.forward([sample.joint_angles_rad]).tip_in_base[0].tolist(),
+            corrected_mm=values.get("corrected_mm"),
+            U_mm=values.get("U_mm"),
+            not_corrected=values.get("not_corrected", ""),
+            outside_training=not values.get("is_trained", True),
+            is_still=recording.is_still,
+            to_go=recording.to_go(),
+            temperature_degC=sample.temperature_degC,
+        )
+
+    def _points_of_file(self) -> Iterator[ReadingPoint]:
+        """The readings before; what a person has edited in the file may be no number."""
+        for line, row in enumerate(self._recording.rows, start=2):
+            try:
+                yield self._point(row)
+            except ValueError:
+                raise InputError("this is no reading", file=self._recording.out, line=line) from None
+
+    def _point(self, row: Mapping[str, str]) -> ReadingPoint:
+        """A row of the session file as the page draws it."""
+        recording = self._recording
+        joints = [_finite(row[name]) for name in recording.joint_columns]
+        factors = [1.0 if unit == "mm" else radians(1) for unit in recording.units]
+        angles = np.array(joints) * factors
+        residual: float | None = None
+        if recording.model is not None and row.get("x_mm"):
+            known = (*recording.model.training_.columns, "temperature_degC")
+            columns = {name: _finite(row[name]) for name in known if row.get(name)}
+            sample = Sample(0.0, angles, temperature_degC=columns.pop("temperature_degC", None), columns=columns)
+            directions = np.array([_finite(row[f"{DIRECTION}{i}"]) for i in range(1, len(joints) + 1)])
+            tip = corrected_tip(recording.model, sample, directions)
+            if isinstance(tip, CorrectedTip):
+                measured = [_finite(row[name]) for name in ("x_mm", "y_mm", "z_mm")]
+                residual = float(np.linalg.norm(tip.tip_in_reference_mm - measured))
+        return ReadingPoint(self._drawn.tip_mm(angles), joints, residual)
+
+
+def _finite(cell: str) -> float:
+    number = float(cell)
+    if not isfinite(number):
+        raise ValueError(cell)
+    return number

@@ -1,0 +1,85 @@
+"""Which requests the server answers: those of its own page, by its own name, with the token where there is one.
+
+A page of another site that the same browser shows can send requests here: its Origin gives it away. A name that its
+owner points to this computer (DNS rebinding) would make the origins agree: it is not a name of this server.
+"""
+
+from __future__ import annotations
+
+import secrets
+from dataclasses import dataclass
+from http import HTTPStatus
+from ipaddress import ip_address
+from urllib.parse import parse_qs, urlsplit
+
+from truearm.errors import InputError
+
+LOOPBACK = ("127.0.0.1", "::1", "localhost")
+LEAST_TOKEN = 16
+MOST_FIELDS = 8
+
+
+@dataclass(frozen=True)
+class RequestChecks:
+    """What a request must have.
+
+    Parameters
+    ----------
+    host : str
+        Address, or name, on which the server listens.
+    token : str
+        In the query of the request; empty: none is needed, on this computer's own address only.
+
+    Raises
+    ------
+    InputError
+        If an address that other computers reach has no token, or the token is short.
+    """
+
+    host: str
+    token: str = ""
+
+    def __post_init__(self) -> None:
+        if self.host not in LOOPBACK and not self.token:
+            raise InputError(f"--host {self.host} lets other computers in", hint="give a --token, too")
+        if self.token and len(self.token) < LEAST_TOKEN:
+            raise InputError(f"expected a token of at least {LEAST_TOKEN} characters, got {len(self.token)}")
+
+    def refusal(self, target: str, hosts: list[str], origins: list[str]) -> HTTPStatus | None:
+        """Why a request is refused; None if it is answered.
+
+        Parameters
+        ----------
+        target : str
+            Path and query.
+        hosts, origins : list of str
+            All headers of these names. A browser sends an origin with every WebSocket; other programs send none.
+        """
+        if len(hosts) != 1 or len(origins) > 1 or not self._is_own(hosts[0]):
+            return HTTPStatus.MISDIRECTED_REQUEST
+        if origins and origins[0] != f"http://{hosts[0]}":
+            return HTTPStatus.FORBIDDEN
+        if self.token and not secrets.compare_digest(_token(target).encode(), self.token.encode()):
+            return HTTPStatus.FORBIDDEN
+        return None
+
+    def _is_own(self, host: str) -> bool:
+        """Whether a Host header is the name of the server, or an address, which no DNS server can point elsewhere."""
+        try:
+            name = urlsplit(f"//{host}").hostname or ""
+        except ValueError:
+            return False
+        if name in ("localhost", self.host.lower()):
+            return True
+        try:
+            ip_address(name)
+        except ValueError:
+            return False
+        return True
+
+
+def _token(target: str) -> str:
+    try:
+        return parse_qs(urlsplit(target).query, max_num_fields=MOST_FIELDS).get("token", [""])[0]
+    except ValueError:
+        return ""
