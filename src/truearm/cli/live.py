@@ -43,10 +43,11 @@ def live(
         str, Option(envvar="TRUEARM_TOKEN", show_envvar=True, help="Whoever opens the page must know it.")
     ] = "",
 ) -> None:
-    """Take readings of a connected arm, as truearm record does, with a page in the browser that shows it.
+    """Take readings of a connected arm, and see it on a page.
 
-    The page shows the arm as it moves, the corrected tip, the readings, the angles covered and the next pose of the
-    plan. The first page that is opened takes, undoes, names seats and skips poses; others only show. Ctrl-C ends.
+    Readings are taken as by truearm record. The page in the browser shows the arm as it moves, the corrected tip,
+    the readings, the angles covered and the next pose of the plan. The first page that is opened takes, undoes,
+    names seats and skips poses; others only show. Ctrl-C ends.
     """
     from truearm.live.drawn_arm import drawn_arm
     from truearm.live.live_page import live_page

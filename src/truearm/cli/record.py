@@ -48,11 +48,11 @@ def record(
         bool, Option("--headless", help="Print events as JSON lines, and read commands from standard input.")
     ] = False,
 ) -> None:
-    """Take readings of a connected arm into a session file, which every command reads while it grows.
+    """Take readings of a connected arm into a session file.
 
-    A reading is the mean of the samples of a standstill, taken once until the arm moves again. It is on the disk before
-    it is said. Keys: space takes a reading, m one of a moving arm, u undoes the last, s names the seat, p types the
-    reference point, n skips a pose of the plan, q ends.
+    Every command reads the file while it grows. A reading is the mean of the samples of a standstill, taken once
+    until the arm moves again. It is on the disk before it is said. Keys: space takes a reading, m one of a moving
+    arm, u undoes the last, s names the seat, p types the reference point, n skips a pose of the plan, q ends.
 
     With --headless these are lines on standard input: take, take moving, undo, seat NAME, point X Y Z, skip, end.
     """

@@ -25,10 +25,10 @@ def sources(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """List what can be connected, or look at one: ten samples, and what is probably wrong.
+    """List what can be connected, or say what is wrong with it.
 
-    Move every joint while --try runs. It finds joints that never move, units by the size of the angles, and with --arm
-    signs and zeros by the limits of the joints.
+    --try prints ten samples and what is probably wrong. Move every joint while it runs. It finds joints that never
+    move, units by the size of the angles, and with --arm signs and zeros by the limits of the joints.
     """
     from truearm.arm.arm_files import write_arm
     from truearm.sources.source_names import read_source_arm
