@@ -143,6 +143,12 @@ def read_all(pieces: list[bytes]) -> list[str | None]:
     raise AssertionError
 
 
+def test_a_line_of_digits_is_refused_at_once():
+    """A number that could be split in two ways would take hours here."""
+    joints = ",".join(f"{{J{joint}}}" for joint in range(1, 7))
+    assert parsed(",".join(["1" * 160] * 6) + "x", pattern=joints) is None
+
+
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.integers(1, 7), min_size=1, max_size=30), st.binary(max_size=40))
 def test_however_the_bytes_are_torn_the_lines_are_the_same(cuts, garbage):
