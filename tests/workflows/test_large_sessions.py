@@ -126,6 +126,51 @@ def test_an_empty_row_between_parts_is_refused(session, tmp_path):
     assert len(LargeSession.open(file)) == len(read_session(file)) == 9
 
 
+def test_rows_without_a_cell_at_the_end_are_none_as_in_a_small_session(session, tmp_path):
+    file = tmp_path / "s.csv"
+    session.rows(np.arange(9)).save(file)
+    lines = file.read_bytes().splitlines(keepends=True)
+    nothing = b"," * lines[0].count(b",") + b"\r\n"
+    file.write_bytes(b"".join([*lines, nothing, nothing]))
+    large = LargeSession.open(file)
+    assert sum(len(one) for part in large.parts for one in part.sessions()) == len(read_session(file)) == 9
+
+
+def test_no_file_of_a_folder_is_left_out_unsaid(session, tmp_path):
+    few = session.rows(np.arange(9))
+    few.save(tmp_path / "b.csv")
+    content = (tmp_path / "b.csv").read_bytes()
+    (tmp_path / "A.CSV").write_bytes(content)
+    (tmp_path / "folder.csv").mkdir()
+    assert len(LargeSession.open(tmp_path)) == 18
+    (tmp_path / "A.CSV").write_bytes(content.replace(b"\n", b"\r"))
+    with pytest.raises(InputError, match="old Macintosh"):
+        LargeSession.open(tmp_path)
+
+
+def test_columns_that_pandas_had_as_its_index_are_columns(session, tmp_path):
+    pandas = pytest.importorskip("pandas")
+    pytest.importorskip("pyarrow")
+    file = tmp_path / "s.parquet"
+    session.rows(np.arange(9)).save(file)
+    pandas.read_parquet(file).set_index("q1_deg").to_parquet(file)
+    large = LargeSession.open(file)
+    found = large_sessions.joined_sessions([one for part in large.parts for one in part.sessions()])
+    assert np.array_equal(found.angles, read_session(file).angles)
+
+
+def test_readings_in_the_folder_are_not_overwritten(session, model, tmp_path):
+    folder = tmp_path / "set"
+    folder.mkdir()
+    session.rows(np.arange(9)).save(folder / "a.csv")
+    session.rows(np.arange(9)).save(tmp_path / "other.csv")
+    (folder / "b.csv").symlink_to(tmp_path / "other.csv")
+    for out in (folder / "a.csv", folder / "new.csv", tmp_path / "other.csv"):
+        with pytest.raises(InputError, match="one of the readings in the folder"):
+            predict_large(model, folder, out)
+    assert predict_large(model, folder, tmp_path / "points.csv").sums.n_points == 18
+
+
 def test_what_is_no_data_set_is_refused(session, tmp_path):
     with pytest.raises(InputError, match="expected session files"):
         LargeSession.open(tmp_path)

@@ -168,7 +168,7 @@ class RowGroup(Part):
 
     def _session(self, batch: Any, which: IntArray) -> Session:
         try:
-            fields = fields_of_frame(batch.to_pandas(), file=self.file, n_joints=self.n_joints)
+            fields = fields_of_frame(batch.to_pandas(ignore_metadata=True), file=self.file, n_joints=self.n_joints)
             return Session(**fields | {"numbers": self.n_before + which + 1})
         except InputError as error:
             name, _, number = (error.row or "").partition(" ")
@@ -216,7 +216,7 @@ class LargeSession:
         path = Path(path)
         parts: list[Part] = []
         first: tuple[Path, set[str]] | None = None
-        for file in _files(path):
+        for file in session_files(path):
             check_readable(file, limit_bytes=LARGEST_BYTES)
             names, found = _row_groups(file, n_joints) if is_parquet(file) else _lines(file, n_joints, part_bytes)
             first = first or (file, names)
@@ -307,13 +307,22 @@ def joined_sessions(sessions: list[Session]) -> Session:
     return replace(first, **fields, columns=columns, unfilled=unfilled)
 
 
-def _files(path: Path) -> list[Path]:
+def session_files(path: Path) -> list[Path]:
+    """The files of a session: the path itself, or all in a folder, in the order of their names.
+
+    Raises
+    ------
+    InputError
+        If a folder has none.
+    """
     if not path.is_dir():
         return [path]
     found = sorted(
         file
         for file in path.rglob("*")
-        if file.suffix in SUFFIXES and not any(part[0] in "._" for part in file.relative_to(path).parts)
+        if file.suffix.lower() in SUFFIXES
+        and not any(part[0] in "._" for part in file.relative_to(path).parts)
+        and not file.is_dir()
     )
     if not found:
         raise InputError(f"expected session files ({', '.join(SUFFIXES)}), got a folder without any", file=path)
@@ -324,6 +333,12 @@ def _lines(path: Path, n_joints: int | None, part_bytes: int) -> tuple[set[str],
     """Names of the columns and parts of a CSV file."""
     size = path.stat().st_size
     head = _bytes(path, 0, HEAD_BYTES)
+    if b"\n" not in head and b"\r" in head:  # read as one line, its readings would be missing
+        raise InputError(
+            "expected lines with the ends of Unix or Windows, got those of the old Macintosh",
+            file=path,
+            hint="save it as 'CSV UTF-8'",
+        )
     form = form_of(head if len(head) < HEAD_BYTES else head[: head.rfind(b"\n") + 1], path)
     columns = recognise_columns(form.names, file=path, line=1, n_joints=n_joints)
     parts: list[Part] = []
@@ -334,12 +349,23 @@ def _lines(path: Path, n_joints: int | None, part_bytes: int) -> tuple[set[str],
             stream.seek(start)
             data = stream.read(part_bytes)
             data += stream.readline(HEAD_BYTES)
-            end = len(data.rstrip(b"\r\n")) if start + len(data) >= size else len(data)
+            end = _end_of_rows(data, form.separator) if start + len(data) >= size else len(data)
             n = data.count(b"\n", 0, end) + (not data[:end].endswith(b"\n") and end > 0)
             if n:
                 parts.append(Lines(path, n, n_before, n_joints, form, start, start + end))
             start, n_before = start + len(data), n_before + n
     return _names(columns), parts
+
+
+def _end_of_rows(data: bytes, separator: str) -> int:
+    """Bytes without the empty rows at the end, such as ``,,,``."""
+    nothing, end = b'\r\n\t "' + separator.encode(), len(data)
+    while end:
+        start = data.rfind(b"\n", 0, end - 1) + 1
+        if data[start:end].strip(nothing):
+            break
+        end = start
+    return end
 
 
 def _row_groups(path: Path, n_joints: int | None) -> tuple[set[str], list[Part]]:
