@@ -110,7 +110,6 @@ def test_in_a_terminal_keys_take_readings_and_name_the_seat(tmp_path, simulated)
         "--on",
         "key",
     ]
-    command += ["--on", "key"]
     environment = {**os.environ, "TERM": "xterm", "COLUMNS": "100"}
     shown = ""
 
