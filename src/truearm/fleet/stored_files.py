@@ -18,22 +18,8 @@ from truearm.files.delimited import MAX_BYTES
 SETTLED_S = 3.0
 COPIED_BYTES = 2**20
 # What storages state of a file that changes with its content, in small letters alone.
-_CHANGING = frozenset(
-    [
-        "checksum",
-        "contentmd5",
-        "created",
-        "digest",
-        "etag",
-        "generation",
-        "lastmodified",
-        "md5",
-        "md5hash",
-        "modified",
-        "mtime",
-        "updated",
-    ]
-)
+_CHANGING = frozenset(("checksum", "contentmd5", "created", "digest", "etag", "generation", "lastmodified"))
+_CHANGING |= {"md5", "md5hash", "modified", "mtime", "updated"}
 
 
 class StorageError(TruearmError, OSError):
