@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import truearm as ta
 from truearm.errors import InputError
+from truearm.files.table_writer import table_writer
 from truearm.fleet.executors import Processes
 from truearm.readings import large_sessions, read_session
+from truearm.readings.columns import session_columns
 from truearm.readings.large_sessions import LargeSession, is_large
 from truearm.solve.executor import Serial
 from truearm.workflows.evaluate_large import evaluate_large
@@ -94,6 +98,36 @@ def test_errors_and_coverage_are_those_of_the_whole_session(folder, session, mod
     assert parts.to_dict()["combined_u_mm"] == pytest.approx(whole.budget.combined_mm)
     again = evaluate_large(model, folder, executor=Processes(2))
     assert again.to_dict() == parts.to_dict()
+
+
+def test_a_part_without_points_takes_no_other_away(session, model, tmp_path):
+    points = session.points[:60].copy()
+    points[20:40] = np.nan
+    some = replace(session.rows(np.arange(60)), points=points, point_std=None)
+    pytest.importorskip("pyarrow")
+    with table_writer(tmp_path / "a.parquet") as append:  # of three parts
+        for i in range(3):
+            append(session_columns(some.rows(np.arange(20 * i, 20 * i + 20))))
+    whole, parts = ta.evaluate(model, some), evaluate_large(model, tmp_path)
+    assert parts.errors["model"]["n"] == whole.errors["model"]["n"] == 40
+    assert parts.coverage == whole.coverage
+
+
+def test_a_part_beyond_the_limits_is_skipped_as_in_a_small_session(session, model, tmp_path):
+    few, folder = session.rows(np.arange(60)), tmp_path / "set"
+    folder.mkdir()
+    angles = few.angles.copy()
+    angles[57:, 0] = 7.0
+    beyond = replace(few, angles=angles)
+    for name, rows in (("a", np.arange(57)), ("b", np.arange(57, 60))):
+        beyond.rows(rows).save(folder / f"{name}.csv")
+    whole, parts = ta.evaluate(model, beyond), evaluate_large(model, folder)
+    assert parts.errors["model"]["n"] == 57
+    assert parts.errors["model"]["mean_mm"] == pytest.approx(whole.errors["model"]["mean_mm"], rel=1e-9)
+    assert ta.fit_large("ur10", folder, model="nominal").total.sums.n == 57
+    (folder / "a.csv").unlink()
+    with pytest.raises(InputError, match="3 of 3 readings are outside the limits of a joint"):
+        evaluate_large(model, folder)
 
 
 def test_a_fault_is_in_its_line_and_no_table_is_written(session, model, tmp_path):
