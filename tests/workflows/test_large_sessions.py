@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 import truearm as ta
+from truearm.cli.main import run
 from truearm.errors import InputError
-from truearm.files.table_writer import table_writer
 from truearm.fleet.executors import Processes
 from truearm.readings import large_sessions, read_session
-from truearm.readings.columns import session_columns
 from truearm.readings.large_sessions import LargeSession, is_large
 from truearm.solve.executor import Serial
 from truearm.workflows.evaluate_large import evaluate_large
@@ -100,17 +99,28 @@ def test_errors_and_coverage_are_those_of_the_whole_session(folder, session, mod
     assert again.to_dict() == parts.to_dict()
 
 
-def test_a_part_without_points_takes_no_other_away(session, model, tmp_path):
-    points = session.points[:60].copy()
-    points[20:40] = np.nan
-    some = replace(session.rows(np.arange(60)), points=points, point_std=None)
+@pytest.mark.parametrize("without", [0, 1, 2])
+def test_a_part_without_points_takes_no_other_away(session, model, tmp_path, without):
     pytest.importorskip("pyarrow")
-    with table_writer(tmp_path / "a.parquet") as append:  # of three parts
-        for i in range(3):
-            append(session_columns(some.rows(np.arange(20 * i, 20 * i + 20))))
-    whole, parts = ta.evaluate(model, some), evaluate_large(model, tmp_path)
+    pandas, folder = pytest.importorskip("pandas"), tmp_path / "set"
+    folder.mkdir()
+    points = session.points[:60].copy()
+    points[20 * without : 20 * without + 20] = np.nan
+    some = replace(session.rows(np.arange(60)), points=points, point_std=None)
+    some.save(folder / "a.parquet")
+    pandas.read_parquet(folder / "a.parquet").to_parquet(folder / "a.parquet", row_group_size=20)
+    whole, parts = ta.evaluate(model, some), evaluate_large(model, folder)
     assert parts.errors["model"]["n"] == whole.errors["model"]["n"] == 40
     assert parts.coverage == whole.coverage
+    assert np.array_equal(LargeSession.open(folder).sample(60).points, points, equal_nan=True)
+    assert ta.fit_large("ur10", folder, model="nominal").total.sums.n == 40
+    command = ["split", folder, "--train", tmp_path / "a.csv", "--test", tmp_path / "b.csv", "--by", "session"]
+    frame = pandas.read_parquet(folder / "a.parquet")
+    frame.assign(session=np.repeat(["1", "2"], [59, 1])).to_parquet(folder / "a.parquet", row_group_size=20)
+    with pytest.raises(SystemExit, match="0"):
+        run([*map(str, command)])
+    split = [ta.read_session(tmp_path / name) for name in ("a.csv", "b.csv")]
+    assert sum(int(one.has_point.sum()) for one in split) == 40
 
 
 def test_a_part_beyond_the_limits_is_skipped_as_in_a_small_session(session, model, tmp_path):

@@ -20,12 +20,12 @@ from truearm.errors import InputError
 from truearm.files.delimited import MAX_BYTES, Sheet, as_utf8
 from truearm.files.file_reading import access_error, check_readable
 from truearm.files.spreadsheet_forms import encoding_of_form, form_of
-from truearm.readings.columns import Columns, fields_of_frame, recognise_columns
+from truearm.readings.columns import QUATERNION, Columns, fields_of_frame, recognise_columns, session_columns
 from truearm.readings.files import MAX_CELLS, fields_of_sheet, is_parquet, open_parquet
 from truearm.readings.session import Session
 from truearm.readings.split import chosen_groups, group_names
 from truearm.solve.executor import Executor, Serial, results_in_order
-from truearm.typing import BoolArray, IntArray
+from truearm.typing import BoolArray, FloatArray, IntArray, NameArray
 
 # Bytes of the lines of a part: some ten thousand readings, in the memory some ten times as large.
 PART_BYTES = 2**23
@@ -186,10 +186,13 @@ class LargeSession:
     path : Path
     parts : tuple of Part
         In the order of the readings.
+    columns : Columns
+        Of the first file; the others have the same ones.
     """
 
     path: Path
     parts: tuple[Part, ...]
+    columns: Columns
 
     def __len__(self) -> int:
         return sum(part.n_readings for part in self.parts)
@@ -215,21 +218,29 @@ class LargeSession:
         """
         path = Path(path)
         parts: list[Part] = []
-        first: tuple[Path, set[str]] | None = None
+        first: tuple[Path, Columns] | None = None
         for file in session_files(path):
             check_readable(file, limit_bytes=LARGEST_BYTES)
-            names, found = _row_groups(file, n_joints) if is_parquet(file) else _lines(file, n_joints, part_bytes)
-            first = first or (file, names)
-            if different := sorted(names ^ first[1]):
+            columns, found = _row_groups(file, n_joints) if is_parquet(file) else _lines(file, n_joints, part_bytes)
+            first = first or (file, columns)
+            if different := sorted(_names(columns) ^ _names(first[1])):
                 raise InputError(
                     f"expected the columns of {first[0].name}, which differ in {different[0]}",
                     file=file,
                     hint="put sessions with other columns into another folder",
                 )
             parts += found
-        if not sum(part.n_readings for part in parts):
+        if first is None or not sum(part.n_readings for part in parts):
             raise InputError("expected at least one reading, got none", file=path)
-        return cls(path, tuple(parts))
+        return cls(path, tuple(parts), first[1])
+
+    def table(self, readings: Session) -> dict[str, FloatArray | NameArray]:
+        """Columns of some readings in a session file: the same for all parts, those without a point among them."""
+        found = session_columns(readings)
+        of_points = {"{}_mm": self.columns.points, "s{}_mm": self.columns.point_std}
+        names = [form.format(axis) for form, given in of_points.items() if given for axis in "xyz"]
+        names += QUATERNION if self.columns.quaternion else []
+        return found | {name: np.full(len(readings), np.nan) for name in names if name not in found}
 
     def sample(self, n: int, executor: Executor | None = None) -> Session:
         """Up to n readings, evenly spaced in their order; an executor may read the parts."""
@@ -299,9 +310,16 @@ def joined_sessions(sessions: list[Session]) -> Session:
     if len(sessions) == 1:
         return first
     fields: dict[str, Any] = {}
-    for name, value in vars(first).items():
-        if isinstance(value, np.ndarray):
-            fields[name] = np.concatenate([getattr(one, name) for one in sessions])
+    for name in vars(first):
+        values = [getattr(one, name) for one in sessions]
+        if (known := next((value for value in values if isinstance(value, np.ndarray)), None)) is not None:
+            nothing = "" if known.dtype.kind == "U" else np.nan  # where no reading of a part has a point
+            fields[name] = np.concatenate(
+                [
+                    np.full((len(one), *known.shape[1:]), nothing) if value is None else value
+                    for one, value in zip(sessions, values, strict=True)
+                ]
+            )
     columns = {name: np.concatenate([one.columns[name] for one in sessions]) for name in first.columns}
     unfilled = tuple(seat for one in sessions for seat in one.unfilled)
     return replace(first, **fields, columns=columns, unfilled=unfilled)
@@ -329,8 +347,8 @@ def session_files(path: Path) -> list[Path]:
     return found
 
 
-def _lines(path: Path, n_joints: int | None, part_bytes: int) -> tuple[set[str], list[Part]]:
-    """Names of the columns and parts of a CSV file."""
+def _lines(path: Path, n_joints: int | None, part_bytes: int) -> tuple[Columns, list[Part]]:
+    """Columns and parts of a CSV file."""
     size = path.stat().st_size
     head = _bytes(path, 0, HEAD_BYTES)
     if b"\n" not in head and b"\r" in head:  # read as one line, its readings would be missing
@@ -354,7 +372,7 @@ def _lines(path: Path, n_joints: int | None, part_bytes: int) -> tuple[set[str],
             if n:
                 parts.append(Lines(path, n, n_before, n_joints, form, start, start + end))
             start, n_before = start + len(data), n_before + n
-    return _names(columns), parts
+    return columns, parts
 
 
 def _end_of_rows(data: bytes, separator: str) -> int:
@@ -368,8 +386,8 @@ def _end_of_rows(data: bytes, separator: str) -> int:
     return end
 
 
-def _row_groups(path: Path, n_joints: int | None) -> tuple[set[str], list[Part]]:
-    """Names of the columns and parts of a Parquet file."""
+def _row_groups(path: Path, n_joints: int | None) -> tuple[Columns, list[Part]]:
+    """Columns and parts of a Parquet file."""
     with open_parquet(path) as file:
         columns = recognise_columns(file.schema_arrow.names, file=path, line=None, n_joints=n_joints)
         names = (*columns.numbers, *columns.words)
@@ -382,7 +400,7 @@ def _row_groups(path: Path, n_joints: int | None) -> tuple[set[str], list[Part]]
             )
         starts = [0, *accumulate(counts)]
         parts: list[Part] = [RowGroup(path, n, starts[i], n_joints, i, names) for i, n in enumerate(counts) if n]
-        return _names(columns), parts
+        return columns, parts
 
 
 def _names(columns: Columns) -> set[str]:
