@@ -180,6 +180,19 @@ def test_rows_without_a_cell_at_the_end_are_none_as_in_a_small_session(session, 
     assert sum(len(one) for part in large.parts for one in part.sessions()) == len(read_session(file)) == 9
 
 
+def test_rows_that_are_not_filled_in_are_no_readings_of_a_sample(session, tmp_path):
+    for name in ("a.csv", "b.csv"):
+        session.rows(np.arange(5)).save(tmp_path / name)
+    lines = (tmp_path / "a.csv").read_text().splitlines()
+    lines[3] = "," * lines[0].count(",")
+    small = [line + (",A" if i else ",seat") for i, line in enumerate(lines)]
+    (tmp_path / "a.csv").write_text("\n".join(small) + "\n")
+    (tmp_path / "b.csv").write_text("\n".join([small[0], *small[1:3]]) + "\n")
+    assert len(read_session(tmp_path / "a.csv")) == 4
+    sample = LargeSession.open(tmp_path).sample(100)
+    assert sample.numbers.tolist() == [1, 2, 4, 5, 6, 7]
+
+
 def test_no_file_of_a_folder_is_left_out_unsaid(session, tmp_path):
     few = session.rows(np.arange(9))
     few.save(tmp_path / "b.csv")

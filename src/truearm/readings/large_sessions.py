@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import accumulate, pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -75,6 +75,11 @@ class Part(ABC):
     def rows(self, which: IntArray) -> Session:
         """Some of the readings, counted from 0 in the part, rising."""
 
+    @property
+    @abstractmethod
+    def first_number(self) -> int:
+        """The number of the first reading: its line, or its place in the file."""
+
 
 @dataclass(frozen=True)
 class Lines(Part):
@@ -100,7 +105,7 @@ class Lines(Part):
             raise InputError(
                 "expected numbers, got an empty row, or the file has changed",
                 file=self.file,
-                line=self._first_line + n,
+                line=self.first_number + n,
                 hint="delete the row",
             )
         yield session
@@ -112,21 +117,22 @@ class Lines(Part):
             session = self._session(b"\n".join(lines[row] for row in which.tolist()))
         except InputError as error:
             raise self._in_line(error, which) from None
-        assert session.numbers is not None
-        return replace(session, numbers=self._first_line + which[session.numbers - self._first_line])
+        rows = cast(IntArray, session.numbers) - self.first_number
+        return replace(session, numbers=self.first_number + which[rows])
 
     @property
-    def _first_line(self) -> int:
+    def first_number(self) -> int:
+        """See `Part.first_number`."""
         return self.form.first_line + self.n_before
 
     def _session(self, data: bytes) -> Session:
-        first = self._first_line
+        first = self.first_number
         text = as_utf8(data, self.file, encoding_of_form(self.form.head.encode() + b"\n" + data[:HEAD_BYTES]))
         sheet = replace(self.form, data=text, first_line=first, data_line=first)
         return Session(**fields_of_sheet(sheet, n_joints=self.n_joints))
 
     def _in_line(self, error: InputError, which: IntArray) -> InputError:
-        error.line = None if error.line is None else self._first_line + int(which[error.line - self._first_line])
+        error.line = None if error.line is None else self.first_number + int(which[error.line - self.first_number])
         return error.in_file(self.file)
 
 
@@ -158,6 +164,11 @@ class RowGroup(Part):
             if len(own):
                 found.append(self._session(batch.take((own - start).tolist()), own))
         return joined_sessions(found)
+
+    @property
+    def first_number(self) -> int:
+        """See `Part.first_number`."""
+        return self.n_before + 1
 
     def _batches(self) -> Iterator[tuple[int, Any]]:
         with open_parquet(self.file) as file:
@@ -245,13 +256,19 @@ class LargeSession:
     def sample(self, n: int, executor: Executor | None = None) -> Session:
         """Up to n readings, evenly spaced in their order; an executor may read the parts."""
         rows = np.unique(np.linspace(0, len(self) - 1, n).astype(np.intp))
-        starts = accumulate((part.n_readings for part in self.parts), initial=0)
-        chosen = [rows[(rows >= a) & (rows < b)] - a for a, b in pairwise(starts)]
-        tasks = [(part, own) for part, own in zip(self.parts, chosen, strict=True) if len(own)]
-        found = joined_sessions(list(results_in_order(executor or Serial(), _rows_of_part, tasks)))
+        limits = pairwise(accumulate((part.n_readings for part in self.parts), initial=0))
+        chosen = [
+            (part, a, rows[(rows >= a) & (rows < b)] - a) for part, (a, b) in zip(self.parts, limits, strict=True)
+        ]
+        tasks = [(part, own) for part, _, own in chosen if len(own)]
+        sessions = list(results_in_order(executor or Serial(), _rows_of_part, tasks))
+        found = joined_sessions(sessions)
         if len({part.file for part in self.parts}) == 1:
             return found
-        return replace(found, numbers=rows + 1, by_line=False, file=self.path)  # a line would be one of many files
+        # A line would be one of many files; a row that is not filled in is no reading.
+        firsts = [start + 1 - part.first_number for part, start, own in chosen if len(own)]
+        numbers = [cast(IntArray, one.numbers) + first for one, first in zip(sessions, firsts, strict=True)]
+        return replace(found, numbers=np.concatenate(numbers), by_line=False, file=self.path)
 
 
 def _rows_of_part(task: tuple[Part, IntArray]) -> Session:
