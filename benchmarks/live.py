@@ -50,7 +50,9 @@ def _killed_once(out: Path, after: int, later_s: float) -> int:
     os.close(writing)
     acknowledged = 0
     while acknowledged < after:
-        acknowledged += len(os.read(reading, 1))
+        if not os.read(reading, 1):
+            raise RuntimeError("the child ended by itself")
+        acknowledged += 1
     time.sleep(later_s)
     os.kill(child, signal.SIGKILL)
     os.waitpid(child, 0)

@@ -388,7 +388,14 @@ def test_a_url_that_is_none(url):
         Registry(url)
 
 
-@pytest.mark.parametrize("url", ["postgresql+psycopg://user:secret@host/fleet", "postgresql://host/f?password=secret"])
+@pytest.mark.parametrize(
+    "url",
+    [
+        "postgresql+psycopg://user:secret@host/fleet",
+        "postgresql://host/f?password=secret",
+        "postgresql://host/f?sslpassword=secret",
+    ],
+)
 def test_no_password_is_written_or_shown(tmp_path, url):
     with pytest.raises(InputError, match="without a password") as found:
         Fleet.create(tmp_path / "fleet", database=url)

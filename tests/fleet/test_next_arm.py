@@ -57,10 +57,17 @@ def test_the_next_arm_needs_fewer_readings(nominal, as_built, learned, tmp_path)
         result = ta.fit(nominal, simulated.session, model="kinematic", prior=prior)
         off = result.model.predict(angles) - simulated.virtual.true_tip(angles)
         errors[name] = np.linalg.norm(off, axis=1).mean()
+        assert "count twice" not in str(result)
     assert errors["with"] < 0.7 * errors["without"]
     assert any("prior of type ur10 from 5 arms" in remark for remark in result.remarks)
     result.save(tmp_path / "m.truearm")
     assert ta.load_model(tmp_path / "m.truearm").type_prior_ == str(learned.prior)
+
+
+def test_an_arm_that_taught_the_prior_is_said_to_count_twice(as_built, nominal, learned):
+    session = readings(as_built, 7, n=10).session
+    own = learned.prior.model_copy(update={"arms": (*learned.prior.arms, str(session.serial_number[0]))})
+    assert "whose readings then count twice" in str(ta.fit(nominal, session, model="kinematic", prior=own))
 
 
 def gain(ratio, u, n_arms=20):

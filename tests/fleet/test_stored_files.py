@@ -97,10 +97,11 @@ def test_a_file_of_this_moment_may_change_within_the_same_time(tmp_path):
     """As git has it: the clock of a file system is coarse."""
     path = tmp_path / "a.csv"
     path.write_bytes(b"1")
+    age(path, -60)  # however long this test takes
     hashes = FileHashes({})
     hashes.sha256(str(path))
     assert hashes.new == {}
-    age(path)
+    age(path, 120)
     hashes.sha256(str(path))
     assert list(hashes.new) == [str(path)]
 
@@ -180,6 +181,26 @@ def test_a_file_elsewhere_has_the_limit_of_one_here(memory, monkeypatch):
         local_copy("memory://sessions/a.csv"),
     ):
         pass
+
+
+def test_a_file_elsewhere_whose_size_is_not_stated_has_it_too(memory, monkeypatch):
+    memory.pipe("/sessions/a.csv", b"12")
+    monkeypatch.setattr(stored_files, "MAX_BYTES", 1)
+    monkeypatch.setattr(stored_files, "_size", lambda _: None)
+    with (
+        pytest.raises(InputError, match="memory://sessions/a.csv: expected at most"),
+        local_copy("memory://sessions/a.csv"),
+    ):
+        pass
+
+
+def test_a_storage_that_shows_no_change_is_read_each_time(memory, monkeypatch):
+    memory.pipe("/sessions/a.csv", b"1")
+    monkeypatch.setattr(type(memory), "info", lambda *_: {"name": "/sessions/a.csv", "size": 1, "type": "file"})
+    hashes = FileHashes({})
+    before = hashes.sha256("memory://sessions/a.csv")
+    memory.pipe("/sessions/a.csv", b"2")
+    assert hashes.sha256("memory://sessions/a.csv") != before
 
 
 def test_the_command_takes_a_url(fleet, readings, memory, capsys):

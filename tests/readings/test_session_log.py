@@ -63,6 +63,29 @@ def test_a_line_cut_short_is_removed_or_was_whole(tmp_path, cut):
     read_session(path)
 
 
+def test_a_name_that_a_spreadsheet_would_run_is_mended_as_it_was(tmp_path):
+    path = tmp_path / "session.csv"
+    with SessionLog(path, COLUMNS) as log:
+        log.append({**ROW, "seat": "=A"})
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-1])
+    SessionLog(path, COLUMNS).close()
+    assert path.read_bytes() == whole
+
+
+def test_a_row_of_another_number_of_cells_is_refused_in_its_line(tmp_path):
+    path = tmp_path / "session.csv"
+    with SessionLog(path, COLUMNS) as log:
+        log.append(ROW)
+    for broken in (b"\n", b"1,2\n"):
+        before = path.read_bytes() + broken
+        path.write_bytes(before)
+        with pytest.raises(InputError, match=r"session\.csv, line 3: expected 4 values"):
+            SessionLog(path, COLUMNS)
+        assert path.read_bytes() == before
+        path.write_bytes(before.removesuffix(broken))
+
+
 def test_other_columns_are_refused_and_nothing_is_changed(tmp_path):
     path = tmp_path / "session.csv"
     path.write_text("q1_deg,seat\n1,A\n")

@@ -7,6 +7,7 @@ import pytest
 
 from truearm.solve.effective_number import BLOCK, block_starts, design_effect
 from truearm.solve.quantile_sketch import ACCURACY, QuantileSketch
+from truearm.workflows.sentences import describe_effective_number
 
 
 def ar1(n: int, p: int, rho: float, seed: int) -> np.ndarray:
@@ -27,6 +28,8 @@ def test_the_design_effect_of_an_autoregression_is_that_of_its_correlations(rho)
 
 def test_few_blocks_or_a_correlation_longer_than_they_are_is_said():
     assert design_effect(np.ones((3, 2)), np.eye(2), 3 * BLOCK).factor == 1.0
+    assert "count as independent (too few" in describe_effective_number(100.0, 100, is_settled=False)
+    assert "have independent errors" in describe_effective_number(100.0, 100, is_settled=True)
     n = 64 * BLOCK
     drift = np.cumsum(np.random.default_rng(2).normal(size=(n, 20)), axis=0).reshape(-1, BLOCK, 20).sum(axis=1)
     assert not design_effect(drift, np.eye(20), n).is_settled

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import truearm as ta
+from truearm.cli.main import run
 from truearm.errors import InputError
 from truearm.fleet.executors import Processes
 from truearm.readings import large_sessions, read_session
@@ -96,6 +99,47 @@ def test_errors_and_coverage_are_those_of_the_whole_session(folder, session, mod
     assert again.to_dict() == parts.to_dict()
 
 
+@pytest.mark.parametrize("without", [0, 1, 2])
+def test_a_part_without_points_takes_no_other_away(session, model, tmp_path, without):
+    pytest.importorskip("pyarrow")
+    pandas, folder = pytest.importorskip("pandas"), tmp_path / "set"
+    folder.mkdir()
+    points = session.points[:60].copy()
+    points[20 * without : 20 * without + 20] = np.nan
+    some = replace(session.rows(np.arange(60)), points=points, point_std=None)
+    some.save(folder / "a.parquet")
+    pandas.read_parquet(folder / "a.parquet").to_parquet(folder / "a.parquet", row_group_size=20)
+    whole, parts = ta.evaluate(model, some), evaluate_large(model, folder)
+    assert parts.errors["model"]["n"] == whole.errors["model"]["n"] == 40
+    assert parts.coverage == whole.coverage
+    assert np.array_equal(LargeSession.open(folder).sample(60).points, points, equal_nan=True)
+    assert ta.fit_large("ur10", folder, model="nominal").total.sums.n == 40
+    command = ["split", folder, "--train", tmp_path / "a.csv", "--test", tmp_path / "b.csv", "--by", "session"]
+    frame = pandas.read_parquet(folder / "a.parquet")
+    frame.assign(session=np.repeat(["1", "2"], [59, 1])).to_parquet(folder / "a.parquet", row_group_size=20)
+    with pytest.raises(SystemExit, match="0"):
+        run([*map(str, command)])
+    split = [ta.read_session(tmp_path / name) for name in ("a.csv", "b.csv")]
+    assert sum(int(one.has_point.sum()) for one in split) == 40
+
+
+def test_a_part_beyond_the_limits_is_skipped_as_in_a_small_session(session, model, tmp_path):
+    few, folder = session.rows(np.arange(60)), tmp_path / "set"
+    folder.mkdir()
+    angles = few.angles.copy()
+    angles[57:, 0] = 7.0
+    beyond = replace(few, angles=angles)
+    for name, rows in (("a", np.arange(57)), ("b", np.arange(57, 60))):
+        beyond.rows(rows).save(folder / f"{name}.csv")
+    whole, parts = ta.evaluate(model, beyond), evaluate_large(model, folder)
+    assert parts.errors["model"]["n"] == 57
+    assert parts.errors["model"]["mean_mm"] == pytest.approx(whole.errors["model"]["mean_mm"], rel=1e-9)
+    assert ta.fit_large("ur10", folder, model="nominal").total.sums.n == 57
+    (folder / "a.csv").unlink()
+    with pytest.raises(InputError, match="3 of 3 readings are outside the limits of a joint"):
+        evaluate_large(model, folder)
+
+
 def test_a_fault_is_in_its_line_and_no_table_is_written(session, model, tmp_path):
     file = tmp_path / "s.csv"
     session.save(file)
@@ -124,6 +168,64 @@ def test_an_empty_row_between_parts_is_refused(session, tmp_path):
         [one for part in LargeSession.open(file, part_bytes=size - 1).parts for one in part.sessions()]
     file.write_bytes(b"".join([*lines, b"\n\n"]))  # at the end it is none
     assert len(LargeSession.open(file)) == len(read_session(file)) == 9
+
+
+def test_rows_without_a_cell_at_the_end_are_none_as_in_a_small_session(session, tmp_path):
+    file = tmp_path / "s.csv"
+    session.rows(np.arange(9)).save(file)
+    lines = file.read_bytes().splitlines(keepends=True)
+    nothing = b"," * lines[0].count(b",") + b"\r\n"
+    file.write_bytes(b"".join([*lines, nothing, nothing]))
+    large = LargeSession.open(file)
+    assert sum(len(one) for part in large.parts for one in part.sessions()) == len(read_session(file)) == 9
+
+
+def test_rows_that_are_not_filled_in_are_no_readings_of_a_sample(session, tmp_path):
+    for name in ("a.csv", "b.csv"):
+        session.rows(np.arange(5)).save(tmp_path / name)
+    lines = (tmp_path / "a.csv").read_text().splitlines()
+    lines[3] = "," * lines[0].count(",")
+    small = [line + (",A" if i else ",seat") for i, line in enumerate(lines)]
+    (tmp_path / "a.csv").write_text("\n".join(small) + "\n")
+    (tmp_path / "b.csv").write_text("\n".join([small[0], *small[1:3]]) + "\n")
+    assert len(read_session(tmp_path / "a.csv")) == 4
+    sample = LargeSession.open(tmp_path).sample(100)
+    assert sample.numbers.tolist() == [1, 2, 4, 5, 6, 7]
+
+
+def test_no_file_of_a_folder_is_left_out_unsaid(session, tmp_path):
+    few = session.rows(np.arange(9))
+    few.save(tmp_path / "b.csv")
+    content = (tmp_path / "b.csv").read_bytes()
+    (tmp_path / "A.CSV").write_bytes(content)
+    (tmp_path / "folder.csv").mkdir()
+    assert len(LargeSession.open(tmp_path)) == 18
+    (tmp_path / "A.CSV").write_bytes(content.replace(b"\n", b"\r"))
+    with pytest.raises(InputError, match="old Macintosh"):
+        LargeSession.open(tmp_path)
+
+
+def test_columns_that_pandas_had_as_its_index_are_columns(session, tmp_path):
+    pandas = pytest.importorskip("pandas")
+    pytest.importorskip("pyarrow")
+    file = tmp_path / "s.parquet"
+    session.rows(np.arange(9)).save(file)
+    pandas.read_parquet(file).set_index("q1_deg").to_parquet(file)
+    large = LargeSession.open(file)
+    found = large_sessions.joined_sessions([one for part in large.parts for one in part.sessions()])
+    assert np.array_equal(found.angles, read_session(file).angles)
+
+
+def test_readings_in_the_folder_are_not_overwritten(session, model, tmp_path):
+    folder = tmp_path / "set"
+    folder.mkdir()
+    session.rows(np.arange(9)).save(folder / "a.csv")
+    session.rows(np.arange(9)).save(tmp_path / "other.csv")
+    (folder / "b.csv").symlink_to(tmp_path / "other.csv")
+    for out in (folder / "a.csv", folder / "new.csv", tmp_path / "other.csv"):
+        with pytest.raises(InputError, match="one of the readings in the folder"):
+            predict_large(model, folder, out)
+    assert predict_large(model, folder, tmp_path / "points.csv").sums.n_points == 18
 
 
 def test_what_is_no_data_set_is_refused(session, tmp_path):

@@ -265,6 +265,17 @@ def test_the_corrected_tip_is_that_of_predict(tmp_path):
     assert "U (k = 2) 0." in shown[0]["text"]
 
 
+def test_a_view_may_ask_for_the_corrected_tip_while_the_file_is_opened(tmp_path):
+    session = ta.simulate("ur10", poses=40, seed=1).session
+    model = ta.fit("ur10", session, model="nominal").model
+    recording = Recording(source(), tmp_path / "out.csv", model=model, rule=RULE)
+    assert recording.corrected() is None
+    events = recording.on_sample(Sample(0.0, session.angles[0]))
+    assert next(events).kind == "ready"
+    assert recording.corrected() is not None
+    recording.close()
+
+
 def test_where_the_model_cannot_correct_it_says_why(tmp_path):
     session = ta.simulate("ur10", poses=40, seed=1).session
     model = ta.fit("ur10", session, model="nominal").model

@@ -32,7 +32,6 @@ def split(
     from truearm.files.atomic_write import atomic_file, is_same_file
     from truearm.files.table_writer import table_writer
     from truearm.readings import check_session_path, hold_out, read_session, write_session
-    from truearm.readings.columns import session_columns
     from truearm.readings.large_sessions import LargeSession, held_out_rows, is_large
     from truearm.readings.split import SplitBy
 
@@ -54,7 +53,7 @@ def split(
                         is_held = held(readings, sum(counts))
                         for i, (append, rows) in enumerate(((append_train, ~is_held), (append_test, is_held))):
                             if rows.any():
-                                append(session_columns(readings.rows(rows)))
+                                append(large.table(readings.rows(rows)))
                                 counts[i] += int(rows.sum())
                         update(sum(counts), f"{sum(counts)} of {len(large)} readings")
         else:

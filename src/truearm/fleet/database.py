@@ -84,7 +84,7 @@ class Database:
 
 def _checked_url(url: sql.URL, beside: Path, *, create: bool) -> sql.URL:
     """The URL, with a file of SQLite as a whole path."""
-    if url.password or "password" in url.query:
+    if url.password or not {"password", "passwd", "sslpassword"}.isdisjoint(url.query):
         raise InputError(
             "expected the URL of a database without a password: it is written to files",
             hint="a password in ~/.pgpass or PGPASSWORD",

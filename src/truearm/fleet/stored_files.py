@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,6 +16,10 @@ from truearm.files.delimited import MAX_BYTES
 
 # A file that changed in the last seconds may change once more without another time.
 SETTLED_S = 3.0
+COPIED_BYTES = 2**20
+# What storages state of a file that changes with its content, in small letters alone.
+_CHANGING = frozenset(("checksum", "contentmd5", "created", "digest", "etag", "generation", "lastmodified"))
+_CHANGING |= {"md5", "md5hash", "modified", "mtime", "updated"}
 
 
 class StorageError(TruearmError, OSError):
@@ -58,7 +61,8 @@ def stamp(name: str) -> tuple[str, bool]:
         with _reached(name):
             place, path = _place(name)
             said = sorted((key, str(value)) for key, value in place.info(path).items())
-            return sha256(repr(said).encode()).hexdigest(), True
+            changing = {"".join(filter(str.isalnum, key.lower())) for key, _ in said} & _CHANGING
+            return sha256(repr(said).encode()).hexdigest(), bool(changing)
     found = Path(name).stat()
     return f"{found.st_size} {found.st_mtime_ns}", time.time() - found.st_mtime > SETTLED_S
 
@@ -85,12 +89,19 @@ def local_copy(name: str) -> Iterator[Path]:
         yield Path(name)
         return
     if (size := _size(name) or 0) > MAX_BYTES:
-        raise InputError(f"{name}: expected at most {MAX_BYTES >> 20} MiB, got {size >> 20} MiB")
+        raise _too_large(name, f"{size >> 20} MiB")
     with TemporaryDirectory(prefix="truearm-") as folder:
         copy = Path(folder) / Path(urlsplit(name).path).name
         with copy.open("wb") as out, _reached(name), _opened(name) as stream:
-            shutil.copyfileobj(stream, out)
+            while out.tell() <= MAX_BYTES and (piece := stream.read(COPIED_BYTES)):
+                out.write(piece)
+        if copy.stat().st_size > MAX_BYTES:  # a storage need not state the size
+            raise _too_large(name, "more")
         yield copy
+
+
+def _too_large(name: str, size: str) -> InputError:
+    return InputError(f"{name}: expected at most {MAX_BYTES >> 20} MiB, got {size}")
 
 
 class FileHashes:

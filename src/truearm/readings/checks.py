@@ -222,11 +222,11 @@ def limit_excesses(
 
 
 def skip_beyond_limits(
-    session: Session, limits: npt.ArrayLike, *, prismatic: npt.ArrayLike | None = None
+    session: Session, limits: npt.ArrayLike, *, prismatic: npt.ArrayLike | None = None, most: float = MAX_SKIPPED_SHARE
 ) -> tuple[Session, tuple[LimitExcess, ...]]:
     """Skip the readings beyond the limits of a joint.
 
-    Parameters are those of `limit_excesses`.
+    Parameters are those of `limit_excesses`, and the share `most` of the readings that may be skipped.
 
     Returns
     -------
@@ -236,14 +236,14 @@ def skip_beyond_limits(
     Raises
     ------
     InputError
-        If more than half of the readings are beyond the limits: the unit, the zeros or the arm are wrong. Where that is
-        accepted, none is skipped.
+        If more than that, half by default, are beyond the limits: the unit, the zeros or the arm are wrong. Where that
+        is accepted, none is skipped.
     """
     skipped = limit_excesses(session, limits, prismatic=prismatic)
     if not skipped:
         return session, ()
     first = skipped[0]
-    if len(skipped) > MAX_SKIPPED_SHARE * len(session):
+    if len(skipped) > most * len(session):
         session.contradict(
             f"{first.joint} is at {first.value:.6g} {first.unit}, outside its limits {first.lower:.6g} .. "
             f"{first.upper:.6g} {first.unit} ({len(skipped)} of {len(session)} readings are outside the limits of a "

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import accumulate, pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -20,12 +20,12 @@ from truearm.errors import InputError
 from truearm.files.delimited import MAX_BYTES, Sheet, as_utf8
 from truearm.files.file_reading import access_error, check_readable
 from truearm.files.spreadsheet_forms import encoding_of_form, form_of
-from truearm.readings.columns import Columns, fields_of_frame, recognise_columns
+from truearm.readings.columns import QUATERNION, Columns, fields_of_frame, recognise_columns, session_columns
 from truearm.readings.files import MAX_CELLS, fields_of_sheet, is_parquet, open_parquet
 from truearm.readings.session import Session
 from truearm.readings.split import chosen_groups, group_names
 from truearm.solve.executor import Executor, Serial, results_in_order
-from truearm.typing import BoolArray, IntArray
+from truearm.typing import BoolArray, FloatArray, IntArray, NameArray
 
 # Bytes of the lines of a part: some ten thousand readings, in the memory some ten times as large.
 PART_BYTES = 2**23
@@ -75,6 +75,11 @@ class Part(ABC):
     def rows(self, which: IntArray) -> Session:
         """Some of the readings, counted from 0 in the part, rising."""
 
+    @property
+    @abstractmethod
+    def first_number(self) -> int:
+        """The number of the first reading: its line, or its place in the file."""
+
 
 @dataclass(frozen=True)
 class Lines(Part):
@@ -100,7 +105,7 @@ class Lines(Part):
             raise InputError(
                 "expected numbers, got an empty row, or the file has changed",
                 file=self.file,
-                line=self._first_line + n,
+                line=self.first_number + n,
                 hint="delete the row",
             )
         yield session
@@ -112,21 +117,22 @@ class Lines(Part):
             session = self._session(b"\n".join(lines[row] for row in which.tolist()))
         except InputError as error:
             raise self._in_line(error, which) from None
-        assert session.numbers is not None
-        return replace(session, numbers=self._first_line + which[session.numbers - self._first_line])
+        rows = cast(IntArray, session.numbers) - self.first_number
+        return replace(session, numbers=self.first_number + which[rows])
 
     @property
-    def _first_line(self) -> int:
+    def first_number(self) -> int:
+        """See `Part.first_number`."""
         return self.form.first_line + self.n_before
 
     def _session(self, data: bytes) -> Session:
-        first = self._first_line
+        first = self.first_number
         text = as_utf8(data, self.file, encoding_of_form(self.form.head.encode() + b"\n" + data[:HEAD_BYTES]))
         sheet = replace(self.form, data=text, first_line=first, data_line=first)
         return Session(**fields_of_sheet(sheet, n_joints=self.n_joints))
 
     def _in_line(self, error: InputError, which: IntArray) -> InputError:
-        error.line = None if error.line is None else self._first_line + int(which[error.line - self._first_line])
+        error.line = None if error.line is None else self.first_number + int(which[error.line - self.first_number])
         return error.in_file(self.file)
 
 
@@ -159,6 +165,11 @@ class RowGroup(Part):
                 found.append(self._session(batch.take((own - start).tolist()), own))
         return joined_sessions(found)
 
+    @property
+    def first_number(self) -> int:
+        """See `Part.first_number`."""
+        return self.n_before + 1
+
     def _batches(self) -> Iterator[tuple[int, Any]]:
         with open_parquet(self.file) as file:
             start = 0
@@ -168,7 +179,7 @@ class RowGroup(Part):
 
     def _session(self, batch: Any, which: IntArray) -> Session:
         try:
-            fields = fields_of_frame(batch.to_pandas(), file=self.file, n_joints=self.n_joints)
+            fields = fields_of_frame(batch.to_pandas(ignore_metadata=True), file=self.file, n_joints=self.n_joints)
             return Session(**fields | {"numbers": self.n_before + which + 1})
         except InputError as error:
             name, _, number = (error.row or "").partition(" ")
@@ -186,10 +197,13 @@ class LargeSession:
     path : Path
     parts : tuple of Part
         In the order of the readings.
+    columns : Columns
+        Of the first file; the others have the same ones.
     """
 
     path: Path
     parts: tuple[Part, ...]
+    columns: Columns
 
     def __len__(self) -> int:
         return sum(part.n_readings for part in self.parts)
@@ -215,32 +229,46 @@ class LargeSession:
         """
         path = Path(path)
         parts: list[Part] = []
-        first: tuple[Path, set[str]] | None = None
-        for file in _files(path):
+        first: tuple[Path, Columns] | None = None
+        for file in session_files(path):
             check_readable(file, limit_bytes=LARGEST_BYTES)
-            names, found = _row_groups(file, n_joints) if is_parquet(file) else _lines(file, n_joints, part_bytes)
-            first = first or (file, names)
-            if different := sorted(names ^ first[1]):
+            columns, found = _row_groups(file, n_joints) if is_parquet(file) else _lines(file, n_joints, part_bytes)
+            first = first or (file, columns)
+            if different := sorted(_names(columns) ^ _names(first[1])):
                 raise InputError(
                     f"expected the columns of {first[0].name}, which differ in {different[0]}",
                     file=file,
                     hint="put sessions with other columns into another folder",
                 )
             parts += found
-        if not sum(part.n_readings for part in parts):
+        if first is None or not sum(part.n_readings for part in parts):
             raise InputError("expected at least one reading, got none", file=path)
-        return cls(path, tuple(parts))
+        return cls(path, tuple(parts), first[1])
+
+    def table(self, readings: Session) -> dict[str, FloatArray | NameArray]:
+        """Columns of some readings in a session file: the same for all parts, those without a point among them."""
+        found = session_columns(readings)
+        of_points = {"{}_mm": self.columns.points, "s{}_mm": self.columns.point_std}
+        names = [form.format(axis) for form, given in of_points.items() if given for axis in "xyz"]
+        names += QUATERNION if self.columns.quaternion else []
+        return found | {name: np.full(len(readings), np.nan) for name in names if name not in found}
 
     def sample(self, n: int, executor: Executor | None = None) -> Session:
         """Up to n readings, evenly spaced in their order; an executor may read the parts."""
         rows = np.unique(np.linspace(0, len(self) - 1, n).astype(np.intp))
-        starts = accumulate((part.n_readings for part in self.parts), initial=0)
-        chosen = [rows[(rows >= a) & (rows < b)] - a for a, b in pairwise(starts)]
-        tasks = [(part, own) for part, own in zip(self.parts, chosen, strict=True) if len(own)]
-        found = joined_sessions(list(results_in_order(executor or Serial(), _rows_of_part, tasks)))
+        limits = pairwise(accumulate((part.n_readings for part in self.parts), initial=0))
+        chosen = [
+            (part, a, rows[(rows >= a) & (rows < b)] - a) for part, (a, b) in zip(self.parts, limits, strict=True)
+        ]
+        tasks = [(part, own) for part, _, own in chosen if len(own)]
+        sessions = list(results_in_order(executor or Serial(), _rows_of_part, tasks))
+        found = joined_sessions(sessions)
         if len({part.file for part in self.parts}) == 1:
             return found
-        return replace(found, numbers=rows + 1, by_line=False, file=self.path)  # a line would be one of many files
+        # A line would be one of many files; a row that is not filled in is no reading.
+        firsts = [start + 1 - part.first_number for part, start, own in chosen if len(own)]
+        numbers = [cast(IntArray, one.numbers) + first for one, first in zip(sessions, firsts, strict=True)]
+        return replace(found, numbers=np.concatenate(numbers), by_line=False, file=self.path)
 
 
 def _rows_of_part(task: tuple[Part, IntArray]) -> Session:
@@ -299,31 +327,53 @@ def joined_sessions(sessions: list[Session]) -> Session:
     if len(sessions) == 1:
         return first
     fields: dict[str, Any] = {}
-    for name, value in vars(first).items():
-        if isinstance(value, np.ndarray):
-            fields[name] = np.concatenate([getattr(one, name) for one in sessions])
+    for name in vars(first):
+        values = [getattr(one, name) for one in sessions]
+        if (known := next((value for value in values if isinstance(value, np.ndarray)), None)) is not None:
+            nothing = "" if known.dtype.kind == "U" else np.nan  # where no reading of a part has a point
+            fields[name] = np.concatenate(
+                [
+                    np.full((len(one), *known.shape[1:]), nothing) if value is None else value
+                    for one, value in zip(sessions, values, strict=True)
+                ]
+            )
     columns = {name: np.concatenate([one.columns[name] for one in sessions]) for name in first.columns}
     unfilled = tuple(seat for one in sessions for seat in one.unfilled)
     return replace(first, **fields, columns=columns, unfilled=unfilled)
 
 
-def _files(path: Path) -> list[Path]:
+def session_files(path: Path) -> list[Path]:
+    """The files of a session: the path itself, or all in a folder, in the order of their names.
+
+    Raises
+    ------
+    InputError
+        If a folder has none.
+    """
     if not path.is_dir():
         return [path]
     found = sorted(
         file
         for file in path.rglob("*")
-        if file.suffix in SUFFIXES and not any(part[0] in "._" for part in file.relative_to(path).parts)
+        if file.suffix.lower() in SUFFIXES
+        and not any(part[0] in "._" for part in file.relative_to(path).parts)
+        and not file.is_dir()
     )
     if not found:
         raise InputError(f"expected session files ({', '.join(SUFFIXES)}), got a folder without any", file=path)
     return found
 
 
-def _lines(path: Path, n_joints: int | None, part_bytes: int) -> tuple[set[str], list[Part]]:
-    """Names of the columns and parts of a CSV file."""
+def _lines(path: Path, n_joints: int | None, part_bytes: int) -> tuple[Columns, list[Part]]:
+    """Columns and parts of a CSV file."""
     size = path.stat().st_size
     head = _bytes(path, 0, HEAD_BYTES)
+    if b"\n" not in head and b"\r" in head:  # read as one line, its readings would be missing
+        raise InputError(
+            "expected lines with the ends of Unix or Windows, got those of the old Macintosh",
+            file=path,
+            hint="save it as 'CSV UTF-8'",
+        )
     form = form_of(head if len(head) < HEAD_BYTES else head[: head.rfind(b"\n") + 1], path)
     columns = recognise_columns(form.names, file=path, line=1, n_joints=n_joints)
     parts: list[Part] = []
@@ -334,16 +384,27 @@ def _lines(path: Path, n_joints: int | None, part_bytes: int) -> tuple[set[str],
             stream.seek(start)
             data = stream.read(part_bytes)
             data += stream.readline(HEAD_BYTES)
-            end = len(data.rstrip(b"\r\n")) if start + len(data) >= size else len(data)
+            end = _end_of_rows(data, form.separator) if start + len(data) >= size else len(data)
             n = data.count(b"\n", 0, end) + (not data[:end].endswith(b"\n") and end > 0)
             if n:
                 parts.append(Lines(path, n, n_before, n_joints, form, start, start + end))
             start, n_before = start + len(data), n_before + n
-    return _names(columns), parts
+    return columns, parts
 
 
-def _row_groups(path: Path, n_joints: int | None) -> tuple[set[str], list[Part]]:
-    """Names of the columns and parts of a Parquet file."""
+def _end_of_rows(data: bytes, separator: str) -> int:
+    """Bytes without the empty rows at the end, such as ``,,,``."""
+    nothing, end = b'\r\n\t "' + separator.encode(), len(data)
+    while end:
+        start = data.rfind(b"\n", 0, end - 1) + 1
+        if data[start:end].strip(nothing):
+            break
+        end = start
+    return end
+
+
+def _row_groups(path: Path, n_joints: int | None) -> tuple[Columns, list[Part]]:
+    """Columns and parts of a Parquet file."""
     with open_parquet(path) as file:
         columns = recognise_columns(file.schema_arrow.names, file=path, line=None, n_joints=n_joints)
         names = (*columns.numbers, *columns.words)
@@ -356,7 +417,7 @@ def _row_groups(path: Path, n_joints: int | None) -> tuple[set[str], list[Part]]
             )
         starts = [0, *accumulate(counts)]
         parts: list[Part] = [RowGroup(path, n, starts[i], n_joints, i, names) for i, n in enumerate(counts) if n]
-        return _names(columns), parts
+        return columns, parts
 
 
 def _names(columns: Columns) -> set[str]:

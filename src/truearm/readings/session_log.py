@@ -46,7 +46,8 @@ class SessionLog:
     Raises
     ------
     InputError
-        If the name has another ending, the file has other columns, or it cannot be written.
+        If the name has another ending, the file has other columns or a row of another number of cells, or it cannot be
+        written.
     """
 
     def __init__(self, path: Path, columns: Sequence[str]) -> None:
@@ -67,7 +68,7 @@ class SessionLog:
                 line=1,
                 hint="choose another name, or the source and options with which it was recorded",
             )
-        self.rows = [dict(zip(self.columns, _cells(line), strict=False)) for line in lines[1:]]
+        self.rows = [self._row(line, number) for number, line in enumerate(lines[1:], start=2)]
         self._ends = [int(end) for end in np.cumsum([len(line) for line in lines])]
         self._handle = os.open(path, os.O_RDWR | os.O_APPEND | getattr(os, "O_BINARY", 0))
         if tail := content[len(whole) :]:
@@ -94,8 +95,10 @@ class SessionLog:
         TruearmError
             If another program changed or replaced the file, or the disk is full; the file is as before.
         """
+        self._append([_cell(row.get(name, "")) for name in self.columns])
+
+    def _append(self, cells: Sequence[str]) -> None:
         self._check_own()
-        cells = [_cell(row.get(name, "")) for name in self.columns]
         line = _line(cells)
         try:
             written = os.write(self._handle, line)
@@ -120,17 +123,30 @@ class SessionLog:
         self._check_own()
         if not self.rows:
             return None
-        os.ftruncate(self._handle, self._ends[-2])
-        self._to_disk()
+        try:
+            os.ftruncate(self._handle, self._ends[-2])
+            self._to_disk()
+        except OSError as error:
+            raise TruearmError(f"{self.path}: the reading cannot be removed ({error.strerror or error})") from None
         self._ends.pop()
         return self.rows.pop()
+
+    def _row(self, line: bytes, number: int) -> dict[str, str]:
+        cells = _cells(line)
+        if len(cells) != len(self.columns):
+            raise InputError(
+                f"expected {len(self.columns)} values, got {len(cells)}",
+                file=self.path,
+                line=number,
+                hint="correct or delete the line, or record to another file",
+            )
+        return dict(zip(self.columns, cells, strict=True))
 
     def _mend(self, tail: bytes) -> None:
         """Remove a last line without its end. With all its cells, it is one that an editor saved so."""
         os.ftruncate(self._handle, self._ends[-1])
-        cells = dict(zip(self.columns, _cells(tail), strict=False))
-        if len(cells) == len(self.columns):
-            self.append(cells)
+        if len(cells := _cells(tail)) == len(self.columns):
+            self._append(cells)
         else:
             self.repaired = "the last line was incomplete, and its reading not acknowledged; removed"
 

@@ -19,7 +19,8 @@ MOST_CHARACTERS = 1000  # of a line; what is longer is noise
 LARGEST = 1e9  # of a number
 
 _POINT = ("x_mm", "y_mm", "z_mm")
-_NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+# No text matches in two ways: the time to refuse a line would grow with a power of its length.
+_NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
 _FIELD = re.compile(r"\{([^{}]*)\}")
 _HINT = "pattern = 'A {J1},{J2},{J3} T {temperature_degC}'; docs/live.md lists the names"
 Parse = Callable[[str, float], Sample | None]

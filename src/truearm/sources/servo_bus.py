@@ -69,7 +69,7 @@ def servo_bus(kind: str, file: Path, connection: str, request: Request, answers:
         opened = partial(connected, connector(connection), connection, talk)
     except InputError as error:
         raise InputError(error.problem, file=file, hint=error.hint) from None
-    return Source(f"{kind}:{file}@{connection}", opened)
+    return Source(f"{kind}:{file}@{connection}", opened, document.prismatic(len(document.ids)))
 
 
 def _samples(

@@ -104,6 +104,7 @@ class Standstill:
         self._window: deque[Sample] = deque(maxlen=MOST_SAMPLES)
         self._taken_at: FloatArray | None = None
         self._movement: LastMovement | None = None
+        self._stated: FloatArray | None = None
         self.is_still = False
 
     def add(self, sample: Sample) -> None:
@@ -118,6 +119,7 @@ class Standstill:
         if self._movement is None or len(self._movement.signs) != len(sample.joint_angles_rad):
             self._movement = LastMovement(sample.joint_angles_rad)
         window.append(sample)
+        self._stated = sample.directions
         self._movement.add(sample.joint_angles_rad, self._allowed())
         while len(window) > 1 and sample.time_s - window[1].time_s >= self._rule.window_s:
             window.popleft()
@@ -163,8 +165,7 @@ class Standstill:
     def directions(self) -> FloatArray:
         """(n_joints,) Sign of each joint's last movement."""
         assert self._movement is not None  # there was a sample
-        stated = self._window[-1].directions
-        return self._movement.signs if stated is None else stated
+        return self._movement.signs if self._stated is None else self._stated
 
     def mean(self, samples: list[Sample]) -> TakenReading:
         """The mean of samples."""

@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from truearm.acceptance import acceptance_remarks, accepts
+from truearm.acceptance import OVERRIDE, acceptance_remarks, accepts
 from truearm.choices import Conditions
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.uncertainty import uncertainty_budget
-from truearm.errors import InputError
+from truearm.errors import Contradiction, InputError
 from truearm.identification.judgement.outliers import Outlier
 from truearm.readings import Session, check_reach
+from truearm.readings.checks import MAX_SKIPPED_SHARE
 from truearm.readings.large_sessions import LargeSession, Part
 from truearm.readings.point_error_sums import PointErrorSums
 from truearm.solve.executor import Executor, Serial, results_in_order
@@ -56,6 +57,8 @@ class EvaluationSums:
     ----------
     n_read : int
         Readings, those without a reference point among them.
+    n_beyond : int
+        Those beyond a joint limit, which are skipped.
     errors : dict of str to PointErrorSums
         Of ``"nominal"`` and ``"model"``.
     n_covered, n_covered_99 : int
@@ -72,6 +75,7 @@ class EvaluationSums:
     """
 
     n_read: int = 0
+    n_beyond: int = 0
     errors: Mapping[str, PointErrorSums] = field(default_factory=dict)
     n_covered: int = 0
     n_covered_99: int = 0
@@ -85,7 +89,11 @@ class EvaluationSums:
         """Figures of both."""
         return EvaluationSums(
             self.n_read + other.n_read,
-            {name: self.errors.get(name, PointErrorSums()) + sums for name, sums in other.errors.items()},
+            self.n_beyond + other.n_beyond,
+            {  # a part may have no reference point
+                name: self.errors.get(name, PointErrorSums()) + other.errors.get(name, PointErrorSums())
+                for name in self.errors or other.errors
+            },
             self.n_covered + other.n_covered,
             self.n_covered_99 + other.n_covered_99,
             self.variance + other.variance,
@@ -116,12 +124,15 @@ def evaluate_part(task: EvaluateTask, *, accept: str | None = None) -> Evaluatio
 
 def _sums_of(task: EvaluateTask, given: Session, accept: str | None) -> EvaluationSums:
     model = task.model
-    allowed = within_limits(given, model.arm, task.limits)
+    # Judged over all parts, see `evaluate_large`; where a person accepts it, in each.
+    most = 1.0 if task.accept is None else MAX_SKIPPED_SHARE
+    allowed = within_limits(given, model.arm, task.limits, most=most)
+    n_beyond = len(given) - len(allowed.rows)
     seen = np.flatnonzero(allowed.session.has_point)
     used, kept, refit_remarks = without_refit_readings(allowed.session.rows(seen), model)
     seen = seen[kept]
     if not len(used):
-        return EvaluationSums(len(given))
+        return EvaluationSums(len(given), n_beyond)
     if model.arm.has_kinematics:
         check_reach(used, reach=model.arm.chain.reach, sliding=model.arm.chain.is_prismatic)
     assert used.points is not None
@@ -134,6 +145,7 @@ def _sums_of(task: EvaluateTask, given: Session, accept: str | None) -> Evaluati
     budget, far = uncertainty_budget(stated, at if stated is model else used)
     return EvaluationSums(
         len(given),
+        n_beyond,
         errors,
         budget.n_covered,
         budget.n_covered_99,
@@ -211,6 +223,12 @@ def evaluate_large(
         sums = sums + of_part
         if progress is not None:
             progress(sums.n_read, f"{sums.n_read} of {len(large)} readings")
+    if sums.n_beyond > MAX_SKIPPED_SHARE * sums.n_read:
+        raise Contradiction(
+            f"{sums.n_beyond} of {sums.n_read} readings are outside the limits of a joint",
+            file=session,
+            hint=f"check the unit, sign and zero of the angles, or the limits in the arm file; {OVERRIDE}",
+        )
     if "model" not in sums.errors:
         raise InputError(
             "expected reference points (x_mm, y_mm, z_mm), which a large session is evaluated against, got none",

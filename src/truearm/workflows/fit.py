@@ -198,7 +198,7 @@ def fit(
         remarks=(
             *acceptance_remarks(accept),
             *nominal_arm.remarks,
-            *(() if of_type is None else (f"Constants are expected as the type has them: {of_type}.",)),
+            *(() if of_type is None else _prior_remarks(of_type, nominal_arm.serial_number)),
             *_gains(fitted),
             *_scatter(learned.arm_model, readings),
             *checked.remarks,
@@ -219,6 +219,14 @@ def _checked_prior(prior: TypePrior | str | Path, arm: Arm | None, model: ModelN
     except InputError as error:
         raise error if isinstance(prior, TypePrior) else error.in_file(prior) from None
     return found
+
+
+def _prior_remarks(prior: TypePrior, serial_number: str) -> tuple[str, ...]:
+    said = f"Constants are expected as the type has them: {prior}."
+    if serial_number not in prior.arms:
+        return (said,)
+    twice = f"The prior was learned from {serial_number} too, whose readings then count twice: fit it without --prior."
+    return said, twice
 
 
 def _gains(model: Compensator) -> tuple[str, ...]:

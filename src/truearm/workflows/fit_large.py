@@ -21,6 +21,7 @@ from truearm.identification.judgement.held_out_errors import HeldOutErrors
 from truearm.identification.references.reading_references import references_of
 from truearm.identification.references.references import Points
 from truearm.readings import Session
+from truearm.readings.checks import MAX_SKIPPED_SHARE
 from truearm.readings.large_sessions import LargeSession, Part
 from truearm.readings.point_error_sums import PointErrorSums
 from truearm.readings.reference_uncertainty import scale_errors
@@ -119,7 +120,9 @@ def sums_of_part(task: SumTask) -> PartSums:
 def _sums_of(task: SumTask, given: Session) -> PartSums:
     model, x = task.model, task.at.x
     chain = model.fit_.perturbed_chain
-    used = within_limits(given, model.arm, task.limits).session
+    # The sample was judged. Where more than half of it was accepted to be beyond a limit, none is skipped.
+    most = 1.0 if task.accept is None else MAX_SKIPPED_SHARE
+    used = within_limits(given, model.arm, task.limits, most=most).session
     used = used.rows(used.has_point)
     if not len(used):
         return PartSums(len(given), ReadingSums.zero(len(x)))

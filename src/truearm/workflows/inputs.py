@@ -41,6 +41,7 @@ from truearm.readings import (
     skip_beyond_limits,
 )
 from truearm.readings.anchors import LEAST_READINGS, has_located_anchor
+from truearm.readings.checks import MAX_SKIPPED_SHARE
 from truearm.readings.distances import rows_with_distance
 from truearm.readings.readings import PAYLOAD
 from truearm.readings.thermal_expansion import (
@@ -213,20 +214,22 @@ def to_free_parts(free: Iterable[str]) -> tuple[str, ...]:
     return parts
 
 
-def within_limits(session: Session, arm: Arm, limits: Limits = "skip") -> CheckedSession:
+def within_limits(
+    session: Session, arm: Arm, limits: Limits = "skip", *, most: float = MAX_SKIPPED_SHARE
+) -> CheckedSession:
     """Skip the readings beyond a joint limit, or use them all with ``"ignore"``.
 
     Raises
     ------
     InputError
-        If the number of joints or the unit of one is not that of the arm, or more than half of the readings are beyond
-        a limit.
+        If the number of joints or the unit of one is not that of the arm, or more than a share `most` of the readings
+        are beyond a limit.
     """
     if limits not in ("skip", "ignore"):
         raise InputError(f"expected limits 'skip' or 'ignore', got {limits!r}")
     check_angles(session, n_joints=arm.n_joints, prismatic=arm.chain.is_prismatic)
     rows, unfilled = np.arange(len(session)), unfilled_remarks(session)
-    kept, skipped = skip_beyond_limits(session, arm.limits, prismatic=arm.chain.prismatic)
+    kept, skipped = skip_beyond_limits(session, arm.limits, prismatic=arm.chain.prismatic, most=most)
     if limits == "ignore" or not skipped:
         return CheckedSession(session, rows, unfilled)
     beyond = [excess.row for excess in skipped]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 from abc import abstractmethod
 from collections.abc import Iterable
@@ -27,10 +28,21 @@ def check_output_is_not_input(out: str | Path, *inputs: str | Path | None) -> No
     Raises
     ------
     InputError
-        If `out` is one of `inputs`; those that are None are not given.
+        If `out` is one of `inputs`, or would be one of the session files in a folder of them; those that are None are
+        not given.
     """
     if any(is_same_file(out, path) for path in inputs if path is not None):
         raise InputError("the output file is an input file and would be overwritten", file=out, hint="another name")
+    for folder in (Path(path) for path in inputs if path is not None and Path(path).is_dir()):
+        _check_not_of_session(Path(out), folder)
+
+
+def _check_not_of_session(out: Path, folder: Path) -> None:
+    from truearm.readings.large_sessions import SUFFIXES, session_files  # no small session waits for these
+
+    belongs = out.suffix.lower() in SUFFIXES and Path(os.path.realpath(out)).is_relative_to(os.path.realpath(folder))
+    if belongs or any(is_same_file(out, file) for file in session_files(folder)):
+        raise InputError("the output file would be one of the readings in the folder", file=out, hint="another folder")
 
 
 def check_output(out: str | Path, *inputs: str | Path | None, endings: tuple[str, ...] = ()) -> None:

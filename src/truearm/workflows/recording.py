@@ -187,10 +187,10 @@ class Recording:
 
     def on_sample(self, sample: Sample) -> Iterator[Event]:
         """Take in a sample of the arm."""
-        self.sample = sample
+        self._standstill.add(sample)
+        self.sample = sample  # from now on a view, in another thread, asks for its corrected tip
         if self._log is None:
             yield from self._start(sample)
-        self._standstill.add(sample)
         self._asked |= sample.is_button_pressed and not self._was_pressed
         self._was_pressed = sample.is_button_pressed
         yield from self._stream(sample)

@@ -54,7 +54,8 @@ def _times(ratio: float) -> str:
 def describe_effective_number(number: float, n: int, is_settled: bool) -> str:
     """How many independent readings correlated ones are worth, as the beginning of a sentence."""
     if number > 0.99 * n:
-        return "Consecutive readings (in the order of the rows) have independent errors"
+        found = "have independent errors" if is_settled else "count as independent (too few to show like errors)"
+        return f"Consecutive readings (in the order of the rows) {found}"
     digits = max(len(str(int(number))) - 3, 0)
     more = "" if is_settled else " (or fewer: there are too few to show all of their correlation)"
     return (
