@@ -391,7 +391,7 @@ class _Minimum:
         for i, rows in members:
             part = self.parts[i]
             judged = rows[part.is_judged[rows]]
-            for some in np.split(judged, range(self.chunk, len(judged), self.chunk)):
+            for some in (judged[start : start + self.chunk] for start in range(0, len(judged), self.chunk)):
                 along_sites, values = self.problem.site_derivatives(i, some, part.linear, self.x)
                 half = without.times(along_sites, values)
                 white = part.residuals[some] + self.problem.perturbed_chain.along(shift, along_sites, values).T
