@@ -38,3 +38,8 @@ def test_three_points_are_all_used_however_well_two_of_them_agree():
     T, b, a = points(np.random.default_rng(0), 3)
     a[2] += 0.5 * (b[0] - b[1]) @ T[:3, :3].T / np.linalg.norm(b[0] - b[1])  # mm
     np.testing.assert_allclose(align_robust(b, a), align(b, a), atol=1e-9)  # mm
+
+
+def test_a_single_point_is_moved_and_not_turned():
+    motion = align(np.array([[1.0, 2, 3]]), np.array([[4.0, 5, 6]]))
+    np.testing.assert_array_equal(motion, [[1, 0, 0, 3], [0, 1, 0, 3], [0, 0, 1, 3], [0, 0, 0, 1]])

@@ -100,7 +100,7 @@ def without_negligible(
     size[~prior.learned] = np.inf
     smallest = np.argsort(size)
     scale = prior.scale.copy()
-    scale[smallest[np.cumsum(size[smallest]) * n_residuals < NEGLIGIBLE_IN_ALL**2]] = 0.0
+    scale[smallest[np.cumsum(size[smallest]) < NEGLIGIBLE_IN_ALL**2 / max(n_residuals, 1)]] = 0.0
     return replace(prior, scale=scale)
 
 

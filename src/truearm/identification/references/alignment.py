@@ -24,7 +24,7 @@ def align(points_in_b: FloatArray, points_in_a: FloatArray) -> FloatArray:
     """The rigid motion ``T_a_b`` of least squares that maps points in frame b to the same points in frame a.
 
     Source: K. S. Arun, T. S. Huang, S. D. Blostein, IEEE PAMI 9 (1987) 698. Where the points lie on a line, the
-    rotation about it is arbitrary.
+    rotation about it is arbitrary, and that of a single point is none.
 
     Parameters
     ----------
@@ -37,11 +37,12 @@ def align(points_in_b: FloatArray, points_in_a: FloatArray) -> FloatArray:
         Translation in mm.
     """
     centre_b, centre_a = points_in_b.mean(axis=0), points_in_a.mean(axis=0)
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Optimal rotation is not uniquely", UserWarning)  # points on a line
-        rotation, _ = Rotation.align_vectors(points_in_a - centre_a, points_in_b - centre_b)
     T = np.eye(4)
-    T[:3, :3] = rotation.as_matrix()
+    if len(points_in_b) > 1:
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "Optimal rotation is not uniquely", UserWarning)  # points on a line
+            rotation, _ = Rotation.align_vectors(points_in_a - centre_a, points_in_b - centre_b)
+        T[:3, :3] = rotation.as_matrix()
     T[:3, 3] = centre_a - T[:3, :3] @ centre_b
     return T
 
