@@ -51,7 +51,7 @@ def test_a_good_session_and_seats_say_nothing():
 
 
 def test_a_step_that_does_not_matter_is_not_said():
-    """Of 3000 readings a step of 0.003 mm is clear, where the residuals are 0.02 mm; no one divides a session for it."""
+    """Of 3000 readings a step of 0.003 mm is clear, where the residuals are 0.02 mm: no session is divided for it."""
     warming = ta.simulate("ur10", poses=3000, seed=11).session
     assert ta.fit("ur10", warming, model="kinematic").frame_changes == ()
 
