@@ -12,6 +12,7 @@ import pandas as pd
 import pytest
 
 import truearm as ta
+from truearm.cli.main import run
 from truearm.errors import InputError
 from truearm.fleet import fit_task
 from truearm.fleet import fleet as module
@@ -87,6 +88,29 @@ def test_one_arm_stops_no_other(fleet, sessions):
     assert "of serial number 'virtual-research-0', the registry has them for 'C'" in messages["C"]
     assert [row.serial_number for row in fleet.run().failures] == ["B", "C"]  # said again, not tried again
     assert [one.what for one in fleet.status().arms] == ["failed", "failed", "in force"]
+
+
+def test_an_arm_that_is_removed_leaves_its_results_and_comes_back(fleet, sessions, capsys):
+    fleet.add_all(arms_of(sessions, 0, 1))
+    (row, _) = fleet.run().rows
+    with pytest.raises(SystemExit, match="0"):
+        run(["fleet", "remove", str(fleet.folder), row.serial_number])
+    said = capsys.readouterr().out
+    assert said.startswith(
+        "virtual-research-0 is no longer in the registry, nor are its 1 session, 1 fit, 0 checks, 0 certificates."
+    )
+    with pytest.raises(InputError, match="no arm 'virtual-research-0' is in the registry"):
+        fleet.remove(row.serial_number)
+    fleet.registry.record(row, in_force=True)  # of a run that was under way
+    assert [one.serial_number for one in fleet.status().arms] == ["virtual-research-1"]
+    fleet.run()
+    assert pd.read_parquet(fleet.folder / "results").serial_number.nunique() == 2
+    assert fleet.add_all(arms_of(sessions, 0)) == 1
+    assert fleet.run().n_fitted == 1
+    assert len(pd.read_parquet(fleet.folder / "results")) == 2
+    (fleet.folder / "results" / "fits.parquet").write_bytes(b"PAR1")
+    with pytest.raises(InputError, match="the data set of results is damaged"):
+        fleet.run()
 
 
 def test_a_failed_fit_replaces_no_model(fleet, sessions, tmp_path):

@@ -94,6 +94,28 @@ def add(
 
 
 @fleet.command()
+def remove(
+    folder: Folder,
+    serial_number: Annotated[str, Argument(metavar="SERIAL", help="Serial number of the arm.")],
+) -> None:
+    """Take an arm off the fleet: its readings, fits, checks and certificates are no longer in the registry.
+
+    Session files, certificates, model files and the results of its fits (Parquet) stay.
+    """
+    from truearm.fleet.fleet import Fleet
+    from truearm.workflows.sentences import number_of
+
+    opened = Fleet(folder)
+    gone = opened.remove(serial_number)
+    opened.close()
+    counts = [number_of(gone[table], table[:-1]) for table in ("sessions", "fits", "checks", "certificates")]
+    print_line(
+        f"{serial_number} is no longer in the registry, nor are its {', '.join(counts)}. "
+        f"Its files stay, and its results in {folder / 'results'}."
+    )
+
+
+@fleet.command()
 def add_certificate(
     folder: Folder,
     files: Annotated[list[Path], Argument(metavar="FILE...", help="Certificates (DCC), .xml or .pdf.")],

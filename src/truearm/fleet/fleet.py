@@ -174,6 +174,26 @@ class Fleet:
         """
         return self.registry.add([_checked(one, beside or Path.cwd()) for one in arms])
 
+    def remove(self, serial_number: str) -> dict[str, int]:
+        """Take an arm off the fleet, with its history of checks; readings, model files and results stay as files.
+
+        Parameters
+        ----------
+        serial_number : str
+
+        Returns
+        -------
+        dict of str to int
+            How many rows of the registry went, by its tables: ``fits``, ``checks``, ``certificates`` and so on.
+
+        Raises
+        ------
+        InputError
+            If there is no such arm.
+        """
+        self._write_results()
+        return self.registry.remove(serial_number)
+
     def model_file(self, key: str) -> Path:
         """The model file of a fit."""
         return self.folder / "models" / key[:2] / f"{key}.truearm"
