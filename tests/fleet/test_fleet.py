@@ -77,10 +77,19 @@ def test_the_model_in_force_is_that_of_a_fit(fleet, sessions):
         fleet.model("x")
 
 
-def test_one_arm_stops_no_other(fleet, sessions):
+def test_readings_of_another_arm_are_refused_when_they_are_added(fleet, sessions):
+    with pytest.raises(InputError, match="of serial number 'virtual-research-0', the registry has them for 'C'"):
+        fleet.add_all([replace(arms_of(sessions, 0)[0], serial_number="C"), *arms_of(sessions, 1)])
+    assert fleet.status().arms == ()
+
+
+def test_one_arm_stops_no_other(fleet, sessions, tmp_path):
+    replaced = tmp_path / "c.csv"
+    replaced.write_text("not yet readings\n")
     bad = RegisteredArm("B", "ur10", model="nominal", session=str(sessions / "bad.csv"))
-    other = replace(arms_of(sessions, 0)[0], serial_number="C")
+    other = replace(arms_of(sessions, 0)[0], serial_number="C", session=str(replaced))
     fleet.add_all([bad, other, *arms_of(sessions, 1)])
+    replaced.write_bytes((sessions / "0.csv").read_bytes())
     found = fleet.run()
     assert found.n_fitted == 1
     messages = {row.serial_number: row.message for row in found.failures}
@@ -447,12 +456,15 @@ def test_a_registry_that_is_gone_is_not_made_anew(fleet):
     assert not (fleet.folder / "registry.sqlite").exists()
 
 
-def test_what_is_given_again_replaces_what_was_before(fleet, sessions):
-    fleet.add_all([RegisteredArm("A", "ur10", "Turin", "kinematic", 30, str(sessions / "0.csv"))])
-    assert fleet.add(" A ", "ur10", session=sessions / "1.csv") == 1
-    assert fleet.registry.arms() == [RegisteredArm("A", "ur10", "Turin", "kinematic", 30, str(sessions / "1.csv"))]
+def test_what_is_given_again_replaces_what_was_before(fleet, tmp_path):
+    first, second = (tmp_path / name for name in ("0.csv", "1.csv"))
+    for file in (first, second):
+        file.write_text("of no stated arm\n")
+    fleet.add_all([RegisteredArm("A", "ur10", "Turin", "kinematic", 30, str(first))])
+    assert fleet.add(" A ", "ur10", session=second) == 1
+    assert fleet.registry.arms() == [RegisteredArm("A", "ur10", "Turin", "kinematic", 30, str(second))]
     assert fleet.add("A", "ur10", site="Oslo", model="nominal", every_days=60) == 1
     assert fleet.add("A", "ur10", site="Oslo") == 0
-    assert fleet.registry.arms() == [RegisteredArm("A", "ur10", "Oslo", "nominal", 60, str(sessions / "1.csv"))]
-    assert fleet.add("A", "ur10", session=sessions / "0.csv") == 1  # readings of before are the last ones again
-    assert fleet.registry.arms()[0].session == str(sessions / "0.csv")
+    assert fleet.registry.arms() == [RegisteredArm("A", "ur10", "Oslo", "nominal", 60, str(second))]
+    assert fleet.add("A", "ur10", session=first) == 1  # readings of before are the last ones again
+    assert fleet.registry.arms()[0].session == str(first)

@@ -88,7 +88,8 @@ def add(
     else:
         assert serial_number is not None
         assert arm is not None
-        n = opened.add(serial_number, arm, session=session, site=site, model=model, every_days=every_days)
+        with progress(f"adding {serial_number}"):
+            n = opened.add(serial_number, arm, session=session, site=site, model=model, every_days=every_days)
     opened.close()
     print_line(f"{n} new in the registry. Next: truearm fleet run {folder}" if n else "Nothing is new.")
 

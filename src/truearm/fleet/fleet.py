@@ -12,25 +12,27 @@ from pathlib import Path
 from typing import get_args
 from urllib.parse import quote
 
-from truearm.arm import load_arm
+from truearm.arm import Arm, load_arm
 from truearm.arm.catalogue import arm_path
 from truearm.choices import ModelName
 from truearm.compensation.models import Compensator
+from truearm.compensation.models.arm_check import with_serial_number
 from truearm.compensation.models.model_file import load_model
-from truearm.errors import InputError
+from truearm.errors import InputError, TruearmError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.delimited import MAX_NAME
 from truearm.files.file_reading import parse_file, utf8_text
 from truearm.files.toml_documents import reject_control_characters, toml_text
 from truearm.fleet.arm_list import RegisteredArm
 from truearm.fleet.certificates import read_registered
-from truearm.fleet.fit_task import FitRow, FitTask, fit_arm, key_of
+from truearm.fleet.fit_task import FitRow, FitTask, check_serial_number, fit_arm, key_of
 from truearm.fleet.fleet_run import FleetRun
 from truearm.fleet.fleet_status import ArmRecords, FleetFigures, FleetStatus, arm_state, history_page
 from truearm.fleet.results import write_results
 from truearm.fleet.stored_files import FileHashes, check_stored, is_url
 from truearm.fleet.type_prior import LearnedTypePrior, learn_type_prior
 from truearm.pages.html import write_page
+from truearm.readings.session import read_session
 from truearm.solve.executor import Executor, Serial, WorkerLost
 from truearm.verification.monitor.history import History
 from truearm.workflows.check import CheckResult, check
@@ -157,7 +159,7 @@ class Fleet:
         Raises
         ------
         InputError
-            If the number is registered for an arm of another type.
+            If the number is registered for an arm of another type, or the file of the readings states another number.
         """
         return self.add_all(
             [RegisteredArm(serial_number, arm, site, model, every_days, "" if session is None else str(session))]
@@ -520,11 +522,23 @@ def _checked(arm: RegisteredArm, beside: Path) -> RegisteredArm:
         raise InputError(f"expected every_days of 1 to {MAX_DAYS}, got {arm.every_days}")
     is_file = arm_path(beside / arm.arm).is_file()
     drawing = str((beside / arm.arm).absolute()) if is_file else arm.arm
-    name = load_arm(drawing).name
+    nominal = load_arm(drawing)
     session = arm.session if not arm.session or is_url(arm.session) else str((beside / arm.session).absolute())
     if session:
         check_stored(session)
-    return replace(arm, serial_number=serial_number, arm=drawing if is_file else name, session=session)
+        _check_readings(serial_number, nominal, session)
+    return replace(arm, serial_number=serial_number, arm=drawing if is_file else nominal.name, session=session)
+
+
+def _check_readings(serial_number: str, nominal: Arm, session: str) -> None:
+    """Check that a file on this machine states no other serial number; what else is wrong with it the run says."""
+    if is_url(session):
+        return
+    try:
+        readings = read_session(session)
+    except TruearmError:
+        return
+    check_serial_number(serial_number, with_serial_number(nominal, readings).serial_number, session)
 
 
 def _database(content: bytes) -> str:
