@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from truearm.fleet.arm_list import RegisteredArm
 from truearm.fleet.certificates import RegisteredCertificate
-from truearm.fleet.drift import ConstantDrift, constant_drifts, type_constants
+from truearm.fleet.drift import ConstantDrift, constant_drifts, drift_remark, type_constants
 from truearm.fleet.fit_task import FitRow
 from truearm.number_format import RoundedNumber
 from truearm.show.fleet_page import ArmState, What, arm_history_page, fixed, fleet_page, worst_of
@@ -164,7 +164,7 @@ def arm_state(of: ArmRecords, figures: FleetFigures, now: datetime) -> ArmState:
         of.arm.arm if used is None else used.arm,
         of.arm.site,
         worst_of(found),
-        message="; ".join(filter(None, found.values())),
+        message="; ".join(filter(None, (*found.values(), drift_remark(of.models) if of.models else ""))),
         model="" if used is None else used.model,
         since="" if used is None else used.fitted_at[:10],
         n_readings=None if used is None else used.n_readings,

@@ -60,7 +60,7 @@ class ArmState:
         interim checks say ``recalibrate`` or ``check again``, readings or a certificate are ``due``, readings are
         ``to be fitted``, or it is ``without readings``; or its model is ``in force``.
     message : str
-        Why.
+        Why; and which constants changed since the model before.
     model, since : str
         Kind and date of the model in force; empty if there is none.
     n_readings : int or None
