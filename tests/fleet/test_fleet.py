@@ -68,6 +68,8 @@ def test_the_model_in_force_is_that_of_a_fit(fleet, sessions):
     by_hand = ta.fit("ur10", sessions / "0.csv", model="nominal")
     angles = ta.read_session(sessions / "0.csv").angles
     np.testing.assert_array_equal(fleet.model("virtual-research-0").predict(angles), by_hand.model.predict(angles))
+    (state,) = fleet.status().to_dict()["arms"]
+    assert ta.load_model(state["model_file"]).kind == "nominal"
     assert row.n_readings == 12
     assert row.held_out_mm == by_hand.held_out_mm[0]
     shifts = np.array([one["value"] for one in row.constants if one["name"] in ("base x", "base y", "base z")])

@@ -474,6 +474,7 @@ class Fleet:
                         read=None if used is None else first[used.serial_number, used.session_sha256],
                         verdict=verdict if used and verdict and verdict.model == used.model_sha256 else None,
                         certificates=tuple(certificates.get(arm.serial_number, ())),
+                        model_file="" if used is None else str(self.model_file(used.key)),
                     )
                 )
         return records

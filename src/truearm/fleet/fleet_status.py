@@ -69,6 +69,8 @@ class FleetStatus(PageRecord):
         for one in self.arms[:MAX_ROWS]:
             if one.message:
                 yield f"{one.serial_number}: {one.message}"
+        if any(one.model_file for one in self.arms):
+            yield "Files of the models in force: --json (model_file), or the page of the arm."
 
     def page(self) -> Page:
         """See `PageRecord.page`."""
@@ -112,6 +114,8 @@ class ArmRecords:
         Of the interim checks of the model in force.
     certificates : tuple of RegisteredCertificate
         The last one last.
+    model_file : str
+        Of the model in force.
     """
 
     arm: RegisteredArm
@@ -121,6 +125,7 @@ class ArmRecords:
     read: str | None = None
     verdict: CheckVerdict | None = None
     certificates: tuple[RegisteredCertificate, ...] = ()
+    model_file: str = ""
 
     @property
     def used(self) -> FitRow | None:
@@ -179,6 +184,7 @@ def arm_state(of: ArmRecords, figures: FleetFigures, now: datetime) -> ArmState:
         recalibrate="" if verdict is None else verdict.recalibrate.value,
         certificate="" if certificate is None else certificate.number,
         certified="" if certificate is None else certificate.verdict,
+        model_file=of.model_file,
     )
 
 

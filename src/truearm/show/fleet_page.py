@@ -41,6 +41,7 @@ _HEADS_OF_CONSTANTS = (
 _HEADS_OF_CERTIFICATES = ("number", "issued", "verdict", "next due", "SHA-256", "file")
 
 
+_CAPTION_OF_MODELS = "The last one first, its file is {}. Moved: mean displacement of the tip."
 _CAPTION_OF_CONSTANTS = (
     "Of the rigid arm nearest to the model in force. Drift: the largest difference from earlier models in force, in "
     "combined standard uncertainties; from type: the difference from the median of its type, with the type's scatter."
@@ -84,6 +85,8 @@ class ArmState:
         Whether the checks ask for recalibration: ``yes``, ``no``, ``undecided``, ``not enough checks yet``.
     certificate, certified : str
         Number of the last certificate, and whether it states that the arm conforms.
+    model_file : str
+        The file of the model in force; empty if there is none.
     page : str
         The arm's own page, beside that of the fleet.
     """
@@ -107,6 +110,7 @@ class ArmState:
     recalibrate: str = ""
     certificate: str = ""
     certified: str = ""
+    model_file: str = ""
     page: str = ""
 
     @property
@@ -209,7 +213,7 @@ def arm_history_page(
     sections = [
         Section(title, tables=(Table(Column.of(*heads), tuple(rows), caption),), folded=title == "Constants")
         for title, heads, rows, caption in (
-            ("Models in force", _HEADS_OF_MODELS, models, "The last one first. Moved: mean displacement of the tip."),
+            ("Models in force", _HEADS_OF_MODELS, models, _CAPTION_OF_MODELS.format(arm.model_file)),
             ("Interim checks", ("last", "checks", "recalibrate"), checks, "Of the model in force."),
             ("Certificates", _HEADS_OF_CERTIFICATES, certificates, "The last one first."),
             ("Constants", _HEADS_OF_CONSTANTS, constants, _CAPTION_OF_CONSTANTS),
