@@ -20,6 +20,7 @@ from truearm.fleet.arm_list import RegisteredArm, read_arm_list
 from truearm.fleet.executors import Processes
 from truearm.fleet.fit_task import FitRow
 from truearm.fleet.fleet import Fleet
+from truearm.fleet.fleet_run import FleetRun
 from truearm.fleet.registry import Registry
 from truearm.fleet.results import write_results
 from truearm.solve.executor import WorkerLost
@@ -139,8 +140,13 @@ def test_a_failed_fit_replaces_no_model(fleet, sessions, tmp_path):
 def test_a_fit_worse_than_the_nominal_arm_is_not_put_in_force():
     row = FitRow("k", "A", "ur10", "s.csv", "fitted", model="kinematic", held_out_mm=0.2, nominal_mm=0.1)
     assert not row.is_usable
-    assert row.outcome.endswith("worse than the nominal arm; not in force")
-    assert replace(row, held_out_mm=0.05).is_usable
+    assert "worse than the nominal arm; not in force. Try: add more readings, or --model nominal" in row.outcome
+    good = replace(row, held_out_mm=0.05)
+    assert good.is_usable
+    assert str(FleetRun((row,), (good,))) == f"0 arms fitted, 1 failed; 1 arm is unchanged.\nA: {row.outcome}"
+    again = FleetRun((), (good, row))
+    assert again.summary() == "Nothing to fit: 2 arms are unchanged, 1 of them failed."
+    assert again.failures == (row,)  # the exit code
 
 
 def test_readings_of_before_bring_back_their_model(fleet, sessions, tmp_path):

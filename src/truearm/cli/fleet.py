@@ -208,7 +208,7 @@ def run(
 
     What is fitted already is not fitted again, and an interrupted run is continued by the same command. One arm's
     failure stops no other; a failed or worse fit replaces no model in force. Results are the same whoever computes.
-    Exit code 1: some arms failed.
+    Exit code 1: some arms failed, now or before.
     """
     from truearm.fleet.executors import chosen_executor
     from truearm.fleet.fleet import Fleet

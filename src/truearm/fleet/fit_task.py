@@ -136,7 +136,9 @@ class FitRow:
         if self.held_out_mm is None:
             return f"{self.model} model of {self.n_readings} readings"
         found = f"{self.model} model, {format_mm(self.held_out_mm)} on held-out readings"
-        return found if self.is_usable else f"{found}, worse than the nominal arm; not in force"
+        if self.is_usable:
+            return found
+        return f"{found}, worse than the nominal arm; not in force. Try: add more readings, or --model nominal"
 
 
 def key_of(

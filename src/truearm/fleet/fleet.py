@@ -416,7 +416,7 @@ class Fleet:
         now = datetime.now(UTC)
         failed: dict[str, list[FitRow]] = {}
         for row in self.registry.fits().values():
-            if row.state != "fitted":
+            if not row.is_usable:
                 failed.setdefault(row.serial_number, []).append(row)
         facts = (("database", self.registry.place), version_row())
         states = []

@@ -253,6 +253,6 @@ def history_page(
             )
             for one in drifts
         ],
-        failed=[(one.fitted_at[:10], one.session, one.message) for one in failed],
+        failed=[(one.fitted_at[:10], one.session, one.outcome) for one in failed],
         facts=facts,
     )
