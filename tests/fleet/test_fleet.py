@@ -125,6 +125,16 @@ def test_an_arm_that_is_removed_leaves_its_results_and_comes_back(fleet, session
         fleet.run()
 
 
+def test_new_readings_of_a_known_arm_need_no_type(fleet, sessions):
+    with pytest.raises(InputError, match="no arm 'virtual-research-0' is in the registry"):
+        fleet.add("virtual-research-0", session=sessions / "0.csv")
+    fleet.add("virtual-research-0", "ur10")
+    with pytest.raises(SystemExit, match="0"):
+        run(["fleet", "add", str(fleet.folder), "virtual-research-0", "--session", str(sessions / "0.csv")])
+    (arm,) = fleet.registry.arms()
+    assert (arm.arm, arm.session) == ("ur10", str(sessions / "0.csv"))
+
+
 def test_a_failed_fit_replaces_no_model(fleet, sessions, tmp_path):
     fleet.add_all(arms_of(sessions, 0))
     fleet.run()

@@ -73,13 +73,13 @@ def add(
 ) -> None:
     """Add an arm, or new readings, site or model of one; with --list all arms of a table, or none of them.
 
-    Files stay where they are. In a list their names are relative to its folder.
+    ARM is needed of a new one. Files stay where they are. In a list their names are relative to its folder.
     """
     from truearm.errors import InputError
     from truearm.fleet.arm_list import read_arm_list
     from truearm.fleet.fleet import Fleet
 
-    if (arms is None) == (serial_number is None or arm is None):
+    if (arms is None) == (serial_number is None):
         raise InputError("expected one arm (SERIAL ARM) or --list TABLE")
     opened = Fleet(folder)
     if arms is not None:
@@ -87,7 +87,6 @@ def add(
             n = opened.add_all(read_arm_list(arms), beside=arms.absolute().parent)
     else:
         assert serial_number is not None
-        assert arm is not None
         with progress(f"adding {serial_number}"):
             n = opened.add(serial_number, arm, session=session, site=site, model=model, every_days=every_days)
     opened.close()

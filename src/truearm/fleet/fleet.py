@@ -126,7 +126,7 @@ class Fleet:
     def add(
         self,
         serial_number: str,
-        arm: str,
+        arm: str | None = None,
         *,
         session: str | Path | None = None,
         site: str = "",
@@ -140,8 +140,8 @@ class Fleet:
         Parameters
         ----------
         serial_number : str
-        arm : str
-            The nominal arm: a name of `list_arms`, or an arm file or URDF.
+        arm : str, optional
+            The nominal arm: a name of `list_arms`, or an arm file or URDF; by default that of the arm that is there.
         session : path, optional
             File of its readings, or its URL as fsspec has it (``s3://bucket/a.csv``). It stays where it is.
         site : str
@@ -159,8 +159,11 @@ class Fleet:
         Raises
         ------
         InputError
-            If the number is registered for an arm of another type, or the file of the readings states another number.
+            If the number is registered for an arm of another type, is new although no `arm` is given, or is not that
+            which the file of the readings states.
         """
+        if arm is None:
+            arm = self.registry.nominal_arm(serial_number.strip())
         return self.add_all(
             [RegisteredArm(serial_number, arm, site, model, every_days, "" if session is None else str(session))]
         )

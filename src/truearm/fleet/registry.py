@@ -113,6 +113,19 @@ class Registry:
         """
         return self.database.do(lambda database: _remove(database, serial_number))
 
+    def nominal_arm(self, serial_number: str) -> str:
+        """The nominal arm of a serial number.
+
+        Raises
+        ------
+        InputError
+            If there is no such arm.
+        """
+        found = self.database.do(lambda database: _nominal_arm(database, serial_number))
+        if found is None:
+            raise _unknown(serial_number)
+        return found
+
     def arms(self) -> list[RegisteredArm]:
         """All arms by their serial number, each with its last readings."""
         last = sql.select(sql.func.max(SESSIONS.c.id)).group_by(SESSIONS.c.serial_number)
@@ -197,8 +210,7 @@ class Registry:
         InputError
             If there is no such arm.
         """
-        if not self.database.do(lambda database: _has_arm(database, serial_number)):
-            raise _unknown(serial_number)
+        self.nominal_arm(serial_number)
         return History(RegisteredHistory(self.database, serial_number))
 
     def keep_verdict(
@@ -265,19 +277,20 @@ def _add(database: sql.Connection, one: RegisteredArm) -> int:
     return 1
 
 
-def _has_arm(database: sql.Connection, serial_number: str) -> bool:
-    return database.scalar(sql.select(ARMS.c.arm).where(ARMS.c.serial_number == serial_number)) is not None
+def _nominal_arm(database: sql.Connection, serial_number: str) -> str | None:
+    return database.scalar(sql.select(ARMS.c.arm).where(ARMS.c.serial_number == serial_number))
 
 
 def _unknown(serial_number: str) -> InputError:
     return InputError(
-        f"no arm {serial_number!r} is in the registry", hint="truearm fleet add adds one, status lists them"
+        f"no arm {serial_number!r} is in the registry",
+        hint="truearm fleet add FOLDER SERIAL ARM adds one, status lists them",
     )
 
 
 def _remove(database: sql.Connection, serial_number: str) -> dict[str, int]:
     lock_arm(database, serial_number)
-    if not _has_arm(database, serial_number):
+    if _nominal_arm(database, serial_number) is None:
         raise _unknown(serial_number)
     of_arms = [table for table in reversed(TABLES.sorted_tables) if "serial_number" in table.c]  # referring rows first
     return {
@@ -293,7 +306,7 @@ def _last_session(database: sql.Connection, serial_number: str) -> str | None:
 
 def _record(database: sql.Connection, row: FitRow, *, in_force: bool) -> None:
     lock_arm(database, row.serial_number)
-    if not _has_arm(database, row.serial_number):  # removed during the fit
+    if _nominal_arm(database, row.serial_number) is None:  # removed during the fit
         return
     text = json.dumps(asdict(row))
     state = database.scalar(sql.select(FITS.c.state).where(FITS.c.key == row.key))
