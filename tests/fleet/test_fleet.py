@@ -363,7 +363,12 @@ def test_the_overview_links_to_a_page_of_each_arm(fleet, sessions, tmp_path):
         page = html.split(f'">{name}</a>')[0].rpartition('href="')[2]
         assert "#" not in page  # which would be a place in a page
         page = unquote(page)
-        assert name in (tmp_path / page).read_text(encoding="utf-8")
+        history = (tmp_path / page).read_text(encoding="utf-8")
+        assert name in history
+        assert '<a href="../overview%20%231.html">All arms of the fleet</a>' in history
+    histories = "".join(path.read_text(encoding="utf-8") for path in (tmp_path / "overview #1-arms").iterdir())
+    assert str(fleet.model_file(*fleet.registry.models_in_force().values())) in histories
+    assert html.index("&lt;b&gt;&amp;</a> <small>") < html.index("expected 6 joints, got 2") < html.index("</small>")
 
 
 BAD = [

@@ -425,7 +425,8 @@ class Fleet:
         states = []
         for one in sorted((arm_state(one, figures, now) for one in records.values()), key=lambda one: one.rank):
             name, of = f"{sha256(one.serial_number.encode()).hexdigest()[:16]}.html", records[one.serial_number]
-            page = history_page(of, one, figures.drifts(of.models), failed.get(one.serial_number, ()), facts)
+            failures = failed.get(one.serial_number, ())
+            page = history_page(of, one, figures.drifts(of.models), failures, quote(f"../{out.name}"), facts)
             write_page(page, beside / name)
             states.append(replace(one, page=quote(f"{beside.name}/{name}")))
             if progress is not None:

@@ -232,9 +232,10 @@ def history_page(
     state: ArmState,
     drifts: Sequence[ConstantDrift],
     failed: Iterable[FitRow],
+    overview: str,
     facts: Sequence[tuple[str, str]],
 ) -> Page:
-    """The page of one arm."""
+    """The page of one arm; `overview` is the address of that of the fleet."""
     checks = [] if of.verdict is None else [(of.verdict.date, of.verdict.n_checks, of.verdict.recalibrate.value)]
     return arm_history_page(
         state,
@@ -254,5 +255,6 @@ def history_page(
             for one in drifts
         ],
         failed=[(one.fitted_at[:10], one.session, one.outcome) for one in failed],
+        overview=overview,
         facts=facts,
     )

@@ -141,20 +141,22 @@ def fleet_page(arms: Sequence[ArmState], *, summary: str, facts: Sequence[tuple[
     worst = worst_of(one.what for one in arms)
     heads = (
         *("serial number", "type", "site", "state", "since", "due", "held out [mm]", "of type", "moved [mm]"),
-        *("drift [u]", "from type [u]", "recalibrate", "certificate", "remark"),
+        *("drift [u]", "from type [u]", "recalibrate", "certificate"),
     )
     rows = tuple(
         (
-            *(FormattedCell(one.serial_number, page=one.page), one.arm, one.site, one.what, one.since, one.due),
+            FormattedCell(one.serial_number, page=one.page, remark=one.message),
+            *(one.arm, one.site, one.what, one.since, one.due),
             *(fixed(one.held_out_mm, 4), fixed(one.of_type, 2), fixed(one.moved_mm, 4)),
-            *(fixed(one.drift_u, 1), fixed(one.from_type_u, 1), one.recalibrate, one.certified, one.message),
+            *(fixed(one.drift_u, 1), fixed(one.from_type_u, 1), one.recalibrate, one.certified),
         )
         for one in arms
     )
     table = Table(
         Column.of(*heads),
         rows,
-        "Every arm, worst first. Held out: mean error of the model in force on readings held out of its fit; of type: "
+        "Every arm, worst first; the reason is below its serial number. "
+        "Held out: mean error of the model in force on readings held out of its fit; of type: "
         "as a multiple of the median of its type; moved: mean displacement of the tip from the model before; drift: "
         "the largest difference of a constant from earlier models in force, in combined standard uncertainties; from "
         "type: the same from the median of its type, with the scatter of the type. Of twenty constants that did not "
@@ -188,6 +190,7 @@ def arm_history_page(
     constants: Sequence[tuple[Cell, ...]],
     certificates: Sequence[tuple[Cell, ...]],
     failed: Sequence[tuple[Cell, ...]],
+    overview: str,
     facts: Sequence[tuple[str, str]] = (),
 ) -> Page:
     """Lay out the history of one arm.
@@ -207,6 +210,8 @@ def arm_history_page(
         The last one first: number, day, verdict, day of the next one, SHA-256, file.
     failed : sequence of tuple
         Fits that failed: day, session, why.
+    overview : str
+        Address of the page of the fleet.
     facts : sequence of (str, str)
         Settings, as label and value.
     """
@@ -227,4 +232,5 @@ def arm_history_page(
         sections=tuple(sections),
         facts=tuple(facts),
         verdict=PageVerdict(f"{arm.serial_number}: {arm.what}.", _STATES[arm.what], arm.message),
+        overview=FormattedCell("All arms of the fleet", page=overview),
     )
