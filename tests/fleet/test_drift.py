@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
+
 import numpy as np
 import pytest
 
-from truearm.fleet.drift import LEAST_OF_TYPE, constant_drifts, type_constants
+from truearm.fleet.arm_list import RegisteredArm
+from truearm.fleet.drift import LEAST_OF_TYPE, constant_drifts, drift_remark, type_constants
 from truearm.fleet.fit_task import FitRow
-from truearm.fleet.fleet_status import FleetFigures
+from truearm.fleet.fleet_status import ArmRecords, FleetFigures, arm_state
 
 NAMES = "base x", *(f"joint {i} {name}" for i in range(1, 7) for name in ("theta", "d", "a", "alpha")), "tip z"
 
@@ -41,6 +44,31 @@ def test_constants_that_did_not_change_drift_as_stated(rng):
         found.append([one.own for one in drifts if one.own is not None])
     assert np.std(found) == pytest.approx(1, abs=0.06)  # 2400 values: standard error 0.015
     assert np.median(np.abs(found).max(axis=1)) == pytest.approx(2.2, abs=0.3)  # what the page says of an unchanged arm
+
+
+def test_a_remark_names_what_changed_worst_first_until_the_next_readings(rng):
+    before, after, later = (model(np.zeros(len(NAMES)), session_sha256=sha) for sha in "abc")
+    assert drift_remark([before]) == drift_remark([before, after]) == ""
+    values = np.zeros(len(NAMES))
+    values[[3, 6, 9, 12, 15]] = 0.02 * 2**0.5 * np.array([5, -20.6, 4.0, 7, 6])
+    changed = model(values, session_sha256="b")
+    said = (
+        f"changed since the model before: {NAMES[6]} by 20.6 u, {NAMES[12]} by 7.0 u, {NAMES[15]} by 6.0 u and 1 more "
+        "(limit 4.1 u)"
+    )
+    assert drift_remark([before, changed]) == said
+    records = ArmRecords(RegisteredArm("A", "ur10", session="s.csv"), known=changed, models=(before, changed))
+    state = arm_state(records, FleetFigures([changed]), datetime.now(UTC))
+    assert (state.what, state.message) == ("in force", said)
+    assert drift_remark([before, changed, model(values, session_sha256="b")]) == said  # fitted again, no new readings
+    assert drift_remark([before, changed, model(values, session_sha256="c")]) == ""
+    assert drift_remark([before, changed, later]) == said  # and back
+
+
+def test_unchanged_arms_get_no_remark(rng):
+    """One of a thousand may."""
+    arms = [[model(rng.normal(0, 0.02, len(NAMES)), session_sha256=sha) for sha in "ab"] for _ in range(1000)]
+    assert sum(map(bool, map(drift_remark, arms))) <= 5
 
 
 def test_a_base_that_was_moved_and_another_tip_are_no_drift():

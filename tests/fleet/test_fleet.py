@@ -12,6 +12,7 @@ import pandas as pd
 import pytest
 
 import truearm as ta
+from truearm.cli.main import run
 from truearm.errors import InputError
 from truearm.fleet import fit_task
 from truearm.fleet import fleet as module
@@ -19,6 +20,7 @@ from truearm.fleet.arm_list import RegisteredArm, read_arm_list
 from truearm.fleet.executors import Processes
 from truearm.fleet.fit_task import FitRow
 from truearm.fleet.fleet import Fleet
+from truearm.fleet.fleet_run import FleetRun
 from truearm.fleet.registry import Registry
 from truearm.fleet.results import write_results
 from truearm.solve.executor import WorkerLost
@@ -67,6 +69,8 @@ def test_the_model_in_force_is_that_of_a_fit(fleet, sessions):
     by_hand = ta.fit("ur10", sessions / "0.csv", model="nominal")
     angles = ta.read_session(sessions / "0.csv").angles
     np.testing.assert_array_equal(fleet.model("virtual-research-0").predict(angles), by_hand.model.predict(angles))
+    (state,) = fleet.status().to_dict()["arms"]
+    assert ta.load_model(state["model_file"]).kind == "nominal"
     assert row.n_readings == 12
     assert row.held_out_mm == by_hand.held_out_mm[0]
     shifts = np.array([one["value"] for one in row.constants if one["name"] in ("base x", "base y", "base z")])
@@ -76,10 +80,19 @@ def test_the_model_in_force_is_that_of_a_fit(fleet, sessions):
         fleet.model("x")
 
 
-def test_one_arm_stops_no_other(fleet, sessions):
+def test_readings_of_another_arm_are_refused_when_they_are_added(fleet, sessions):
+    with pytest.raises(InputError, match="of serial number 'virtual-research-0', the registry has them for 'C'"):
+        fleet.add_all([replace(arms_of(sessions, 0)[0], serial_number="C"), *arms_of(sessions, 1)])
+    assert fleet.status().arms == ()
+
+
+def test_one_arm_stops_no_other(fleet, sessions, tmp_path):
+    replaced = tmp_path / "c.csv"
+    replaced.write_text("not yet readings\n")
     bad = RegisteredArm("B", "ur10", model="nominal", session=str(sessions / "bad.csv"))
-    other = replace(arms_of(sessions, 0)[0], serial_number="C")
+    other = replace(arms_of(sessions, 0)[0], serial_number="C", session=str(replaced))
     fleet.add_all([bad, other, *arms_of(sessions, 1)])
+    replaced.write_bytes((sessions / "0.csv").read_bytes())
     found = fleet.run()
     assert found.n_fitted == 1
     messages = {row.serial_number: row.message for row in found.failures}
@@ -87,6 +100,39 @@ def test_one_arm_stops_no_other(fleet, sessions):
     assert "of serial number 'virtual-research-0', the registry has them for 'C'" in messages["C"]
     assert [row.serial_number for row in fleet.run().failures] == ["B", "C"]  # said again, not tried again
     assert [one.what for one in fleet.status().arms] == ["failed", "failed", "in force"]
+
+
+def test_an_arm_that_is_removed_leaves_its_results_and_comes_back(fleet, sessions, capsys):
+    fleet.add_all(arms_of(sessions, 0, 1))
+    (row, _) = fleet.run().rows
+    with pytest.raises(SystemExit, match="0"):
+        run(["fleet", "remove", str(fleet.folder), row.serial_number])
+    said = capsys.readouterr().out
+    assert said.startswith(
+        "virtual-research-0 is no longer in the registry, nor are its 1 session, 1 fit, 0 checks, 0 certificates."
+    )
+    with pytest.raises(InputError, match="no arm 'virtual-research-0' is in the registry"):
+        fleet.remove(row.serial_number)
+    fleet.registry.record(row, in_force=True)  # of a run that was under way
+    assert [one.serial_number for one in fleet.status().arms] == ["virtual-research-1"]
+    fleet.run()
+    assert pd.read_parquet(fleet.folder / "results").serial_number.nunique() == 2
+    assert fleet.add_all(arms_of(sessions, 0)) == 1
+    assert fleet.run().n_fitted == 1
+    assert len(pd.read_parquet(fleet.folder / "results")) == 2
+    (fleet.folder / "results" / "fits.parquet").write_bytes(b"PAR1")
+    with pytest.raises(InputError, match="the data set of results is damaged"):
+        fleet.run()
+
+
+def test_new_readings_of_a_known_arm_need_no_type(fleet, sessions):
+    with pytest.raises(InputError, match="no arm 'virtual-research-0' is in the registry"):
+        fleet.add("virtual-research-0", session=sessions / "0.csv")
+    fleet.add("virtual-research-0", "ur10")
+    with pytest.raises(SystemExit, match="0"):
+        run(["fleet", "add", str(fleet.folder), "virtual-research-0", "--session", str(sessions / "0.csv")])
+    (arm,) = fleet.registry.arms()
+    assert (arm.arm, arm.session) == ("ur10", str(sessions / "0.csv"))
 
 
 def test_a_failed_fit_replaces_no_model(fleet, sessions, tmp_path):
@@ -104,8 +150,13 @@ def test_a_failed_fit_replaces_no_model(fleet, sessions, tmp_path):
 def test_a_fit_worse_than_the_nominal_arm_is_not_put_in_force():
     row = FitRow("k", "A", "ur10", "s.csv", "fitted", model="kinematic", held_out_mm=0.2, nominal_mm=0.1)
     assert not row.is_usable
-    assert row.outcome.endswith("worse than the nominal arm; not in force")
-    assert replace(row, held_out_mm=0.05).is_usable
+    assert "worse than the nominal arm; not in force. Try: add more readings, or --model nominal" in row.outcome
+    good = replace(row, held_out_mm=0.05)
+    assert good.is_usable
+    assert str(FleetRun((row,), (good,))) == f"0 arms fitted, 1 failed; 1 arm is unchanged.\nA: {row.outcome}"
+    again = FleetRun((), (good, row))
+    assert again.summary() == "Nothing to fit: 2 arms are unchanged, 1 of them failed."
+    assert again.failures == (row,)  # the exit code
 
 
 def test_readings_of_before_bring_back_their_model(fleet, sessions, tmp_path):
@@ -312,7 +363,12 @@ def test_the_overview_links_to_a_page_of_each_arm(fleet, sessions, tmp_path):
         page = html.split(f'">{name}</a>')[0].rpartition('href="')[2]
         assert "#" not in page  # which would be a place in a page
         page = unquote(page)
-        assert name in (tmp_path / page).read_text(encoding="utf-8")
+        history = (tmp_path / page).read_text(encoding="utf-8")
+        assert name in history
+        assert '<a href="../overview%20%231.html">All arms of the fleet</a>' in history
+    histories = "".join(path.read_text(encoding="utf-8") for path in (tmp_path / "overview #1-arms").iterdir())
+    assert str(fleet.model_file(*fleet.registry.models_in_force().values())) in histories
+    assert html.index("&lt;b&gt;&amp;</a> <small>") < html.index("expected 6 joints, got 2") < html.index("</small>")
 
 
 BAD = [
@@ -423,12 +479,15 @@ def test_a_registry_that_is_gone_is_not_made_anew(fleet):
     assert not (fleet.folder / "registry.sqlite").exists()
 
 
-def test_what_is_given_again_replaces_what_was_before(fleet, sessions):
-    fleet.add_all([RegisteredArm("A", "ur10", "Turin", "kinematic", 30, str(sessions / "0.csv"))])
-    assert fleet.add(" A ", "ur10", session=sessions / "1.csv") == 1
-    assert fleet.registry.arms() == [RegisteredArm("A", "ur10", "Turin", "kinematic", 30, str(sessions / "1.csv"))]
+def test_what_is_given_again_replaces_what_was_before(fleet, tmp_path):
+    first, second = (tmp_path / name for name in ("0.csv", "1.csv"))
+    for file in (first, second):
+        file.write_text("of no stated arm\n")
+    fleet.add_all([RegisteredArm("A", "ur10", "Turin", "kinematic", 30, str(first))])
+    assert fleet.add(" A ", "ur10", session=second) == 1
+    assert fleet.registry.arms() == [RegisteredArm("A", "ur10", "Turin", "kinematic", 30, str(second))]
     assert fleet.add("A", "ur10", site="Oslo", model="nominal", every_days=60) == 1
     assert fleet.add("A", "ur10", site="Oslo") == 0
-    assert fleet.registry.arms() == [RegisteredArm("A", "ur10", "Oslo", "nominal", 60, str(sessions / "1.csv"))]
-    assert fleet.add("A", "ur10", session=sessions / "0.csv") == 1  # readings of before are the last ones again
-    assert fleet.registry.arms()[0].session == str(sessions / "0.csv")
+    assert fleet.registry.arms() == [RegisteredArm("A", "ur10", "Oslo", "nominal", 60, str(second))]
+    assert fleet.add("A", "ur10", session=first) == 1  # readings of before are the last ones again
+    assert fleet.registry.arms()[0].session == str(first)

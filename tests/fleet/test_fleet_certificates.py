@@ -66,6 +66,18 @@ def test_a_day_that_is_given_replaces_the_one_that_is_stated(fleet, file):
         fleet.add_certificates([file], due=datetime.date(2025, 1, 1))
 
 
+def test_a_pdf_file_with_the_same_certificate_inside_is_the_same_certificate(fleet, file, tmp_path):
+    pypdf = pytest.importorskip("pypdf", reason="pip install truearm[pdf] reads PDF files")
+    writer = pypdf.PdfWriter()
+    writer.add_blank_page(100, 100)
+    writer.add_attachment("4711.xml", file.read_bytes())
+    writer.write(tmp_path / "4711.pdf")
+    for path in (file, tmp_path / "4711.pdf"):
+        fleet.add_certificates([path])
+        ((one,),) = fleet.registry.certificates().values()
+        assert (one.sha256, one.file) == (sha256(file.read_bytes()).hexdigest(), str(path))
+
+
 def test_a_certificate_of_this_program(fleet, tmp_path):
     simulated = ta.simulate_verification("perfect", n_arms=1)
     verified = ta.verify(simulated.points(0), artefacts=simulated.artefacts, specification=simulated.specification)

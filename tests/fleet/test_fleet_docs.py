@@ -74,7 +74,7 @@ def test_a_group_of_commands_alone_shows_its_help(capsys):
     [
         ("fleet run .", "expected the folder of a fleet"),
         ("fleet run . --workers 2 --scheduler tcp://x:1", "expected --workers or --scheduler"),
-        ("fleet add . A", "expected one arm"),
+        ("fleet add .", "expected one arm"),
         ("fleet add . A ur10 --list arms.csv", "expected one arm"),
     ],
 )

@@ -19,6 +19,8 @@ import pytest
 
 pytest.importorskip("sqlalchemy", reason="a fleet is an extra: pip install 'truearm[fleet]'")
 
+import sqlalchemy as sql
+
 import truearm as ta
 from truearm.errors import TruearmError
 from truearm.fleet import database
@@ -26,6 +28,7 @@ from truearm.fleet.arm_list import RegisteredArm
 from truearm.fleet.fit_task import FitRow
 from truearm.fleet.fleet import Fleet
 from truearm.fleet.registry import Registry
+from truearm.fleet.tables import ARMS
 from truearm.verification.monitor.interim_check import CheckValue, InterimCheck
 
 N_WRITERS, N_EACH = 8, 12
@@ -102,6 +105,14 @@ def test_a_number_without_bounds_stops_no_run(registry):
     row = FitRow("1", "A", "ur10", "1.csv", "fitted", residual_std_mm=float("inf"))
     registry.record(row, in_force=True)
     assert registry.fits() == {"1": row}
+
+
+def test_a_row_that_can_never_be_is_not_tried_for_long(registry, monkeypatch):
+    pauses = []
+    monkeypatch.setattr(database.time, "sleep", pauses.append)
+    with pytest.raises(TruearmError, match="NOT NULL constraint failed"):
+        registry.database.do(lambda opened: opened.execute(sql.insert(ARMS).values(serial_number="A")))
+    assert len(pauses) == database.MAX_CONFLICTS - 1
 
 
 def test_what_waiting_does_not_mend_is_said_at_once(tmp_path, registry, monkeypatch):

@@ -48,8 +48,15 @@ def test_rows_with_the_words_are_shown_the_first_of_them(chromium, path):
         assert tab.page.locator("output").inner_text() == "200 of 401 rows"
         assert shown.count() == 200
         tab.page.locator("input[type=search]").fill("exist")
-        assert [cell.strip() for cell in shown.locator("th").all_inner_texts()] == ["A-0"]
+        assert shown.locator("th").all_inner_texts()[0].split("\n") == ["A-0", "the file <b> does not exist"]
+        assert shown.count() == 1
         assert tab.complaints == []
+
+
+def test_the_reason_of_a_failure_is_on_a_narrow_screen(chromium, path):
+    with Tab(chromium, path, width=420) as tab:
+        box = tab.page.locator("small", has_text="does not exist").bounding_box()
+        assert box["x"] + box["width"] <= 420
 
 
 def test_without_scripts_every_row_is_shown(chromium, path):

@@ -28,6 +28,7 @@ def done(command: str) -> None:
 
 def test_its_walk_prints_what_it_says(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
+    assert block("line").startswith("$ mkdir line\n")
     (tmp_path / "line").mkdir()
     for command in re.findall(r"^\$ truearm (.*)$", block("line"), flags=re.MULTILINE):
         done(command)

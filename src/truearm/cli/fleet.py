@@ -73,13 +73,13 @@ def add(
 ) -> None:
     """Add an arm, or new readings, site or model of one; with --list all arms of a table, or none of them.
 
-    Files stay where they are. In a list their names are relative to its folder.
+    ARM is needed of a new one. Files stay where they are. In a list their names are relative to its folder.
     """
     from truearm.errors import InputError
     from truearm.fleet.arm_list import read_arm_list
     from truearm.fleet.fleet import Fleet
 
-    if (arms is None) == (serial_number is None or arm is None):
+    if (arms is None) == (serial_number is None):
         raise InputError("expected one arm (SERIAL ARM) or --list TABLE")
     opened = Fleet(folder)
     if arms is not None:
@@ -87,10 +87,32 @@ def add(
             n = opened.add_all(read_arm_list(arms), beside=arms.absolute().parent)
     else:
         assert serial_number is not None
-        assert arm is not None
-        n = opened.add(serial_number, arm, session=session, site=site, model=model, every_days=every_days)
+        with progress(f"adding {serial_number}"):
+            n = opened.add(serial_number, arm, session=session, site=site, model=model, every_days=every_days)
     opened.close()
     print_line(f"{n} new in the registry. Next: truearm fleet run {folder}" if n else "Nothing is new.")
+
+
+@fleet.command()
+def remove(
+    folder: Folder,
+    serial_number: Annotated[str, Argument(metavar="SERIAL", help="Serial number of the arm.")],
+) -> None:
+    """Take an arm off the fleet: its readings, fits, checks and certificates are no longer in the registry.
+
+    Session files, certificates, model files and the results of its fits (Parquet) stay.
+    """
+    from truearm.fleet.fleet import Fleet
+    from truearm.workflows.sentences import number_of
+
+    opened = Fleet(folder)
+    gone = opened.remove(serial_number)
+    opened.close()
+    counts = [number_of(gone[table], table[:-1]) for table in ("sessions", "fits", "checks", "certificates")]
+    print_line(
+        f"{serial_number} is no longer in the registry, nor are its {', '.join(counts)}. "
+        f"Its files stay, and its results in {folder / 'results'}."
+    )
 
 
 @fleet.command()
@@ -185,7 +207,7 @@ def run(
 
     What is fitted already is not fitted again, and an interrupted run is continued by the same command. One arm's
     failure stops no other; a failed or worse fit replaces no model in force. Results are the same whoever computes.
-    Exit code 1: some arms failed.
+    Exit code 1: some arms failed, now or before.
     """
     from truearm.fleet.executors import chosen_executor
     from truearm.fleet.fleet import Fleet

@@ -5,12 +5,15 @@ from __future__ import annotations
 import datetime
 from collections.abc import Iterable
 from dataclasses import dataclass
-from hashlib import file_digest
+from hashlib import sha256
 from pathlib import Path
 
 from truearm.errors import InputError
+from truearm.files.file_reading import read_limited
+from truearm.files.pdf_attachments import attached_xml, is_pdf
 from truearm.show.certificate_page import CONFORMITY_WORDS, NOT_DECIDED
 from truearm.verification.certificate.calibration_certificate import CalibrationCertificate
+from truearm.verification.certificate.dcc_reader import MAX_BYTES
 from truearm.verification.certificate.statements import NOT_FOR_CONFORMITY
 from truearm.workflows.certificate import read_certificate
 
@@ -34,7 +37,7 @@ class RegisteredCertificate:
     due : str
         Day by which the arm is to be calibrated again; empty if nobody states one.
     sha256 : str
-        Of the file.
+        Of the XML file; of a PDF file, that of the XML file inside, which is the certificate.
     file : str
     """
 
@@ -96,8 +99,8 @@ def read_registered(
     day = due or stated
     if day is not None and day < issued:
         raise InputError(f"the next calibration, {day}, is due before the certificate of {issued}", file=file)
-    with file.open("rb") as stream:
-        digest = file_digest(stream, "sha256").hexdigest()
+    content = read_limited(file, limit_bytes=MAX_BYTES)
+    digest = sha256(attached_xml(content, limit_bytes=MAX_BYTES) if is_pdf(content) else content).hexdigest()
     return RegisteredCertificate(
         found[0], number, f"{issued}", verdict, "" if day is None else f"{day}", digest, f"{file.absolute()}"
     )

@@ -17,6 +17,8 @@ T = TypeVar("T")
 
 # How long a writer waits for a database that does not answer, and between attempts.
 PATIENCE_S, PAUSE_S = 60.0, 0.5
+# Attempts where a row is there already: another writer was faster, and the next attempt sees its row.
+MAX_CONFLICTS = 3
 
 
 class Database:
@@ -64,14 +66,15 @@ class Database:
         TruearmError
             If the database cannot be used, or does not answer within `PATIENCE_S`.
         """
-        end = time.monotonic() + PATIENCE_S
+        end, conflicts = time.monotonic() + PATIENCE_S, 0
         while True:
             try:
                 with self._engine.begin() as connection:
                     return work(connection)
             except DBAPIError as error:
                 code = getattr(error.orig, "sqlite_errorcode", sqlite3.SQLITE_BUSY) & 0xFF
-                passes = isinstance(error, IntegrityError) or (
+                conflicts += isinstance(error, IntegrityError)
+                passes = (isinstance(error, IntegrityError) and conflicts < MAX_CONFLICTS) or (
                     isinstance(error, OperationalError) and code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED)
                 )
                 if not (passes or error.connection_invalidated) or time.monotonic() > end:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from statistics import median
+from statistics import NormalDist, median
 
 from truearm.fleet.fit_task import FitRow
 
@@ -18,6 +18,10 @@ _SET_UP = frozenset({"x", "y", "z", "rx", "ry", "rz"})
 LEAST_OF_TYPE = 5
 # A normal distribution's standard deviation in median absolute deviations.
 _MAD = 1.4826
+# Share of the arms whose constants did not change that get a remark.
+_FALSE_REMARKS = 0.001
+# Constants that a remark names.
+_NAMED = 3
 
 
 @dataclass(frozen=True)
@@ -96,6 +100,33 @@ def constant_drifts(models: Sequence[FitRow], of_type: Mapping[str, TypeConstant
                 type_wise = (value - typical.median) / (typical.std**2 + u**2) ** 0.5
         found.append(ConstantDrift(name, one["unit"], one["nominal"], one["value"], one["u"], own, type_wise))
     return found
+
+
+def drift_remark(models: Sequence[FitRow]) -> str:
+    """Which constants changed since the last model of other readings by more than chance explains, worst first.
+
+    The limit is that which one of a thousand unchanged arms exceeds, by the normal distribution and the number of its
+    constants (Bonferroni): 4.0 u of 18 constants.
+
+    Parameters
+    ----------
+    models : sequence of FitRow
+        That were in force, one or more, the last one last.
+
+    Returns
+    -------
+    str
+        Empty if there are none.
+    """
+    before = [row for row in models[:-1] if row.session_sha256 != models[-1].session_sha256][-1:]
+    drifts = {one.name: one.own for one in constant_drifts([*before, models[-1]], {}) if one.own is not None}
+    limit = NormalDist().inv_cdf(1 - _FALSE_REMARKS / (2 * max(len(drifts), 1)))
+    worst = sorted((-abs(own), name) for name, own in drifts.items() if abs(own) > limit)
+    if not worst:
+        return ""
+    named = ", ".join(f"{name} by {-minus:.1f} u" for minus, name in worst[:_NAMED])
+    more = f" and {len(worst) - _NAMED} more" if len(worst) > _NAMED else ""
+    return f"changed since the model before: {named}{more} (limit {limit:.1f} u)"
 
 
 def _joints(row: FitRow) -> dict[str, tuple[float, float]]:

@@ -18,7 +18,6 @@ from truearm.arm.catalogue import arm_path
 from truearm.choices import ModelName
 from truearm.compensation.export.constants_table import constants_table
 from truearm.compensation.export.rigid_arm import best_rigid_arm
-from truearm.compensation.models import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel, to_identified
 from truearm.errors import InputError, MissingTool, TruearmError
 from truearm.fleet.stored_files import content_sha256, local_copy
@@ -137,7 +136,9 @@ class FitRow:
         if self.held_out_mm is None:
             return f"{self.model} model of {self.n_readings} readings"
         found = f"{self.model} model, {format_mm(self.held_out_mm)} on held-out readings"
-        return found if self.is_usable else f"{found}, worse than the nominal arm; not in force"
+        if self.is_usable:
+            return found
+        return f"{found}, worse than the nominal arm; not in force. Try: add more readings, or --model nominal"
 
 
 def key_of(
@@ -174,7 +175,7 @@ def fit_arm(task: FitTask) -> FitRow:
         with local_copy(task.session) as file:
             copy = str(file)
             result = fit(task.arm, file, model=task.model)
-        _check_serial_number(task, result.model)
+        check_serial_number(task.serial_number, result.model.arm.serial_number, task.session)
         state = "lost"  # what fails from here on may be mended without other readings
         if _has_changed(task):
             raise TruearmError(
@@ -197,12 +198,18 @@ def _has_changed(task: FitTask) -> bool:
     return key_of(task.serial_number, task.arm, task.session, task.model) != task.key
 
 
-def _check_serial_number(task: FitTask, model: Compensator) -> None:
-    stated = model.arm.serial_number
-    if stated and stated != task.serial_number:
+def check_serial_number(serial_number: str, stated: str, session: str) -> None:
+    """Check that the arm or its readings state no other serial number than the registry.
+
+    Raises
+    ------
+    InputError
+        If they do.
+    """
+    if stated and stated != serial_number:
         raise InputError(
-            f"the readings are of serial number {stated!r}, the registry has them for {task.serial_number!r}",
-            file=task.session,
+            f"the readings are of serial number {stated!r}, the registry has them for {serial_number!r}",
+            file=session,
             hint="add them under the serial number that they state, or correct it in the session file",
         )
 

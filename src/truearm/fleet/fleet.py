@@ -12,25 +12,27 @@ from pathlib import Path
 from typing import get_args
 from urllib.parse import quote
 
-from truearm.arm import load_arm
+from truearm.arm import Arm, load_arm
 from truearm.arm.catalogue import arm_path
 from truearm.choices import ModelName
 from truearm.compensation.models import Compensator
+from truearm.compensation.models.arm_check import with_serial_number
 from truearm.compensation.models.model_file import load_model
-from truearm.errors import InputError
+from truearm.errors import InputError, TruearmError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.delimited import MAX_NAME
 from truearm.files.file_reading import parse_file, utf8_text
 from truearm.files.toml_documents import reject_control_characters, toml_text
 from truearm.fleet.arm_list import RegisteredArm
 from truearm.fleet.certificates import read_registered
-from truearm.fleet.fit_task import FitRow, FitTask, fit_arm, key_of
+from truearm.fleet.fit_task import FitRow, FitTask, check_serial_number, fit_arm, key_of
 from truearm.fleet.fleet_run import FleetRun
 from truearm.fleet.fleet_status import ArmRecords, FleetFigures, FleetStatus, arm_state, history_page
 from truearm.fleet.results import write_results
 from truearm.fleet.stored_files import FileHashes, check_stored, is_url
 from truearm.fleet.type_prior import LearnedTypePrior, learn_type_prior
 from truearm.pages.html import write_page
+from truearm.readings.session import read_session
 from truearm.solve.executor import Executor, Serial, WorkerLost
 from truearm.verification.monitor.history import History
 from truearm.workflows.check import CheckResult, check
@@ -124,7 +126,7 @@ class Fleet:
     def add(
         self,
         serial_number: str,
-        arm: str,
+        arm: str | None = None,
         *,
         session: str | Path | None = None,
         site: str = "",
@@ -138,8 +140,8 @@ class Fleet:
         Parameters
         ----------
         serial_number : str
-        arm : str
-            The nominal arm: a name of `list_arms`, or an arm file or URDF.
+        arm : str, optional
+            The nominal arm: a name of `list_arms`, or an arm file or URDF; by default that of the arm that is there.
         session : path, optional
             File of its readings, or its URL as fsspec has it (``s3://bucket/a.csv``). It stays where it is.
         site : str
@@ -157,8 +159,11 @@ class Fleet:
         Raises
         ------
         InputError
-            If the number is registered for an arm of another type.
+            If the number is registered for an arm of another type, is new although no `arm` is given, or is not that
+            which the file of the readings states.
         """
+        if arm is None:
+            arm = self.registry.nominal_arm(serial_number.strip())
         return self.add_all(
             [RegisteredArm(serial_number, arm, site, model, every_days, "" if session is None else str(session))]
         )
@@ -173,6 +178,26 @@ class Fleet:
             Folder to which relative names of files refer; by default the current one.
         """
         return self.registry.add([_checked(one, beside or Path.cwd()) for one in arms])
+
+    def remove(self, serial_number: str) -> dict[str, int]:
+        """Take an arm off the fleet, with its history of checks; readings, model files and results stay as files.
+
+        Parameters
+        ----------
+        serial_number : str
+
+        Returns
+        -------
+        dict of str to int
+            How many rows of the registry went, by its tables: ``fits``, ``checks``, ``certificates`` and so on.
+
+        Raises
+        ------
+        InputError
+            If there is no such arm.
+        """
+        self._write_results()
+        return self.registry.remove(serial_number)
 
     def model_file(self, key: str) -> Path:
         """The model file of a fit."""
@@ -394,13 +419,14 @@ class Fleet:
         now = datetime.now(UTC)
         failed: dict[str, list[FitRow]] = {}
         for row in self.registry.fits().values():
-            if row.state != "fitted":
+            if not row.is_usable:
                 failed.setdefault(row.serial_number, []).append(row)
         facts = (("database", self.registry.place), version_row())
         states = []
         for one in sorted((arm_state(one, figures, now) for one in records.values()), key=lambda one: one.rank):
             name, of = f"{sha256(one.serial_number.encode()).hexdigest()[:16]}.html", records[one.serial_number]
-            page = history_page(of, one, figures.drifts(of.models), failed.get(one.serial_number, ()), facts)
+            failures = failed.get(one.serial_number, ())
+            page = history_page(of, one, figures.drifts(of.models), failures, quote(f"../{out.name}"), facts)
             write_page(page, beside / name)
             states.append(replace(one, page=quote(f"{beside.name}/{name}")))
             if progress is not None:
@@ -452,6 +478,7 @@ class Fleet:
                         read=None if used is None else first[used.serial_number, used.session_sha256],
                         verdict=verdict if used and verdict and verdict.model == used.model_sha256 else None,
                         certificates=tuple(certificates.get(arm.serial_number, ())),
+                        model_file="" if used is None else str(self.model_file(used.key)),
                     )
                 )
         return records
@@ -500,11 +527,23 @@ def _checked(arm: RegisteredArm, beside: Path) -> RegisteredArm:
         raise InputError(f"expected every_days of 1 to {MAX_DAYS}, got {arm.every_days}")
     is_file = arm_path(beside / arm.arm).is_file()
     drawing = str((beside / arm.arm).absolute()) if is_file else arm.arm
-    name = load_arm(drawing).name
+    nominal = load_arm(drawing)
     session = arm.session if not arm.session or is_url(arm.session) else str((beside / arm.session).absolute())
     if session:
         check_stored(session)
-    return replace(arm, serial_number=serial_number, arm=drawing if is_file else name, session=session)
+        _check_readings(serial_number, nominal, session)
+    return replace(arm, serial_number=serial_number, arm=drawing if is_file else nominal.name, session=session)
+
+
+def _check_readings(serial_number: str, nominal: Arm, session: str) -> None:
+    """Check that a file on this machine states no other serial number; what else is wrong with it the run says."""
+    if is_url(session):
+        return
+    try:
+        readings = read_session(session)
+    except TruearmError:
+        return
+    check_serial_number(serial_number, with_serial_number(nominal, readings).serial_number, session)
 
 
 def _database(content: bytes) -> str:

@@ -36,17 +36,19 @@ class FleetRun(Record):
 
     @property
     def n_fitted(self) -> int:
-        """Arms that got a model."""
-        return sum(row.state == "fitted" for row in self.rows)
+        """Arms that got a model in force."""
+        return sum(row.is_usable for row in self.rows)
 
     @property
     def failures(self) -> tuple[FitRow, ...]:
-        """Fits without a model, those of earlier runs with the same inputs among them."""
-        return tuple(row for row in (*self.rows, *self.unchanged) if row.state != "fitted")
+        """Fits without a model, or with one worse than the nominal arm; those of earlier runs are among them."""
+        return tuple(row for row in (*self.rows, *self.unchanged) if not row.is_usable)
 
     def summary(self) -> str:
         """How many arms were fitted, and how many failed."""
         same = f"{number_of(len(self.unchanged), 'arm')} {agree(len(self.unchanged), 'are')} unchanged"
+        if n_before := sum(not row.is_usable for row in self.unchanged):
+            same += f", {n_before} of them failed"
         if not self.rows:
             return f"Nothing to fit: {same}."
         failed = len(self.rows) - self.n_fitted
@@ -56,18 +58,15 @@ class FleetRun(Record):
         """See `Record.blocks`."""
         yield self.summary()
         for row in self.failures[:MAX_ROWS]:
-            yield f"{row.serial_number}: {row.message}"
+            yield f"{row.serial_number}: {row.outcome}"
         if (more := len(self.failures) - MAX_ROWS) > 0:
             yield f"{number_of(more, 'more failure')}: truearm fleet status"
-        for row in self.rows:
-            if row.state == "fitted" and not row.is_usable:
-                yield f"{row.serial_number}: {row.outcome}"
 
     def _json(self) -> object:
         return {
             "summary": self.summary(),
             "n_fitted": self.n_fitted,
             "n_unchanged": len(self.unchanged),
-            "failures": {row.serial_number: row.message for row in self.failures},
+            "failures": {row.serial_number: row.outcome for row in self.failures},
             "rows": self.rows,
         }

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from truearm.fleet.arm_list import RegisteredArm
 from truearm.fleet.certificates import RegisteredCertificate
-from truearm.fleet.drift import ConstantDrift, constant_drifts, type_constants
+from truearm.fleet.drift import ConstantDrift, constant_drifts, drift_remark, type_constants
 from truearm.fleet.fit_task import FitRow
 from truearm.number_format import RoundedNumber
 from truearm.show.fleet_page import ArmState, What, arm_history_page, fixed, fleet_page, worst_of
@@ -69,6 +69,8 @@ class FleetStatus(PageRecord):
         for one in self.arms[:MAX_ROWS]:
             if one.message:
                 yield f"{one.serial_number}: {one.message}"
+        if any(one.model_file for one in self.arms):
+            yield "Files of the models in force: --json (model_file), or the page of the arm."
 
     def page(self) -> Page:
         """See `PageRecord.page`."""
@@ -112,6 +114,8 @@ class ArmRecords:
         Of the interim checks of the model in force.
     certificates : tuple of RegisteredCertificate
         The last one last.
+    model_file : str
+        Of the model in force.
     """
 
     arm: RegisteredArm
@@ -121,6 +125,7 @@ class ArmRecords:
     read: str | None = None
     verdict: CheckVerdict | None = None
     certificates: tuple[RegisteredCertificate, ...] = ()
+    model_file: str = ""
 
     @property
     def used(self) -> FitRow | None:
@@ -164,7 +169,7 @@ def arm_state(of: ArmRecords, figures: FleetFigures, now: datetime) -> ArmState:
         of.arm.arm if used is None else used.arm,
         of.arm.site,
         worst_of(found),
-        message="; ".join(filter(None, found.values())),
+        message="; ".join(filter(None, (*found.values(), drift_remark(of.models) if of.models else ""))),
         model="" if used is None else used.model,
         since="" if used is None else used.fitted_at[:10],
         n_readings=None if used is None else used.n_readings,
@@ -179,6 +184,7 @@ def arm_state(of: ArmRecords, figures: FleetFigures, now: datetime) -> ArmState:
         recalibrate="" if verdict is None else verdict.recalibrate.value,
         certificate="" if certificate is None else certificate.number,
         certified="" if certificate is None else certificate.verdict,
+        model_file=of.model_file,
     )
 
 
@@ -226,9 +232,10 @@ def history_page(
     state: ArmState,
     drifts: Sequence[ConstantDrift],
     failed: Iterable[FitRow],
+    overview: str,
     facts: Sequence[tuple[str, str]],
 ) -> Page:
-    """The page of one arm."""
+    """The page of one arm; `overview` is the address of that of the fleet."""
     checks = [] if of.verdict is None else [(of.verdict.date, of.verdict.n_checks, of.verdict.recalibrate.value)]
     return arm_history_page(
         state,
@@ -247,6 +254,7 @@ def history_page(
             )
             for one in drifts
         ],
-        failed=[(one.fitted_at[:10], one.session, one.message) for one in failed],
+        failed=[(one.fitted_at[:10], one.session, one.outcome) for one in failed],
+        overview=overview,
         facts=facts,
     )

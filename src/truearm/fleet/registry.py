@@ -98,6 +98,34 @@ class Registry:
         given = list(arms)
         return self.database.do(lambda database: sum(_add(database, one) for one in given))
 
+    def remove(self, serial_number: str) -> dict[str, int]:
+        """Remove all rows of an arm.
+
+        Returns
+        -------
+        dict of str to int
+            How many rows went, by the table's name.
+
+        Raises
+        ------
+        InputError
+            If there is no such arm.
+        """
+        return self.database.do(lambda database: _remove(database, serial_number))
+
+    def nominal_arm(self, serial_number: str) -> str:
+        """The nominal arm of a serial number.
+
+        Raises
+        ------
+        InputError
+            If there is no such arm.
+        """
+        found = self.database.do(lambda database: _nominal_arm(database, serial_number))
+        if found is None:
+            raise _unknown(serial_number)
+        return found
+
     def arms(self) -> list[RegisteredArm]:
         """All arms by their serial number, each with its last readings."""
         last = sql.select(sql.func.max(SESSIONS.c.id)).group_by(SESSIONS.c.serial_number)
@@ -136,7 +164,7 @@ class Registry:
         return {serial_number: models[-1][1] for serial_number, models in self.histories().items()}
 
     def record(self, row: FitRow, *, in_force: bool) -> None:
-        """Keep the result of a fit; a fit that is there already with a result stays as it is.
+        """Keep the result of a fit; one that is there already with a result stays, one of a removed arm is not kept.
 
         Parameters
         ----------
@@ -182,11 +210,7 @@ class Registry:
         InputError
             If there is no such arm.
         """
-        of_arm = sql.select(ARMS.c.arm).where(ARMS.c.serial_number == serial_number)
-        if self.database.do(lambda database: database.scalar(of_arm)) is None:
-            raise InputError(
-                f"no arm {serial_number!r} is in the registry", hint="truearm fleet add adds one, status lists them"
-            )
+        self.nominal_arm(serial_number)
         return History(RegisteredHistory(self.database, serial_number))
 
     def keep_verdict(
@@ -253,6 +277,28 @@ def _add(database: sql.Connection, one: RegisteredArm) -> int:
     return 1
 
 
+def _nominal_arm(database: sql.Connection, serial_number: str) -> str | None:
+    return database.scalar(sql.select(ARMS.c.arm).where(ARMS.c.serial_number == serial_number))
+
+
+def _unknown(serial_number: str) -> InputError:
+    return InputError(
+        f"no arm {serial_number!r} is in the registry",
+        hint="truearm fleet add FOLDER SERIAL ARM adds one, status lists them",
+    )
+
+
+def _remove(database: sql.Connection, serial_number: str) -> dict[str, int]:
+    lock_arm(database, serial_number)
+    if _nominal_arm(database, serial_number) is None:
+        raise _unknown(serial_number)
+    of_arms = [table for table in reversed(TABLES.sorted_tables) if "serial_number" in table.c]  # referring rows first
+    return {
+        table.name: database.execute(sql.delete(table).where(table.c.serial_number == serial_number)).rowcount
+        for table in of_arms
+    }
+
+
 def _last_session(database: sql.Connection, serial_number: str) -> str | None:
     of_arm = sql.select(SESSIONS.c.file).where(SESSIONS.c.serial_number == serial_number)
     return database.scalar(of_arm.order_by(SESSIONS.c.id.desc()).limit(1))
@@ -260,6 +306,8 @@ def _last_session(database: sql.Connection, serial_number: str) -> str | None:
 
 def _record(database: sql.Connection, row: FitRow, *, in_force: bool) -> None:
     lock_arm(database, row.serial_number)
+    if _nominal_arm(database, row.serial_number) is None:  # removed during the fit
+        return
     text = json.dumps(asdict(row))
     state = database.scalar(sql.select(FITS.c.state).where(FITS.c.key == row.key))
     if state == "lost":

@@ -9,14 +9,14 @@ from collections.abc import Iterable
 from dataclasses import fields
 from pathlib import Path
 
-from truearm.errors import MissingTool
+from truearm.errors import InputError, MissingTool
 from truearm.files.atomic_write import atomic_file
 from truearm.fleet.fit_task import FitRow
 from truearm.workflows.outputs import make_folder
 
 
 def write_results(rows: Iterable[FitRow], folder: Path) -> None:
-    """Write the rows as the file of the data set, whole or not at all.
+    """Write the rows as the file of the data set, whole or not at all; results of removed arms that it has stay.
 
     Parameters
     ----------
@@ -31,6 +31,7 @@ def write_results(rows: Iterable[FitRow], folder: Path) -> None:
     """
     try:
         import pyarrow as pa
+        import pyarrow.compute as pc
         import pyarrow.parquet as pq
     except ModuleNotFoundError:
         raise MissingTool(
@@ -48,5 +49,14 @@ def write_results(rows: Iterable[FitRow], folder: Path) -> None:
     }
     schema = pa.schema([(one.name, kinds.get(one.name, text)) for one in fields(FitRow)])
     make_folder(folder)
-    with atomic_file(folder / "fits.parquet") as beside:
-        pq.write_table(pa.Table.from_pylist([vars(row) for row in rows], schema=schema), beside)
+    found = pa.Table.from_pylist([vars(row) for row in rows], schema=schema)
+    file = folder / "fits.parquet"
+    try:
+        if file.is_file():
+            before = pq.read_table(file, partitioning=None)
+            removed = before.filter(pc.invert(pc.is_in(before["key"], found["key"])))
+            found = pa.concat_tables([found, removed], promote_options="default").select(schema.names)
+    except (pa.ArrowException, KeyError) as error:
+        raise InputError(f"the data set of results is damaged ({error})", file=file, hint="move it away") from None
+    with atomic_file(file) as beside:
+        pq.write_table(found, beside)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -9,7 +10,7 @@ from hashlib import file_digest, sha256
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
-from urllib.parse import urlsplit
+from urllib.parse import SplitResult, parse_qsl, urlsplit
 
 from truearm.errors import InputError, MissingTool, TruearmError
 from truearm.files.delimited import MAX_BYTES
@@ -17,6 +18,10 @@ from truearm.files.delimited import MAX_BYTES
 # A file that changed in the last seconds may change once more without another time.
 SETTLED_S = 3.0
 COPIED_BYTES = 2**20
+# Keys of a query that let whoever has the URL in: signatures of Amazon, Google and Azure, tokens, keys, passwords.
+_SECRET = re.compile(
+    "^(sig|auth|key|pwd|code)$|signature|token|secret|password|passwd|credential|apikey|accesskey"
+).search
 # What storages state of a file that changes with its content, in small letters alone.
 _CHANGING = frozenset(("checksum", "contentmd5", "created", "digest", "etag", "generation", "lastmodified"))
 _CHANGING |= {"md5", "md5hash", "modified", "mtime", "updated"}
@@ -44,15 +49,31 @@ def check_stored(name: str) -> None:
         If the package for the URL is not installed.
     """
     if not is_url(name):
+        if Path(name).is_dir():
+            raise InputError(
+                "expected a session of one file, got a folder",
+                file=name,
+                hint="a fleet takes one file of each arm; truearm fit reads a folder (a large session)",
+            )
         if not Path(name).is_file():
             raise InputError("the file of the readings does not exist", file=name)
         return
-    if "::" in name or urlsplit(name).password is not None:
+    if "::" in name or _has_secret(urlsplit(name)):
         raise InputError(
-            "expected a URL of one place, without a password: it is written to the registry",
+            "expected a URL of one place, without a password, key or signature: it is written to the registry",
             hint="keys and passwords in the settings of fsspec, ~/.config/fsspec, or those of the storage",
         )
     _size(name)
+
+
+def _has_secret(url: SplitResult) -> bool:
+    """Whether a URL states a password, a token before its host, or a signature or key in its query.
+
+    A name before the host of SSH and the like is a user; before one of the web there is none but for a token.
+    """
+    asked = {"".join(filter(str.isalnum, name.lower())) for name, _ in parse_qsl(url.query, keep_blank_values=True)}
+    is_web = url.scheme.lower() in ("http", "https")
+    return url.password is not None or (is_web and url.username is not None) or any(map(_SECRET, asked))
 
 
 def stamp(name: str) -> tuple[str, bool]:

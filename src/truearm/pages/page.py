@@ -25,6 +25,7 @@ class FormattedCell:
     whole: str = ""
     fraction: str = ""
     page: str = ""  # a page beside this one, to which the cell links
+    remark: str = ""  # below the text, in the first column of a table
 
     @property
     def is_number(self) -> bool:
@@ -213,6 +214,8 @@ class Page:
         Data and settings behind the page: versions, fingerprint of the data; folded on a screen.
     verdict : PageVerdict, optional
         What a reader came for; the first line of the page.
+    overview : FormattedCell, optional
+        Link to the page that lists this one.
     mark : str
         Across every sheet of paper; on a screen the verdict says it.
     """
@@ -223,6 +226,7 @@ class Page:
     sections: tuple[Section, ...] = ()
     facts: tuple[tuple[str, str], ...] = ()
     verdict: PageVerdict | None = None
+    overview: FormattedCell | None = None
     mark: str = ""
 
 

@@ -41,6 +41,7 @@ _HEADS_OF_CONSTANTS = (
 _HEADS_OF_CERTIFICATES = ("number", "issued", "verdict", "next due", "SHA-256", "file")
 
 
+_CAPTION_OF_MODELS = "The last one first, its file is {}. Moved: mean displacement of the tip."
 _CAPTION_OF_CONSTANTS = (
     "Of the rigid arm nearest to the model in force. Drift: the largest difference from earlier models in force, in "
     "combined standard uncertainties; from type: the difference from the median of its type, with the type's scatter."
@@ -60,7 +61,7 @@ class ArmState:
         interim checks say ``recalibrate`` or ``check again``, readings or a certificate are ``due``, readings are
         ``to be fitted``, or it is ``without readings``; or its model is ``in force``.
     message : str
-        Why.
+        Why; and which constants changed since the model before.
     model, since : str
         Kind and date of the model in force; empty if there is none.
     n_readings : int or None
@@ -84,6 +85,8 @@ class ArmState:
         Whether the checks ask for recalibration: ``yes``, ``no``, ``undecided``, ``not enough checks yet``.
     certificate, certified : str
         Number of the last certificate, and whether it states that the arm conforms.
+    model_file : str
+        The file of the model in force; empty if there is none.
     page : str
         The arm's own page, beside that of the fleet.
     """
@@ -107,6 +110,7 @@ class ArmState:
     recalibrate: str = ""
     certificate: str = ""
     certified: str = ""
+    model_file: str = ""
     page: str = ""
 
     @property
@@ -137,20 +141,22 @@ def fleet_page(arms: Sequence[ArmState], *, summary: str, facts: Sequence[tuple[
     worst = worst_of(one.what for one in arms)
     heads = (
         *("serial number", "type", "site", "state", "since", "due", "held out [mm]", "of type", "moved [mm]"),
-        *("drift [u]", "from type [u]", "recalibrate", "certificate", "remark"),
+        *("drift [u]", "from type [u]", "recalibrate", "certificate"),
     )
     rows = tuple(
         (
-            *(FormattedCell(one.serial_number, page=one.page), one.arm, one.site, one.what, one.since, one.due),
+            FormattedCell(one.serial_number, page=one.page, remark=one.message),
+            *(one.arm, one.site, one.what, one.since, one.due),
             *(fixed(one.held_out_mm, 4), fixed(one.of_type, 2), fixed(one.moved_mm, 4)),
-            *(fixed(one.drift_u, 1), fixed(one.from_type_u, 1), one.recalibrate, one.certified, one.message),
+            *(fixed(one.drift_u, 1), fixed(one.from_type_u, 1), one.recalibrate, one.certified),
         )
         for one in arms
     )
     table = Table(
         Column.of(*heads),
         rows,
-        "Every arm, worst first. Held out: mean error of the model in force on readings held out of its fit; of type: "
+        "Every arm, worst first; the reason is below its serial number. "
+        "Held out: mean error of the model in force on readings held out of its fit; of type: "
         "as a multiple of the median of its type; moved: mean displacement of the tip from the model before; drift: "
         "the largest difference of a constant from earlier models in force, in combined standard uncertainties; from "
         "type: the same from the median of its type, with the scatter of the type. Of twenty constants that did not "
@@ -184,6 +190,7 @@ def arm_history_page(
     constants: Sequence[tuple[Cell, ...]],
     certificates: Sequence[tuple[Cell, ...]],
     failed: Sequence[tuple[Cell, ...]],
+    overview: str,
     facts: Sequence[tuple[str, str]] = (),
 ) -> Page:
     """Lay out the history of one arm.
@@ -203,13 +210,15 @@ def arm_history_page(
         The last one first: number, day, verdict, day of the next one, SHA-256, file.
     failed : sequence of tuple
         Fits that failed: day, session, why.
+    overview : str
+        Address of the page of the fleet.
     facts : sequence of (str, str)
         Settings, as label and value.
     """
     sections = [
         Section(title, tables=(Table(Column.of(*heads), tuple(rows), caption),), folded=title == "Constants")
         for title, heads, rows, caption in (
-            ("Models in force", _HEADS_OF_MODELS, models, "The last one first. Moved: mean displacement of the tip."),
+            ("Models in force", _HEADS_OF_MODELS, models, _CAPTION_OF_MODELS.format(arm.model_file)),
             ("Interim checks", ("last", "checks", "recalibrate"), checks, "Of the model in force."),
             ("Certificates", _HEADS_OF_CERTIFICATES, certificates, "The last one first."),
             ("Constants", _HEADS_OF_CONSTANTS, constants, _CAPTION_OF_CONSTANTS),
@@ -223,4 +232,5 @@ def arm_history_page(
         sections=tuple(sections),
         facts=tuple(facts),
         verdict=PageVerdict(f"{arm.serial_number}: {arm.what}.", _STATES[arm.what], arm.message),
+        overview=FormattedCell("All arms of the fleet", page=overview),
     )
