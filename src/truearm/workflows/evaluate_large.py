@@ -167,6 +167,7 @@ def _evaluate_task(task: EvaluateTask) -> EvaluationSums:
     return evaluate_part(task, accept=task.accept)
 
 
+@one_blas_thread()
 def evaluate_large(
     model: ModelLike,
     session: str | Path,

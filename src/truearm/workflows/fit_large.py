@@ -140,6 +140,7 @@ def _sums_of(task: SumTask, given: Session) -> PartSums:
     return PartSums(len(given), sums, InputRanges.of(used), held_out, nominal, names)
 
 
+@one_blas_thread()
 def fit_large(
     arm: ArmLike | None,
     session: str | Path,

@@ -15,6 +15,7 @@ from truearm.files.table_writer import Columns, table_writer
 from truearm.readings.large_sessions import LargeSession, Part
 from truearm.solve.executor import Executor, Serial, results_in_order
 from truearm.solve.quantile_sketch import QuantileSketch
+from truearm.solve.threads import one_blas_thread
 from truearm.workflows.inputs import ModelLike, to_model
 from truearm.workflows.outputs import check_output
 from truearm.workflows.predict import DECIMALS, Prediction, predict
@@ -112,6 +113,7 @@ def predict_part(task: PredictTask) -> tuple[list[Columns], PredictionSums]:
     return tables, sums
 
 
+@one_blas_thread()
 def predict_large(
     model: ModelLike,
     session: str | Path,
