@@ -47,6 +47,7 @@ class EvaluateTask:
     limits: Limits
     conditions: Conditions | None
     accept: str | None
+    n_session: int
 
 
 @dataclass(frozen=True)
@@ -137,9 +138,11 @@ def _sums_of(task: EvaluateTask, given: Session, accept: str | None) -> Evaluati
         check_reach(used, reach=model.arm.chain.reach, sliding=model.arm.chain.is_prismatic)
     assert used.points is not None
     at = model.at(used)
-    errors = {"model": PointErrorSums.of(model.predict_readings(at), used.points)}
+    errors = {"model": PointErrorSums.of(model.predict_readings(at), used.points, task.n_session)}
     if model.kind != "nominal" and model.arm_.has_kinematics:
-        errors = {"nominal": PointErrorSums.of(model.predict_nominal_readings(at), used.points)} | errors
+        errors = {
+            "nominal": PointErrorSums.of(model.predict_nominal_readings(at), used.points, task.n_session)
+        } | errors
     conditions = task.conditions or model.training_.conditions_of(used) or "reproducibility"
     stated = model.under(conditions)
     budget, far = uncertainty_budget(stated, at if stated is model else used)
@@ -218,7 +221,7 @@ def evaluate_large(
     """
     known = to_model(model)
     large = LargeSession.open(session, n_joints=known.arm.n_joints)
-    tasks = [EvaluateTask(part, known, limits, conditions, accept) for part in large.parts]
+    tasks = [EvaluateTask(part, known, limits, conditions, accept, len(large)) for part in large.parts]
     sums = EvaluationSums()
     for of_part in results_in_order(executor or Serial(), _evaluate_task, tasks):
         sums = sums + of_part

@@ -61,6 +61,8 @@ class SumTask:
     limits : {"skip", "ignore"}
     accept : str or None
         Why readings that seem contradicted are right.
+    n_session : int
+        Readings of the session.
     """
 
     part: Part
@@ -70,6 +72,7 @@ class SumTask:
     gross: float
     limits: Limits
     accept: str | None
+    n_session: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,13 +132,13 @@ def _sums_of(task: SumTask, given: Session) -> PartSums:
     check_has_reference(used, model.arm, purpose="fit to")
     at = model.at(used)
     points = next(one for one in references_of(used, None) if isinstance(one, Points))
-    sums, gross = ReadingSums.of(chain, at.state, points, x, task.at.noise_mm2, task.gross)
+    sums, gross = ReadingSums.of(chain, at.state, points, x, task.at.noise_mm2, task.gross, task.n_session)
     held_out = nominal = PointErrorSums()
     if task.without_part is not None:
         known = points.points.copy()
         known[gross] = np.nan
-        held_out = PointErrorSums.of(chain.tips(at.state, task.without_part), known)
-        nominal = PointErrorSums.of(model.nominal_.tips(at.state), known)
+        held_out = PointErrorSums.of(chain.tips(at.state, task.without_part), known, task.n_session)
+        nominal = PointErrorSums.of(model.nominal_.tips(at.state), known, task.n_session)
     names = tuple(f"{used.called(row)} of {task.part.file.name}" for row in gross[:MAX_NAMED].tolist())
     return PartSums(len(given), sums, InputRanges.of(used), held_out, nominal, names)
 
@@ -237,7 +240,7 @@ def _by_all_readings(
     by_fold: dict[int, FloatArray] = {}
     for n_pass in range(1, MAX_PASSES + 1):
         tasks = [
-            SumTask(part, light, at, by_fold.get(fold), gross, limits, accept)
+            SumTask(part, light, at, by_fold.get(fold), gross, limits, accept, len(large))
             for part, fold in zip(large.parts, folds, strict=True)
         ]
         of_folds: dict[int, PartSums] = {}
