@@ -36,6 +36,8 @@ from truearm.workflows.sentences import compare_with_nominal, describe_effective
 
 # Outliers of a part, and of all, that are kept: the largest.
 MAX_OUTLIERS = 20
+# Share of the outliers that blames the file in which they are.
+NEARLY_ALL = 0.9
 
 
 @dataclass(frozen=True)
@@ -72,6 +74,8 @@ class EvaluationSums:
         Readings farther from their reference point than eight stated standard uncertainties.
     outliers : tuple of Outlier
         The largest of them.
+    outliers_of_file : dict of Path to int
+        Number of outliers of each file.
     remarks : tuple of str
     """
 
@@ -84,6 +88,7 @@ class EvaluationSums:
     outside: Mapping[str, int] = field(default_factory=dict)
     n_outliers: int = 0
     outliers: tuple[Outlier, ...] = ()
+    outliers_of_file: Mapping[Path, int] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
 
     def __add__(self, other: EvaluationSums) -> EvaluationSums:
@@ -101,6 +106,7 @@ class EvaluationSums:
             added(self.outside, other.outside),
             self.n_outliers + other.n_outliers,
             _largest((*self.outliers, *other.outliers)),
+            added(self.outliers_of_file, other.outliers_of_file),
             joined_remarks(self.remarks, other.remarks),
         )
 
@@ -156,6 +162,7 @@ def _sums_of(task: EvaluateTask, given: Session, accept: str | None) -> Evaluati
         {name: int(rows.sum()) for name, rows in model.inputs_outside_training(at).items()},
         len(far),
         tuple(_named(one.located(given, allowed.rows[seen]), task.part) for one in far[:MAX_OUTLIERS]),
+        {task.part.file: len(far)},
         (
             *acceptance_remarks(accept),
             *allowed.remarks,
@@ -299,7 +306,17 @@ class LargeEvaluation(Record):
         yield from listed("outlier", self.sums.outliers, "readings")
         if self.sums.n_outliers > MAX_OUTLIERS:
             yield f"{self.sums.n_outliers} outliers in all, of which the {MAX_OUTLIERS} largest are kept"
+            yield from self._file_of_outliers()
         yield from self.sums.remarks
+
+    def _file_of_outliers(self) -> Iterator[str]:
+        """One file that has nearly all of them is another matter than single readings."""
+        file, n = max(self.sums.outliers_of_file.items(), key=lambda one: one[1])
+        if len(self.sums.outliers_of_file) > 1 and n > NEARLY_ALL * self.sums.n_outliers:
+            yield (
+                f"{n} of them are in {file.name}: it may be in other units than the other files, or of another arm. "
+                "Try: fit it alone"
+            )
 
     def _json(self) -> object:
         errors, own = self.errors, self.sums.errors["model"]
@@ -318,5 +335,6 @@ class LargeEvaluation(Record):
             "inputs_outside_training": self.sums.outside,
             "n_outliers": self.sums.n_outliers,
             "outliers": self.sums.outliers,
+            "outliers_of_file": {str(file): n for file, n in self.sums.outliers_of_file.items() if n},
             "remarks": self.sums.remarks,
         }
