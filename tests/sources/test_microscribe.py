@@ -103,7 +103,7 @@ def quick(monkeypatch):
 
 @pytest.fixture
 def impatient(monkeypatch):
-    monkeypatch.setattr(protocol, "ANSWER_S", 0.1)
+    monkeypatch.setattr(protocol, "ANSWER_S", 0.5)
 
 
 def angles_of(counts, turns):
@@ -181,7 +181,7 @@ def test_on_a_pseudo_terminal():
         (sample, _), _ = samples_of(microscribe(f"serial:{os.ttyname(port)}:38400"), 2)
     finally:
         ends.set()
-        thread.join(5)
+        thread.join(60)
         os.close(device)
         os.close(port)
     assert sample.joint_angles_rad == pytest.approx(angles_of(COUNTS, TURNS), abs=1e-15)
