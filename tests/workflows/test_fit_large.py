@@ -77,7 +77,11 @@ def folder_with_radians(request, tmp_path_factory):
 
 def test_a_file_in_other_units_is_named(folder_with_radians, tmp_path):
     n = len(list(folder_with_radians.iterdir()))
-    said = "0.csv: 40 of 40 readings are gross errors, where 7 other files fit" if n == 8 else "or fit each file alone"
+    said = (
+        "0.csv: 40 of 40 readings are gross errors, and those of 7 other files are not"
+        if n == 8
+        else "or fit each file alone"
+    )
     with pytest.raises(Contradiction, match=said):
         fit_large("ur10", folder_with_radians, model="nominal")
     model = ta.fit("ur10", folder_with_radians / "1.csv", model="nominal").model

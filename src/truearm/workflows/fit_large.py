@@ -18,7 +18,7 @@ from truearm.compensation.models.input_ranges import InputRanges
 from truearm.errors import Contradiction
 from truearm.identification.estimation.reading_sums import ReadingSums
 from truearm.identification.from_sums import Estimate, identified, improved, without_part
-from truearm.identification.judgement.gross_errors import gross_error_limit
+from truearm.identification.judgement.gross_errors import LEAST_READINGS, gross_error_limit
 from truearm.identification.judgement.held_out_errors import HeldOutErrors
 from truearm.identification.references.reading_references import references_of
 from truearm.identification.references.references import Points
@@ -35,7 +35,7 @@ from truearm.workflows.fit import FitResult, fit
 from truearm.workflows.inputs import ArmLike, Limits, check_has_reference, to_arm, within_limits
 from truearm.workflows.predict_large import added
 from truearm.workflows.record import Record, TextTable
-from truearm.workflows.sentences import compare_with_nominal, describe_effective_number, format_mm
+from truearm.workflows.sentences import compare_with_nominal, describe_effective_number, format_mm, number_of
 
 # Readings of the sample: its judgements cost some seconds of a kinematic model, and some ten of a physical one.
 SAMPLE = 20_000
@@ -119,8 +119,8 @@ class PartSums:
         )
 
     def files_in_error(self) -> list[Path]:
-        """The files of which more than half of the readings are gross errors."""
-        return [file for file, n in self.of_file.items() if 2 * self.gross_of_file[file] > n]
+        """The files of which more than half of the readings are gross errors; a few readings show nothing."""
+        return [file for file, n in self.of_file.items() if 2 * self.gross_of_file[file] > max(n, LEAST_READINGS)]
 
 
 @one_blas_thread()
@@ -294,8 +294,9 @@ def _check_files(total: PartSums) -> None:
     if wrong and len(wrong) < len(total.of_file):
         file, others = wrong[0], len(wrong) - 1
         raise Contradiction(
-            f"{total.gross_of_file[file]} of {total.of_file[file]} readings are gross errors, where "
-            f"{len(total.of_file) - len(wrong)} other files fit{f'; so are those of {others} more' * (others > 0)}",
+            f"{total.gross_of_file[file]} of {total.of_file[file]} readings are gross errors, and those of "
+            f"{number_of(len(total.of_file) - len(wrong), 'other file')} are not"
+            f"{f'; so are those of {others} more' * (others > 0)}",
             file=file,
             hint=f"fit {file.name} alone: it says what differs, its units or its arm; {OVERRIDE}",
         )
