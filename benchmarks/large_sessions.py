@@ -163,7 +163,7 @@ def sent(readings: tuple[int, ...] = (100_000,)) -> RowResult:
     part = LargeSession.open(folder).parts[0]
     model = ta.load_model(scratch() / "arm.truearm")
     at = Estimate(model.fit_.coefficients, model.fit_.references[0].noise_std ** 2)
-    task = fitting.SumTask(part, fitting.without_readings(model), at, at.x, 10.0, "skip", None)
+    task = fitting.SumTask(part, fitting.without_readings(model), at, at.x, 10.0, "skip", None, part.n_readings)
     sums = fitting.sums_of_part(task)
     table = [
         {

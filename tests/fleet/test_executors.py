@@ -20,7 +20,7 @@ import truearm as ta
 from truearm.errors import TruearmError
 from truearm.fleet import executors
 from truearm.fleet.executors import Dask, Processes
-from truearm.solve.executor import Serial, WorkerLost
+from truearm.solve.executor import AHEAD, Serial, WorkerLost, results_in_order
 from truearm.workflows.evaluate_large import evaluate_large
 
 
@@ -99,6 +99,31 @@ def test_results_that_nobody_wants_any_more_are_not_computed(tmp_path):
     assert 1 <= len(list(tmp_path.iterdir())) <= 3
 
 
+def begun_before(task: tuple[int, str]) -> int:
+    """The first task lasts until the others stop beginning; how many have is in the folder."""
+    number, folder = task
+    Path(folder, str(number)).touch()
+    seen = -1
+    while number == 0 and (now := len(list(Path(folder).iterdir()))) > seen:
+        seen = now
+        time.sleep(0.5)
+    return seen if number == 0 else number
+
+
+def test_behind_a_slow_task_a_few_results_wait_and_not_all(tmp_path):
+    tasks = [(i, str(tmp_path)) for i in range(60)]
+    begun, *others = results_in_order(Processes(2), begun_before, tasks)
+    assert 1 < begun <= 2 * AHEAD
+    assert others == list(range(1, 60))
+
+
+def test_dask_begins_a_few_tasks_behind_a_slow_one(cluster, tmp_path):
+    tasks = [(i, str(tmp_path)) for i in range(60)]
+    begun, *others = results_in_order(Dask(cluster.scheduler_address), begun_before, tasks)
+    assert 1 < begun <= 2 * AHEAD
+    assert others == list(range(1, 60))
+
+
 def test_what_a_task_raises_reaches_the_caller():
     for executor in (Serial(), Processes(1)):
         with pytest.raises(TypeError):
@@ -125,7 +150,7 @@ def test_dask_gives_up_a_task_that_kills_its_workers(cluster):
 def test_a_scheduler_lost_in_a_long_task_is_waited_for(monkeypatch):
     now, lost = [0.0], []
 
-    def of_client(client, function, tasks):
+    def of_client(client, function, tasks, ahead):
         now[0] += 1000  # seconds, more than the patience
         if not lost:
             lost.append(True)

@@ -11,7 +11,7 @@ from truearm.identification.estimation.reading_sums import ReadingSums
 from truearm.identification.estimation.residual_variance import paule_mandel_variance
 from truearm.identification.references.references import Points
 from truearm.identification.terms import ArmState, constants
-from truearm.solve.effective_number import BLOCK
+from truearm.solve.effective_number import BLOCK, SHORT_BLOCKS
 
 NOISE = 0.05
 NONE_GROSS = np.inf
@@ -65,13 +65,13 @@ def coverage(chain, state, covariance, x, truth):
 
 
 def test_sums_of_parts_add_up_to_those_of_all(arm, chain):
-    n = 3 * BLOCK + 100
+    n = 3000
     state, points, x = readings(arm, chain, n, rho=0.0, seed=1)
     whole, _ = ReadingSums.of(chain, state, points, x, NOISE**2, 3.0)
     parts = ReadingSums.zero(len(x))
-    for rows in np.split(np.arange(n), [BLOCK]):
+    for rows in np.split(np.arange(n), [10 * (n // SHORT_BLOCKS)]):
         part = Points(np.arange(len(rows)), points.points[rows])
-        parts = parts + ReadingSums.of(chain, state.rows(rows), part, x, NOISE**2, 3.0)[0]
+        parts = parts + ReadingSums.of(chain, state.rows(rows), part, x, NOISE**2, 3.0, n)[0]
     assert whole.n == parts.n < n
     assert whole.n_gross == parts.n_gross == n - whole.n
     for name in ("gram", "gradient", "clipped", "scores"):
@@ -89,10 +89,11 @@ def test_the_noise_between_trials_is_that_of_the_residuals(arm, chain):
         assert sums.noise_mm2(assumed, 25.0) == pytest.approx(exact, rel=0.02)
 
 
-def test_points_lie_in_their_ellipsoids_as_often_as_stated_though_neighbours_have_like_errors(arm, chain):
+@pytest.mark.parametrize(("n", "seeds"), [(3000, 30), (32 * BLOCK, 10)])
+def test_points_lie_in_their_ellipsoids_as_often_as_stated_though_neighbours_have_like_errors(arm, chain, n, seeds):
     rho, stated, independent, factors = 0.9, [], [], []
-    for seed in range(10):
-        state, points, truth = readings(arm, chain, 32 * BLOCK, rho=rho, seed=seed)
+    for seed in range(seeds):
+        state, points, truth = readings(arm, chain, n, rho=rho, seed=seed)
         found, sums = estimated(chain, state, points)
         covariance, effect = sums.correlated(found, prior_std(chain), np.arange(len(truth)))
         test = ArmState.of(arm, np.random.default_rng(seed + 100).normal(size=(200, 6)))
@@ -101,7 +102,8 @@ def test_points_lie_in_their_ellipsoids_as_often_as_stated_though_neighbours_hav
         factors.append(effect.factor)
     assert 0.90 < np.mean(stated) < 0.995
     assert np.mean(independent) < 0.3
-    assert np.mean(factors) == pytest.approx((1 + rho) / (1 - rho), rel=0.3)
+    # Of few blocks the fit takes up a part of the scatter.
+    assert np.mean(factors) == pytest.approx((1 + rho) / (1 - rho), rel=0.3 if n > 3000 else 0.45)
 
 
 def test_independent_readings_keep_their_uncertainty(arm, chain):

@@ -86,6 +86,27 @@ def test_a_row_of_another_number_of_cells_is_refused_in_its_line(tmp_path):
         path.write_bytes(before.removesuffix(broken))
 
 
+def test_a_file_that_another_recording_has_open_is_refused_and_free_after_it(tmp_path):
+    path = tmp_path / "session.csv"
+    with SessionLog(path, COLUMNS) as log:
+        with pytest.raises(InputError, match="another program records to the file"):
+            SessionLog(path, COLUMNS)
+        log.append(ROW)
+    with pytest.raises(InputError, match="with other columns"):
+        SessionLog(path, (*COLUMNS, "note_pose"))
+    with SessionLog(path, COLUMNS) as log:
+        assert len(log.rows) == 1
+
+
+@pytest.mark.parametrize("length", [0, 3])
+def test_a_file_that_was_only_begun_is_begun_again(tmp_path, length):
+    path = tmp_path / "session.csv"
+    path.write_text(",".join(COLUMNS)[:length])
+    with SessionLog(path, COLUMNS) as log:
+        log.append(ROW)
+    assert path.read_text().splitlines() == [",".join(COLUMNS), "0.1,-2.5,A,now"]
+
+
 def test_other_columns_are_refused_and_nothing_is_changed(tmp_path):
     path = tmp_path / "session.csv"
     path.write_text("q1_deg,seat\n1,A\n")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from truearm.solve.effective_number import BLOCK, block_starts, design_effect
+from truearm.solve.effective_number import BLOCK, SHORT_BLOCKS, SHORTEST, block_starts, design_effect
 from truearm.solve.quantile_sketch import ACCURACY, QuantileSketch
 from truearm.workflows.sentences import describe_effective_number
 
@@ -35,12 +35,14 @@ def test_few_blocks_or_a_correlation_longer_than_they_are_is_said():
     assert not design_effect(drift, np.eye(20), n).is_settled
 
 
-@pytest.mark.parametrize("n", [1, BLOCK - 1, BLOCK, 2 * BLOCK - 1, 5 * BLOCK + 3])
-def test_blocks_cover_all_readings_and_are_not_short(n):
+@pytest.mark.parametrize("n", [1, SHORTEST, 2 * SHORTEST - 1, 3000, 32 * BLOCK - 1, 50 * BLOCK + 3])
+def test_blocks_cover_all_readings_and_few_have_shorter_ones(n):
     lengths = np.diff(np.append(block_starts(n), n))
     assert lengths.sum() == n
-    assert lengths.min() >= min(n, BLOCK)
-    assert lengths.max() < 2 * BLOCK
+    assert min(n, SHORTEST) <= lengths.min() <= BLOCK
+    assert lengths.max() < 2 * lengths.min()
+    assert len(lengths) >= SHORT_BLOCKS or n < SHORT_BLOCKS * SHORTEST
+    assert np.diff(block_starts(n, 10**6)).tolist() == [BLOCK] * (max(n // BLOCK, 1) - 1)
 
 
 def test_a_quantile_is_as_accurate_as_stated_and_counts_add_up():

@@ -15,8 +15,8 @@ from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.compensation.models.model_file import load_model
 from truearm.solve.threads import one_blas_thread
 
-# It downloads, and calculates nothing.
-NOT_CALCULATING = {"fetch"}
+# One downloads, the others read devices: what corrects their samples is a door of its own.
+NOT_CALCULATING = {"fetch", "list_sources", "record", "try_source"}
 VERBS = [
     name
     for module, names in ta._HOMES.items()

@@ -14,9 +14,9 @@ Serve = Callable[[socket.socket], None]
 
 
 @contextlib.contextmanager
-def tcp_device(*serve: Serve, port: int = 0) -> Iterator[int]:
+def tcp_device(*serve: Serve, host: str = "127.0.0.1", port: int = 0) -> Iterator[int]:
     """A server on a port of this computer; its first client meets the first function, the last one all others."""
-    server = socket.create_server(("127.0.0.1", port))
+    server = socket.create_server((host, port))
     server.settimeout(0.05)
     ends = threading.Event()
 
@@ -28,7 +28,7 @@ def tcp_device(*serve: Serve, port: int = 0) -> Iterator[int]:
             except TimeoutError:
                 continue
             with client, contextlib.suppress(OSError):
-                client.settimeout(5)
+                client.settimeout(60)
                 serve[min(number, len(serve) - 1)](client)
             number += 1
 
@@ -38,7 +38,7 @@ def tcp_device(*serve: Serve, port: int = 0) -> Iterator[int]:
         yield server.getsockname()[1]
     finally:
         ends.set()
-        thread.join(10)
+        thread.join(90)
         server.close()
         assert not thread.is_alive()
 

@@ -103,7 +103,7 @@ def quick(monkeypatch):
 
 @pytest.fixture
 def impatient(monkeypatch):
-    monkeypatch.setattr(protocol, "ANSWER_S", 0.1)
+    monkeypatch.setattr(protocol, "ANSWER_S", 0.5)
 
 
 def angles_of(counts, turns):
@@ -181,7 +181,7 @@ def test_on_a_pseudo_terminal():
         (sample, _), _ = samples_of(microscribe(f"serial:{os.ttyname(port)}:38400"), 2)
     finally:
         ends.set()
-        thread.join(5)
+        thread.join(60)
         os.close(device)
         os.close(port)
     assert sample.joint_angles_rad == pytest.approx(angles_of(COUNTS, TURNS), abs=1e-15)
@@ -190,9 +190,7 @@ def test_on_a_pseudo_terminal():
 def test_the_constants_of_the_maker_are_an_arm_file(truearm_in, tmp_path):
     file = tmp_path / "arm.toml"
     with tcp_device(Arm()) as port:
-        ran = truearm_in(
-            "sources", "--try", f"microscribe:tcp:127.0.0.1:{port}", "--seconds", "0.2", "--arm-file", file
-        )
+        ran = truearm_in("sources", "--try", f"microscribe:tcp:127.0.0.1:{port}", "--seconds", "1", "--arm-file", file)
     assert ran == 0
     arm = ta.load_arm(file)
     assert (arm.n_joints, arm.serial_number, arm.title) == (5, "40937", "MicroScribe DX")

@@ -13,6 +13,7 @@ from devices import samples_of, tcp_device
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from truearm.cli.main import run
 from truearm.errors import InputError
 from truearm.sources import Notice, Sample, connections
 from truearm.sources.line_pattern import MOST_CHARACTERS, LinesDocument, line_parser
@@ -37,6 +38,12 @@ def test_numbers_are_found_by_their_names():
     )
     assert degrees_of(sample) == pytest.approx([0.5, -4.5], abs=1e-15)
     assert (sample.temperature_degC, sample.is_button_pressed, sample.time_s) == (21.5, True, 7.0)
+
+
+@pytest.mark.parametrize("pattern", ["{skip}:{J1} {skip}:{J2}", "{skip}:{J1};{J2}{rest}", "E{skip} {J1}-{J2} {skip}"])
+def test_fields_that_a_sign_separates_are_read(pattern):
+    line = pattern.replace("{skip}", "a:").replace("{J1}", "1").replace("{J2}", "2").replace("{rest}", "...")
+    assert degrees_of(parsed(line, pattern=pattern)) == pytest.approx([1, 2])
 
 
 def test_the_time_of_the_device_and_further_columns():
@@ -91,6 +98,14 @@ def test_a_checksum_is_checked():
         ({"pattern": "{J1},{x_mm}"}, "x_mm, y_mm and z_mm"),
         ({"pattern": "{elbow}"}, "unknown name in the pattern: {elbow}"),
         ({"pattern": "{skip}"}, "neither joints nor a point"),
+        ({"pattern": "{J1}{J2}"}, "what separates {J1} from {J2} may belong to either"),
+        ({"pattern": "{J1} . {J2}"}, "what separates {J1} from {J2}"),
+        ({"pattern": "{skip}{J1}"}, "what separates {skip} from {J1}"),
+        ({"pattern": "{skip}-{J1}"}, "what separates {skip} from {J1}"),
+        ({"pattern": "{skip}:{skip}:{J1}"}, "two {skip} with neither a blank"),
+        ({"pattern": "{skip} : {J1} : {skip}"}, "two {skip} with neither a blank"),
+        ({"pattern": "{rest} {J1}"}, "{rest} is all that follows"),
+        ({"pattern": "{J1} {rest};"}, "{rest} is all that follows"),
         ({"pattern": "{J1}", "unit": "counts"}, "counts_per_turn is missing"),
         ({"pattern": "{J1},{J2}", "zero": (1.0, 2.0, 3.0)}, "expected 2 entries of zero"),
         ({"pattern": "{J1},{J2}", "coupling": "J3 += J2"}, "the arm has the joints"),
@@ -192,6 +207,17 @@ def test_a_device_that_is_not_there_is_said_and_waited_for(tmp_path, monkeypatch
         port = closed.getsockname()[1]
     said = list(islice(text_lines(file, f"tcp:127.0.0.1:{port}").samples(), 3))
     assert all("no connection to tcp:127.0.0.1" in one.text and "trying again" in one.text for one in said)
+
+
+def test_a_first_look_without_a_sample_shows_the_line_beside_the_pattern_and_ends_with_one(tmp_path, capsys):
+    file = tmp_path / "arm.toml"
+    file.write_text(TWO)
+    with tcp_device(lambda client: client.sendall(b"1;2\n")) as port, pytest.raises(SystemExit) as ended:
+        run(["sources", "--try", f"lines:{file}@tcp:127.0.0.1:{port}", "--seconds", "1"])
+    said = capsys.readouterr().out
+    assert ended.value.code == 1
+    assert "no sample arrived" in said
+    assert "1 lines do not fit the pattern '{J1},{J2}', the last '1;2'" in said
 
 
 def test_datagrams(tmp_path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import socket
 import struct
 import subprocess
@@ -141,8 +142,9 @@ def test_a_rate_that_no_controller_has_is_refused():
 
 
 CLIENT = """
+import sys
 from rtde_receive import RTDEReceiveInterface
-client = RTDEReceiveInterface("127.0.0.1", 125.0, ["timestamp", "actual_q", "joint_temperatures"])
+client = RTDEReceiveInterface(sys.argv[1], 125.0, ["timestamp", "actual_q", "joint_temperatures"])
 print(client.getActualQ(), client.getJointTemperatures())
 client.disconnect()
 """
@@ -152,11 +154,14 @@ def test_the_emulated_controller_is_understood_by_ur_rtde():
     """The client of SDU Robotics shares no code with ours; in a process of its own, as it keeps Python waiting."""
     if importlib.util.find_spec("rtde_receive") is None:
         pytest.skip("ur-rtde is not installed: pip install ur-rtde")
+    # The client knows one port only; each run of the tests has a loopback address of its own.
+    host = f"127.{os.getpid() // 2**16 % 256}.{os.getpid() // 2**8 % 256}.{os.getpid() % 2**8}"
     try:
-        socket.create_server(("127.0.0.1", 30004)).close()
+        socket.create_server((host, 30004)).close()
     except OSError:
-        pytest.skip("port 30004 is not free")
-    with tcp_device(Controller(n=2000), port=30004):
-        ran = subprocess.run([sys.executable, "-c", CLIENT], capture_output=True, text=True, timeout=30, check=False)
+        pytest.skip(f"port 30004 of {host} is not free, or this system has one loopback address only")
+    with tcp_device(Controller(n=2000), host=host, port=30004):
+        client = [sys.executable, "-c", CLIENT, host]
+        ran = subprocess.run(client, capture_output=True, text=True, timeout=120, check=False)
     assert ran.returncode == 0, ran.stderr
     assert ran.stdout.splitlines()[-1] == f"{ANGLES.tolist()} {list(VALUES['joint_temperatures'])}"

@@ -8,7 +8,7 @@ import pytest
 import truearm as ta
 from truearm.compensation.models.input_ranges import InputRanges
 from truearm.compensation.models.training_conditions import TrainingConditions
-from truearm.errors import InputError
+from truearm.errors import Contradiction, InputError
 from truearm.files.table_writer import table_writer
 from truearm.fleet.executors import Processes
 from truearm.identification.judgement.gross_errors import gross_error_limit
@@ -62,6 +62,32 @@ def found(folder):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "SAMPLE", 1000)
         return fit_large("ur10", folder, model="kinematic")
+
+
+@pytest.fixture(scope="module", params=[2, 8])
+def folder_with_radians(request, tmp_path_factory):
+    """Files of one arm, the first with radians under the names of degrees."""
+    path = tmp_path_factory.mktemp("radians")
+    for day in range(request.param):
+        session = ta.simulate("ur10", poses=40, seed=day).session
+        angles = session.angles if day else np.radians(session.angles)
+        ta.Session(angles, session.points, point_std=session.point_std).save(path / f"{day}.csv")
+    return path
+
+
+def test_a_file_in_other_units_is_named(folder_with_radians, tmp_path):
+    n = len(list(folder_with_radians.iterdir()))
+    said = (
+        "0.csv: 40 of 40 readings are gross errors, and those of 7 other files are not"
+        if n == 8
+        else "or fit each file alone"
+    )
+    with pytest.raises(Contradiction, match=said):
+        fit_large("ur10", folder_with_radians, model="nominal")
+    model = ta.fit("ur10", folder_with_radians / "1.csv", model="nominal").model
+    evaluation = ta.evaluate_large(model, folder_with_radians)
+    assert "40 of them are in 0.csv: it may be in other units" in str(evaluation)
+    assert list(evaluation.to_dict()["outliers_of_file"].values()) == [40]
 
 
 def test_the_arm_of_all_readings_is_nearer_to_the_truth_than_that_of_the_sample(found, folder, truth, tmp_path):

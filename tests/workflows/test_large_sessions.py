@@ -82,6 +82,8 @@ def test_points_are_those_of_the_whole_session_whoever_computes_them(folder, ses
     table = read(tmp_path / f"a.{ending}")
     assert np.allclose(table[["x_mm", "y_mm", "z_mm"]], whole.points, atol=2e-6)
     assert np.allclose(table[["sx_mm", "sy_mm", "sz_mm"]], whole.u_mm, atol=2e-6)
+    assert (table.note_file[0], table.note_line[0]) == ("a.csv", 2)
+    assert len(table[["note_file", "note_line"]].drop_duplicates()) == len(table)
     assert np.array_equal(table["outside_training"], whole.outside_training)
     assert found.to_dict()["median_u_mm"] == pytest.approx(np.median(whole.u_mm), rel=2e-3)
     assert found.sums.n_outside == whole.outside_training.sum()

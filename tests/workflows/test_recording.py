@@ -84,9 +84,13 @@ def test_an_undone_pose_comes_next_again_and_a_skipped_one_does_not(tmp_path, pl
     plan, poses = planned
     arm = ta.load_arm("ur10")
     recording = Recording(source(), tmp_path / "out.csv", arm=arm, plan=plan, rule=RULE)
-    fed(recording, stops(*poses[:2]))
+    *_, taken, _ = fed(recording, stops(*poses[:2]))
     assert recording.next_pose == 3
-    assert kinds(recording.on_command("undo")) == ["undone", "next"]
+    undone, following = recording.on_command("undo")
+    assert kinds([undone, following]) == ["undone", "next"]
+    assert {name: undone.values[name] for name, value in taken.values.items() if value != ""}.items() <= (
+        taken.values.items()  # numbers as numbers
+    )
     assert recording.next_pose == 2
     assert kinds(recording.on_command("skip")) == ["next"]
     assert recording.next_pose == 3
@@ -98,6 +102,13 @@ def test_an_undone_pose_comes_next_again_and_a_skipped_one_does_not(tmp_path, pl
     assert kinds(recording.on_command("take")) == []
     assert kinds(fed(recording, stops(poses[5], start_s=2.5))) == ["reading", "next"]
     recording.close()
+
+
+def test_without_seat_and_reference_it_is_said_what_fit_needs(tmp_path):
+    ready, *_ = record(source(*stops([0.0, 1.0])), tmp_path / "a.csv", rule=RULE)
+    assert "fit needs the seat's name (--seat NAME" in ready.text
+    ready, *_ = record(source(*stops([0.0, 1.0])), tmp_path / "b.csv", rule=RULE, seat="A")
+    assert "fit needs" not in ready.text
 
 
 def test_a_reading_has_the_direction_of_each_joints_last_movement(tmp_path):

@@ -28,7 +28,8 @@ def sources(
     """List what can be connected, or say what is wrong with it.
 
     --try prints ten samples and what is probably wrong. Move every joint while it runs. It finds joints that never
-    move, units by the size of the angles, and with --arm signs and zeros by the limits of the joints.
+    move, units by the size of the angles, and with --arm signs and zeros by the limits of the joints. Without a sample
+    the exit code is 1.
     """
     from truearm.arm.arm_files import write_arm
     from truearm.sources.source_names import read_source_arm
@@ -43,3 +44,5 @@ def sources(
     with progress(f"reading {source}: move every joint"):
         trial = try_source(source, arm=arm, seconds=seconds)
     print_record(trial, as_json=as_json, files={"arm": arm_file})
+    if not trial.samples:
+        raise typer.Exit(1)

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
+from math import inf
 from multiprocessing import get_context
 from typing import Any, TypeVar
 
@@ -38,9 +39,13 @@ class Processes:
 
     n: int
 
-    def results(self, function: Callable[[T], R], tasks: Sequence[T]) -> Iterator[tuple[int, R | WorkerLost]]:
+    def results(
+        self, function: Callable[[T], R], tasks: Sequence[T], *, ahead: int | None = None
+    ) -> Iterator[tuple[int, R | WorkerLost]]:
         """See `Executor.results`."""
-        waiting, lost, suspects = deque(range(len(tasks))), dict.fromkeys(range(len(tasks)), 0), deque[int]()
+        waiting, suspects = deque(range(len(tasks))), deque[int]()
+        lost = dict.fromkeys(range(len(tasks)), 0)  # of tasks without a result
+        reach = len(tasks) if ahead is None else ahead * self.n
         while waiting or suspects:
             alone = bool(suspects)
             queue, width = (suspects, 1) if alone else (waiting, self.n)
@@ -49,18 +54,20 @@ class Processes:
             with ProcessPoolExecutor(width, mp_context=get_context("spawn")) as pool:
                 try:
                     while queue or running:
-                        while queue and len(running) < width:
+                        while queue and len(running) < width and queue[0] < next(iter(lost)) + reach:
                             running[pool.submit(function, tasks[queue[0]])] = queue[0]
                             queue.popleft()
                         for future in wait(running, return_when=FIRST_COMPLETED).done:
                             result = future.result()
-                            yield running.pop(future), result
+                            del lost[i := running.pop(future)]
+                            yield i, result
                 except BrokenProcessPool:
                     for i in running.values():
                         lost[i] += alone
                         if lost[i] < MAX_LOST:
                             suspects.append(i)
                         else:
+                            del lost[i]
                             yield i, WorkerLost(f"its process was killed {MAX_LOST} times (not enough memory?)")
                 except BaseException:
                     pool.shutdown(wait=False, cancel_futures=True)
@@ -85,7 +92,9 @@ class Dask:
     address: str
     patience_s: float = 300.0
 
-    def results(self, function: Callable[[T], R], tasks: Sequence[T]) -> Iterator[tuple[int, R | WorkerLost]]:
+    def results(
+        self, function: Callable[[T], R], tasks: Sequence[T], *, ahead: int | None = None
+    ) -> Iterator[tuple[int, R | WorkerLost]]:
         """See `Executor.results`.
 
         Raises
@@ -101,7 +110,7 @@ class Dask:
                     self.address, timeout=min(10.0, self.patience_s), set_as_default=False
                 ) as client:
                     try:
-                        for i, result in _of_client(client, function, left):
+                        for i, result in _of_client(client, function, left, ahead):
                             del left[i]
                             yield i, result
                     finally:  # a task may have taken longer than the patience
@@ -115,19 +124,33 @@ class Dask:
                 time.sleep(1.0)
 
 
-def _of_client(client: Any, function: Callable[[T], R], tasks: dict[int, T]) -> Iterator[tuple[int, R | WorkerLost]]:
-    """Results of the tasks that a scheduler finishes before it is lost, if it is."""
+def _of_client(
+    client: Any, function: Callable[[T], R], left: dict[int, T], ahead: int | None
+) -> Iterator[tuple[int, R | WorkerLost]]:
+    """Results of the tasks that a scheduler finishes before it is lost, if it is; the caller takes them from `left`."""
     distributed = _distributed()
-    futures = {client.submit(function, task, pure=False): i for i, task in tasks.items()}
-    for future in distributed.as_completed(futures, loop=client.loop):
+    waiting, futures = deque(left), dict[Any, int]()
+    ready = distributed.as_completed(loop=client.loop)
+
+    def submit() -> None:
+        reach = inf if ahead is None or not waiting else ahead * max(sum(client.nthreads().values()), 1)
+        while waiting and waiting[0] < next(iter(left)) + reach:
+            future = client.submit(function, left[waiting[0]], pure=False)
+            futures[future] = waiting.popleft()
+            ready.add(future)
+
+    submit()
+    for future in ready:
+        i = futures.pop(future)
         try:
             result = future.result()
         except distributed.KilledWorker as error:
             result = WorkerLost(f"its workers were killed (not enough memory?): {error}")
         except (distributed.CancelledError, OSError):
             continue  # the scheduler is gone; the next one gets this task
-        yield futures[future], result
+        yield i, result
         future.release()
+        submit()
 
 
 def _distributed() -> Any:

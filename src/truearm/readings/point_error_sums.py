@@ -42,13 +42,13 @@ class PointErrorSums:
     of_blocks: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
 
     @classmethod
-    def of(cls, predicted: FloatArray, points: FloatArray) -> PointErrorSums:
-        """Sums over points (n, 3); rows of `points` that are NaN (no reference point) are ignored [mm]."""
+    def of(cls, predicted: FloatArray, points: FloatArray, n_session: int | None = None) -> PointErrorSums:
+        """Sums over points (n, 3), a part of a session; rows of `points` that are NaN (no point) are ignored [mm]."""
         errors = (predicted - points)[~np.isnan(points).all(axis=1)]
         if not len(errors):
             return cls()
         distances, sizes = np.linalg.norm(errors, axis=1), np.abs(errors)
-        starts = block_starts(len(errors))
+        starts = block_starts(len(errors), n_session)
         counts = np.diff(np.append(starts, len(errors)))
         return cls(
             len(errors),

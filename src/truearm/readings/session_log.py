@@ -14,9 +14,10 @@ from typing import Self
 import numpy as np
 
 from truearm.errors import InputError, TruearmError
-from truearm.files.atomic_write import atomic_file, check_writable
+from truearm.files.atomic_write import check_writable
 from truearm.files.delimited import MAX_BYTES, escape_formula
-from truearm.files.file_reading import check_readable
+from truearm.files.file_lock import is_locked_by_another
+from truearm.files.file_reading import access_error, check_readable
 
 Row = Mapping[str, float | str]
 
@@ -46,19 +47,42 @@ class SessionLog:
     Raises
     ------
     InputError
-        If the name has another ending, the file has other columns or a row of another number of cells, or it cannot be
-        written.
+        If the name has another ending, the file has other columns or a row of another number of cells, another program
+        records to it, or it cannot be written.
     """
 
     def __init__(self, path: Path, columns: Sequence[str]) -> None:
         check_log_path(path)
         self.path, self.columns, self.repaired = path, tuple(columns), ""
-        if not path.exists() or path.stat().st_size == 0:
-            with atomic_file(path) as beside:
-                beside.write_bytes(_line(self.columns))
-            _entry_to_disk(path)
-        check_readable(path, limit_bytes=MAX_BYTES)
+        if path.exists():
+            check_readable(path, limit_bytes=MAX_BYTES)
+        # Not a temporary file that is renamed: of two programs that start at once, one would replace the other's.
+        try:
+            self._handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | getattr(os, "O_BINARY", 0), 0o666)
+        except OSError as error:
+            raise access_error(path, error) from None
+        try:
+            self._open()
+        except OSError as error:
+            self.close()
+            raise access_error(path, error, purpose="written") from None
+        except BaseException:
+            self.close()
+            raise
+
+    def _open(self) -> None:
+        """Lock the file, and read or begin it."""
+        path, header = self.path, _line(self.columns)
+        if is_locked_by_another(self._handle):
+            raise InputError(
+                "another program records to the file", file=path, hint="end it, or choose another file name"
+            )
         content = path.read_bytes()
+        if len(content) < len(header) and header.startswith(content):  # new, or begun when the power failed
+            os.ftruncate(self._handle, 0)
+            os.write(self._handle, header)
+            _entry_to_disk(path)
+            content = header
         whole = content[: content.rfind(b"\n") + 1]
         lines = whole.splitlines(keepends=True)
         if not lines or _cells(lines[0]) != list(self.columns):
@@ -70,7 +94,6 @@ class SessionLog:
             )
         self.rows = [self._row(line, number) for number, line in enumerate(lines[1:], start=2)]
         self._ends = [int(end) for end in np.cumsum([len(line) for line in lines])]
-        self._handle = os.open(path, os.O_RDWR | os.O_APPEND | getattr(os, "O_BINARY", 0))
         if tail := content[len(whole) :]:
             self._mend(tail)
         self._to_disk()

@@ -17,10 +17,13 @@ import numpy as np
 
 from truearm.typing import FloatArray, IntArray
 
-# Consecutive readings of the shortest block.
+# Consecutive readings of the shortest block of a long session.
 BLOCK = 1024
 # With fewer blocks their scatter is not known.
 LEAST_BLOCKS = 8
+# Blocks of a short session: their length is doubled twice.
+SHORT_BLOCKS = 4 * LEAST_BLOCKS
+SHORTEST = 32
 # Growth from one length to its double that counts, in standard errors.
 SIGNIFICANT = 2.0
 
@@ -81,6 +84,15 @@ def design_effect(
     return replace(found, factor=max(found.factor, 1.0))
 
 
-def block_starts(n: int) -> IntArray:
-    """First rows of the blocks of n consecutive readings: of `BLOCK` each, the last of up to twice as many."""
-    return np.arange(0, max(n - BLOCK + 1, 1), BLOCK)
+def block_starts(n: int, n_session: int | None = None) -> IntArray:
+    """First rows of the blocks of n consecutive readings; the last block is longer than the others.
+
+    Parameters
+    ----------
+    n : int
+    n_session : int, optional
+        Readings of the session, of which these are a part; n by default. A short one has shorter blocks than `BLOCK`.
+    """
+    n_session = n if n_session is None else n_session
+    block = min(max(n_session // SHORT_BLOCKS, SHORTEST), BLOCK)
+    return np.arange(0, max(n - block + 1, 1), block)

@@ -15,6 +15,9 @@ from truearm.errors import TruearmError
 T = TypeVar("T")
 R = TypeVar("R")
 
+# Results of each worker that may wait for a task before them; a worker idles where one takes so much longer.
+AHEAD = 4
+
 
 @dataclass(frozen=True)
 class WorkerLost:
@@ -26,7 +29,9 @@ class WorkerLost:
 class Executor(Protocol):
     """Computes tasks."""
 
-    def results(self, function: Callable[[T], R], tasks: Sequence[T]) -> Iterator[tuple[int, R | WorkerLost]]:
+    def results(
+        self, function: Callable[[T], R], tasks: Sequence[T], *, ahead: int | None = None
+    ) -> Iterator[tuple[int, R | WorkerLost]]:
         """Compute ``function(task)`` for each task.
 
         Parameters
@@ -34,6 +39,8 @@ class Executor(Protocol):
         function : callable
             Of a module, and so are its tasks: other processes import them by name.
         tasks : sequence
+        ahead : int, optional
+            Tasks of each worker that are begun before the first one without a result is finished; any by default.
 
         Yields
         ------
@@ -46,14 +53,19 @@ class Executor(Protocol):
 class Serial:
     """One task after the other, in this process."""
 
-    def results(self, function: Callable[[T], R], tasks: Sequence[T]) -> Iterator[tuple[int, R | WorkerLost]]:
+    def results(
+        self, function: Callable[[T], R], tasks: Sequence[T], *, ahead: int | None = None
+    ) -> Iterator[tuple[int, R | WorkerLost]]:
         """See `Executor.results`."""
+        del ahead  # each is finished before the next
         for i, task in enumerate(tasks):
             yield i, function(task)
 
 
 def results_in_order(executor: Executor, function: Callable[[T], R], tasks: Sequence[T]) -> Iterator[R]:
     """Iterate over the results in the order of the tasks, so that sums over them do not depend on the engine.
+
+    Those behind a slow task wait in memory: `AHEAD` of each worker, not all.
 
     Raises
     ------
@@ -62,7 +74,7 @@ def results_in_order(executor: Executor, function: Callable[[T], R], tasks: Sequ
     """
     waiting: dict[int, R] = {}
     due = 0
-    for i, result in executor.results(function, tasks):
+    for i, result in executor.results(function, tasks, ahead=AHEAD):
         if isinstance(result, WorkerLost):
             raise TruearmError(f"part {i + 1} of {len(tasks)} was not computed: {result.reason}")
         waiting[i] = result

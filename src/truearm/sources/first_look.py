@@ -33,6 +33,12 @@ def first_look(samples: Sequence[Sample], arm: Arm | None = None, prismatic: tup
     prismatic : tuple of int
         Numbers of the joints that slide.
     """
+    if not samples:
+        yield (
+            "no sample arrived: where nothing answers, check power, cable, address and port; where no line fits the "
+            "pattern, its separators and words against the line shown below"
+        )
+        return
     if len(samples) < LEAST_SAMPLES:
         yield f"only {len(samples)} samples arrived"
         return

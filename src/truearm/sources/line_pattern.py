@@ -21,6 +21,8 @@ LARGEST = 1e9  # of a number
 _POINT = ("x_mm", "y_mm", "z_mm")
 # No text matches in two ways: the time to refuse a line would grow with a power of its length.
 _NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
+# What stands in a number, and so separates none from another; from {skip}, a sign neither.
+_IN_NUMBER, _SIGNED = re.compile(r"[\d.eE]*"), re.compile(r"[\d.eE+-]*")
 _FIELD = re.compile(r"\{([^{}]*)\}")
 _HINT = "pattern = 'A {J1},{J2},{J3} T {temperature_degC}'; docs/live.md lists the names"
 Parse = Callable[[str, float], Sample | None]
@@ -52,7 +54,8 @@ def line_parser(document: LinesDocument) -> tuple[Parse, int]:
     Raises
     ------
     InputError
-        If the pattern has an unknown name, a name twice, or neither joints J1 .. Jn nor a point.
+        If the pattern has an unknown name, a name twice, or neither joints J1 .. Jn nor a point, or a line could fit it
+        in two ways.
     """
     names = [name for name in _FIELD.findall(document.pattern) if name not in ("skip", "rest")]
     joints = sorted(int(name[1:]) for name in names if re.fullmatch(r"J[1-9]\d?", name))
@@ -66,6 +69,7 @@ def line_parser(document: LinesDocument) -> tuple[Parse, int]:
         raise InputError("expected the joints J1, J2, .. or x_mm, y_mm and z_mm in the pattern", hint=_HINT)
     if not joints and not points:
         raise InputError("the pattern names neither joints nor a point", hint=_HINT)
+    _check_separated(document.pattern.strip())
     expression, decode = _expression(document.pattern), document.decoder(len(joints))
     extra = [name for name in names if LOAD.fullmatch(name)]
 
@@ -85,6 +89,29 @@ def line_parser(document: LinesDocument) -> tuple[Parse, int]:
         )
 
     return parse, len(joints)
+
+
+def _check_separated(pattern: str) -> None:
+    """Refuse fields of which a line does not show where one ends: it could fit in many ways, which are all tried."""
+    parts = _FIELD.split(pattern)
+    names, literals = parts[1::2], parts[2::2]
+    if "rest" in names and (names.index("rest") < len(names) - 1 or literals[-1]):
+        raise InputError("{rest} is all that follows, and has to be the last in the pattern", hint=_HINT)
+    after_skip = False
+    for name, literal, following in zip(names, literals, [*names[1:], ""], strict=True):
+        if name == "skip" and after_skip:
+            raise InputError(
+                "two {skip} with neither a blank nor , nor ; between them match the same characters",
+                hint="one {skip} for both",
+            )
+        of_numbers = _IN_NUMBER if name != "skip" else _SIGNED
+        if following not in ("", "rest") and not literal.isspace() and of_numbers.fullmatch(literal.strip()):
+            raise InputError(
+                f"what separates {{{name:.40}}} from {{{following:.40}}} may belong to either",
+                hint="separate them by what the device writes between them, such as a comma or a blank",
+            )
+        is_parted = literal.isspace() or "," in literal or ";" in literal
+        after_skip = (name == "skip" or after_skip) and not is_parted
 
 
 def _expression(pattern: str) -> re.Pattern[str]:

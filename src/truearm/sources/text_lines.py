@@ -37,7 +37,7 @@ def text_lines(file: Path, connection: str = "") -> Source:
         raise InputError("the key connection is missing", file=file, hint="or write it after the name: FILE@CONNECTION")
     try:
         parse, n_joints = line_parser(document)
-        opened = partial(connected, connector(connection), connection, partial(_samples, parse))
+        opened = partial(connected, connector(connection), connection, partial(_samples, parse, document.pattern))
         return Source(f"lines:{file}@{connection}", opened, document.prismatic(n_joints), "{x_mm}" in document.pattern)
     except InputError as error:
         raise InputError(error.problem, file=file, hint=error.hint) from None
@@ -64,7 +64,7 @@ def lines_of(link: Connection) -> Iterator[str | None]:
         buffer = rest
 
 
-def _samples(parse: Parse, link: Connection) -> Stream:
+def _samples(parse: Parse, pattern: str, link: Connection) -> Stream:
     ignored, last, said_s = 0, "", -SILENT_S
     for line in lines_of(link):
         now_s = time.monotonic()
@@ -76,5 +76,5 @@ def _samples(parse: Parse, link: Connection) -> Stream:
         else:
             ignored, last = ignored + 1, line
         if ignored and now_s - said_s >= SILENT_S:
-            yield Notice(f"{ignored} lines do not fit the pattern, the last {last[:60]!a}; ignored")
+            yield Notice(f"{ignored} lines do not fit the pattern {pattern[:60]!a}, the last {last[:60]!a}; ignored")
             ignored, said_s = 0, now_s

@@ -36,6 +36,8 @@ from truearm.workflows.sentences import compare_with_nominal, describe_effective
 
 # Outliers of a part, and of all, that are kept: the largest.
 MAX_OUTLIERS = 20
+# Share of the outliers that blames the file in which they are.
+NEARLY_ALL = 0.9
 
 
 @dataclass(frozen=True)
@@ -47,6 +49,7 @@ class EvaluateTask:
     limits: Limits
     conditions: Conditions | None
     accept: str | None
+    n_session: int
 
 
 @dataclass(frozen=True)
@@ -71,6 +74,8 @@ class EvaluationSums:
         Readings farther from their reference point than eight stated standard uncertainties.
     outliers : tuple of Outlier
         The largest of them.
+    outliers_of_file : dict of Path to int
+        Number of outliers of each file.
     remarks : tuple of str
     """
 
@@ -83,6 +88,7 @@ class EvaluationSums:
     outside: Mapping[str, int] = field(default_factory=dict)
     n_outliers: int = 0
     outliers: tuple[Outlier, ...] = ()
+    outliers_of_file: Mapping[Path, int] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
 
     def __add__(self, other: EvaluationSums) -> EvaluationSums:
@@ -100,6 +106,7 @@ class EvaluationSums:
             added(self.outside, other.outside),
             self.n_outliers + other.n_outliers,
             _largest((*self.outliers, *other.outliers)),
+            added(self.outliers_of_file, other.outliers_of_file),
             joined_remarks(self.remarks, other.remarks),
         )
 
@@ -137,9 +144,11 @@ def _sums_of(task: EvaluateTask, given: Session, accept: str | None) -> Evaluati
         check_reach(used, reach=model.arm.chain.reach, sliding=model.arm.chain.is_prismatic)
     assert used.points is not None
     at = model.at(used)
-    errors = {"model": PointErrorSums.of(model.predict_readings(at), used.points)}
+    errors = {"model": PointErrorSums.of(model.predict_readings(at), used.points, task.n_session)}
     if model.kind != "nominal" and model.arm_.has_kinematics:
-        errors = {"nominal": PointErrorSums.of(model.predict_nominal_readings(at), used.points)} | errors
+        errors = {
+            "nominal": PointErrorSums.of(model.predict_nominal_readings(at), used.points, task.n_session)
+        } | errors
     conditions = task.conditions or model.training_.conditions_of(used) or "reproducibility"
     stated = model.under(conditions)
     budget, far = uncertainty_budget(stated, at if stated is model else used)
@@ -153,6 +162,7 @@ def _sums_of(task: EvaluateTask, given: Session, accept: str | None) -> Evaluati
         {name: int(rows.sum()) for name, rows in model.inputs_outside_training(at).items()},
         len(far),
         tuple(_named(one.located(given, allowed.rows[seen]), task.part) for one in far[:MAX_OUTLIERS]),
+        {task.part.file: len(far)},
         (
             *acceptance_remarks(accept),
             *allowed.remarks,
@@ -167,6 +177,7 @@ def _evaluate_task(task: EvaluateTask) -> EvaluationSums:
     return evaluate_part(task, accept=task.accept)
 
 
+@one_blas_thread()
 def evaluate_large(
     model: ModelLike,
     session: str | Path,
@@ -217,7 +228,7 @@ def evaluate_large(
     """
     known = to_model(model)
     large = LargeSession.open(session, n_joints=known.arm.n_joints)
-    tasks = [EvaluateTask(part, known, limits, conditions, accept) for part in large.parts]
+    tasks = [EvaluateTask(part, known, limits, conditions, accept, len(large)) for part in large.parts]
     sums = EvaluationSums()
     for of_part in results_in_order(executor or Serial(), _evaluate_task, tasks):
         sums = sums + of_part
@@ -295,7 +306,17 @@ class LargeEvaluation(Record):
         yield from listed("outlier", self.sums.outliers, "readings")
         if self.sums.n_outliers > MAX_OUTLIERS:
             yield f"{self.sums.n_outliers} outliers in all, of which the {MAX_OUTLIERS} largest are kept"
+            yield from self._file_of_outliers()
         yield from self.sums.remarks
+
+    def _file_of_outliers(self) -> Iterator[str]:
+        """One file that has nearly all of them is another matter than single readings."""
+        file, n = max(self.sums.outliers_of_file.items(), key=lambda one: one[1])
+        if len(self.sums.outliers_of_file) > 1 and n > NEARLY_ALL * self.sums.n_outliers:
+            yield (
+                f"{n} of them are in {file.name}: it may be in other units than the other files, or of another arm. "
+                "Try: fit it alone"
+            )
 
     def _json(self) -> object:
         errors, own = self.errors, self.sums.errors["model"]
@@ -314,5 +335,6 @@ class LargeEvaluation(Record):
             "inputs_outside_training": self.sums.outside,
             "n_outliers": self.sums.n_outliers,
             "outliers": self.sums.outliers,
+            "outliers_of_file": {str(file): n for file, n in self.sums.outliers_of_file.items() if n},
             "remarks": self.sums.remarks,
         }

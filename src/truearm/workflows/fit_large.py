@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from truearm.acceptance import accepting
+from truearm.acceptance import OVERRIDE, accepting
+from truearm.arm import Arm
 from truearm.choices import ModelName
 from truearm.compensation.models.identified_model import IdentifiedModel, to_identified
 from truearm.compensation.models.input_ranges import InputRanges
+from truearm.errors import Contradiction
 from truearm.identification.estimation.reading_sums import ReadingSums
 from truearm.identification.from_sums import Estimate, identified, improved, without_part
-from truearm.identification.judgement.gross_errors import gross_error_limit
+from truearm.identification.judgement.gross_errors import LEAST_READINGS, gross_error_limit
 from truearm.identification.judgement.held_out_errors import HeldOutErrors
 from truearm.identification.references.reading_references import references_of
 from truearm.identification.references.references import Points
@@ -31,8 +33,9 @@ from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 from truearm.workflows.fit import FitResult, fit
 from truearm.workflows.inputs import ArmLike, Limits, check_has_reference, to_arm, within_limits
+from truearm.workflows.predict_large import added
 from truearm.workflows.record import Record, TextTable
-from truearm.workflows.sentences import compare_with_nominal, describe_effective_number, format_mm
+from truearm.workflows.sentences import compare_with_nominal, describe_effective_number, format_mm, number_of
 
 # Readings of the sample: its judgements cost some seconds of a kinematic model, and some ten of a physical one.
 SAMPLE = 20_000
@@ -61,6 +64,8 @@ class SumTask:
     limits : {"skip", "ignore"}
     accept : str or None
         Why readings that seem contradicted are right.
+    n_session : int
+        Readings of the session.
     """
 
     part: Part
@@ -70,6 +75,7 @@ class SumTask:
     gross: float
     limits: Limits
     accept: str | None
+    n_session: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +92,8 @@ class PartSums:
         Errors of the points as predicted without their stretch, and by the nominal arm; without gross errors.
     gross : tuple of str
         Names of the first gross errors.
+    of_file, gross_of_file : dict of Path to int
+        Readings with a point, and gross errors among them, by their file.
     """
 
     n_read: int
@@ -94,6 +102,8 @@ class PartSums:
     held_out: PointErrorSums = field(default_factory=PointErrorSums)
     nominal: PointErrorSums = field(default_factory=PointErrorSums)
     gross: tuple[str, ...] = ()
+    of_file: Mapping[Path, int] = field(default_factory=dict)
+    gross_of_file: Mapping[Path, int] = field(default_factory=dict)
 
     def __add__(self, other: PartSums) -> PartSums:
         """Sums over both."""
@@ -104,7 +114,13 @@ class PartSums:
             self.held_out + other.held_out,
             self.nominal + other.nominal,
             (*self.gross, *other.gross)[:MAX_NAMED],
+            added(self.of_file, other.of_file),
+            added(self.gross_of_file, other.gross_of_file),
         )
+
+    def files_in_error(self) -> list[Path]:
+        """The files of which more than half of the readings are gross errors; a few readings show nothing."""
+        return [file for file, n in self.of_file.items() if 2 * self.gross_of_file[file] > max(n, LEAST_READINGS)]
 
 
 @one_blas_thread()
@@ -129,17 +145,20 @@ def _sums_of(task: SumTask, given: Session) -> PartSums:
     check_has_reference(used, model.arm, purpose="fit to")
     at = model.at(used)
     points = next(one for one in references_of(used, None) if isinstance(one, Points))
-    sums, gross = ReadingSums.of(chain, at.state, points, x, task.at.noise_mm2, task.gross)
+    sums, gross = ReadingSums.of(chain, at.state, points, x, task.at.noise_mm2, task.gross, task.n_session)
     held_out = nominal = PointErrorSums()
     if task.without_part is not None:
         known = points.points.copy()
         known[gross] = np.nan
-        held_out = PointErrorSums.of(chain.tips(at.state, task.without_part), known)
-        nominal = PointErrorSums.of(model.nominal_.tips(at.state), known)
-    names = tuple(f"{used.called(row)} of {task.part.file.name}" for row in gross[:MAX_NAMED].tolist())
-    return PartSums(len(given), sums, InputRanges.of(used), held_out, nominal, names)
+        held_out = PointErrorSums.of(chain.tips(at.state, task.without_part), known, task.n_session)
+        nominal = PointErrorSums.of(model.nominal_.tips(at.state), known, task.n_session)
+    file = task.part.file
+    names = tuple(f"{used.called(row)} of {file.name}" for row in gross[:MAX_NAMED].tolist())
+    ranges = InputRanges.of(used)
+    return PartSums(len(given), sums, ranges, held_out, nominal, names, {file: len(used)}, {file: len(gross)})
 
 
+@one_blas_thread()
 def fit_large(
     arm: ArmLike | None,
     session: str | Path,
@@ -177,7 +196,7 @@ def fit_large(
     Raises
     ------
     InputError
-        As `fit`.
+        As `fit`; or if more than half of the readings of a file are gross errors, and of other files not.
 
     Examples
     --------
@@ -200,7 +219,8 @@ def fit_large(
     report(0, "reading")
     executor = executor or Serial()
     sample = large.sample(SAMPLE, executor)
-    found = fit(known_arm, sample, model=model, free=free, limits=limits, accept=accept, progress=report, **options)
+    options |= {"model": model, "free": free, "limits": limits, "accept": accept, "progress": report}
+    found = _fit_sample(large, known_arm, sample, **options)
     if why_not := _why_of_sample(found):
         return LargeFit(found, len(large), why_not)
     identified_model = to_identified(found.model)
@@ -236,7 +256,7 @@ def _by_all_readings(
     by_fold: dict[int, FloatArray] = {}
     for n_pass in range(1, MAX_PASSES + 1):
         tasks = [
-            SumTask(part, light, at, by_fold.get(fold), gross, limits, accept)
+            SumTask(part, light, at, by_fold.get(fold), gross, limits, accept, len(large))
             for part, fold in zip(large.parts, folds, strict=True)
         ]
         of_folds: dict[int, PartSums] = {}
@@ -247,6 +267,8 @@ def _by_all_readings(
             if progress is not None:
                 progress(n_read, f"pass {n_pass}: {n_read} of {len(large)} readings")
         total = sum(list(of_folds.values())[1:], next(iter(of_folds.values())))
+        if accept is None:
+            _check_files(total)
         following = improved(arm, at, total.sums)
         if n_pass == MAX_PASSES or (following.is_settled and n_pass > 1):
             break
@@ -264,6 +286,31 @@ def _by_all_readings(
         new.nominal_ = whole
     new.held_out_errors_ = _held_out_errors(total, len(by_fold)) or of_sample.held_out_errors_
     return LargeFit(replace(found, model=new), len(large), "", n_pass, total, effect)
+
+
+def _check_files(total: PartSums) -> None:
+    """Refuse a file that contradicts the others: it alone may be in other units, or of another arm."""
+    wrong = total.files_in_error()
+    if wrong and len(wrong) < len(total.of_file):
+        file, others = wrong[0], len(wrong) - 1
+        raise Contradiction(
+            f"{total.gross_of_file[file]} of {total.of_file[file]} readings are gross errors, and those of "
+            f"{number_of(len(total.of_file) - len(wrong), 'other file')} are not"
+            f"{f'; so are those of {others} more' * (others > 0)}",
+            file=file,
+            hint=f"fit {file.name} alone: it says what differs, its units or its arm; {OVERRIDE}",
+        )
+
+
+def _fit_sample(large: LargeSession, arm: Arm | None, sample: Session, **options: Any) -> FitResult:
+    """The fit of a sample of the session; of several files, one alone may be what it refuses."""
+    try:
+        return fit(arm, sample, **options)
+    except Contradiction as error:
+        if len({part.file for part in large.parts}) == 1:
+            raise
+        hint = "fit each file alone: one of them may differ from the others, in its units or its arm"
+        raise error.with_hint(f"{error.hint}; or {hint}" if error.hint else hint) from None
 
 
 def without_readings(model: IdentifiedModel) -> IdentifiedModel:

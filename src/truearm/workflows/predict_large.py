@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
@@ -15,11 +15,15 @@ from truearm.files.table_writer import Columns, table_writer
 from truearm.readings.large_sessions import LargeSession, Part
 from truearm.solve.executor import Executor, Serial, results_in_order
 from truearm.solve.quantile_sketch import QuantileSketch
+from truearm.solve.threads import one_blas_thread
+from truearm.typing import IntArray
 from truearm.workflows.inputs import ModelLike, to_model
 from truearm.workflows.outputs import check_output
 from truearm.workflows.predict import DECIMALS, Prediction, predict
 from truearm.workflows.record import Record, format_fixed
 from truearm.workflows.sentences import SAME_DAY
+
+K = TypeVar("K")
 
 ENDINGS = (".csv", ".parquet")
 # Remarks of parts that are repeated.
@@ -91,7 +95,7 @@ class PredictionSums:
         )
 
 
-def added(a: Mapping[str, Any], b: Mapping[str, Any]) -> dict[str, Any]:
+def added(a: Mapping[K, Any], b: Mapping[K, Any]) -> dict[K, Any]:
     """Sums by name."""
     return {name: a.get(name, 0) + b.get(name, 0) for name in (*a, *(name for name in b if name not in a))}
 
@@ -107,11 +111,13 @@ def predict_part(task: PredictTask) -> tuple[list[Columns], PredictionSums]:
     sums = PredictionSums()
     for session in task.part.sessions():
         one = predict(task.model, session, conditions=task.conditions, accept=task.accept)
-        tables.append(one.columns())
+        names = np.full(len(one.points), task.part.file.name)
+        tables.append({**one.columns(), "note_file": names, "note_line": cast(IntArray, one.session.numbers)})
         sums = sums + PredictionSums.of(one)
     return tables, sums
 
 
+@one_blas_thread()
 def predict_large(
     model: ModelLike,
     session: str | Path,
@@ -123,6 +129,9 @@ def predict_large(
     progress: Callable[[int, str], None] | None = None,
 ) -> LargePrediction:
     """Compensate the readings of a large session: write the table of `Prediction.save`, part by part.
+
+    Its further columns ``note_file`` and ``note_line`` say which reading each point is of: a line of a CSV file, or its
+    place in a Parquet file.
 
     Parameters
     ----------

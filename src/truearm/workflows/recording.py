@@ -19,7 +19,7 @@ from truearm.errors import InputError
 from truearm.files.delimited import MAX_NAME
 from truearm.identification.planning.planned_readings import PlannedReadings, read_planned
 from truearm.number_format import format_count
-from truearm.readings.readings import DIRECTION
+from truearm.readings.readings import DIRECTION, LOAD
 from truearm.readings.session_log import SessionLog, check_log_path
 from truearm.sources import Sample, Source, StandstillRule
 from truearm.sources.standstill import Standstill, TakenReading
@@ -279,7 +279,7 @@ class Recording:
         if self.n_readings:
             text += f", after {format_count(self.n_readings, 'reading')} before"
         if not (self._has_points or self.plan or self.seat):
-            text += "; nothing is known of the tip until a seat is named"
+            text += "; fit needs the seat's name (--seat NAME, key s, or command seat NAME) or the tip (--reference)"
         yield Event("ready", text, {"readings": self.n_readings})
         yield from self._next()
 
@@ -416,8 +416,16 @@ class Recording:
         if row is None:
             yield Event("refused", "there is no reading to undo")
             return
-        yield Event("undone", f"reading {self.n_readings + 1} removed", {"reading": self.n_readings + 1, **row})
+        number = self.n_readings + 1
+        numbers = {name: float(text) for name, text in row.items() if text and self._is_number(name)}
+        yield Event("undone", f"reading {number} removed", {"reading": number, **row, **numbers})
         yield from self._next()
+
+    def _is_number(self, column: str) -> bool:
+        """Whether an event of a reading has a column as a number."""
+        return column in (*self.joint_columns, "x_mm", "y_mm", "z_mm", "temperature_degC") or bool(
+            LOAD.fullmatch(column)
+        )
 
     def _name_seat(self, name: str) -> Event:
         if len(name) > MAX_NAME or not name.isprintable():

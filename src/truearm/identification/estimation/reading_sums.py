@@ -64,7 +64,14 @@ class ReadingSums:
 
     @classmethod
     def of(
-        cls, chain: PerturbedChain, state: ArmState, points: Points, x: FloatArray, noise_mm2: float, gross: float
+        cls,
+        chain: PerturbedChain,
+        state: ArmState,
+        points: Points,
+        x: FloatArray,
+        noise_mm2: float,
+        gross: float,
+        n_session: int | None = None,
     ) -> tuple[ReadingSums, IntArray]:
         """Sums over points, and which of them are gross errors.
 
@@ -81,6 +88,8 @@ class ReadingSums:
             Variance of a residual beyond the stated uncertainty.
         gross : float
             Whitened length from which a reading is a gross error.
+        n_session : int, optional
+            Readings of the session, of which these are a part (`block_starts`).
         """
         residuals = SmallMotionProblem(chain, state, (points,)).residuals(x)[0]
         squares, known = residuals**2, points.std**2
@@ -95,7 +104,7 @@ class ReadingSums:
         clipped = [
             float(np.minimum((squares / (known + noise_mm2 * trial)).sum(axis=0), most).sum()) for trial in TRIAL_NOISE
         ]
-        n, starts = len(robust), block_starts(len(robust))
+        n, starts = len(robust), block_starts(len(robust), n_session)
         gram, scores = np.zeros((len(x), len(x))), []
         for start, stop in zip(starts.tolist(), [*starts[1:].tolist(), n], strict=True):
             rows = np.arange(start, stop)
