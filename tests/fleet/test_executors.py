@@ -61,7 +61,7 @@ needs_kill = pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="this sys
 def cluster():
     distributed = pytest.importorskip("distributed", reason="Dask is an extra: pip install 'truearm[dask]'")
     with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, dashboard_address=None, worker_dashboard_address=None
+        n_workers=2, threads_per_worker=1, dashboard_address=":0", worker_dashboard_address=None
     ) as found:
         yield found
 
@@ -189,7 +189,9 @@ def test_a_restarted_scheduler_gets_what_is_left(tmp_path):
         )
 
     def scheduler() -> subprocess.Popen[bytes]:
-        return start("distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard")
+        return start(
+            "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", str(port), "--dashboard-address", ":0"
+        )
 
     running = [scheduler()]
     running.append(start("distributed.cli.dask_worker", f"tcp://127.0.0.1:{port}", "--nthreads", "1", "--no-dashboard"))
