@@ -286,7 +286,7 @@ export class Painter {
     if (scene.showLengths) this.writeLengths(frames);
   }
 
-  /** @param {object} frames of another pose @param {number} thick its links, translucent */
+  /** @param {object} frames of the same parts elsewhere @param {number} thick its links, translucent */
   paintGhost(frames, thick) {
     this.pen.globalAlpha = 0.35;
     this.linkPieces(frames).forEach(({ at, width }) => this.stroke(at, this.colours.axis, thick * width));
