@@ -156,7 +156,7 @@ export class SceneView {
   }
 
   /**
-   * Of an arm that moves: bring the mechanism to a pose; what a reader points at stays.
+   * Bring a mechanism that moves by itself to new values; what a reader points at stays.
    * @param {number[]} values @param {number[] | null} ghost the values at which it is drawn translucent, too
    */
   move(values, ghost) {
