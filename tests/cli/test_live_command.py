@@ -19,7 +19,13 @@ def test_ctrl_c_ends_it_and_the_file_is_whole(tmp_path):
     out = tmp_path / "session.csv"
     command = [sys.executable, "-m", "truearm", "live", "--source", f"replay:{tmp_path / 'simulated.csv'}"]
     command += ["--arm", "ur10", "--out", out, "--port", "0"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
+    with subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a shell starts programs behind it without
+    ) as running:
         address = re.fullmatch(r"Open http(://127\.0\.0\.1:\d+/) in .*\n", running.stdout.readline())[1]
         with client.connect(f"ws{address}live", proxy=None) as page:
             assert '"may_command":true' in page.recv(timeout=60)
