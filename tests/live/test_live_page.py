@@ -20,7 +20,7 @@ from truearm.live.messages import encode
 from truearm.live.request_checks import RequestChecks
 from truearm.live.server import LiveServer
 from truearm.sources import Sample, Source, StandstillRule
-from truearm.workflows.record_readings import recording_of
+from truearm.workflows.recording import Recording
 
 pytest.importorskip("websockets", reason="websockets is not installed")
 
@@ -30,7 +30,7 @@ class Bench:
 
     def __init__(self, out, *, port=0, **options):
         self.pose, self.is_silent, self.is_over = np.radians([0.0, -90.0, 90.0, 0.0, 90.0, 0.0]), False, False
-        recording = recording_of(
+        recording = Recording(
             Source("bench", self._samples, has_points=True),
             out,
             arm="ur10",
@@ -159,7 +159,7 @@ def test_the_page_knows_every_message():
 
 def test_names_are_text_and_never_markup(tmp_path):
     source = Source("</script><script>alert(1)</script>", lambda: iter(()))
-    recording = recording_of(source, tmp_path / "<b>.csv", arm="ur10")
+    recording = Recording(source, tmp_path / "<b>.csv", arm="ur10")
     page = live_page(recording, drawn_arm(recording.arm, None))
     assert "<script>alert" not in page
     assert "<b>" not in page
@@ -174,7 +174,7 @@ def test_a_row_that_a_person_broke_is_named(tmp_path, files_of_arm, cell):
     assert len([*ta.record(f"replay:{tmp_path / 'simulated.csv'}@max", out, **options)]) > 3
     head, row = out.read_text().splitlines()
     out.write_text(f"{head}\n{','.join([cell, *row.split(',')[1:]])}\n")
-    recording = recording_of(f"replay:{tmp_path / 'simulated.csv'}@max", out, **options)
+    recording = Recording(f"replay:{tmp_path / 'simulated.csv'}@max", out, **options)
     drawn = drawn_arm(recording.arm, recording.model)
     live = LiveRecording(recording, drawn)
     with (

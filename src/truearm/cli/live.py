@@ -2,39 +2,17 @@
 
 from __future__ import annotations
 
-from math import radians
 from typing import Annotated
 
 from typer import Option
 
 from truearm.cli.console import print_line
-from truearm.cli.options import (
-    FirstSeat,
-    LiveModel,
-    RecordedArm,
-    RecordedFile,
-    RecordedPlan,
-    ReferenceOption,
-    SourceOption,
-    StillSpread,
-    StillSpreadMm,
-    StillTime,
-    TakeOption,
-)
+from truearm.cli.recording_options import SharedOptions, takes_readings
 
 
+@takes_readings
 def live(
-    source: SourceOption,
-    out: RecordedFile,
-    plan: RecordedPlan = None,
-    arm: RecordedArm = None,
-    model: LiveModel = None,
-    reference: ReferenceOption = None,
-    on: TakeOption = "still",
-    seat: FirstSeat = "",
-    still: StillTime = 0.5,
-    spread: StillSpread = 0.05,
-    spread_mm: StillSpreadMm = 0.05,
+    options: SharedOptions,
     host: Annotated[
         str, Option(help="Address to listen on; another than this computer's own needs a token.")
     ] = "127.0.0.1",
@@ -55,22 +33,9 @@ def live(
     from truearm.live.request_checks import RequestChecks
     from truearm.live.server import LiveServer
     from truearm.number_format import format_count
-    from truearm.sources import StandstillRule
-    from truearm.workflows.record_readings import recording_of
 
     checks = RequestChecks(host, token)
-    recording = recording_of(
-        source,
-        out,
-        arm=arm,
-        plan=plan,
-        model=model,
-        reference=reference,
-        rule=StandstillRule(still, radians(spread), spread_mm),
-        on=on,
-        seat=seat,
-        samples_hz=FRAMES_HZ,
-    )
+    recording = options.recording(FRAMES_HZ)
     drawn = drawn_arm(recording.arm, recording.model)
     with LiveServer(live_page(recording, drawn), checks, port) as server:
         print_line(f"Open {server.url} in a browser; Ctrl-C ends.")
@@ -78,5 +43,5 @@ def live(
             for event in LiveRecording(recording, drawn).follow(server):
                 print_line(event.text)
         except KeyboardInterrupt:
-            print_line(f"{format_count(recording.n_readings, 'reading')} in {out}")
+            print_line(f"{format_count(recording.n_readings, 'reading')} in {recording.out}")
             raise

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 from typer import Argument, Option
 
-from truearm.choices import Conditions, DecisionRule, Limits, TakeOn
+from truearm.choices import Conditions, DecisionRule, Limits
 from truearm.errors import InputError
 
 Json = Annotated[bool, Option("--json", help="Print the result as JSON for machines.")]
@@ -57,21 +57,6 @@ IntoForm = Annotated[
 ]
 FormDate = Annotated[str | None, Option(help="With --into: day of the measurement, 2026-11-03; today by default.")]
 FormTemperature = Annotated[float | None, Option(help="With --into: temperature of the artefacts.")]
-
-# Of the commands that take readings of a connected arm.
-SourceOption = Annotated[str, Option(help="Where the angles come from: KIND:ADDRESS, as truearm sources lists them.")]
-RecordedFile = Annotated[Path, Option(help="Session file, .csv; one with the same columns is continued.")]
-RecordedPlan = Annotated[Path | None, Option(help="Plan of truearm plan: seats, instructions, what remains.")]
-RecordedArm = Annotated[str | None, Option("--arm", help=ARM_HELP)]
-LiveModel = Annotated[Path | None, Option(help="Model file: shows the corrected tip with its uncertainty.")]
-ReferenceOption = Annotated[
-    str | None, Option(help="What measures the tip, if not the source: another source, paired by time, or typed.")
-]
-TakeOption = Annotated[TakeOn, Option(help="Take a reading at every standstill, or by key or the arm's button.")]
-FirstSeat = Annotated[str, Option(help="Name of the seat of the first readings; by default the plan's.")]
-StillTime = Annotated[float, Option(help="For how long the arm stands still before a reading is taken [s].")]
-StillSpread = Annotated[float, Option(help="By how much a joint moves at most in that time [deg].")]
-StillSpreadMm = Annotated[float, Option(help="By how much a sliding joint moves at most [mm].")]
 
 PLURALS = {"applies": "apply", "does": "do", "it": "them"}
 

@@ -6,43 +6,21 @@ import json
 import sys
 from collections.abc import Iterator
 from contextlib import suppress
-from math import radians
 from typing import TYPE_CHECKING, Annotated
 
 from typer import Option
 
 from truearm.cli.console import print_line
-from truearm.cli.options import (
-    FirstSeat,
-    LiveModel,
-    RecordedArm,
-    RecordedFile,
-    RecordedPlan,
-    ReferenceOption,
-    SourceOption,
-    StillSpread,
-    StillSpreadMm,
-    StillTime,
-    TakeOption,
-)
+from truearm.cli.recording_options import SharedOptions, takes_readings
 from truearm.errors import InputError
 
 if TYPE_CHECKING:
     from truearm.workflows.recording import Recording
 
 
+@takes_readings
 def record(
-    source: SourceOption,
-    out: RecordedFile,
-    plan: RecordedPlan = None,
-    arm: RecordedArm = None,
-    model: LiveModel = None,
-    reference: ReferenceOption = None,
-    on: TakeOption = "still",
-    seat: FirstSeat = "",
-    still: StillTime = 0.5,
-    spread: StillSpread = 0.05,
-    spread_mm: StillSpreadMm = 0.05,
+    options: SharedOptions,
     samples: Annotated[float, Option(min=0, max=1000, help="With --headless: angles so often a second, too.")] = 0.0,
     headless: Annotated[
         bool, Option("--headless", help="Print events as JSON lines, and read commands from standard input.")
@@ -56,21 +34,9 @@ def record(
 
     With --headless these are lines on standard input: take, take moving, undo, seat NAME, point X Y Z, skip, end.
     """
-    from truearm.sources import StandstillRule
-    from truearm.workflows.record_readings import follow, recording_of
+    from truearm.workflows.record_readings import follow
 
-    recording = recording_of(
-        source,
-        out,
-        arm=arm,
-        plan=plan,
-        model=model,
-        reference=reference,
-        rule=StandstillRule(still, radians(spread), spread_mm),
-        on=on,
-        seat=seat,
-        samples_hz=samples if headless else 0.0,
-    )
+    recording = options.recording(samples if headless else 0.0)
     if headless:
         for event in follow(recording, _lines(recording)):
             print_line(json.dumps(event.to_dict(), allow_nan=False))

@@ -7,14 +7,10 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Unpack
 
-from truearm.arm import Arm
-from truearm.choices import TakeOn
-from truearm.errors import InputError
-from truearm.sources import Notice, Sample, Source, StandstillRule, open_source
-from truearm.workflows.inputs import ModelLike, to_arm, to_model_of_tip
-from truearm.workflows.recording import TYPED, Event, Recording
+from truearm.sources import Notice, Sample, Source
+from truearm.workflows.recording import Event, Recording, RecordingOptions
 
 MOST_WAITING = 10_000  # samples and commands
 _Origin = Literal["arm", "reference", "command"]
@@ -24,15 +20,8 @@ def record(
     source: str | Source,
     out: str | Path,
     *,
-    arm: Arm | str | Path | None = None,
-    plan: str | Path | None = None,
-    reference: str | Source | None = None,
-    rule: StandstillRule | None = None,
-    on: TakeOn = "still",
-    seat: str = "",
-    model: ModelLike | None = None,
-    samples_hz: float = 0.0,
     commands: Iterator[str] | None = None,
+    **options: Unpack[RecordingOptions],
 ) -> Iterator[Event]:
     """Take readings of a connected arm into a session file, which every verb reads while it grows.
 
@@ -45,8 +34,10 @@ def record(
         ``KIND:ADDRESS`` as `truearm sources` lists them, or one of your own.
     out : path
         Session file, ``.csv``. One with the same columns is continued.
+    commands : iterator of str, optional
+        ``take``, ``take moving``, ``undo``, ``seat NAME``, ``point X Y Z``, ``skip``, ``end``.
     arm : Arm, str or path, optional
-        The arm: its number of joints and limits are checked.
+        The arm: its number of joints and limits are checked. That of the model by default.
     plan : path, optional
         The file of `plan`, for seats, instructions and what remains; needs `arm`.
     reference : str or Source, optional
@@ -54,15 +45,13 @@ def record(
     rule : StandstillRule, optional
         0.5 s within 0.05 deg by default.
     on : {"still", "key"}
-        Take a reading at every standstill, or when asked.
+        Take a reading at every standstill, or when a person, or the arm's button, asks.
     seat : str
         Name of the seat of the readings; the plan's by default.
     model : Compensator, str or path, optional
         Corrects the tip at the samples.
     samples_hz : float
         How often the angles come as an event of the kind ``sample``, by the clock of the source; 0: never.
-    commands : iterator of str, optional
-        ``take``, ``take moving``, ``undo``, ``seat NAME``, ``point X Y Z``, ``skip``, ``end``.
 
     Yields
     ------
@@ -84,50 +73,7 @@ def record(
     >>> len(ta.read_session("session.csv"))
     3
     """
-    recording = recording_of(
-        source,
-        out,
-        arm=arm,
-        plan=plan,
-        reference=reference,
-        rule=rule,
-        on=on,
-        seat=seat,
-        model=model,
-        samples_hz=samples_hz,
-    )
-    return follow(recording, commands)
-
-
-def recording_of(
-    source: str | Source,
-    out: str | Path,
-    *,
-    arm: Arm | str | Path | None = None,
-    plan: str | Path | None = None,
-    reference: str | Source | None = None,
-    rule: StandstillRule | None = None,
-    on: TakeOn = "still",
-    seat: str = "",
-    model: ModelLike | None = None,
-    samples_hz: float = 0.0,
-) -> Recording:
-    """The recording of `record`, before its sources are read; see there."""
-    second = open_source(reference) if isinstance(reference, str) and reference != TYPED else reference
-    if isinstance(second, Source) and not second.has_points:
-        raise InputError(f"{second.name} measures no points", hint="--reference names an instrument, or is typed")
-    return Recording(
-        open_source(source) if isinstance(source, str) else source,
-        Path(out),
-        arm=None if arm is None else to_arm(arm),
-        plan=None if plan is None else Path(plan),
-        reference=second,
-        rule=rule,
-        on=on,
-        seat=seat,
-        model=None if model is None else to_model_of_tip(model),
-        samples_hz=samples_hz,
-    )
+    return follow(Recording(source, out, **options), commands)
 
 
 def follow(recording: Recording, commands: Iterator[str] | None = None) -> Iterator[Event]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from math import degrees, radians
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypedDict
 
 import numpy as np
 
@@ -21,10 +21,11 @@ from truearm.identification.planning.planned_readings import PlannedReadings, re
 from truearm.number_format import format_count
 from truearm.readings.readings import DIRECTION, LOAD
 from truearm.readings.session_log import SessionLog, check_log_path
-from truearm.sources import Sample, Source, StandstillRule
+from truearm.sources import Sample, Source, StandstillRule, open_source
 from truearm.sources.standstill import Standstill, TakenReading
 from truearm.typing import FloatArray
 from truearm.workflows.corrected_tip import CorrectedTip, corrected_tip
+from truearm.workflows.inputs import ModelLike, to_arm, to_model_of_tip
 from truearm.workflows.record import to_plain
 
 TYPED = "typed"
@@ -62,58 +63,59 @@ class Event:
         return plain
 
 
+class RecordingOptions(TypedDict, total=False):
+    """The options of a recording, for the verbs that take them; `truearm.workflows.record_readings.record` explains."""
+
+    arm: Arm | str | Path | None
+    plan: str | Path | None
+    reference: Source | str | None
+    rule: StandstillRule | None
+    on: TakeOn
+    seat: str
+    model: ModelLike | None
+    samples_hz: float
+
+
 class Recording:
     """Samples and commands in, readings in a session file and events out.
 
-    Parameters
-    ----------
-    source : Source
-    out : Path
-    arm : Arm, optional
-        For limits and names of joints; needed with a plan.
-    plan : Path, optional
-        The file of a plan.
-    reference : Source or "typed", optional
-        What measures the tip, if not `source`.
-    rule : StandstillRule
-    on : {"still", "key"}
-        Whether readings are taken at every standstill, or when a person (or the arm's button) asks.
-    seat : str
-        Name of the seat of the next readings.
-    model : Compensator, optional
-        Of the arm, for the corrected tip; its arm by default.
-    samples_hz : float
-        How often the angles are an event, by the clock of the source; 0: never.
+    Its parameters are described in `truearm.workflows.record_readings.record`.
 
     Raises
     ------
     InputError
-        If the plan is of another arm, or the file cannot be continued.
+        If the source, the plan or the file cannot be used, or they are of different arms.
     """
 
     def __init__(
         self,
-        source: Source,
-        out: Path,
+        source: str | Source,
+        out: str | Path,
         *,
-        arm: Arm | None = None,
-        plan: Path | None = None,
+        arm: Arm | str | Path | None = None,
+        plan: str | Path | None = None,
         reference: Source | str | None = None,
         rule: StandstillRule | None = None,
         on: TakeOn = "still",
         seat: str = "",
-        model: Compensator | None = None,
+        model: ModelLike | None = None,
         samples_hz: float = 0.0,
     ) -> None:
-        arm = model.arm_ if arm is None and model is not None else arm
-        check_log_path(out)
-        if plan is not None and arm is None:
+        self.reference = open_source(reference) if isinstance(reference, str) and reference != TYPED else reference
+        if isinstance(self.reference, Source) and not self.reference.has_points:
+            name = self.reference.name
+            raise InputError(f"{name} measures no points", hint="--reference names an instrument, or is typed")
+        self.source = open_source(source) if isinstance(source, str) else source
+        self.out, self.seat, self._on = Path(out), seat, on
+        self.model: Compensator | None = None if model is None else to_model_of_tip(model)
+        self.arm = to_arm(arm) if arm is not None else None if self.model is None else self.model.arm_
+        check_log_path(self.out)
+        if plan is not None and self.arm is None:
             raise InputError("a plan needs the arm that it is for", file=plan, hint="--arm ARM")
-        self.source, self.arm, self.reference, self.seat, self._on = source, arm, reference, seat, on
-        self.plan: PlannedReadings | None = None if plan is None or arm is None else read_planned(plan, arm)
-        prismatic = source.prismatic
-        if arm is not None:
-            prismatic = tuple(int(joint) + 1 for joint in np.flatnonzero(arm.chain.is_prismatic))
+        self.plan: PlannedReadings | None = None if plan is None or self.arm is None else read_planned(plan, self.arm)
+        prismatic = self.source.prismatic
+        if self.arm is not None:
+            prismatic = tuple(int(joint) + 1 for joint in np.flatnonzero(self.arm.chain.is_prismatic))
         self._prismatic = prismatic
         self._rule = rule or StandstillRule()
         self._standstill = Standstill(self._rule, prismatic)
@@ -122,7 +124,6 @@ class Recording:
         self._asked, self._was_pressed, self._said = False, False, ""
         self._still_since_s, self._samples_hz, self._streamed_s = 0.0, samples_hz, -np.inf
         self._skipped: set[int] = set()
-        self.out, self.model = out, model
         self._log: SessionLog | None = None
         self.sample: Sample | None = None
 
