@@ -27,11 +27,11 @@ def live(
     the readings, the angles covered and the next pose of the plan. The first page that is opened takes, undoes,
     names seats and skips poses; others only show. Ctrl-C ends.
     """
-    from truearm.live.drawn_arm import drawn_arm
-    from truearm.live.live_page import live_page
-    from truearm.live.live_recording import FRAMES_HZ, LiveRecording
-    from truearm.live.request_checks import RequestChecks
-    from truearm.live.server import LiveServer
+    from truearm.live_server.drawn_arm import drawn_arm
+    from truearm.live_server.live_page import live_page
+    from truearm.live_server.live_recording import FRAMES_HZ, LiveRecording
+    from truearm.live_server.request_checks import RequestChecks
+    from truearm.live_server.server import LiveServer
     from truearm.number_format import format_count
 
     checks = RequestChecks(host, token)

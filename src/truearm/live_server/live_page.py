@@ -9,7 +9,7 @@ import jinja2
 import numpy as np
 from markupsafe import Markup
 
-from truearm.live.drawn_arm import DrawnArm
+from truearm.live_server.drawn_arm import DrawnArm
 from truearm.pages.palette import style_rules
 from truearm.pages.scene import data_block, scene_script, script_hash
 from truearm.show.arm_scene import arm_mechanism
@@ -75,7 +75,7 @@ def _spans(drawn: DrawnArm) -> list[list[float]]:
 
 
 def _text(name: str) -> str:
-    return files("truearm.live").joinpath(name).read_text("utf-8")
+    return files("truearm.live_server").joinpath(name).read_text("utf-8")
 
 
 @cache

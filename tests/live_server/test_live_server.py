@@ -13,9 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from truearm.errors import InputError, TruearmError
-from truearm.live.messages import Command, Pose, Refused, Said, State
-from truearm.live.request_checks import RequestChecks
-from truearm.live.server import LARGEST_MESSAGE, MOST_CLIENTS, LiveServer
+from truearm.live_server.messages import Command, Pose, Refused, Said, State
+from truearm.live_server.request_checks import RequestChecks
+from truearm.live_server.server import LARGEST_MESSAGE, MOST_CLIENTS, LiveServer
 
 client = pytest.importorskip("websockets.sync.client", reason="websockets is not installed")
 exceptions = pytest.importorskip("websockets.exceptions")

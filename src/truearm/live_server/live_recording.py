@@ -9,9 +9,9 @@ from math import isfinite, radians
 import numpy as np
 
 from truearm.errors import InputError
-from truearm.live.drawn_arm import DrawnArm
-from truearm.live.messages import Pose, ReadingPoint, Said, State
-from truearm.live.server import LiveServer
+from truearm.live_server.drawn_arm import DrawnArm
+from truearm.live_server.messages import Pose, ReadingPoint, Said, State
+from truearm.live_server.server import LiveServer
 from truearm.readings.readings import DIRECTION
 from truearm.sources import Sample
 from truearm.workflows.corrected_tip import CorrectedTip, corrected_tip

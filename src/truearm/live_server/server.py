@@ -19,8 +19,8 @@ from urllib.parse import quote, urlsplit
 from pydantic import ValidationError
 
 from truearm.errors import InputError, TruearmError
-from truearm.live.messages import Command, Message, Refused, Role, State, encode
-from truearm.live.request_checks import RequestChecks
+from truearm.live_server.messages import Command, Message, Refused, Role, State, encode
+from truearm.live_server.request_checks import RequestChecks
 
 if TYPE_CHECKING:
     from websockets.http11 import Request, Response
@@ -81,7 +81,7 @@ class LiveServer:
             raise InputError(
                 "the live page needs the package websockets, which is not installed", hint="pip install 'truearm[live]'"
             ) from None
-        silent = logging.getLogger("truearm.live")  # of a hostile client nothing needs to be said
+        silent = logging.getLogger("truearm.live_server")  # of a hostile client nothing needs to be said
         silent.propagate, silent.disabled = False, True
         try:
             return serve(

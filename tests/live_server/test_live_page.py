@@ -12,13 +12,13 @@ import pytest
 
 import truearm as ta
 from truearm.errors import InputError
-from truearm.live import messages
-from truearm.live.drawn_arm import drawn_arm
-from truearm.live.live_page import live_page
-from truearm.live.live_recording import FRAMES_HZ, LiveRecording
-from truearm.live.messages import encode
-from truearm.live.request_checks import RequestChecks
-from truearm.live.server import LiveServer
+from truearm.live_server import messages
+from truearm.live_server.drawn_arm import drawn_arm
+from truearm.live_server.live_page import live_page
+from truearm.live_server.live_recording import FRAMES_HZ, LiveRecording
+from truearm.live_server.messages import encode
+from truearm.live_server.request_checks import RequestChecks
+from truearm.live_server.server import LiveServer
 from truearm.sources import Sample, Source, StandstillRule
 from truearm.workflows.recording import Recording
 
@@ -149,7 +149,7 @@ def test_what_is_lost_is_said_and_comes_back(tab, tmp_path):
 
 
 def test_the_page_knows_every_message():
-    script = files("truearm.live").joinpath("live.mjs").read_text("utf-8")
+    script = files("truearm.live_server").joinpath("live.mjs").read_text("utf-8")
     receive = script[script.index("const receive = {") :]
     known = set(re.findall(r"^  (\w+)(?:\(|:)", receive[: receive.index("\n};")], re.MULTILINE))
     sent = {one.__name__.lower() for one in messages.Message.__args__}
