@@ -22,6 +22,7 @@ _HOMES = {
     "truearm.fleet.type_prior": ("LearnedTypePrior",),
     "truearm.identification.terms": ("Expression", "Term"),
     "truearm.identification.virtual": ("VirtualArm",),
+    "truearm.live_server.live": ("live",),
     "truearm.readings": ("Lengths", "Session", "read_lengths", "read_session"),
     "truearm.readings.foreign": ("import_table",),
     "truearm.sources": ("Notice", "Sample", "Source", "StandstillRule", "open_source"),

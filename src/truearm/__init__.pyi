@@ -21,6 +21,7 @@ from truearm.fleet.type_prior import LearnedTypePrior as LearnedTypePrior
 from truearm.identification.terms import Expression as Expression
 from truearm.identification.terms import Term as Term
 from truearm.identification.virtual import VirtualArm as VirtualArm
+from truearm.live_server.live import live as live
 from truearm.readings import Lengths as Lengths
 from truearm.readings import Session as Session
 from truearm.readings import read_lengths as read_lengths

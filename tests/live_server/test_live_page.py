@@ -14,6 +14,7 @@ import truearm as ta
 from truearm.errors import InputError
 from truearm.live_server import messages
 from truearm.live_server.drawn_arm import drawn_arm
+from truearm.live_server.http_operations import HttpOperations
 from truearm.live_server.live_page import live_page
 from truearm.live_server.live_recording import FRAMES_HZ, LiveRecording
 from truearm.live_server.messages import encode
@@ -42,7 +43,12 @@ class Bench:
         self.arm = recording.arm
         drawn = drawn_arm(recording.arm, recording.model)
         self._live = LiveRecording(recording, drawn)
-        self.server = LiveServer(live_page(recording, drawn), RequestChecks("127.0.0.1"), port)
+        self.server = LiveServer(
+            live_page(recording, drawn),
+            RequestChecks("127.0.0.1"),
+            port,
+            HttpOperations(recording, self._live.newest_pose),
+        )
         self._thread = threading.Thread(target=self._run)
 
     def _samples(self):
@@ -178,7 +184,7 @@ def test_a_row_that_a_person_broke_is_named(tmp_path, files_of_arm, cell):
     drawn = drawn_arm(recording.arm, recording.model)
     live = LiveRecording(recording, drawn)
     with (
-        LiveServer("", RequestChecks("127.0.0.1"), 0) as server,
+        LiveServer("", RequestChecks("127.0.0.1"), 0, HttpOperations(recording, live.newest_pose)) as server,
         pytest.raises(InputError, match=r"session\.csv, line 2: this is no reading"),
     ):
         [*live.follow(server)]

@@ -7,6 +7,8 @@ import queue
 import socket
 import threading
 from contextlib import ExitStack, contextmanager, suppress
+from http import HTTPStatus
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given
@@ -22,13 +24,14 @@ exceptions = pytest.importorskip("websockets.exceptions")
 
 TOKEN = "sixteen-letters-"
 STATE = State((), None, "")
+NOTHING = SimpleNamespace(answer=lambda *_: (HTTPStatus.NOT_FOUND, "{}"))  # no operations
 
 
 @contextmanager
 def served(token=""):
     """A server, and the commands that it was given."""
     given_commands: queue.Queue[str] = queue.Queue()
-    with LiveServer("<p>the page</p>", RequestChecks("127.0.0.1", token), 0) as server:
+    with LiveServer("<p>the page</p>", RequestChecks("127.0.0.1", token), 0, NOTHING) as server:
 
         def read():
             for command in server.commands():
@@ -125,8 +128,10 @@ def test_whatever_a_request_says_it_is_answered_or_refused(target, hosts, origin
 
 
 def test_the_first_client_commands_and_the_others_only_read():
-    with served() as (server, commands), connected(server) as first, connected(server) as second:
-        assert [said(first)["may_command"], said(second)["may_command"]] == [True, False]
+    with served() as (server, commands), connected(server) as first, ExitStack() as opened:
+        assert said(first)["may_command"]  # it is known to be the first before the second comes
+        second = opened.enter_context(connected(server))
+        assert not said(second)["may_command"]
         assert said(first) == said(second) == {"message": "state", "readings": [], "next": None, "ended": ""}
         second.send(Command(command="undo").model_dump_json())
         assert said(second)["message"] == "refused"
@@ -171,6 +176,7 @@ def close_code(server, texts):
 
 def test_a_large_message_and_many_messages_end_the_connection_and_nothing_else():
     with served() as (server, commands), connected(server) as good:
+        assert said(good)["may_command"]
         assert close_code(server, ["x" * (LARGEST_MESSAGE + 1)]) == 1009
         assert close_code(server, ["x" * 2_000_000]) == 1009
         assert close_code(server, ["x"] * 10_000) == 1008
@@ -179,7 +185,9 @@ def test_a_large_message_and_many_messages_end_the_connection_and_nothing_else()
 
 
 def test_a_client_that_does_not_read_delays_nobody():
-    pose = Pose([0.0] * 6, [0.0] * 6, [0.0] * 3, None, None, "", False, True, None, None)
+    tip = {"tip_in_base_mm": [0.0] * 3, "corrected_mm": None, "U_mm": None, "not_corrected": ""}
+    joints = {"joints": [0.0] * 6, "pivots": [0.0] * 6, "to_go": None, "temperature_degC": None}
+    pose = Pose(**tip, **joints, outside_training=False, is_still=True)
     with served() as (server, _), connected(server, max_queue=1) as stuck, connected(server) as good:
         said(good), said(good)
         said(stuck)
@@ -203,4 +211,4 @@ def test_a_port_that_is_taken_is_said():
     with served() as (server, _):
         port = int(server.url.split(":")[2].rstrip("/"))
         with pytest.raises(TruearmError, match="Try: another --port"):
-            LiveServer("", RequestChecks("127.0.0.1"), port)
+            LiveServer("", RequestChecks("127.0.0.1"), port, NOTHING)

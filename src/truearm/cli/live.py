@@ -27,21 +27,16 @@ def live(
     the readings, the angles covered and the next pose of the plan. The first page that is opened takes, undoes,
     names seats and skips poses; others only show. Ctrl-C ends.
     """
-    from truearm.live_server.drawn_arm import drawn_arm
-    from truearm.live_server.live_page import live_page
-    from truearm.live_server.live_recording import FRAMES_HZ, LiveRecording
+    from truearm.live_server.live import serve
+    from truearm.live_server.live_recording import FRAMES_HZ
     from truearm.live_server.request_checks import RequestChecks
-    from truearm.live_server.server import LiveServer
     from truearm.number_format import format_count
 
     checks = RequestChecks(host, token)
     recording = options.recording(FRAMES_HZ)
-    drawn = drawn_arm(recording.arm, recording.model)
-    with LiveServer(live_page(recording, drawn), checks, port) as server:
-        print_line(f"Open {server.url} in a browser; Ctrl-C ends.")
-        try:
-            for event in LiveRecording(recording, drawn).follow(server):
-                print_line(event.text)
-        except KeyboardInterrupt:
-            print_line(f"{format_count(recording.n_readings, 'reading')} in {recording.out}")
-            raise
+    try:
+        for event in serve(recording, checks, port):
+            print_line(event.text)
+    except KeyboardInterrupt:
+        print_line(f"{format_count(recording.n_readings, 'reading')} in {recording.out}")
+        raise

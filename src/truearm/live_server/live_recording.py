@@ -8,7 +8,7 @@ from math import isfinite, radians
 
 import numpy as np
 
-from truearm.errors import InputError
+from truearm.errors import InputError, TruearmError
 from truearm.live_server.drawn_arm import DrawnArm
 from truearm.live_server.messages import Pose, ReadingPoint, Said, State
 from truearm.live_server.server import LiveServer
@@ -19,6 +19,7 @@ from truearm.workflows.record_readings import follow
 from truearm.workflows.recording import Event, Recording
 
 FRAMES_HZ = 20.0
+SILENT_S = 1.0
 
 
 class LiveRecording:
@@ -32,33 +33,47 @@ class LiveRecording:
     """
 
     def __init__(self, recording: Recording, drawn: DrawnArm) -> None:
-        self._recording, self._drawn = recording, drawn
+        self.recording, self._drawn = recording, drawn
         self._readings: list[ReadingPoint] = []
         self._next: Said | None = None
         self._ended, self._sent_s = "", -np.inf
+        self._newest: Pose | None = None
 
     def follow(self, server: LiveServer) -> Iterator[Event]:
         """Send the events of the recording, and do what the page asks for; the events but the samples."""
-        for event in follow(self._recording, server.commands()):
+        for event in follow(self.recording, server.commands()):
             if event.kind != "sample":
                 server.send(self._said(event), State(tuple(self._readings), self._next, self._ended))
                 yield event
             elif time.monotonic() - self._sent_s > 0.5 / FRAMES_HZ:  # a replay may run faster than its clock
                 self._sent_s = time.monotonic()
-                server.send_newest(self._pose(event))
+                self._newest = self._pose(event)
+                server.send_newest(self._newest)
+
+    def newest_pose(self) -> Pose:
+        """The arm now.
+
+        Raises
+        ------
+        TruearmError
+            If it sends no samples.
+        """
+        if self._newest is None or time.monotonic() - self._sent_s > SILENT_S:
+            raise TruearmError("the arm sends no samples")
+        return self._newest
 
     def _said(self, event: Event) -> Said:
         said = Said(event.to_dict())
         if event.kind == "ready":
             self._readings = [*self._points_of_file()]
         elif event.kind == "reading":
-            said = Said(said.event, reading=self._point(self._recording.rows[-1]))
+            said = Said(said.event, reading=self._point(self.recording.rows[-1]))
             assert said.reading is not None
             self._readings.append(said.reading)
         elif event.kind == "undone":
             self._readings.pop()
         elif event.kind == "next":
-            plan, number = self._recording.plan, event.values["pose"]
+            plan, number = self.recording.plan, event.values["pose"]
             aim = None if plan is None or number is None else self._drawn.pivots(plan.angles[number - 1])
             said = self._next = Said(said.event, aim_pivots=aim)
         elif event.kind == "end":
@@ -66,7 +81,7 @@ class LiveRecording:
         return said
 
     def _pose(self, event: Event) -> Pose:
-        recording, sample, values = self._recording, self._recording.sample, event.to_dict()
+        recording, sample, values = self.recording, self.recording.sample, event.to_dict()
         arm = recording.arm
         assert sample is not None  # the event is of one
         assert arm is not None
@@ -85,15 +100,15 @@ class LiveRecording:
 
     def _points_of_file(self) -> Iterator[ReadingPoint]:
         """The readings before; what a person has edited in the file may be no number."""
-        for line, row in enumerate(self._recording.rows, start=2):
+        for line, row in enumerate(self.recording.rows, start=2):
             try:
                 yield self._point(row)
             except ValueError:
-                raise InputError("this is no reading", file=self._recording.out, line=line) from None
+                raise InputError("this is no reading", file=self.recording.out, line=line) from None
 
     def _point(self, row: Mapping[str, str]) -> ReadingPoint:
         """A row of the session file as the page draws it."""
-        recording = self._recording
+        recording = self.recording
         joints = [_finite(row[name]) for name in recording.joint_columns]
         factors = [1.0 if unit == "mm" else radians(1) for unit in recording.units]
         angles = np.array(joints) * factors

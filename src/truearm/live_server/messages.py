@@ -1,4 +1,8 @@
-"""The messages between the server and the page: JSON objects, each with the name of its class as `message`."""
+"""What the server and its clients say to each other, as JSON.
+
+On the WebSocket each message of the server has the name of its class as `message`. The HTTP operations take and answer
+the others, and `/openapi.json` describes them from these classes.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +13,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from truearm.choices import Frame, TargetDirection, Untrained
 from truearm.files.delimited import MAX_NAME
+from truearm.sources.joint_scale import MOST_JOINTS
 
 # To the page ---------------------------------------------------------------------------------------------------------
 
@@ -69,20 +75,37 @@ class State:
 
 
 @dataclass(frozen=True)
-class Pose:
+class Tip:
+    """Where the tip is at some joint angles.
+
+    Attributes
+    ----------
+    tip_in_base_mm : sequence of 3 floats
+        By the nominal arm [mm].
+    corrected_mm, U_mm : sequence of 3 floats, optional
+        By the model, in the frame of the reference, and its expanded uncertainties (k = 2) [mm].
+    not_corrected : str
+        Why the model gives none.
+    outside_training : bool
+        Whether an input is outside the trained range.
+    """
+
+    tip_in_base_mm: Sequence[float]
+    corrected_mm: Sequence[float] | None
+    U_mm: Sequence[float] | None
+    not_corrected: str
+    outside_training: bool
+
+
+@dataclass(frozen=True)
+class Pose(Tip):
     """The arm at one moment.
 
     Attributes
     ----------
     joints, pivots : sequence of float
         Joint angles, and those of the drawn arm's pivots, which differ where joints are coupled [deg, or mm].
-    tip_in_base_mm : sequence of 3 floats
-        By the nominal arm [mm].
-    corrected_mm, U_mm : sequence of 3 floats, optional
-        The tip by the model, in the frame of the reference, and its expanded uncertainties (k = 2) [mm].
-    not_corrected : str
-        Why the model gives none.
-    outside_training, is_still : bool
+    is_still : bool
     to_go : sequence of float, optional
         How far each joint is from the plan's next pose [deg, or mm].
     temperature_degC : float, optional
@@ -90,11 +113,6 @@ class Pose:
 
     joints: Sequence[float]
     pivots: Sequence[float]
-    tip_in_base_mm: Sequence[float]
-    corrected_mm: Sequence[float] | None
-    U_mm: Sequence[float] | None
-    not_corrected: str
-    outside_training: bool
     is_still: bool
     to_go: Sequence[float] | None
     temperature_degC: float | None
@@ -102,7 +120,7 @@ class Pose:
 
 @dataclass(frozen=True)
 class Refused:
-    """What one client asked for was not done."""
+    """What a client asked for was not done, and why."""
 
     text: str
 
@@ -139,3 +157,93 @@ class Command(BaseModel):
     def line(self) -> str:
         """The command as `Recording.on_command` takes it."""
         return f"{self.command} {self.text}".strip()
+
+
+# Of the HTTP operations ----------------------------------------------------------------------------------------------
+
+MOST_POSES = 100  # in one request
+
+Number = Annotated[float, Field(allow_inf_nan=False)]
+Joints = Annotated[list[Number], Field(min_length=1, max_length=MOST_JOINTS)]
+Point = Annotated[list[Number], Field(min_length=3, max_length=3)]
+
+
+class AtJoints(BaseModel):
+    """Joint angles, and what else acts on the arm there.
+
+    Attributes
+    ----------
+    joints : list of lists of float
+        One list a pose [deg, or mm of sliding joints].
+    temperature_degC : float, optional
+        Of the arm.
+    loads : mapping of str to float
+        payload_kg, or load_.. as the model was trained with.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+    joints: Annotated[list[Joints], Field(min_length=1, max_length=MOST_POSES)]
+    temperature_degC: Number | None = None
+    loads: dict[str, Number] = {}
+
+
+class Predict(AtJoints):
+    """Asks where the tip is at joint angles."""
+
+
+class Correct(AtJoints):
+    """Asks which joint angles bring the tip where the nominal arm would have it, or what the encoders mean.
+
+    Attributes
+    ----------
+    points_mm : list of lists of 3 floats, optional
+        Where the tip is to be, in `frame` [mm]; `joints` are then where to start, and the orientation is that of the
+        nominal arm there.
+    direction : str
+        command: the angles to send; feedback: the nominal angles of encoders that read `joints`.
+    frame : str
+        Of `points_mm`: that of the model's reference, or the arm's own base.
+    untrained : str
+        What to do with targets outside the trained range.
+    """
+
+    points_mm: Annotated[list[Point], Field(min_length=1, max_length=MOST_POSES)] | None = None
+    direction: TargetDirection = "command"
+    frame: Frame = "reference"
+    untrained: Untrained = "refuse"
+
+
+@dataclass(frozen=True)
+class Predicted:
+    """The answer to `Predict`, one tip a pose."""
+
+    tips: Sequence[Tip]
+
+
+@dataclass(frozen=True)
+class CorrectedTarget:
+    """One target of `Correct`.
+
+    Attributes
+    ----------
+    joints : sequence of float, optional
+        Corrected joint angles [deg, or mm of sliding joints]; None if the target is refused.
+    refused : str
+        Why.
+    U_mm : sequence of 3 floats, optional
+        Expanded uncertainties of the tip (k = 2) [mm].
+    outside_training : bool
+    """
+
+    joints: Sequence[float] | None
+    refused: str
+    U_mm: Sequence[float] | None
+    outside_training: bool
+
+
+@dataclass(frozen=True)
+class Corrected:
+    """The answer to `Correct`, in the order of its targets."""
+
+    targets: Sequence[CorrectedTarget]

@@ -7,6 +7,8 @@ owner points to this computer (DNS rebinding) would make the origins agree: it i
 from __future__ import annotations
 
 import secrets
+import time
+from collections import deque
 from dataclasses import dataclass
 from http import HTTPStatus
 from ipaddress import ip_address
@@ -83,3 +85,23 @@ def _token(target: str) -> str:
         return parse_qs(urlsplit(target).query, max_num_fields=MOST_FIELDS).get("token", [""])[0]
     except ValueError:
         return ""
+
+
+class RequestRate:
+    """How many requests there were in the last second.
+
+    Parameters
+    ----------
+    most : int
+        How many there may be.
+    """
+
+    def __init__(self, most: int) -> None:
+        self._received_s: deque[float] = deque(maxlen=most)
+
+    def is_exceeded(self) -> bool:
+        """Count a request; whether there were more than may be."""
+        now_s, received_s = time.monotonic(), self._received_s
+        is_full = len(received_s) == received_s.maxlen and now_s - received_s[0] < 1.0
+        received_s.append(now_s)
+        return is_full

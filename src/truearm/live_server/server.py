@@ -6,23 +6,26 @@ import logging
 import queue
 import secrets
 import threading
-import time
-from collections import deque
 from collections.abc import Iterator
 from contextlib import suppress
 from http import HTTPStatus
-from socket import SHUT_RDWR
+from socket import SHUT_RDWR, socket
 from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self, cast
 from urllib.parse import quote, urlsplit
 
 from pydantic import ValidationError
 
 from truearm.errors import InputError, TruearmError
+from truearm.live_server.http_operations import HttpOperations
 from truearm.live_server.messages import Command, Message, Refused, Role, State, encode
-from truearm.live_server.request_checks import RequestChecks
+from truearm.live_server.post_requests import is_post, read_post, send_answer
+from truearm.live_server.request_checks import RequestChecks, RequestRate
 
 if TYPE_CHECKING:
+    import email.message
+
+    from websockets.datastructures import Headers
     from websockets.http11 import Request, Response
     from websockets.sync.server import Server, ServerConnection
 
@@ -31,13 +34,15 @@ LARGEST_MESSAGE = 4096  # bytes; a command has 100
 MOST_A_SECOND = 20  # messages of one client
 MOST_WAITING = 256  # messages to a client, and commands
 PING_S = 5.0
-HEADERS = {
-    "Content-Type": "text/html; charset=utf-8",
+TEXT = {
+    "Content-Type": "text/plain; charset=utf-8",
     "Content-Security-Policy": "frame-ancestors 'none'",
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
     "Cache-Control": "no-store",
 }
+HTML = {**TEXT, "Content-Type": "text/html; charset=utf-8"}
+JSON = {**TEXT, "Content-Type": "application/json"}
 
 
 class LiveServer:
@@ -50,6 +55,8 @@ class LiveServer:
     checks : RequestChecks
     port : int
         0: a free one.
+    operations : HttpOperations
+        For other programs, beside the WebSocket.
 
     Attributes
     ----------
@@ -62,7 +69,8 @@ class LiveServer:
         If the package websockets is missing, or the port cannot be opened.
     """
 
-    def __init__(self, page: str, checks: RequestChecks, port: int) -> None:
+    def __init__(self, page: str, checks: RequestChecks, port: int, operations: HttpOperations) -> None:
+        self._operations = operations
         self._page, self._checks, self._run = page.encode(), checks, secrets.token_hex(8)
         self._lock = threading.Lock()
         self._clients: list[_Client] = []
@@ -89,6 +97,7 @@ class LiveServer:
                 self._checks.host,
                 port,
                 process_request=self._answer,
+                create_connection=cast(Any, self._connect),  # a factory, of which websockets knows the type only
                 max_size=LARGEST_MESSAGE,
                 compression=None,
                 open_timeout=3,
@@ -142,24 +151,50 @@ class LiveServer:
                 if client.has_received_all:
                     client.offer(text)
 
-    def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
-        """The page, a refusal, or None: a WebSocket."""
-        headers = request.headers
-        problem = self._checks.refusal(request.path, headers.get_all("Host"), headers.get_all("Origin"))
-        path = urlsplit(request.path).path
-        if problem is None and path == "/live" and "Upgrade" in headers:
-            if len(self._clients) < MOST_CLIENTS:
-                return None
-            problem = HTTPStatus.SERVICE_UNAVAILABLE
-        elif problem is None and path != "/":
-            problem = HTTPStatus.NOT_FOUND
+    def _connect(self, sock: socket, *arguments: Any, **options: Any) -> ServerConnection:
+        """A connection that websockets reads; a request with a body, which it does not read, is answered here."""
+        from websockets.sync.server import ServerConnection
+
+        if not is_post(sock):
+            return ServerConnection(sock, *arguments, **options)
+        request = read_post(sock)
+        if isinstance(request, HTTPStatus):
+            send_answer(sock, request, TEXT, b"")
+        else:
+            send_answer(sock, *self._reply("POST", request.target, request.headers, request.body))
+        raise ConnectionAbortedError("it is answered")  # websockets closes it
+
+    def _answer(self, _: ServerConnection, request: Request) -> Response | None:
+        """The answer to a request without a body; None: a WebSocket."""
+        from websockets.datastructures import Headers
+        from websockets.http11 import Response
+
+        status, headers, body = self._reply(
+            getattr(request, "method", "GET"),  # older websockets refuse others themselves
+            request.path,
+            request.headers,
+        )
+        if status == HTTPStatus.SWITCHING_PROTOCOLS:
+            return None
+        fields = Headers({**headers, "Content-Length": str(len(body)), "Connection": "close"})
+        return Response(status.value, status.phrase, fields, body)
+
+    def _reply(
+        self, method: str, target: str, headers: Headers | email.message.Message, body: bytes = b""
+    ) -> tuple[HTTPStatus, dict[str, str], bytes]:
+        """What a request is answered: status, headers and body."""
+        hosts, origins = (headers.get_all(name) or [] for name in ("Host", "Origin"))
+        problem = self._checks.refusal(target, hosts, origins)
+        path = urlsplit(target).path
+        if problem is None and (method, path) == ("GET", "/live") and "Upgrade" in headers:
+            full = len(self._clients) >= MOST_CLIENTS
+            problem = HTTPStatus.SERVICE_UNAVAILABLE if full else HTTPStatus.SWITCHING_PROTOCOLS
         if problem is not None:
-            return connection.respond(problem, f"{problem.phrase}\n")
-        response = connection.respond(HTTPStatus.OK, "")
-        response.body = self._page
-        del response.headers["Content-Type"], response.headers["Content-Length"]
-        response.headers.update({**HEADERS, "Content-Length": str(len(self._page))})
-        return response
+            return problem, TEXT, f"{problem.phrase}\n".encode()
+        if (method, path) == ("GET", "/"):
+            return HTTPStatus.OK, HTML, self._page
+        status, text = self._operations.answer(method, path, body)
+        return status, JSON, text.encode()
 
     def _serve(self, connection: ServerConnection) -> None:
         """Read the messages of a client until it goes."""
@@ -175,7 +210,7 @@ class LiveServer:
         try:
             with suppress(ConnectionClosed):
                 for text in connection:
-                    if client.is_too_fast():
+                    if client.rate.is_exceeded():
                         connection.close(1008, "too many messages")
                         break
                     if problem := self._receive(client, text):
@@ -206,7 +241,7 @@ class _Client:
     def __init__(self, connection: ServerConnection) -> None:
         self._connection = connection
         self._outgoing: queue.Queue[str | None] = queue.Queue(MOST_WAITING)
-        self._received_s: deque[float] = deque(maxlen=MOST_A_SECOND)
+        self.rate = RequestRate(MOST_A_SECOND)
         self._writer = threading.Thread(target=self._write, name="truearm client", daemon=True)
         self._writer.start()
 
@@ -234,10 +269,3 @@ class _Client:
         except queue.Full:
             with suppress(OSError):
                 self._connection.socket.shutdown(SHUT_RDWR)
-
-    def is_too_fast(self) -> bool:
-        """Count a message; whether there were more than `MOST_A_SECOND` in the last second."""
-        now_s, received_s = time.monotonic(), self._received_s
-        is_full = len(received_s) == received_s.maxlen and now_s - received_s[0] < 1.0
-        received_s.append(now_s)
-        return is_full

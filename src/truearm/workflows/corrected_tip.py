@@ -55,9 +55,21 @@ def corrected_tip(model: Compensator, sample: Sample, directions: FloatArray) ->
         readings = Session(
             sample.joint_angles_rad[None], temperature_degC=temperature, directions=directions[None], columns=known
         )
-        at = model.checked(readings)
-        points, covariances = model.predict_readings(at, return_cov=True)
-        is_trained = not model.outside_training(at)[0]
+        (tip,) = corrected_tips(model, readings)
     except InputError as error:
         return error.problem
-    return CorrectedTip(points[0], COVERAGE_FACTOR * np.sqrt(np.diagonal(covariances[0])), is_trained)
+    return tip
+
+
+def corrected_tips(model: Compensator, readings: Session) -> list[CorrectedTip]:
+    """The tip at each reading.
+
+    Raises
+    ------
+    InputError
+        If the readings lack what the model needs, or are of another arm.
+    """
+    at = model.checked(readings)
+    points, covariances = model.predict_readings(at, return_cov=True)
+    U_mm = COVERAGE_FACTOR * np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
+    return [*map(CorrectedTip, points, U_mm, (~model.outside_training(at)).tolist())]

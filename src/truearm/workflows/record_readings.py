@@ -20,6 +20,7 @@ def record(
     source: str | Source,
     out: str | Path,
     *,
+    samples_hz: float = 0.0,
     commands: Iterator[str] | None = None,
     **options: Unpack[RecordingOptions],
 ) -> Iterator[Event]:
@@ -34,6 +35,8 @@ def record(
         ``KIND:ADDRESS`` as `truearm sources` lists them, or one of your own.
     out : path
         Session file, ``.csv``. One with the same columns is continued.
+    samples_hz : float
+        How often the angles come as an event of the kind ``sample``, by the clock of the source; 0: never.
     commands : iterator of str, optional
         ``take``, ``take moving``, ``undo``, ``seat NAME``, ``point X Y Z``, ``skip``, ``end``.
     arm : Arm, str or path, optional
@@ -50,8 +53,6 @@ def record(
         Name of the seat of the readings; the plan's by default.
     model : Compensator, str or path, optional
         Corrects the tip at the samples.
-    samples_hz : float
-        How often the angles come as an event of the kind ``sample``, by the clock of the source; 0: never.
 
     Yields
     ------
@@ -73,7 +74,7 @@ def record(
     >>> len(ta.read_session("session.csv"))
     3
     """
-    return follow(Recording(source, out, **options), commands)
+    return follow(Recording(source, out, samples_hz=samples_hz, **options), commands)
 
 
 def follow(recording: Recording, commands: Iterator[str] | None = None) -> Iterator[Event]:

@@ -73,7 +73,6 @@ class RecordingOptions(TypedDict, total=False):
     on: TakeOn
     seat: str
     model: ModelLike | None
-    samples_hz: float
 
 
 class Recording:

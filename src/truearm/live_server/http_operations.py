@@ -1,0 +1,187 @@
+"""The HTTP operations beside the WebSocket: the tip now, tips at joint angles, corrected targets."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from http import HTTPStatus
+from typing import Any
+
+import numpy as np
+from pydantic import ValidationError
+
+from truearm.compensation.models import Compensator
+from truearm.compensation.targets.targets import Targets
+from truearm.errors import InputError, TruearmError
+from truearm.live_server.messages import (
+    AtJoints,
+    Correct,
+    Corrected,
+    CorrectedTarget,
+    Pose,
+    Predict,
+    Predicted,
+    Refused,
+    Tip,
+)
+from truearm.live_server.openapi import Operation, openapi
+from truearm.live_server.request_checks import RequestRate
+from truearm.readings import Session
+from truearm.typing import FloatArray
+from truearm.workflows.correct import correct
+from truearm.workflows.corrected_tip import COVERAGE_FACTOR, CorrectedTip, corrected_tips
+from truearm.workflows.recording import Recording
+
+MOST_A_SECOND = 100  # requests of all clients
+WAIT_S = 1.0  # for the operation before
+
+
+class HttpOperations:
+    """The operations on a recording.
+
+    Parameters
+    ----------
+    recording : Recording
+    newest_pose : callable
+        Returns the arm now; TruearmError where it sends no samples.
+    """
+
+    def __init__(self, recording: Recording, newest_pose: Callable[[], Pose]) -> None:
+        self.operations: Sequence[Operation] = (
+            Operation("/tip", "The arm now, with its corrected tip", None, Pose, newest_pose),
+            Operation(
+                "/predict", "The tip at joint angles", Predict, Predicted, lambda asked: predicted(recording, asked)
+            ),
+            Operation(
+                "/correct", "Corrected joint targets", Correct, Corrected, lambda asked: corrected(recording, asked)
+            ),
+        )
+        self._description = json.dumps(openapi(self.operations))
+        self._rate, self._one = RequestRate(MOST_A_SECOND), threading.Lock()
+
+    def answer(self, method: str, path: str, body: bytes = b"") -> tuple[HTTPStatus, str]:
+        """The status and the JSON of the answer; whatever the body is, it is answered or refused."""
+        if (method, path) == ("GET", "/openapi.json"):
+            return HTTPStatus.OK, self._description
+        found = [one for one in self.operations if one.path == path]
+        operation = next((one for one in found if one.method == method), None)
+        if operation is None:
+            return _refused(HTTPStatus.METHOD_NOT_ALLOWED if found else HTTPStatus.NOT_FOUND)
+        if self._rate.is_exceeded():
+            return _refused(HTTPStatus.TOO_MANY_REQUESTS)
+        if not self._one.acquire(timeout=WAIT_S):
+            return _refused(HTTPStatus.SERVICE_UNAVAILABLE)
+        try:
+            asked = () if operation.takes is None else (operation.takes.model_validate_json(body),)
+            return HTTPStatus.OK, json.dumps(asdict(operation.run(*asked)), allow_nan=False)
+        except ValidationError as error:
+            fault = error.errors(include_url=False, include_input=False, include_context=False)[0]
+            where = ".".join(map(str, fault["loc"]))
+            return _refused(HTTPStatus.BAD_REQUEST, f"{where}: {fault['msg']}" if where else fault["msg"])
+        except InputError as error:
+            return _refused(HTTPStatus.UNPROCESSABLE_ENTITY, str(error))
+        except TruearmError as error:
+            return _refused(HTTPStatus.SERVICE_UNAVAILABLE, str(error))
+        finally:
+            self._one.release()
+
+
+def _refused(status: HTTPStatus, text: str = "") -> tuple[HTTPStatus, str]:
+    return status, json.dumps(asdict(Refused(text or status.phrase)))
+
+
+def predicted(recording: Recording, asked: Predict) -> Predicted:
+    """The tips at joint angles, by the nominal arm and by the model in force.
+
+    Raises
+    ------
+    InputError
+        If the arm has another number of joints.
+    """
+    angles = _angles(recording, asked)
+    assert recording.arm is not None  # the page needs it, too
+    tips: Sequence[CorrectedTip | None] = [None] * len(angles)
+    not_corrected = "truearm was started without a model"
+    if recording.model is not None:
+        not_corrected, known = "", _loads(recording.model, asked)
+        temperature = None if asked.temperature_degC is None else np.full(len(angles), asked.temperature_degC)
+        try:
+            tips = corrected_tips(recording.model, Session(angles, temperature_degC=temperature, columns=known))
+        except InputError as error:
+            not_corrected = error.problem
+    nominal = recording.arm.forward(angles).tip_in_base.tolist()
+    return Predicted(
+        [
+            Tip(
+                tip_in_base_mm=at,
+                corrected_mm=None if tip is None else tip.tip_in_reference_mm.tolist(),
+                U_mm=None if tip is None else tip.U_mm.tolist(),
+                not_corrected=not_corrected,
+                outside_training=tip is not None and not tip.is_trained,
+            )
+            for at, tip in zip(nominal, tips, strict=True)
+        ]
+    )
+
+
+def corrected(recording: Recording, asked: Correct) -> Corrected:
+    """The corrected joint targets, as `truearm correct` computes them.
+
+    Raises
+    ------
+    InputError
+        If there is no model, or the targets are not those of its arm.
+    """
+    if recording.model is None:
+        raise InputError("truearm was started without a model", hint="truearm live --model MODEL")
+    angles = _angles(recording, asked)
+    points = None if asked.points_mm is None else np.array(asked.points_mm)
+    if points is not None and len(points) != len(angles):
+        raise InputError(f"expected {len(angles)} points, one for each list of joints, got {len(points)}")
+    targets = Targets(
+        angles,
+        points,
+        temperature_degC=None if asked.temperature_degC is None else np.full(len(angles), asked.temperature_degC),
+        loads=_loads(recording.model, asked),
+    )
+    done = correct(
+        recording.model, targets, direction=asked.direction, frame=asked.frame, untrained=asked.untrained
+    ).correction
+    U_mm = COVERAGE_FACTOR * np.sqrt(np.diagonal(done.covariances, axis1=1, axis2=2))
+    joints = done.joints / _factors(recording)
+    return Corrected(
+        [
+            CorrectedTarget(
+                joints=None if reason else joints[row].tolist(),
+                refused=reason,
+                U_mm=None if reason else U_mm[row].tolist(),
+                outside_training=bool(done.outside[row]),
+            )
+            for row, reason in enumerate(done.reasons)
+        ]
+    )
+
+
+def _angles(recording: Recording, asked: AtJoints) -> FloatArray:
+    """(n, n_joints) joint angles of a request [rad, or mm]."""
+    factors = _factors(recording)
+    for number, joints in enumerate(asked.joints, start=1):
+        if len(joints) != len(factors):
+            raise InputError(f"expected {len(factors)} joints, got {len(joints)} in list {number}")
+    return np.array(asked.joints) * factors
+
+
+def _factors(recording: Recording) -> FloatArray:
+    """(n_joints,) What takes the numbers of a request to rad, or mm."""
+    assert recording.arm is not None  # the page needs it, too
+    return np.where(recording.arm.chain.is_prismatic, 1.0, np.radians(1.0))
+
+
+def _loads(model: Compensator, asked: AtJoints) -> dict[str, Any]:
+    """The loads of a request at each of its poses."""
+    known = model.training_.columns
+    if unknown := sorted(set(asked.loads) - set(known)):
+        raise InputError(f"the model knows no load {unknown[0]:.40}", hint=", ".join(known) or "it knows none")
+    return {name: np.full(len(asked.joints), value) for name, value in asked.loads.items()}
