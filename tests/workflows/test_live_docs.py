@@ -12,6 +12,8 @@ import pytest
 from truearm.cli.main import run
 from truearm.files.toml_documents import parse_toml
 from truearm.sources.line_pattern import LinesDocument, line_parser
+from truearm.sources.mqtt import MqttDocument, decoded
+from truearm.sources.ros2 import Ros2Document
 from truearm.sources.servo_bus import ServoDocument
 from truearm.sources.source_names import KINDS
 
@@ -48,8 +50,12 @@ def test_its_files_can_be_read():
     parse, _ = line_parser(parse_toml(block("tracker.toml").encode(), LinesDocument))
     assert parse("P1;1;2;3;;", 0.0).tip_in_reference_mm.tolist() == [1, 2, 3]
     assert parse_toml(block("so101.toml").encode(), ServoDocument).ids == (1, 2, 3, 4, 5)
+    assert len(parse_toml(block("ros2.toml").encode(), Ros2Document).joints) == 6
+    document = parse_toml(block("mqtt.toml").encode(), MqttDocument)
+    message = block("mqtt.toml").splitlines()[0].removeprefix("# ").encode()
+    assert decoded(document, document.decoder(3), message, 0.0).temperature_degC == 21.5
 
 
 def test_its_table_has_every_source():
-    named = set(re.findall(r"^\| `([a-z]+):", PAGE.read_text(encoding="utf-8"), re.MULTILINE))
+    named = set(re.findall(r"^\| `([a-z0-9]+):", PAGE.read_text(encoding="utf-8"), re.MULTILINE))
     assert named == {kind.name for kind in KINDS}

@@ -109,4 +109,5 @@ def test_kinds_say_what_is_missing(monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     listed = {one["kind"]: one["missing"] for one in ta.list_sources().to_dict()["sources"]}
     assert listed["feetech"] == "serial ports: pip install 'truearm[live]'"
-    assert listed["replay"] == listed["rtde"] == ""
+    assert listed["ros2"] == "pip install 'truearm[ros2]'"
+    assert listed["replay"] == listed["rtde"] == listed["egm"] == ""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import os
 import select
 import socket
@@ -10,19 +9,28 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import closing
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 from truearm.errors import InputError
+from truearm.sources.extras import extra_package
 from truearm.sources.sample import Notice, Stream
 
 MOST_BYTES = 65536  # in one read
 CONNECT_S = 3.0
 RETRY_S = 0.5
 DEFAULT_BAUD = 115200
+PYSERIAL = ("serial", "live", "a serial port")
 FORMS = "tcp:HOST:PORT, udp:PORT, serial:PORT:BAUD or stdin"
 
 
-class Connection(Protocol):
+class Closable(Protocol):
+    """What is closed where the connection is lost."""
+
+    def close(self) -> None:
+        """Close the connection."""
+
+
+class Connection(Closable, Protocol):
     """Bytes from and to a device; every method raises OSError where the connection is lost."""
 
     def receive(self, timeout_s: float) -> bytes:
@@ -36,9 +44,6 @@ class Connection(Protocol):
 
     def send(self, data: bytes) -> None:
         """Send all bytes."""
-
-    def close(self) -> None:
-        """Close the connection."""
 
 
 class _Tcp:
@@ -65,7 +70,7 @@ class _Tcp:
 
 
 class _Udp:
-    """Datagrams to a port of this computer; each ends its line. The device is not answered."""
+    """Datagrams to a port of this computer, one a read. The device is not answered."""
 
     def __init__(self, host: str, port: int) -> None:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -78,7 +83,7 @@ class _Udp:
     def receive(self, timeout_s: float) -> bytes:
         self._socket.settimeout(timeout_s)
         try:
-            return self._socket.recv(MOST_BYTES) + b"\n"
+            return self._socket.recv(MOST_BYTES)
         except TimeoutError:
             return b""
 
@@ -90,10 +95,18 @@ class _Udp:
         self._socket.close()
 
 
+class _UdpLines(_Udp):
+    """Datagrams, each of which ends its line."""
+
+    def receive(self, timeout_s: float) -> bytes:
+        data = super().receive(timeout_s)
+        return data + b"\n" if data else data
+
+
 class _Serial:
     def __init__(self, port: str, baud: int) -> None:
         try:
-            self._port: Any = _pyserial().Serial(port, baud, timeout=CONNECT_S, write_timeout=CONNECT_S)
+            self._port: Any = extra_package(*PYSERIAL).Serial(port, baud, timeout=CONNECT_S, write_timeout=CONNECT_S)
         except (ValueError, OverflowError) as error:  # a rate that no port has
             raise OSError(str(error)) from None
 
@@ -150,17 +163,39 @@ def connector(connection: str) -> Callable[[], Connection]:
         return _StandardInput
     host, _, number = rest.rpartition(":")
     if kind == "serial" and rest:
-        _pyserial()
+        extra_package(*PYSERIAL)
         port, baud = (host, int(number)) if host and number.isdecimal() else (rest, DEFAULT_BAUD)
         return lambda: _Serial(port, baud)
     if kind not in ("tcp", "udp") or not number.isdecimal() or int(number) > 65535 or (kind == "tcp" and not host):
         raise InputError(f"expected a connection, got {connection!r:.80}", hint=FORMS)
     if kind == "tcp":
         return lambda: _Tcp(host, int(number))
+    return lambda: _UdpLines(host or "127.0.0.1", int(number))
+
+
+def datagram_connector(address: str) -> Callable[[], Connection]:
+    """What opens a port of this computer for the datagrams of a device.
+
+    Parameters
+    ----------
+    address : str
+        ``PORT``, from this computer only, or ``HOST:PORT``, the address of this computer on which it listens.
+
+    Raises
+    ------
+    InputError
+        If it is no such text.
+    """
+    host, _, number = address.rpartition(":")
+    if not number.isdecimal() or not 0 < int(number) <= 65535:
+        raise InputError(f"expected a port, got {address!r:.80}", hint="PORT, or 0.0.0.0:PORT for all networks")
     return lambda: _Udp(host or "127.0.0.1", int(number))
 
 
-def connected(connect: Callable[[], Connection], name: str, talk: Callable[[Connection], Stream]) -> Stream:
+L = TypeVar("L", bound=Closable)
+
+
+def connected(connect: Callable[[], L], name: str, talk: Callable[[L], Stream]) -> Stream:
     """What `talk` reads from a connection, which is opened again whenever it is lost.
 
     Parameters
@@ -183,12 +218,3 @@ def connected(connect: Callable[[], Connection], name: str, talk: Callable[[Conn
         except OSError as error:
             yield Notice(f"no connection to {name} ({error.strerror or error}); trying again")
         time.sleep(RETRY_S)
-
-
-def _pyserial() -> Any:
-    try:
-        return importlib.import_module("serial")
-    except ImportError:
-        raise InputError(
-            "a serial port needs the package pyserial, which is not installed", hint="pip install 'truearm[live]'"
-        ) from None

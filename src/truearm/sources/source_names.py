@@ -9,11 +9,16 @@ from pathlib import Path
 from truearm.arm.arm import Arm
 from truearm.arm.catalogue import load_arm
 from truearm.errors import InputError
+from truearm.sources.abb_egm import abb_egm
 from truearm.sources.dynamixel import dynamixel
 from truearm.sources.feetech import feetech
+from truearm.sources.kuka_rsi import kuka_rsi
 from truearm.sources.microscribe import microscribe
 from truearm.sources.microscribe_constants import microscribe_arm
+from truearm.sources.mqtt import mqtt
+from truearm.sources.opcua import opcua
 from truearm.sources.replay import replay
+from truearm.sources.ros2 import ros2
 from truearm.sources.sample import Source
 from truearm.sources.text_lines import text_lines
 from truearm.sources.ur_rtde import ur_rtde
@@ -34,6 +39,8 @@ class SourceKind:
         Makes the source from the address and what follows ``@``.
     has_serial_port : bool
         Whether it may be on a serial port, which needs pyserial.
+    needs : tuple of str, optional
+        Module and extra without which it cannot be opened.
     read_arm : callable, optional
         Reads the arm that its maker identified, where the device states it.
     """
@@ -43,6 +50,7 @@ class SourceKind:
     title: str
     open: Callable[[str, str], Source]
     has_serial_port: bool = False
+    needs: tuple[str, str] | None = None
     read_arm: Callable[[str], Arm] | None = None
 
 
@@ -83,6 +91,33 @@ KINDS = (
         "an arm of Dynamixel X servos (ViperX)",
         lambda address, rest: dynamixel(Path(address), rest),
         has_serial_port=True,
+    ),
+    SourceKind(
+        "ros2",
+        "ros2:FILE.toml",
+        "joint states on a topic of ROS 2",
+        lambda address, _: ros2(Path(address)),
+        needs=("cyclonedds", "ros2"),
+    ),
+    SourceKind(
+        "mqtt",
+        "mqtt:FILE.toml",
+        "messages in JSON of an MQTT broker",
+        lambda address, _: mqtt(Path(address)),
+        needs=("paho", "mqtt"),
+    ),
+    SourceKind(
+        "opcua",
+        "opcua:HOST[:PORT][@DEVICE]",
+        "a robot by OPC UA for Robotics (OPC 40010-1)",
+        opcua,
+        needs=("asyncua", "opcua"),
+    ),
+    SourceKind(
+        "egm", "egm:[HOST:]PORT", "an ABB robot that sends EGM to this computer", lambda address, _: abb_egm(address)
+    ),
+    SourceKind(
+        "rsi", "rsi:[HOST:]PORT", "a KUKA robot that sends RSI to this computer", lambda address, _: kuka_rsi(address)
     ),
     SourceKind(
         "replay",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -11,9 +10,8 @@ from truearm.errors import InputError
 from truearm.files.toml_documents import read_document
 from truearm.sources.connections import Connection, connected, connector
 from truearm.sources.line_pattern import MOST_CHARACTERS, LinesDocument, Parse, line_parser
-from truearm.sources.sample import Notice, Source, Stream
-
-SILENT_S = 1.0
+from truearm.sources.messages import SILENT_S, samples_in
+from truearm.sources.sample import Source, Stream
 
 
 def text_lines(file: Path, connection: str = "") -> Source:
@@ -65,16 +63,4 @@ def lines_of(link: Connection) -> Iterator[str | None]:
 
 
 def _samples(parse: Parse, pattern: str, link: Connection) -> Stream:
-    ignored, last, said_s = 0, "", -SILENT_S
-    for line in lines_of(link):
-        now_s = time.monotonic()
-        sample = None if line is None else parse(line, now_s)
-        if sample is not None:
-            yield sample
-        elif line is None:
-            yield Notice("nothing was received for a second")
-        else:
-            ignored, last = ignored + 1, line
-        if ignored and now_s - said_s >= SILENT_S:
-            yield Notice(f"{ignored} lines do not fit the pattern {pattern[:60]!a}, the last {last[:60]!a}; ignored")
-            ignored, said_s = 0, now_s
+    return samples_in(lines_of(link), parse, f"lines do not fit the pattern {pattern[:60]!a}")

@@ -71,7 +71,11 @@ def list_sources() -> SourceList:
     ['lines', 'rtde']
     """
     serial = "" if importlib.util.find_spec("serial") else "serial ports: pip install 'truearm[live]'"
-    return SourceList({kind.name: serial if kind.has_serial_port else "" for kind in KINDS})
+    missing = {kind.name: serial if kind.has_serial_port else "" for kind in KINDS}
+    for kind in KINDS:
+        if kind.needs is not None and not importlib.util.find_spec(kind.needs[0]):
+            missing[kind.name] = f"pip install 'truearm[{kind.needs[1]}]'"
+    return SourceList(missing)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -1,0 +1,157 @@
+"""MQTT: messages in JSON of any shape on a topic of a broker; read only."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from math import isfinite
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import Field
+
+from truearm.errors import InputError
+from truearm.files.toml_documents import read_document
+from truearm.sources.connections import CONNECT_S, connected
+from truearm.sources.extras import extra_package
+from truearm.sources.joint_scale import MOST_JOINTS, JointScale
+from truearm.sources.line_pattern import LARGEST
+from truearm.sources.messages import SILENT_S, samples_in
+from truearm.sources.sample import Sample, Source, Stream
+from truearm.typing import FloatArray
+
+PORT, TLS_PORT = 1883, 8883
+MOST_BYTES = 65536  # of a message
+PASSWORD = "TRUEARM_MQTT_PASSWORD"  # noqa: S105, the name of an environment variable
+
+# Keys of objects and indices of lists, from 0, with full stops between them: axes.0.angle
+PathInJson = Annotated[str, Field(min_length=1, max_length=200)]
+
+
+class MqttDocument(JointScale):
+    """The file of an arm whose angles are in messages of a broker.
+
+    Attributes
+    ----------
+    broker : str
+        ``HOST`` or ``HOST:PORT``.
+    topic : str
+    joints : list of str
+        Where in the message each joint is, base to tip: keys and indices, as ``axes.0.angle``.
+    temperature_degC : str, optional
+        Where the temperature of the arm is.
+    time_s : str, optional
+        Where the device's own clock is, in place of the time of arrival.
+    username : str
+        Its password is the environment variable TRUEARM_MQTT_PASSWORD.
+    tls : bool
+    """
+
+    broker: Annotated[str, Field(min_length=1, max_length=300)]
+    topic: Annotated[str, Field(min_length=1, max_length=1000)]
+    joints: Annotated[tuple[PathInJson, ...], Field(min_length=1, max_length=MOST_JOINTS)]
+    temperature_degC: PathInJson | None = None
+    time_s: PathInJson | None = None
+    username: str = ""
+    tls: bool = False
+
+
+def mqtt(file: Path) -> Source:
+    """Samples from the messages of a broker.
+
+    Parameters
+    ----------
+    file : Path
+        Of an `MqttDocument`.
+
+    Raises
+    ------
+    InputError
+        If the file breaks a rule of its format, or the package paho-mqtt is missing.
+    """
+    document = read_document(file, MqttDocument)
+    client = extra_package("paho.mqtt.client", "mqtt", "a broker of MQTT")
+    host, colon, number = document.broker.rpartition(":")
+    if colon and not (host and number.isdecimal() and int(number) <= 65535):
+        raise InputError(f"expected a broker as HOST or HOST:PORT, got {document.broker!r:.80}", file=file)
+    address = (host, int(number)) if colon else (number, TLS_PORT if document.tls else PORT)
+    try:
+        decode = partial(decoded, document, document.decoder(len(document.joints)))
+    except InputError as error:
+        raise InputError(error.problem, file=file, hint=error.hint) from None
+
+    def talk(broker: _Broker) -> Stream:
+        return samples_in(broker.messages(), decode, f"messages lack a number at {', '.join(document.joints)}")
+
+    opened = partial(connected, partial(_Broker, client, address, document), f"{address[0]}:{address[1]}", talk)
+    return Source(f"mqtt:{file}", opened, document.prismatic(len(document.joints)))
+
+
+def decoded(
+    document: MqttDocument, decode: Callable[[Sequence[float]], FloatArray], message: bytes, arrived_s: float
+) -> Sample | None:
+    """The sample in a message, or None."""
+    paths = [*document.joints, document.temperature_degC, document.time_s]
+    try:
+        if len(message) > MOST_BYTES:
+            return None
+        content = json.loads(message)
+        numbers = [None if path is None else _number_at(content, path) for path in paths]
+    except (ValueError, TypeError, LookupError, RecursionError):
+        return None
+    *joints, temperature, time_s = numbers
+    return Sample(
+        arrived_s if time_s is None else time_s,
+        decode([one for one in joints if one is not None]),
+        temperature_degC=temperature,
+    )
+
+
+def _number_at(content: Any, path: str) -> float:
+    for key in path.split("."):
+        content = content[int(key)] if isinstance(content, list) else content[key]
+    if isinstance(content, bool) or not isinstance(content, int | float) or not isfinite(content):
+        raise TypeError("no number")
+    if abs(content) > LARGEST:
+        raise ValueError("too large")
+    return float(content)
+
+
+class _Broker:
+    """A subscription; OSError where the connection is lost."""
+
+    def __init__(self, library: Any, address: tuple[str, int], document: MqttDocument) -> None:
+        self._messages: list[bytes] = []
+        self._refused = ""
+        self._client = library.Client(library.CallbackAPIVersion.VERSION2)
+        self._client.on_message = lambda _client, _data, message: self._messages.append(message.payload)
+        self._client.on_connect = lambda client, _data, _flags, code, _properties: self._on_connect(
+            client, code, document.topic
+        )
+        self._client.connect_timeout = CONNECT_S
+        if document.username:
+            self._client.username_pw_set(document.username, os.environ.get(PASSWORD))
+        if document.tls:
+            self._client.tls_set()
+        self._client.connect(*address)
+
+    def _on_connect(self, client: Any, code: Any, topic: str) -> None:
+        if code.is_failure:
+            self._refused = f"the broker refuses: {code}"
+        else:
+            client.subscribe(topic)
+
+    def messages(self) -> Iterator[bytes | None]:
+        """Messages as they arrive; None once a second while nothing does."""
+        while True:
+            lost = self._client.loop(SILENT_S)
+            if not self._messages and (lost or self._refused):
+                raise ConnectionError(self._refused or "the broker closed the connection")
+            arrived, self._messages = self._messages, []
+            yield from arrived or (None,)
+
+    def close(self) -> None:
+        """Leave the broker."""
+        self._client.disconnect()

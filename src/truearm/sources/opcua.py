@@ -1,0 +1,172 @@
+"""OPC UA: actual positions of the axes of a motion device, by the companion specification Robotics; read only.
+
+Source: OPC 40010-1 v1.02, OPC UA for Robotics, 7.3: MotionDevices / device / Axes / axis / ParameterSet /
+ActualPosition, an AnalogUnitType whose EngineeringUnits are codes of UNECE Recommendation 20 (OPC 10000-8, 5.6.3).
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import re
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+from math import isfinite, pi
+from typing import Any
+
+import numpy as np
+
+from truearm.errors import InputError
+from truearm.sources.connections import CONNECT_S, connected
+from truearm.sources.extras import extra_package
+from truearm.sources.sample import Sample, Source, Stream
+
+PORT = 4840
+RATE_HZ = 25.0
+MOST_AXES = 32
+LARGEST = 1e6  # of a position [rad, or mm]
+
+_BROWSED = 2000  # nodes
+# By the number of a unit: what takes a position to rad, or mm. A code is the number whose bytes are its letters.
+_FACTORS = {
+    int.from_bytes(code.encode(), "big"): factor
+    for code, factor in {"DD": pi / 180, "C81": 1.0, "MMT": 1.0, "MTR": 1000.0}.items()
+}
+
+
+def opcua(address: str, device: str = "") -> Source:
+    """Samples of a motion device of an OPC UA server.
+
+    Parameters
+    ----------
+    address : str
+        ``HOST``, ``HOST:PORT`` or ``HOST:PORT/PATH``; a session without a user.
+    device : str
+        Name of the device, where the server has several.
+
+    Raises
+    ------
+    InputError
+        If it is no such text, or the package asyncua is missing.
+    """
+    found = re.fullmatch(r"([\w.-]+|\[[\da-fA-F:]+\])(:\d{1,5})?(/[^\s@]*)?", address)
+    if found is None:
+        raise InputError(f"expected an OPC UA server, got {address!r:.80}", hint="opcua:HOST:PORT")
+    url = f"opc.tcp://{found[1]}{found[2] or f':{PORT}'}{found[3] or ''}"
+    extra_package("asyncua", "opcua", "an OPC UA server")
+    logging.getLogger("asyncua").addHandler(logging.NullHandler())  # what is lost is said as a notice
+    name = f"opcua:{address}" + (f"@{device}" if device else "")
+    return Source(name, partial(connected, partial(_Device, url, device), url, _samples))
+
+
+class _Device:
+    """A motion device of a server; OSError where the connection is lost.
+
+    Its own loop runs while something is asked for, in the thread that asks: no thread stays behind.
+    """
+
+    def __init__(self, url: str, device: str) -> None:
+        asyncua = extra_package("asyncua", "opcua", "an OPC UA server")
+        self._errors = (asyncua.ua.UaError, TimeoutError)
+        self._runner, self._client = asyncio.Runner(), asyncua.Client(url, timeout=CONNECT_S)
+        try:
+            with self._failing():
+                self._runner.run(self._client.connect())
+                self._positions, self._factors = self._runner.run(self._axes(device))
+        except OSError:
+            self.close()
+            raise
+
+    @contextmanager
+    def _failing(self) -> Iterator[None]:
+        try:
+            yield
+        except self._errors as error:
+            raise ConnectionError(f"{type(error).__name__}: {error}"[:200]) from None
+
+    async def _axes(self, device: str) -> tuple[list[Any], list[float]]:
+        """The variables of the axes, in the order of their names, and what takes them to rad, or mm."""
+        devices = await self._motion_devices()
+        names = ", ".join(devices)
+        if (device and device not in devices) or (not device and len(devices) != 1):
+            wanted = f"device {device!r:.60}" if device else "one motion device"
+            raise ConnectionError(f"expected {wanted}, the server has {names or 'none'}")
+        axes = await _children(await _child(devices[device or names], "Axes"))
+        if not 0 < len(axes) <= MOST_AXES:
+            raise ConnectionError(f"the device has {len(axes)} axes")
+        positions, factors = [], []
+        for name in sorted(axes, key=_natural):
+            position = await _child(await _child(axes[name], "ParameterSet"), "ActualPosition")
+            unit = await (await _child(position, "EngineeringUnits")).read_value()
+            if unit.UnitId not in _FACTORS:
+                raise ConnectionError(f"axis {name} has an unknown unit, {unit.UnitId}")
+            positions.append(position)
+            factors.append(_FACTORS[unit.UnitId])
+        return positions, factors
+
+    async def _motion_devices(self) -> dict[str, Any]:
+        """Motion devices by their names, of all systems under the server's objects."""
+        found: dict[str, Any] = {}
+        waiting = [self._client.nodes.objects]
+        for _ in range(_BROWSED):
+            if not waiting:
+                break
+            children = await _children(waiting.pop(0))
+            if "MotionDevices" in children:
+                found |= await _children(children["MotionDevices"])
+            else:
+                waiting += [node for name, node in children.items() if name != "Server"]
+        return found
+
+    def position(self, due_s: float) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+        """(n_axes,) positions at a time, all in one answer [rad, or mm]."""
+
+        async def ask() -> list[Any]:
+            await asyncio.sleep(max(0.0, due_s - time.monotonic()))
+            values: list[Any] = await self._client.read_values(self._positions)
+            return values
+
+        with self._failing():
+            values = self._runner.run(ask())
+        if not all(isinstance(one, int | float) and isfinite(one) for one in values):
+            raise ConnectionError("the server gives positions that are no numbers")
+        positions = np.array(values, dtype=float) * self._factors
+        if (np.abs(positions) > LARGEST).any():
+            raise ConnectionError("the server gives numbers that are no positions")
+        return positions
+
+    def close(self) -> None:
+        """Leave the server."""
+        try:
+            self._runner.run(asyncio.wait_for(self._client.disconnect(), CONNECT_S))
+        except (OSError, *self._errors):
+            pass
+        finally:
+            self._runner.close()
+
+
+async def _children(node: Any) -> dict[str, Any]:
+    """Objects and variables of a node by their names."""
+    return {(await child.read_browse_name()).Name: child for child in await node.get_children()}
+
+
+async def _child(node: Any, name: str) -> Any:
+    children = await _children(node)
+    if name not in children:
+        raise ConnectionError(f"the server has no {name} where OPC 40010-1 puts it")
+    return children[name]
+
+
+def _natural(name: str) -> list[tuple[int, str]]:
+    """What sorts Axis_2 before Axis_10."""
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", name)]
+
+
+def _samples(device: _Device) -> Stream:
+    due_s = time.monotonic()
+    while True:
+        positions = device.position(due_s)
+        yield Sample(time.monotonic(), positions)
+        due_s = max(due_s + 1 / RATE_HZ, time.monotonic() - 1 / RATE_HZ)
