@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import threading
+import time
 
 import numpy as np
 import pytest
@@ -213,6 +215,80 @@ def test_a_second_instrument_that_is_silent_is_said(tmp_path):
     assert [event.text for event in events[1:]] == ["tracker gives no point while the arm stands still"]
     assert kinds(recording.on_command("take moving")) == ["refused"]
     recording.close()
+
+
+@pytest.mark.parametrize(
+    ("own", "text"),
+    [
+        ((True, False), "paired by arrival"),
+        ((False, True), "paired by arrival"),
+        ((True, True), ""),
+        ((False, False), ""),
+    ],
+)
+def test_of_two_clocks_arrival_pairs(tmp_path, own, text):
+    arm_s, tracker_s = (1e6, 0.0) if own[0] != own[1] else (0.0, 0.0)
+    over = threading.Event()
+
+    def paced(start_s, **values):
+        begun_s = time.monotonic()
+        while not over.is_set():
+            yield Sample(start_s + time.monotonic() - begun_s, values.get("joints", np.empty(0)), values.get("point"))
+            time.sleep(0.005)
+
+    arm = Source("arm", lambda: paced(arm_s, joints=np.zeros(2)), has_own_clock=own[0])
+    seen = Source("seen", lambda: paced(tracker_s, point=np.ones(3)), has_points=True, has_own_clock=own[1])
+    said = []
+    for event in record(arm, tmp_path / "out.csv", reference=seen, rule=RULE):
+        said.append(event)
+        if event.kind == "reading":
+            over.set()
+    assert any(text in event.text for event in said if event.kind == "notice") == bool(text)
+    assert ta.read_session(tmp_path / "out.csv").points.tolist() == [[1, 1, 1]]
+
+
+def test_clocks_that_never_meet_are_said(tmp_path):
+    tracker = Source("tracker", lambda: iter(()), has_points=True)
+    recording = Recording(source(), tmp_path / "out.csv", reference=tracker, rule=RULE)
+    recording.on_reference(Sample(5e4, np.empty(0), np.zeros(3)))
+    events = fed(recording, [sample for k in range(6) for sample in stops([0.0], start_s=0.5 * k)])
+    assert "its last one is +5e+04 s from the arm's samples: no target, or another clock" in events[-1].text
+    recording.close()
+
+
+def test_a_clock_that_jumps_is_said_once_and_nothing_is_averaged_over_it(tmp_path):
+    recording = Recording(source(has_own_clock=True), tmp_path / "out.csv", rule=RULE)
+    back = fed(recording, [*stops([0.0], start_s=100.0), *stops([0.0], start_s=0.0)])
+    assert [event.text for event in back if event.kind == "notice"] == [
+        "the clock of test jumps by -100 s; the standstill begins again"
+    ]
+    assert kinds(fed(recording, stops([0.0], start_s=-5.0))) == []  # said a moment ago
+    recording.close()
+    ahead = Recording(source(has_own_clock=True), tmp_path / "ahead.csv", rule=RULE)
+    said = fed(ahead, [*stops([0.0]), *stops([9.0], start_s=500.0)])
+    assert [event.text for event in said if event.kind == "notice"] == [
+        "the clock of test jumps by +500 s; the standstill begins again"
+    ]
+    assert kinds(said).count("reading") == 2
+    ahead.close()
+
+
+@pytest.mark.parametrize("column", ["q2_deg", "x_mm", "temperature_degC", "direction_1"])
+@pytest.mark.parametrize("cell", ["", "nan", "1e999", "ten"])
+def test_a_number_that_a_person_broke_is_named(tmp_path, column, cell):
+    samples = [Sample(k / 20, np.zeros(2), np.ones(3), temperature_degC=20.0) for k in range(10)]
+    out = tmp_path / "out.csv"
+    [*record(source(*samples, has_points=True), out, rule=RULE, seat="A")]
+    head, row = (line.split(",") for line in out.read_text().splitlines())
+    row[head.index(column)] = cell
+    out.write_text(f"{','.join(head)}\n{','.join(row)}\n")
+    again = record(source(*samples, has_points=True), out, rule=RULE, seat="A")
+    if column == "temperature_degC" and cell == "":  # it is not stated
+        *_, end = again
+        assert end.values["readings"] == 2
+    else:
+        with pytest.raises(InputError, match=rf"out\.csv, line 2, column '{column}': expected a number, got"):
+            next(again)
 
 
 def test_sliding_joints_are_in_mm(tmp_path):

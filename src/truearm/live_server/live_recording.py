@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping
-from math import isfinite, radians
+from math import radians
 
 import numpy as np
 
-from truearm.errors import InputError, TruearmError
+from truearm.errors import TruearmError
 from truearm.live_server.drawn_arm import DrawnArm
 from truearm.live_server.messages import Pose, ReadingPoint, Said, State
 from truearm.live_server.server import LiveServer
@@ -65,7 +65,7 @@ class LiveRecording:
     def _said(self, event: Event) -> Said:
         said = Said(event.to_dict())
         if event.kind == "ready":
-            self._readings = [*self._points_of_file()]
+            self._readings = [*map(self._point, self.recording.rows)]
         elif event.kind == "reading":
             said = Said(said.event, reading=self._point(self.recording.rows[-1]))
             assert said.reading is not None
@@ -98,35 +98,20 @@ class LiveRecording:
             temperature_degC=sample.temperature_degC,
         )
 
-    def _points_of_file(self) -> Iterator[ReadingPoint]:
-        """The readings before; what a person has edited in the file may be no number."""
-        for line, row in enumerate(self.recording.rows, start=2):
-            try:
-                yield self._point(row)
-            except ValueError:
-                raise InputError("this is no reading", file=self.recording.out, line=line) from None
-
     def _point(self, row: Mapping[str, str]) -> ReadingPoint:
         """A row of the session file as the page draws it."""
         recording = self.recording
-        joints = [_finite(row[name]) for name in recording.joint_columns]
+        joints = [float(row[name]) for name in recording.joint_columns]
         factors = [1.0 if unit == "mm" else radians(1) for unit in recording.units]
         angles = np.array(joints) * factors
         residual: float | None = None
         if recording.model is not None and row.get("x_mm"):
             known = (*recording.model.training_.columns, "temperature_degC")
-            columns = {name: _finite(row[name]) for name in known if row.get(name)}
+            columns = {name: float(row[name]) for name in known if row.get(name)}
             sample = Sample(0.0, angles, temperature_degC=columns.pop("temperature_degC", None), columns=columns)
-            directions = np.array([_finite(row[f"{DIRECTION}{i}"]) for i in range(1, len(joints) + 1)])
+            directions = np.array([float(row[f"{DIRECTION}{i}"]) for i in range(1, len(joints) + 1)])
             tip = corrected_tip(recording.model, sample, directions)
             if isinstance(tip, CorrectedTip):
-                measured = [_finite(row[name]) for name in ("x_mm", "y_mm", "z_mm")]
+                measured = [float(row[name]) for name in ("x_mm", "y_mm", "z_mm")]
                 residual = float(np.linalg.norm(tip.tip_in_reference_mm - measured))
         return ReadingPoint(self._drawn.tip_mm(angles), joints, residual)
-
-
-def _finite(cell: str) -> float:
-    number = float(cell)
-    if not isfinite(number):
-        raise ValueError(cell)
-    return number

@@ -86,7 +86,8 @@ def mqtt(file: Path) -> Source:
         return samples_in(broker.messages(), decode, f"messages lack a number at {', '.join(document.joints)}")
 
     opened = partial(connected, partial(_Broker, client, address, document), f"{address[0]}:{address[1]}", talk)
-    return Source(f"mqtt:{file}", opened, document.prismatic(len(document.joints)))
+    slides = document.prismatic(len(document.joints))
+    return Source(f"mqtt:{file}", opened, slides, has_own_clock=document.time_s is not None)
 
 
 def decoded(

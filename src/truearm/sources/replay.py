@@ -34,7 +34,7 @@ def replay(file: Path, speed: float = 1.0) -> Source:
     session = read_session(file)
     slides = [number for number, name in enumerate(session.angle_columns or (), start=1) if unit_of(name) == "mm"]
     name = f"replay:{file}@{speed:g}" if isfinite(speed) else f"replay:{file}@max"
-    return Source(name, lambda: _samples(session, speed), tuple(slides), session.points is not None)
+    return Source(name, lambda: _samples(session, speed), tuple(slides), session.points is not None, has_own_clock=True)
 
 
 def _samples(session: Session, speed: float) -> Stream:

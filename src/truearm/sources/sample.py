@@ -15,8 +15,7 @@ class Sample:
     Attributes
     ----------
     time_s : float
-        When the bytes arrived, on this computer's monotonic clock [s]; of a replay, a virtual arm or lines that state
-        their time, the clock of the source.
+        When the bytes arrived, on this computer's monotonic clock [s]; of a source with a clock of its own, by that.
     joint_angles_rad : (n_joints,) array
         Joint angles [rad], displacements of sliding joints [mm]; empty from an instrument that measures points only.
     tip_in_reference_mm : (3,) array, optional
@@ -80,6 +79,8 @@ class Source:
         Numbers of the joints that slide, counted from 1.
     has_points : bool
         Whether it measures reference points.
+    has_own_clock : bool
+        Whether its times are those of the device (or of a replay, or a virtual arm), not of arrival.
 
     Examples
     --------
@@ -95,3 +96,4 @@ class Source:
     samples: Callable[[], Stream]
     prismatic: tuple[int, ...] = ()
     has_points: bool = False
+    has_own_clock: bool = False

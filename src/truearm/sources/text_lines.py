@@ -36,7 +36,13 @@ def text_lines(file: Path, connection: str = "") -> Source:
     try:
         parse, n_joints = line_parser(document)
         opened = partial(connected, connector(connection), connection, partial(_samples, parse, document.pattern))
-        return Source(f"lines:{file}@{connection}", opened, document.prismatic(n_joints), "{x_mm}" in document.pattern)
+        return Source(
+            f"lines:{file}@{connection}",
+            opened,
+            document.prismatic(n_joints),
+            has_points="{x_mm}" in document.pattern,
+            has_own_clock="{time_s}" in document.pattern,
+        )
     except InputError as error:
         raise InputError(error.problem, file=file, hint=error.hint) from None
 

@@ -33,7 +33,7 @@ def virtual_arm(arm: Arm, *, speed: float = 1.0, seed: int = 0) -> Source:
         for time_s, angles, _, _ in poses_in_turn(_poses(arm, random), speed):
             yield _sample(time_s, angles, arm, random)
 
-    return Source(f"virtual:{arm.name}", samples, _prismatic(arm), arm.has_kinematics)
+    return Source(f"virtual:{arm.name}", samples, _prismatic(arm), arm.has_kinematics, has_own_clock=True)
 
 
 def _sample(time_s: float, angles: FloatArray, arm: Arm, random: np.random.Generator) -> Sample:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import queue
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, Unpack
 
@@ -91,6 +93,8 @@ def follow(recording: Recording, commands: Iterator[str] | None = None) -> Itera
     def read(origin: _Origin, values: Callable[[], Iterator[object]]) -> None:
         try:
             for value in values():
+                if recording.is_timed_by_arrival and isinstance(value, Sample):
+                    value = replace(value, time_s=time.monotonic())
                 put(origin, value)
                 if over.is_set():
                     return

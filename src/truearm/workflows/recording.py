@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import time
 from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from math import degrees, radians
+from math import degrees, isfinite, radians
 from pathlib import Path
 from typing import Any, Literal, TypedDict
 
@@ -32,6 +33,7 @@ TYPED = "typed"
 LARGEST_POINT_SPREAD_MM = 0.1  # of a second instrument in the window of a reading
 FAR_FROM_AIM = 20.0  # deg, or mm; a standstill that is farther from the plan's pose is taken by key only
 BESIDE_SEAT = 0.05  # of the arm's reach; a standstill that is farther from its seat is taken by key only
+JUMP_S = 1.0  # between two samples by the clock of a device
 WAIT_FOR_POINT_S = 1.0  # the second instrument may lag behind the arm
 REFERENCE_SAMPLES = 10_000
 
@@ -105,6 +107,10 @@ class Recording:
             name = self.reference.name
             raise InputError(f"{name} measures no points", hint="--reference names an instrument, or is typed")
         self.source = open_source(source) if isinstance(source, str) else source
+        # Of two clocks, that of a device is none that the samples of the other can be paired by.
+        self.is_timed_by_arrival = (
+            isinstance(self.reference, Source) and self.reference.has_own_clock != self.source.has_own_clock
+        )
         self.out, self.seat, self._on = Path(out), seat, on
         self.model: Compensator | None = None if model is None else to_model_of_tip(model)
         self.arm = to_arm(arm) if arm is not None else None if self.model is None else self.model.arm_
@@ -122,6 +128,7 @@ class Recording:
         self._typed_mm: FloatArray | None = None
         self._asked, self._was_pressed, self._said = False, False, ""
         self._still_since_s, self._samples_hz, self._streamed_s = 0.0, samples_hz, -np.inf
+        self._step_s, self._jump_said_s = np.inf, -np.inf
         self._skipped: set[int] = set()
         self._log: SessionLog | None = None
         self.sample: Sample | None = None
@@ -187,10 +194,13 @@ class Recording:
 
     def on_sample(self, sample: Sample) -> Iterator[Event]:
         """Take in a sample of the arm."""
+        jump = "" if self.sample is None else self._clock_jump(sample.time_s - self.sample.time_s)
         self._standstill.add(sample)
         self.sample = sample  # from now on a view, in another thread, asks for its corrected tip
         if self._log is None:
             yield from self._start(sample)
+        if jump:
+            yield Event("notice", jump)
         self._asked |= sample.is_button_pressed and not self._was_pressed
         self._was_pressed = sample.is_button_pressed
         yield from self._stream(sample)
@@ -202,6 +212,15 @@ class Recording:
                 yield from self._say_once(problem, sample.time_s)
             else:
                 yield from self._take(self._standstill.taken())
+
+    def _clock_jump(self, step_s: float) -> str:
+        """What is wrong with the time from a sample to the next, once a second at most."""
+        before_s, self._step_s = self._step_s, step_s
+        is_late = self.source.has_own_clock and not self.is_timed_by_arrival and step_s > max(JUMP_S, 2 * before_s)
+        if not (step_s < 0 or is_late) or time.monotonic() - self._jump_said_s < JUMP_S:
+            return ""
+        self._jump_said_s = time.monotonic()
+        return f"the clock of {self.source.name} jumps by {step_s:+.3g} s; the standstill begins again"
 
     def _stream(self, sample: Sample) -> Iterator[Event]:
         """The angles as they arrive, no more often than asked for."""
@@ -273,8 +292,11 @@ class Recording:
                 hint="give the arm that is connected",
             )
         self._log = SessionLog(self.out, self._columns(sample))
+        self._check_numbers()
         if self._log.repaired:
             yield Event("notice", f"{self.out}: {self._log.repaired}")
+        if self.is_timed_by_arrival:
+            yield Event("notice", "one device states its time and the other does not: both are paired by arrival")
         text = f"recording {self.source.name} to {self.out}"
         if self.n_readings:
             text += f", after {format_count(self.n_readings, 'reading')} before"
@@ -282,6 +304,17 @@ class Recording:
             text += "; fit needs the seat's name (--seat NAME, key s, or command seat NAME) or the tip (--reference)"
         yield Event("ready", text, {"readings": self.n_readings})
         yield from self._next()
+
+    def _check_numbers(self) -> None:
+        """Refuse a file in which a person has edited a number into something else."""
+        point, n = ("x_mm", "y_mm", "z_mm"), len(self.joint_columns)
+        needed = {*self.joint_columns, *(f"{DIRECTION}{joint}" for joint in range(1, n + 1))}
+        for line, row in enumerate(self.rows, start=2):
+            has_point = any(row.get(name) for name in point)
+            for name, cell in row.items():
+                is_needed = name in needed or (has_point and name in point)
+                if (is_needed or (cell and self._is_number(name))) and not _is_finite(cell):
+                    raise InputError(f"expected a number, got {cell!r:.40}", file=self.out, line=line, column=name)
 
     def _columns(self, sample: Sample) -> list[str]:
         joints = self.joint_columns
@@ -348,7 +381,10 @@ class Recording:
         if isinstance(self.reference, Source):
             points = self._reference_points(self._standstill.window_s)
             if not len(points):
-                return f"{self.reference.name} gives no point while the arm stands still"
+                text = f"{self.reference.name} gives no point while the arm stands still"
+                away_s = self._points[-1].time_s - self._standstill.window_s[1] if self._points else 0.0
+                differ = f"; its last one is {away_s:+.3g} s from the arm's samples: no target, or another clock"
+                return text + differ * (abs(away_s) > WAIT_FOR_POINT_S)
             if (spread := float(np.ptp(points, axis=0).max())) > LARGEST_POINT_SPREAD_MM:
                 return f"{self.reference.name}: the points of this standstill differ by {spread:.3f} mm"
         return ""
@@ -423,9 +459,8 @@ class Recording:
 
     def _is_number(self, column: str) -> bool:
         """Whether an event of a reading has a column as a number."""
-        return column in (*self.joint_columns, "x_mm", "y_mm", "z_mm", "temperature_degC") or bool(
-            LOAD.fullmatch(column)
-        )
+        known = (*self.joint_columns, "x_mm", "y_mm", "z_mm", "temperature_degC")
+        return column in known or LOAD.fullmatch(column) is not None
 
     def _name_seat(self, name: str) -> Event:
         if len(name) > MAX_NAME or not name.isprintable():
@@ -461,3 +496,10 @@ class Recording:
         left = len(self._poses_left())
         text = f"next: pose {number} of {len(self.plan)}{note and f', {note}'}; {aim} {self.units[0]}; {left} to go"
         yield Event("next", text, {"pose": number, "remaining": left, "aim": aims, "instruction": note})
+
+
+def _is_finite(cell: str) -> bool:
+    try:
+        return isfinite(float(cell))
+    except ValueError:
+        return False
