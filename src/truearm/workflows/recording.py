@@ -128,7 +128,7 @@ class Recording:
         self._typed_mm: FloatArray | None = None
         self._asked, self._was_pressed, self._said = False, False, ""
         self._still_since_s, self._samples_hz, self._streamed_s = 0.0, samples_hz, -np.inf
-        self._step_s, self._jump_said_s = np.inf, -np.inf
+        self._step_s, self._jump, self._jump_said_s = np.inf, "", -np.inf
         self._skipped: set[int] = set()
         self._log: SessionLog | None = None
         self.sample: Sample | None = None
@@ -194,13 +194,15 @@ class Recording:
 
     def on_sample(self, sample: Sample) -> Iterator[Event]:
         """Take in a sample of the arm."""
-        jump = "" if self.sample is None else self._clock_jump(sample.time_s - self.sample.time_s)
+        if self.sample is not None:
+            self._watch_clock(sample.time_s - self.sample.time_s)
         self._standstill.add(sample)
         self.sample = sample  # from now on a view, in another thread, asks for its corrected tip
         if self._log is None:
             yield from self._start(sample)
-        if jump:
-            yield Event("notice", jump)
+        if self._jump and time.monotonic() - self._jump_said_s > JUMP_S:
+            yield Event("notice", self._jump)
+            self._jump, self._jump_said_s = "", time.monotonic()
         self._asked |= sample.is_button_pressed and not self._was_pressed
         self._was_pressed = sample.is_button_pressed
         yield from self._stream(sample)
@@ -213,14 +215,12 @@ class Recording:
             else:
                 yield from self._take(self._standstill.taken())
 
-    def _clock_jump(self, step_s: float) -> str:
-        """What is wrong with the time from a sample to the next, once a second at most."""
+    def _watch_clock(self, step_s: float) -> None:
+        """Note a step from a sample to the next that no clock makes; it is said once a second at most."""
         before_s, self._step_s = self._step_s, step_s
         is_late = self.source.has_own_clock and not self.is_timed_by_arrival and step_s > max(JUMP_S, 2 * before_s)
-        if not (step_s < 0 or is_late) or time.monotonic() - self._jump_said_s < JUMP_S:
-            return ""
-        self._jump_said_s = time.monotonic()
-        return f"the clock of {self.source.name} jumps by {step_s:+.3g} s; the standstill begins again"
+        if step_s < 0 or is_late:
+            self._jump = f"the clock of {self.source.name} jumps by {step_s:+.3g} s; the standstill begins again"
 
     def _stream(self, sample: Sample) -> Iterator[Event]:
         """The angles as they arrive, no more often than asked for."""
