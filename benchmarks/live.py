@@ -1,14 +1,24 @@
-"""Connected arms: acknowledged readings survive the end of the program; the time of a corrected tip."""
+"""Connected arms: kills while readings are taken; the time of a corrected tip; hours of samples with a page."""
 
 from __future__ import annotations
 
+import json
+import multiprocessing
 import os
 import random
 import signal
+import socket
+import struct
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Iterator
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass, field
+from itertools import islice
+from math import radians
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
@@ -96,5 +106,165 @@ def tip(n: int = 500, readings: int = 200) -> RowResult:
     return RowResult(rows, [Target("directions known, 99 % below [ms]", rows[0]["99 % below [ms]"], 5.0)])
 
 
+# With a page ----------------------------------------------------------------------------------------------------------
+
+COUNT_RAD, SECOND_RAD = 1e-8, 1e-3  # of J5 a packet, of J6 a second: a sample says which it is, and when it was sent
+
+
+def _controller(pipe: Connection, rate_hz: float, seconds: float) -> None:
+    """A Universal Robots controller in a process of its own: says its port, the start, how many packets it has sent."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        pipe.send(server.getsockname()[1])
+        robot, _ = server.accept()
+    robot.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    answers = {"V": b"\1", "O": b"\7VECTOR6D,VECTOR6D,DOUBLE", "S": b"\1"}
+    with robot, robot.makefile("rb") as stream:
+        kind = ""
+        while kind != "S":
+            size, number = struct.unpack(">HB", stream.read(3))
+            stream.read(size - 3)
+            kind = chr(number)
+            robot.sendall(struct.pack(">HB", 3 + len(answers[kind]), number) + answers[kind])
+        start_s, n = time.monotonic(), 0
+        pipe.send(start_s)
+        while (sent_s := time.monotonic() - start_s) < seconds:
+            angles = 0.5, -1.5, 1.5, 0.2, COUNT_RAD * n, SECOND_RAD * sent_s
+            robot.sendall(struct.pack(">HBB13d", 108, ord("U"), 7, *angles, *[30.0] * 6, 2.0))
+            n += 1
+            time.sleep(max(0.0, start_s + n / rate_hz - time.monotonic()))
+    pipe.send(n)
+
+
+def _page(pipe: Connection, url: str) -> None:
+    """What a page does, in a process of its own: says when each pose arrived, and its J6."""
+    from websockets.exceptions import ConnectionClosed
+    from websockets.sync.client import connect
+
+    arrived: list[tuple[float, float]] = []
+    with connect(f"ws{url.removeprefix('http')}live", proxy=None) as stream, suppress(ConnectionClosed):
+        pipe.send("connected")
+        for text in stream:
+            message = json.loads(text)
+            if message["message"] == "pose":
+                arrived.append((time.monotonic(), message["joints"][5]))
+    pipe.send(arrived)
+
+
+@dataclass
+class _Watched:
+    """A source whose samples are counted, and what the process needs meanwhile, once a second."""
+
+    source: Source
+    n: int = 0
+    missing: int = 0
+    memory_mb: list[float] = field(default_factory=list)
+    handles: list[int] = field(default_factory=list)
+
+    def samples(self) -> Iterator[Any]:
+        """The samples, until the connection is lost."""
+        last: float | None = None
+        for one in self.source.samples():
+            if isinstance(one, Sample):
+                count = one.joint_angles_rad[4] / COUNT_RAD
+                self.n, self.missing = self.n + 1, self.missing + (0 if last is None else round(count - last) - 1)
+                last = count
+            elif self.n:
+                return
+            yield one
+
+    def watch(self, ends: threading.Event) -> None:
+        """Note memory and file handles until the end."""
+        page = os.sysconf("SC_PAGE_SIZE")
+        while not ends.wait(1.0):
+            self.memory_mb.append(int(Path("/proc/self/statm").read_text().split()[1]) * page / 1e6)
+            self.handles.append(len(os.listdir("/proc/self/fd")))
+
+    def growth_percent(self) -> float:
+        """Of the memory, from the mean of the second tenth of the time to that of the last."""
+        tenth = max(1, len(self.memory_mb) // 10)
+        return 100 * (float(np.mean(self.memory_mb[-tenth:]) / np.mean(self.memory_mb[tenth : 2 * tenth])) - 1)
+
+
+def _shown(watched: _Watched, **options: Any) -> list[tuple[float, float]]:
+    """Record a source with a page; when each pose arrived there, and its J6."""
+    spawn, ends = multiprocessing.get_context("spawn"), threading.Event()
+    here, there = spawn.Pipe()
+    with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
+        source = Source("watched", watched.samples, has_points=watched.source.has_points)
+        events = ta.live(source, Path(folder) / "session.csv", port=0, **options)
+        page = spawn.Process(target=_page, args=(there, next(events).values["url"]))
+        page.start()
+        stack.callback(page.join)
+        here.recv()
+        watching = threading.Thread(target=watched.watch, args=(ends,))
+        watching.start()
+        stack.callback(watching.join)
+        stack.callback(ends.set)
+        for _ in events:
+            pass
+        arrived: list[tuple[float, float]] = here.recv()
+    return arrived
+
+
+@ROWS.row("stream", "RTDE at 500 samples a second, corrected tip, page at 20 frames a second: loss, delay, memory")
+def stream(seconds: float = 300.0, readings: int = 200) -> RowResult:
+    """The delay is from the packet of the controller to the message at the page, which are processes of their own."""
+    session = ta.simulate("ur10", poses=readings, seed=1).session
+    model = ta.fit("ur10", session, model="physical").model
+    spawn = multiprocessing.get_context("spawn")
+    here, there = spawn.Pipe()
+    controller = spawn.Process(target=_controller, args=(there, 500.0, seconds))
+    controller.start()
+    watched = _Watched(ta.open_source(f"rtde:127.0.0.1:{here.recv()}@500"))
+    cpu_s = time.process_time()
+    arrived = _shown(watched, model=model)
+    cpu_s = time.process_time() - cpu_s
+    start_s, sent = here.recv(), here.recv()
+    controller.join()
+    delays = [1e3 * (at_s - start_s - radians(j6_deg) / SECOND_RAD) for at_s, j6_deg in arrived]
+    median, slow = (float(value) for value in np.percentile(delays, [50, 99]))
+    row: dict[str, Any] = {
+        "seconds": seconds,
+        "packets": sent,
+        "lost": sent - watched.n + watched.missing,
+        "frames a second": len(arrived) / seconds,
+        "delay, median [ms]": median,
+        "99 % below [ms]": slow,
+        "memory [MB]": watched.memory_mb[-1],
+        "growth [%]": watched.growth_percent(),
+        "handles": f"{watched.handles[0]} to {watched.handles[-1]}",
+        "CPU [%]": 100 * cpu_s / seconds,
+    }
+    return RowResult(
+        [row],
+        [
+            Target("packets lost", row["lost"], 0),
+            Target("growth of memory [%]", row["growth [%]"], 2.0),
+            Target("delay with a page, 99 % below [ms]", slow, 5.0),
+        ],
+    )
+
+
+@ROWS.row("day", "eight hours of the virtual arm at 20 samples a second, as fast as they are taken, with a page")
+def day(hours: float = 8.0) -> RowResult:
+    """The number of samples is that of the hours; no readings are taken, as these stay in memory for the page."""
+    n, arm = round(hours * 3600 * 20), ta.open_source("virtual:ur10@max")
+    watched = _Watched(Source("virtual", lambda: islice(arm.samples(), n)))
+    start_s = time.process_time()
+    arrived = _shown(watched, arm="ur10", on="key")
+    row: dict[str, Any] = {
+        "samples": watched.n,
+        "frames": len(arrived),
+        "CPU [s]": time.process_time() - start_s,
+        "memory [MB]": watched.memory_mb[-1],
+        "growth [%]": watched.growth_percent(),
+        "handles": f"{watched.handles[0]} to {watched.handles[-1]}",
+    }
+    more = watched.handles[-1] - watched.handles[0]
+    return RowResult([row], [Target("growth of memory [%]", row["growth [%]"], 2.0), Target("more handles", more, 0)])
+
+
 if sys.platform == "win32":
     del ROWS["kills"]  # there is no fork
+if not Path("/proc/self/statm").exists():
+    del ROWS["stream"], ROWS["day"]  # nothing says what a process needs
