@@ -206,7 +206,11 @@ def _shown(watched: _Watched, **options: Any) -> list[tuple[float, float]]:
     return arrived
 
 
-@ROWS.row("stream", "RTDE at 500 samples a second, corrected tip, page at 20 frames a second: loss, delay, memory")
+@ROWS.row(
+    "stream",
+    "RTDE at 500 samples a second, corrected tip, page at 20 frames a second: loss, delay, memory",
+    quick={"seconds": 3.0, "readings": 60},
+)
 def stream(seconds: float = 300.0, readings: int = 200) -> RowResult:
     """The delay is from the packet of the controller to the message at the page, which are processes of their own."""
     session = ta.simulate("ur10", poses=readings, seed=1).session
@@ -245,7 +249,11 @@ def stream(seconds: float = 300.0, readings: int = 200) -> RowResult:
     )
 
 
-@ROWS.row("day", "eight hours of the virtual arm at 20 samples a second, as fast as they are taken, with a page")
+@ROWS.row(
+    "day",
+    "eight hours of the virtual arm at 20 samples a second, as fast as they are taken, with a page",
+    quick={"hours": 0.02},
+)
 def day(hours: float = 8.0) -> RowResult:
     """The number of samples is that of the hours; no readings are taken, as these stay in memory for the page."""
     n, arm = round(hours * 3600 * 20), ta.open_source("virtual:ur10@max")

@@ -35,7 +35,7 @@ from truearm.workflows.corrected_tip import COVERAGE_FACTOR, CorrectedTip, corre
 from truearm.workflows.recording import Recording
 
 MOST_A_SECOND = 100  # requests of all clients
-WAIT_S = 1.0  # for the operation before
+WAIT_S = 1.0  # for the one that is computed before
 
 
 class HttpOperations:
@@ -71,7 +71,8 @@ class HttpOperations:
             return _refused(HTTPStatus.METHOD_NOT_ALLOWED if found else HTTPStatus.NOT_FOUND)
         if self._rate.is_exceeded():
             return _refused(HTTPStatus.TOO_MANY_REQUESTS)
-        if not self._one.acquire(timeout=WAIT_S):
+        is_computed = operation.takes is not None
+        if is_computed and not self._one.acquire(timeout=WAIT_S):
             return _refused(HTTPStatus.SERVICE_UNAVAILABLE)
         try:
             asked = () if operation.takes is None else (operation.takes.model_validate_json(body),)
@@ -85,7 +86,8 @@ class HttpOperations:
         except TruearmError as error:
             return _refused(HTTPStatus.SERVICE_UNAVAILABLE, str(error))
         finally:
-            self._one.release()
+            if is_computed:
+                self._one.release()
 
 
 def _refused(status: HTTPStatus, text: str = "") -> tuple[HTTPStatus, str]:

@@ -381,9 +381,9 @@ class Recording:
         if isinstance(self.reference, Source):
             points = self._reference_points(self._standstill.window_s)
             if not len(points):
-                text = f"{self.reference.name} gives no point while the arm stands still"
                 away_s = self._points[-1].time_s - self._standstill.window_s[1] if self._points else 0.0
-                differ = f"; its last one is {away_s:+.3g} s from the arm's samples: no target, or another clock"
+                differ = "; its last one is of another time: it sees no target, or its clock is another"
+                text = f"{self.reference.name} gives no point while the arm stands still"
                 return text + differ * (abs(away_s) > WAIT_FOR_POINT_S)
             if (spread := float(np.ptp(points, axis=0).max())) > LARGEST_POINT_SPREAD_MM:
                 return f"{self.reference.name}: the points of this standstill differ by {spread:.3f} mm"
