@@ -135,6 +135,8 @@ def test_a_lost_broker_and_a_refusal_are_said_and_it_connects_again(tmp_path):
     [
         (("127.0.0.1:{port}", "127.0.0.1:port"), "expected a broker as HOST or HOST:PORT"),
         (("topic = ", "topics = "), "topic"),
+        (("cell/arm", "cell/#/arm"), "expected a topic"),
+        (("cell/arm", "cell+"), "expected a topic"),
         (('"axes.2.deg"]', '"axes.2.deg"]\nsign = [1, 1]'), "expected 3 entries of sign"),
     ],
 )

@@ -9,10 +9,10 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
-from devices import samples_of
+from devices import samples_of, tcp_device
 
 from truearm.errors import InputError
-from truearm.sources import connections, open_source
+from truearm.sources import connections, opcua, open_source
 
 asyncua = pytest.importorskip("asyncua", reason="asyncua is not installed")
 
@@ -107,6 +107,15 @@ def test_a_server_that_ends_is_said():
     for one in stream:
         if getattr(one, "text", "").startswith("no connection to"):
             break
+
+
+@pytest.mark.parametrize(
+    "garbage", [b"", b"HTTP/1.1 400 Bad Request\r\n\r\n", b"ACKF\x1c\0\0\0" + b"\xff" * 20, b"ERRF\x08\0\0\0"]
+)
+def test_what_is_no_opc_ua_is_said(garbage, monkeypatch):
+    monkeypatch.setattr(opcua, "CONNECT_S", 0.5)
+    with tcp_device(lambda connection: connection.sendall(garbage)) as port:
+        notice_of(open_source(f"opcua:127.0.0.1:{port}"), "no connection to opc.tcp://", most=1)
 
 
 @pytest.mark.parametrize("address", ["host:port", "host:4840 x", "http://host", "ho st"])

@@ -23,7 +23,7 @@ domain = {DOMAIN}
 @pytest.fixture(scope="module", autouse=True)
 def loopback():
     pytest.importorskip("cyclonedds", reason="cyclonedds is not installed")
-    interfaces = "<Interfaces><NetworkInterface name='lo'/></Interfaces>"
+    interfaces = "<Interfaces><NetworkInterface address='127.0.0.1'/></Interfaces>"
     with pytest.MonkeyPatch.context() as patched:
         patched.setenv("CYCLONEDDS_URI", f"<CycloneDDS><Domain><General>{interfaces}</General></Domain></CycloneDDS>")
         yield

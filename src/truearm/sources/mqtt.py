@@ -76,6 +76,11 @@ def mqtt(file: Path) -> Source:
     host, colon, number = document.broker.rpartition(":")
     if colon and not (host and number.isdecimal() and int(number) <= 65535):
         raise InputError(f"expected a broker as HOST or HOST:PORT, got {document.broker!r:.80}", file=file)
+    *levels, last = document.topic.split("/")
+    if any({"+", "#"} & set(one) for one in levels if one != "+") or (
+        last not in ("+", "#") and {"+", "#"} & set(last)
+    ):
+        raise InputError(f"expected a topic, got {document.topic!r:.80}", file=file, hint="cell/+/joints, or cell/#")
     address = (host, int(number)) if colon else (number, TLS_PORT if document.tls else PORT)
     try:
         decode = partial(decoded, document, document.decoder(len(document.joints)))

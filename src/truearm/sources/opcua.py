@@ -26,9 +26,9 @@ from truearm.sources.sample import Sample, Source, Stream
 PORT = 4840
 RATE_HZ = 25.0
 MOST_AXES = 32
+BROWSE_S, MOST_BROWSED = 30.0, 1000  # to find them: time, and nodes
 LARGEST = 1e6  # of a position [rad, or mm]
 
-_BROWSED = 2000  # nodes
 # By the number of a unit: what takes a position to rad, or mm. A code is the number whose bytes are its letters.
 _FACTORS = {
     int.from_bytes(code.encode(), "big"): factor
@@ -74,7 +74,7 @@ class _Device:
         try:
             with self._failing():
                 self._runner.run(self._client.connect())
-                self._positions, self._factors = self._runner.run(self._axes(device))
+                self._positions, self._factors = self._runner.run(asyncio.wait_for(self._axes(device), BROWSE_S))
         except OSError:
             self.close()
             raise
@@ -107,17 +107,17 @@ class _Device:
         return positions, factors
 
     async def _motion_devices(self) -> dict[str, Any]:
-        """Motion devices by their names, of all systems under the server's objects."""
+        """Motion devices by their names, of all systems of the server."""
         found: dict[str, Any] = {}
-        waiting = [self._client.nodes.objects]
-        for _ in range(_BROWSED):
+        waiting = [await _child(self._client.nodes.objects, "DeviceSet")]
+        for _ in range(MOST_BROWSED):
             if not waiting:
                 break
             children = await _children(waiting.pop(0))
             if "MotionDevices" in children:
                 found |= await _children(children["MotionDevices"])
             else:
-                waiting += [node for name, node in children.items() if name != "Server"]
+                waiting += children.values()
         return found
 
     def position(self, due_s: float) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
