@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from devices import samples_of, tcp_device
 
-from truearm.errors import InputError, MissingTool
-from truearm.sources import connections, extras, open_source
+from truearm.errors import InputError
+from truearm.sources import connections, open_source
 
 pytest.importorskip("paho.mqtt.client", reason="paho-mqtt is not installed")
 
@@ -109,6 +109,8 @@ def test_the_clock_of_the_device_is_used_where_the_file_names_it(tmp_path):
         GOOD.replace(b"10.0", b"NaN"),
         GOOD.replace(b"10.0", b"1e300"),
         GOOD.replace(b"10.0", b"true"),
+        GOOD.replace(b"10.0", b"1" * 400),
+        GOOD.replace(b"10.0", b"1" * 5000),
         GOOD.replace(b"21.5", b"null"),
         b"[" * 60_000,
         GOOD[:-1] + b" " * 70_000 + b"}",
@@ -145,12 +147,3 @@ def test_a_wrong_file_is_refused(tmp_path, change, said):
     file.write_text(FILE.replace(*change).format(port=1))
     with pytest.raises(InputError, match=said):
         open_source(f"mqtt:{file}")
-
-
-def test_without_the_package_it_says_what_to_install(tmp_path, monkeypatch):
-    def missing(name):
-        raise ImportError(name)
-
-    monkeypatch.setattr(extras.importlib, "import_module", missing)
-    with pytest.raises(MissingTool, match=r"needs the package paho-mqtt, .*pip install 'truearm\[mqtt\]'"):
-        source(tmp_path, 1)

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 import truearm as ta
-from truearm.sources import Notice, Sample, Source
+from truearm.errors import InputError
+from truearm.sources import Notice, Sample, Source, extras
 
 RANDOM = np.random.default_rng(1)
 MOVEMENT = np.cumsum(np.concatenate([np.zeros((1, 6)), RANDOM.uniform(-0.05, 0.06, (100, 6))]), axis=0)
@@ -103,6 +104,26 @@ def test_what_it_prints():
     assert lines[1].split("  ")[0] == "time [s]"
     assert "J2 [mm]" in lines[1]
     assert len(lines) == 12
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "package", "extra"),
+    [
+        ("ros2:arm.toml", 'joints = ["pan"]', "cyclonedds", "ros2"),
+        ("mqtt:arm.toml", 'broker = "host"\ntopic = "arm"\njoints = ["q"]', "paho-mqtt", "mqtt"),
+        ("opcua:host", "", "asyncua", "opcua"),
+        ("lines:arm.toml", 'connection = "serial:COM3"\npattern = "{J1}"', "pyserial", "live"),
+    ],
+)
+def test_without_its_package_a_source_says_what_to_install(tmp_path, monkeypatch, name, text, package, extra):
+    def missing(name):
+        raise ImportError(name)
+
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "arm.toml").write_text(text)
+    monkeypatch.setattr(extras.importlib, "import_module", missing)
+    with pytest.raises(InputError, match=rf"needs the package {package}, .*Try: pip install 'truearm\[{extra}\]'"):
+        ta.open_source(name)
 
 
 def test_kinds_say_what_is_missing(monkeypatch):

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from truearm.sources.connections import Connection, connected, datagram_connector
-from truearm.sources.messages import SILENT_S, samples_in
+from truearm.sources.decoded_messages import SILENT_S, samples_in
 from truearm.sources.sample import Sample, Source, Stream
 
 LARGEST_DEG = 7200.0

@@ -15,10 +15,10 @@ from pydantic import Field
 from truearm.errors import InputError
 from truearm.files.toml_documents import read_document
 from truearm.sources.connections import CONNECT_S, connected
+from truearm.sources.decoded_messages import SILENT_S, samples_in
 from truearm.sources.extras import extra_package
 from truearm.sources.joint_scale import MOST_JOINTS, JointScale
 from truearm.sources.line_pattern import LARGEST
-from truearm.sources.messages import SILENT_S, samples_in
 from truearm.sources.sample import Sample, Source, Stream
 from truearm.typing import FloatArray
 
@@ -85,7 +85,7 @@ def mqtt(file: Path) -> Source:
     try:
         decode = partial(decoded, document, document.decoder(len(document.joints)))
     except InputError as error:
-        raise InputError(error.problem, file=file, hint=error.hint) from None
+        raise error.in_file(file) from None
 
     def talk(broker: _Broker) -> Stream:
         return samples_in(broker.messages(), decode, f"messages lack a number at {', '.join(document.joints)}")
@@ -105,7 +105,7 @@ def decoded(
             return None
         content = json.loads(message)
         numbers = [None if path is None else _number_at(content, path) for path in paths]
-    except (ValueError, TypeError, LookupError, RecursionError):
+    except (ValueError, TypeError, LookupError, OverflowError, RecursionError):
         return None
     *joints, temperature, time_s = numbers
     return Sample(
@@ -132,22 +132,21 @@ class _Broker:
         self._messages: list[bytes] = []
         self._refused = ""
         self._client = library.Client(library.CallbackAPIVersion.VERSION2)
+
+        def on_connect(client: Any, _data: Any, _flags: Any, code: Any, _properties: Any) -> None:
+            if code.is_failure:
+                self._refused = f"the broker refuses: {code}"
+            else:
+                client.subscribe(document.topic)
+
+        self._client.on_connect = on_connect
         self._client.on_message = lambda _client, _data, message: self._messages.append(message.payload)
-        self._client.on_connect = lambda client, _data, _flags, code, _properties: self._on_connect(
-            client, code, document.topic
-        )
         self._client.connect_timeout = CONNECT_S
         if document.username:
             self._client.username_pw_set(document.username, os.environ.get(PASSWORD))
         if document.tls:
             self._client.tls_set()
         self._client.connect(*address)
-
-    def _on_connect(self, client: Any, code: Any, topic: str) -> None:
-        if code.is_failure:
-            self._refused = f"the broker refuses: {code}"
-        else:
-            client.subscribe(topic)
 
     def messages(self) -> Iterator[bytes | None]:
         """Messages as they arrive; None once a second while nothing does."""

@@ -18,12 +18,11 @@ from pydantic import Field
 from truearm.errors import InputError
 from truearm.files.toml_documents import read_document
 from truearm.sources.connections import connected
+from truearm.sources.decoded_messages import SILENT_S, samples_in
 from truearm.sources.extras import extra_package
 from truearm.sources.joint_scale import MOST_JOINTS, Each, JointScale, Unit
-from truearm.sources.messages import SILENT_S, samples_in
 from truearm.sources.sample import Sample, Source, Stream
 
-DDS = ("cyclonedds", "ros2")
 MOST_WAITING = 64  # messages
 MM_PER_M = 1000.0
 
@@ -62,14 +61,14 @@ def ros2(file: Path) -> Source:
         If the file breaks a rule of its format, or the package cyclonedds is missing.
     """
     document = read_document(file, Ros2Document)
-    extra_package(*DDS, "a topic of ROS 2")
+    _dds("core")
     if len(set(document.joints)) != len(document.joints):
         raise InputError("a name is twice in joints", file=file)
     n = len(document.joints)
     try:
         decode = document.decoder(n)
     except InputError as error:
-        raise InputError(error.problem, file=file, hint=error.hint) from None
+        raise error.in_file(file) from None
     factors = np.where(np.isin(np.arange(1, n + 1), document.prismatic(n)), MM_PER_M, 1.0)
 
     def sample(message: Any, arrived_s: float) -> Sample | None:
@@ -89,12 +88,12 @@ class _Reader:
     """A reader of a topic; OSError where DDS fails."""
 
     def __init__(self, topic: str, domain: int) -> None:
-        core, sub, policies = (extra_package(f"cyclonedds.{part}", DDS[1], "") for part in ("core", "sub", "qos"))
+        core, sub, policies = map(_dds, ("core", "sub", "qos"))
         kept = policies.Qos(policies.Policy.History.KeepLast(MOST_WAITING))
         self._error = core.DDSException
         with self._failing():
-            participant = extra_package("cyclonedds.domain", DDS[1], "").DomainParticipant(domain)
-            kind = extra_package("cyclonedds.topic", DDS[1], "").Topic
+            participant = _dds("domain").DomainParticipant(domain)
+            kind = _dds("topic").Topic
             self._reader: Any = sub.DataReader(participant, kind(participant, f"rt{topic}", joint_state()), qos=kept)
 
     @contextmanager
@@ -106,7 +105,7 @@ class _Reader:
 
     def messages(self) -> Iterator[Any]:
         """Messages as they arrive; None once a second while nothing does."""
-        silent = extra_package("cyclonedds.util", DDS[1], "").duration(seconds=SILENT_S)
+        silent = _dds("util").duration(seconds=SILENT_S)
         with self._failing():
             while True:
                 yield from self._reader.take_iter(timeout=silent)
@@ -117,10 +116,14 @@ class _Reader:
         del self._reader
 
 
+def _dds(part: str) -> Any:
+    return extra_package(f"cyclonedds.{part}", "ros2", "a topic of ROS 2")
+
+
 @cache
 def joint_state() -> Any:
     """The type sensor_msgs/msg/JointState, as ROS 2 names it in DDS."""
-    idl, types = extra_package("cyclonedds.idl", DDS[1], ""), extra_package("cyclonedds.idl.types", DDS[1], "")
+    idl, types = _dds("idl"), _dds("idl.types")
 
     def struct(package: str, kind: str, /, **fields: Any) -> Any:
         return idl.make_idl_struct(kind, f"{package}::msg::dds_::{kind}_", fields)

@@ -68,7 +68,7 @@ def servo_bus(kind: str, file: Path, connection: str, request: Request, answers:
         talk = partial(_samples, document.ids, decode, request, answers)
         opened = partial(connected, connector(connection), connection, talk)
     except InputError as error:
-        raise InputError(error.problem, file=file, hint=error.hint) from None
+        raise error.in_file(file) from None
     return Source(f"{kind}:{file}@{connection}", opened, document.prismatic(len(document.ids)))
 
 

@@ -9,8 +9,8 @@ from pathlib import Path
 from truearm.errors import InputError
 from truearm.files.toml_documents import read_document
 from truearm.sources.connections import Connection, connected, connector
+from truearm.sources.decoded_messages import SILENT_S, samples_in
 from truearm.sources.line_pattern import MOST_CHARACTERS, LinesDocument, Parse, line_parser
-from truearm.sources.messages import SILENT_S, samples_in
 from truearm.sources.sample import Source, Stream
 
 
@@ -44,7 +44,7 @@ def text_lines(file: Path, connection: str = "") -> Source:
             has_own_clock="{time_s}" in document.pattern,
         )
     except InputError as error:
-        raise InputError(error.problem, file=file, hint=error.hint) from None
+        raise error.in_file(file) from None
 
 
 def lines_of(link: Connection) -> Iterator[str | None]:
