@@ -7,7 +7,11 @@ from pathlib import Path
 project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())["project"]
 for requirement in [
     *project["dependencies"],
-    *(one for extra in ("parquet", "pdf", "sign", "fleet", "live") for one in project["optional-dependencies"][extra]),
+    *(
+        one
+        for extra in ("parquet", "pdf", "sign", "fleet", "live", "mqtt", "opcua")
+        for one in project["optional-dependencies"][extra]
+    ),
 ]:
     if bounded := re.fullmatch(r"([\w-]+)>=([\w.]+)", requirement):
         print(f"{bounded[1]}=={bounded[2]}")
