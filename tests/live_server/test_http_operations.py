@@ -219,6 +219,9 @@ def test_openapi_describes_what_is_answered(url):
     assert status == 200
     validator.validate(document)
     assert set(document["paths"]) == {"/tip", "/predict", "/correct"}
+    schemas = document["components"]["schemas"]
+    assert "One list a pose [deg, or mm of sliding joints]" in schemas["Correct"]["description"]
+    assert "expanded uncertainties (k = 2) [mm]" in schemas["Pose"]["description"]
     for path, body in (("/tip", None), ("/predict", {"joints": [POSE_DEG]}), ("/correct", {"joints": [POSE_DEG]})):
         (described,) = document["paths"][path].values()
         if body is not None:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from inspect import getdoc
+from inspect import cleandoc
 from typing import Any
 
 from pydantic import BaseModel, TypeAdapter
 
 from truearm import __version__
-from truearm.live_server.messages import Refused
+from truearm.live_server import messages
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ def openapi(operations: Sequence[Operation]) -> dict[str, Any]:
     """The document, ready for JSON."""
     takes = {one.takes: TypeAdapter(one.takes) for one in operations if one.takes is not None}
     gives: dict[type, TypeAdapter[Any]] = {
-        kind: TypeAdapter(kind) for kind in [*(one.gives for one in operations), Refused]
+        kind: TypeAdapter(kind) for kind in [*(one.gives for one in operations), messages.Refused]
     }
     inputs = [(kind, "validation", adapter) for kind, adapter in takes.items()]
     outputs = [(kind, "serialization", adapter) for kind, adapter in gives.items()]
@@ -52,9 +52,12 @@ def openapi(operations: Sequence[Operation]) -> dict[str, Any]:
         ref_template="#/components/schemas/{model}",
     )
     named = {key[0]: schema for key, schema in schemas.items()}
+    for name, schema in document["$defs"].items():  # units are in the descriptions of the classes
+        described = [one for one in getattr(messages, name).__mro__ if one.__module__ == messages.__name__]
+        schema["description"] = "\n\n".join(cleandoc(one.__doc__ or "") for one in described)
 
     def content(kind: type) -> dict[str, Any]:
-        return {"description": (getdoc(kind) or "").partition("\n")[0], "content": _json(named[kind])}
+        return {"description": cleandoc(kind.__doc__ or "").partition("\n")[0], "content": _json(named[kind])}
 
     paths = {
         one.path: {
@@ -62,7 +65,7 @@ def openapi(operations: Sequence[Operation]) -> dict[str, Any]:
                 "summary": one.summary,
                 "operationId": one.path.strip("/"),
                 **({"requestBody": {"required": True, **content(one.takes)}} if one.takes is not None else {}),
-                "responses": {"200": content(one.gives), "default": content(Refused)},
+                "responses": {"200": content(one.gives), "default": content(messages.Refused)},
             }
         }
         for one in operations
