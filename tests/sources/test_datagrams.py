@@ -135,7 +135,7 @@ def refused(source, port, datagram, good):
     with robot(port, datagram, good):
         samples, notices = samples_of(source, 3)
     assert all(len(one.joint_angles_rad) == 6 for one in samples)
-    assert datagram == b"" or any("ignored" in text for text in notices)
+    assert any("ignored" in text for text in notices)
 
 
 @given(st.binary(max_size=200))

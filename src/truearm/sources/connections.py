@@ -83,7 +83,7 @@ class _Udp:
     def receive(self, timeout_s: float) -> bytes:
         self._socket.settimeout(timeout_s)
         try:
-            return self._socket.recv(MOST_BYTES)
+            return self._socket.recv(MOST_BYTES) or b"\n"  # an empty one is not silence
         except TimeoutError:
             return b""
 
