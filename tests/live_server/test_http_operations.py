@@ -135,6 +135,7 @@ def test_a_target_beyond_reach_is_refused_by_itself(url, model):
         ("/predict", {"joints": [POSE_DEG] * (MOST_POSES + 1)}, 400, "joints: List should have at most"),
         ("/predict", {"joints": [["1"] * 6]}, 400, "joints.0.0: Input should be a valid number"),
         ("/predict", b'{"joints": [[NaN, 0, 0, 0, 0, 0]]}', 400, "finite number"),
+        ("/predict", {"joints": [[1e300] * 6]}, 400, "joints.0.0: Input should be less than or equal to 1000000000"),
         ("/predict", {"joints": [POSE_DEG], "angle": 1}, 400, "angle: Extra inputs are not permitted"),
         ("/predict", {"joints": [POSE_DEG[:5]]}, 422, "expected 6 joints, got 5 in list 1"),
         ("/predict", {"joints": [POSE_DEG], "loads": {"load_wind": 1}}, 422, "the model knows no load load_wind"),

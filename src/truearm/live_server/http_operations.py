@@ -102,15 +102,15 @@ def predicted(recording: Recording, asked: Predict) -> Predicted:
     InputError
         If the arm has another number of joints.
     """
-    angles = _angles(recording, asked)
+    angles, model = _angles(recording, asked), recording.model
     assert recording.arm is not None  # the page needs it, too
     tips: Sequence[CorrectedTip | None] = [None] * len(angles)
     not_corrected = "truearm was started without a model"
-    if recording.model is not None:
-        not_corrected, known = "", _loads(recording.model, asked)
+    if model is not None:
+        not_corrected, known = "", _loads(model, asked)
         temperature = None if asked.temperature_degC is None else np.full(len(angles), asked.temperature_degC)
         try:
-            tips = corrected_tips(recording.model, Session(angles, temperature_degC=temperature, columns=known))
+            tips = corrected_tips(model, Session(angles, temperature_degC=temperature, columns=known))
         except InputError as error:
             not_corrected = error.problem
     nominal = recording.arm.forward(angles).tip_in_base.tolist()
@@ -136,9 +136,9 @@ def corrected(recording: Recording, asked: Correct) -> Corrected:
     InputError
         If there is no model, or the targets are not those of its arm.
     """
-    if recording.model is None:
+    angles, model = _angles(recording, asked), recording.model
+    if model is None:
         raise InputError("truearm was started without a model", hint="truearm live --model MODEL")
-    angles = _angles(recording, asked)
     points = None if asked.points_mm is None else np.array(asked.points_mm)
     if points is not None and len(points) != len(angles):
         raise InputError(f"expected {len(angles)} points, one for each list of joints, got {len(points)}")
@@ -146,11 +146,10 @@ def corrected(recording: Recording, asked: Correct) -> Corrected:
         angles,
         points,
         temperature_degC=None if asked.temperature_degC is None else np.full(len(angles), asked.temperature_degC),
-        loads=_loads(recording.model, asked),
+        loads=_loads(model, asked),
     )
-    done = correct(
-        recording.model, targets, direction=asked.direction, frame=asked.frame, untrained=asked.untrained
-    ).correction
+    result = correct(model, targets, direction=asked.direction, frame=asked.frame, untrained=asked.untrained)
+    done = result.correction
     U_mm = COVERAGE_FACTOR * np.sqrt(np.diagonal(done.covariances, axis1=1, axis2=2))
     joints = done.joints / _factors(recording)
     return Corrected(

@@ -16,6 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from truearm.choices import Frame, TargetDirection, Untrained
 from truearm.files.delimited import MAX_NAME
 from truearm.sources.joint_scale import MOST_JOINTS
+from truearm.sources.line_pattern import LARGEST
 
 # To the page ---------------------------------------------------------------------------------------------------------
 
@@ -163,7 +164,7 @@ class Command(BaseModel):
 
 MOST_POSES = 100  # in one request
 
-Number = Annotated[float, Field(allow_inf_nan=False)]
+Number = Annotated[float, Field(allow_inf_nan=False, ge=-LARGEST, le=LARGEST)]
 Joints = Annotated[list[Number], Field(min_length=1, max_length=MOST_JOINTS)]
 Point = Annotated[list[Number], Field(min_length=3, max_length=3)]
 
