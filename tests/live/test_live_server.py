@@ -21,7 +21,7 @@ client = pytest.importorskip("websockets.sync.client", reason="websockets is not
 exceptions = pytest.importorskip("websockets.exceptions")
 
 TOKEN = "sixteen-letters-"
-STATE = State((), None, "")
+STATE = State((), None, None, "")
 
 
 @contextmanager
@@ -127,7 +127,11 @@ def test_whatever_a_request_says_it_is_answered_or_refused(target, hosts, origin
 def test_the_first_client_commands_and_the_others_only_read():
     with served() as (server, commands), connected(server) as first, connected(server) as second:
         assert [said(first)["may_command"], said(second)["may_command"]] == [True, False]
-        assert said(first) == said(second) == {"message": "state", "readings": [], "next": None, "ended": ""}
+        assert (
+            said(first)
+            == said(second)
+            == {"message": "state", "readings": [], "learned": None, "next": None, "ended": ""}
+        )
         second.send(Command(command="undo").model_dump_json())
         assert said(second)["message"] == "refused"
         first.send(Command(command="seat", text="cone A").model_dump_json())

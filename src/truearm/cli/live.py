@@ -11,6 +11,7 @@ from truearm.cli.console import print_line
 from truearm.cli.options import (
     FirstSeat,
     LiveModel,
+    RankOption,
     RecordedArm,
     RecordedFile,
     RecordedPlan,
@@ -27,6 +28,7 @@ def live(
     source: SourceOption,
     out: RecordedFile,
     plan: RecordedPlan = None,
+    rank: RankOption = False,
     arm: RecordedArm = None,
     model: LiveModel = None,
     reference: ReferenceOption = None,
@@ -64,6 +66,7 @@ def live(
         out,
         arm=arm,
         plan=plan,
+        rank=rank,
         model=model,
         reference=reference,
         rule=StandstillRule(still, radians(spread), spread_mm),

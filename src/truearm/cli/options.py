@@ -62,6 +62,10 @@ FormTemperature = Annotated[float | None, Option(help="With --into: temperature 
 SourceOption = Annotated[str, Option(help="Where the angles come from: KIND:ADDRESS, as truearm sources lists them.")]
 RecordedFile = Annotated[Path, Option(help="Session file, .csv; one with the same columns is continued.")]
 RecordedPlan = Annotated[Path | None, Option(help="Plan of truearm plan: seats, instructions, what remains.")]
+RankOption = Annotated[
+    bool,
+    Option("--rank", help="Next is the pose that adds most: of the plan, or without one of all in reach."),
+]
 RecordedArm = Annotated[str | None, Option("--arm", help=ARM_HELP)]
 LiveModel = Annotated[Path | None, Option(help="Model file: shows the corrected tip with its uncertainty.")]
 ReferenceOption = Annotated[

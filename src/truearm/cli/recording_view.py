@@ -10,7 +10,8 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from truearm.workflows.recording import Event, Recording
+from truearm.workflows.recording import Recording
+from truearm.workflows.recording_event import Event
 
 KEYS = {
     " ": "take",

@@ -40,16 +40,18 @@ const receive = {
   state(message) {
     live.readings = message.readings;
     live.ended = message.ended;
-    if (message.next) receive.said(message.next);
+    [message.learned, message.next].filter(Boolean).forEach(receive.said);
     showReadings();
   },
   said({ event, reading, aim_pivots: ghost }) {
     if (event.event === "reading") live.readings.push(reading);
     if (event.event === "undone") live.readings.pop();
     if (event.event === "end") live.ended = event.text;
-    if (event.event === "next") {
+    if (event.event === "learned") {
+      write("learned", event.text);
+    } else if (event.event === "next") {
       write("next", event.text);
-      live.aim = event.pose === null ? null : { joints: event.aim, pivots: ghost };
+      live.aim = event.aim ? { joints: event.aim, pivots: ghost } : null;
     } else {
       say(event.text, event.event);
     }

@@ -35,7 +35,7 @@ def live_page(recording: Recording, drawn: DrawnArm) -> str:
         out=str(recording.out),
         source=recording.source.name,
         has_model=recording.model is not None,
-        has_plan=recording.plan is not None,
+        has_next=recording.plan is not None or recording.rank,
         is_typed=recording.reference == TYPED,
         joints=list(zip(arm.joint_labels, arm.joint_units, strict=True)),
         scene=Markup(data_block(_scene(drawn))),  # noqa: S704, every sign of markup in it is an escape

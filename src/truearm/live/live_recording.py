@@ -16,7 +16,8 @@ from truearm.readings.readings import DIRECTION
 from truearm.sources import Sample
 from truearm.workflows.corrected_tip import CorrectedTip, corrected_tip
 from truearm.workflows.record_readings import follow
-from truearm.workflows.recording import Event, Recording
+from truearm.workflows.recording import Recording
+from truearm.workflows.recording_event import Event
 
 FRAMES_HZ = 20.0
 
@@ -34,6 +35,7 @@ class LiveRecording:
     def __init__(self, recording: Recording, drawn: DrawnArm) -> None:
         self._recording, self._drawn = recording, drawn
         self._readings: list[ReadingPoint] = []
+        self._learned: Said | None = None
         self._next: Said | None = None
         self._ended, self._sent_s = "", -np.inf
 
@@ -41,7 +43,7 @@ class LiveRecording:
         """Send the events of the recording, and do what the page asks for; the events but the samples."""
         for event in follow(self._recording, server.commands()):
             if event.kind != "sample":
-                server.send(self._said(event), State(tuple(self._readings), self._next, self._ended))
+                server.send(self._said(event), State(tuple(self._readings), self._learned, self._next, self._ended))
                 yield event
             elif time.monotonic() - self._sent_s > 0.5 / FRAMES_HZ:  # a replay may run faster than its clock
                 self._sent_s = time.monotonic()
@@ -57,9 +59,11 @@ class LiveRecording:
             self._readings.append(said.reading)
         elif event.kind == "undone":
             self._readings.pop()
+        elif event.kind == "learned":
+            self._learned = said
         elif event.kind == "next":
-            plan, number = self._recording.plan, event.values["pose"]
-            aim = None if plan is None or number is None else self._drawn.pivots(plan.angles[number - 1])
+            aim_rad = self._recording.aim_rad
+            aim = None if aim_rad is None else self._drawn.pivots(aim_rad)
             said = self._next = Said(said.event, aim_pivots=aim)
         elif event.kind == "end":
             self._ended = event.text

@@ -61,9 +61,10 @@ class Said:
 
 @dataclass(frozen=True)
 class State:
-    """What a client that has just come must know: the readings so far, and what the plan wants next."""
+    """What a client that has just come must know: the readings, how well the arm is known, and what comes next."""
 
     readings: Sequence[ReadingPoint]
+    learned: Said | None
     next: Said | None
     ended: str
 

@@ -14,7 +14,8 @@ from truearm.choices import TakeOn
 from truearm.errors import InputError
 from truearm.sources import Notice, Sample, Source, StandstillRule, open_source
 from truearm.workflows.inputs import ModelLike, to_arm, to_model_of_tip
-from truearm.workflows.recording import TYPED, Event, Recording
+from truearm.workflows.recording import TYPED, Recording
+from truearm.workflows.recording_event import Event
 
 MOST_WAITING = 10_000  # samples and commands
 _Origin = Literal["arm", "reference", "command"]
@@ -31,6 +32,7 @@ def record(
     on: TakeOn = "still",
     seat: str = "",
     model: ModelLike | None = None,
+    rank: bool = False,
     samples_hz: float = 0.0,
     commands: Iterator[str] | None = None,
 ) -> Iterator[Event]:
@@ -59,6 +61,9 @@ def record(
         Name of the seat of the readings; the plan's by default.
     model : Compensator, str or path, optional
         Corrects the tip at the samples.
+    rank : bool
+        The next pose is the one that adds most to what is known of the arm: of the plan's, or without a plan of poses
+        that the arm reaches. By default the plan is followed in its order.
     samples_hz : float
         How often the angles come as an event of the kind ``sample``, by the clock of the source; 0: never.
     commands : iterator of str, optional
@@ -94,6 +99,7 @@ def record(
         on=on,
         seat=seat,
         model=model,
+        rank=rank,
         samples_hz=samples_hz,
     )
     return follow(recording, commands)
@@ -110,6 +116,7 @@ def recording_of(
     on: TakeOn = "still",
     seat: str = "",
     model: ModelLike | None = None,
+    rank: bool = False,
     samples_hz: float = 0.0,
 ) -> Recording:
     """The recording of `record`, before its sources are read; see there."""
@@ -126,6 +133,7 @@ def recording_of(
         on=on,
         seat=seat,
         model=None if model is None else to_model_of_tip(model),
+        rank=rank,
         samples_hz=samples_hz,
     )
 

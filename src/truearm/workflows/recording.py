@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from math import degrees, radians
 from pathlib import Path
-from typing import Any, Literal
+from typing import TypeGuard
 
 import numpy as np
 
@@ -19,13 +18,16 @@ from truearm.errors import InputError
 from truearm.files.delimited import MAX_NAME
 from truearm.identification.planning.planned_readings import PlannedReadings, read_planned
 from truearm.number_format import format_count
+from truearm.readings import read_session
 from truearm.readings.readings import DIRECTION, LOAD
 from truearm.readings.session_log import SessionLog, check_log_path
 from truearm.sources import Sample, Source, StandstillRule
 from truearm.sources.standstill import Standstill, TakenReading
 from truearm.typing import FloatArray
 from truearm.workflows.corrected_tip import CorrectedTip, corrected_tip
-from truearm.workflows.record import to_plain
+from truearm.workflows.learning import Learning
+from truearm.workflows.poses_to_measure import PosesToMeasure
+from truearm.workflows.recording_event import Event
 
 TYPED = "typed"
 LARGEST_POINT_SPREAD_MM = 0.1  # of a second instrument in the window of a reading
@@ -33,33 +35,6 @@ FAR_FROM_AIM = 20.0  # deg, or mm; a standstill that is farther from the plan's 
 BESIDE_SEAT = 0.05  # of the arm's reach; a standstill that is farther from its seat is taken by key only
 WAIT_FOR_POINT_S = 1.0  # the second instrument may lag behind the arm
 REFERENCE_SAMPLES = 10_000
-
-Kind = Literal["ready", "sample", "reading", "undone", "next", "notice", "refused", "end"]
-
-
-@dataclass(frozen=True)
-class Event:
-    """Something that a recording says.
-
-    Attributes
-    ----------
-    kind : {"ready", "sample", "reading", "undone", "next", "notice", "refused", "end"}
-        ``reading``: it is on the disk. ``next``: the pose of the plan that comes next. ``refused``: what a person asked
-        for was not done.
-    text : str
-        In one sentence.
-    values : mapping of str to object
-        For machines; the keys state their units.
-    """
-
-    kind: Kind
-    text: str
-    values: Mapping[str, Any] = field(default_factory=dict)
-
-    def to_dict(self) -> dict[str, Any]:
-        """The event for machines: its kind, its text and its values."""
-        plain: dict[str, Any] = to_plain({"event": self.kind, "text": self.text, **self.values})
-        return plain
 
 
 class Recording:
@@ -82,6 +57,9 @@ class Recording:
         Name of the seat of the next readings.
     model : Compensator, optional
         Of the arm, for the corrected tip; its arm by default.
+    rank : bool
+        Whether the next pose is the one that adds most to what is known of the arm: of the plan's, or without a plan
+        of poses that the arm reaches. It is the plan's next otherwise.
     samples_hz : float
         How often the angles are an event, by the clock of the source; 0: never.
 
@@ -103,6 +81,7 @@ class Recording:
         on: TakeOn = "still",
         seat: str = "",
         model: Compensator | None = None,
+        rank: bool = False,
         samples_hz: float = 0.0,
     ) -> None:
         arm = model.arm_ if arm is None and model is not None else arm
@@ -111,6 +90,9 @@ class Recording:
             raise InputError("a plan needs the arm that it is for", file=plan, hint="--arm ARM")
         self.source, self.arm, self.reference, self.seat, self._on = source, arm, reference, seat, on
         self.plan: PlannedReadings | None = None if plan is None or arm is None else read_planned(plan, arm)
+        if rank and not _is_known(arm):
+            raise InputError("the next pose cannot be ranked: the arm's kinematics are not known", hint="--arm ARM")
+        self._poses = PosesToMeasure(arm, self.plan, is_ranked=rank)
         prismatic = source.prismatic
         if arm is not None:
             prismatic = tuple(int(joint) + 1 for joint in np.flatnonzero(arm.chain.is_prismatic))
@@ -121,8 +103,8 @@ class Recording:
         self._typed_mm: FloatArray | None = None
         self._asked, self._was_pressed, self._said = False, False, ""
         self._still_since_s, self._samples_hz, self._streamed_s = 0.0, samples_hz, -np.inf
-        self._skipped: set[int] = set()
-        self.out, self.model = out, model
+        self.out, self.model, self.rank = out, model, rank
+        self._learning = Learning(arm, model, has_points=self._has_points) if _is_known(arm) else None
         self._log: SessionLog | None = None
         self.sample: Sample | None = None
 
@@ -170,20 +152,18 @@ class Recording:
     @property
     def next_pose(self) -> int | None:
         """Number of the plan's next pose, counted from 1; None without a plan or after its last."""
-        return next(iter(self._poses_left()), None)
+        return self._poses.number
 
-    def _poses_left(self) -> list[int]:
-        if self.plan is None or self._log is None:
-            return []
-        done = {row["note_pose"] for row in self._log.rows}
-        return [n for n in range(1, len(self.plan) + 1) if str(n) not in done and n not in self._skipped]
+    @property
+    def aim_rad(self) -> FloatArray | None:
+        """(n_joints,) angles of the next pose [rad, or mm]; None where there is none."""
+        return self._poses.aim_rad
 
     def to_go(self) -> list[float] | None:
-        """How far each joint is from the plan's next pose, in the units in which people read them."""
-        number = self.next_pose
-        if self.plan is None or number is None or self.sample is None:
+        """How far each joint is from the next pose, in the units in which people read them."""
+        if self.aim_rad is None or self.sample is None:
             return None
-        return self.displayed(self.plan.angles[number - 1] - self.sample.joint_angles_rad)
+        return self.displayed(self.aim_rad - self.sample.joint_angles_rad)
 
     def on_sample(self, sample: Sample) -> Iterator[Event]:
         """Take in a sample of the arm."""
@@ -249,8 +229,7 @@ class Recording:
             yield self._name_seat(rest.strip())
         elif word == "point":
             yield self._type_point(rest)
-        elif text.strip() == "skip" and (number := self.next_pose) is not None:
-            self._skipped.add(number)
+        elif text.strip() == "skip" and self._poses.skip():
             yield from self._next()
         else:
             yield Event("refused", f"unknown command {text[:40]!a}: take, take moving, undo, seat, point or skip")
@@ -281,6 +260,7 @@ class Recording:
         if not (self._has_points or self.plan or self.seat):
             text += "; fit needs the seat's name (--seat NAME, key s, or command seat NAME) or the tip (--reference)"
         yield Event("ready", text, {"readings": self.n_readings})
+        yield from self._learn()
         yield from self._next()
 
     def _columns(self, sample: Sample) -> list[str]:
@@ -328,10 +308,7 @@ class Recording:
 
     def _seat_now(self) -> str:
         """Seat of the next reading: the one that a person named, else the plan's; empty if there is none."""
-        number = self.next_pose
-        if self.seat or self.plan is None or self.plan.seat is None or number is None:
-            return self.seat
-        return str(self.plan.seat[number - 1])
+        return self.seat or self._poses.seat
 
     def _angles_in_seat(self) -> FloatArray:
         """(n, n_joints) joint angles of the readings in the seat of the next one [rad, or mm]."""
@@ -391,6 +368,7 @@ class Recording:
         self._log.append(row)
         self._typed_mm, self._asked, self._said = None, False, ""
         yield Event("reading", self._describe(row, number, reading), {"reading": self.n_readings, **row})
+        yield from self._learn()
         yield from self._next()
 
     def _describe(self, row: Mapping[str, float | str], number: int | None, reading: TakenReading) -> str:
@@ -419,6 +397,7 @@ class Recording:
         number = self.n_readings + 1
         numbers = {name: float(text) for name, text in row.items() if text and self._is_number(name)}
         yield Event("undone", f"reading {number} removed", {"reading": number, **row, **numbers})
+        yield from self._learn()
         yield from self._next()
 
     def _is_number(self, column: str) -> bool:
@@ -447,17 +426,37 @@ class Recording:
         self._typed_mm = point
         return Event("notice", "point {:g} {:g} {:g} mm".format(*point))
 
+    def _learn(self) -> Iterator[Event]:
+        """What the readings of the file say of the arm."""
+        if self._learning is not None and self.n_readings:
+            yield from self._learning.learn(read_session(self.out))
+
     def _next(self) -> Iterator[Event]:
-        """What the plan wants next."""
-        if self.plan is None:
+        """What comes next."""
+        if self.plan is None and not self.rank:
             return
-        number = self.next_pose
-        if number is None:
-            yield Event("next", "the plan is done", {"pose": None, "remaining": 0})
+        assert self._log is not None
+        assert self.sample is not None  # the file is opened at the first
+        done = {row.get("note_pose", "") for row in self._log.rows}
+        yield from self._poses.choose(done, self._learning, self._seat_now(), self.sample.joint_angles_rad)
+        number, aim_rad = self.next_pose, self.aim_rad
+        if aim_rad is None:
+            text = "the plan is done" if self.plan is not None else "next: any pose, in a seat or with a point"
+            yield Event("next", text, {"pose": None, "remaining": 0})
             return
-        aims = self.displayed(self.plan.angles[number - 1])
-        aim = ", ".join(f"J{joint} {angle:.0f}" for joint, angle in enumerate(aims, start=1))
-        note = "" if self.plan.note is None else str(self.plan.note[number - 1])
-        left = len(self._poses_left())
-        text = f"next: pose {number} of {len(self.plan)}{note and f', {note}'}; {aim} {self.units[0]}; {left} to go"
-        yield Event("next", text, {"pose": number, "remaining": left, "aim": aims, "instruction": note})
+        aims = self.displayed(aim_rad)
+        parts = [", ".join(f"J{joint} {angle:.0f}" for joint, angle in enumerate(aims, start=1)) + f" {self.units[0]}"]
+        values: dict[str, object] = {"pose": number, "aim": aims}
+        if self.plan is not None and number is not None:
+            note = "" if self.plan.note is None else str(self.plan.note[number - 1])
+            left = self._poses.n_left
+            parts = [f"pose {number} of {len(self.plan)}{note and f', {note}'}", *parts, f"{left} to go"]
+            values |= {"remaining": left, "instruction": note}
+        if (mm := self._poses.would_give_mm) is not None:
+            parts.append(f"would give {mm:.3f} mm")
+            values["would_give_mm"] = mm
+        yield Event("next", f"next: {'; '.join(parts)}", values)
+
+
+def _is_known(arm: Arm | None) -> TypeGuard[Arm]:
+    return arm is not None and arm.has_kinematics
