@@ -21,7 +21,7 @@ client = pytest.importorskip("websockets.sync.client", reason="websockets is not
 exceptions = pytest.importorskip("websockets.exceptions")
 
 TOKEN = "sixteen-letters-"
-STATE = State((), None, None, "")
+STATE = State({}, (), None, None, "")
 
 
 @contextmanager
@@ -130,7 +130,7 @@ def test_the_first_client_commands_and_the_others_only_read():
         assert (
             said(first)
             == said(second)
-            == {"message": "state", "readings": [], "learned": None, "next": None, "ended": ""}
+            == {"message": "state", "drawn": {}, "readings": [], "learned": None, "next": None, "ended": ""}
         )
         second.send(Command(command="undo").model_dump_json())
         assert said(second)["message"] == "refused"

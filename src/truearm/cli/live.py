@@ -2,35 +2,55 @@
 
 from __future__ import annotations
 
+import tempfile
 from math import radians
-from typing import Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
-from typer import Option
+from typer import Context, Option
 
 from truearm.cli.console import print_line
 from truearm.cli.options import (
+    RECORDED_HELP,
+    SOURCE_HELP,
     FirstSeat,
     LiveModel,
+    OutModelOption,
     RankOption,
     RecordedArm,
-    RecordedFile,
     RecordedPlan,
     ReferenceOption,
-    SourceOption,
     StillSpread,
     StillSpreadMm,
     StillTime,
     TakeOption,
+    refuse_typed,
+)
+from truearm.errors import InputError
+
+if TYPE_CHECKING:
+    from truearm.live.request_checks import RequestChecks
+    from truearm.workflows.recording import Recording
+
+NOT_IN_A_DEMO = (
+    *("source", "out", "plan", "rank", "arm", "model", "out_model"),
+    *("reference", "on", "seat", "still", "spread", "spread_mm"),
 )
 
 
 def live(
-    source: SourceOption,
-    out: RecordedFile,
+    context: Context,
+    source: Annotated[str | None, Option(help=SOURCE_HELP)] = None,
+    out: Annotated[Path | None, Option(help=RECORDED_HELP)] = None,
+    demo: Annotated[
+        bool,
+        Option("--demo", help="A virtual arm with errors, steered on the page, with a plan, in a temporary folder."),
+    ] = False,
     plan: RecordedPlan = None,
     rank: RankOption = False,
     arm: RecordedArm = None,
     model: LiveModel = None,
+    out_model: OutModelOption = None,
     reference: ReferenceOption = None,
     on: TakeOption = "still",
     seat: FirstSeat = "",
@@ -48,32 +68,47 @@ def live(
     """Take readings of a connected arm, and see it on a page.
 
     Readings are taken as by truearm record. The page in the browser shows the arm as it moves, the corrected tip,
-    the readings, the angles covered and the next pose of the plan. The first page that is opened takes, undoes,
-    names seats and skips poses; others only show. Ctrl-C ends.
+    the readings, how well the arm is known with them, the angles covered and the next pose. The first page that is
+    opened takes, undoes, names seats, skips poses, fits and saves a model; others only show. Ctrl-C ends.
     """
-    from truearm.live.drawn_arm import drawn_arm
-    from truearm.live.live_page import live_page
-    from truearm.live.live_recording import FRAMES_HZ, LiveRecording
+    from truearm.live.live_recording import FRAMES_HZ
     from truearm.live.request_checks import RequestChecks
-    from truearm.live.server import LiveServer
-    from truearm.number_format import format_count
     from truearm.sources import StandstillRule
+    from truearm.workflows.live_demo import demo_recording
     from truearm.workflows.record_readings import recording_of
 
     checks = RequestChecks(host, token)
-    recording = recording_of(
-        source,
-        out,
-        arm=arm,
-        plan=plan,
-        rank=rank,
-        model=model,
-        reference=reference,
-        rule=StandstillRule(still, radians(spread), spread_mm),
-        on=on,
-        seat=seat,
-        samples_hz=FRAMES_HZ,
-    )
+    with tempfile.TemporaryDirectory(prefix="truearm-") as folder:
+        if demo:
+            refuse_typed(context, NOT_IN_A_DEMO, "does not apply to --demo")
+            recording = demo_recording(Path(folder), samples_hz=FRAMES_HZ)
+        elif source is None or out is None:
+            raise InputError("expected --source and --out: where the angles come from and go", hint="or --demo")
+        else:
+            recording = recording_of(
+                source,
+                out,
+                arm=arm,
+                plan=plan,
+                rank=rank,
+                model=model,
+                out_model=out_model,
+                reference=reference,
+                rule=StandstillRule(still, radians(spread), spread_mm),
+                on=on,
+                seat=seat,
+                samples_hz=FRAMES_HZ,
+            )
+        _serve(recording, checks, port)
+
+
+def _serve(recording: Recording, checks: RequestChecks, port: int) -> None:
+    from truearm.live.drawn_arm import drawn_arm
+    from truearm.live.live_page import live_page
+    from truearm.live.live_recording import LiveRecording
+    from truearm.live.server import LiveServer
+    from truearm.number_format import format_count
+
     drawn = drawn_arm(recording.arm, recording.model)
     with LiveServer(live_page(recording, drawn), checks, port) as server:
         print_line(f"Open {server.url} in a browser; Ctrl-C ends.")
@@ -81,5 +116,5 @@ def live(
             for event in LiveRecording(recording, drawn).follow(server):
                 print_line(event.text)
         except KeyboardInterrupt:
-            print_line(f"{format_count(recording.n_readings, 'reading')} in {out}")
+            print_line(f"{format_count(recording.n_readings, 'reading')} in {recording.out}")
             raise

@@ -59,8 +59,10 @@ FormDate = Annotated[str | None, Option(help="With --into: day of the measuremen
 FormTemperature = Annotated[float | None, Option(help="With --into: temperature of the artefacts.")]
 
 # Of the commands that take readings of a connected arm.
-SourceOption = Annotated[str, Option(help="Where the angles come from: KIND:ADDRESS, as truearm sources lists them.")]
-RecordedFile = Annotated[Path, Option(help="Session file, .csv; one with the same columns is continued.")]
+SOURCE_HELP = "Where the angles come from: KIND:ADDRESS, as truearm sources lists them."
+RECORDED_HELP = "Session file, .csv; one with the same columns is continued."
+SourceOption = Annotated[str, Option(help=SOURCE_HELP)]
+RecordedFile = Annotated[Path, Option(help=RECORDED_HELP)]
 RecordedPlan = Annotated[Path | None, Option(help="Plan of truearm plan: seats, instructions, what remains.")]
 RankOption = Annotated[
     bool,
@@ -68,6 +70,7 @@ RankOption = Annotated[
 ]
 RecordedArm = Annotated[str | None, Option("--arm", help=ARM_HELP)]
 LiveModel = Annotated[Path | None, Option(help="Model file: shows the corrected tip with its uncertainty.")]
+OutModelOption = Annotated[Path | None, Option(help="Where a model fitted to the readings is saved; must be new.")]
 ReferenceOption = Annotated[
     str | None, Option(help="What measures the tip, if not the source: another source, paired by time, or typed.")
 ]

@@ -15,6 +15,7 @@ from truearm.cli.console import print_line
 from truearm.cli.options import (
     FirstSeat,
     LiveModel,
+    OutModelOption,
     RankOption,
     RecordedArm,
     RecordedFile,
@@ -39,6 +40,7 @@ def record(
     rank: RankOption = False,
     arm: RecordedArm = None,
     model: LiveModel = None,
+    out_model: OutModelOption = None,
     reference: ReferenceOption = None,
     on: TakeOption = "still",
     seat: FirstSeat = "",
@@ -54,9 +56,11 @@ def record(
 
     Every command reads the file while it grows. A reading is the mean of the samples of a standstill, taken once
     until the arm moves again. It is on the disk before it is said. Keys: space takes a reading, m one of a moving
-    arm, u undoes the last, s names the seat, p types the reference point, n skips a pose of the plan, q ends.
+    arm, u undoes the last, s names the seat, p types the reference point, n skips a pose of the plan,
+    r fits a model to the readings, w writes it to --out-model, q ends.
 
-    With --headless these are lines on standard input: take, take moving, undo, seat NAME, point X Y Z, skip, end.
+    With --headless these are lines on standard input: take, take moving, undo, seat NAME, point X Y Z, skip,
+    refit, save, end.
     """
     from truearm.sources import StandstillRule
     from truearm.workflows.record_readings import follow, recording_of
@@ -68,6 +72,7 @@ def record(
         plan=plan,
         rank=rank,
         model=model,
+        out_model=out_model,
         reference=reference,
         rule=StandstillRule(still, radians(spread), spread_mm),
         on=on,

@@ -7,12 +7,14 @@ import { coloursOf } from "./scene_paint.mjs";
 const SILENT_MS = 600; // without a sample; a source says the same after a second
 const RETRY_MS = 1000;
 const MOST_EVENTS = 50;
+const STEER_MS = 100; // between commands to a virtual arm, which follows its sliders
 
 const at = (id) => document.getElementById(id);
 const view = at("scene").view;
 const spans = JSON.parse(at("spans").textContent);
 const rows = [...document.querySelectorAll("#joints tbody tr")];
-const live = { readings: [], aim: null, pose: null, arrived: 0, run: "", ended: "", mayCommand: false, isLost: false, socket: null };
+const sliders = rows.map((row) => row.querySelector("input")).filter(Boolean); // of a virtual arm
+const live = { readings: [], aim: null, pose: null, steered: null, lastSteer: 0, arrived: 0, run: "", ended: "", mayCommand: false, isLost: false, socket: null };
 
 /** @param {string} text @param {string} [kind] the newest event on top */
 function say(text, kind = "") {
@@ -32,12 +34,17 @@ const receive = {
     live.run = message.run;
     live.isLost = false;
     live.mayCommand = message.may_command;
-    document.querySelectorAll(".stage-buttons :is(button, input)").forEach((one) => {
+    document.querySelectorAll(".stage-buttons :is(button, input), #joints input").forEach((one) => {
       one.disabled = !live.mayCommand;
     });
     write("role", live.mayCommand ? "" : "This page only shows: another one commands. Close that one and reload this.");
   },
   state(message) {
+    const { mechanism, lines, is_identified: isIdentified } = message.drawn;
+    if (mechanism) {
+      view.replaceMechanism(mechanism, lines);
+      write("drawn", isIdentified ? "identified arm, in the frame of the reference" : "nominal arm, in its base");
+    }
     live.readings = message.readings;
     live.ended = message.ended;
     [message.learned, message.next].filter(Boolean).forEach(receive.said);
@@ -68,10 +75,12 @@ const receive = {
 /** The tip, the joints and the arm as they are now. */
 function showPose() {
   const { pose } = live;
-  const tip = at("U-x") ? pose.corrected_mm : pose.tip_in_base_mm;
+  const isCorrected = pose.corrected_mm !== null || pose.not_corrected !== "";
+  const tip = isCorrected ? pose.corrected_mm : pose.tip_in_base_mm;
+  write("tip-title", isCorrected ? "Corrected tip" : "Tip of the nominal arm, in its base");
   ["x", "y", "z"].forEach((axis, k) => {
     write(axis, tip ? formatFixed(tip[k], 3) : "\u2013");
-    if (at("U-x")) write(`U-${axis}`, pose.U_mm ? `U (k = 2) ${formatFixed(pose.U_mm[k], 3)}` : "");
+    write(`U-${axis}`, pose.U_mm ? `U (k = 2) ${formatFixed(pose.U_mm[k], 3)}` : "");
   });
   const parts = [
     pose.is_still ? "still" : "moving",
@@ -87,6 +96,11 @@ function showPose() {
       row.querySelector(".to-go").textContent = pose.to_go ? signed(pose.to_go[i]) : "\u2013";
     }
   });
+  if (performance.now() - live.lastSteer > SILENT_MS) {
+    sliders.forEach((slider, i) => {
+      slider.value = pose.joints[i];
+    });
+  }
   showStrips();
   view.move(pose.pivots, live.aim?.pivots ?? null);
 }
@@ -163,6 +177,18 @@ function ask(command, text = "") {
   if (live.mayCommand && live.socket?.readyState === WebSocket.OPEN) live.socket.send(JSON.stringify({ command, text }));
 }
 
+/** Send where the sliders are, no more often than the arm can follow. @param {number[]} joints */
+function steer(joints) {
+  live.lastSteer = performance.now();
+  if (live.steered === null) {
+    setTimeout(() => {
+      ask("steer", live.steered.map((value) => value.toFixed(2)).join(" "));
+      live.steered = null;
+    }, STEER_MS);
+  }
+  live.steered = joints;
+}
+
 /** What is wrong with the connection, if anything; asked for ten times a second. */
 function watch() {
   const open = live.socket?.readyState === WebSocket.OPEN;
@@ -193,6 +219,13 @@ function connect() {
 document.querySelectorAll("button[data-command]").forEach((button) => {
   button.addEventListener("click", () => ask(button.dataset.command));
 });
+sliders.forEach((slider, i) => {
+  [slider.min, slider.max] = spans[i];
+  slider.addEventListener("input", () => steer(sliders.map((one) => one.valueAsNumber)));
+});
+at("go")?.addEventListener("click", () => {
+  if (live.aim) steer(live.aim.joints);
+});
 document.querySelectorAll("form[data-command]").forEach((form) => {
   form.addEventListener("submit", (event) => {
     event.preventDefault();
@@ -202,7 +235,7 @@ document.querySelectorAll("form[data-command]").forEach((form) => {
 });
 document.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey || event.repeat) return;
-  if (event.target.matches("input")) {
+  if (event.target.matches("input:not([type=range])")) {
     if (event.key === "Escape") event.target.blur();
     return;
   }

@@ -9,7 +9,8 @@ from math import isfinite, radians
 import numpy as np
 
 from truearm.errors import InputError
-from truearm.live.drawn_arm import DrawnArm
+from truearm.live.drawn_arm import DrawnArm, drawn_arm
+from truearm.live.live_page import drawn_scene
 from truearm.live.messages import Pose, ReadingPoint, Said, State
 from truearm.live.server import LiveServer
 from truearm.readings.readings import DIRECTION
@@ -33,7 +34,7 @@ class LiveRecording:
     """
 
     def __init__(self, recording: Recording, drawn: DrawnArm) -> None:
-        self._recording, self._drawn = recording, drawn
+        self._recording, self._drawn, self._scene = recording, drawn, drawn_scene(drawn)
         self._readings: list[ReadingPoint] = []
         self._learned: Said | None = None
         self._next: Said | None = None
@@ -43,7 +44,11 @@ class LiveRecording:
         """Send the events of the recording, and do what the page asks for; the events but the samples."""
         for event in follow(self._recording, server.commands()):
             if event.kind != "sample":
-                server.send(self._said(event), State(tuple(self._readings), self._learned, self._next, self._ended))
+                said = self._said(event)
+                state = State(self._scene, tuple(self._readings), self._learned, self._next, self._ended)
+                server.send(said, state)
+                if event.kind == "model":
+                    server.send(state, state)
                 yield event
             elif time.monotonic() - self._sent_s > 0.5 / FRAMES_HZ:  # a replay may run faster than its clock
                 self._sent_s = time.monotonic()
@@ -59,6 +64,10 @@ class LiveRecording:
             self._readings.append(said.reading)
         elif event.kind == "undone":
             self._readings.pop()
+        elif event.kind == "model":
+            self._drawn = drawn_arm(self._recording.arm, self._recording.model)
+            self._scene = drawn_scene(self._drawn)
+            self._readings = [*self._points_of_file()]
         elif event.kind == "learned":
             self._learned = said
         elif event.kind == "next":

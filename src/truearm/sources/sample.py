@@ -80,6 +80,8 @@ class Source:
         Numbers of the joints that slide, counted from 1.
     has_points : bool
         Whether it measures reference points.
+    steer : callable, optional
+        Of a virtual arm only: moves it to joint angles (n_joints,) [rad, or mm].
 
     Examples
     --------
@@ -95,3 +97,4 @@ class Source:
     samples: Callable[[], Stream]
     prismatic: tuple[int, ...] = ()
     has_points: bool = False
+    steer: Callable[[FloatArray], None] | None = None

@@ -20,7 +20,7 @@ from truearm.identification.planning.information import tip_jacobian
 from truearm.identification.planning.plan import NOISE_MM
 from truearm.identification.planning.prior import identified_prior, nominal_prior
 from truearm.identification.planning.proposal import VOLUME_POSES
-from truearm.identification.planning.sequential_update import Estimate, updated_estimate
+from truearm.identification.planning.sequential_update import Estimate, held_readings, updated_estimate
 from truearm.identification.terms import ArmState
 from truearm.readings import Session
 from truearm.typing import FloatArray, NameArray
@@ -34,6 +34,12 @@ AHEAD, LITTLE = 12, 0.05  # so many further readings that gain a smaller share a
 UNCHANGED = 1e-4  # of the uncertainty, as after the first reading in a seat
 CANDIDATES = 200  # poses of which the next is suggested where there is no plan
 IN_A_SEAT = 40
+
+
+def learned_event(before_mm: float, after_mm: float) -> Event:
+    """The event that the uncertainty of a point in the volume was, and is now [mm]."""
+    text = f"uncertainty of a point in the volume {before_mm:.3f} -> {after_mm:.3f} mm"
+    return Event("learned", text, {"before_mm": before_mm, "after_mm": after_mm})
 
 
 class Learning:
@@ -55,6 +61,7 @@ class Learning:
         self, arm: Arm, model: Compensator | None = None, *, trained_on: int = 0, has_points: bool = True
     ) -> None:
         found = None if model is None else to_identified(model)
+        self.arm = arm
         self._model = None if found is None or found.kind == "nominal" else found
         if self._model is None:
             self._arm, self._prior = arm, nominal_prior(arm, noise_mm=NOISE_MM)
@@ -66,7 +73,8 @@ class Learning:
                 state=lambda angles: self._state(Session(angles)),
             )
         self._trained_on = 0 if self._model is None else trained_on
-        self._estimate = Estimate.before_readings(self._prior)
+        self._before = Estimate.before_readings(self._prior.with_frame() if has_points else self._prior)
+        self._estimate = self._before
         self._n_seen, self._doubted = 0, list[int]()
         self._said_enough, self._has_points = False, has_points
         self._in_seats: dict[str, FloatArray] = {}
@@ -95,21 +103,25 @@ class Learning:
             ``learned``, with the uncertainty before and after; a notice of a reading that does not fit, which is not
             learned.
         """
-        session = session.rows(np.arange(self._trained_on, len(session)))
         is_longer, self._n_seen = len(session) == self._n_seen + 1, len(session)
         self._doubted = [row for row in self._doubted if row < len(session)]
         before_mm = self.uncertainty_mm
         if is_longer and (doubt := self._doubt(session, len(session) - 1)):
-            yield Event("notice", f"reading {self._trained_on + len(session)} does not fit: {doubt}")
+            yield Event("notice", f"reading {len(session)} does not fit: {doubt}")
             if self._doubted:
                 return
         learned = np.setdiff1d(np.arange(len(session)), self._doubted)
         readings = session.rows(learned)
-        self._estimate = updated_estimate(self._prior, readings, self._state(readings), self._estimate)
+        if (held_readings(readings)[1] | readings.has_point).any():
+            n_in_prior = int((learned < self._trained_on).sum())
+            self._estimate = updated_estimate(
+                self._prior, readings, self._state(readings), self._estimate, n_in_prior=n_in_prior
+            )
+        else:
+            self._estimate = self._before
         after_mm = self.uncertainty_mm
         if not isclose(after_mm, before_mm, rel_tol=UNCHANGED):
-            text = f"uncertainty of a point in the volume {before_mm:.3f} -> {after_mm:.3f} mm"
-            yield Event("learned", text, {"before_mm": before_mm, "after_mm": after_mm})
+            yield learned_event(before_mm, after_mm)
 
     def _doubt(self, session: Session, row: int) -> str:
         """Why a reading is not learned; empty if it is."""

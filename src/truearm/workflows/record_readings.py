@@ -33,6 +33,7 @@ def record(
     seat: str = "",
     model: ModelLike | None = None,
     rank: bool = False,
+    out_model: str | Path | None = None,
     samples_hz: float = 0.0,
     commands: Iterator[str] | None = None,
 ) -> Iterator[Event]:
@@ -64,10 +65,13 @@ def record(
     rank : bool
         The next pose is the one that adds most to what is known of the arm: of the plan's, or without a plan of poses
         that the arm reaches. By default the plan is followed in its order.
+    out_model : path, optional
+        Where the command ``save`` writes the model in force; must be new.
     samples_hz : float
         How often the angles come as an event of the kind ``sample``, by the clock of the source; 0: never.
     commands : iterator of str, optional
-        ``take``, ``take moving``, ``undo``, ``seat NAME``, ``point X Y Z``, ``skip``, ``end``.
+        ``take``, ``take moving``, ``undo``, ``seat NAME``, ``point X Y Z``, ``skip``, ``refit``, ``save``,
+        ``end``.
 
     Yields
     ------
@@ -100,6 +104,7 @@ def record(
         seat=seat,
         model=model,
         rank=rank,
+        out_model=None if out_model is None else Path(out_model),
         samples_hz=samples_hz,
     )
     return follow(recording, commands)
@@ -117,6 +122,7 @@ def recording_of(
     seat: str = "",
     model: ModelLike | None = None,
     rank: bool = False,
+    out_model: str | Path | None = None,
     samples_hz: float = 0.0,
 ) -> Recording:
     """The recording of `record`, before its sources are read; see there."""
@@ -134,6 +140,7 @@ def recording_of(
         seat=seat,
         model=None if model is None else to_model_of_tip(model),
         rank=rank,
+        out_model=None if out_model is None else Path(out_model),
         samples_hz=samples_hz,
     )
 
@@ -174,6 +181,7 @@ def follow(recording: Recording, commands: Iterator[str] | None = None) -> Itera
             if (origin == "arm" and what is None) or (isinstance(what, str) and what.strip() == "end"):
                 break
             yield from _dealt_with(recording, origin, what)
+            yield from recording.news_of_fit()
     finally:
         over.set()
         end = recording.close()

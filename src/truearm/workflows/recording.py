@@ -25,7 +25,8 @@ from truearm.sources import Sample, Source, StandstillRule
 from truearm.sources.standstill import Standstill, TakenReading
 from truearm.typing import FloatArray
 from truearm.workflows.corrected_tip import CorrectedTip, corrected_tip
-from truearm.workflows.learning import Learning
+from truearm.workflows.learning import Learning, learned_event
+from truearm.workflows.model_in_force import ModelInForce
 from truearm.workflows.poses_to_measure import PosesToMeasure
 from truearm.workflows.recording_event import Event
 
@@ -35,6 +36,7 @@ FAR_FROM_AIM = 20.0  # deg, or mm; a standstill that is farther from the plan's 
 BESIDE_SEAT = 0.05  # of the arm's reach; a standstill that is farther from its seat is taken by key only
 WAIT_FOR_POINT_S = 1.0  # the second instrument may lag behind the arm
 REFERENCE_SAMPLES = 10_000
+LARGEST_NUMBER = 1e9  # mm, or deg
 
 
 class Recording:
@@ -60,6 +62,8 @@ class Recording:
     rank : bool
         Whether the next pose is the one that adds most to what is known of the arm: of the plan's, or without a plan
         of poses that the arm reaches. It is the plan's next otherwise.
+    out_model : Path, optional
+        Where the command ``save`` writes the model in force; must be new.
     samples_hz : float
         How often the angles are an event, by the clock of the source; 0: never.
 
@@ -82,6 +86,7 @@ class Recording:
         seat: str = "",
         model: Compensator | None = None,
         rank: bool = False,
+        out_model: Path | None = None,
         samples_hz: float = 0.0,
     ) -> None:
         arm = model.arm_ if arm is None and model is not None else arm
@@ -103,7 +108,8 @@ class Recording:
         self._typed_mm: FloatArray | None = None
         self._asked, self._was_pressed, self._said = False, False, ""
         self._still_since_s, self._samples_hz, self._streamed_s = 0.0, samples_hz, -np.inf
-        self.out, self.model, self.rank = out, model, rank
+        self.out, self.out_model, self.rank = out, out_model, rank
+        self._in_force = ModelInForce(arm, model, out, out_model)
         self._learning = Learning(arm, model, has_points=self._has_points) if _is_known(arm) else None
         self._log: SessionLog | None = None
         self.sample: Sample | None = None
@@ -117,6 +123,11 @@ class Recording:
     def rows(self) -> list[dict[str, str]]:
         """The cells of the readings in the file."""
         return [] if self._log is None else self._log.rows
+
+    @property
+    def model(self) -> Compensator | None:
+        """The model in force."""
+        return self._in_force.model
 
     def corrected(self) -> CorrectedTip | str | None:
         """The tip at the last sample by the model, or why there is none; None without a model or a sample."""
@@ -214,7 +225,8 @@ class Recording:
         Parameters
         ----------
         text : str
-            ``take``, ``take moving``, ``undo``, ``seat NAME``, ``point X Y Z``, ``skip``.
+            ``take``, ``take moving``, ``undo``, ``seat NAME``, ``point X Y Z``, ``skip``, ``refit``, ``save``;
+            ``steer Q1 Q2 ..`` of a virtual arm [deg, or mm].
         """
         word, _, rest = text.strip().partition(" ")
         if text.strip() == "take":
@@ -231,11 +243,32 @@ class Recording:
             yield self._type_point(rest)
         elif text.strip() == "skip" and self._poses.skip():
             yield from self._next()
+        elif word == "steer":
+            yield from self._steer(rest)
+        elif text.strip() == "refit":
+            yield self._in_force.refit(self.n_readings)
+        elif text.strip() == "save":
+            yield self._in_force.save()
         else:
-            yield Event("refused", f"unknown command {text[:40]!a}: take, take moving, undo, seat, point or skip")
+            known = "take, take moving, undo, seat, point, skip, refit or save"
+            yield Event("refused", f"unknown command {text[:40]!a}: {known}")
+
+    def news_of_fit(self) -> Iterator[Event]:
+        """What a fit under way says; learning goes on from the model that it puts in force."""
+        for event in self._in_force.news():
+            yield event
+            if event.kind == "model" and self._learning is not None:
+                before_mm, trained_on = self._learning.uncertainty_mm, self._in_force.trained_on
+                self._learning = Learning(
+                    self._learning.arm, self.model, trained_on=trained_on, has_points=self._has_points
+                )
+                yield from self._learn()
+                yield learned_event(before_mm, self._learning.uncertainty_mm)
+                yield from self._next()
 
     def close(self) -> Event:
-        """Close the file."""
+        """Close the file, and end a fit that is under way."""
+        self._in_force.close()
         if self._log is not None:
             self._log.close()
         count = format_count(self.n_readings, "reading")
@@ -412,16 +445,24 @@ class Recording:
         self.seat = name
         return Event("notice", f"seat {name}" if name else "no seat")
 
+    def _steer(self, text: str) -> Iterator[Event]:
+        """Move a virtual arm; nothing is said of it: one sees it move."""
+        wanted, factors = _numbers(text), np.array([1.0 if unit == "mm" else radians(1) for unit in self.units])
+        if self.source.steer is None:
+            yield Event("refused", f"{self.source.name} cannot be steered: only a virtual arm can")
+        elif len(wanted) != len(factors) or not len(wanted):
+            yield Event("refused", f"expected {len(factors)} joint angles, got {text[:40]!a}")
+        else:
+            aim = wanted * factors
+            self.source.steer(aim if self.arm is None else np.clip(aim, *self.arm.limits.T))
+
     def _type_point(self, text: str) -> Event:
-        try:
-            point = np.array([float(part) for part in text.replace(",", " ").split()])
-        except ValueError:
-            point = np.empty(0)
+        point = _numbers(text)
         if self.reference != TYPED:
             return Event("refused", "points are not typed in this recording", {"hint": "--reference typed"})
         if not self.is_still:
             return Event("refused", "type the point while the arm stands still: it is that of this standstill")
-        if point.shape != (3,) or not (np.abs(point) < 1e9).all():
+        if point.shape != (3,):
             return Event("refused", f"expected a point as three numbers in mm, got {text[:40]!a}")
         self._typed_mm = point
         return Event("notice", "point {:g} {:g} {:g} mm".format(*point))
@@ -456,6 +497,15 @@ class Recording:
             parts.append(f"would give {mm:.3f} mm")
             values["would_give_mm"] = mm
         yield Event("next", f"next: {'; '.join(parts)}", values)
+
+
+def _numbers(text: str) -> FloatArray:
+    """The numbers that a person typed; empty if one of the words is none, or absurdly large."""
+    try:
+        found = np.array([float(part) for part in text.replace(",", " ").split()])
+    except ValueError:
+        return np.empty(0)
+    return found if (np.abs(found) < LARGEST_NUMBER).all() else np.empty(0)
 
 
 def _is_known(arm: Arm | None) -> TypeGuard[Arm]:

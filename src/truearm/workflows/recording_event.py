@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from truearm.workflows.record import to_plain
 
-Kind = Literal["ready", "sample", "reading", "undone", "learned", "next", "enough", "notice", "refused", "end"]
+Kind = Literal["ready", "sample", "reading", "undone", "learned", "next", "enough", "model", "notice", "refused", "end"]
 
 
 @dataclass(frozen=True)
@@ -17,9 +17,10 @@ class Event:
 
     Attributes
     ----------
-    kind : {"ready", "sample", "reading", "undone", "learned", "next", "enough", "notice", "refused", "end"}
-        ``reading``: it is on the disk. ``learned``: what is known of the arm with it. ``next``: the pose that comes
-        next. ``enough``: further readings would add little. ``refused``: what a person asked for was not done.
+    kind : {"ready", "sample", "reading", "undone", "learned", "next", "enough", "model", "notice", "refused", "end"}
+        ``reading``: it is on the disk. ``learned``: how well the arm is known with it. ``next``: the pose that comes
+        next. ``enough``: further readings would add little. ``model``: another one is in force. ``refused``: what a
+        person asked for was not done.
     text : str
         In one sentence.
     values : mapping of str to object

@@ -68,7 +68,7 @@ class Estimate:
 
     @classmethod
     def before_readings(cls, prior: Prior) -> Estimate:
-        """What the prior says."""
+        """What the prior says; with a free base (`Prior.with_frame`) where points will be measured."""
         p = prior.perturbed_chain.n_coefficients
         return cls(prior.perturbed_chain, (), np.zeros(p), prior.precision, prior.covariance, prior.noise_mm)
 
@@ -122,7 +122,9 @@ class Estimate:
 
 
 @one_blas_thread()
-def updated_estimate(prior: Prior, readings: Session, state: ArmState, before: Estimate) -> Estimate:
+def updated_estimate(
+    prior: Prior, readings: Session, state: ArmState, before: Estimate, *, n_in_prior: int = 0
+) -> Estimate:
     """The estimate from the readings with a point, and those in a seat.
 
     Parameters
@@ -130,16 +132,18 @@ def updated_estimate(prior: Prior, readings: Session, state: ArmState, before: E
     prior : Prior
         Of the arm, without a frame.
     readings : Session
-        All of them, of one set-up.
+        All of them, of one set-up; some with a point or in a seat.
     state : ArmState
         At the readings.
     before : Estimate
         From some of them, or none: where the steps start.
+    n_in_prior : int
+        Number of readings, from the first, that the prior of the terms knows already: these say where the base and the
+        seats are, and nothing of the terms.
     """
     seat, held = held_readings(readings)
     used = np.flatnonzero(readings.has_point | held)
-    if not len(used):
-        return Estimate.before_readings(prior)
+    n_in_prior = int((used < n_in_prior).sum())
     readings, state, seat, held = readings.rows(used), state.rows(used), seat[used], held[used]
     names = tuple(dict.fromkeys(seat[held].tolist()))
     n_terms = prior.perturbed_chain.n_coefficients
@@ -153,6 +157,7 @@ def updated_estimate(prior: Prior, readings: Session, state: ArmState, before: E
         x = np.concatenate([coefficients, *places.values()])
         P = _with_wide(placed.precision, len(x))
         residuals, J = _linearised(placed.perturbed_chain, coefficients, places, readings, state)
+        J[:n_in_prior, :, :n_terms] = 0.0
         r, rows = residuals.ravel(), J.reshape(-1, len(x))
         A = P + rows.T @ rows / noise_mm**2
         factor = cho_factor(A, lower=True)
@@ -161,8 +166,9 @@ def updated_estimate(prior: Prior, readings: Session, state: ArmState, before: E
         if step @ A @ step < SETTLED_STEP**2 * len(x):
             break
     C = cho_solve(factor, np.eye(len(x)))
-    left = r - rows @ step
-    n_free = max(len(left) - len(x) + float(np.vdot(P, C)), 0.0)
+    left = (r - rows @ step)[3 * n_in_prior :]
+    n_determined = (n_terms if n_in_prior else len(x)) - float(np.vdot(P[:n_terms, :n_terms], C[:n_terms, :n_terms]))
+    n_free = max(len(left) - n_determined, 0.0)
     noise_mm = sqrt((NOISE_WORTH * prior.noise_mm**2 + left @ left) / (NOISE_WORTH + n_free))
     return Estimate(placed.perturbed_chain, names, x, A, C, noise_mm)
 
