@@ -73,6 +73,18 @@ def test_of_a_model_only_the_readings_that_it_does_not_know_are_learned(arm):
     assert learning.uncertainty_mm == pytest.approx(before)
 
 
+def test_a_physical_model_starts_with_the_angle_errors_that_it_knows(arm):
+    session = ta.simulate("ur10", poses=80, seed=1).session
+    first, further = session.rows(np.arange(50)), session.rows(np.arange(50, 80))
+    known = ta.fit("ur10", first, model="physical").model
+    learning = Learning(arm, known)
+    assert not texts(learning.learn(further.rows(np.arange(15))), "notice")
+    residuals, covariances = learning.estimate.residuals(others := further.rows(np.arange(15, 30)), known.state(others))
+    squares = np.einsum("nc,nc->n", residuals, np.linalg.solve(covariances, residuals[..., None])[..., 0])
+    assert 1.0 < squares.mean() < 6.0
+    assert learning.estimate.noise_mm < 1.5 * known.residual_std_
+
+
 def test_it_is_enough_once(arm, model):
     session = ta.simulate("ur10", poses=60, seed=2).session
     learning = Learning(arm, model)

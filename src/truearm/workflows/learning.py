@@ -55,6 +55,11 @@ class Learning:
         Number of readings of the session, from its first, that the model knows already.
     has_points : bool
         Whether the tip is measured; otherwise it is in seats.
+
+    Attributes
+    ----------
+    arm : Arm
+    estimate : Estimate
     """
 
     def __init__(
@@ -74,7 +79,7 @@ class Learning:
             )
         self._trained_on = 0 if self._model is None else trained_on
         self._before = Estimate.before_readings(self._prior.with_frame() if has_points else self._prior)
-        self._estimate = self._before
+        self.estimate = self._before
         self._n_seen, self._doubted = 0, list[int]()
         self._said_enough, self._has_points = False, has_points
         self._in_seats: dict[str, FloatArray] = {}
@@ -92,7 +97,7 @@ class Learning:
     @property
     def uncertainty_mm(self) -> float:
         """Of a point in the volume, three-dimensional root mean square; with seats alone, apart from the scale."""
-        return sqrt(self._estimate.variance(self._target))
+        return sqrt(self.estimate.variance(self._target))
 
     def learn(self, session: Session) -> Iterator[Event]:
         """Take in a session that has grown by a reading, or lost its last.
@@ -114,11 +119,11 @@ class Learning:
         readings = session.rows(learned)
         if (held_readings(readings)[1] | readings.has_point).any():
             n_in_prior = int((learned < self._trained_on).sum())
-            self._estimate = updated_estimate(
-                self._prior, readings, self._state(readings), self._estimate, n_in_prior=n_in_prior
+            self.estimate = updated_estimate(
+                self._prior, readings, self._state(readings), self.estimate, n_in_prior=n_in_prior
             )
         else:
-            self._estimate = self._before
+            self.estimate = self._before
         after_mm = self.uncertainty_mm
         if not isclose(after_mm, before_mm, rel_tol=UNCHANGED):
             yield learned_event(before_mm, after_mm)
@@ -128,7 +133,7 @@ class Learning:
         if row - len(self._doubted) < FEWEST_TO_JUDGE:
             return ""
         reading = session.rows([row])
-        residuals, covariances = self._estimate.residuals(reading, self._state(reading))
+        residuals, covariances = self.estimate.residuals(reading, self._state(reading))
         for residual, covariance in zip(residuals, covariances, strict=True):
             if residual @ np.linalg.solve(covariance, residual) > LARGEST_MISFIT:
                 self._doubted.append(row)
@@ -142,14 +147,14 @@ class Learning:
 
     def after_mm(self, angles: FloatArray, seat: NameArray | None) -> FloatArray:
         """(n,) the uncertainty with a reading at each of n poses, in its seat or with a point [mm]."""
-        problem = self._estimate.design(self._prior.state(angles), seat, self._target)
-        return np.sqrt(np.maximum(self._estimate.variance(self._target) - decreases(problem), 0.0))
+        problem = self.estimate.design(self._prior.state(angles), seat, self._target)
+        return np.sqrt(np.maximum(self.estimate.variance(self._target) - decreases(problem), 0.0))
 
     def candidates(self, seat: str) -> tuple[FloatArray | None, NameArray | None]:
         """Poses that the arm reaches, (n, n_joints), and their seat: of one that no reading was in, none are known."""
         if self._has_points:
             return self._anywhere, None
-        if seat not in self._in_seats and (point := self._estimate.seat_points.get(seat)) is not None:
+        if seat not in self._in_seats and (point := self.estimate.seat_points.get(seat)) is not None:
             with suppress(InputError):
                 self._in_seats[seat] = seat_poses(self._arm, seats=point[None], poses=IN_A_SEAT, seed=1).angles
         poses = self._in_seats.get(seat)
@@ -165,7 +170,7 @@ class Learning:
         """Say once that the best of further readings, at some of n poses, would gain little."""
         if self._said_enough or not len(angles):
             return
-        problem = self._estimate.design(self._prior.state(angles), seat, self._target)
+        problem = self.estimate.design(self._prior.state(angles), seat, self._target)
         n = min(AHEAD, len(angles))
         # Some poses are useful only together, as the first two in a seat, which the determinant shows.
         chosen = [greedy(problem, n, criterion) for criterion in (IOptimality(), DOptimality())]

@@ -1,9 +1,9 @@
 """The estimate of an arm while it is measured: after each reading, a step of Gauss and Newton from the estimate before.
 
-With P the prior precision of the parameters x about zero, J the derivatives of the tips and r the residuals of all
+With P the prior precision of the parameters x about m, J the derivatives of the tips and r the residuals of all
 readings at the estimate, and s the noise of a coordinate, a step solves
 
-    A dx = J^T r / s^2 - P x,        A = P + J^T J / s^2,
+    A dx = J^T r / s^2 - P (x - m),        A = P + J^T J / s^2,
 
 and ``A^-1`` is the covariance. One step from the estimate before is what an extended Kalman filter does; here all
 readings are linearised at the newest estimate, so that the first ones, which were far from it, do no harm (iterated
@@ -69,8 +69,7 @@ class Estimate:
     @classmethod
     def before_readings(cls, prior: Prior) -> Estimate:
         """What the prior says; with a free base (`Prior.with_frame`) where points will be measured."""
-        p = prior.perturbed_chain.n_coefficients
-        return cls(prior.perturbed_chain, (), np.zeros(p), prior.precision, prior.covariance, prior.noise_mm)
+        return cls(prior.perturbed_chain, (), _mean(prior), prior.precision, prior.covariance, prior.noise_mm)
 
     def residuals(self, readings: Session, state: ArmState) -> tuple[FloatArray, FloatArray]:
         """Residuals (k, 3) of further readings [mm], and their covariances (k, 3, 3).
@@ -155,13 +154,13 @@ def updated_estimate(
         tips = placed.perturbed_chain.tips(state, coefficients)
         places = {name: tips[held & (seat == name)].mean(axis=0) for name in names}
         x = np.concatenate([coefficients, *places.values()])
-        P = _with_wide(placed.precision, len(x))
+        P, mean = _with_wide(placed.precision, len(x)), np.pad(_mean(prior), (0, len(x) - n_terms))
         residuals, J = _linearised(placed.perturbed_chain, coefficients, places, readings, state)
         J[:n_in_prior, :, :n_terms] = 0.0
         r, rows = residuals.ravel(), J.reshape(-1, len(x))
         A = P + rows.T @ rows / noise_mm**2
         factor = cho_factor(A, lower=True)
-        step = cho_solve(factor, rows.T @ r / noise_mm**2 - P @ x)
+        step = cho_solve(factor, rows.T @ r / noise_mm**2 - P @ (x - mean))
         x, terms = x + step, x[:n_terms] + step[:n_terms]
         if step @ A @ step < SETTLED_STEP**2 * len(x):
             break
@@ -171,6 +170,10 @@ def updated_estimate(
     n_free = max(len(left) - n_determined, 0.0)
     noise_mm = sqrt((NOISE_WORTH * prior.noise_mm**2 + left @ left) / (NOISE_WORTH + n_free))
     return Estimate(placed.perturbed_chain, names, x, A, C, noise_mm)
+
+
+def _mean(prior: Prior) -> FloatArray:
+    return np.zeros(prior.perturbed_chain.n_coefficients) if prior.mean is None else prior.mean
 
 
 def held_readings(readings: Session) -> tuple[NameArray, BoolArray]:
