@@ -13,7 +13,8 @@ from truearm.live.drawn_arm import DrawnArm
 from truearm.pages.palette import style_rules
 from truearm.pages.scene import data_block, scene_script, script_hash
 from truearm.show.arm_scene import arm_mechanism
-from truearm.workflows.recording import TYPED, Recording
+from truearm.workflows.recording import Recording
+from truearm.workflows.reference_point import TYPED
 
 SPACE = 0.55  # of the reach: half the box that the first view shows
 FULL_TURN_DEG = 180.0  # what the strip of a joint without limit spans, to each side

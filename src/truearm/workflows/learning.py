@@ -22,13 +22,14 @@ from truearm.identification.planning.prior import identified_prior, nominal_prio
 from truearm.identification.planning.proposal import VOLUME_POSES
 from truearm.identification.planning.sequential_update import Estimate, held_readings, updated_estimate
 from truearm.identification.terms import ArmState
+from truearm.number_format import format_count
 from truearm.readings import Session
 from truearm.typing import FloatArray, NameArray
 from truearm.workflows.recording_event import Event
 
 # Square of a residual over its covariance, of three degrees of freedom: one right reading in 65,000 has more.
 LARGEST_MISFIT = 25.0
-FEWEST_TO_JUDGE = 4  # readings, before which none is said not to fit
+FEWEST_TO_JUDGE = 4  # readings, before which none is said not to fit, and none to be enough
 LATEST, AT_FAULT = 5, 3  # of so many of the latest readings that do not fit, what is known of the arm is at fault
 AHEAD, LITTLE = 12, 0.05  # so many further readings that gain a smaller share are not worth it
 UNCHANGED = 1e-4  # of the uncertainty, as after the first reading in a seat
@@ -60,6 +61,11 @@ class Learning:
     ----------
     arm : Arm
     estimate : Estimate
+
+    Raises
+    ------
+    InputError
+        If the arm takes too few of the poses at which its later use is judged.
     """
 
     def __init__(
@@ -83,16 +89,13 @@ class Learning:
         self._n_seen, self._doubted = 0, list[int]()
         self._said_enough, self._has_points = False, has_points
         self._in_seats: dict[str, FloatArray] = {}
+        # As of a plan: the errors at poses of the later use of the arm, whose coordinates are compared.
+        poses = volume_poses(self._arm, VOLUME_POSES, seed=1)
+        tips, jacobian = tip_jacobian(self._prior.perturbed_chain, self._prior.state(poses))
+        self._target = moment_matrix(jacobian, tips, scale=not has_points)
 
     def _state(self, readings: Session) -> ArmState:
         return ArmState.of(self._arm, readings.angles) if self._model is None else self._model.state(readings)
-
-    @cached_property
-    def _target(self) -> FloatArray:
-        """That of the plan: the errors at poses of the later use of the arm, whose coordinates are compared."""
-        poses = volume_poses(self._arm, VOLUME_POSES, seed=1)
-        tips, jacobian = tip_jacobian(self._prior.perturbed_chain, self._prior.state(poses))
-        return moment_matrix(jacobian, tips, scale=not self._has_points)
 
     @property
     def uncertainty_mm(self) -> float:
@@ -168,7 +171,7 @@ class Learning:
 
     def enough(self, angles: FloatArray, seat: NameArray | None) -> Iterator[Event]:
         """Say once that the best of further readings, at some of n poses, would gain little."""
-        if self._said_enough or not len(angles):
+        if self._said_enough or not len(angles) or self._n_seen < FEWEST_TO_JUDGE:
             return
         problem = self.estimate.design(self._prior.state(angles), seat, self._target)
         n = min(AHEAD, len(angles))
@@ -177,4 +180,5 @@ class Learning:
         gain = 1 - sqrt(min(map(problem.variance, chosen))) / self.uncertainty_mm
         if gain < LITTLE:
             self._said_enough = True
-            yield Event("enough", f"enough: {n} more readings would gain {100 * gain:.0f} %", {"n": n, "gain": gain})
+            text = f"enough: {format_count(n, 'more reading')} would gain {100 * gain:.0f} %"
+            yield Event("enough", text, {"n": n, "gain": gain})

@@ -14,8 +14,9 @@ from truearm.choices import TakeOn
 from truearm.errors import InputError
 from truearm.sources import Notice, Sample, Source, StandstillRule, open_source
 from truearm.workflows.inputs import ModelLike, to_arm, to_model_of_tip
-from truearm.workflows.recording import TYPED, Recording
+from truearm.workflows.recording import Recording
 from truearm.workflows.recording_event import Event
+from truearm.workflows.reference_point import TYPED
 
 MOST_WAITING = 10_000  # samples and commands
 _Origin = Literal["arm", "reference", "command"]

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterator, Mapping
+from contextlib import nullcontext, suppress
 from datetime import UTC, datetime
 from math import degrees, radians
 from pathlib import Path
@@ -29,14 +29,10 @@ from truearm.workflows.learning import Learning, learned_event
 from truearm.workflows.model_in_force import ModelInForce
 from truearm.workflows.poses_to_measure import PosesToMeasure
 from truearm.workflows.recording_event import Event
+from truearm.workflows.reference_point import ReferencePoint, typed_numbers
 
-TYPED = "typed"
-LARGEST_POINT_SPREAD_MM = 0.1  # of a second instrument in the window of a reading
 FAR_FROM_AIM = 20.0  # deg, or mm; a standstill that is farther from the plan's pose is taken by key only
 BESIDE_SEAT = 0.05  # of the arm's reach; a standstill that is farther from its seat is taken by key only
-WAIT_FOR_POINT_S = 1.0  # the second instrument may lag behind the arm
-REFERENCE_SAMPLES = 10_000
-LARGEST_NUMBER = 1e9  # mm, or deg
 
 
 class Recording:
@@ -104,13 +100,16 @@ class Recording:
         self._prismatic = prismatic
         self._rule = rule or StandstillRule()
         self._standstill = Standstill(self._rule, prismatic)
-        self._points: deque[Sample] = deque(maxlen=REFERENCE_SAMPLES)
-        self._typed_mm: FloatArray | None = None
+        self._point = ReferencePoint(reference)
         self._asked, self._was_pressed, self._said = False, False, ""
         self._still_since_s, self._samples_hz, self._streamed_s = 0.0, samples_hz, -np.inf
         self.out, self.out_model, self.rank = out, out_model, rank
         self._in_force = ModelInForce(arm, model, out, out_model)
-        self._learning = Learning(arm, model, has_points=self._has_points) if _is_known(arm) else None
+        self._learning: Learning | None = None
+        if _is_known(arm):
+            # An arm that takes none of the usual poses is recorded, too.
+            with nullcontext() if rank else suppress(InputError):
+                self._learning = Learning(arm, model, has_points=self._has_points)
         self._log: SessionLog | None = None
         self.sample: Sample | None = None
 
@@ -186,10 +185,11 @@ class Recording:
         self._was_pressed = sample.is_button_pressed
         yield from self._stream(sample)
         if not self._standstill.is_still:
-            self._still_since_s, self._said, self._typed_mm = sample.time_s, "", None
+            self._still_since_s, self._said = sample.time_s, ""
+            self._point.forget()
         elif self._asked or (self._on == "still" and self._standstill.is_new):
             problem = "" if self._asked else self._unlikely(self._standstill.mean_rad)
-            if problem := problem or self._missing_point():
+            if problem := problem or self._point.missing(self._standstill.window_s):
                 yield from self._say_once(problem, sample.time_s)
             else:
                 yield from self._take(self._standstill.taken())
@@ -216,8 +216,7 @@ class Recording:
 
     def on_reference(self, sample: Sample) -> None:
         """Take in a sample of the second instrument."""
-        if sample.tip_in_reference_mm is not None:
-            self._points.append(sample)
+        self._point.add(sample)
 
     def on_command(self, text: str) -> Iterator[Event]:
         """Do what a person asks for.
@@ -240,7 +239,7 @@ class Recording:
         elif word == "seat":
             yield self._name_seat(rest.strip())
         elif word == "point":
-            yield self._type_point(rest)
+            yield self._point.type(rest, is_still=self.is_still)
         elif text.strip() == "skip" and self._poses.skip():
             yield from self._next()
         elif word == "steer":
@@ -316,8 +315,7 @@ class Recording:
 
     def _say_once(self, problem: str, time_s: float) -> Iterator[Event]:
         """Say in a standstill why no reading is taken, once the second instrument had its time."""
-        is_late = not isinstance(self.reference, Source) or time_s - self._still_since_s > WAIT_FOR_POINT_S
-        if problem != self._said and is_late:
+        if problem != self._said and self._point.is_late(time_s - self._still_since_s):
             self._said = problem
             yield Event("notice", problem)
 
@@ -351,36 +349,10 @@ class Recording:
         factors = [1.0 if unit == "mm" else radians(1) for unit in self.units]
         return np.array([[float(row[name]) for name in columns] for row in rows]).reshape(-1, len(columns)) * factors
 
-    def _missing_point(self) -> str:
-        """Why the reference has no point for the samples of the window; empty if it has."""
-        if self.reference == TYPED and self._typed_mm is None:
-            return "still: type the point"
-        if isinstance(self.reference, Source):
-            points = self._reference_points(self._standstill.window_s)
-            if not len(points):
-                return f"{self.reference.name} gives no point while the arm stands still"
-            if (spread := float(np.ptp(points, axis=0).max())) > LARGEST_POINT_SPREAD_MM:
-                return f"{self.reference.name}: the points of this standstill differ by {spread:.3f} mm"
-        return ""
-
-    def _reference_points(self, window_s: tuple[float, float]) -> FloatArray:
-        """(n, 3) points of the second instrument in a window of time [mm]."""
-        start_s, end_s = window_s
-        found = [one.tip_in_reference_mm for one in self._points if start_s <= one.time_s <= end_s]
-        return np.array(found).reshape(-1, 3)
-
-    def _point(self, reading: TakenReading) -> FloatArray | None:
-        if self.reference == TYPED:
-            return self._typed_mm
-        if isinstance(self.reference, Source):
-            points = self._reference_points((reading.start_s, reading.end_s))
-            return points.mean(axis=0) if len(points) else None
-        return reading.tip_in_reference_mm
-
     def _take(self, reading: TakenReading) -> Iterator[Event]:
         assert self._log is not None  # opened at the first sample
         number, plan = self.next_pose, self.plan
-        point = self._point(reading)
+        point = self._point.of(reading)
         row: dict[str, float | str] = {"seat": self._seat_now(), "note_samples": str(reading.n), **reading.columns}
         mean, std = self.displayed(reading.joint_angles_rad), self.displayed(reading.joint_std_rad)
         for name, angle, scatter in zip(self.joint_columns, mean, std, strict=True):
@@ -399,7 +371,8 @@ class Recording:
                     row[name] = str(names[number - 1])
         row["note_time"] = datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
         self._log.append(row)
-        self._typed_mm, self._asked, self._said = None, False, ""
+        self._asked, self._said = False, ""
+        self._point.forget()
         yield Event("reading", self._describe(row, number, reading), {"reading": self.n_readings, **row})
         yield from self._learn()
         yield from self._next()
@@ -447,7 +420,7 @@ class Recording:
 
     def _steer(self, text: str) -> Iterator[Event]:
         """Move a virtual arm; nothing is said of it: one sees it move."""
-        wanted, factors = _numbers(text), np.array([1.0 if unit == "mm" else radians(1) for unit in self.units])
+        wanted, factors = typed_numbers(text), np.array([1.0 if unit == "mm" else radians(1) for unit in self.units])
         if self.source.steer is None:
             yield Event("refused", f"{self.source.name} cannot be steered: only a virtual arm can")
         elif len(wanted) != len(factors) or not len(wanted):
@@ -456,21 +429,15 @@ class Recording:
             aim = wanted * factors
             self.source.steer(aim if self.arm is None else np.clip(aim, *self.arm.limits.T))
 
-    def _type_point(self, text: str) -> Event:
-        point = _numbers(text)
-        if self.reference != TYPED:
-            return Event("refused", "points are not typed in this recording", {"hint": "--reference typed"})
-        if not self.is_still:
-            return Event("refused", "type the point while the arm stands still: it is that of this standstill")
-        if point.shape != (3,):
-            return Event("refused", f"expected a point as three numbers in mm, got {text[:40]!a}")
-        self._typed_mm = point
-        return Event("notice", "point {:g} {:g} {:g} mm".format(*point))
-
     def _learn(self) -> Iterator[Event]:
-        """What the readings of the file say of the arm."""
-        if self._learning is not None and self.n_readings:
+        """What the readings of the file say of the arm; if that cannot be said, why, and nothing further."""
+        if self._learning is None or not self.n_readings:
+            return
+        try:
             yield from self._learning.learn(read_session(self.out))
+        except InputError as error:
+            self._learning = None
+            yield Event("notice", f"what readings add is no longer said: {error}")
 
     def _next(self) -> Iterator[Event]:
         """What comes next."""
@@ -497,15 +464,6 @@ class Recording:
             parts.append(f"would give {mm:.3f} mm")
             values["would_give_mm"] = mm
         yield Event("next", f"next: {'; '.join(parts)}", values)
-
-
-def _numbers(text: str) -> FloatArray:
-    """The numbers that a person typed; empty if one of the words is none, or absurdly large."""
-    try:
-        found = np.array([float(part) for part in text.replace(",", " ").split()])
-    except ValueError:
-        return np.empty(0)
-    return found if (np.abs(found) < LARGEST_NUMBER).all() else np.empty(0)
 
 
 def _is_known(arm: Arm | None) -> TypeGuard[Arm]:
