@@ -127,6 +127,14 @@ def test_ranked_the_plan_goes_on_with_the_pose_that_gains_most_in_its_seat(tmp_p
     assert sorted(orders[True][:5]) == [1, 2, 3, 4, 5]
 
 
+def test_where_nothing_says_where_the_tip_is_a_pose_adds_nothing(arm):
+    learning = Learning(arm, has_points=False)
+    poses = arm.working + np.linspace(0, 0.3, 4)[:, None]
+    seat = np.array(["A", "A", "", ""])
+    assert learning.after_mm(poses, None) == pytest.approx(learning.uncertainty_mm)
+    assert learning.after_mm(poses, seat)[2:] == pytest.approx(learning.uncertainty_mm)
+
+
 def test_without_a_plan_a_pose_that_the_arm_reaches_is_suggested(tmp_path, arm):
     chain = arm.chain
     recording = Recording(

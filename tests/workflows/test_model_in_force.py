@@ -12,6 +12,7 @@ from truearm.errors import InputError
 from truearm.sources import Sample, Source
 from truearm.workflows import model_in_force
 from truearm.workflows.fit_process import Fitted, why_worse
+from truearm.workflows.live_demo import demo_recording
 from truearm.workflows.model_in_force import ModelInForce
 from truearm.workflows.recording import Recording
 
@@ -110,6 +111,17 @@ def test_what_cannot_be_fitted_or_saved_is_refused(tmp_path, session):
     in_force = ModelInForce(None, None, tmp_path / "session.csv", None)
     assert in_force.refit(3).text == "a fit needs the arm"
     assert ModelInForce(ta.load_arm("ur10"), None, tmp_path / "s.csv", None).refit(0).kind == "refused"
+
+
+def test_the_demonstration_is_learned_from(tmp_path):
+    recording = demo_recording(tmp_path)
+    samples, events = recording.source.samples(), []
+    while not recording.n_readings:
+        events += recording.on_sample(next(samples))
+        recording.source.steer(recording.aim_rad)
+    assert recording.next_pose not in (None, 1)
+    assert next(event for event in reversed(events) if event.kind == "next").values["would_give_mm"] > 0
+    recording.close()
 
 
 def test_only_a_virtual_arm_is_steered(tmp_path):

@@ -14,7 +14,7 @@ from truearm.compensation.models import Compensator
 from truearm.compensation.models.identified_model import to_identified
 from truearm.errors import InputError
 from truearm.identification.planning.candidates import seat_poses, tracker_poses, volume_poses
-from truearm.identification.planning.exchange import DOptimality, IOptimality, decreases, greedy
+from truearm.identification.planning.exchange import DesignProblem, DOptimality, IOptimality, decreases, greedy
 from truearm.identification.planning.factors import moment_matrix
 from truearm.identification.planning.information import tip_jacobian
 from truearm.identification.planning.plan import NOISE_MM
@@ -150,8 +150,12 @@ class Learning:
 
     def after_mm(self, angles: FloatArray, seat: NameArray | None) -> FloatArray:
         """(n,) the uncertainty with a reading at each of n poses, in its seat or with a point [mm]."""
-        problem = self.estimate.design(self._prior.state(angles), seat, self._target)
+        problem = self._design(angles, seat)
         return np.sqrt(np.maximum(self.estimate.variance(self._target) - decreases(problem), 0.0))
+
+    def _design(self, angles: FloatArray, seat: NameArray | None) -> DesignProblem:
+        in_seats = np.full(len(angles), "") if seat is None else seat
+        return self.estimate.design(self._prior.state(angles), None if self._has_points else in_seats, self._target)
 
     def candidates(self, seat: str) -> tuple[FloatArray | None, NameArray | None]:
         """Poses that the arm reaches, (n, n_joints), and their seat: of one that no reading was in, none are known."""
@@ -173,7 +177,7 @@ class Learning:
         """Say once that the best of further readings, at some of n poses, would gain little."""
         if self._said_enough or not len(angles) or self._n_seen < FEWEST_TO_JUDGE:
             return
-        problem = self.estimate.design(self._prior.state(angles), seat, self._target)
+        problem = self._design(angles, seat)
         n = min(AHEAD, len(angles))
         # Some poses are useful only together, as the first two in a seat, which the determinant shows.
         chosen = [greedy(problem, n, criterion) for criterion in (IOptimality(), DOptimality())]

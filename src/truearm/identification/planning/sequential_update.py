@@ -92,14 +92,16 @@ class Estimate:
         state : ArmState
             At n poses.
         seat : (n,) array of str, optional
-            The seat that each is in; None: the tip is measured.
+            The seat that each is in, empty where nothing says where the tip is; None: points are measured.
         target : (p, p) array
             As of `DesignProblem`, by the p coefficients of the prior.
         """
-        seat = np.full(len(state), "") if seat is None else seat
-        names = tuple(dict.fromkeys([*self.seats, *seat[seat != ""].tolist()]))
         _, J = tip_jacobian(self.perturbed_chain, state, self._coefficients)
-        J = _with_seats(J, seat, names)
+        names = self.seats
+        if seat is not None:
+            J[seat == ""] = 0.0
+            names = tuple(dict.fromkeys([*names, *seat[seat != ""].tolist()]))
+        J = _with_seats(J, np.full(len(state), "") if seat is None else seat, names)
         of_all = np.zeros((J.shape[2], J.shape[2]))
         of_all[: len(target), : len(target)] = target
         return DesignProblem(J / self.noise_mm, _with_wide(self.precision, J.shape[2]), of_all)
