@@ -83,10 +83,7 @@ def live(
             refuse_typed(context, NOT_IN_A_DEMO, "does not apply to --demo")
             recording = demo_recording(Path(folder), samples_hz=FRAMES_HZ)
         elif source is None or out is None:
-            raise InputError(
-                "expected --source and --out: where the angles come from and go",
-                hint="--source virtual:ur10 --out session.csv, or --demo",
-            )
+            raise InputError("expected --source and --out", hint="truearm live --demo, without hardware")
         else:
             recording = recording_of(
                 source,
