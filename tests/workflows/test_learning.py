@@ -155,6 +155,19 @@ def test_without_a_plan_a_pose_that_the_arm_reaches_is_suggested(tmp_path, arm):
     seats.close()
 
 
+def test_a_file_that_a_person_broke_ends_the_learning_and_not_the_recording(tmp_path, arm):
+    out, point = tmp_path / "out.csv", arm.chain.tip_in_base(arm.working[None])[0]
+    for is_broken in (False, True):
+        recording = Recording(Source("test", lambda: iter(()), has_points=True), out, arm=arm, rule=RULE)
+        said = stop(recording, arm.working, point)
+        if is_broken:
+            assert [event.kind for event in said] == ["ready", "notice", "reading"]
+            assert said[1].text.startswith("what readings add is no longer said: ")
+        recording.close()
+        head, *rows = out.read_text().splitlines()
+        out.write_text("\n".join([head, *(",".join(["ten", *row.split(",")[1:]]) for row in rows)]) + "\n")
+
+
 def test_ranking_needs_the_arm(tmp_path):
     with pytest.raises(InputError, match="the arm's kinematics are not known"):
         Recording(Source("test", lambda: iter(())), tmp_path / "out.csv", rank=True)

@@ -5,11 +5,12 @@ from __future__ import annotations
 import tempfile
 from math import radians
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, get_args
 
 from typer import Context, Option
 
-from truearm.cli.console import print_line
+from truearm.choices import Strategy
+from truearm.cli.console import print_line, progress
 from truearm.cli.options import (
     RECORDED_HELP,
     SOURCE_HELP,
@@ -74,14 +75,12 @@ def live(
     from truearm.live.live_recording import FRAMES_HZ
     from truearm.live.request_checks import RequestChecks
     from truearm.sources import StandstillRule
-    from truearm.workflows.live_demo import demo_recording
     from truearm.workflows.record_readings import recording_of
 
     checks = RequestChecks(host, token)
     with tempfile.TemporaryDirectory(prefix="truearm-") as folder:
         if demo:
-            refuse_typed(context, NOT_IN_A_DEMO, "does not apply to --demo")
-            recording = demo_recording(Path(folder), samples_hz=FRAMES_HZ)
+            recording = _demo(context, Path(folder))
         elif source is None or out is None:
             raise InputError("expected --source and --out", hint="truearm live --demo, without hardware")
         else:
@@ -100,6 +99,15 @@ def live(
                 samples_hz=FRAMES_HZ,
             )
         _serve(recording, checks, port)
+
+
+def _demo(context: Context, folder: Path) -> Recording:
+    from truearm.live.live_recording import FRAMES_HZ
+    from truearm.workflows.live_demo import demo_recording
+
+    refuse_typed(context, NOT_IN_A_DEMO, "does not apply to --demo")
+    with progress("planning the demonstration", total=len(get_args(Strategy))) as tell:
+        return demo_recording(folder, samples_hz=FRAMES_HZ, progress=tell)
 
 
 def _serve(recording: Recording, checks: RequestChecks, port: int) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from functools import cached_property
 from math import isclose, sqrt
+from pathlib import Path
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from truearm.identification.planning.proposal import VOLUME_POSES
 from truearm.identification.planning.sequential_update import Estimate, held_readings, updated_estimate
 from truearm.identification.terms import ArmState
 from truearm.number_format import format_count
-from truearm.readings import Session
+from truearm.readings import Session, read_session
 from truearm.typing import FloatArray, NameArray
 from truearm.workflows.recording_event import Event
 
@@ -101,6 +102,10 @@ class Learning:
     def uncertainty_mm(self) -> float:
         """Of a point in the volume, three-dimensional root mean square; with seats alone, apart from the scale."""
         return sqrt(self.estimate.variance(self._target))
+
+    def learn_file(self, path: Path) -> Iterator[Event]:
+        """Take in the session in a file, as `learn`."""
+        yield from self.learn(read_session(path))
 
     def learn(self, session: Session) -> Iterator[Event]:
         """Take in a session that has grown by a reading, or lost its last.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +23,9 @@ TRACKER_STD_MM = 0.02
 T_TRACKER_BASE = np.array([[0.0, -1.0, 0.0, 1500.0], [1.0, 0.0, 0.0, 300.0], [0.0, 0.0, 1.0, -400.0], [0, 0, 0, 1.0]])
 
 
-def demo_recording(folder: Path, *, samples_hz: float = 0.0) -> Recording:
+def demo_recording(
+    folder: Path, *, samples_hz: float = 0.0, progress: Callable[[int, str], None] | None = None
+) -> Recording:
     """A recording of a virtual arm that is steered.
 
     Parameters
@@ -31,9 +34,11 @@ def demo_recording(folder: Path, *, samples_hz: float = 0.0) -> Recording:
         Where the plan, the session and the model are written.
     samples_hz : float
         As of `record`.
+    progress : callable, optional
+        As of `plan`.
     """
     plan_file = folder / "plan.csv"
-    plan(DEMO_ARM, "tracker", poses=POSES, noise_mm=TRACKER_STD_MM, seed=SEED).save(plan_file)
+    plan(DEMO_ARM, "tracker", poses=POSES, noise_mm=TRACKER_STD_MM, seed=SEED, progress=progress).save(plan_file)
     return recording_of(
         demo_source(),
         folder / "session.csv",

@@ -18,7 +18,6 @@ from truearm.errors import InputError
 from truearm.files.delimited import MAX_NAME
 from truearm.identification.planning.planned_readings import PlannedReadings, read_planned
 from truearm.number_format import format_count
-from truearm.readings import read_session
 from truearm.readings.readings import DIRECTION, LOAD
 from truearm.readings.session_log import SessionLog, check_log_path
 from truearm.sources import Sample, Source, StandstillRule
@@ -434,7 +433,7 @@ class Recording:
         if self._learning is None or not self.n_readings:
             return
         try:
-            yield from self._learning.learn(read_session(self.out))
+            yield from self._learning.learn_file(self.out)
         except InputError as error:
             self._learning = None
             yield Event("notice", f"what readings add is no longer said: {error}")

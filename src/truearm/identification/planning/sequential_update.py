@@ -1,9 +1,9 @@
 """The estimate of an arm while it is measured: after each reading, a step of Gauss and Newton from the estimate before.
 
-With P the prior precision of the parameters x about m, J the derivatives of the tips and r the residuals of all
+With P the prior precision of the m parameters x about x_0, J the derivatives of the tips and r the residuals of all
 readings at the estimate, and s the noise of a coordinate, a step solves
 
-    A dx = J^T r / s^2 - P (x - m),        A = P + J^T J / s^2,
+    A dx = J^T r / s^2 - P (x - x_0),        A = P + J^T J / s^2,
 
 and ``A^-1`` is the covariance. One step from the estimate before is what an extended Kalman filter does; here all
 readings are linearised at the newest estimate, so that the first ones, which were far from it, do no harm (iterated
@@ -11,7 +11,7 @@ filter: B. M. Bell, F. W. Cathey, IEEE Trans. Automatic Control 38 (1993) 294), 
 
 Parameters after those of the terms are the base in the frame of the points, and the position of each seat; their priors
 are so wide that they say nothing. The noise follows from the residuals, with the prior's noise as one of `NOISE_WORTH`
-coordinates before (D. J. C. MacKay, Neural Computation 4 (1992) 415, eq. 4.10):
+coordinates (D. J. C. MacKay, Neural Computation 4 (1992) 415, eq. 4.10):
 
     s^2 = (k s_0^2 + r^T r) / (k + N - m + tr P A^-1).
 """
