@@ -130,6 +130,7 @@ class Learning:
             self.estimate = updated_estimate(
                 self._prior, readings, self._state(readings), self.estimate, n_in_prior=n_in_prior
             )
+            self._doubted = [row for row in self._doubted if self._misfits(session, row)]  # others are learned next
         else:
             self.estimate = self._before
         after_mm = self.uncertainty_mm
@@ -140,17 +141,23 @@ class Learning:
         """Why a reading is not learned; empty if it is."""
         if row - len(self._doubted) < FEWEST_TO_JUDGE:
             return ""
+        if not (text := self._misfits(session, row)):
+            return ""
+        self._doubted.append(row)
+        if sum(one > row - LATEST for one in self._doubted) < AT_FAULT:
+            return f"{text}; it is in the file, and not learned"
+        self._doubted.clear()
+        return f"{text}; {AT_FAULT} of the last {LATEST} do not, so that all are learned"
+
+    def _misfits(self, session: Session, row: int) -> str:
+        """How far a reading is from where the others have it, if that is too far."""
         reading = session.rows([row])
-        residuals, covariances = self.estimate.residuals(reading, self._state(reading))
-        for residual, covariance in zip(residuals, covariances, strict=True):
+        for residual, covariance in zip(*self.estimate.residuals(reading, self._state(reading)), strict=True):
             if residual @ np.linalg.solve(covariance, residual) > LARGEST_MISFIT:
-                self._doubted.append(row)
-                text = f"{np.linalg.norm(residual):.3f} mm from where the others have it, "
-                text += f"with a standard uncertainty of {sqrt(np.trace(covariance)):.3f} mm; "
-                if sum(one > row - LATEST for one in self._doubted) < AT_FAULT:
-                    return f"{text}it is in the file, and not learned"
-                self._doubted.clear()
-                return f"{text}{AT_FAULT} of the last {LATEST} do not, so that all are learned"
+                distance_mm, u_mm = np.linalg.norm(residual), sqrt(np.trace(covariance))
+                return (
+                    f"{distance_mm:.3f} mm from where the others have it, with a standard uncertainty of {u_mm:.3f} mm"
+                )
         return ""
 
     def after_mm(self, angles: FloatArray, seat: NameArray | None) -> FloatArray:
