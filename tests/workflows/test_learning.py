@@ -168,6 +168,16 @@ def test_a_file_that_a_person_broke_ends_the_learning_and_not_the_recording(tmp_
         out.write_text("\n".join([head, *(",".join(["ten", *row.split(",")[1:]]) for row in rows)]) + "\n")
 
 
+def test_without_the_only_reading_it_is_as_before(tmp_path, arm):
+    recording = Recording(Source("test", lambda: iter(()), has_points=True), tmp_path / "a.csv", arm=arm, rank=True)
+    (first, *_) = (event for event in stop(recording, arm.working, np.array([1.0, 2.0, 3.0])) if event.kind == "next")
+    [*recording.on_command("take moving")]
+    undone, again = recording.on_command("undo")
+    assert undone.kind == "undone"
+    assert again.values == first.values
+    recording.close()
+
+
 def test_ranking_needs_the_arm(tmp_path):
     with pytest.raises(InputError, match="the arm's kinematics are not known"):
         Recording(Source("test", lambda: iter(())), tmp_path / "out.csv", rank=True)

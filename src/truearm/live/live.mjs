@@ -14,7 +14,7 @@ const view = at("scene").view;
 const spans = JSON.parse(at("spans").textContent);
 const rows = [...document.querySelectorAll("#joints tbody tr")];
 const sliders = rows.map((row) => row.querySelector("input")).filter(Boolean); // of a virtual arm
-const live = { readings: [], aim: null, pose: null, steered: null, lastSteer: 0, arrived: 0, run: "", ended: "", mayCommand: false, isLost: false, socket: null };
+const live = { readings: [], aim: null, pose: null, drawn: "", steered: null, lastSteer: 0, arrived: 0, run: "", ended: "", mayCommand: false, isLost: false, socket: null };
 
 /** @param {string} text @param {string} [kind] the newest event on top */
 function say(text, kind = "") {
@@ -41,7 +41,9 @@ const receive = {
   },
   state(message) {
     const { mechanism, lines, is_identified: isIdentified } = message.drawn;
-    if (mechanism) {
+    const drawn = JSON.stringify(mechanism);
+    if (mechanism && drawn !== live.drawn) {
+      live.drawn = drawn; // after a lost connection it is the same, and so is the view
       view.replaceMechanism(mechanism, lines);
       write("drawn", isIdentified ? "identified arm, in the frame of the reference" : "nominal arm, in its base");
     }

@@ -86,8 +86,7 @@ class Learning:
             )
         self._trained_on = 0 if self._model is None else trained_on
         self._before = Estimate.before_readings(self._prior.with_frame() if has_points else self._prior)
-        self.estimate = self._before
-        self._n_seen, self._doubted = 0, list[int]()
+        self.forget()
         self._said_enough, self._has_points = False, has_points
         self._in_seats: dict[str, FloatArray] = {}
         # As of a plan: the errors at poses of the later use of the arm, whose coordinates are compared.
@@ -102,6 +101,11 @@ class Learning:
     def uncertainty_mm(self) -> float:
         """Of a point in the volume, three-dimensional root mean square; with seats alone, apart from the scale."""
         return sqrt(self.estimate.variance(self._target))
+
+    def forget(self) -> None:
+        """Know what was known before the readings."""
+        self.estimate = self._before
+        self._n_seen, self._doubted = 0, list[int]()
 
     def learn_file(self, path: Path) -> Iterator[Event]:
         """Take in the session in a file, as `learn`."""

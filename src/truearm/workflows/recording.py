@@ -430,7 +430,10 @@ class Recording:
 
     def _learn(self) -> Iterator[Event]:
         """What the readings of the file say of the arm; if that cannot be said, why, and nothing further."""
-        if self._learning is None or not self.n_readings:
+        if self._learning is None:
+            return
+        if not self.n_readings:
+            self._learning.forget()
             return
         try:
             yield from self._learning.learn_file(self.out)
