@@ -44,6 +44,8 @@ def test_ctrl_c_ends_it_and_the_file_is_whole(tmp_path):
         (["--source", "virtual:ur10"], "the page needs the arm. Try: --arm ARM, or --model MODEL"),
         (["--source", "virtual:ur10", "--arm", "ur10", "--host", "0.0.0.0"], "give a --token, too"),
         (["--source", "teapot:1", "--arm", "ur10"], "expected a source, got 'teapot:1'"),
+        (["--arm", "ur10"], "expected --source and --out. Try: truearm live --demo"),
+        (["--demo"], "--out does not apply to --demo"),
     ],
 )
 def test_what_is_missing_is_one_line(truearm, tmp_path, options, said):

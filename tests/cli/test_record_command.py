@@ -46,7 +46,7 @@ def test_events_are_json_lines(truearm, tmp_path, simulated, standard_input):
     ran = truearm("record", "--source", f"replay:{simulated}@max", "--out", out, "--arm", "ur10", "--headless")
     assert (ran.code, ran.err) == (0, "")
     events = [json.loads(line) for line in ran.out.splitlines()]
-    assert [event["event"] for event in events] == ["ready", *["reading"] * 3, "notice", "end"]
+    assert [event["event"] for event in events] == ["ready", "reading", *["reading", "learned"] * 2, "notice", "end"]
     assert events[1]["reading"] == 1
     assert events[-1]["readings"] == len(ta.read_session(out)) == 3
 

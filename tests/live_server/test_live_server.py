@@ -23,7 +23,7 @@ client = pytest.importorskip("websockets.sync.client", reason="websockets is not
 exceptions = pytest.importorskip("websockets.exceptions")
 
 TOKEN = "sixteen-letters-"
-STATE = State((), None, "")
+STATE = State({}, (), None, None, "")
 NOTHING = SimpleNamespace(answer=lambda *_: (HTTPStatus.NOT_FOUND, "{}"))  # no operations
 
 
@@ -132,7 +132,8 @@ def test_the_first_client_commands_and_the_others_only_read():
         assert said(first)["may_command"]  # it is known to be the first before the second comes
         second = opened.enter_context(connected(server))
         assert not said(second)["may_command"]
-        assert said(first) == said(second) == {"message": "state", "readings": [], "next": None, "ended": ""}
+        state = {"message": "state", "drawn": {}, "readings": [], "learned": None, "next": None, "ended": ""}
+        assert said(first) == said(second) == state
         second.send(Command(command="undo").model_dump_json())
         assert said(second)["message"] == "refused"
         first.send(Command(command="seat", text="cone A").model_dump_json())

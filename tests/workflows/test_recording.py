@@ -61,7 +61,8 @@ def test_a_replayed_session_comes_back(tmp_path):
     assert again.points == pytest.approx(session.points, abs=1e-9)
     assert again.directions.tolist() == session.directions.tolist()
     assert again.temperature_degC == pytest.approx(session.temperature_degC)
-    assert kinds(events) == ["ready", *["reading"] * 12, "notice", "end"]
+    # The first point says where the base is, and nothing of the arm.
+    assert kinds(events) == ["ready", "reading", *["reading", "learned"] * 11, "notice", "end"]
     for event in events:
         json.dumps(event.to_dict(), allow_nan=False)
 
@@ -86,10 +87,10 @@ def test_an_undone_pose_comes_next_again_and_a_skipped_one_does_not(tmp_path, pl
     plan, poses = planned
     arm = ta.load_arm("ur10")
     recording = Recording(source(), tmp_path / "out.csv", arm=arm, plan=plan, rule=RULE)
-    *_, taken, _ = fed(recording, stops(*poses[:2]))
+    *_, taken, _, _ = fed(recording, stops(*poses[:2]))
     assert recording.next_pose == 3
-    undone, following = recording.on_command("undo")
-    assert kinds([undone, following]) == ["undone", "next"]
+    undone, learned, following = recording.on_command("undo")
+    assert kinds([undone, learned, following]) == ["undone", "learned", "next"]
     assert {name: undone.values[name] for name, value in taken.values.items() if value != ""}.items() <= (
         taken.values.items()  # numbers as numbers
     )
@@ -102,7 +103,7 @@ def test_an_undone_pose_comes_next_again_and_a_skipped_one_does_not(tmp_path, pl
         "still, and not taken: J1 is 60 deg from pose 3; take it by key, or skip the pose"
     ]
     assert kinds(recording.on_command("take")) == []
-    assert kinds(fed(recording, stops(poses[5], start_s=2.5))) == ["reading", "next"]
+    assert kinds(fed(recording, stops(poses[5], start_s=2.5))) == ["reading", "learned", "next"]
     recording.close()
 
 
@@ -127,7 +128,7 @@ def test_an_arm_that_rests_beside_its_seat_is_no_reading(tmp_path):
     (said,) = fed(recording, stops(at + 0.3, start_s=0.5))
     assert "mm from the readings in seat A; take it by key, or name another seat" in said.text
     wrist = np.array([0, 0, 0, 0, 0, 0.3])
-    assert kinds(fed(recording, stops(at + wrist, start_s=1.0))) == ["reading"]
+    assert kinds(fed(recording, stops(at + wrist, start_s=1.0))) == ["reading", "learned"]
     assert kinds(recording.on_command("seat B")) == ["notice"]
     assert kinds(fed(recording, stops(at + 0.3, start_s=1.5))) == ["reading"]
     recording.close()

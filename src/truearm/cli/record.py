@@ -30,9 +30,11 @@ def record(
 
     Every command reads the file while it grows. A reading is the mean of the samples of a standstill, taken once
     until the arm moves again. It is on the disk before it is said. Keys: space takes a reading, m one of a moving
-    arm, u undoes the last, s names the seat, p types the reference point, n skips a pose of the plan, q ends.
+    arm, u undoes the last, s names the seat, p types the reference point, n skips a pose of the plan,
+    r fits a model to the readings, w writes it to --out-model, q ends.
 
-    With --headless these are lines on standard input: take, take moving, undo, seat NAME, point X Y Z, skip, end.
+    With --headless these are lines on standard input: take, take moving, undo, seat NAME, point X Y Z, skip,
+    refit, save, end.
     """
     from truearm.workflows.record_readings import follow
 

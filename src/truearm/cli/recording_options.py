@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import wraps
-from inspect import Signature, signature
+from inspect import Parameter, Signature, signature
 from math import radians
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 from typer import Option
 
@@ -18,16 +18,23 @@ from truearm.cli.options import ARM_HELP
 if TYPE_CHECKING:
     from truearm.workflows.recording import Recording
 
+SOURCE_HELP = "Where the angles come from: KIND:ADDRESS, as truearm sources lists them."
+OUT_HELP = "Session file, .csv; one with the same columns is continued."
+
 
 @dataclass(frozen=True)
 class SharedOptions:
     """The options that these commands share: each attribute is one, with its help."""
 
-    source: Annotated[str, Option(help="Where the angles come from: KIND:ADDRESS, as truearm sources lists them.")]
-    out: Annotated[Path, Option(help="Session file, .csv; one with the same columns is continued.")]
+    source: Annotated[str, Option(help=SOURCE_HELP)]
+    out: Annotated[Path, Option(help=OUT_HELP)]
     plan: Annotated[Path | None, Option(help="Plan of truearm plan: seats, instructions, what remains.")] = None
+    rank: Annotated[
+        bool, Option("--rank", help="Next is the pose that adds most: of the plan, or without one of all in reach.")
+    ] = False
     arm: Annotated[str | None, Option("--arm", help=ARM_HELP)] = None
     model: Annotated[Path | None, Option(help="Model file: shows the corrected tip with its uncertainty.")] = None
+    out_model: Annotated[Path | None, Option(help="Where a model fitted to the readings is saved; must be new.")] = None
     reference: Annotated[
         str | None, Option(help="What measures the tip, if not the source: another source, paired by time, or typed.")
     ] = None
@@ -46,8 +53,10 @@ class SharedOptions:
             self.source,
             self.out,
             plan=self.plan,
+            rank=self.rank,
             arm=self.arm,
             model=self.model,
+            out_model=self.out_model,
             reference=self.reference,
             on=self.on,
             seat=self.seat,
@@ -57,13 +66,15 @@ class SharedOptions:
 
 
 def takes_readings(command: Callable[..., None]) -> Callable[..., None]:
-    """The command with the options of `SharedOptions` in place of its first parameter."""
-    shared = signature(SharedOptions, eval_str=True).parameters
-    _, *own = signature(command, eval_str=True).parameters.values()
+    """The command with the options of its first parameter, a `SharedOptions`, in place of it."""
+    first, *own = signature(command, eval_str=True).parameters.values()
+    described = get_type_hints(first.annotation, include_extras=True)
+    shared = [one.replace(annotation=described[name]) for name, one in signature(first.annotation).parameters.items()]
 
     @wraps(command)
     def with_options(**given: Any) -> None:
-        command(SharedOptions(**{name: given.pop(name) for name in shared}), **given)
+        command(first.annotation(**{one.name: given.pop(one.name) for one in shared}), **given)
 
-    with_options.__signature__ = Signature([*shared.values(), *own])  # type: ignore[attr-defined]
+    by_name = [one.replace(kind=Parameter.KEYWORD_ONLY) for one in (*shared, *own)]
+    with_options.__signature__ = Signature(by_name)  # type: ignore[attr-defined]
     return with_options

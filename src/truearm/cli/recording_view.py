@@ -10,17 +10,20 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from truearm.workflows.recording import Event, Recording
+from truearm.workflows.recording import Recording
+from truearm.workflows.recording_event import Event
 
 KEYS = {
     " ": "take",
     "m": "take moving",
     "u": "undo",
     "n": "skip",
+    "r": "refit",
+    "w": "save",
     "q": "end",
 }
 PROMPTS = {"s": "seat", "p": "point"}
-HELP = "space take  m take moving  u undo  s seat  p point  n skip pose  q end"
+HELP = "space take  m take moving  u undo  s seat  p point  n skip pose  r refit  w save  q end"
 
 
 @dataclass
@@ -38,6 +41,7 @@ class RecordingView:
     recording: Recording
     prompt: str = ""
     typed: str = ""
+    _learned: str = ""
     _next: str = ""
     _said: deque[str] = field(default_factory=lambda: deque(maxlen=3))
 
@@ -63,6 +67,8 @@ class RecordingView:
         """Show an event."""
         if event.kind == "next":
             self._next = event.text
+        elif event.kind == "learned":
+            self._learned = event.text
         else:
             self._said.append(event.text)
 
@@ -75,8 +81,7 @@ class RecordingView:
             parts.append(Text(str(tip), style="bold green"))
         if recording.sample is not None:
             parts.append(self._angles())
-        if self._next:
-            parts.append(Text(self._next))
+        parts += [Text(text) for text in (self._learned, self._next) if text]
         parts += [Text(text, style="dim") for text in self._said]
         parts.append(Text(f"{self.prompt}: {self.typed}_" if self.prompt else HELP, style="cyan"))
         return Group(*parts)

@@ -7,12 +7,14 @@ import { coloursOf } from "./scene_paint.mjs";
 const SILENT_MS = 600; // without a sample; a source says the same after a second
 const RETRY_MS = 1000;
 const MOST_EVENTS = 50;
+const STEER_MS = 100; // between commands to a virtual arm, which follows its sliders
 
 const at = (id) => document.getElementById(id);
 const view = at("scene").view;
 const spans = JSON.parse(at("spans").textContent);
 const rows = [...document.querySelectorAll("#joints tbody tr")];
-const live = { readings: [], aim: null, pose: null, arrived: 0, run: "", ended: "", mayCommand: false, isLost: false, socket: null };
+const sliders = rows.map((row) => row.querySelector("input")).filter(Boolean); // of a virtual arm
+const live = { readings: [], aim: null, pose: null, drawn: "", steered: null, lastSteer: 0, arrived: 0, run: "", ended: "", mayCommand: false, isLost: false, socket: null };
 
 /** @param {string} text @param {string} [kind] the newest event on top */
 function say(text, kind = "") {
@@ -32,24 +34,33 @@ const receive = {
     live.run = message.run;
     live.isLost = false;
     live.mayCommand = message.may_command;
-    document.querySelectorAll(".stage-buttons :is(button, input)").forEach((one) => {
+    document.querySelectorAll(".stage-buttons :is(button, input), #joints input").forEach((one) => {
       one.disabled = !live.mayCommand;
     });
     write("role", live.mayCommand ? "" : "This page only shows: another one commands. Close that one and reload this.");
   },
   state(message) {
+    const { mechanism, lines, is_identified: isIdentified } = message.drawn;
+    const drawn = JSON.stringify(mechanism);
+    if (mechanism && drawn !== live.drawn) {
+      live.drawn = drawn; // after a lost connection it is the same, and so is the view
+      view.replaceMechanism(mechanism, lines);
+      write("drawn", isIdentified ? "identified arm, in the frame of the reference" : "nominal arm, in its base");
+    }
     live.readings = message.readings;
     live.ended = message.ended;
-    if (message.next) receive.said(message.next);
+    [message.learned, message.next].filter(Boolean).forEach(receive.said);
     showReadings();
   },
   said({ event, reading, aim_pivots: ghost }) {
     if (event.event === "reading") live.readings.push(reading);
     if (event.event === "undone") live.readings.pop();
     if (event.event === "end") live.ended = event.text;
-    if (event.event === "next") {
+    if (event.event === "learned") {
+      write("learned", event.text);
+    } else if (event.event === "next") {
       write("next", event.text);
-      live.aim = event.pose === null ? null : { joints: event.aim, pivots: ghost };
+      live.aim = event.aim ? { joints: event.aim, pivots: ghost } : null;
     } else {
       say(event.text, event.event);
     }
@@ -66,10 +77,12 @@ const receive = {
 /** The tip, the joints and the arm as they are now. */
 function showPose() {
   const { pose } = live;
-  const tip = at("U-x") ? pose.corrected_mm : pose.tip_in_base_mm;
+  const isCorrected = pose.corrected_mm !== null || pose.not_corrected !== "";
+  const tip = isCorrected ? pose.corrected_mm : pose.tip_in_base_mm;
+  write("tip-title", isCorrected ? "Corrected tip" : "Tip of the nominal arm, in its base");
   ["x", "y", "z"].forEach((axis, k) => {
     write(axis, tip ? formatFixed(tip[k], 3) : "\u2013");
-    if (at("U-x")) write(`U-${axis}`, pose.U_mm ? `U (k = 2) ${formatFixed(pose.U_mm[k], 3)}` : "");
+    write(`U-${axis}`, pose.U_mm ? `U (k = 2) ${formatFixed(pose.U_mm[k], 3)}` : "");
   });
   const parts = [
     pose.is_still ? "still" : "moving",
@@ -85,6 +98,11 @@ function showPose() {
       row.querySelector(".to-go").textContent = pose.to_go ? signed(pose.to_go[i]) : "\u2013";
     }
   });
+  if (performance.now() - live.lastSteer > SILENT_MS) {
+    sliders.forEach((slider, i) => {
+      slider.value = pose.joints[i];
+    });
+  }
   showStrips();
   view.move(pose.pivots, live.aim?.pivots ?? null);
 }
@@ -161,6 +179,18 @@ function ask(command, text = "") {
   if (live.mayCommand && live.socket?.readyState === WebSocket.OPEN) live.socket.send(JSON.stringify({ command, text }));
 }
 
+/** Send where the sliders are, no more often than the arm can follow. @param {number[]} joints */
+function steer(joints) {
+  live.lastSteer = performance.now();
+  if (live.steered === null) {
+    setTimeout(() => {
+      ask("steer", live.steered.map((value) => value.toFixed(2)).join(" "));
+      live.steered = null;
+    }, STEER_MS);
+  }
+  live.steered = joints;
+}
+
 /** What is wrong with the connection, if anything; asked for ten times a second. */
 function watch() {
   const open = live.socket?.readyState === WebSocket.OPEN;
@@ -191,6 +221,13 @@ function connect() {
 document.querySelectorAll("button[data-command]").forEach((button) => {
   button.addEventListener("click", () => ask(button.dataset.command));
 });
+sliders.forEach((slider, i) => {
+  [slider.min, slider.max] = spans[i];
+  slider.addEventListener("input", () => steer(sliders.map((one) => one.valueAsNumber)));
+});
+at("go")?.addEventListener("click", () => {
+  if (live.aim) steer(live.aim.joints);
+});
 document.querySelectorAll("form[data-command]").forEach((form) => {
   form.addEventListener("submit", (event) => {
     event.preventDefault();
@@ -200,7 +237,7 @@ document.querySelectorAll("form[data-command]").forEach((form) => {
 });
 document.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey || event.repeat) return;
-  if (event.target.matches("input")) {
+  if (event.target.matches("input:not([type=range])")) {
     if (event.key === "Escape") event.target.blur();
     return;
   }

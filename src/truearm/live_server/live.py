@@ -13,7 +13,8 @@ from truearm.live_server.live_recording import FRAMES_HZ, LiveRecording
 from truearm.live_server.request_checks import RequestChecks
 from truearm.live_server.server import LiveServer
 from truearm.sources import Source
-from truearm.workflows.recording import Event, Recording, RecordingOptions
+from truearm.workflows.recording import Recording, RecordingOptions
+from truearm.workflows.recording_event import Event
 
 
 def live(
@@ -40,7 +41,7 @@ def live(
         Port to listen on; 0: a free one.
     token : str
         Whoever opens the page must know it; at least 16 characters.
-    arm, plan, reference, rule, on, seat, model : optional
+    arm, plan, reference, rule, on, seat, model, rank, out_model : optional
         As of `record`; the page needs `arm` or `model`.
 
     Yields
@@ -64,7 +65,7 @@ def live(
     >>> next(events).values["url"]
     'http://127.0.0.1:.../'
     >>> [event.kind for event in events]
-    ['ready', 'reading', 'reading', 'reading', 'notice', 'end']
+    ['ready', 'reading', 'reading', 'learned', 'reading', 'learned', 'notice', 'end']
     """
     return serve(Recording(source, out, samples_hz=FRAMES_HZ, **options), RequestChecks(host, token), port)
 

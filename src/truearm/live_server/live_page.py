@@ -13,7 +13,8 @@ from truearm.live_server.drawn_arm import DrawnArm
 from truearm.pages.palette import style_rules
 from truearm.pages.scene import data_block, scene_script, script_hash
 from truearm.show.arm_scene import arm_mechanism
-from truearm.workflows.recording import TYPED, Recording
+from truearm.workflows.recording import Recording
+from truearm.workflows.reference_point import TYPED
 
 SPACE = 0.55  # of the reach: half the box that the first view shows
 FULL_TURN_DEG = 180.0  # what the strip of a joint without limit spans, to each side
@@ -28,17 +29,19 @@ def live_page(recording: Recording, drawn: DrawnArm) -> str:
     drawn : DrawnArm
     """
     arm, script = drawn.arm, scene_script(_text("live.mjs"))
+    label = f"The arm {arm.name} in space as it moves, and the readings taken"
+    scene = {"label": label, "unit": "mm", "points": None, **drawn_scene(drawn)}
     sheets = [style_rules(), *(files("truearm.pages").joinpath(name).read_text("utf-8") for name in _SHEETS)]
     return _template().render(
         arm=arm,
-        drawn=drawn,
         out=str(recording.out),
         source=recording.source.name,
-        has_model=recording.model is not None,
-        has_plan=recording.plan is not None,
+        has_model_file=recording.out_model is not None,
+        has_next=recording.plan is not None or recording.rank,
+        can_steer=recording.source.steer is not None,
         is_typed=recording.reference == TYPED,
         joints=list(zip(arm.joint_labels, arm.joint_units, strict=True)),
-        scene=Markup(data_block(_scene(drawn))),  # noqa: S704, every sign of markup in it is an escape
+        scene=Markup(data_block(scene)),  # noqa: S704, every sign of markup in it is an escape
         spans=Markup(data_block(_spans(drawn))),  # noqa: S704
         style=Markup("".join([*sheets, _text("live.css")])),  # noqa: S704, our own files
         script=Markup(script),  # noqa: S704, our own files
@@ -49,18 +52,16 @@ def live_page(recording: Recording, drawn: DrawnArm) -> str:
 _SHEETS = ("page.css", "scene.css")
 
 
-def _scene(drawn: DrawnArm) -> dict[str, object]:
-    """The arm in the space that it reaches, without points."""
+def drawn_scene(drawn: DrawnArm) -> dict[str, object]:
+    """The arm in the space that it reaches, as data of a scene."""
     chain = drawn.arm.chain
     first, reach = chain.fixed[0, :3, 3], SPACE * chain.reach
     corners = [first + [side * reach, side * reach, up * reach] for side, up in ((-1, 0), (1, 1))]
     mechanism = arm_mechanism(drawn.arm, from_origin=not drawn.is_identified)
     return {
-        "label": f"The arm {drawn.arm.name} in space as it moves, and the readings taken",
-        "unit": "mm",
-        "points": None,
         "mechanism": mechanism.to_json("mm"),
         "lines": [{"at": [corner.tolist()]} for corner in corners],  # single points: nothing is drawn
+        "is_identified": drawn.is_identified,
     }
 
 

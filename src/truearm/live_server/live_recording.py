@@ -9,14 +9,16 @@ from math import radians
 import numpy as np
 
 from truearm.errors import TruearmError
-from truearm.live_server.drawn_arm import DrawnArm
+from truearm.live_server.drawn_arm import DrawnArm, drawn_arm
+from truearm.live_server.live_page import drawn_scene
 from truearm.live_server.messages import Pose, ReadingPoint, Said, State
 from truearm.live_server.server import LiveServer
 from truearm.readings.readings import DIRECTION
 from truearm.sources import Sample
 from truearm.workflows.corrected_tip import CorrectedTip, corrected_tip
 from truearm.workflows.record_readings import follow
-from truearm.workflows.recording import Event, Recording
+from truearm.workflows.recording import Recording
+from truearm.workflows.recording_event import Event
 
 FRAMES_HZ = 20.0
 SILENT_S = 1.0
@@ -33,8 +35,9 @@ class LiveRecording:
     """
 
     def __init__(self, recording: Recording, drawn: DrawnArm) -> None:
-        self.recording, self._drawn = recording, drawn
+        self.recording, self._drawn, self._scene = recording, drawn, drawn_scene(drawn)
         self._readings: list[ReadingPoint] = []
+        self._learned: Said | None = None
         self._next: Said | None = None
         self._ended, self._sent_s = "", -np.inf
         self._newest: Pose | None = None
@@ -43,7 +46,11 @@ class LiveRecording:
         """Send the events of the recording, and do what the page asks for; the events but the samples."""
         for event in follow(self.recording, server.commands()):
             if event.kind != "sample":
-                server.send(self._said(event), State(tuple(self._readings), self._next, self._ended))
+                said = self._said(event)
+                state = State(self._scene, tuple(self._readings), self._learned, self._next, self._ended)
+                server.send(said, state)
+                if event.kind == "model":
+                    server.send(state, state)
                 yield event
             elif time.monotonic() - self._sent_s > 0.5 / FRAMES_HZ:  # a replay may run faster than its clock
                 self._sent_s = time.monotonic()
@@ -72,9 +79,15 @@ class LiveRecording:
             self._readings.append(said.reading)
         elif event.kind == "undone":
             self._readings.pop()
+        elif event.kind == "model":
+            self._drawn = drawn_arm(self.recording.arm, self.recording.model)
+            self._scene = drawn_scene(self._drawn)
+            self._readings = [*map(self._point, self.recording.rows)]
+        elif event.kind == "learned":
+            self._learned = said
         elif event.kind == "next":
-            plan, number = self.recording.plan, event.values["pose"]
-            aim = None if plan is None or number is None else self._drawn.pivots(plan.angles[number - 1])
+            aim_rad = self.recording.aim_rad
+            aim = None if aim_rad is None else self._drawn.pivots(aim_rad)
             said = self._next = Said(said.event, aim_pivots=aim)
         elif event.kind == "end":
             self._ended = event.text

@@ -68,9 +68,22 @@ class Said:
 
 @dataclass(frozen=True)
 class State:
-    """What a client that has just come must know: the readings so far, and what the plan wants next."""
+    """What a client that has just come must know, and every client when another model is in force.
 
+    Attributes
+    ----------
+    drawn : mapping
+        The arm: its `mechanism` and `lines` as of a scene, and whether it `is_identified`.
+    readings : sequence of ReadingPoint
+    learned, next : Said, optional
+        The last events of these kinds.
+    ended : str
+        That the recording has ended.
+    """
+
+    drawn: Mapping[str, Any]
     readings: Sequence[ReadingPoint]
+    learned: Said | None
     next: Said | None
     ended: str
 
@@ -146,12 +159,12 @@ class Command(BaseModel):
     command : str
         A command of `truearm record --headless`; the page does not end the recording.
     text : str
-        The name of the seat, or the point.
+        The name of the seat, the point, or the joint angles to which a virtual arm is steered [deg, or mm].
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
-    command: Literal["take", "take moving", "undo", "seat", "point", "skip"]
+    command: Literal["take", "take moving", "undo", "seat", "point", "skip", "refit", "save", "steer"]
     text: Annotated[str, Field(max_length=MAX_NAME)] = ""
 
     @property

@@ -75,7 +75,7 @@ class LiveServer:
         self._lock = threading.Lock()
         self._clients: list[_Client] = []
         self._commander: _Client | None = None
-        self._state: State = State((), None, "")
+        self._state: State = State({}, (), None, None, "")
         self._commands: queue.Queue[str | None] = queue.Queue(MOST_WAITING)
         self._server = self._listen(port)
         address, port = self._server.socket.getsockname()[:2]

@@ -171,6 +171,17 @@ export class SceneView {
     this.refresh(false);
   }
 
+  /**
+   * Another mechanism of as many pivots, perhaps elsewhere; the points of the one before go.
+   * @param {object} mechanism as the part of the data @param {object[]} lines
+   */
+  replaceMechanism(mechanism, lines) {
+    Object.assign(this, { mechanism, lines, cloud: null });
+    this.bounds = boundsOf(this.extent());
+    this.camera = new Camera(this.bounds);
+    this.drawSoon();
+  }
+
   draw() {
     this.painter.paint();
     if (this.plots && this.changed) {

@@ -81,6 +81,8 @@ class Source:
         Whether it measures reference points.
     has_own_clock : bool
         Whether its times are those of the device (or of a replay, or a virtual arm), not of arrival.
+    steer : callable, optional
+        Of a virtual arm only: moves it to joint angles (n_joints,) [rad, or mm].
 
     Examples
     --------
@@ -97,3 +99,4 @@ class Source:
     prismatic: tuple[int, ...] = ()
     has_points: bool = False
     has_own_clock: bool = False
+    steer: Callable[[FloatArray], None] | None = None

@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Any, Literal, Unpack
 
 from truearm.sources import Notice, Sample, Source
-from truearm.workflows.recording import Event, Recording, RecordingOptions
+from truearm.workflows.recording import Recording, RecordingOptions
+from truearm.workflows.recording_event import Event
 
 MOST_WAITING = 10_000  # samples and commands
 _Origin = Literal["arm", "reference", "command"]
@@ -40,7 +41,8 @@ def record(
     samples_hz : float
         How often the angles come as an event of the kind ``sample``, by the clock of the source; 0: never.
     commands : iterator of str, optional
-        ``take``, ``take moving``, ``undo``, ``seat NAME``, ``point X Y Z``, ``skip``, ``end``.
+        ``take``, ``take moving``, ``undo``, ``seat NAME``, ``point X Y Z``, ``skip``, ``refit``, ``save``,
+        ``end``.
     arm : Arm, str or path, optional
         The arm: its number of joints and limits are checked. That of the model by default.
     plan : path, optional
@@ -55,6 +57,11 @@ def record(
         Name of the seat of the readings; the plan's by default.
     model : Compensator, str or path, optional
         Corrects the tip at the samples.
+    rank : bool
+        The next pose is the one that adds most to what is known of the arm: of the plan's, or without a plan of poses
+        that the arm reaches. By default the plan is followed in its order.
+    out_model : path, optional
+        Where the command ``save`` writes the model in force; must be new.
 
     Yields
     ------
@@ -117,6 +124,7 @@ def follow(recording: Recording, commands: Iterator[str] | None = None) -> Itera
             if (origin == "arm" and what is None) or (isinstance(what, str) and what.strip() == "end"):
                 break
             yield from _dealt_with(recording, origin, what)
+            yield from recording.news_of_fit()
     finally:
         over.set()
         end = recording.close()

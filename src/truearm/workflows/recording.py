@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections import deque
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from contextlib import nullcontext, suppress
 from datetime import UTC, datetime
 from math import degrees, isfinite, radians
 from pathlib import Path
-from typing import Any, Literal, TypedDict
+from typing import TypedDict, TypeGuard
 
 import numpy as np
 
@@ -27,42 +26,15 @@ from truearm.sources.standstill import Standstill, TakenReading
 from truearm.typing import FloatArray
 from truearm.workflows.corrected_tip import CorrectedTip, corrected_tip
 from truearm.workflows.inputs import ModelLike, to_arm, to_model_of_tip
-from truearm.workflows.record import to_plain
+from truearm.workflows.learning import Learning, learned_event
+from truearm.workflows.model_in_force import ModelInForce
+from truearm.workflows.poses_to_measure import PosesToMeasure
+from truearm.workflows.recording_event import Event
+from truearm.workflows.reference_point import TYPED, ReferencePoint, typed_numbers
 
-TYPED = "typed"
-LARGEST_POINT_SPREAD_MM = 0.1  # of a second instrument in the window of a reading
 FAR_FROM_AIM = 20.0  # deg, or mm; a standstill that is farther from the plan's pose is taken by key only
 BESIDE_SEAT = 0.05  # of the arm's reach; a standstill that is farther from its seat is taken by key only
 JUMP_S = 1.0  # between two samples by the clock of a device
-WAIT_FOR_POINT_S = 1.0  # the second instrument may lag behind the arm
-REFERENCE_SAMPLES = 10_000
-
-Kind = Literal["ready", "sample", "reading", "undone", "next", "notice", "refused", "end"]
-
-
-@dataclass(frozen=True)
-class Event:
-    """Something that a recording says.
-
-    Attributes
-    ----------
-    kind : {"ready", "sample", "reading", "undone", "next", "notice", "refused", "end"}
-        ``reading``: it is on the disk. ``next``: the pose of the plan that comes next. ``refused``: what a person asked
-        for was not done.
-    text : str
-        In one sentence.
-    values : mapping of str to object
-        For machines; the keys state their units.
-    """
-
-    kind: Kind
-    text: str
-    values: Mapping[str, Any] = field(default_factory=dict)
-
-    def to_dict(self) -> dict[str, Any]:
-        """The event for machines: its kind, its text and its values."""
-        plain: dict[str, Any] = to_plain({"event": self.kind, "text": self.text, **self.values})
-        return plain
 
 
 class RecordingOptions(TypedDict, total=False):
@@ -75,6 +47,8 @@ class RecordingOptions(TypedDict, total=False):
     on: TakeOn
     seat: str
     model: ModelLike | None
+    rank: bool
+    out_model: str | Path | None
 
 
 class Recording:
@@ -100,6 +74,8 @@ class Recording:
         on: TakeOn = "still",
         seat: str = "",
         model: ModelLike | None = None,
+        rank: bool = False,
+        out_model: str | Path | None = None,
         samples_hz: float = 0.0,
     ) -> None:
         self.reference = open_source(reference) if isinstance(reference, str) and reference != TYPED else reference
@@ -112,24 +88,32 @@ class Recording:
             isinstance(self.reference, Source) and self.reference.has_own_clock != self.source.has_own_clock
         )
         self.out, self.seat, self._on = Path(out), seat, on
-        self.model: Compensator | None = None if model is None else to_model_of_tip(model)
-        self.arm = to_arm(arm) if arm is not None else None if self.model is None else self.model.arm_
+        known = None if model is None else to_model_of_tip(model)
+        self.arm = to_arm(arm) if arm is not None else None if known is None else known.arm_
         check_log_path(self.out)
         if plan is not None and self.arm is None:
             raise InputError("a plan needs the arm that it is for", file=plan, hint="--arm ARM")
         self.plan: PlannedReadings | None = None if plan is None or self.arm is None else read_planned(plan, self.arm)
+        if rank and not _is_known(self.arm):
+            raise InputError("the next pose cannot be ranked: the arm's kinematics are not known", hint="--arm ARM")
+        self._poses = PosesToMeasure(self.arm, self.plan, is_ranked=rank)
         prismatic = self.source.prismatic
         if self.arm is not None:
             prismatic = tuple(int(joint) + 1 for joint in np.flatnonzero(self.arm.chain.is_prismatic))
         self._prismatic = prismatic
         self._rule = rule or StandstillRule()
         self._standstill = Standstill(self._rule, prismatic)
-        self._points: deque[Sample] = deque(maxlen=REFERENCE_SAMPLES)
-        self._typed_mm: FloatArray | None = None
+        self._point = ReferencePoint(self.reference)
         self._asked, self._was_pressed, self._said = False, False, ""
         self._still_since_s, self._samples_hz, self._streamed_s = 0.0, samples_hz, -np.inf
         self._step_s, self._jump, self._jump_said_s = np.inf, "", -np.inf
-        self._skipped: set[int] = set()
+        self.out_model, self.rank = None if out_model is None else Path(out_model), rank
+        self._in_force = ModelInForce(self.arm, known, self.out, self.out_model)
+        self._learning: Learning | None = None
+        if _is_known(self.arm):
+            # An arm that takes none of the usual poses is recorded, too.
+            with nullcontext() if rank else suppress(InputError):
+                self._learning = Learning(self.arm, known, has_points=self._has_points)
         self._log: SessionLog | None = None
         self.sample: Sample | None = None
 
@@ -142,6 +126,11 @@ class Recording:
     def rows(self) -> list[dict[str, str]]:
         """The cells of the readings in the file."""
         return [] if self._log is None else self._log.rows
+
+    @property
+    def model(self) -> Compensator | None:
+        """The model in force."""
+        return self._in_force.model
 
     def corrected(self) -> CorrectedTip | str | None:
         """The tip at the last sample by the model, or why there is none; None without a model or a sample."""
@@ -177,20 +166,18 @@ class Recording:
     @property
     def next_pose(self) -> int | None:
         """Number of the plan's next pose, counted from 1; None without a plan or after its last."""
-        return next(iter(self._poses_left()), None)
+        return self._poses.number
 
-    def _poses_left(self) -> list[int]:
-        if self.plan is None or self._log is None:
-            return []
-        done = {row["note_pose"] for row in self._log.rows}
-        return [n for n in range(1, len(self.plan) + 1) if str(n) not in done and n not in self._skipped]
+    @property
+    def aim_rad(self) -> FloatArray | None:
+        """(n_joints,) angles of the next pose [rad, or mm]; None where there is none."""
+        return self._poses.aim_rad
 
     def to_go(self) -> list[float] | None:
-        """How far each joint is from the plan's next pose, in the units in which people read them."""
-        number = self.next_pose
-        if self.plan is None or number is None or self.sample is None:
+        """How far each joint is from the next pose, in the units in which people read them."""
+        if self.aim_rad is None or self.sample is None:
             return None
-        return self.displayed(self.plan.angles[number - 1] - self.sample.joint_angles_rad)
+        return self.displayed(self.aim_rad - self.sample.joint_angles_rad)
 
     def on_sample(self, sample: Sample) -> Iterator[Event]:
         """Take in a sample of the arm."""
@@ -207,10 +194,11 @@ class Recording:
         self._was_pressed = sample.is_button_pressed
         yield from self._stream(sample)
         if not self._standstill.is_still:
-            self._still_since_s, self._said, self._typed_mm = sample.time_s, "", None
+            self._still_since_s, self._said = sample.time_s, ""
+            self._point.forget()
         elif self._asked or (self._on == "still" and self._standstill.is_new):
             problem = "" if self._asked else self._unlikely(self._standstill.mean_rad)
-            if problem := problem or self._missing_point():
+            if problem := problem or self._point.missing(self._standstill.window_s):
                 yield from self._say_once(problem, sample.time_s)
             else:
                 yield from self._take(self._standstill.taken())
@@ -244,8 +232,7 @@ class Recording:
 
     def on_reference(self, sample: Sample) -> None:
         """Take in a sample of the second instrument."""
-        if sample.tip_in_reference_mm is not None:
-            self._points.append(sample)
+        self._point.add(sample)
 
     def on_command(self, text: str) -> Iterator[Event]:
         """Do what a person asks for.
@@ -253,7 +240,8 @@ class Recording:
         Parameters
         ----------
         text : str
-            ``take``, ``take moving``, ``undo``, ``seat NAME``, ``point X Y Z``, ``skip``.
+            ``take``, ``take moving``, ``undo``, ``seat NAME``, ``point X Y Z``, ``skip``, ``refit``, ``save``;
+            ``steer Q1 Q2 ..`` of a virtual arm [deg, or mm].
         """
         word, _, rest = text.strip().partition(" ")
         if text.strip() == "take":
@@ -267,15 +255,35 @@ class Recording:
         elif word == "seat":
             yield self._name_seat(rest.strip())
         elif word == "point":
-            yield self._type_point(rest)
-        elif text.strip() == "skip" and (number := self.next_pose) is not None:
-            self._skipped.add(number)
+            yield self._point.type(rest, is_still=self.is_still)
+        elif text.strip() == "skip" and self._poses.skip():
             yield from self._next()
+        elif word == "steer":
+            yield from self._steer(rest)
+        elif text.strip() == "refit":
+            yield self._in_force.refit(self.n_readings)
+        elif text.strip() == "save":
+            yield self._in_force.save()
         else:
-            yield Event("refused", f"unknown command {text[:40]!a}: take, take moving, undo, seat, point or skip")
+            known = "take, take moving, undo, seat, point, skip, refit or save"
+            yield Event("refused", f"unknown command {text[:40]!a}: {known}")
+
+    def news_of_fit(self) -> Iterator[Event]:
+        """What a fit under way says; learning goes on from the model that it puts in force."""
+        for event in self._in_force.news():
+            yield event
+            if event.kind == "model" and self._learning is not None:
+                before_mm, trained_on = self._learning.uncertainty_mm, self._in_force.trained_on
+                self._learning = Learning(
+                    self._learning.arm, self.model, trained_on=trained_on, has_points=self._has_points
+                )
+                yield from self._learn()
+                yield learned_event(before_mm, self._learning.uncertainty_mm)
+                yield from self._next()
 
     def close(self) -> Event:
-        """Close the file."""
+        """Close the file, and end a fit that is under way."""
+        self._in_force.close()
         if self._log is not None:
             self._log.close()
         count = format_count(self.n_readings, "reading")
@@ -303,6 +311,7 @@ class Recording:
         if not (self._has_points or self.plan or self.seat):
             text += "; fit needs the seat's name (--seat NAME, key s, or command seat NAME) or the tip (--reference)"
         yield Event("ready", text, {"readings": self.n_readings})
+        yield from self._learn()
         yield from self._next()
 
     def _check_numbers(self) -> None:
@@ -336,8 +345,7 @@ class Recording:
 
     def _say_once(self, problem: str, time_s: float) -> Iterator[Event]:
         """Say in a standstill why no reading is taken, once the second instrument had its time."""
-        is_late = not isinstance(self.reference, Source) or time_s - self._still_since_s > WAIT_FOR_POINT_S
-        if problem != self._said and is_late:
+        if problem != self._said and self._point.is_late(time_s - self._still_since_s):
             self._said = problem
             yield Event("notice", problem)
 
@@ -361,10 +369,7 @@ class Recording:
 
     def _seat_now(self) -> str:
         """Seat of the next reading: the one that a person named, else the plan's; empty if there is none."""
-        number = self.next_pose
-        if self.seat or self.plan is None or self.plan.seat is None or number is None:
-            return self.seat
-        return str(self.plan.seat[number - 1])
+        return self.seat or self._poses.seat
 
     def _angles_in_seat(self) -> FloatArray:
         """(n, n_joints) joint angles of the readings in the seat of the next one [rad, or mm]."""
@@ -374,39 +379,10 @@ class Recording:
         factors = [1.0 if unit == "mm" else radians(1) for unit in self.units]
         return np.array([[float(row[name]) for name in columns] for row in rows]).reshape(-1, len(columns)) * factors
 
-    def _missing_point(self) -> str:
-        """Why the reference has no point for the samples of the window; empty if it has."""
-        if self.reference == TYPED and self._typed_mm is None:
-            return "still: type the point"
-        if isinstance(self.reference, Source):
-            points = self._reference_points(self._standstill.window_s)
-            if not len(points):
-                away_s = self._points[-1].time_s - self._standstill.window_s[1] if self._points else 0.0
-                differ = "; its last one is of another time: it sees no target, or its clock is another"
-                text = f"{self.reference.name} gives no point while the arm stands still"
-                return text + differ * (abs(away_s) > WAIT_FOR_POINT_S)
-            if (spread := float(np.ptp(points, axis=0).max())) > LARGEST_POINT_SPREAD_MM:
-                return f"{self.reference.name}: the points of this standstill differ by {spread:.3f} mm"
-        return ""
-
-    def _reference_points(self, window_s: tuple[float, float]) -> FloatArray:
-        """(n, 3) points of the second instrument in a window of time [mm]."""
-        start_s, end_s = window_s
-        found = [one.tip_in_reference_mm for one in self._points if start_s <= one.time_s <= end_s]
-        return np.array(found).reshape(-1, 3)
-
-    def _point(self, reading: TakenReading) -> FloatArray | None:
-        if self.reference == TYPED:
-            return self._typed_mm
-        if isinstance(self.reference, Source):
-            points = self._reference_points((reading.start_s, reading.end_s))
-            return points.mean(axis=0) if len(points) else None
-        return reading.tip_in_reference_mm
-
     def _take(self, reading: TakenReading) -> Iterator[Event]:
         assert self._log is not None  # opened at the first sample
         number, plan = self.next_pose, self.plan
-        point = self._point(reading)
+        point = self._point.of(reading)
         row: dict[str, float | str] = {"seat": self._seat_now(), "note_samples": str(reading.n), **reading.columns}
         mean, std = self.displayed(reading.joint_angles_rad), self.displayed(reading.joint_std_rad)
         for name, angle, scatter in zip(self.joint_columns, mean, std, strict=True):
@@ -425,8 +401,10 @@ class Recording:
                     row[name] = str(names[number - 1])
         row["note_time"] = datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
         self._log.append(row)
-        self._typed_mm, self._asked, self._said = None, False, ""
+        self._asked, self._said = False, ""
+        self._point.forget()
         yield Event("reading", self._describe(row, number, reading), {"reading": self.n_readings, **row})
+        yield from self._learn()
         yield from self._next()
 
     def _describe(self, row: Mapping[str, float | str], number: int | None, reading: TakenReading) -> str:
@@ -455,6 +433,7 @@ class Recording:
         number = self.n_readings + 1
         numbers = {name: float(text) for name, text in row.items() if text and self._is_number(name)}
         yield Event("undone", f"reading {number} removed", {"reading": number, **row, **numbers})
+        yield from self._learn()
         yield from self._next()
 
     def _is_number(self, column: str) -> bool:
@@ -468,34 +447,59 @@ class Recording:
         self.seat = name
         return Event("notice", f"seat {name}" if name else "no seat")
 
-    def _type_point(self, text: str) -> Event:
+    def _steer(self, text: str) -> Iterator[Event]:
+        """Move a virtual arm; nothing is said of it: one sees it move."""
+        wanted, factors = typed_numbers(text), np.array([1.0 if unit == "mm" else radians(1) for unit in self.units])
+        if self.source.steer is None:
+            yield Event("refused", f"{self.source.name} cannot be steered: only a virtual arm can")
+        elif len(wanted) != len(factors) or not len(wanted):
+            yield Event("refused", f"expected {len(factors)} joint angles, got {text[:40]!a}")
+        else:
+            aim = wanted * factors
+            self.source.steer(aim if self.arm is None else np.clip(aim, *self.arm.limits.T))
+
+    def _learn(self) -> Iterator[Event]:
+        """What the readings of the file say of the arm; if that cannot be said, why, and nothing further."""
+        if self._learning is None:
+            return
+        if not self.n_readings:
+            self._learning.forget()
+            return
         try:
-            point = np.array([float(part) for part in text.replace(",", " ").split()])
-        except ValueError:
-            point = np.empty(0)
-        if self.reference != TYPED:
-            return Event("refused", "points are not typed in this recording", {"hint": "--reference typed"})
-        if not self.is_still:
-            return Event("refused", "type the point while the arm stands still: it is that of this standstill")
-        if point.shape != (3,) or not (np.abs(point) < 1e9).all():
-            return Event("refused", f"expected a point as three numbers in mm, got {text[:40]!a}")
-        self._typed_mm = point
-        return Event("notice", "point {:g} {:g} {:g} mm".format(*point))
+            yield from self._learning.learn_file(self.out)
+        except InputError as error:
+            self._learning = None
+            yield Event("notice", f"what readings add is no longer said: {error}")
 
     def _next(self) -> Iterator[Event]:
-        """What the plan wants next."""
-        if self.plan is None:
+        """What comes next."""
+        if self.plan is None and not self.rank:
             return
-        number = self.next_pose
-        if number is None:
-            yield Event("next", "the plan is done", {"pose": None, "remaining": 0})
+        assert self._log is not None
+        assert self.sample is not None  # the file is opened at the first
+        done = {row.get("note_pose", "") for row in self._log.rows}
+        yield from self._poses.choose(done, self._learning, self._seat_now(), self.sample.joint_angles_rad)
+        number, aim_rad = self.next_pose, self.aim_rad
+        if aim_rad is None:
+            text = "the plan is done" if self.plan is not None else "next: any pose, in a seat or with a point"
+            yield Event("next", text, {"pose": None, "remaining": 0})
             return
-        aims = self.displayed(self.plan.angles[number - 1])
-        aim = ", ".join(f"J{joint} {angle:.0f}" for joint, angle in enumerate(aims, start=1))
-        note = "" if self.plan.note is None else str(self.plan.note[number - 1])
-        left = len(self._poses_left())
-        text = f"next: pose {number} of {len(self.plan)}{note and f', {note}'}; {aim} {self.units[0]}; {left} to go"
-        yield Event("next", text, {"pose": number, "remaining": left, "aim": aims, "instruction": note})
+        aims = self.displayed(aim_rad)
+        parts = [", ".join(f"J{joint} {angle:.0f}" for joint, angle in enumerate(aims, start=1)) + f" {self.units[0]}"]
+        values: dict[str, object] = {"pose": number, "aim": aims}
+        if self.plan is not None and number is not None:
+            note = "" if self.plan.note is None else str(self.plan.note[number - 1])
+            left = self._poses.n_left
+            parts = [f"pose {number} of {len(self.plan)}{note and f', {note}'}", *parts, f"{left} to go"]
+            values |= {"remaining": left, "instruction": note}
+        if (mm := self._poses.would_give_mm) is not None:
+            parts.append(f"would give {mm:.3f} mm")
+            values["would_give_mm"] = mm
+        yield Event("next", f"next: {'; '.join(parts)}", values)
+
+
+def _is_known(arm: Arm | None) -> TypeGuard[Arm]:
+    return arm is not None and arm.has_kinematics
 
 
 def _is_finite(cell: str) -> bool:

@@ -224,6 +224,12 @@ def select_candidates(
         return np.asarray(best[greedy(chosen, n, criterion)])
 
 
+def decreases(problem: DesignProblem) -> FloatArray:
+    """(n,) decrease of ``trace(M C)`` by each candidate alone [mm^2]."""
+    with one_blas_thread():
+        return _Posterior(problem, []).drops(IOptimality())
+
+
 def greedy(problem: DesignProblem, n: int, criterion: Criterion, *, progress: Progress | None = None) -> IntArray:
     """Choose n candidates, (n,), each the one that lowers the criterion most.
 

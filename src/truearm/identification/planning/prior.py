@@ -46,19 +46,22 @@ class Prior:
     Attributes
     ----------
     perturbed_chain : PerturbedChain
-        Best known chain, and terms by which it may still differ, with p coefficients of mean zero.
+        Best known chain with its constants, and terms by which it may still differ, with p coefficients.
     precision : (p, p) array
         Inverse of their covariance.
     noise_mm : float
         Standard deviation of a coordinate of a reading.
     state : callable
         From angles (n, n_joints) to the state of the arm.
+    mean : (p,) array, optional
+        Of the coefficients: zeros by default. Plans are linearised at zero.
     """
 
     perturbed_chain: PerturbedChain
     precision: FloatArray
     noise_mm: float
     state: Callable[[FloatArray], ArmState]
+    mean: FloatArray | None = None
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.noise_mm) and self.noise_mm > 0):
@@ -81,6 +84,7 @@ class Prior:
             self,
             perturbed_chain=PerturbedChain(chain, (*self.perturbed_chain.terms, *base)),
             precision=precision,
+            mean=None if self.mean is None else np.pad(self.mean, (0, q)),
         )
 
     def updated(self, rows: FloatArray) -> Prior:
@@ -190,7 +194,10 @@ def identified_prior(
     fixed = fit.chain.fixed.copy()
     fixed[0] = arm.chain.fixed[0]
     chain = replace(fit.chain, fixed=fixed)
-    prior = Prior(PerturbedChain(chain, kept.perturbed_chain.terms), _inverse(kept.covariance), noise_mm, state)
+    terms = kept.perturbed_chain.terms
+    in_chain = np.concatenate([np.full(term.n_coefficients, isinstance(term.basis, Constant)) for term in terms])
+    mean = np.where(in_chain, 0.0, kept.coefficients)
+    prior = Prior(PerturbedChain(chain, terms), _inverse(kept.covariance), noise_mm, state, mean)
     return replace(arm, chain=chain), prior
 
 
