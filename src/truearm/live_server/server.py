@@ -251,9 +251,10 @@ class _Client:
         with suppress(ConnectionClosed, OSError):
             for text in iter(self._outgoing.get, None):
                 self._connection.send(text)
+            self._connection.close(1001)  # older websockets leave it open when the server ends
 
     def finish(self) -> None:
-        """Send what waits, for half a second at most, and nothing more."""
+        """Send what waits, for half a second at most, and close the connection."""
         self.offer(None)
         self._writer.join(timeout=0.5)
 
