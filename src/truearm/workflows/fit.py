@@ -76,6 +76,8 @@ if TYPE_CHECKING:
 FEW_READINGS = 50
 # Scatter about the identified arm that is said: real arms under a tracker leave 0.05 to 0.3 mm of a coordinate.
 SAID_SCATTER_MM, TRACKER_MM = 0.5, 0.05
+# Models that identify no constants, and take no type prior.
+WITHOUT_CONSTANTS = frozenset({"nominal", "network"})
 # Groups of terms that are printed, those with most determined coefficients.
 MAX_GROUPS = 8
 
@@ -117,7 +119,8 @@ def fit(
         Skip the readings beyond a joint limit, or use them.
     prior : TypePrior, str or Path, optional
         What arms of this type have in common, or its file (docs/type-prior.md): the constants of the arm are then
-        expected about the mean of its type, within the scatter of its type, and not about the nominal arm.
+        expected about the mean of its type, within the scatter of its type, and not about the nominal arm. An arm that
+        the prior was learned from gets that of the others.
     accept : str, optional
         Why the readings are right where they would be refused as contradicted: the reason and what it overrode are
         kept (docs/imperfect-readings.md).
@@ -159,7 +162,7 @@ def fit(
     used = merged.readings
     if "terms" in options and model not in ("auto", "kinematic", "physical"):
         raise InputError(f"expected a model that identifies terms, got {model!r}", hint="model='physical'")
-    of_type = None if prior is None else _checked_prior(prior, known_arm, model)
+    of_type = None if prior is None else _checked_prior(prior, known_arm, model, nominal_arm.serial_number)
     # Options are checked before anything is computed.
     chosen = None if model == "auto" else MODELS[model](nominal_arm, free=parts, **options)
     if len(used) < MIN_ROWS <= merged.count.sum():
@@ -198,7 +201,7 @@ def fit(
         remarks=(
             *acceptance_remarks(accept),
             *nominal_arm.remarks,
-            *(() if of_type is None else _prior_remarks(of_type, nominal_arm.serial_number)),
+            *(() if of_type is None else (f"Constants are expected as the type has them: {of_type}.",)),
             *_gains(fitted),
             *_scatter(learned.arm_model, readings),
             *checked.remarks,
@@ -209,24 +212,16 @@ def fit(
     )
 
 
-def _checked_prior(prior: TypePrior | str | Path, arm: Arm | None, model: ModelName) -> TypePrior:
-    """A type prior that a model can use, of this nominal arm."""
-    if arm is None or model in ("nominal", "network"):
+def _checked_prior(prior: TypePrior | str | Path, arm: Arm | None, model: ModelName, serial_number: str) -> TypePrior:
+    """A type prior that a model can use, of this nominal arm, without what the arm's own readings say."""
+    if arm is None or model in WITHOUT_CONSTANTS:
         raise InputError(f"a {model} model identifies no constants, and takes no type prior", hint="--model kinematic")
     found = prior if isinstance(prior, TypePrior) else read_type_prior(prior)
     try:
         found.check_arm(arm)
+        return found.without(serial_number)
     except InputError as error:
         raise error if isinstance(prior, TypePrior) else error.in_file(prior) from None
-    return found
-
-
-def _prior_remarks(prior: TypePrior, serial_number: str) -> tuple[str, ...]:
-    said = f"Constants are expected as the type has them: {prior}."
-    if serial_number not in prior.arms:
-        return (said,)
-    twice = f"The prior was learned from {serial_number} too, whose readings then count twice: fit it without --prior."
-    return said, twice
 
 
 def _gains(model: Compensator) -> tuple[str, ...]:
