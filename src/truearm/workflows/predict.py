@@ -28,6 +28,7 @@ from truearm.verification.standards.dates import now, parse_moment
 from truearm.workflows.inputs import (
     ModelLike,
     SessionLike,
+    angle_unit_remarks,
     check_angles_fit,
     describe_outside,
     model_file_fingerprint,
@@ -93,7 +94,11 @@ def predict(
     known, readings = to_model_and_session(model, session)
     fitted = known.under(conditions)
     file = Path(model) if isinstance(model, str | Path) else None
-    remarks = (*check_angles_fit(readings, fitted.arm), *payload_remarks(fitted, readings))
+    remarks = (
+        *check_angles_fit(readings, fitted.arm),
+        *angle_unit_remarks(fitted, readings),
+        *payload_remarks(fitted, readings),
+    )
     at = fitted.at(readings)
     points, covariances = fitted.predict_readings(at, return_cov=True)
     unstated = fitted.unstated_input_covariances(at)

@@ -184,7 +184,7 @@ def _scores(models: dict[str, SelectedModel]) -> tuple[ModelScore, ...]:
     """Errors on the readings that are held out of all models, by the one standard error rule."""
     compared = on_common_readings(models)
     errors = {name: group_means(part) for name, part in compared.items()}
-    kept, best = selected(errors)
+    kept, best = selected(errors, len(np.unique(next(iter(compared.values())).group)))
     excess = {name: trimmed_mean(of - errors[best]) for name, of in errors.items()}
     excluded = excluded_readings(models[kept].fit_)
     shown = {name: part.select(~np.isin(part.rows, excluded)) for name, part in compared.items()}
