@@ -148,29 +148,17 @@ def fit(
     >>> result.model.predict(session.angles).shape
     (40, 3)
     """
-    if model not in ("auto", *MODELS):
-        raise InputError(f"expected a model among auto, {', '.join(MODELS)}, got {model!r}")
-    if model == "auto" and (foreign := sorted(options.keys() - {"residual", "terms"})):
-        raise InputError(f"options {foreign} belong to one model, got model 'auto'", hint="name the model")
-    if arm is None and model != "network":
-        raise InputError(f"model {model!r} needs the nominal arm", hint=f"--arm ARM: {WAYS_TO_AN_ARM}")
+    _check_choice(model, options, has_arm=arm is not None)
     parts, known_arm = to_free_parts(free), None if arm is None else to_arm(arm)
     given = to_session(session, n_joints=None if known_arm is None else known_arm.n_joints)
     nominal_arm = with_serial_number(known_arm or arm_of_readings(given), given)
     checked = within_limits(given, nominal_arm, limits)
     merged = merge_repeats(checked.session)
     used = merged.readings
-    if "terms" in options and model not in ("auto", "kinematic", "physical"):
-        raise InputError(f"expected a model that identifies terms, got {model!r}", hint="model='physical'")
     of_type = None if prior is None else _checked_prior(prior, known_arm, model, nominal_arm.serial_number)
     # Options are checked before anything is computed.
     chosen = None if model == "auto" else MODELS[model](nominal_arm, free=parts, **options)
-    if len(used) < MIN_ROWS <= merged.count.sum():
-        raise given.error(
-            f"expected at least {MIN_ROWS} poses, got {number_of(len(used), 'pose')} ({merged.count.sum()} readings "
-            "repeat them)",
-            hint="measure more poses, spread over all joints",
-        )
+    _check_poses(given, merged)
     check_session_fits(used, nominal_arm, model)
     known, length_remarks = session_lengths(lengths, given, used if len(checked.rows) < len(given) else None)
     if "base" in parts:
@@ -210,6 +198,28 @@ def fit(
             *_said(learned, nominal, readings),
         ),
     )
+
+
+def _check_choice(model: ModelName, options: Mapping[str, Any], *, has_arm: bool) -> None:
+    """Refuse a model that there is not, options that it does not take, and one without the arm that it needs."""
+    if model not in ("auto", *MODELS):
+        raise InputError(f"expected a model among auto, {', '.join(MODELS)}, got {model!r}")
+    if model == "auto" and (foreign := sorted(options.keys() - {"residual", "terms"})):
+        raise InputError(f"options {foreign} belong to one model, got model 'auto'", hint="name the model")
+    if not has_arm and model != "network":
+        raise InputError(f"model {model!r} needs the nominal arm", hint=f"--arm ARM: {WAYS_TO_AN_ARM}")
+    if "terms" in options and model not in ("auto", "kinematic", "physical"):
+        raise InputError(f"expected a model that identifies terms, got {model!r}", hint="model='physical'")
+
+
+def _check_poses(given: Session, merged: MergedReadings[Session]) -> None:
+    """Refuse readings that are enough only where those of one pose count more than once."""
+    if len(merged.readings) < MIN_ROWS <= merged.count.sum():
+        raise given.error(
+            f"expected at least {MIN_ROWS} poses, got {number_of(len(merged.readings), 'pose')} ({merged.count.sum()} "
+            "readings repeat them)",
+            hint="measure more poses, spread over all joints",
+        )
 
 
 def _checked_prior(prior: TypePrior | str | Path, arm: Arm | None, model: ModelName, serial_number: str) -> TypePrior:

@@ -258,6 +258,15 @@ def read_foreign_tables(
     return interpret_table(joined, stated, scale, known=recognised, **meaning)
 
 
+def _state_name(fields: dict[str, Any], name: str, stated: str | None, column: object, n: int) -> None:
+    """Give all n readings a stated name, which no column may give them too."""
+    if stated is None:
+        return
+    if column:
+        raise InputError(f"the {name.replace('_', ' ')} is given twice, by a column and by a name")
+    fields[name] = np.full(n, stated)
+
+
 def _recognised_of_both(known: ProgramColumns, tip: ProgramColumns, of_tip: Mapping[str, Any]) -> ProgramColumns:
     """What is recognised in a joined table: of the tip in the table of points, of all else first in the other.
 
@@ -334,14 +343,8 @@ def interpret_table(
     to_mm = [mm_of(unit if point_unit else length_unit(table, c) or unit) for c in columns.points]
     fields = _tip_fields(table, columns, points * to_mm, unit, orientation_unit, orientation_order, remarks)
     fields |= _other_fields(table, columns, unit)
-    for name, stated, column in (
-        ("session", session_name, by_hand.session),
-        ("serial_number", serial_number, by_hand.others.get("serial_number")),
-    ):
-        if stated is not None:
-            if column:
-                raise InputError(f"the {name.replace('_', ' ')} is given twice, by a column and by a name")
-            fields[name] = np.full(len(table), stated)
+    _state_name(fields, "session", session_name, by_hand.session, len(table))
+    _state_name(fields, "serial_number", serial_number, by_hand.others.get("serial_number"), len(table))
     if u_mm is not None:
         _state_uncertainty(fields, u_mm)
     session = Session(
