@@ -177,11 +177,11 @@ class _Sheets:
         """Whether the font has a character, plain and bold; the writer would drop a soft hyphen."""
         return ord(sign) in self._glyphs and sign != "\u00ad"
 
-    def heading(self, title: str, size: float = HEADING, *, kept_mm: float = KEPT_MM) -> None:
+    def heading(self, title: str, *, kept_mm: float = KEPT_MM) -> None:
         """A heading, on the next sheet if less room than `kept_mm` is left on this one."""
         self.keep(kept_mm)
         self.pdf.set_y(self.pdf.get_y() + 3.0)
-        self.text(title, size, bold=True, gap_mm=1.2)
+        self.text(title, HEADING, bold=True, gap_mm=1.2)
 
     def keep(self, height_mm: float) -> None:
         """Start the next sheet unless this one has room for a height."""
