@@ -187,6 +187,7 @@ def control_chart(
     rules: ControlRules | Sequence[ControlRules],
     days: npt.ArrayLike | None = None,
     scale: bool = False,
+    correlations: FloatArray = CORRELATIONS,
 ) -> ControlChart:
     """Make the control chart of a series of values.
 
@@ -204,6 +205,8 @@ def control_chart(
     scale : bool
         Whether values are scatters, never negative, of which only larger ones are a change for the worse. Their power
         2/3 is charted, which is nearly normal: E. B. Wilson, M. M. Hilferty, Proc. Natl. Acad. Sci. 17 (1931) 684.
+    correlations : (k,) array
+        Possible correlations of consecutive values, see `serial_correlation`.
 
     Notes
     -----
@@ -223,7 +226,7 @@ def control_chart(
 
     def series(rows: IntArray, i: int) -> AutoregressiveSeries:
         least = _least(float(charted[rows].mean()), float(floor[i]), len(rows), scale)
-        return AutoregressiveSeries(charted[rows], at[rows], least=least)
+        return AutoregressiveSeries(charted[rows], at[rows], least=least, correlations=correlations)
 
     for i, rule in enumerate(each):
         before = np.flatnonzero(beyond[: i if changed is None else changed] == 0)
@@ -246,7 +249,7 @@ def control_chart(
     correlation = (
         series(baseline, n - 1).correlation()
         if len(baseline) > 1
-        else (float(CORRELATIONS.mean()), *CORRELATIONS[[0, -1]])
+        else (float(correlations.mean()), *correlations[[0, -1]])
     )
     centre, lower, upper = lines
     return ControlChart(
