@@ -267,12 +267,12 @@ def test_a_certificate_for_paper_has_the_one_for_machines_inside(truearm, bench,
 
 
 def test_without_the_package_for_pdf_files_nothing_is_written(truearm, bench, snapshot, monkeypatch):
-    from truearm.pages import pdf
+    from truearm.files import extra_packages
 
     def missing(name):
         raise ImportError(name)
 
-    monkeypatch.setattr(pdf, "import_module", missing)
+    monkeypatch.setattr(extra_packages, "import_module", missing)
     there = snapshot(bench)
     ran = truearm(*ALL, "--pdf", "certificate.pdf")
     assert (ran.code, ran.out) == (2, "")

@@ -7,7 +7,7 @@ import io
 import pytest
 
 from truearm.errors import InputError, MissingTool
-from truearm.files import pdf_attachments as module
+from truearm.files import extra_packages
 from truearm.files.pdf_attachments import attached_xml, is_pdf
 
 pypdf = pytest.importorskip("pypdf", reason="pip install truearm[pdf] reads PDF files")
@@ -63,6 +63,6 @@ def test_without_the_package_the_message_says_how_to_get_it(monkeypatch):
     def missing(name):
         raise ImportError(name)
 
-    monkeypatch.setattr(module, "import_module", missing)
+    monkeypatch.setattr(extra_packages, "import_module", missing)
     with pytest.raises(MissingTool, match=r"pip install 'truearm\[pdf\]'"):
         attached_xml(pdf(), limit_bytes=10)

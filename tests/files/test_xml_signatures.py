@@ -13,8 +13,7 @@ from cryptography.hazmat.primitives.asymmetric import ec, ed25519, rsa
 
 from made_up_signers import CONTENT, advanced, authority, certified, curve_key, named, sealed, usage, write
 from truearm.errors import InputError, MissingTool
-from truearm.files import x509_certificates as module
-from truearm.files import xml_references
+from truearm.files import extra_packages, xml_references
 from truearm.files.x509_certificates import Signer, is_encrypted, read_signer
 from truearm.files.xml_references import BrokenSignature, UnverifiedSignature, canonical, parse_signed
 from truearm.files.xml_signatures import GOOD, NOT_VERIFIABLE, sign_xml, verified_content
@@ -275,7 +274,7 @@ def test_without_the_package_the_message_says_how_to_get_it(signed, keys, monkey
     def missing(name):
         raise ImportError(name)
 
-    monkeypatch.setattr(module, "import_module", missing)
+    monkeypatch.setattr(extra_packages, "import_module", missing)
     with pytest.raises(MissingTool, match=r"pip install 'truearm\[sign\]'"):
         verified_content(signed)
     with pytest.raises(MissingTool):

@@ -57,17 +57,23 @@ def test_the_next_arm_needs_fewer_readings(nominal, as_built, learned, tmp_path)
         result = ta.fit(nominal, simulated.session, model="kinematic", prior=prior)
         off = result.model.predict(angles) - simulated.virtual.true_tip(angles)
         errors[name] = np.linalg.norm(off, axis=1).mean()
-        assert "count twice" not in str(result)
     assert errors["with"] < 0.7 * errors["without"]
     assert any("prior of type ur10 from 5 arms" in remark for remark in result.remarks)
     result.save(tmp_path / "m.truearm")
     assert ta.load_model(tmp_path / "m.truearm").type_prior_ == str(learned.prior)
 
 
-def test_an_arm_that_taught_the_prior_is_said_to_count_twice(as_built, nominal, learned):
-    session = readings(as_built, 7, n=10).session
-    own = learned.prior.model_copy(update={"arms": (*learned.prior.arms, str(session.serial_number[0]))})
-    assert "whose readings then count twice" in str(ta.fit(nominal, session, model="kinematic", prior=own))
+def test_an_arm_that_taught_the_prior_gets_what_the_others_have_in_common(as_built, nominal, learned):
+    four = {f"{i}": linearised_arm(nominal, readings(as_built, i).session) for i in (0, 1, 2, 4)}
+    others, own = learned_from(nominal, four).prior, learned.prior.without("3")
+    assert own.arms == others.arms
+    for one, other in zip(own.constants, others.constants, strict=True):
+        assert one.mean == pytest.approx(other.mean, abs=0.1 * other.std)
+        assert one.std == pytest.approx(other.std, rel=0.1)
+    of_arm = replace(nominal, serial_number="3")
+    session = replace(readings(as_built, 3, n=10).session, serial_number=None)
+    result = ta.fit(of_arm, session, model="kinematic", prior=learned.prior)
+    assert "prior of type ur10 from 4 arms" in str(result)
 
 
 def gain(ratio, u, n_arms=20):
@@ -123,4 +129,29 @@ def test_a_fleet_learns_from_its_files_whoever_computes(as_built, tmp_path):
         fleet.type_prior()
     with pytest.raises(InputError, match="expected the type panda, the fleet has arms of ur10"):
         fleet.type_prior("panda")
+    fleet.close()
+
+
+def test_a_run_fits_every_arm_with_what_the_others_of_its_type_have_in_common(as_built, learned, tmp_path):
+    fleet = ta.Fleet.create(tmp_path / "fleet")
+    for name, seed, model in (("3", 3, "kinematic"), ("7", 7, "kinematic"), ("8", 8, "nominal")):
+        session = replace(readings(as_built, seed, n=10).session, serial_number=None)
+        session.save(tmp_path / f"{name}.csv")
+        fleet.add(name, "ur10", session=tmp_path / f"{name}.csv", model=model)
+    assert fleet.run().n_fitted == 3
+    learned.save(tmp_path / "type.toml")
+    again = fleet.run(prior=tmp_path / "type.toml")
+    assert [row.serial_number for row in again.rows] == ["3", "7"]
+    assert "from 4 arms" in fleet.model("3").type_prior_
+    assert "from 5 arms" in fleet.model("7").type_prior_
+    assert not fleet.run().rows
+    assert {state.what for state in fleet.status().arms} == {"in force"}
+    learned.prior.model_copy(update={"arm_sha256": "0" * 64}).save(tmp_path / "other.toml")
+    with pytest.raises(InputError, match="expected the prior of a type of the fleet, got one of 'ur10'"):
+        fleet.run(prior=tmp_path / "other.toml")
+    for file in (tmp_path / "fleet" / "priors").iterdir():
+        file.unlink()
+    before = fleet.run()
+    assert not before.rows  # the models without it are in force again
+    assert not fleet.model("3").type_prior_
     fleet.close()

@@ -15,9 +15,9 @@ from matplotlib.figure import Figure as Drawing
 from PIL import Image
 
 from truearm.errors import InputError, MissingTool
+from truearm.files import extra_packages
 from truearm.number_format import RoundedNumber
 from truearm.pages import paper as paper_module
-from truearm.pages import pdf as pdf_module
 from truearm.pages.page import Column, LabelledValue, Page, PageVerdict, Section, Table
 from truearm.pages.paper import Attachment, Paper, read_logo
 from truearm.pages.pdf import pdf_bytes, write_pdf
@@ -208,7 +208,7 @@ def test_without_the_package_the_message_says_how_to_get_it(tmp_path, monkeypatc
     def missing(name):
         raise ImportError(name)
 
-    monkeypatch.setattr(pdf_module, "import_module", missing)
+    monkeypatch.setattr(extra_packages, "import_module", missing)
     with pytest.raises(MissingTool, match=r"pip install 'truearm\[pdf\]'"):
         write_pdf(made_up_page(), made_up_paper(), tmp_path / "page.pdf")
     assert list(tmp_path.iterdir()) == []

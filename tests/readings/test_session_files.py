@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from truearm.errors import InputError, TruearmError
-from truearm.files import delimited, table_writer
+from truearm.files import delimited, extra_packages, table_writer
 from truearm.readings import Session, files, read_session, write_session
 
 HEADER = "q1_deg,q2_deg,x_mm,y_mm,z_mm\n"
@@ -495,7 +495,7 @@ def test_without_pyarrow_the_message_says_what_to_install(tmp_path, monkeypatch)
     def missing(name: str, *rest: object) -> object:
         raise ImportError(name)
 
-    monkeypatch.setattr(table_writer.importlib, "import_module", missing)
+    monkeypatch.setattr(extra_packages, "import_module", missing)
     with pytest.raises(InputError, match=r"pip install 'truearm\[parquet\]'"):
         write_session(Session([[1.0]]), tmp_path / "s.parquet")
     assert not list(tmp_path.iterdir())

@@ -145,3 +145,14 @@ def test_a_joint_that_never_moves_is_said_and_its_points_are_uncertain():
         assert inside.mean() > 0.9
         stated.append(np.sqrt(np.trace(covariance, axis1=1, axis2=2).mean()))
     assert stated[1] > 2 * stated[0]
+
+
+def test_angles_that_are_in_the_trained_range_as_radians_are_said(sliding):
+    angles = np.random.default_rng(2).uniform([0, 0.5, 0.5], [900, 1.5, 1.5], (40, 3))
+    session = Session(angles, sliding.chain.tip_in_base(angles) + [100.0, 20.0, 30.0])
+    fitted = ta.fit(sliding, session, model="nominal").model
+    in_rad = Session(np.column_stack([angles[:, 0], np.radians(angles[:, 1:])]))
+    assert "if they were in rad: check the unit" in str(ta.predict(fitted, in_rad))
+    assert "if they were in" not in str(ta.predict(fitted, session))
+    elsewhere = Session(np.column_stack([angles[:, 0], -angles[:, 1:]]))
+    assert "if they were in" not in str(ta.predict(fitted, elsewhere))

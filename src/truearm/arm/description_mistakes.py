@@ -21,7 +21,6 @@ from truearm.arm.nearest_table import drawn_convention, drawn_table, has_table_f
 from truearm.errors import InputError
 from truearm.typing import FloatArray
 
-QUARTER = np.pi / 2
 # A change below this is none: of a table [mm, rad] and of the meaning of the angles.
 _NO_CHANGE = 1e-9
 # What an interpretation says of readings alone.

@@ -92,15 +92,7 @@ def arms(
                 "--readings needs a nominal arm, without --out and --page; --lengths and --apply need --readings",
                 hint=f"truearm arms {name} --readings {readings or 'session.csv'}",
             )
-        from truearm.workflows.diagnose import diagnose
-
-        if apply is not None:
-            check_output(apply, readings, arm_path(arm), lengths, endings=(".toml",))
-            check_new_file(apply, force=False)
-        found = diagnose(arm, readings, lengths=lengths, free=free_parts(free))
-        if apply is not None:
-            write_arm(found.mended_arm(), apply)
-        print_record(found, as_json=as_json, files={"arm": apply})
+        _diagnose(arm, readings, lengths, free, apply, as_json=as_json)
         return
     if search and arm:
         raise InputError("--search needs no name of an arm", hint=f"truearm arms --search '{search}'")
@@ -131,6 +123,21 @@ def arms(
     check_output_is_not_input(out, arm_path(arm))
     write_arm(description.arm, out, convention=convention)
     print_line(f"{out}: {description.arm.name}, {description.arm.n_joints} joints")
+
+
+def _diagnose(arm: str, readings: Path, lengths: Path | None, free: str, apply: Path | None, *, as_json: bool) -> None:
+    """Say which mistake explains the readings; write the arm without it to a new file."""
+    from truearm.arm import write_arm
+    from truearm.arm.catalogue import arm_path
+    from truearm.workflows.diagnose import diagnose
+
+    if apply is not None:
+        check_output(apply, readings, arm_path(arm), lengths, endings=(".toml",))
+        check_new_file(apply, force=False)
+    found = diagnose(arm, readings, lengths=lengths, free=free_parts(free))
+    if apply is not None:
+        write_arm(found.mended_arm(), apply)
+    print_record(found, as_json=as_json, files={"arm": apply})
 
 
 def _write_circles_plan(out: Path | None, n_joints: int, points: int, span: float) -> None:

@@ -29,6 +29,7 @@ from truearm.cli.options import (
 from truearm.errors import InputError
 
 if TYPE_CHECKING:
+    from truearm.workflows.fit import FitResult
     from truearm.workflows.fit_large import LargeFit
 
 # The models that have an option.
@@ -115,7 +116,6 @@ def fit(
     A folder of session files, or a file beyond 512 MB, is read part by part, and --workers or --scheduler shares the
     parts out: nominal and kinematic models use all readings, others 20000 of them (docs/large-sessions.md).
     """
-    from truearm.arm import dh_table, load_arm, write_arm
     from truearm.arm.catalogue import arm_path
     from truearm.readings.large_sessions import is_large
     from truearm.workflows.fit import fit as fit_model
@@ -126,8 +126,7 @@ def fit(
     if apply is not None:
         check_output(apply, session, arm_file, lengths, prior, out, endings=(".toml", ".urdf"))
         check_new_file(apply, force=force)
-        if arm is not None and apply.suffix == ".toml":
-            dh_table(load_arm(arm).chain)  # refused before the fit where a table cannot hold the arm
+        _check_table(arm, apply)
     options: dict[str, Any] = {}
     total = 4 if model == "auto" else None
     if model == "network":
@@ -165,13 +164,27 @@ def fit(
             why = f"{apply} is not written: the nominal arm was kept, and no joint zeros were identified."
             result, apply = replace(result, remarks=(*result.remarks, why)), None
         if apply is not None:
-            try:
-                write_arm(result.arm_with_zeros(), apply)
-            except InputError as error:
-                written = f"the model is written to {out}"
-                raise error.with_hint(f"{error.hint}; {written}" if error.hint else written) from None
+            _write_arm(result, apply, out)
     record = result if of_large is None else replace(of_large, result=result)
     print_record(record, as_json=as_json, files={"model": out, "arm": apply})
+
+
+def _check_table(arm: str | None, apply: Path) -> None:
+    """Refuse before the fit an arm file that cannot hold the arm: its table."""
+    from truearm.arm import dh_table, load_arm
+
+    if arm is not None and apply.suffix == ".toml":
+        dh_table(load_arm(arm).chain)
+
+
+def _write_arm(result: FitResult, file: Path, model_file: Path) -> None:
+    from truearm.arm import write_arm
+
+    try:
+        write_arm(result.arm_with_zeros(), file)
+    except InputError as error:
+        written = f"the model is written to {model_file}"
+        raise error.with_hint(f"{error.hint}; {written}" if error.hint else written) from None
 
 
 def check_options(context: typer.Context, model: str) -> None:

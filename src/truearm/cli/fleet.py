@@ -200,10 +200,14 @@ def run(
     folder: Folder,
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
+    prior: Annotated[
+        Path | None,
+        Option(help="Prior of a type (truearm fleet prior), in force from now on; its arms get that of the others."),
+    ] = None,
     verify: Verify = False,
     as_json: Json = False,
 ) -> None:
-    """Fit every arm whose readings, drawing or kind of model changed.
+    """Fit every arm whose readings, drawing, kind of model or type prior changed.
 
     What is fitted already is not fitted again, and an interrupted run is continued by the same command. One arm's
     failure stops no other; a failed or worse fit replaces no model in force. Results are the same whoever computes.
@@ -215,7 +219,7 @@ def run(
     executor = chosen_executor(workers, scheduler)
     opened = Fleet(folder)
     with progress(f"fitting {folder.name}") as update:
-        result = opened.run(executor, verify=verify, progress=update)
+        result = opened.run(executor, prior=prior, verify=verify, progress=update)
     opened.close()
     print_record(result, as_json=as_json)
     raise Exit(1 if result.failures else 0)

@@ -131,11 +131,10 @@ def import_table(
     refuse_typed(context, FOR_FORMS, "applies to --into only", hint="omit it, or use --into")
     if out is None and not preview:
         raise InputError("expected --out, --preview or --into", hint="--out session.csv")
-
     if points_from is None:
         refuse_typed(context, FOR_TWO, "joins two tables", hint="name the second one: --with TABLE")
 
-    from truearm.readings import check_session_path, write_session
+    from truearm.readings import check_session_path
     from truearm.readings.foreign import JointScale, TableColumns
     from truearm.readings.foreign.tables import as_table, read_foreign_tables
 
@@ -173,14 +172,21 @@ def import_table(
         if couple:
             found = _coupled(found, couple)
         if out is not None and not preview:
-            unit = "rad" if "rad" in found.units else "deg"
-            slides = [u in ("mm", "m") for u in found.units]
-            write_session(found.session, out, prismatic=slides, angle_unit=cast(Any, unit))
+            _write(found, out)
     written = None if preview else out
     if as_json:
         print_json(_record(found, written))
         return
     _print_result(found, " and ".join(source.name for source in sources), written)
+
+
+def _write(found: ImportedTable, out: Path) -> None:
+    """Write the session, with angles in rad where the table has such."""
+    from truearm.readings import write_session
+
+    unit = "rad" if "rad" in found.units else "deg"
+    slides = [u in ("mm", "m") for u in found.units]
+    write_session(found.session, out, prismatic=slides, angle_unit=cast(Any, unit))
 
 
 def _coupled(found: ImportedTable, sums: str) -> ImportedTable:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from typer import Argument, Option
@@ -68,23 +68,9 @@ def predict(
     if into is None:
         refuse_typed(context, ("date", "artefact_temperature"), "applies to --into only")
     if is_large(session):
-        from truearm.fleet.executors import chosen_executor  # no small session waits for these
-        from truearm.workflows.predict_large import predict_large
-
         refuse_typed(context, ("into",), "does not apply to large sessions", hint="--out points.csv")
         assert out is not None
-        check_output(out, model, session)
-        with progress(f"predicting {session.name}") as update:
-            large = predict_large(
-                model,
-                session,
-                out,
-                conditions=conditions,
-                accept=accept,
-                executor=chosen_executor(workers, scheduler),
-                progress=update,
-            )
-        print_record(large, as_json=as_json, files={"points": out})
+        _predict_large(model, session, out, workers, scheduler, as_json=as_json, conditions=conditions, accept=accept)
         return
     refuse_typed(context, LARGE_ONLY, ONLY_LARGE)
     if out is not None:
@@ -97,3 +83,16 @@ def predict(
             check_output_is_not_input(into, model, session)
             prediction.fill(into, date=date, artefact_degC=artefact_temperature)
     print_record(prediction, as_json=as_json, files={"points": out if into is None else into})
+
+
+def _predict_large(
+    model: Path, session: Path, out: Path, workers: int | None, scheduler: str | None, *, as_json: bool, **options: Any
+) -> None:
+    from truearm.fleet.executors import chosen_executor  # no small session waits for these
+    from truearm.workflows.predict_large import predict_large
+
+    check_output(out, model, session)
+    with progress(f"predicting {session.name}") as update:
+        executor = chosen_executor(workers, scheduler)
+        large = predict_large(model, session, out, executor=executor, progress=update, **options)
+    print_record(large, as_json=as_json, files={"points": out})

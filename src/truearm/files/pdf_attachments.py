@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import io
 import logging
-from importlib import import_module
 
-from truearm.errors import InputError, MissingTool
+from truearm.errors import InputError
+from truearm.files.extra_packages import extra_module
 
 _BEGIN = b"%PDF-"
 MAX_ATTACHMENTS = 100
@@ -34,12 +34,7 @@ def attached_xml(content: bytes, *, limit_bytes: int) -> bytes:
     MissingTool
         If pypdf is not installed.
     """
-    try:
-        pypdf = import_module("pypdf")
-    except ImportError:
-        raise MissingTool(
-            "PDF files are read by the package pypdf, which is not installed", hint="pip install 'truearm[pdf]'"
-        ) from None
+    pypdf = extra_module("pypdf", "reading PDF files needs the package pypdf", "pip install 'truearm[pdf]'")
     logging.getLogger("pypdf").addHandler(_SILENT)
     try:
         names, found = [], []

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,9 +9,10 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from truearm.errors import InputError, MissingTool
+from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.delimited import append_rows
+from truearm.files.extra_packages import extra_module
 from truearm.typing import FloatArray, IntArray, NameArray
 
 Columns: TypeAlias = "Mapping[str, FloatArray | IntArray | NameArray]"
@@ -64,14 +64,9 @@ def pyarrow_modules(path: str | Path) -> tuple[Any, Any]:
     MissingTool
         If the package is not installed.
     """
-    try:
-        return importlib.import_module("pyarrow"), importlib.import_module("pyarrow.parquet")
-    except ImportError:
-        raise MissingTool(
-            "Parquet needs the package pyarrow, which is not installed",
-            file=path,
-            hint="pip install 'truearm[parquet]', or use a .csv file",
-        ) from None
+    needs, hint = "Parquet needs the package pyarrow", "pip install 'truearm[parquet]', or use a .csv file"
+    arrow, parquet = (extra_module(name, needs, hint, file=path) for name in ("pyarrow", "pyarrow.parquet"))
+    return arrow, parquet
 
 
 @contextmanager

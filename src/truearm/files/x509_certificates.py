@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from truearm.errors import InputError, MissingTool
+from truearm.errors import InputError
+from truearm.files.extra_packages import extra_module
 from truearm.files.file_reading import read_limited
 
 MAX_PEM_BYTES = 100_000
@@ -203,9 +203,4 @@ def _extension(certificate: Any, kind: str) -> Any | None:
 
 def package(name: str) -> Any:
     """A package that signatures need, imported when it is needed."""
-    try:
-        return import_module(name)
-    except ImportError:
-        raise MissingTool(
-            "signatures need the package signxml, which is not installed", hint="pip install 'truearm[sign]'"
-        ) from None
+    return extra_module(name, "signatures need the package signxml", "pip install 'truearm[sign]'")

@@ -17,6 +17,7 @@ from multiprocessing import get_context
 from typing import Any, TypeVar
 
 from truearm.errors import InputError, TruearmError
+from truearm.files.extra_packages import extra_module
 from truearm.solve.executor import Executor, Serial, WorkerLost
 
 T = TypeVar("T")
@@ -154,11 +155,7 @@ def _of_client(
 
 
 def _distributed() -> Any:
-    try:
-        import distributed
-    except ModuleNotFoundError:
-        raise TruearmError("a Dask cluster needs the package distributed: pip install 'truearm[dask]'") from None
-    return distributed
+    return extra_module("distributed", "a Dask cluster needs the package distributed", "pip install 'truearm[dask]'")
 
 
 def chosen_executor(workers: int | None, scheduler: str | None) -> Executor:

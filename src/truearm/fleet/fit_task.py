@@ -21,6 +21,7 @@ from truearm.compensation.export.rigid_arm import best_rigid_arm
 from truearm.compensation.models.identified_model import IdentifiedModel, to_identified
 from truearm.errors import InputError, MissingTool, TruearmError
 from truearm.fleet.stored_files import content_sha256, local_copy
+from truearm.identification.terms.type_prior import read_type_prior
 from truearm.workflows.compare import compare
 from truearm.workflows.fit import FitResult, fit
 from truearm.workflows.sentences import format_mm
@@ -48,6 +49,8 @@ class FitTask:
         The model file to write.
     before : str
         File of the model in force; empty if there is none.
+    prior : str
+        File of the type prior in force; empty if there is none.
     """
 
     serial_number: str
@@ -57,6 +60,7 @@ class FitTask:
     key: str
     out: str
     before: str = ""
+    prior: str = ""
 
 
 @dataclass(frozen=True)
@@ -142,7 +146,12 @@ class FitRow:
 
 
 def key_of(
-    serial_number: str, arm: str, session: str, model: str, sha256_of: Callable[[str], str] = content_sha256
+    serial_number: str,
+    arm: str,
+    session: str,
+    model: str,
+    prior: str = "",
+    sha256_of: Callable[[str], str] = content_sha256,
 ) -> str:
     """The SHA-256 of the inputs of a fit: contents of its files, kind of model, version of truearm.
 
@@ -155,6 +164,7 @@ def key_of(
         _content(drawing, arm, sha256_of),
         _content(session, session, sha256_of),
         model,
+        *([_content(prior, prior, sha256_of)] if prior else []),
     ]
     return sha256(json.dumps(inputs).encode()).hexdigest()
 
@@ -174,7 +184,9 @@ def fit_arm(task: FitTask) -> FitRow:
     try:
         with local_copy(task.session) as file:
             copy = str(file)
-            result = fit(task.arm, file, model=task.model)
+            # By its number in the registry: not every session file states one.
+            prior = read_type_prior(task.prior).without(task.serial_number) if task.prior else None
+            result = fit(task.arm, file, model=task.model, prior=prior)
         check_serial_number(task.serial_number, result.model.arm.serial_number, task.session)
         state = "lost"  # what fails from here on may be mended without other readings
         if _has_changed(task):
@@ -195,7 +207,7 @@ def fit_arm(task: FitTask) -> FitRow:
 
 
 def _has_changed(task: FitTask) -> bool:
-    return key_of(task.serial_number, task.arm, task.session, task.model) != task.key
+    return key_of(task.serial_number, task.arm, task.session, task.model, task.prior) != task.key
 
 
 def check_serial_number(serial_number: str, stated: str, session: str) -> None:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from datetime import UTC, date, datetime
 from hashlib import sha256
@@ -31,16 +31,19 @@ from truearm.fleet.fleet_status import ArmRecords, FleetFigures, FleetStatus, ar
 from truearm.fleet.results import write_results
 from truearm.fleet.stored_files import FileHashes, check_stored, is_url
 from truearm.fleet.type_prior import LearnedTypePrior, learn_type_prior
+from truearm.identification.terms.type_prior import kinematics_sha256, read_type_prior
 from truearm.pages.html import write_page
 from truearm.readings.session import read_session
 from truearm.solve.executor import Executor, Serial, WorkerLost
 from truearm.verification.monitor.history import History
 from truearm.workflows.check import CheckResult, check
+from truearm.workflows.fit import WITHOUT_CONSTANTS
 from truearm.workflows.inputs import LengthsLike, SessionLike
 from truearm.workflows.outputs import check_page_path, make_folder, version_row
 from truearm.workflows.verify import SpecificationLike
 
 SETTINGS = "fleet.toml"
+PRIORS = "priors"
 DEFAULT_DATABASE = "sqlite:///registry.sqlite"
 MAX_BYTES = 100_000
 MAX_DAYS = 36_500
@@ -292,10 +295,11 @@ class Fleet:
         self,
         executor: Executor | None = None,
         *,
+        prior: str | Path | None = None,
         verify: bool = False,
         progress: Callable[[int, str], None] | None = None,
     ) -> FleetRun:
-        """Fit every arm whose readings, drawing or kind of model changed since its last fit.
+        """Fit every arm whose readings, drawing, kind of model or type prior changed since its last fit.
 
         A failed fit, or one that is worse than the nominal arm, replaces no model in force. An interrupted run goes on
         where it was: what is fitted is not fitted again.
@@ -304,6 +308,9 @@ class Fleet:
         ----------
         executor : Executor, optional
             Who computes; by default this process.
+        prior : path, optional
+            File of a type prior (`type_prior`) that is in force from now on: all arms of its type are fitted with it,
+            those that it was learned from with what the others have in common.
         verify : bool
             Read every session file, also those of which size and time are as they were.
         progress : callable, optional
@@ -312,7 +319,14 @@ class Fleet:
         Returns
         -------
         FleetRun
+
+        Raises
+        ------
+        InputError
+            If the prior is of no arm of the fleet.
         """
+        if prior is not None:
+            self._keep_prior(prior)
         tasks, unchanged = self._tasks(verify=verify)
         rows: list[FitRow] = []
         try:
@@ -358,6 +372,29 @@ class Fleet:
         arms = [one for one in self.registry.arms() if one.session and one.serial_number in in_force]
         return learn_type_prior(arms, arm=arm, executor=executor or Serial(), progress=progress)
 
+    def _keep_prior(self, file: str | Path) -> None:
+        """Put a type prior in force."""
+        found = read_type_prior(file)
+        nominal = next((one for _, one in self._nominal_arms() if kinematics_sha256(one) == found.arm_sha256), None)
+        if nominal is None:
+            raise InputError(f"expected the prior of a type of the fleet, got one of {found.arm!r}", file=file)
+        found.check_arm(nominal)
+        make_folder(self.folder / PRIORS)
+        found.save(self.folder / PRIORS / f"{found.arm_sha256}.toml")
+
+    def _priors(self) -> dict[str, str]:
+        """The file of the type prior in force, by the nominal arm."""
+        if not (self.folder / PRIORS).is_dir():
+            return {}
+        files = {name: self.folder / PRIORS / f"{kinematics_sha256(arm)}.toml" for name, arm in self._nominal_arms()}
+        return {name: str(file) for name, file in files.items() if file.is_file()}
+
+    def _nominal_arms(self) -> Iterator[tuple[str, Arm]]:
+        """The nominal arms, each once, as the registry names them; why one cannot be read, its fit says."""
+        for name in sorted({one.arm for one in self.registry.arms()}):
+            with suppress(TruearmError, OSError):
+                yield name, load_arm(name)
+
     def _write_results(self) -> None:
         """Write all results; again if another run had one meanwhile, so that the last one to write has them all."""
         written: set[str] = set()
@@ -371,9 +408,9 @@ class Fleet:
     def _tasks(self, *, verify: bool) -> tuple[list[FitTask], list[FitRow]]:
         """What is to be fitted, and the results of arms for which nothing changed."""
         in_force, fits = self.registry.models_in_force(), self.registry.fits()
-        arms = [arm for arm in self.registry.arms() if arm.session]
+        arms, priors = [arm for arm in self.registry.arms() if arm.session], self._priors()
         with self._hashes(verify=verify) as sha256_of:
-            of_arms = [self._task(arm, in_force.get(arm.serial_number), sha256_of) for arm in arms]
+            of_arms = [self._task(arm, in_force.get(arm.serial_number), priors, sha256_of) for arm in arms]
         tasks, unchanged = [], []
         for task in of_arms:
             known = _fit_of(task, fits)
@@ -459,7 +496,7 @@ class Fleet:
         for row in fits.values():
             of = row.serial_number, row.session_sha256
             first[of] = min(row.fitted_at, first.get(of, row.fitted_at))
-        records = []
+        records, priors = [], self._priors()
         with self._hashes(verify=verify) as sha256_of:
             for arm in self.registry.arms():
                 history = [
@@ -467,7 +504,7 @@ class Fleet:
                 ]
                 days, models = tuple(day for day, _ in history), tuple(row for _, row in history)
                 used = models[-1] if models else None
-                task = self._task(arm, None if used is None else used.key, sha256_of)
+                task = self._task(arm, None if used is None else used.key, priors, sha256_of)
                 verdict = verdicts.get(arm.serial_number)
                 records.append(
                     ArmRecords(
@@ -490,17 +527,22 @@ class Fleet:
         yield hashes.sha256
         self.registry.keep_file_hashes(hashes.new)
 
-    def _task(self, arm: RegisteredArm, before: str | None, sha256_of: Callable[[str], str]) -> FitTask:
+    def _task(
+        self, arm: RegisteredArm, before: str | None, priors: Mapping[str, str], sha256_of: Callable[[str], str]
+    ) -> FitTask:
         """The fit of an arm; `before` is the key of that whose model is in force."""
-        key = key_of(arm.serial_number, arm.arm, arm.session, arm.model or "auto", sha256_of)
+        model = arm.model or "auto"
+        prior = "" if model in WITHOUT_CONSTANTS else priors.get(arm.arm, "")
+        key = key_of(arm.serial_number, arm.arm, arm.session, model, prior, sha256_of)
         return FitTask(
             arm.serial_number,
             arm.arm,
             arm.session,
-            arm.model or "auto",
+            model,
             key,
             str(self.model_file(key)),
             "" if before is None or before == key else str(self.model_file(before)),
+            prior,
         )
 
 

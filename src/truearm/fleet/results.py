@@ -9,8 +9,9 @@ from collections.abc import Iterable
 from dataclasses import fields
 from pathlib import Path
 
-from truearm.errors import InputError, MissingTool
+from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
+from truearm.files.extra_packages import extra_module
 from truearm.fleet.fit_task import FitRow
 from truearm.workflows.outputs import make_folder
 
@@ -29,15 +30,8 @@ def write_results(rows: Iterable[FitRow], folder: Path) -> None:
     TruearmError
         If pyarrow is not installed, or the file cannot be written.
     """
-    try:
-        import pyarrow as pa
-        import pyarrow.compute as pc
-        import pyarrow.parquet as pq
-    except ModuleNotFoundError:
-        raise MissingTool(
-            "the data set of results needs the package pyarrow, which is not installed",
-            hint="pip install 'truearm[fleet]'",
-        ) from None
+    needs, hint = "the data set of results needs the package pyarrow", "pip install 'truearm[fleet]'"
+    pa, pc, pq = (extra_module(f"pyarrow{part}", needs, hint) for part in ("", ".compute", ".parquet"))
     text, number = pa.string(), pa.float64()
     constant = pa.struct([("name", text), ("unit", text), ("nominal", number), ("value", number), ("u", number)])
     group = pa.struct([("name", text), ("scale", number), ("n_determined", number)])

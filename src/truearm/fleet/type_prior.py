@@ -16,10 +16,18 @@ from truearm.compensation.models.arm_check import with_serial_number
 from truearm.errors import InputError, TruearmError
 from truearm.fleet.arm_list import RegisteredArm
 from truearm.fleet.stored_files import local_copy
+from truearm.identification.estimation.type_scatter import TypeScatter
 from truearm.identification.identify import Start, estimate_without_gross_errors
 from truearm.identification.judgement.type_gain import ArmEquations, estimate_type
 from truearm.identification.terms import constants
-from truearm.identification.terms.type_prior import FORMAT, ConstantPrior, TypePrior, kinematics_sha256, type_constants
+from truearm.identification.terms.type_prior import (
+    FORMAT,
+    ConstantPrior,
+    HeldOutPart,
+    TypePrior,
+    kinematics_sha256,
+    type_constants,
+)
 from truearm.readings import Session, read_session
 from truearm.readings.lengths import Lengths
 from truearm.readings.repeats import merge_repeats
@@ -189,7 +197,7 @@ def learned_from(
     """
     terms = type_constants(arm.chain)
     estimate = estimate_type(list(arms.values()), terms, progress=progress)
-    scatter = estimate.scatter
+    mean, mean_u, std = _values(estimate.scatter)
     prior = TypePrior(
         format=FORMAT,
         truearm=__version__,
@@ -198,11 +206,20 @@ def learned_from(
         arms=tuple(arms),
         gains=estimate.gains,
         constants=tuple(
-            ConstantPrior(name=term.name, mean=float(m), mean_u=float(u), std=float(s))
-            for term, m, u, s in zip(terms, scatter.mean, scatter.mean_std, estimate.std, strict=True)
+            ConstantPrior(name=term.name, mean=m, mean_u=u, std=s)
+            for term, m, u, s in zip(terms, mean, mean_u, std, strict=True)
+        ),
+        held_out=tuple(
+            HeldOutPart(arms=tuple(arms)[i :: len(estimate.parts)], mean=m, mean_u=u, std=s)
+            for i, (m, u, s) in enumerate(map(_values, estimate.parts))
         ),
     )
     return LearnedTypePrior(prior, helps=estimate.helps)
+
+
+def _values(scatter: TypeScatter) -> tuple[tuple[float, ...], ...]:
+    """Mean, its uncertainty, and standard deviation of an arm about it, of every constant."""
+    return tuple(tuple(part.tolist()) for part in (scatter.mean, scatter.mean_std, scatter.arm_std))
 
 
 def _type_of(arms: Sequence[RegisteredArm], arm: str | None) -> str:

@@ -343,11 +343,7 @@ def identify_physical(
     terms += [*further, *day_to_day_terms(readings.arm.chain, readings.frames)]
     start = Start(_weights_without(readings, known))
     if readings.robust and not has_constants:
-        # From the arm's constants alone: with all terms, some gross errors could explain each other.
-        rigid = estimate_without_gross_errors(readings, constants(readings.state.chain, free=readings.free), start).fit
-        weights = start.weights.copy()
-        weights[excluded_readings(rigid)] = 0.0
-        start = Start(weights, rigid)
+        start = _from_constants(readings, start)
     if (simpler := start.arm or (known[-1] if has_constants else None)) is not None:
         # What a joint bends by its torque looks like a gain where it leans from upright.
         compliance = (term for term in terms if term.group == JOINT_COMPLIANCE)
@@ -585,6 +581,14 @@ def _with_all_states(fit: IdentificationResult, state: ArmState, widened: float)
     """The result at true temperatures, with what the readings left open of the terms of the physical model."""
     fit = with_material_prior(fit, state, widened=widened)
     return with_unlearned_terms(fit, unlearned_terms(state))
+
+
+def _from_constants(readings: PreparedReadings, start: Start) -> Start:
+    """A start from the arm's constants alone: with all terms, some gross errors could explain each other."""
+    rigid = estimate_without_gross_errors(readings, constants(readings.state.chain, free=readings.free), start).fit
+    weights = start.weights.copy()
+    weights[excluded_readings(rigid)] = 0.0
+    return Start(weights, rigid)
 
 
 def _identify_terms(

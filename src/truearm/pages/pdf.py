@@ -11,7 +11,6 @@ import datetime
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib import import_module
 from math import sqrt
 from pathlib import Path
 from typing import Any
@@ -20,8 +19,9 @@ from xml.sax.saxutils import escape
 import numpy as np
 import numpy.typing as npt
 
-from truearm.errors import InputError, MissingTool
+from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
+from truearm.files.extra_packages import extra_module
 from truearm.pages.html import paragraphs
 from truearm.pages.page import (
     Column,
@@ -113,12 +113,7 @@ def pdf_bytes(page: Page, paper: Paper) -> bytes:
 
 
 def _fpdf() -> Any:
-    try:
-        return import_module("fpdf")
-    except ImportError:
-        raise MissingTool(
-            "PDF files are written by the package fpdf2, which is not installed", hint="pip install 'truearm[pdf]'"
-        ) from None
+    return extra_module("fpdf", "writing PDF files needs the package fpdf2", "pip install 'truearm[pdf]'")
 
 
 class _Sheets:
@@ -177,11 +172,11 @@ class _Sheets:
         """Whether the font has a character, plain and bold; the writer would drop a soft hyphen."""
         return ord(sign) in self._glyphs and sign != "\u00ad"
 
-    def heading(self, title: str, size: float = HEADING, *, kept_mm: float = KEPT_MM) -> None:
+    def heading(self, title: str, *, kept_mm: float = KEPT_MM) -> None:
         """A heading, on the next sheet if less room than `kept_mm` is left on this one."""
         self.keep(kept_mm)
         self.pdf.set_y(self.pdf.get_y() + 3.0)
-        self.text(title, size, bold=True, gap_mm=1.2)
+        self.text(title, HEADING, bold=True, gap_mm=1.2)
 
     def keep(self, height_mm: float) -> None:
         """Start the next sheet unless this one has room for a height."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from truearm.compensation.export.constants_table import NOMINAL, ConstantsTable, constants_table
+from truearm.compensation.export.constants_table import NOMINAL, ArmConstant, ConstantsTable, constants_table
 from truearm.compensation.export.rigid_arm import best_rigid_arm
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel, NominalModel
@@ -35,16 +35,7 @@ def constants_section(
     folded : bool
         Whether the section shows its title only.
     """
-    rows = []
-    for one in table.constants:
-        factor, unit = (DEG, "deg") if one.unit == "rad" else (1.0, "mm")
-        u, drawn = factor * one.std, factor * one.nominal
-        # What is held differs from the drawing by rounding at most.
-        values: tuple[Cell, ...] = (drawn, None, None)
-        if one.status != NOMINAL:
-            identified, change = (RoundedNumber(factor * value, u) for value in (one.identified, one.change))
-            values = (identified, change, u or None)
-        rows.append((f"{one.place} {one.name}", drawn, *values, unit, one.status))
+    rows = [_row(one) for one in table.constants]
     columns = Column.of(
         "constant",
         Column("nominal", digits=7),
@@ -83,6 +74,15 @@ def constants_section(
     )
     title = "Constants: drawn and identified"
     return Section(f"{title}: {name}" if name else title, text, tables=(short, shown), folded=folded)
+
+
+def _row(one: ArmConstant) -> tuple[Cell, ...]:
+    factor, unit = (DEG, "deg") if one.unit == "rad" else (1.0, "mm")
+    u, drawn = factor * one.std, factor * one.nominal
+    if one.status == NOMINAL:  # what is held differs from the drawing by rounding at most
+        return f"{one.place} {one.name}", drawn, drawn, None, None, unit, one.status
+    identified, change = (RoundedNumber(factor * value, u) for value in (one.identified, one.change))
+    return f"{one.place} {one.name}", drawn, identified, change, u or None, unit, one.status
 
 
 def _changed(table: ConstantsTable, reach_mm: float) -> list[int]:

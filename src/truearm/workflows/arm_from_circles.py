@@ -87,29 +87,30 @@ def arm_from_circles(
     estimated = estimate_axes(given, circles, slides)
     said = tuple(_judge_gains(given, estimated))
     check_directions(given, circles, estimated)
-    chain = estimated.axes.chain()
-    table = _own_frames(drawn_table(chain, convention))
-    file = "" if given.file is None else f" of {given.file.name}"
+    table = _own_frames(drawn_table(estimated.axes.chain(), convention))
     n_points = len(np.unique(np.concatenate([circle.rows for circle in circles])))
-    source = (
-        f"circle point analysis{file}: {n_points} points, {number_of(len(circles), 'circle')}, residual standard "
-        f"deviation {estimated.residual_std_mm:.3g} mm"
-    )
     at_joint_1 = replace(table, base=np.eye(4))
     arm = Arm(
         name,
         at_joint_1.chain(),
         title="measured by the circles of its joints",
         working_pose=estimated.axes.pose,
-        source="; ".join([source, *acceptance_remarks(accept)]),
+        source="; ".join([_source(given, n_points, len(circles), estimated), *acceptance_remarks(accept)]),
         serial_number=serial_number_of(given),
         table=at_joint_1,
     )
-    unused = len(given) - n_points
     remarks = [*acceptance_remarks(accept), *unfilled_remarks(given), *said]
-    if unused:
+    if unused := len(given) - n_points:
         remarks.append(f"{number_of(unused)} in no circle, ignored.")
     return CircleArm(arm, table, _uncertainty(estimated, convention), circles, estimated, n_points, tuple(remarks))
+
+
+def _source(given: Session, n_points: int, n_circles: int, estimated: EstimatedAxes) -> str:
+    file = "" if given.file is None else f" of {given.file.name}"
+    return (
+        f"circle point analysis{file}: {n_points} points, {number_of(n_circles, 'circle')}, residual standard "
+        f"deviation {estimated.residual_std_mm:.3g} mm"
+    )
 
 
 def _own_frames(table: DHTable) -> DHTable:

@@ -76,6 +76,8 @@ if TYPE_CHECKING:
 FEW_READINGS = 50
 # Scatter about the identified arm that is said: real arms under a tracker leave 0.05 to 0.3 mm of a coordinate.
 SAID_SCATTER_MM, TRACKER_MM = 0.5, 0.05
+# Models that identify no constants, and take no type prior.
+WITHOUT_CONSTANTS = frozenset({"nominal", "network"})
 # Groups of terms that are printed, those with most determined coefficients.
 MAX_GROUPS = 8
 
@@ -117,7 +119,8 @@ def fit(
         Skip the readings beyond a joint limit, or use them.
     prior : TypePrior, str or Path, optional
         What arms of this type have in common, or its file (docs/type-prior.md): the constants of the arm are then
-        expected about the mean of its type, within the scatter of its type, and not about the nominal arm.
+        expected about the mean of its type, within the scatter of its type, and not about the nominal arm. An arm that
+        the prior was learned from gets that of the others.
     accept : str, optional
         Why the readings are right where they would be refused as contradicted: the reason and what it overrode are
         kept (docs/imperfect-readings.md).
@@ -145,29 +148,17 @@ def fit(
     >>> result.model.predict(session.angles).shape
     (40, 3)
     """
-    if model not in ("auto", *MODELS):
-        raise InputError(f"expected a model among auto, {', '.join(MODELS)}, got {model!r}")
-    if model == "auto" and (foreign := sorted(options.keys() - {"residual", "terms"})):
-        raise InputError(f"options {foreign} belong to one model, got model 'auto'", hint="name the model")
-    if arm is None and model != "network":
-        raise InputError(f"model {model!r} needs the nominal arm", hint=f"--arm ARM: {WAYS_TO_AN_ARM}")
+    _check_choice(model, options, has_arm=arm is not None)
     parts, known_arm = to_free_parts(free), None if arm is None else to_arm(arm)
     given = to_session(session, n_joints=None if known_arm is None else known_arm.n_joints)
     nominal_arm = with_serial_number(known_arm or arm_of_readings(given), given)
     checked = within_limits(given, nominal_arm, limits)
     merged = merge_repeats(checked.session)
     used = merged.readings
-    if "terms" in options and model not in ("auto", "kinematic", "physical"):
-        raise InputError(f"expected a model that identifies terms, got {model!r}", hint="model='physical'")
-    of_type = None if prior is None else _checked_prior(prior, known_arm, model)
+    of_type = None if prior is None else _checked_prior(prior, known_arm, model, nominal_arm.serial_number)
     # Options are checked before anything is computed.
     chosen = None if model == "auto" else MODELS[model](nominal_arm, free=parts, **options)
-    if len(used) < MIN_ROWS <= merged.count.sum():
-        raise given.error(
-            f"expected at least {MIN_ROWS} poses, got {number_of(len(used), 'pose')} ({merged.count.sum()} readings "
-            "repeat them)",
-            hint="measure more poses, spread over all joints",
-        )
+    _check_poses(given, merged)
     check_session_fits(used, nominal_arm, model)
     known, length_remarks = session_lengths(lengths, given, used if len(checked.rows) < len(given) else None)
     if "base" in parts:
@@ -198,7 +189,7 @@ def fit(
         remarks=(
             *acceptance_remarks(accept),
             *nominal_arm.remarks,
-            *(() if of_type is None else _prior_remarks(of_type, nominal_arm.serial_number)),
+            *(() if of_type is None else (f"Constants are expected as the type has them: {of_type}.",)),
             *_gains(fitted),
             *_scatter(learned.arm_model, readings),
             *checked.remarks,
@@ -209,24 +200,38 @@ def fit(
     )
 
 
-def _checked_prior(prior: TypePrior | str | Path, arm: Arm | None, model: ModelName) -> TypePrior:
-    """A type prior that a model can use, of this nominal arm."""
-    if arm is None or model in ("nominal", "network"):
+def _check_choice(model: ModelName, options: Mapping[str, Any], *, has_arm: bool) -> None:
+    """Refuse a model that there is not, options that it does not take, and one without the arm that it needs."""
+    if model not in ("auto", *MODELS):
+        raise InputError(f"expected a model among auto, {', '.join(MODELS)}, got {model!r}")
+    if model == "auto" and (foreign := sorted(options.keys() - {"residual", "terms"})):
+        raise InputError(f"options {foreign} belong to one model, got model 'auto'", hint="name the model")
+    if not has_arm and model != "network":
+        raise InputError(f"model {model!r} needs the nominal arm", hint=f"--arm ARM: {WAYS_TO_AN_ARM}")
+    if "terms" in options and model not in ("auto", "kinematic", "physical"):
+        raise InputError(f"expected a model that identifies terms, got {model!r}", hint="model='physical'")
+
+
+def _check_poses(given: Session, merged: MergedReadings[Session]) -> None:
+    """Refuse readings that are enough only where those of one pose count more than once."""
+    if len(merged.readings) < MIN_ROWS <= merged.count.sum():
+        raise given.error(
+            f"expected at least {MIN_ROWS} poses, got {number_of(len(merged.readings), 'pose')} ({merged.count.sum()} "
+            "readings repeat them)",
+            hint="measure more poses, spread over all joints",
+        )
+
+
+def _checked_prior(prior: TypePrior | str | Path, arm: Arm | None, model: ModelName, serial_number: str) -> TypePrior:
+    """A type prior that a model can use, of this nominal arm, without what the arm's own readings say."""
+    if arm is None or model in WITHOUT_CONSTANTS:
         raise InputError(f"a {model} model identifies no constants, and takes no type prior", hint="--model kinematic")
     found = prior if isinstance(prior, TypePrior) else read_type_prior(prior)
     try:
         found.check_arm(arm)
+        return found.without(serial_number)
     except InputError as error:
         raise error if isinstance(prior, TypePrior) else error.in_file(prior) from None
-    return found
-
-
-def _prior_remarks(prior: TypePrior, serial_number: str) -> tuple[str, ...]:
-    said = f"Constants are expected as the type has them: {prior}."
-    if serial_number not in prior.arms:
-        return (said,)
-    twice = f"The prior was learned from {serial_number} too, whose readings then count twice: fit it without --prior."
-    return said, twice
 
 
 def _gains(model: Compensator) -> tuple[str, ...]:

@@ -28,6 +28,7 @@ from truearm.verification.standards.dates import now, parse_moment
 from truearm.workflows.inputs import (
     ModelLike,
     SessionLike,
+    angle_unit_remarks,
     check_angles_fit,
     describe_outside,
     model_file_fingerprint,
@@ -91,12 +92,10 @@ def predict(
     ['x_mm', 'y_mm', 'z_mm', 'sx_mm', 'sy_mm', 'sz_mm']
     """
     known, readings = to_model_and_session(model, session)
-    fitted = known.under(conditions)
-    file = Path(model) if isinstance(model, str | Path) else None
-    remarks = (*check_angles_fit(readings, fitted.arm), *payload_remarks(fitted, readings))
+    fitted, file = known.under(conditions), Path(model) if isinstance(model, str | Path) else None
+    remarks = _reading_remarks(fitted, readings)
     at = fitted.at(readings)
     points, covariances = fitted.predict_readings(at, return_cov=True)
-    unstated = fitted.unstated_input_covariances(at)
     inputs_outside = fitted.inputs_outside_training(at)
     return Prediction(
         model=known,
@@ -105,9 +104,7 @@ def predict(
         covariances=covariances,
         inputs_outside=inputs_outside,
         outside_u_mm=dict(_uncertainties_outside(fitted, readings, inputs_outside, covariances)),
-        unstated_u_mm={
-            name: float(np.sqrt(np.trace(part, axis1=1, axis2=2).mean() / 3)) for name, part in unstated.items()
-        },
+        unstated_u_mm={name: _rms_u(part) for name, part in fitted.unstated_input_covariances(at).items()},
         conditions=conditions,
         remarks=(*acceptance_remarks(accept), *remarks, *model_remarks(fitted)),
         accepted=accepted(fitted.accepted_),
@@ -115,6 +112,19 @@ def predict(
         model_name=fitted.kind if file is None else f"{file.name} ({fitted.kind})",
         model_sha256="" if file is None else model_file_fingerprint(file),
     )
+
+
+def _reading_remarks(model: Compensator, readings: Session) -> tuple[str, ...]:
+    return (
+        *check_angles_fit(readings, model.arm),
+        *angle_unit_remarks(model, readings),
+        *payload_remarks(model, readings),
+    )
+
+
+def _rms_u(covariances: FloatArray) -> float:
+    """Standard uncertainty of a coordinate, root mean square [mm]."""
+    return float(np.sqrt(max(np.trace(covariances, axis1=1, axis2=2).mean() / 3, 0.0)))
 
 
 def _uncertainties_outside(
@@ -127,7 +137,7 @@ def _uncertainties_outside(
             continue
         nearest = model.at(model.training_.with_nearest(readings, name))
         added = covariances - model.predict_readings(nearest, return_cov=True)[1]
-        yield name, float(np.sqrt(max(np.trace(added[rows], axis1=1, axis2=2).mean() / 3, 0.0)))
+        yield name, _rms_u(added[rows])
 
 
 @dataclass(frozen=True, eq=False, repr=False)

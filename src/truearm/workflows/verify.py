@@ -239,12 +239,10 @@ def verify(
     own_plan = Path(plan) if isinstance(plan, str | Path) and str(plan) not in PLANS else None
     digests = digests_of(files if own_plan is None else [own_plan, *files])
     plan, specification = to_plan(plan), to_specification(specification)
-    measured = points if isinstance(points, MeasuredPoints) else read_points(points)
-    certified = to_artefacts(artefacts)
     verification = verify_points(
-        measured,
+        points if isinstance(points, MeasuredPoints) else read_points(points),
         plan=plan,
-        artefacts=certified,
+        artefacts=to_artefacts(artefacts),
         specification=specification,
         rule=rule,
         plan_sha256=None if own_plan is None else digests.get(own_plan),

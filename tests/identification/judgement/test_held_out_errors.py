@@ -66,8 +66,8 @@ def test_a_tie_goes_to_the_simpler_model_and_of_few_groups_to_the_better_one(n, 
     """The richer model is 1 % better on average, where the differences scatter by ten times that."""
     differences = np.linspace(-0.1, 0.1, n) + 0.01
     errors = {"simpler": 1 + differences, "richer": np.ones(n), "worst": np.full(n, 2.0)}
-    assert selected(errors) == (kept, "richer")
-    assert selected({"simpler": errors["richer"] * 1.0005, "richer": errors["richer"]}) == ("simpler", "richer")
+    assert selected(errors, len(errors["richer"])) == (kept, "richer")
+    assert selected({"simpler": errors["richer"] * 1.0005, "richer": errors["richer"]}, 1) == ("simpler", "richer")
 
 
 def test_a_gain_of_a_thousandth_is_none(rng):

@@ -13,7 +13,7 @@ from truearm.arm.catalogue import load_arm
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
 from truearm.identification.planning.sampling import STRATEGIES, Sector, box, measuring_poses, seat, uniform
-from truearm.identification.planning.sampling.measuring import END_STOP_MARGIN_RAD, surface_normals
+from truearm.identification.planning.sampling.measuring import END_STOP_MARGIN_RAD, FROM_ABOVE, surface_normals
 from truearm.identification.planning.sampling.seat import farthest_points
 from truearm.identification.planning.sampling.workspace import (
     azimuth_of,
@@ -173,9 +173,9 @@ def test_surfaces_look_up_or_sideways_and_not_away_from_the_arm():
     where = stance(load_arm("gao2017"))
     rng = np.random.default_rng(0)
     tips = draw_points(where, 2000, sector=Sector(), rng=rng)
-    normals = surface_normals(tips, where, from_above=0.25, rng=rng)
+    normals = surface_normals(tips, where, rng)
     up = normals[:, 2] == 1
-    assert up.mean() == pytest.approx(0.25, abs=0.04)  # 2000 draws: 1 % scatter, four of them
+    assert up.mean() == pytest.approx(FROM_ABOVE, abs=0.045)  # 2000 draws: 1 % scatter, four of them
     back = (where.shoulder_in_base - tips)[~up]
     cosine = (back[:, :2] * normals[~up, :2]).sum(axis=1) / np.linalg.norm(back[:, :2], axis=1)
     assert cosine.min() >= np.cos(np.radians(110)) - 1e-9

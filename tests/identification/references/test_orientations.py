@@ -17,8 +17,8 @@ from truearm.identification.references.orientations import (
     LEVER_MM,
     Orientations,
     orient_flange_coarsely,
-    pose_references,
 )
+from truearm.identification.references.references import Points
 from truearm.identification.terms import ArmState, constants
 from truearm.identification.terms.catalogue import tool_rotation
 
@@ -91,7 +91,8 @@ def test_full_poses_of_a_planted_arm(turned_by, rng):
     pose = truth.pose(angles)
     seen = Rotation.from_matrix(pose.R_base_tip) * Rotation.from_rotvec(rng.normal(0, 2e-4, (n, 3)))
     points = pose.tip_in_base + rng.normal(0, 0.02, (n, 3))
-    references = pose_references(np.arange(n), points, seen.as_quat(scalar_first=True))
+    rows = np.arange(n)
+    references = [Points(rows, points), Orientations(rows, seen.as_matrix())]
     start = orient_flange_coarsely(chain, angles, references[1].R_reference_flange)
     found = identify(start, ArmState(chain, angles), terms, references)
     assert found.converged

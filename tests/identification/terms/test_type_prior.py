@@ -14,6 +14,7 @@ from truearm.identification.terms.type_prior import (
     FORMAT,
     ConstantPrior,
     HeldOutGain,
+    HeldOutPart,
     TypePrior,
     kinematics_sha256,
     read_type_prior,
@@ -38,6 +39,15 @@ def prior(arm):
         gains=(HeldOutGain(n_readings=10, n_arms=3, error_ratio=0.5, error_ratio_u=0.1),),
         constants=tuple(
             ConstantPrior(name=name, mean=1e-3 * i, mean_u=1e-5, std=1e-4 * (i + 1)) for i, name in enumerate(names)
+        ),
+        held_out=tuple(
+            HeldOutPart(
+                arms=arms,
+                mean=tuple(2e-3 * i for i in range(len(names))),
+                mean_u=(2e-5,) * len(names),
+                std=(3e-4,) * len(names),
+            )
+            for arms in (("A-1", "Å3"), ('A "2"',))
         ),
     )
 
@@ -84,8 +94,11 @@ def test_a_prior_is_of_the_drawing_and_not_of_tip_limits_or_serial_number(arm, p
 @pytest.mark.parametrize(
     ("old", "new"),
     [
-        ("format = 1", "format = 2"),
-        ("format = 1", "format = 1\nmore = 1"),
+        ("format = 2", "format = 1"),
+        ("format = 2", "format = 3"),
+        ("format = 2", "format = 2\nmore = 1"),
+        ("std = [0.0003", "std = [0.0"),
+        ("mean = [0.0", "mean = [nan"),
         ('arm_sha256 = "', 'arm_sha256 = "x'),
         ("std = 0.0001\n", "std = 0.0\n"),
         ("std = 0.0001\n", "std = nan\n"),
@@ -105,6 +118,22 @@ def test_a_file_that_is_none_is_refused(prior, tmp_path, old, new):
     (tmp_path / "p.toml").write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match=r"p\.toml"):
         read_type_prior(tmp_path / "p.toml")
+
+
+def test_an_arm_of_the_prior_gets_that_of_the_others(arm, prior):
+    assert prior.without("B-1") is prior
+    others = prior.without("A-1")
+    assert others.arms == ('A "2"',)
+    assert others.constants[1] == ConstantPrior(name=prior.constants[1].name, mean=2e-3, mean_u=2e-5, std=3e-4)
+    others.check_arm(arm)
+    with pytest.raises(InputError, match="whose readings would count twice"):
+        others.without('A "2"')
+
+
+def test_a_part_has_all_constants(arm, prior):
+    short = prior.held_out[0].model_copy(update={"std": (1e-3,)})
+    with pytest.raises(InputError, match="of mean, mean_u and std without A-1"):
+        prior.model_copy(update={"held_out": (short,)}).check_arm(arm)
 
 
 def test_a_model_without_constants_takes_no_prior(arm, prior):

@@ -34,8 +34,8 @@ Unit = Literal["rad", "mm"]
 IDENTIFIABLE, NOT_IDENTIFIABLE, NOMINAL = "identifiable", "not identifiable", "nominal"
 SUM_WITH_BASE, SUM_WITH_TIP = "only as a sum with the base", "only as a sum with the tip"
 SUM_ALONG_AXES, SUM_ABOUT_LINE = "only as a sum along parallel axes", "only as a sum about a common line"
-# Steps of the difference quotients of a smooth function: their error is a millionth of a derivative or less.
-STEP_RAD, STEP_MM = 1e-5, 1e-2
+# Steps of the difference quotients of a smooth function: their error is a ten-thousandth of a derivative or less.
+STEP_RAD, STEP_MM = 1e-7, 1e-4
 # Where no prior moves a constant by more, in rad or mm, the evidence has pruned what it depends on.
 _PRUNED = 1e-12
 # A constant that neither changed nor is uncertain by as much is held: nothing in the model moves it, and what is left
@@ -144,8 +144,8 @@ def constants_table(
     for k, step in enumerate(steps):
         shifted = np.zeros(len(steps))
         shifted[k] = step
-        up, down = (table_of(fit.perturbed_chain.with_constants(fit.coefficients + s * shifted)) for s in (1, -1))
-        by_coefficient[:, k] = (_changes(identified, up, entries) - _changes(identified, down, entries)) / (2 * step)
+        moved = table_of(fit.perturbed_chain.with_constants(fit.coefficients + shifted))
+        by_coefficient[:, k] = _changes(identified, moved, entries) / step
     std, remains = _uncertainties(model, rigid, by_coefficient)
     was, now = _values(drawing, entries), _values(identified, entries)
     constants = tuple(
@@ -223,7 +223,8 @@ def _values(table: DHTable, entries: Sequence[_Entry]) -> FloatArray:
 
 def _changes(before: DHTable, after: DHTable, entries: Sequence[_Entry]) -> FloatArray:
     """Small changes of the constants, those of the base's rotation as a small turn about the base's axes."""
-    turn = Rotation.from_matrix(before.base[:3, :3].T @ after.base[:3, :3]).as_rotvec()
+    R = before.base[:3, :3].T @ after.base[:3, :3]
+    turn = np.array([R[2, 1], R[0, 2], R[1, 0]])
     return np.array([_value(after, entry, turn) - _value(before, entry, np.zeros(3)) for entry in entries])
 
 

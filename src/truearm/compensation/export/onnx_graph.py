@@ -14,7 +14,6 @@ import copy
 import math
 from collections.abc import Sequence
 from functools import reduce
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -28,8 +27,9 @@ from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.compensation.models.network import NetworkModel
 from truearm.compensation.targets.manifest import MARKER, Manifest
-from truearm.errors import InputError, MissingTool
+from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
+from truearm.files.extra_packages import extra_module
 from truearm.files.file_reading import read_limited
 from truearm.identification.terms import Expression
 from truearm.identification.terms.thermal import link_vectors
@@ -131,13 +131,8 @@ def tips(path: str | Path, joints: npt.ArrayLike, **states: npt.ArrayLike) -> Fl
 
 
 def _package(name: str) -> Any:
-    try:
-        return import_module(name)
-    except ImportError:
-        package = name.partition(".")[0]
-        raise MissingTool(
-            f"ONNX files need the package {package}, which is not installed", hint=f"pip install {package}"
-        ) from None
+    package = name.partition(".")[0]
+    return extra_module(name, f"ONNX files need the package {package}", f"pip install {package}")
 
 
 def _check_graph(onnx: Any, content: bytes, path: str | Path) -> int:

@@ -46,6 +46,7 @@ class RigidArm:
 
     Attributes
     ----------
+    model : Compensator
     arm : Arm
         In its own base frame. Its flange is nominal, its tip the identified one. The motion before joint 1 is nominal
         too, if the model identified its base.
@@ -62,14 +63,13 @@ class RigidArm:
         The poses in words.
     points : (n, 3) array
         Of the model at the poses [mm].
-    model_mm : float
-        Root mean square standard uncertainty of these points.
     start : Chain
         The nominal one with the model's base and tip.
     free : tuple of str
         The parts that the model identified.
     """
 
+    model: Compensator
     arm: Arm
     nominal: Arm
     T_reference_base: FloatArray
@@ -77,18 +77,18 @@ class RigidArm:
     poses: FloatArray
     region: str
     points: FloatArray
-    model_mm: float
     start: Chain
     free: tuple[str, ...]
 
     @cached_property
     def loss(self) -> ExportLoss:
         """What is lost over the region, at poses held out."""
+        _, covariances = self.model.predict(self.poses, return_cov=True)
         exported = _held_out_errors(self.fit, self.start, self.free, self.poses, self.points)
         return ExportLoss(
             nominal_mm=float(np.linalg.norm(self.start.tip_in_base(self.poses) - self.points, axis=1).mean()),
             exported_mm=float(exported.mean()),
-            model_mm=self.model_mm,
+            model_mm=float(np.sqrt(np.trace(covariances, axis1=1, axis2=2).mean())),
             exported_max_mm=float(exported.max()),
             region=stated_text(self.region),
             n_poses=len(self.poses),
@@ -138,7 +138,7 @@ def best_rigid_arm(
     """
     arm = model.arm_ if nominal is None else nominal
     poses, words = _region(model, angles, region)
-    points, covariances = model.predict(poses, return_cov=True)
+    points = model.predict(poses)
     start, free = _placed(model, arm, poses, points)
     fit = _fitted(start, free, poses, points)
     chain = fit.chain
@@ -151,8 +151,7 @@ def best_rigid_arm(
     kind = type(model).__name__.removesuffix("Model").lower()
     title = f"{arm.title}, constants refitted to a {kind} model".strip(", ")
     rigid = replace(arm, chain=chain, title=title, serial_number=model.arm_.serial_number or arm.serial_number)
-    model_mm = float(np.sqrt(np.trace(covariances, axis1=1, axis2=2).mean()))
-    return RigidArm(rigid, arm, T_reference_base, fit, poses, words, points, model_mm, start, free)
+    return RigidArm(model, rigid, arm, T_reference_base, fit, poses, words, points, start, free)
 
 
 def _fitted(start: Chain, free: tuple[str, ...], poses: FloatArray, points: FloatArray) -> IdentificationResult:

@@ -141,29 +141,30 @@ def select_model(
         As `fit_readings`.
     """
 
-    def report(name: str) -> Progress:
-        done = len(models)
+    def report(name: str, done: int) -> Progress:
         return lambda _, note: None if progress is None else progress(done, f"{name}: {note}")
 
     if not len(nominal.held_out_.rows):
-        changes = tuple(frame_changes(nominal.fit_, nominal.session_frames_, readings.given))
-        return Selection(nominal, (), None, changes, nominal)
+        return Selection(nominal, (), None, _changes(nominal, readings), nominal)
     models: dict[str, IdentifiedModel] = {"nominal": nominal}
+    options: dict[str, dict[str, Any]] = {"physical": {"residual": residual, "terms": terms}}
     for name, kind in CANDIDATES.items():
-        options: dict[str, Any] = {"residual": residual, "terms": terms} if name == "physical" else {}
-        model = kind(nominal.arm, free=nominal.free, **options)
-        models[name] = model.learn(readings, progress=report(name), nominal=list(models.values())[-1])
+        model = kind(nominal.arm, free=nominal.free, **options.get(name, {}))
+        models[name] = model.learn(readings, progress=report(name, len(models)), nominal=list(models.values())[-1])
     compared: dict[str, SelectedModel] = {**models}
     hybrid, arm_model = HybridModel(nominal.arm, free=nominal.free), models["kinematic"]
-    most_terms = list(models.values())[-1]
-    changes = tuple(frame_changes(most_terms.fit_, most_terms.session_frames_, readings.given))
+    changes = _changes(list(models.values())[-1], readings)
     why_no_hybrid = _why_no_hybrid(hybrid, arm_model, readings, compared, changes)
     if why_no_hybrid is None:
-        compared["hybrid"] = hybrid.learn(readings, progress=report("hybrid"), nominal=arm_model)
+        compared["hybrid"] = hybrid.learn(readings, progress=report("hybrid", len(models)), nominal=arm_model)
     table = _scores(compared)
     kept = next(score.name for score in table if score.kept)
-    shows = models["physical"] if kept == "physical" else arm_model
+    shows = models["physical" if kept == "physical" else "kinematic"]
     return Selection(compared[kept], table, why_no_hybrid, changes, shows)
+
+
+def _changes(model: IdentifiedModel, readings: PreparedReadings) -> tuple[SessionChange, ...]:
+    return tuple(frame_changes(model.fit_, model.session_frames_, readings.given))
 
 
 def worse_than_nominal(model: Compensator, nominal: NominalModel) -> tuple[float, float] | None:
@@ -184,7 +185,7 @@ def _scores(models: dict[str, SelectedModel]) -> tuple[ModelScore, ...]:
     """Errors on the readings that are held out of all models, by the one standard error rule."""
     compared = on_common_readings(models)
     errors = {name: group_means(part) for name, part in compared.items()}
-    kept, best = selected(errors)
+    kept, best = selected(errors, len(np.unique(next(iter(compared.values())).group)))
     excess = {name: trimmed_mean(of - errors[best]) for name, of in errors.items()}
     excluded = excluded_readings(models[kept].fit_)
     shown = {name: part.select(~np.isin(part.rows, excluded)) for name, part in compared.items()}

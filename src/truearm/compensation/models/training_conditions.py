@@ -235,7 +235,7 @@ class TrainingConditions:
             not state; a temperature that the training does not state is assumed near 20 degC (`temperature_range`),
             and its payload zero (`ignores_payload`).
         """
-        outside = ~self._inside_by_joint(session.angles, prismatic)
+        outside = ~self.inside_by_joint(session.angles, prismatic)
         found = {f"J{joint}": column for joint, column in enumerate(outside.T, 1)}
         found[TOGETHER] = ~outside.any(axis=1) & (self._distance(session.angles, prismatic) > self._usual(prismatic))
         found["temperature"] = self.kelvin_outside(session) > TEMPERATURE_TOLERANCE_K
@@ -297,7 +297,7 @@ class TrainingConditions:
         """(n_joints,) largest magnitudes of the training angles."""
         return np.asarray(np.abs(self.angle_ranges).max(axis=1))
 
-    def _inside_by_joint(self, angles: FloatArray, prismatic: BoolArray) -> BoolArray:
+    def inside_by_joint(self, angles: FloatArray, prismatic: BoolArray) -> BoolArray:
         """(n, n_joints) whether an angle, or one some full turns from it, is in the range and in none of its gaps.
 
         An end of the range is inside with its rounding: a training angle that is calculated again may be beyond it.

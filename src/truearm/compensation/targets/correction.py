@@ -260,17 +260,8 @@ def _judged(
     margins = np.minimum(machine - lower, upper - machine)
     change, condition = found.angles - solved.before, found.condition
     readings = targets.session(machine)
-    # A correction of some mrad does not lead out of the training: joints at the edge of the range are inside.
-    # Programs go to places between the training poses: there the stated uncertainty says what is known.
-    slides = arm.chain.is_prismatic
-    planned = model.training_.outside(
-        targets.session(solved.before if direction == "command" else found.angles), slides
-    )
-    inputs = {
-        name: rows & planned[name]
-        for name, rows in model.training_.outside(readings, slides).items()
-        if name in planned and name != TOGETHER
-    }
+    planned = targets.session(solved.before if direction == "command" else found.angles)
+    inputs = _inputs_outside(model, readings, planned)
     outside = np.logical_or.reduce([np.zeros(len(targets), dtype=bool), *inputs.values()])
     reasons = np.full(len(targets), "", dtype=object)
 
@@ -300,8 +291,7 @@ def _judged(
     covariances = np.full((len(targets), 3, 3), np.nan)
     if uncertainty and good.any():
         covariances[good] = model.predict_readings(model.at(readings.rows(good)), return_cov=True)[1]
-    nominal = nominal_poses(model)
-    every = np.arange(len(targets))
+    nominal, every = nominal_poses(model), np.arange(len(targets))
     there = nominal.pose(found.angles, every)
     return Correction(
         joints=np.where(good[:, None], found.angles, np.nan),
@@ -316,6 +306,21 @@ def _judged(
         shift_mm=np.linalg.norm(there.tip_in_base - nominal.pose(solved.before, every).tip_in_base, axis=1),
         covariances=covariances,
     )
+
+
+def _inputs_outside(model: Compensator, readings: Session, planned: Session) -> dict[str, BoolArray]:
+    """Inputs outside the trained range of targets, corrected (`readings`) and as they were `planned`.
+
+    A correction of some mrad does not lead out of the training: joints at the edge of the range are inside. Programs go
+    to places between the training poses: there the stated uncertainty says what is known.
+    """
+    slides = model.arm_.chain.is_prismatic
+    before = model.training_.outside(planned, slides)
+    return {
+        name: rows & before[name]
+        for name, rows in model.training_.outside(readings, slides).items()
+        if name in before and name != TOGETHER
+    }
 
 
 def _angle(model: Compensator, readings: Session, solved: _Solved, *, direction: TargetDirection) -> FloatArray:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import importlib
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from truearm.errors import InputError, MissingTool
+from truearm.errors import InputError
 from truearm.files.delimited import MAX_BYTES
+from truearm.files.extra_packages import extra_module
 from truearm.files.file_reading import check_readable
 from truearm.files.tables.named_arrays import MAX_CELLS, columns_of, table_of_columns
 from truearm.files.tables.table import Table, TableForm, unreadable
@@ -27,11 +27,8 @@ def read_arrow_table(path: Path, _: TableForm | None = None) -> Table:
         If it is damaged, too large when unpacked, or pyarrow is missing.
     """
     check_readable(path, limit_bytes=MAX_BYTES)
-    try:
-        parquet, feather = (importlib.import_module(f"pyarrow.{kind}") for kind in ("parquet", "feather"))
-    except ImportError:
-        problem = "Parquet needs the package pyarrow, which is not installed"
-        raise MissingTool(problem, file=path, hint="pip install 'truearm[parquet]', or save it as CSV") from None
+    needs, hint = "Parquet needs the package pyarrow", "pip install 'truearm[parquet]', or save it as CSV"
+    parquet, feather = (extra_module(f"pyarrow.{kind}", needs, hint, file=path) for kind in ("parquet", "feather"))
     try:
         with path.open("rb") as file:
             if file.read(4) == b"PAR1":

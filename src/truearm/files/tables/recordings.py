@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from truearm.errors import InputError, MissingTool
+from truearm.errors import InputError
+from truearm.files.extra_packages import extra_module
 from truearm.files.tables.named_arrays import MAX_CELLS, choose_part, columns_of_records, table_of_columns
 from truearm.files.tables.table import Table, TableForm, unreadable
 from truearm.files.tables.units import name_without_unit, unit_in_name
@@ -50,12 +50,10 @@ def read_recording(path: Path, form: TableForm) -> Table:
     InputError
         If rosbags is missing, the recording is damaged, or several topics may be meant: `TableForm.part` names one.
     """
-    try:
-        ros1, ros2 = importlib.import_module("rosbags.rosbag1"), importlib.import_module("rosbags.rosbag2")
-        typesys = importlib.import_module("rosbags.typesys")
-    except ImportError:
-        hint = "pip install 'truearm[ros]', or save the topic as CSV"
-        raise MissingTool("recordings need the package rosbags, which is not installed", file=path, hint=hint) from None
+    needs, hint = "recordings need the package rosbags", "pip install 'truearm[ros]', or save the topic as CSV"
+    ros1, ros2, typesys = (
+        extra_module(f"rosbags.{name}", needs, hint, file=path) for name in ("rosbag1", "rosbag2", "typesys")
+    )
     is_ros1 = path.suffix == ".bag"
     types = typesys.get_typestore(typesys.Stores.ROS1_NOETIC if is_ros1 else typesys.Stores.ROS2_HUMBLE)
     decode = types.deserialize_ros1 if is_ros1 else types.deserialize_cdr

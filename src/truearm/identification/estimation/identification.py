@@ -113,14 +113,8 @@ def identify(
         If there are no references, or two of a kind; if weights are not one a reading, from 0 to 1; or if a term's
         place is beyond the chain.
     """
-    kinds = [reference.kind for reference in references]
-    if not kinds or len(set(kinds)) < len(kinds):
-        raise InputError(f"expected references, one of a kind, got {kinds or 'none'}")
-    for term in terms:
-        term.check_place(chain)
     weights = np.ones(len(state)) if reading_weights is None else reading_weights
-    if weights.shape != (len(state),) or not ((weights >= 0) & (weights <= 1)).all():
-        raise InputError(f"expected weights of {len(state)} readings, from 0 to 1, got {weights!r:.60}")
+    _check_problem(chain, terms, references, weights, len(state))
     given = [weights[reference.rows] for reference in references]
     perturbed_chain = PerturbedChain(chain, tuple(terms))
     problem, unknowns = initial_problem(perturbed_chain, state, references)
@@ -136,15 +130,32 @@ def identify(
     rounds = Rounds(problem, given, x, prior, groups, is_fast(terms, groups, state), robust=robust)
     if sampled is not None:  # of the same terms: the noise of the first round is compared with that of the sample
         rounds.noise = np.array([part.noise_std**2 for part in sampled.references])
+    n_rounds = _converge(rounds, progress)
+    return _result(rounds, offered, state, n_rounds)
+
+
+def _converge(rounds: Rounds, progress: Callable[[int, str], None] | None) -> int:
+    """Improve until converged; the number of rounds."""
     for n_rounds in range(1, MOST_ROUNDS + 1):
         rounds.weigh()
         if progress is not None:
-            noise = ", ".join(f"{kind} {np.sqrt(v):.4f} mm" for kind, v in zip(kinds, rounds.noise, strict=True))
-            progress(n_rounds, f"noise: {noise}")
+            progress(n_rounds, f"noise: {rounds.noise_text}")
         rounds.improve()
         if rounds.converged:
             break
-    return _result(rounds, offered, state, n_rounds)
+    return n_rounds
+
+
+def _check_problem(
+    chain: Chain, terms: Sequence[Term], references: Sequence[Reference], weights: FloatArray, n_readings: int
+) -> None:
+    kinds = [reference.kind for reference in references]
+    if not kinds or len(set(kinds)) < len(kinds):
+        raise InputError(f"expected references, one of a kind, got {kinds or 'none'}")
+    for term in terms:
+        term.check_place(chain)
+    if weights.shape != (n_readings,) or not ((weights >= 0) & (weights <= 1)).all():
+        raise InputError(f"expected weights of {n_readings} readings, from 0 to 1, got {weights!r:.60}")
 
 
 def _start_by_sample(

@@ -152,7 +152,7 @@ class HeldOutReadings:
     covariance: FloatArray
     freedom: FloatArray
 
-    def select_informative(self, own_mm2: FloatArray, *, most: float = MAX_VARIANCE_RATIO) -> HeldOutReadings:
+    def select_informative(self, own_mm2: FloatArray) -> HeldOutReadings:
         """Select the readings that are informative about their own variance: the other groups predict them well.
 
         Where the other groups leave a direction open, for example the frame of a session, the covariance is that of the
@@ -162,10 +162,8 @@ class HeldOutReadings:
         ----------
         own_mm2 : (m,) array
             Approximate variance of a coordinate of each reading [mm^2].
-        most : float
-            Largest variance of the prediction, as a multiple of it.
         """
-        informative = np.linalg.eigvalsh(self.covariance)[:, -1] <= most * own_mm2
+        informative = np.linalg.eigvalsh(self.covariance)[:, -1] <= MAX_VARIANCE_RATIO * own_mm2
         return self.select(informative)
 
     def select(self, which: BoolArray | IntArray) -> HeldOutReadings:
@@ -250,11 +248,11 @@ def conformal_residual_variance(held_out: HeldOutReadings, *, level: float = LEV
     return float(np.exp(brentq(excess, lowest, highest, xtol=1e-6)))
 
 
-def few_readings_factor(freedom: float, *, level: float = LEVEL) -> float:
+def few_readings_factor(freedom: float) -> float:
     """Factor on a covariance whose common scale was estimated with few degrees of freedom.
 
-    With n degrees of freedom a point lies in the ellipsoid of ``3 F(level; 3, n)`` with probability `level`, where
-    ``chi2(level; 3)`` would hold it if the scale were known (H. Hotelling, Ann. Math. Stat. 2 (1931) 360; for a
+    With n degrees of freedom a point lies in the ellipsoid of ``3 F(LEVEL; 3, n)`` with probability `LEVEL`, where
+    ``chi2(LEVEL; 3)`` would hold it if the scale were known (H. Hotelling, Ann. Math. Stat. 2 (1931) 360; for a
     coordinate JCGM 100:2008, G.3.3). The covariance times the ratio of both keeps the usual coverage factors.
 
     Parameters
@@ -262,7 +260,7 @@ def few_readings_factor(freedom: float, *, level: float = LEVEL) -> float:
     freedom : float
         Number of residuals less that of the parameters that they determine; at least `LEAST_FREEDOM` are assumed.
     """
-    return 3 * f_quantile(level, 3, max(freedom, LEAST_FREEDOM)) / chi2_quantile(level, 3)
+    return 3 * f_quantile(LEVEL, 3, max(freedom, LEAST_FREEDOM)) / chi2_quantile(LEVEL, 3)
 
 
 # Prior standard deviation of a coefficient: start value of the evidence and its bounds. It is the relative change of

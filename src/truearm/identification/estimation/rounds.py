@@ -118,6 +118,12 @@ class Rounds:
         self.known = [reference.std.T**2 for reference in problem.references]
         self._by_rounding = _variances_by_rounding(problem, x)
 
+    @property
+    def noise_text(self) -> str:
+        """Standard deviation of every reference in words."""
+        of = zip(self.problem.references, self.noise, strict=True)
+        return ", ".join(f"{reference.kind} {np.sqrt(variance):.4f} mm" for reference, variance in of)
+
     def weigh(self) -> None:
         """Noise and weights from the residuals."""
         before, self._was_calm = self.noise, self.calm >= 1

@@ -152,6 +152,11 @@ class TypeScatter(NamedTuple):
     std: FloatArray
     mean_std: FloatArray
 
+    @property
+    def arm_std(self) -> FloatArray:
+        """(p,) standard deviations of an arm's constants about the mean, uncertain as that is [rad, mm]."""
+        return np.hypot(self.std, self.mean_std)
+
 
 def type_scatter(
     arms: Sequence[tuple[FloatArray, FloatArray]], terms: Sequence[Term], *, start: TypeScatter | None = None

@@ -108,8 +108,6 @@ def session_changes(
     residuals: FloatArray,
     weights: FloatArray,
     rows: IntArray,
-    *,
-    seed: int = 0,
 ) -> list[Change]:
     """Test whether something changed during a session, and what.
 
@@ -125,8 +123,6 @@ def session_changes(
         One over their variances, times robust weights [1/mm^2].
     rows : (n,) int array
         Rows of the readings in the session.
-    seed : int
-        Of the random orders.
 
     Returns
     -------
@@ -138,7 +134,7 @@ def session_changes(
     margin = _margin(len(at.rows))
     if len(at.rows) < 2 * margin + 1:
         return []
-    found, p_values = _steps(at, margin, seed)
+    found, p_values = _steps(at, margin)
     if not found:
         return []
     drift = _best(at, [], margin, steps=False)[0]
@@ -151,12 +147,12 @@ def session_changes(
     return sorted(described, key=lambda change: change.row)
 
 
-def _steps(at: _Readings, margin: int, seed: int) -> tuple[list[_Course], list[float]]:
+def _steps(at: _Readings, margin: int) -> tuple[list[_Course], list[float]]:
     """Steps found in turn, and the p-value of each; each at the best row beside the others."""
     found: list[_Course] = []
     p_values: list[float] = []
     while len(found) < MAX_CHANGES:
-        p_value = _significance(at, _without(at, found), seed)
+        p_value = _significance(at, _without(at, found))
         if p_value is None:
             break
         step, likelihoods = _best(at, found, margin, steps=True)
@@ -256,21 +252,21 @@ def _margin(n: int) -> int:
 # Whether anything changed ---------------------------------------------------------------------------------------------
 
 
-def _significance(at: _Readings, residuals: FloatArray, seed: int) -> float | None:
+def _significance(at: _Readings, residuals: FloatArray) -> float | None:
     """P-value of the clearest step of any kind; None if it is not significant."""
     p_values = []
     # As they are, and without what is smooth in the joints: each alone leaves some errors of the pose.
     for some in (residuals, _less_smooth(residuals, at.weights, at.angles)):
         scores = [np.einsum("nij,ni->nj", motions, at.weights * some) for motions in at.motions.values()]
         whitened = [_whitened(_less_those_of_like_poses(one, at.nearest)) for one in scores]
-        p_value = _p_value([white for white in whitened if white.shape[1]], seed)
+        p_value = _p_value([white for white in whitened if white.shape[1]])
         if p_value is None:
             return None
         p_values.append(p_value)
     return max(p_values)
 
 
-def _p_value(whitened: list[FloatArray], seed: int) -> float | None:
+def _p_value(whitened: list[FloatArray]) -> float | None:
     """Share of random orders of the scores with a clearer step of any kind; None if more than is significant."""
     within, largest, n = [], 0.0, len(whitened[0]) if whitened else 0
     margin = _margin(n)
@@ -285,7 +281,7 @@ def _p_value(whitened: list[FloatArray], seed: int) -> float | None:
         within.append(_whitened(without))
     if largest < -np.log(LARGEST_TAIL):
         return None
-    rng, exceeded = np.random.default_rng(seed), 0
+    rng, exceeded = np.random.default_rng(0), 0
     together, widths = np.ascontiguousarray(np.hstack(within).T), [one.shape[1] for one in within]
     kinds = np.cumsum([0, *widths[:-1]])
     limits = chdtri(widths, np.exp(-largest))  # as clear as this

@@ -44,16 +44,17 @@ def exceeds(errors: FloatArray, others: FloatArray) -> bool:
     return bool(excess > max(wide * error, LEAST_GAIN * trimmed_mean(others)[0]))
 
 
-def selected(errors: Mapping[str, FloatArray]) -> tuple[str, str]:
+def selected(errors: Mapping[str, FloatArray], n_groups: int) -> tuple[str, str]:
     """The model to keep, and the one of the least error, by errors by group of models that are named simplest first.
 
     One standard error rule (L. Breiman and others, "Classification and Regression Trees", 1984, section 3.4.3) on
     paired differences: the simplest model whose error exceeds the least by no more than one standard error of their
-    difference. Of fewer than ten groups it is the one of the least error, if it is a tenth of a per cent better.
+    difference. Of fewer than ten groups it is the one of the least error, if it is a tenth of a per cent better; of one
+    group `errors` are those of its readings.
     """
     mean = {name: trimmed_mean(by_group)[0] for name, by_group in errors.items()}
     best = min(mean, key=lambda name: mean[name])
-    if len(errors[best]) < FEW_GROUPS:
+    if n_groups < FEW_GROUPS:
         return next(name for name in errors if mean[name] <= (1 + LEAST_GAIN) * mean[best]), best
     return next(name for name in errors if not exceeds(errors[name], errors[best])), best
 

@@ -70,15 +70,14 @@ class ArmEquations:
 
 
 class TypeEstimate(NamedTuple):
-    """Constants of a type, and what their prior gains on arms held out."""
+    """Constants of a type, what their prior gains on arms held out, and what they are without each part held out.
+
+    Arm i is of part ``i % len(parts)``.
+    """
 
     scatter: TypeScatter
     gains: tuple[HeldOutGain, ...]
-
-    @property
-    def std(self) -> FloatArray:
-        """(p,) standard deviations of an arm's constants about the mean, uncertain as that is [rad, mm]."""
-        return np.hypot(self.scatter.std, self.scatter.mean_std)
+    parts: tuple[TypeScatter, ...] = ()
 
     @property
     def helps(self) -> bool:
@@ -115,21 +114,23 @@ def estimate_type(
     equations = [one.all.of_terms(np.isin(one.coefficients, names)) for one in arms]
     whole, n_parts = type_scatter(equations, terms), min(len(arms), MOST_PARTS)
     logs: dict[int, list[float]] = {}
+    without: list[TypeScatter] = []
     for part in range(n_parts):
         others = [one for i, one in enumerate(equations) if i % n_parts != part]
-        found = TypeEstimate(type_scatter(others, terms, start=whole), ())
+        found = type_scatter(others, terms, start=whole)
+        without.append(found)
         for arm in arms[part::n_parts]:
             for few, log_ratio in _log_ratios(arm, names, found).items():
                 logs.setdefault(few, []).append(log_ratio)
         if progress is not None:
             progress(part + 1, f"arms held out: {part + 1} of {n_parts} parts")
     gains = tuple(_gain(few, np.array(found)) for few, found in logs.items() if len(found) >= LEAST_ARMS)
-    return TypeEstimate(whole, gains)
+    return TypeEstimate(whole, gains, tuple(without))
 
 
-def _log_ratios(arm: ArmEquations, names: Sequence[str], found: TypeEstimate) -> dict[int, float]:
+def _log_ratios(arm: ArmEquations, names: Sequence[str], found: TypeScatter) -> dict[int, float]:
     """By number of readings the logarithm of the ratio of the errors at the others, with the prior and without."""
-    values = {name: (m, s) for name, m, s in zip(names, found.scatter.mean, found.std, strict=True)}
+    values = {name: (m, s) for name, m, s in zip(names, found.mean, found.arm_std, strict=True)}
     mean = np.array([values.get(name, (0.0,))[0] for name in arm.coefficients])
     terms = [
         replace(term, prior_std=float(values[term.name][1])) if term.name in values else term for term in arm.terms

@@ -179,14 +179,18 @@ def plan_session(
         seed=seed,
         progress=progress,
     )
-    if strategy not in plan.proposals:
-        raise InputError(
-            f"a technician's poses need at least five rotary joints; arm {nominal.name!r} has fewer",
-            hint="--strategy i-optimal",
-        )
-    poses = continue_seat_numbers(plan.proposals[strategy].poses, seats)
+    poses = continue_seat_numbers(_proposed(plan, strategy).poses, seats)
     known_before = "the nominal arm, with the priors of its terms" if isinstance(arm, Arm) else "the model"
     return SessionPlan(plan, strategy, poses, known_before)
+
+
+def _proposed(plan: CalibrationPlan, strategy: Strategy) -> Proposal:
+    if strategy not in plan.proposals:
+        raise InputError(
+            f"a technician's poses need at least five rotary joints; arm {plan.arm.name!r} has fewer",
+            hint="--strategy i-optimal",
+        )
+    return plan.proposals[strategy]
 
 
 def usual_places(kind: str, n: int) -> int:

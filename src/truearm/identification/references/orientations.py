@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from truearm.arm.chain import Chain
 from truearm.arm.rigid_motions import rotations_and_jacobians
 from truearm.errors import InputError
-from truearm.identification.references.references import LinearisedResiduals, Points
+from truearm.identification.references.references import LinearisedResiduals
 from truearm.typing import FloatArray, IntArray
 
 # Angles are converted to the displacement at a metre's distance, so that every residual is in mm. This is a unit, not
@@ -96,22 +96,6 @@ class Orientations:
     def constraints(self, unknowns: FloatArray) -> None:
         """See `Reference`."""
         del unknowns
-
-
-def pose_references(
-    rows: IntArray,
-    points: FloatArray,
-    quaternions: FloatArray,
-    *,
-    point_std: FloatArray | None = None,
-    turn_std: FloatArray | None = None,
-) -> tuple[Points, Orientations]:
-    """References of full poses: points (m, 3) [mm], orientations as quaternions (m, 4), w x y z, of the same readings.
-
-    Standard uncertainties (m, 3) in mm and rad.
-    """
-    R = Rotation.from_quat(quaternions, scalar_first=True).as_matrix()
-    return Points(rows, points, point_std), Orientations(rows, R, turn_std)
 
 
 def orient_flange_coarsely(chain: Chain, angles: npt.ArrayLike, R_reference_flange: FloatArray) -> Chain:

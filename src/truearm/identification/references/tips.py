@@ -16,6 +16,8 @@ from truearm.identification.terms import OfTip, Term, constants
 from truearm.readings.session import Session
 
 GROUP = "further tips"
+# Names in a sentence.
+MOST_LISTED = 6
 
 
 def tip_names(readings: Session) -> tuple[str, ...]:
@@ -82,6 +84,6 @@ def check_tips(tips: tuple[str, ...], readings: Session) -> None:
         )
 
 
-def listed_tips(tips: tuple[str, ...], most: int = 6) -> str:
+def listed_tips(tips: tuple[str, ...]) -> str:
     """Names of tips in a sentence, the first of them."""
-    return ", ".join(tips[:most]) + (f" and {len(tips) - most} more" if len(tips) > most else "")
+    return ", ".join(tips[:MOST_LISTED]) + (f" and {len(tips) - MOST_LISTED} more" if len(tips) > MOST_LISTED else "")

@@ -1,7 +1,8 @@
 """What arms of one type have in common: the prior of an arm's constants, and the file that keeps it.
 
 The file is TOML: format and version of truearm; name of the nominal arm and the hash of its kinematics; the arms that
-it was learned from; what it gained on arms held out; mean and standard deviation of each constant.
+it was learned from; what it gained on arms held out; mean and standard deviation of each constant; the same without
+each part of the arms, for the arms of that part.
 """
 
 from __future__ import annotations
@@ -24,8 +25,8 @@ from truearm.identification.terms.basis import Constant
 from truearm.identification.terms.catalogue import constants
 from truearm.identification.terms.term import Term
 
-FORMAT = 1
-MAX_CONSTANTS, MAX_ARMS = 1000, 20_000
+FORMAT = 2
+MAX_CONSTANTS, MAX_ARMS, MAX_PARTS = 1000, 20_000, 100
 # Decimals of lengths [mm] and cosines in the hash of an arm: beyond the last bit of a processor.
 DECIMALS = 6
 
@@ -71,6 +72,23 @@ class HeldOutGain(Document):
         return f"{self.error_ratio:.2f} of the error after {self.n_readings} readings"
 
 
+class HeldOutPart(Document):
+    """The constants as the other arms have them, in the order of `TypePrior.constants`.
+
+    Attributes
+    ----------
+    arms : tuple of str
+        Serial numbers of the part that is held out.
+    mean, mean_u, std : tuple of float
+        See `ConstantPrior`.
+    """
+
+    arms: Annotated[tuple[Name, ...], Field(min_length=1, max_length=MAX_ARMS)]
+    mean: Annotated[tuple[Real, ...], Field(max_length=MAX_CONSTANTS)]
+    mean_u: Annotated[tuple[Positive, ...], Field(max_length=MAX_CONSTANTS)]
+    std: Annotated[tuple[Positive, ...], Field(max_length=MAX_CONSTANTS)]
+
+
 class TypePrior(Document):
     """What arms of one type have in common.
 
@@ -87,15 +105,18 @@ class TypePrior(Document):
         Serial numbers of the arms that it was learned from.
     gains : tuple of HeldOutGain
     constants : tuple of ConstantPrior
+    held_out : tuple of HeldOutPart
+        Every arm is in one part; none where the arms of a part are removed already.
     """
 
-    format: Annotated[int, Field(strict=True, ge=1, le=FORMAT)]
+    format: Annotated[int, Field(strict=True, ge=FORMAT, le=FORMAT)]
     truearm: Name
     arm: Name
     arm_sha256: Annotated[str, Field(strict=True, pattern="^[0-9a-f]{64}$")]
     arms: Annotated[tuple[Name, ...], Field(min_length=2, max_length=MAX_ARMS)]
     gains: Annotated[tuple[HeldOutGain, ...], Field(min_length=1, max_length=10)]
     constants: Annotated[tuple[ConstantPrior, ...], Field(min_length=1, max_length=MAX_CONSTANTS)]
+    held_out: Annotated[tuple[HeldOutPart, ...], Field(max_length=MAX_PARTS)]
 
     def check_arm(self, arm: Arm) -> None:
         """Check that this is the prior of an arm's type.
@@ -115,6 +136,30 @@ class TypePrior(Document):
         if sorted(expected) != sorted(given):
             different = min(set(expected) ^ set(given), default="one twice")
             raise InputError(f"expected the {len(expected)} constants of arm {arm.name!r}, each once, got {different}")
+        for part in self.held_out:
+            if {len(part.mean), len(part.mean_u), len(part.std)} != {len(given)}:
+                raise InputError(f"expected {len(given)} of mean, mean_u and std without {part.arms[0]}")
+
+    def without(self, serial_number: str) -> TypePrior:
+        """The prior for an arm: of one that it was learned from, what the arms of the other parts have in common.
+
+        Raises
+        ------
+        InputError
+            If it was learned from this arm, and does not have the others alone.
+        """
+        if serial_number not in self.arms:
+            return self
+        part = next((one for one in self.held_out if serial_number in one.arms), None)
+        if part is None:
+            raise InputError(
+                f"the prior was learned from {serial_number} too, whose readings would count twice",
+                hint="fit it without --prior, or learn the prior again: truearm fleet prior",
+            )
+        values = zip(self.constants, part.mean, part.mean_u, part.std, strict=True)
+        constants = tuple(ConstantPrior(name=one.name, mean=m, mean_u=u, std=s) for one, m, u, s in values)
+        others = tuple(name for name in self.arms if name not in part.arms)
+        return self.model_copy(update={"arms": others, "constants": constants, "held_out": ()})
 
     def __str__(self) -> str:
         left = " and ".join(map(str, self.gains))
@@ -139,15 +184,17 @@ class TypePrior(Document):
         """Write the file, whole or not at all."""
         lines = [f"format = {self.format}"]
         lines += [f"{name} = {toml_text(getattr(self, name))}" for name in ("truearm", "arm", "arm_sha256")]
-        lines += ["arms = [", *(f"  {toml_text(one)}," for one in self.arms), "]"]
-        for name in ("gains", "constants"):
+        lines.append(f"arms = {_toml_value(self.arms)}")
+        for name in ("gains", "constants", "held_out"):
             for one in getattr(self, name):
                 lines += ["", f"[[{name}]]", *(f"{key} = {_toml_value(value)}" for key, value in one)]
         with atomic_file(path) as temporary:
             temporary.write_text("\n".join([*lines, ""]), encoding="utf-8")
 
 
-def _toml_value(value: str | float) -> str:
+def _toml_value(value: str | float | tuple[str | float, ...]) -> str:
+    if isinstance(value, tuple):
+        return f"[{', '.join(map(_toml_value, value))}]"
     return toml_text(value) if isinstance(value, str) else repr(value)
 
 

@@ -36,13 +36,13 @@ def mark_cut(text: str, n_cut: int | bool) -> str:
     return f"{text} ({CUT})" if n_cut else text
 
 
-def cut_note(n_cut: int, what: str = "training") -> str:
+def cut_note(n_cut: int) -> str:
     """A sentence on trainings that the time limit ended; empty without any."""
     if not n_cut:
         return ""
     return (
-        f" The time limit ended {format_count(n_cut, what)} of these before a stop of its own: what it would have "
-        "reached is not known."
+        f" The time limit ended {format_count(n_cut, 'training')} of these before a stop of its own: what it would "
+        "have reached is not known."
     )
 
 

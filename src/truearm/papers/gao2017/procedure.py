@@ -244,4 +244,4 @@ def _best(predicted: Mapping[str, FloatArray], tested: Session) -> str:
         for name in SIMPLEST_FIRST
         if name in predicted
     }
-    return selected(errors)[0]
+    return selected(errors, int(groups.max()) + 1)[0]

@@ -251,19 +251,36 @@ def read_foreign_tables(
     of_tip = {f.name: there(getattr(tip.columns, f.name)) for f in fields(TableColumns)}
     if len(at) == 3:
         of_tip["points"] = there(at)
-    measured = {name: of_tip[name] for name in ("points", "point_std", "orientation")}
     stated = replace(columns, points=there(columns.points), point_std=there(columns.point_std))
     with suppress(InputError):  # of the first table
         stated = replace(stated, orientation=there(columns.orientation))
-    recognised = replace(
+    recognised = _recognised_of_both(replace(known, columns=replace(known.columns, angles=angles)), tip, of_tip)
+    return interpret_table(joined, stated, scale, known=recognised, **meaning)
+
+
+def _state_name(fields: dict[str, Any], name: str, stated: str | None, column: object, n: int) -> None:
+    """Give all n readings a stated name, which no column may give them too."""
+    if stated is None:
+        return
+    if column:
+        raise InputError(f"the {name.replace('_', ' ')} is given twice, by a column and by a name")
+    fields[name] = np.full(n, stated)
+
+
+def _recognised_of_both(known: ProgramColumns, tip: ProgramColumns, of_tip: Mapping[str, Any]) -> ProgramColumns:
+    """What is recognised in a joined table: of the tip in the table of points, of all else first in the other.
+
+    `of_tip` are the columns of the table of points as the joined one calls them.
+    """
+    measured = {name: of_tip[name] for name in ("points", "point_std", "orientation")}
+    return replace(
         tip,
-        columns=replace(known.columns, **measured, angles=angles).or_else(TableColumns(**of_tip)),
-        angle_units=known.angle_units or (None,) * len(angles),
+        columns=replace(known.columns, **measured).or_else(TableColumns(**of_tip)),
+        angle_units=known.angle_units or (None,) * len(known.columns.angles),
         phrases={k: said for k, said in known.phrases.items() if k not in measured}
         | {k: said for k, said in tip.phrases.items() if k in measured or k not in known.phrases},
         remarks=(*known.remarks, *tip.remarks),
     )
-    return interpret_table(joined, stated, scale, known=recognised, **meaning)
 
 
 def interpret_table(
@@ -326,14 +343,8 @@ def interpret_table(
     to_mm = [mm_of(unit if point_unit else length_unit(table, c) or unit) for c in columns.points]
     fields = _tip_fields(table, columns, points * to_mm, unit, orientation_unit, orientation_order, remarks)
     fields |= _other_fields(table, columns, unit)
-    for name, stated, column in (
-        ("session", session_name, by_hand.session),
-        ("serial_number", serial_number, by_hand.others.get("serial_number")),
-    ):
-        if stated is not None:
-            if column:
-                raise InputError(f"the {name.replace('_', ' ')} is given twice, by a column and by a name")
-            fields[name] = np.full(len(table), stated)
+    _state_name(fields, "session", session_name, by_hand.session, len(table))
+    _state_name(fields, "serial_number", serial_number, by_hand.others.get("serial_number"), len(table))
     if u_mm is not None:
         _state_uncertainty(fields, u_mm)
     session = Session(

@@ -211,22 +211,6 @@ def make_certificate(
     days = [group.date for group in verification.groups]
     degC = verification.temperatures
     stated = gap is None
-    methods = [
-        Method(
-            "Expanded uncertainty",
-            "Of the test value, from artefact and set-up; it does not contain the errors of the arm, which are tested. "
-            "Standard uncertainty times the coverage factor k of Student's t for the effective degrees of freedom.",
-            "JCGM 100:2008",
-        ),
-        Method(
-            xml_text(verification.plan.heading),
-            xml_text(_describe_plan(verification)),
-            xml_text(verification.plan.standard) if stated and not verification.plan.is_own else None,
-        ),
-    ]
-    if stated:
-        rule = describe_rule(verification.rule)
-        methods.append(Method(DECISION_RULE, xml_text(rule), RULE_STANDARDS[verification.rule]))
     return Certificate(
         about=about,
         begin=min([*days, *(group.date for group in as_found.groups)] if as_found else days),
@@ -236,7 +220,7 @@ def make_certificate(
         title=xml_text(f"{TITLE}{verification.specification.name}"),
         statements=make_statements(about, verification, gap, as_found=as_found),
         conformity=overall_conformity([conformity_of(row) for row in verification.rows_with_limit]) if stated else None,
-        methods=tuple(methods),
+        methods=_methods(verification, stated=stated),
         equipment=tuple(_equipment(one, verification) for one in verification.used_artefacts),
         artefact_degC=None if degC is None else (_to(degC[0], 2), _to(degC[1], 2)),
         results=tuple(_result(row, stated) for row in verification.rows),
@@ -244,6 +228,25 @@ def make_certificate(
         individual=tuple(_individual(row) for row in verification.rows if len(row.individual) > 1),
         budgets=_budgets(verification),
     )
+
+
+def _methods(verification: Verification, *, stated: bool) -> tuple[Method, ...]:
+    """How uncertainty, test values and, where conformity is stated, the decision were made."""
+    uncertainty = Method(
+        "Expanded uncertainty",
+        "Of the test value, from artefact and set-up; it does not contain the errors of the arm, which are tested. "
+        "Standard uncertainty times the coverage factor k of Student's t for the effective degrees of freedom.",
+        "JCGM 100:2008",
+    )
+    plan = Method(
+        xml_text(verification.plan.heading),
+        xml_text(_describe_plan(verification)),
+        xml_text(verification.plan.standard) if stated and not verification.plan.is_own else None,
+    )
+    if not stated:
+        return uncertainty, plan
+    rule = describe_rule(verification.rule)
+    return uncertainty, plan, Method(DECISION_RULE, xml_text(rule), RULE_STANDARDS[verification.rule])
 
 
 def check_about(about: AdministrativeData, verification: Verification) -> None:

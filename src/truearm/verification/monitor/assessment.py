@@ -199,16 +199,8 @@ def assess(
     counted = [i for i, check in enumerate(checks) if check.withdrawn is None]
     if not counted:
         raise InputError("expected one check or more, got none")
-    last = checks[counted[-1]]
-    series: dict[tuple[str, str, bool], list[int]] = {}
-    rules, has_readings = [], False
-    for i, check in enumerate(checks):
-        for value in check.values if check.withdrawn is None else ():
-            series.setdefault(value.key, []).append(i)
-        charted = [CHECK_QUANTITIES[name] for name, *_ in series if CHECK_QUANTITIES[name].charted]
-        has_readings |= check.withdrawn is None and bool(check.readings)
-        rules.append(control_rules(max(1, sum(quantity.n_sides for quantity in charted) + has_readings)))
-    _check_retired(retired, last, [checks[i] for i in counted])
+    series, rules = _series(checks)
+    _check_retired(retired, checks[counted[-1]], [checks[i] for i in counted])
     days = [(check.date - _START) / datetime.timedelta(days=1) for check in checks]
     by_key = [{value.key: value for value in check.values} for check in checks]
     trends = tuple(
@@ -223,14 +215,6 @@ def assess(
         trends = (*trends[:of_last], _whole_trend(whole, counted[-1]), *trends[of_last:])
     unexpected = [_unexpected(trend) for trend in current if trend.unexpected]
     first_checks = [trend.since for trend in trends if trend.since is not None and not trend.single_value_out_of_limits]
-    if any(trend.confirmed for trend in trends):
-        advice = RecalibrationAdvice.YES
-    elif unexpected or any(trend.alarm for trend in trends):
-        advice = RecalibrationAdvice.UNDECIDED
-    elif current and all(trend.enough for trend in current):
-        advice = RecalibrationAdvice.NO
-    else:
-        advice = RecalibrationAdvice.NOT_ENOUGH
     reasons = [_reason(trend, trend.since) for trend in trends if trend.since is not None]
     reasons += [_over(trend) for trend in trends if trend.over_limit] + unexpected
     n_before = min((int(trend.chart.n_before[-1]) for trend in current if trend.chart is not None), default=0)
@@ -241,7 +225,31 @@ def assess(
         *_not_compared(trends, specification),
     )
     seen = whole.seen_mm if whole is not None and whole.checks[-1] == counted[-1] else None
+    advice = _advice(trends, current, is_unexpected=bool(unexpected))
     return Assessment(advice, min(first_checks, default=None), tuple(reasons), remarks, n_before, trends, seen)
+
+
+def _series(checks: Sequence[InterimCheck]) -> tuple[dict[tuple[str, str, bool], list[int]], list[ControlRules]]:
+    """The checks that have each value, and the rules of each check, which share the false alarms among its charts."""
+    series: dict[tuple[str, str, bool], list[int]] = {}
+    rules, has_readings = [], False
+    for i, check in enumerate(checks):
+        for value in check.values if check.withdrawn is None else ():
+            series.setdefault(value.key, []).append(i)
+        charted = [CHECK_QUANTITIES[name] for name, *_ in series if CHECK_QUANTITIES[name].charted]
+        has_readings |= check.withdrawn is None and bool(check.readings)
+        rules.append(control_rules(max(1, sum(quantity.n_sides for quantity in charted) + has_readings)))
+    return series, rules
+
+
+def _advice(trends: Sequence[Trend], current: Sequence[Trend], *, is_unexpected: bool) -> RecalibrationAdvice:
+    if any(trend.confirmed for trend in trends):
+        return RecalibrationAdvice.YES
+    if is_unexpected or any(trend.alarm for trend in trends):
+        return RecalibrationAdvice.UNDECIDED
+    if current and all(trend.enough for trend in current):
+        return RecalibrationAdvice.NO
+    return RecalibrationAdvice.NOT_ENOUGH
 
 
 def describe_assessment(assessment: Assessment, checks: Sequence[InterimCheck]) -> str:

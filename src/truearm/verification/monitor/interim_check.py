@@ -345,15 +345,26 @@ def interim_values(
         raise InputError("expected finite points and standard deviations of 0 or more")
     seats, spheres = _groups(seat), _groups(sphere)
     values = [value for name, rows in seats.items() for value in _of_seat(name, points[rows], std[rows])]
-    known = None if lengths is None else lengths.between(seats)
-    if known is not None:
-        values += _of_lengths(known, seats, points, std, temperature_degC)
+    if lengths is not None:
+        values += _of_lengths(lengths.between(seats), seats, points, std, temperature_degC)
     values += [value for name, rows in spheres.items() for value in _of_sphere(name, points[rows], std[rows])]
     if not values:
         raise InputError(
             "expected readings in a seat, two or more of them, or on a sphere, got none",
             hint="name the seat or the sphere of each reading in the columns seat and sphere of the session",
         )
+    return _with_largest_expected(values, points, errors, seats, spheres, false_alarms)
+
+
+def _with_largest_expected(
+    values: Sequence[CheckValue],
+    points: FloatArray,
+    errors: PointErrors | None,
+    seats: Mapping[str, IntArray],
+    spheres: Mapping[str, IntArray],
+    false_alarms: float,
+) -> tuple[CheckValue, ...]:
+    """The values, each with the largest that the errors of the model explain, where they are known."""
     if errors is None:
         return tuple(values)
     probability = false_alarms / sum(CHECK_QUANTITIES[value.quantity].charted for value in values)

@@ -148,37 +148,14 @@ def fill_points_form(
         number or has points of another origin, or day or temperature are implausible.
     """
     check_past(day)
-    if artefact_degC is not None and not COLDEST_DEGC <= artefact_degC <= WARMEST_DEGC:
-        raise InputError(
-            f"expected an artefact at {COLDEST_DEGC:g} to {WARMEST_DEGC:g} degC, got {artefact_degC:g}",
-            hint="convert from Fahrenheit: (F - 32) / 1.8",
-        )
+    _check_temperature(artefact_degC)
     points = np.asarray(points, dtype=float)
     form = _read_form(path)
     form.check_same_item(serial_number, origin)
-    rows = form.empty_rows()
-    if not len(rows):
-        raise form.sheet.error("all points have coordinates already", hint="write a new form: truearm verify --sheet")
-    if len(points) != len(rows):
-        raise form.mismatch(points, rows)
-    if (first := form.first_elsewhere(points, rows)) is not None:
-        raise form.elsewhere(int(rows[first]), first + 1)
-    for row in rows:
-        if form.cell(row, "test") in ON_SURFACES and not form.cell(row, TIP):
-            raise form.sheet.error(
-                "the point is the centre of the stylus tip, and the diameter of the tip is missing",
-                int(row),
-                column=TIP,
-                hint="enter it in all rows (0: the point itself), or write the form with --tip-diameter",
-            )
+    rows = form.rows_of(points)
     same = {SERIAL_NUMBER: serial_number, ACCEPTED: accepted, **origin.cells}
     for at, (row, point) in enumerate(zip(rows.tolist(), points.tolist(), strict=True)):
-        for name, value in zip(POINT, point, strict=True):
-            form.enter_number(row, name, f"{value:.6f}")
-        if not form.cell(row, "date"):
-            form.enter(row, "date", day.isoformat())
-        if artefact_degC is not None and form.cell(row, "test") in SIZE_TESTS and not form.cell(row, TEMPERATURE):
-            form.enter_number(row, TEMPERATURE, f"{artefact_degC:g}")
+        form.enter_point(row, point, day, artefact_degC)
         for name, text in same.items():
             if text:
                 form.enter(row, name, escape_formula(text))
@@ -186,6 +163,14 @@ def fill_points_form(
             form.enter(row, OUTSIDE, str(int(outside[at])))
     form.write()
     return len(rows)
+
+
+def _check_temperature(artefact_degC: float | None) -> None:
+    if artefact_degC is not None and not COLDEST_DEGC <= artefact_degC <= WARMEST_DEGC:
+        raise InputError(
+            f"expected an artefact at {COLDEST_DEGC:g} to {WARMEST_DEGC:g} degC, got {artefact_degC:g}",
+            hint="convert from Fahrenheit: (F - 32) / 1.8",
+        )
 
 
 def read_planned_points(path: str | Path) -> tuple[PlannedPoints, ...]:
@@ -297,6 +282,40 @@ class _Form:
             for cells in self.cells:
                 cells.append("")
         self.cells[row][self.names.index(column)] = text
+
+    def enter_point(self, row: int, point: Sequence[float], day: datetime.date, artefact_degC: float | None) -> None:
+        """Write coordinates, and the day and the temperature of the artefact where the row has none."""
+        for name, value in zip(POINT, point, strict=True):
+            self.enter_number(row, name, f"{value:.6f}")
+        if not self.cell(row, "date"):
+            self.enter(row, "date", day.isoformat())
+        if artefact_degC is not None and self.cell(row, "test") in SIZE_TESTS and not self.cell(row, TEMPERATURE):
+            self.enter_number(row, TEMPERATURE, f"{artefact_degC:g}")
+
+    def rows_of(self, points: FloatArray) -> IntArray:
+        """The rows without coordinates that points (k, 3) fill in; refuses other points than the planned ones."""
+        rows = self.empty_rows()
+        if not len(rows):
+            raise self.sheet.error(
+                "all points have coordinates already", hint="write a new form: truearm verify --sheet"
+            )
+        if len(points) != len(rows):
+            raise self.mismatch(points, rows)
+        if (first := self.first_elsewhere(points, rows)) is not None:
+            raise self.elsewhere(int(rows[first]), first + 1)
+        self._check_tips(rows)
+        return rows
+
+    def _check_tips(self, rows: IntArray) -> None:
+        """Check that the diameter of the tip is stated where points are on a surface."""
+        for row in rows.tolist():
+            if self.cell(row, "test") in ON_SURFACES and not self.cell(row, TIP):
+                raise self.sheet.error(
+                    "the point is the centre of the stylus tip, and the diameter of the tip is missing",
+                    row,
+                    column=TIP,
+                    hint="enter it in all rows (0: the point itself), or write the form with --tip-diameter",
+                )
 
     def check_same_item(self, serial_number: str, origin: CoordinateOrigin) -> None:
         """Check that no row states the serial number of another arm, and no point that is there has another origin.

@@ -203,19 +203,11 @@ def verify(
             )
         else:
             remarks.append(f"the test {name} of the plan was not carried out: the points have none of it")
-    verdict = overall_verdict(rows)
-    if verdict is None:
-        raise InputError(
-            f"the specification {specification.name!r} states no limit for what was tested",
-            hint=f"add a limit under [limits]: one of {', '.join(SYMBOLS)}",
-        )
+    verdict = _verdict(rows, specification)
     remarks += _remarks(rows, plan, specification, rule, measured.tests)
     rated = specification.rated_conditions
-    air = [one.conditions["air_degC"] for one in _groups(measured) if "air_degC" in one.conditions]
-    known = [(one.degC, one.degC) for one in _groups(measured) if not isnan(one.degC)]
-    apart = describe_disagreement(_range(air), _range(known))
     remarks = [
-        *([apart] if apart else []),
+        *_temperature_remarks(measured),
         *evaluation.remarks,
         *_condition_remarks(rated, compare_conditions(rated, _groups(measured))),
         *remarks,
@@ -223,6 +215,25 @@ def verify(
     return Verification(
         tuple(rows), verdict, tuple(remarks), measured, plan, artefacts, specification, rule, plan_sha256
     )
+
+
+def _verdict(rows: Sequence[ConformityResult], specification: Specification) -> Verdict:
+    """The overall verdict; refuses a specification without a limit for what was tested."""
+    verdict = overall_verdict(rows)
+    if verdict is None:
+        raise InputError(
+            f"the specification {specification.name!r} states no limit for what was tested",
+            hint=f"add a limit under [limits]: one of {', '.join(SYMBOLS)}",
+        )
+    return verdict
+
+
+def _temperature_remarks(measured: MeasuredPoints) -> list[str]:
+    """That the temperatures of air and artefacts disagree, where they do."""
+    air = [one.conditions["air_degC"] for one in _groups(measured) if "air_degC" in one.conditions]
+    known = [(one.degC, one.degC) for one in _groups(measured) if not isnan(one.degC)]
+    apart = describe_disagreement(_range(air), _range(known))
+    return [apart] if apart else []
 
 
 def _range(pairs: Sequence[tuple[float, float]]) -> tuple[float, float] | None:

@@ -147,17 +147,17 @@ def place_feature(
     InputError
         If a parameter is missing, or does not apply to the feature.
     """
-    if kind not in get_args(FeatureKind):
-        raise InputError(f"expected a feature out of {', '.join(get_args(FeatureKind))}, got {kind!r}")
     place = None if at is None else np.asarray(at, dtype=float)
     seats = kind == "length" and place is not None and place.shape == (2, 3)
+    what = "a length between two seats" if seats else f"a {kind}"
+    if kind not in get_args(FeatureKind):
+        raise InputError(f"expected a feature out of {', '.join(get_args(FeatureKind))}, got {kind!r}")
     if place is not None and not seats and place.shape != (3,):
         raise InputError(f"expected one place X,Y,Z, for a length one or two; got shape {place.shape}")
-    what = "a length between two seats" if seats else f"a {kind}"
     if along is not None and (seats or kind == "sphere"):
         raise InputError(f"a direction does not apply to {what}", hint="omit it")
     if second is not None and kind not in SECOND_SIZES:
-        raise InputError(f"a {what.removeprefix('a ')} has no second size", hint="omit it")
+        raise InputError(f"{what} has no second size", hint="omit it")
     n = {"length": 2, "distance": 24, "angle": 24}.get(kind, 25) if n_points is None else n_points
     if seats:
         assert place is not None
@@ -168,6 +168,19 @@ def place_feature(
         raise InputError(f"the size of the {kind} is missing", hint=f"its {SIZES[kind]} in mm: 100")
     middle, across = middle_of(arm)
     place = middle if place is None else place
+    return _placed(kind, size_mm, place, along, across, n, second)
+
+
+def _placed(
+    kind: FeatureKind,
+    size_mm: float,
+    place: FloatArray,
+    along: npt.ArrayLike | None,
+    across: FloatArray,
+    n: int,
+    second: float | None,
+) -> Feature:
+    """A feature of a size at a place, by default upright, or across the arm's reach."""
     if kind == "sphere":
         return features.sphere(place, size_mm, points=n)
     if kind == "length":

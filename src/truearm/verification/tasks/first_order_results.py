@@ -60,8 +60,8 @@ class FirstOrderResults:
         }
         return [makers[test](placed) for test, placed in by_test.items()]
 
-    def _over(self, symbol: str, value: float, length_mm: float | None = None) -> float:
-        limit = self.specification.limit(symbol, length_mm)
+    def _over(self, symbol: str, value: float) -> float:
+        limit = self.specification.limit(symbol)
         return np.inf if limit is None else value / limit
 
     def _over_limits(self, values: dict[str, float]) -> dict[str, float]:

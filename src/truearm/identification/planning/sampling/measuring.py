@@ -31,6 +31,10 @@ END_STOP_MARGIN_RAD = float(np.radians(2.0))
 """Operators stay away from the end stops, where the tubes bend and no encoder measures it."""
 
 TRIES_PER_POSE = 30
+# Half angle of the cone of stylus directions, and the scatter of elbow and handle about the working pose.
+CONE_DEG, SWING_STD_DEG, ROLL_STD_DEG = 40.0, 35.0, 60.0
+# Share of the surfaces that face up.
+FROM_ABOVE = 0.6
 OUT_OF_REACH, AT_LIMIT, UNDER_TABLE = (
     "target not reached",
     "target reached at a joint limit only",
@@ -38,23 +42,13 @@ OUT_OF_REACH, AT_LIMIT, UNDER_TABLE = (
 )
 
 
-def measuring_poses(
-    arm: Arm,
-    n: int,
-    *,
-    seed: int,
-    sector: Sector | None = None,
-    cone_deg: float = 40.0,
-    from_above: float = 0.6,
-    swing_std_deg: float = 35.0,
-    roll_std_deg: float = 60.0,
-) -> Poses:
+def measuring_poses(arm: Arm, n: int, *, seed: int, sector: Sector | None = None) -> Poses:
     """Poses of a person who measures parts in front of an upright arm.
 
-    Each pose has a target point, uniform in `sector`, and a surface normal: up with probability `from_above`, else
+    Each pose has a target point, uniform in `sector`, and a surface normal: up with probability `FROM_ABOVE`, else
     sideways and not away from the arm. The stylus points against the normal up to an angle within the cone. The
     remaining freedom follows a posture drawn about the working pose turned to the target: the elbow swings by
-    N(0, `swing_std_deg`) and a freely turning handle (7 axes) rolls by N(0, `roll_std_deg`). Inverse kinematics solves
+    N(0, `SWING_STD_DEG`) and a freely turning handle (7 axes) rolls by N(0, `ROLL_STD_DEG`). Inverse kinematics solves
     for the angles, 2 deg within the limits; no joint may be below both base and target.
 
     Parameters
@@ -66,12 +60,6 @@ def measuring_poses(
     seed : int
     sector : Sector, optional
         Where the targets are.
-    cone_deg : float
-        Half angle of the cone of stylus directions about the surface normal [deg].
-    from_above : float
-        Share of surfaces that face up.
-    swing_std_deg, roll_std_deg : float
-        Standard deviations [deg].
 
     Returns
     -------
@@ -93,9 +81,9 @@ def measuring_poses(
     while missing and tries_left > 0:
         m = min(max(2 * missing, 50), tries_left)
         tips = draw_points(where, m, sector=sector, rng=rng)
-        normals = surface_normals(tips, where, from_above=from_above, rng=rng)
-        axes = -within_cone(normals, half_angle_rad=np.radians(cone_deg), rng=rng)
-        posture = postures(arm, tips, where, swing_std_deg=swing_std_deg, roll_std_deg=roll_std_deg, rng=rng)
+        normals = surface_normals(tips, where, rng)
+        axes = -within_cone(normals, half_angle_rad=np.radians(CONE_DEG), rng=rng)
+        posture = postures(arm, tips, where, swing_std_deg=SWING_STD_DEG, roll_std_deg=ROLL_STD_DEG, rng=rng)
         angles, reason = reach(arm, tips, axes, posture)
         enough = _rows_until(reason == "", missing)
         rejected.update(reason[:enough][reason[:enough] != ""].tolist())
@@ -106,7 +94,7 @@ def measuring_poses(
         summary = f"arm {arm.name!r} takes only {n - missing} of {n} poses in {TRIES_PER_POSE * n} targets"
         raise InputError(
             f"{summary}: {describe_rejections(rejected)}",
-            hint="use a nearer sector, a wider cone or the strategy box",
+            hint="use a nearer sector or the strategy box",
         )
     return Poses(np.concatenate(accepted), dict(rejected))
 
@@ -126,12 +114,12 @@ def check_five_rotary_joints(arm: Arm) -> None:
         )
 
 
-def surface_normals(tips: FloatArray, where: Stance, *, from_above: float, rng: np.random.Generator) -> FloatArray:
+def surface_normals(tips: FloatArray, where: Stance, rng: np.random.Generator) -> FloatArray:
     """Draw normals of the measured surfaces: up, or sideways within 110 deg of the direction to the arm, (n, 3)."""
     back = np.arctan2(*(where.shoulder_in_base - tips)[:, 1::-1].T)
     azimuth = back + np.radians(rng.uniform(-110, 110, len(tips)))
     sideways = np.column_stack([np.cos(azimuth), np.sin(azimuth), np.zeros(len(tips))])
-    up = rng.random((len(tips), 1)) < from_above
+    up = rng.random((len(tips), 1)) < FROM_ABOVE
     normals: FloatArray = np.where(up, np.array([0.0, 0.0, 1.0]), sideways)
     return normals
 

@@ -9,7 +9,14 @@ import numpy.typing as npt
 
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
-from truearm.identification.planning.sampling.measuring import check_five_rotary_joints, inner_limits, postures, reach
+from truearm.identification.planning.sampling.measuring import (
+    ROLL_STD_DEG,
+    SWING_STD_DEG,
+    check_five_rotary_joints,
+    inner_limits,
+    postures,
+    reach,
+)
 from truearm.identification.planning.sampling.poses import Poses, checked_count, checked_seed
 from truearm.identification.planning.sampling.workspace import (
     Sector,
@@ -113,7 +120,9 @@ def reach_in_seats(
     cone = TECHNICIAN_CONE_RAD if technician else CONE_RAD
     axes = within_cone(np.tile([0.0, 0.0, -1.0], (len(tips), 1)), half_angle_rad=cone, rng=rng)
     if technician:
-        return reach(arm, tips, axes, postures(arm, tips, where, swing_std_deg=35.0, roll_std_deg=60.0, rng=rng))
+        return reach(
+            arm, tips, axes, postures(arm, tips, where, swing_std_deg=SWING_STD_DEG, roll_std_deg=ROLL_STD_DEG, rng=rng)
+        )
     posture = arm.working + rng.uniform(-SWING_RAD, SWING_RAD, (len(tips), arm.n_joints))
     posture[:, 0] += azimuth_of(tips, where)
     return reach(arm, tips, axes, np.clip(posture, *inner_limits(arm)))
