@@ -6,12 +6,12 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from truearm.arm.chain import Chain, Pose, PoseDerivatives
-from truearm.identification.terms.basis import Basis, Constant
+from truearm.identification.terms.basis import Basis, Constant, Harmonics
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
 from truearm.readings.readings import PAYLOAD
@@ -21,6 +21,13 @@ CHUNK = 1024  # readings of a chunk: their narrow Jacobian stays in the cache of
 FEW = 64  # readings up to which the number of array operations counts, not their length
 MOST_NARROW = 24  # functions of a site up to which they are cheaper as columns of a Jacobian than by themselves
 POSE_CHUNK = 4096  # poses have no wide Jacobian: fewer calls are worth more
+
+
+class HarmonicSeries(NamedTuple):
+    """Cosine and sine of multiples of a joint's angle: the joint, counted from 1, and the distinct orders (n,)."""
+
+    joint: int
+    orders: IntArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,12 +42,15 @@ class Site:
         Their coefficients among the parameters.
     rows : (n_functions,) int array or slice
         The functions among the values of `PerturbedChain.values`.
+    series : HarmonicSeries, optional
+        What the functions are, where they are many harmonics of a joint.
     """
 
     place: int
     direction: FloatArray
     columns: IntArray
     rows: IntArray | slice
+    series: HarmonicSeries | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,15 +89,25 @@ class PerturbedChain:
 
     @cached_property
     def sites(self) -> list[Site]:
-        """Terms grouped by place and direction."""
-        grouped: dict[tuple[int, tuple[float, ...]], list[tuple[IntArray, IntArray]]] = {}
+        """Terms grouped by place and direction; series of harmonics of a joint are a site of their own."""
+        harmonics: dict[tuple[int, tuple[float, ...], int], list[Harmonics]] = {}
+        for term in self.terms:
+            if isinstance(term.basis, Harmonics):
+                harmonics.setdefault((term.place, term.direction, term.basis.joint), []).append(term.basis)
+        series = {key: _dense_series(bases) for key, bases in harmonics.items()}
+        grouped: dict[tuple[int, tuple[float, ...], int], list[tuple[Basis, IntArray]]] = {}
         for term, columns in zip(self.terms, self.columns, strict=True):
-            rows = self._functions[term.place, term.basis]
-            grouped.setdefault((term.place, term.direction), []).append((columns, rows))
+            joint = term.basis.joint if isinstance(term.basis, Harmonics) else 0
+            key = (term.place, term.direction, joint)
+            own = key if term.basis in series.get(key, []) else (*key[:2], 0)
+            grouped.setdefault(own, []).append((term.basis, columns))
         sites = []
-        for (place, direction), members in grouped.items():
-            columns, rows = (np.concatenate(parts) for parts in zip(*members, strict=True))
-            sites.append(Site(place, np.array(direction), columns, as_slice(rows)))
+        for (place, direction, joint), members in grouped.items():
+            columns = np.concatenate([columns for _, columns in members])
+            rows = as_slice(np.concatenate([self._functions[place, basis] for basis, _ in members]))
+            orders = [order for basis, _ in members for order in getattr(basis, "orders", ())]
+            own_series = HarmonicSeries(joint, np.array(orders, dtype=np.intp)) if joint else None
+            sites.append(Site(place, np.array(direction), columns, rows, own_series))
         return sites
 
     def values(self, state: ArmState) -> FloatArray:
@@ -339,6 +359,20 @@ class PerturbedChain:
         ]
         coefficient, entry, component = np.array(found, dtype=float).reshape(-1, 3).T
         return coefficient.astype(np.intp), entry.astype(np.intp), component
+
+
+def _dense_series(bases: list[Harmonics]) -> list[Harmonics]:
+    """Those of one joint whose orders, all different, fill at least half of the range up to the highest.
+
+    None where they are so few that they are cheaper as columns.
+    """
+    found: list[Harmonics] = []
+    orders: set[int] = set()
+    for basis in sorted(bases, key=lambda basis: basis.orders):
+        if orders.isdisjoint(basis.orders) and basis.orders[-1] <= 2 * (len(orders) + len(basis.orders)):
+            found.append(basis)
+            orders.update(basis.orders)
+    return found if 2 * len(orders) > MOST_NARROW else []
 
 
 def moved_chain(chain: Chain, state: ArmState, motions: FloatArray) -> tuple[FloatArray, FloatArray]:
