@@ -116,8 +116,13 @@ class PerturbedChain:
             evaluators, rows = self._evaluators
             if len(rows):
                 return np.concatenate([evaluate(state) for evaluate in evaluators])[rows]
-        values = {basis: basis.values(state) for basis in dict.fromkeys(basis for _, basis in self._functions)}
-        return np.concatenate([np.empty((0, len(state))), *(values[basis] for _, basis in self._functions)])
+        out, tables = np.empty((self._of_place[-1].stop, len(state))), self._harmonic_tables
+        known = {table: table.values(state) for table in dict.fromkeys(table for table, _ in tables.values())}
+        values = {basis: basis.values(state) for _, basis in self._functions if basis not in tables}
+        for (_, basis), rows in self._functions.items():
+            table, places = tables.get(basis, (None, slice(None)))
+            out[as_slice(rows)] = values[basis] if table is None else known[table][places]
+        return out
 
     def by_site(self, values: FloatArray) -> list[FloatArray]:
         """Values of the basis functions of every site, (n_functions, m) each."""
@@ -340,6 +345,23 @@ class PerturbedChain:
         return tuple(basis for basis in bases if basis.has_stated_inputs)
 
     @cached_property
+    def _harmonic_tables(self) -> dict[Basis, tuple[Harmonics, slice | IntArray]]:
+        """For all harmonics those of their joint, which are evaluated together, and their places among them."""
+        bases = [
+            basis for basis in dict.fromkeys(basis for _, basis in self._functions) if isinstance(basis, Harmonics)
+        ]
+        orders: dict[int, set[int]] = {}
+        for basis in bases:
+            orders.setdefault(basis.joint, set()).update(basis.orders)
+        tables = {joint: Harmonics(joint, tuple(sorted(of_joint))) for joint, of_joint in orders.items()}
+        found: dict[Basis, tuple[Harmonics, slice | IntArray]] = {}
+        for basis in bases:
+            table = tables[basis.joint]
+            first = 2 * np.searchsorted(table.orders, basis.orders)
+            found[basis] = table, as_slice(np.stack([first, first + 1], axis=1).ravel())
+        return found
+
+    @cached_property
     def _of_place(self) -> list[slice]:
         """Rows of each place among the values."""
         counts = np.zeros(self.chain.n_places, dtype=int)
@@ -376,8 +398,9 @@ def _dense_series(bases: list[Harmonics]) -> list[Harmonics]:
 
 
 def moved_chain(chain: Chain, state: ArmState, motions: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Tips (3, m) [mm] and their derivatives (n_places, 6, 3, m) by the motions' components, of up to `CHUNK`."""
-    _, tips, motion_jacobian = next(chain.tip_derivatives_by_chunk(state.angles, lambda _: motions, chunk=CHUNK))
+    """Tips (3, m) [mm] and their derivatives (n_places, 6, 3, m) by the motions' components."""
+    chunk = max(len(state), 1)
+    _, tips, motion_jacobian = next(chain.tip_derivatives_by_chunk(state.angles, lambda _: motions, chunk=chunk))
     return tips, motion_jacobian
 
 
