@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import combinations_with_replacement, pairwise
+from itertools import combinations, combinations_with_replacement, pairwise
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -141,7 +141,7 @@ class SmallMotionProblem:
     def site_derivatives(
         self, which: int, rows: IntArray, linear: LinearisedResiduals, x: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Factors of the derivatives by the terms, of up to `CHUNK` of a reference's readings.
+        """Factors of the derivatives by the terms, of some of a reference's readings.
 
         They are derivatives (n_sites, k, m) along the sites, and values (n_functions, m) of the functions. `linear` is
         the whole reference, as `linearised` gives it; of residuals times weights, if it was weighed.
@@ -446,9 +446,13 @@ class _Sums:
     def equations(self) -> Arrowhead:
         """The normal equations in the order of the parameters."""
         self.transform()
-        back = np.argsort(self.order)
-        gram = np.triu(self.gram)
-        gram += np.triu(gram, 1).T
+        back, gram = np.argsort(self.order), self.gram
+        spans = [slice(0, self.n_narrow), *self.spans]
+        for one, other in combinations(spans, 2):
+            gram[other, one] = gram[one, other].T
+        for span in spans:
+            upper = np.triu(gram[span, span])
+            gram[span, span] = upper + np.triu(upper, 1).T
         gradient = np.concatenate([self.gradient[back], self.by_unknown])
         return Arrowhead(self.cost, gradient, gram.take(back, 0).take(back, 1), self.coupling[:, back], self.blocks)
 
