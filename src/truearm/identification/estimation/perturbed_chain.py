@@ -116,12 +116,11 @@ class PerturbedChain:
             evaluators, rows = self._evaluators
             if len(rows):
                 return np.concatenate([evaluate(state) for evaluate in evaluators])[rows]
-        out, tables = np.empty((self._of_place[-1].stop, len(state))), self._harmonic_tables
-        known = {table: table.values(state) for table in dict.fromkeys(table for table, _ in tables.values())}
-        values = {basis: basis.values(state) for _, basis in self._functions if basis not in tables}
-        for (_, basis), rows in self._functions.items():
-            table, places = tables.get(basis, (None, slice(None)))
-            out[as_slice(rows)] = values[basis] if table is None else known[table][places]
+        out = np.empty((self._of_place[-1].stop, len(state)))
+        for basis, uses in self._evaluated:
+            found = basis.values(state)
+            for into, places in uses:
+                out[into] = found[places]
         return out
 
     def by_site(self, values: FloatArray) -> list[FloatArray]:
@@ -345,21 +344,22 @@ class PerturbedChain:
         return tuple(basis for basis in bases if basis.has_stated_inputs)
 
     @cached_property
-    def _harmonic_tables(self) -> dict[Basis, tuple[Harmonics, slice | IntArray]]:
-        """For all harmonics those of their joint, which are evaluated together, and their places among them."""
-        bases = [
-            basis for basis in dict.fromkeys(basis for _, basis in self._functions) if isinstance(basis, Harmonics)
-        ]
+    def _evaluated(self) -> list[tuple[Basis, list[tuple[IntArray | slice, IntArray | slice]]]]:
+        """Each distinct basis, with rows among the values and the functions there; harmonics of a joint are one."""
         orders: dict[int, set[int]] = {}
-        for basis in bases:
-            orders.setdefault(basis.joint, set()).update(basis.orders)
+        for _, basis in self._functions:
+            if isinstance(basis, Harmonics):
+                orders.setdefault(basis.joint, set()).update(basis.orders)
         tables = {joint: Harmonics(joint, tuple(sorted(of_joint))) for joint, of_joint in orders.items()}
-        found: dict[Basis, tuple[Harmonics, slice | IntArray]] = {}
-        for basis in bases:
-            table = tables[basis.joint]
-            first = 2 * np.searchsorted(table.orders, basis.orders)
-            found[basis] = table, as_slice(np.stack([first, first + 1], axis=1).ravel())
-        return found
+        found: dict[Basis, list[tuple[IntArray | slice, IntArray | slice]]] = {}
+        for (_, basis), rows in self._functions.items():
+            table, places = basis, np.arange(basis.n_functions)
+            if isinstance(basis, Harmonics):
+                table = tables[basis.joint]
+                first = 2 * np.searchsorted(tables[basis.joint].orders, basis.orders)
+                places = np.stack([first, first + 1], axis=1).ravel()
+            found.setdefault(table, []).append((as_slice(rows), as_slice(places)))
+        return list(found.items())
 
     @cached_property
     def _of_place(self) -> list[slice]:
