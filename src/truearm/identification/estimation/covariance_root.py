@@ -108,9 +108,9 @@ class CovarianceRoot:
 
     @cached_property
     def _information(self) -> FloatArray:
-        """(p, p) the inverse of the covariance, of a triangle."""
+        """(p, p) the inverse of the covariance, of a triangle, from the last coefficient to the first."""
         inverse = dtrtri(self.factor)[0]
-        return np.asarray(inverse @ inverse.T)
+        return np.ascontiguousarray((inverse @ inverse.T)[::-1, ::-1])
 
     def without(self, gram: FloatArray) -> Self | None:
         """The root of the covariance without data of the normal matrix (n_coefficients, n_coefficients).
@@ -119,17 +119,19 @@ class CovarianceRoot:
         """
         if not self.is_triangle:
             return None
-        information = self._information - gram.take(self.order, 0).take(self.order, 1)
+        backwards = self.order[::-1]
+        information = self._information - gram.take(backwards, 0).take(backwards, 1)
         if not (information.diagonal() > 0).all():
             return None
         matrix, scale = unit_diagonal(information)
         try:
             # With A = U U^T, U an upper triangle, A^-1 = F^T F with F = U^-1: Cholesky's L, from the last row upwards.
-            lower = cholesky(matrix[::-1, ::-1], lower=True, check_finite=False)
+            # The transpose of a symmetric matrix is in the order of columns that LAPACK works on without a copy.
+            lower = cholesky(matrix.T, lower=True, overwrite_a=True, check_finite=False)
         except LinAlgError:
             return None
-        factor = dtrtri(lower, lower=1, overwrite_c=1)[0][::-1, ::-1] / scale
-        return replace(self, factor=np.ascontiguousarray(factor))
+        inverse = dtrtri(lower, lower=1, overwrite_c=1)[0]
+        return replace(self, factor=(inverse.T[::-1, ::-1] / scale[::-1, None]).T)
 
     def shift(self, whole: Self, gradient: FloatArray, least: float) -> FloatArray:
         """(n_coefficients,) the change of the coefficients where data of a gradient are taken back.
@@ -215,18 +217,18 @@ class CovarianceRoot:
         (_, k, m), function = along_sites.shape, values[narrow.functions]
         columns = along_sites[narrow.sites] * function[:, None]
         product = (self._blocks[0, 0] @ columns.reshape(-1, k * m)).reshape(columns.shape)
-        half = np.stack([0.5 * (columns[:, i, None] * product).sum(axis=0) for i in range(k)])
+        half = 0.5 * np.stack([np.einsum("pm,plm->lm", columns[:, i], product) for i in range(k)])
         sites, of_site = np.unique(narrow.sites, return_inverse=True)
         members = (of_site == np.arange(len(sites))[:, None]).astype(float)
         for n, part in enumerate(wide, 1):
             of_sites = members @ (function * (self._blocks[0, n] @ values[part.functions]))
-            common = (of_sites[:, None] * along_sites[sites]).sum(axis=0)
+            common = np.einsum("sm,skm->km", of_sites, along_sites[sites])
             for o in range(1, n + 1):
                 shared = self._shared(o, n, values, angles) * (0.5 if o == n else 1.0)
                 common += shared * along_sites[self._parts[o].sites[0]]
             half += common[:, None] * along_sites[part.sites[0]]
         found = (half + half.transpose(1, 0, 2)).transpose(2, 0, 1)
-        alone = (self._blocks[0, 0].diagonal() @ (columns**2).sum(axis=1)).max(initial=0.0)
+        alone = (self._blocks[0, 0].diagonal() @ np.einsum("pkm,pkm->pm", columns, columns)).max(initial=0.0)
         for n, part in enumerate(wide, 1):
             alone += self._blocks[n, n].trace() * (along_sites[part.sites[0]] ** 2).sum(axis=0).max(initial=0.0)
         if np.trace(found, axis1=1, axis2=2).min(initial=np.inf) < LEAST_SHARE * alone:

@@ -249,7 +249,7 @@ class PerturbedChain:
     def along(self, x: FloatArray, along_sites: FloatArray, values: FloatArray) -> FloatArray:
         """(k, m) derivatives along a change `x` of the coefficients, from those along the sites and the values."""
         shares = np.stack([x[site.columns] @ own for site, own in zip(self.sites, self.by_site(values), strict=True)])
-        return np.asarray((along_sites * shares[:, None]).sum(axis=0))
+        return np.asarray(np.einsum("skm,sm->km", along_sites, shares))
 
     def derivatives_along(
         self, state: ArmState, x: FloatArray, along: FloatArray

