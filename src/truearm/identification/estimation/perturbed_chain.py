@@ -251,24 +251,6 @@ class PerturbedChain:
         shares = np.stack([x[site.columns] @ own for site, own in zip(self.sites, self.by_site(values), strict=True)])
         return np.asarray(np.einsum("skm,sm->km", along_sites, shares))
 
-    def derivatives_along(
-        self, state: ArmState, x: FloatArray, along: FloatArray
-    ) -> Iterator[tuple[slice, FloatArray]]:
-        """Yield derivatives (k, n_coefficients, m) of the tips along k vectors (k, 3, n), by chunks of readings.
-
-        Coordinates are contracted before the basis functions, which costs a third of `derivatives` for each vector.
-        """
-        for rows in chunks(len(state)):
-            piece = state.rows(rows)
-            values = self.values(piece)
-            _, motion_jacobian = moved_chain(self.chain, piece, self.motions(x, values))
-            by_motion = np.einsum("kcm,pdcm->kpdm", along[:, :, rows], motion_jacobian)
-            out = np.empty((len(along), self.n_coefficients, len(piece)))
-            for site, value in zip(self.sites, self.by_site(values), strict=True):
-                by_site = np.tensordot(by_motion[:, site.place], site.direction, axes=(1, 0))
-                out[:, site.columns] = by_site[:, None] * value
-            yield rows, out
-
     def gradient(self, state: ArmState, x: FloatArray, pulls: FloatArray) -> FloatArray:
         """(n_coefficients,) derivatives of the tips along vectors (3, n), summed over the readings of a state."""
         found = np.zeros(self.n_coefficients)

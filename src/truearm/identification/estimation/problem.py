@@ -258,11 +258,10 @@ class SmallMotionProblem:
                 self.perturbed_chain.sites,
                 self.perturbed_chain.n_coefficients,
                 len(self.references[which].unknowns),
-                sum(piece.stop - piece.start for piece in group),
+                len(self.references[which].rows),
             )
             for piece in group:
                 self._add(sums, which, piece, x, weights[:, piece])
-            sums.transform()
             return sums
 
         if len(groups) == 1:
@@ -436,7 +435,9 @@ class _Sums:
             self.gram[self.spans[n], self.spans[o]] += weighted_products(weights, one, None if n == o else other)
 
     def merge(self, other: _Sums) -> None:
-        """Add the sums of another group of chunks."""
+        """Add the sums of another group of chunks, whose pairs of harmonics are transformed with these."""
+        self.products += other.products
+        self.angles += other.angles
         self.cost += other.cost
         self.gradient += other.gradient
         self.gram += other.gram
