@@ -380,7 +380,7 @@ class _Minimum:
         """The deviations of the readings of the only reference, which has no unknowns, each a group of its own."""
         (part,) = self.parts
         judged = np.flatnonzero(part.is_judged)
-        for rows in np.split(judged, range(MOST_JUDGED, len(judged), MOST_JUDGED)):
+        for rows in (judged[piece] for piece in perturbed_chain.chunks(len(judged), MOST_JUDGED)):
             angles = self.problem.state.rows(part.reference_fit.rows[rows]).joint_angles
             S = self.root.covariances(*self.problem.site_derivatives(0, rows, part.linear, self.x), angles)
             inverse = np.linalg.inv(np.eye(S.shape[1]) - S)
@@ -410,7 +410,7 @@ class _Minimum:
         for i, rows in members:
             part = self.parts[i]
             judged = rows[part.is_judged[rows]]
-            for some in np.split(judged, range(MOST_JUDGED, len(judged), MOST_JUDGED)):
+            for some in (judged[piece] for piece in perturbed_chain.chunks(len(judged), MOST_JUDGED)):
                 along_sites, values = self.problem.site_derivatives(i, some, part.linear, self.x)
                 white = part.residuals[some] + self.problem.perturbed_chain.along(shift, along_sites, values).T
                 angles = self.problem.state.rows(part.reference_fit.rows[some]).joint_angles
