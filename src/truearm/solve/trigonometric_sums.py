@@ -21,17 +21,15 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from truearm.typing import FloatArray, IntArray
-
-ComplexArray = npt.NDArray[np.complex128]
 
 # Error of a transform, relative to the root of the sum of the squares of its result.
 TOLERANCE = 1e-15
 # A grid is twice as fine as the multiples ask for, and a value is spread to so many of its points a dimension.
 FINENESS, WIDTH = 2, 16
-# Operations of a product of matrices in the time of one of a transform, whose memory is not used in order.
+# Operations of a product of matrices in the time of one of a transform, whose memory is not used in order (Xeon, one
+# thread: 65 and 8 GFLOP/s).
 SLOWNESS = 8
 
 

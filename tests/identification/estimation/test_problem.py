@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -403,7 +403,8 @@ def test_a_series_of_harmonics_is_a_site_of_its_own():
         *own_axis(chain, 3, highest=12),
         *constants(chain, free=()),
     )
-    series = [site for site in PerturbedChain(chain, terms).sites if site.series]
+    again = replace(terms[0], name="the same functions")
+    series = [site for site in PerturbedChain(chain, (*terms, again)).sites if site.series]
     assert [(site.place, site.series.joint) for site in series] == [(2, 2)]
     np.testing.assert_array_equal(series[0].series.orders, np.arange(1, 31))
     np.testing.assert_array_equal(series[0].columns, np.arange(60))

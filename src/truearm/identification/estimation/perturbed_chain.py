@@ -98,8 +98,10 @@ class PerturbedChain:
         grouped: dict[tuple[int, tuple[float, ...], int], list[tuple[Basis, IntArray]]] = {}
         for term, columns in zip(self.terms, self.columns, strict=True):
             joint = term.basis.joint if isinstance(term.basis, Harmonics) else 0
-            key = (term.place, term.direction, joint)
-            own = key if term.basis in series.get(key, []) else (*key[:2], 0)
+            key, own = (term.place, term.direction, joint), (term.place, term.direction, 0)
+            if term.basis in (left := series.get(key, [])):
+                left.remove(term.basis)  # of two terms of the same functions only one is of the series
+                own = key
             grouped.setdefault(own, []).append((term.basis, columns))
         sites = []
         for (place, direction, joint), members in grouped.items():

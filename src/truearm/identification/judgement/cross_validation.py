@@ -103,7 +103,7 @@ def cross_validate_by_group(
     kinds = compared_kinds(fit.references) if kinds is None else kinds
     with one_blas_thread():
         minimum = _Minimum.of(fit, state, references, kinds)
-        if len(fit.references) == 1 and not minimum.slope.size and len(np.unique(group)) == len(group):
+        if len(fit.references) == 1 and not minimum.slope.size and 1 < len(np.unique(group)) == len(group):
             found = list(minimum.without_each(group))
         else:
             found = [
