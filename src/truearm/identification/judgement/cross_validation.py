@@ -470,18 +470,16 @@ class _Minimum:
     def _stacked(self, batch: GroupBatch, which: int) -> _Stack:
         most, k = batch.largest(which), self.parts[which].weights.shape[1]
         rows, groups, place = batch.of(which)
-        n, m = batch.n_groups, len(rows)
-        r = self.root.n_rows
-        at = np.full((n, most), m)  # readings that a group lacks are zero
-        at[groups, place] = np.arange(m)
-        by_root = np.zeros((k, r, m + 1))
-        by_root[:, :, :m] = self.root.times(
-            *self.problem.site_derivatives(which, rows, self.parts[which].linear, self.x)
-        )
-        spread = np.ascontiguousarray(by_root[:, :, at].transpose(2, 1, 0, 3)).reshape(n, r, k * most)
+        n, r = batch.n_groups, self.root.n_rows
+        by_root = self.root.times(*self.problem.site_derivatives(which, rows, self.parts[which].linear, self.x))
+        spread = np.zeros((n, r, k, most))  # readings that a group lacks are zero
+        for own, (start, stop) in zip(
+            spread, pairwise(np.searchsorted(groups, np.arange(n + 1)).tolist()), strict=True
+        ):
+            own[:, :, : stop - start] = by_root[:, :, start:stop].transpose(1, 0, 2)
         residuals = np.zeros((n, k, most))
         residuals[groups, :, place] = self.parts[which].residuals[rows]
-        return _Stack(rows, groups, place, spread, residuals.reshape(n, k * most), (k, most))
+        return _Stack(rows, groups, place, spread.reshape(n, r, -1), residuals.reshape(n, -1), (k, most))
 
     def _group(self, members: Members) -> _Group:
         residuals = np.concatenate([self.parts[i].residuals[rows].ravel() for i, rows in members])
