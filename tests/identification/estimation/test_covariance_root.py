@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from truearm.arm import load_arm
+from truearm.identification.estimation import covariance_root
 from truearm.identification.estimation.covariance_root import CovarianceRoot
 from truearm.identification.estimation.perturbed_chain import FEW, MOST_NARROW, PerturbedChain
 from truearm.identification.terms import ArmState, Constant, Harmonics, Term, candidate_terms
@@ -117,3 +118,33 @@ def test_data_of_all_information_cannot_be_taken_back():
     covariance = covariance_of(p, "regular")
     assert CovarianceRoot.of(covariance, perturbed_chain).without(1.1 * np.linalg.inv(covariance)) is None
     assert CovarianceRoot.of(covariance_of(p, "singular"), perturbed_chain).without(np.zeros((p, p))) is None
+
+
+@pytest.mark.parametrize("kind", ["regular", "singular", "partly known", "known"])
+@pytest.mark.parametrize("which", ["narrow", "wide", "both", "every kind"])
+@pytest.mark.parametrize("transformed", [True, False])
+def test_covariances_are_those_of_the_derivatives(which, kind, transformed, monkeypatch):
+    """By transforms, by products, and site by site."""
+    monkeypatch.setattr(covariance_root, "is_cheaper", lambda *_: transformed)
+    perturbed_chain = perturbed_chain_of(which)
+    p = perturbed_chain.n_coefficients
+    covariance = covariance_of(p, kind)
+    root = CovarianceRoot.of(covariance, perturbed_chain)
+    for state in (STATE, STATE.rows(slice(0, 1))):
+        ((_, _, columns),) = perturbed_chain.derivatives(state, np.zeros(p))
+        ((_, _, along_sites, values),) = perturbed_chain.site_derivatives(state, np.zeros(p))
+        expected = np.einsum("pkm,pq,qlm->mkl", columns, covariance, columns, optimize=True)
+        found = root.covariances(along_sites, values, state.joint_angles)
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10 * max(1.0, np.abs(expected).max()))
+
+
+def test_covariances_of_an_arm_known_to_rounding_are_sums_of_squares():
+    """Coefficients that cancel: 2e-12 of the variance of each alone remains, and its digits with it."""
+    one, other = (Term(name, 1, (0, 0, 0, 1, 0, 0), Constant(), name, 1.0) for name in ("a", "b"))
+    chain = PerturbedChain(CHAIN, (one, other))
+    covariance = np.array([[1.0, -1.0], [-1.0, 1.0]]) + 1e-12 * np.eye(2)
+    root = CovarianceRoot.of(covariance, chain)
+    ((_, _, along_sites, values),) = chain.site_derivatives(STATE, np.zeros(2))
+    found = root.covariances(along_sites, values, STATE.joint_angles)
+    np.testing.assert_allclose(np.trace(found, axis1=1, axis2=2), 2e-12, rtol=1e-3)
+    assert np.linalg.eigvalsh(found).min() >= -1e-20

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ from truearm.identification.estimation.perturbed_chain import FEW, PerturbedChai
 from truearm.identification.estimation.problem import SmallMotionProblem
 from truearm.identification.references.references import LinearisedResiduals, Points, seats_of
 from truearm.identification.terms import ArmState, Constant, Harmonics, Temperature, Term, candidate_terms, constants
-from truearm.identification.terms.catalogue import own_axis
+from truearm.identification.terms.catalogue import interpolation, own_axis
 from truearm.solve.arrowhead import Arrowhead
 
 ROUNDING_MM = 1e-9
@@ -316,6 +316,17 @@ def test_sites_in_pairs_and_side_by_side_have_the_same_sums(most_narrow, monkeyp
     assert_same_equations(summed(problem, x, weights), expected)
 
 
+@pytest.mark.parametrize("transformed", [4, 10_000])
+def test_transforms_and_products_have_the_same_sums(transformed, monkeypatch):
+    """Of all pairs of harmonics, some readings at a time, where products would cost less."""
+    problem, x, weights = everything(8, n=60, highest=20)
+    assert sum(site.series is not None for site in problem.perturbed_chain.sites) > 1
+    expected = summed(problem, x, weights)
+    monkeypatch.setattr(problem_module, "is_cheaper", lambda *_: True)
+    monkeypatch.setattr(problem_module, "TRANSFORMED", transformed)
+    assert_same_equations(summed(problem, x, weights), expected)
+
+
 @pytest.mark.parametrize(("groups", "threads"), [(1, 1), (3, 1), (3, 4)])
 def test_groups_and_threads_do_not_matter(groups, threads, monkeypatch):
     problem, x, weights = everything(9)
@@ -380,6 +391,23 @@ def test_matrices_are_symmetric_and_not_negative():
         np.testing.assert_array_equal(gram, gram.T)
         size = np.sqrt(np.maximum(gram.diagonal(), 1e-300))
         assert np.linalg.eigvalsh(gram / np.outer(size, size))[0] > -1e-11
+
+
+def test_a_series_of_harmonics_is_a_site_of_its_own():
+    """Without orders far above it, which would make its transforms as large as themselves, and without few orders."""
+    rng = np.random.default_rng(13)
+    chain = random_chain(rng)
+    terms = (
+        *own_axis(chain, 2, highest=30),
+        *interpolation(chain, 2, (128, 512)),
+        *own_axis(chain, 3, highest=12),
+        *constants(chain, free=()),
+    )
+    again = replace(terms[0], name="the same functions")
+    series = [site for site in PerturbedChain(chain, (*terms, again)).sites if site.series]
+    assert [(site.place, site.series.joint) for site in series] == [(2, 2)]
+    np.testing.assert_array_equal(series[0].series.orders, np.arange(1, 31))
+    np.testing.assert_array_equal(series[0].columns, np.arange(60))
 
 
 def test_terms_of_one_place_and_direction_are_gathered():

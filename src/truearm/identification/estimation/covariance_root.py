@@ -21,30 +21,44 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
+from itertools import combinations_with_replacement, pairwise
 from typing import NamedTuple, Self
 
 import numpy as np
 from scipy.linalg import LinAlgError, cholesky, solve_triangular
 from scipy.linalg.lapack import dtrtri
 
-from truearm.identification.estimation.perturbed_chain import MOST_NARROW, PerturbedChain, as_slice
+from truearm.identification.estimation.perturbed_chain import (
+    FEW,
+    MOST_NARROW,
+    HarmonicSeries,
+    PerturbedChain,
+    as_slice,
+)
 from truearm.solve.square_roots import covariance_factor, unit_diagonal
+from truearm.solve.trigonometric_sums import Multiples, bilinear_form, is_cheaper
 from truearm.typing import FloatArray, IntArray
 
 # Directions of small shares are found by a subspace iteration: of so many directions at least, in so many rounds, and
 # with shares up to so many times the limit. What remains of others is then less than (1 / FARTHER)^(2 ROUNDS) at the
 # limit, where nothing depends on it.
 FEWEST, ROUNDS, FARTHER = 32, 4, 3.0
+# Share of the variance by each coefficient alone, summed, that may remain of it with their covariances: below it their
+# sum has lost ten digits of sixteen.
+LEAST_SHARE = 1e-10
 
 
 class _Part(NamedTuple):
-    """Some coefficients with the sites and functions whose products are their derivatives, and their columns of F."""
+    """Some coefficients with the sites and functions whose products are their derivatives, and their columns of F.
+
+    A part of one site may be a series of harmonics.
+    """
 
     coefficients: IntArray
     sites: IntArray
     functions: IntArray | slice
     columns: FloatArray
+    series: HarmonicSeries | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,9 +108,9 @@ class CovarianceRoot:
 
     @cached_property
     def _information(self) -> FloatArray:
-        """(p, p) the inverse of the covariance, of a triangle."""
+        """(p, p) the inverse of the covariance, of a triangle, from the last coefficient to the first."""
         inverse = dtrtri(self.factor)[0]
-        return np.asarray(inverse @ inverse.T)
+        return np.ascontiguousarray((inverse @ inverse.T)[::-1, ::-1])
 
     def without(self, gram: FloatArray) -> Self | None:
         """The root of the covariance without data of the normal matrix (n_coefficients, n_coefficients).
@@ -105,17 +119,19 @@ class CovarianceRoot:
         """
         if not self.is_triangle:
             return None
-        information = self._information - gram[np.ix_(self.order, self.order)]
+        backwards = self.order[::-1]
+        information = self._information - gram.take(backwards, 0).take(backwards, 1)
         if not (information.diagonal() > 0).all():
             return None
         matrix, scale = unit_diagonal(information)
         try:
             # With A = U U^T, U an upper triangle, A^-1 = F^T F with F = U^-1: Cholesky's L, from the last row upwards.
-            lower = cholesky(matrix[::-1, ::-1], lower=True, check_finite=False)
+            # The transpose of a symmetric matrix is in the order of columns that LAPACK works on without a copy.
+            lower = cholesky(matrix.T, lower=True, overwrite_a=True, check_finite=False)
         except LinAlgError:
             return None
-        factor = dtrtri(lower, lower=1, overwrite_c=1)[0][::-1, ::-1] / scale
-        return replace(self, factor=np.ascontiguousarray(factor))
+        inverse = dtrtri(lower, lower=1, overwrite_c=1)[0]
+        return replace(self, factor=(inverse.T[::-1, ::-1] / scale[::-1, None]).T)
 
     def shift(self, whole: Self, gradient: FloatArray, least: float) -> FloatArray:
         """(n_coefficients,) the change of the coefficients where data of a gradient are taken back.
@@ -177,6 +193,70 @@ class CovarianceRoot:
                 own[: len(by_function)] += along * by_function
         return out
 
+    def covariances(self, along_sites: FloatArray, values: FloatArray, angles: FloatArray) -> FloatArray:
+        """``J Sigma J^T`` of every reading: displacements of k coordinates, or of residuals.
+
+        Of many readings without F: with c of two sites the covariance ``phi^T Sigma_sr psi`` of their motions, it is
+        the sum of ``c t_s t_r^T`` over all pairs, and of two series of harmonics c is a trigonometric polynomial
+        (`truearm.solve.trigonometric_sums`).
+
+        Parameters
+        ----------
+        along_sites, values
+            As in `times`.
+        angles : (m, n_joints) array
+            Of the joints [rad, or mm].
+
+        Returns
+        -------
+        (m, k, k) array
+        """
+        if len(angles) <= FEW:
+            return self._squared(along_sites, values)
+        narrow, *wide = self._parts
+        (_, k, m), function = along_sites.shape, values[narrow.functions]
+        columns = along_sites[narrow.sites] * function[:, None]
+        product = (self._blocks[0, 0] @ columns.reshape(-1, k * m)).reshape(columns.shape)
+        half = 0.5 * np.stack([np.einsum("pm,plm->lm", columns[:, i], product) for i in range(k)])
+        sites, of_site = np.unique(narrow.sites, return_inverse=True)
+        members = (of_site == np.arange(len(sites))[:, None]).astype(float)
+        for n, part in enumerate(wide, 1):
+            of_sites = members @ (function * (self._blocks[0, n] @ values[part.functions]))
+            common = np.einsum("sm,skm->km", of_sites, along_sites[sites])
+            for o in range(1, n + 1):
+                shared = self._shared(o, n, values, angles) * (0.5 if o == n else 1.0)
+                common += shared * along_sites[self._parts[o].sites[0]]
+            half += common[:, None] * along_sites[part.sites[0]]
+        found = (half + half.transpose(1, 0, 2)).transpose(2, 0, 1)
+        alone = (self._blocks[0, 0].diagonal() @ np.einsum("pkm,pkm->pm", columns, columns)).max(initial=0.0)
+        for n, part in enumerate(wide, 1):
+            alone += self._blocks[n, n].trace() * (along_sites[part.sites[0]] ** 2).sum(axis=0).max(initial=0.0)
+        if np.trace(found, axis1=1, axis2=2).min(initial=np.inf) < LEAST_SHARE * alone:
+            return self._squared(along_sites, values)
+        return np.ascontiguousarray(found)
+
+    def _squared(self, along_sites: FloatArray, values: FloatArray) -> FloatArray:
+        """The same as sums of squares, which are not negative for an arm known to rounding."""
+        spread = self.times(along_sites, values)
+        if spread.shape[2] == 1:
+            return np.asarray(spread[:, :, 0].dot(spread[:, :, 0].T))[None]  # a tenth of the time of `einsum`
+        return np.asarray(np.einsum("ipn,jpn->nij", spread, spread))
+
+    def _shared(self, o: int, n: int, values: FloatArray, angles: FloatArray) -> FloatArray:
+        """(m,) covariance of the motions of two sites with many functions."""
+        one, other, matrix, same = self._parts[o], self._parts[n], self._blocks[o, n], o == n
+        series = [part.series for part in (one, other) if part.series is not None]
+        if len(series) == 2 and is_cheaper(len(angles), series[0].orders, None if same else series[1].orders):
+            first, second = (Multiples(angles[:, joint - 1], orders) for joint, orders in series)
+            return bilinear_form(matrix, first, None if same else second)
+        return np.asarray((values[one.functions] * (matrix @ values[other.functions])).sum(axis=0))
+
+    @cached_property
+    def _blocks(self) -> dict[tuple[int, int], FloatArray]:
+        """The covariance of the coefficients of every part with those of itself and each later one."""
+        pairs = combinations_with_replacement(enumerate(self._parts), 2)
+        return {(o, n): one.columns.T @ other.columns[: len(one.columns)] for (o, one), (n, other) in pairs}
+
     def times_matrix(self, matrix: FloatArray) -> FloatArray:
         """``F @ matrix`` of a matrix (n_coefficients, q): (n_rows, q)."""
         out = np.zeros((self.n_rows, matrix.shape[1]))
@@ -193,5 +273,8 @@ class CovarianceRoot:
         for span in (slice(0, n_narrow), *self.wide):
             coefficients = self.order[span]
             columns = self.factor[: span.stop if self.is_triangle else None, span]
-            parts.append(_Part(coefficients, site_of[coefficients], as_slice(row_of[coefficients]), columns))
+            sites = site_of[coefficients]
+            site = self.perturbed_chain.sites[sites[0]] if span in self.wide else None
+            series = site.series if site is not None and len(site.columns) == len(coefficients) else None
+            parts.append(_Part(coefficients, sites, as_slice(row_of[coefficients]), columns, series))
         return parts

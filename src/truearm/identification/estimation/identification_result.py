@@ -173,12 +173,7 @@ class IdentificationResult:
         """(n, 3, 3) covariance of tips [mm^2] by that of the coefficients, to first order."""
         out = np.empty((len(state), 3, 3))
         for rows, _, along_sites, values in self.perturbed_chain.site_derivatives(state, self.coefficients):
-            # A sum of squares by the root: otherwise variances of an arm known to rounding may be negative.
-            spread = self._root.times(along_sites, values)
-            if spread.shape[2] == 1:
-                out[rows] = spread[:, :, 0].dot(spread[:, :, 0].T)  # a tenth of the time of `einsum`
-            else:
-                out[rows] = np.einsum("ipn,jpn->nij", spread, spread)
+            out[rows] = self._root.covariances(along_sites, values, state.rows(rows).joint_angles)
         return out + self.unspanned_covariance(state)
 
     def expected_square_error(self, state: ArmState) -> float:

@@ -6,12 +6,12 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from truearm.arm.chain import Chain, Pose, PoseDerivatives
-from truearm.identification.terms.basis import Basis, Constant
+from truearm.identification.terms.basis import Basis, Constant, Harmonics
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
 from truearm.readings.readings import PAYLOAD
@@ -21,6 +21,13 @@ CHUNK = 1024  # readings of a chunk: their narrow Jacobian stays in the cache of
 FEW = 64  # readings up to which the number of array operations counts, not their length
 MOST_NARROW = 24  # functions of a site up to which they are cheaper as columns of a Jacobian than by themselves
 POSE_CHUNK = 4096  # poses have no wide Jacobian: fewer calls are worth more
+
+
+class HarmonicSeries(NamedTuple):
+    """Cosine and sine of multiples of a joint's angle: the joint, counted from 1, and the distinct orders (n,)."""
+
+    joint: int
+    orders: IntArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,12 +42,15 @@ class Site:
         Their coefficients among the parameters.
     rows : (n_functions,) int array or slice
         The functions among the values of `PerturbedChain.values`.
+    series : HarmonicSeries, optional
+        What the functions are, where they are many harmonics of a joint.
     """
 
     place: int
     direction: FloatArray
     columns: IntArray
     rows: IntArray | slice
+    series: HarmonicSeries | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,15 +89,27 @@ class PerturbedChain:
 
     @cached_property
     def sites(self) -> list[Site]:
-        """Terms grouped by place and direction."""
-        grouped: dict[tuple[int, tuple[float, ...]], list[tuple[IntArray, IntArray]]] = {}
+        """Terms grouped by place and direction; series of harmonics of a joint are a site of their own."""
+        harmonics: dict[tuple[int, tuple[float, ...], int], list[Harmonics]] = {}
+        for term in self.terms:
+            if isinstance(term.basis, Harmonics):
+                harmonics.setdefault((term.place, term.direction, term.basis.joint), []).append(term.basis)
+        series = {key: _dense_series(bases) for key, bases in harmonics.items()}
+        grouped: dict[tuple[int, tuple[float, ...], int], list[tuple[Basis, IntArray]]] = {}
         for term, columns in zip(self.terms, self.columns, strict=True):
-            rows = self._functions[term.place, term.basis]
-            grouped.setdefault((term.place, term.direction), []).append((columns, rows))
+            joint = term.basis.joint if isinstance(term.basis, Harmonics) else 0
+            key, own = (term.place, term.direction, joint), (term.place, term.direction, 0)
+            if term.basis in (left := series.get(key, [])):
+                left.remove(term.basis)  # of two terms of the same functions only one is of the series
+                own = key
+            grouped.setdefault(own, []).append((term.basis, columns))
         sites = []
-        for (place, direction), members in grouped.items():
-            columns, rows = (np.concatenate(parts) for parts in zip(*members, strict=True))
-            sites.append(Site(place, np.array(direction), columns, as_slice(rows)))
+        for (place, direction, joint), members in grouped.items():
+            columns = np.concatenate([columns for _, columns in members])
+            rows = as_slice(np.concatenate([self._functions[place, basis] for basis, _ in members]))
+            orders = [order for basis, _ in members for order in getattr(basis, "orders", ())]
+            own_series = HarmonicSeries(joint, np.array(orders, dtype=np.intp)) if joint else None
+            sites.append(Site(place, np.array(direction), columns, rows, own_series))
         return sites
 
     def values(self, state: ArmState) -> FloatArray:
@@ -96,8 +118,12 @@ class PerturbedChain:
             evaluators, rows = self._evaluators
             if len(rows):
                 return np.concatenate([evaluate(state) for evaluate in evaluators])[rows]
-        values = {basis: basis.values(state) for basis in dict.fromkeys(basis for _, basis in self._functions)}
-        return np.concatenate([np.empty((0, len(state))), *(values[basis] for _, basis in self._functions)])
+        out = np.empty((self._of_place[-1].stop, len(state)))
+        for basis, uses in self._evaluated:
+            found = basis.values(state)
+            for into, places in uses:
+                out[into] = found[places]
+        return out
 
     def by_site(self, values: FloatArray) -> list[FloatArray]:
         """Values of the basis functions of every site, (n_functions, m) each."""
@@ -225,25 +251,7 @@ class PerturbedChain:
     def along(self, x: FloatArray, along_sites: FloatArray, values: FloatArray) -> FloatArray:
         """(k, m) derivatives along a change `x` of the coefficients, from those along the sites and the values."""
         shares = np.stack([x[site.columns] @ own for site, own in zip(self.sites, self.by_site(values), strict=True)])
-        return np.asarray((along_sites * shares[:, None]).sum(axis=0))
-
-    def derivatives_along(
-        self, state: ArmState, x: FloatArray, along: FloatArray
-    ) -> Iterator[tuple[slice, FloatArray]]:
-        """Yield derivatives (k, n_coefficients, m) of the tips along k vectors (k, 3, n), by chunks of readings.
-
-        Coordinates are contracted before the basis functions, which costs a third of `derivatives` for each vector.
-        """
-        for rows in chunks(len(state)):
-            piece = state.rows(rows)
-            values = self.values(piece)
-            _, motion_jacobian = moved_chain(self.chain, piece, self.motions(x, values))
-            by_motion = np.einsum("kcm,pdcm->kpdm", along[:, :, rows], motion_jacobian)
-            out = np.empty((len(along), self.n_coefficients, len(piece)))
-            for site, value in zip(self.sites, self.by_site(values), strict=True):
-                by_site = np.tensordot(by_motion[:, site.place], site.direction, axes=(1, 0))
-                out[:, site.columns] = by_site[:, None] * value
-            yield rows, out
+        return np.asarray(np.einsum("skm,sm->km", along_sites, shares))
 
     def gradient(self, state: ArmState, x: FloatArray, pulls: FloatArray) -> FloatArray:
         """(n_coefficients,) derivatives of the tips along vectors (3, n), summed over the readings of a state."""
@@ -320,6 +328,24 @@ class PerturbedChain:
         return tuple(basis for basis in bases if basis.has_stated_inputs)
 
     @cached_property
+    def _evaluated(self) -> list[tuple[Basis, list[tuple[IntArray | slice, IntArray | slice]]]]:
+        """Each distinct basis, with rows among the values and the functions there; harmonics of a joint are one."""
+        orders: dict[int, set[int]] = {}
+        for _, basis in self._functions:
+            if isinstance(basis, Harmonics):
+                orders.setdefault(basis.joint, set()).update(basis.orders)
+        tables = {joint: Harmonics(joint, tuple(sorted(of_joint))) for joint, of_joint in orders.items()}
+        found: dict[Basis, list[tuple[IntArray | slice, IntArray | slice]]] = {}
+        for (_, basis), rows in self._functions.items():
+            table, places = basis, np.arange(basis.n_functions)
+            if isinstance(basis, Harmonics):
+                table = tables[basis.joint]
+                first = 2 * np.searchsorted(tables[basis.joint].orders, basis.orders)
+                places = np.stack([first, first + 1], axis=1).ravel()
+            found.setdefault(table, []).append((as_slice(rows), as_slice(places)))
+        return list(found.items())
+
+    @cached_property
     def _of_place(self) -> list[slice]:
         """Rows of each place among the values."""
         counts = np.zeros(self.chain.n_places, dtype=int)
@@ -341,9 +367,24 @@ class PerturbedChain:
         return coefficient.astype(np.intp), entry.astype(np.intp), component
 
 
+def _dense_series(bases: list[Harmonics]) -> list[Harmonics]:
+    """Those of one joint whose orders, all different, fill at least half of the range up to the highest.
+
+    None where they are so few that they are cheaper as columns.
+    """
+    found: list[Harmonics] = []
+    orders: set[int] = set()
+    for basis in sorted(bases, key=lambda basis: basis.orders):
+        if orders.isdisjoint(basis.orders) and basis.orders[-1] <= 2 * (len(orders) + len(basis.orders)):
+            found.append(basis)
+            orders.update(basis.orders)
+    return found if 2 * len(orders) > MOST_NARROW else []
+
+
 def moved_chain(chain: Chain, state: ArmState, motions: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Tips (3, m) [mm] and their derivatives (n_places, 6, 3, m) by the motions' components, of up to `CHUNK`."""
-    _, tips, motion_jacobian = next(chain.tip_derivatives_by_chunk(state.angles, lambda _: motions, chunk=CHUNK))
+    """Tips (3, m) [mm] and their derivatives (n_places, 6, 3, m) by the motions' components."""
+    chunk = max(len(state), 1)
+    _, tips, motion_jacobian = next(chain.tip_derivatives_by_chunk(state.angles, lambda _: motions, chunk=chunk))
     return tips, motion_jacobian
 
 

@@ -146,8 +146,11 @@ def _information(
     information, across = [np.zeros((3, n, 3, n)) for n in counts], np.zeros((3, p, sum(counts)))
     axes = chain.chain.fixed[0, :3, :3].T
     along = axes[:, :, None] * weights**2
-    for rows, derivatives in chain.derivatives_along(sample, fit.coefficients, along):
-        across += derivatives @ together[:, rows].T
+    for rows, _, along_sites, of_chain in chain.site_derivatives(sample, fit.coefficients):
+        # Coordinates are contracted before the functions.
+        by_axis = np.einsum("acm,scm->sam", along[:, :, rows], along_sites)
+        for site, by, value in zip(chain.sites, by_axis, chain.by_site(of_chain), strict=True):
+            across[:, site.columns] += (by[:, None] * value) @ together[:, rows].T
         for axis, other in np.ndindex(3, 3):
             product = axes[other] @ along[axis][:, rows]
             for own, value in zip(information, values, strict=True):

@@ -67,6 +67,8 @@ LEAST_TOUCHES: dict[str, int] = {touched.kind: touched.least for touched in (Dis
 # Derivatives in memory at once, some ten megabytes, and the most readings of them.
 MOST_DERIVATIVES = 1_200_000
 MOST_READINGS = perturbed_chain.CHUNK
+# Readings whose covariances are computed together, of a large group.
+MOST_JUDGED = 2 * MOST_READINGS
 # The readings of a group: for each of its references the rows.
 Members = list[tuple[int, IntArray]]
 
@@ -101,11 +103,14 @@ def cross_validate_by_group(
     kinds = compared_kinds(fit.references) if kinds is None else kinds
     with one_blas_thread():
         minimum = _Minimum.of(fit, state, references, kinds)
-        found = [
-            part
-            for batch in group_batches(fit.references, group, minimum.chunk)
-            for part in minimum.without(batch, group)
-        ]
+        if len(fit.references) == 1 and not minimum.slope.size and 1 < len(np.unique(group)) == len(group):
+            found = list(minimum.without_each(group))
+        else:
+            found = [
+                part
+                for batch in group_batches(fit.references, group, minimum.chunk)
+                for part in minimum.without(batch, group)
+            ]
     together = _together(found)
     return together.select(np.argsort(together.rows))
 
@@ -371,6 +376,20 @@ class _Minimum:
             pieces = [_Piece(i, rows, spread[i].pop(0)) for i, rows in members]
             yield from self._without(self._group(members), lambda pieces=pieces: iter(pieces), group)  # type: ignore[misc]
 
+    def without_each(self, group: IntArray) -> Iterator[HeldOutReadings]:
+        """The deviations of the readings of the only reference, which has no unknowns, each a group of its own."""
+        (part,) = self.parts
+        judged = np.flatnonzero(part.is_judged)
+        for rows in (judged[piece] for piece in perturbed_chain.chunks(len(judged), MOST_JUDGED)):
+            angles = self.problem.state.rows(part.reference_fit.rows[rows]).joint_angles
+            S = self.root.covariances(*self.problem.site_derivatives(0, rows, part.linear, self.x), angles)
+            inverse = np.linalg.inv(np.eye(S.shape[1]) - S)
+            free = np.linalg.norm(inverse, axis=(1, 2)) <= 1 / LEAST_FREEDOM
+            white = np.matmul(inverse[free], part.residuals[rows[free], :, None])[:, :, 0]
+            yield _held_out(part, rows[free], white, S[free] @ inverse[free], np.ones(len(white)), group)
+            for row in rows[~free, None]:
+                yield from self._without(self._group([(0, row)]), partial(self._pieces, [(0, row)]), group)
+
     def _without_data(self, members: Members, group: IntArray) -> list[HeldOutReadings] | None:
         """The deviations of a large group, by the arm's normal equations less those of the group.
 
@@ -391,11 +410,11 @@ class _Minimum:
         for i, rows in members:
             part = self.parts[i]
             judged = rows[part.is_judged[rows]]
-            for some in (judged[start : start + self.chunk] for start in range(0, len(judged), self.chunk)):
+            for some in (judged[piece] for piece in perturbed_chain.chunks(len(judged), MOST_JUDGED)):
                 along_sites, values = self.problem.site_derivatives(i, some, part.linear, self.x)
-                half = without.times(along_sites, values)
                 white = part.residuals[some] + self.problem.perturbed_chain.along(shift, along_sites, values).T
-                blocks = np.einsum("krm,lrm->mkl", half, half)
+                angles = self.problem.state.rows(part.reference_fit.rows[some]).joint_angles
+                blocks = without.covariances(along_sites, values, angles)
                 found.append(_held_out(part, some, white, blocks, np.ones(len(some)), group))
         return found
 
@@ -451,18 +470,16 @@ class _Minimum:
     def _stacked(self, batch: GroupBatch, which: int) -> _Stack:
         most, k = batch.largest(which), self.parts[which].weights.shape[1]
         rows, groups, place = batch.of(which)
-        n, m = batch.n_groups, len(rows)
-        r = self.root.n_rows
-        at = np.full((n, most), m)  # readings that a group lacks are zero
-        at[groups, place] = np.arange(m)
-        by_root = np.zeros((k, r, m + 1))
-        by_root[:, :, :m] = self.root.times(
-            *self.problem.site_derivatives(which, rows, self.parts[which].linear, self.x)
-        )
-        spread = np.ascontiguousarray(by_root[:, :, at].transpose(2, 1, 0, 3)).reshape(n, r, k * most)
+        n, r = batch.n_groups, self.root.n_rows
+        by_root = self.root.times(*self.problem.site_derivatives(which, rows, self.parts[which].linear, self.x))
+        spread = np.zeros((n, r, k, most))  # readings that a group lacks are zero
+        for own, (start, stop) in zip(
+            spread, pairwise(np.searchsorted(groups, np.arange(n + 1)).tolist()), strict=True
+        ):
+            own[:, :, : stop - start] = by_root[:, :, start:stop].transpose(1, 0, 2)
         residuals = np.zeros((n, k, most))
         residuals[groups, :, place] = self.parts[which].residuals[rows]
-        return _Stack(rows, groups, place, spread, residuals.reshape(n, k * most), (k, most))
+        return _Stack(rows, groups, place, spread.reshape(n, r, -1), residuals.reshape(n, -1), (k, most))
 
     def _group(self, members: Members) -> _Group:
         residuals = np.concatenate([self.parts[i].residuals[rows].ravel() for i, rows in members])

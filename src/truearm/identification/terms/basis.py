@@ -292,22 +292,18 @@ class Harmonics(Basis):
         instead of cosines and sines; rounding grows with the number of doublings only.
         """
         angle = of_joint(state.joint_angles, self.joint)
-        out = np.empty((2 * len(self.orders), len(angle)))
-        work = np.empty((len(self.orders) // 2 + 1, len(angle)))
-        cos, sin = out[::2], out[1::2]
+        turns = np.empty((len(self.orders), len(angle)), dtype=complex)
         for first, stop in self._runs:
-            cos[first], sin[first] = cos_sin(self.orders[first] * angle)
+            turns[first].real, turns[first].imag = cos_sin(self.orders[first] * angle)
             done = 1
             while done < stop - first:
-                c, s = cos_sin(done * angle)
-                known = slice(first, min(first + done, stop - done))
-                new = slice(first + done, known.stop + done)
-                n_new = known.stop - known.start
-                np.multiply(cos[known], c, out=cos[new])
-                cos[new] -= np.multiply(sin[known], s, out=work[:n_new])
-                np.multiply(sin[known], c, out=sin[new])
-                sin[new] += np.multiply(cos[known], s, out=work[:n_new])
+                turn = np.empty(len(angle), dtype=complex)
+                turn.real, turn.imag = cos_sin(done * angle)
+                known, new = turns[first : min(first + done, stop - done)], turns[first + done : stop]
+                np.multiply(known, turn, out=new[: len(known)])
                 done *= 2
+        out = np.empty((2 * len(self.orders), len(angle)))
+        out[::2], out[1::2] = turns.real, turns.imag
         return out
 
     @classmethod
