@@ -322,7 +322,8 @@ def _cells(values: FloatArray | IntArray | NameArray, decimals: int | None) -> l
         return ["" if cell != cell else f"{cell:.{decimals}f}" for cell in cells]
     if values.dtype.kind == "f":
         return ["" if cell != cell else cell for cell in cells] if np.isnan(values).any() else cells
-    return [escape_formula(cell) for cell in cells]
+    safe = {cell: escape_formula(cell) for cell in set(cells)}  # names are repeated
+    return [safe[cell] for cell in cells]
 
 
 def _floats(cells: Sequence[str], decimal: str, *, may_be_empty: bool) -> tuple[FloatArray, BoolArray]:

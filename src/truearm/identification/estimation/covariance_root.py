@@ -26,6 +26,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 from scipy.linalg import LinAlgError, cholesky, solve_triangular
+from scipy.linalg.blas import dtrmm
 from scipy.linalg.lapack import dtrtri
 
 from truearm.identification.estimation.perturbed_chain import MOST_NARROW, PerturbedChain, as_slice
@@ -167,10 +168,14 @@ class CovarianceRoot:
         _, k, m = along_sites.shape
         narrow, *wide = self._parts
         out = np.zeros((k, self.n_rows, m))
-        by_narrow = along_sites[narrow.sites] * values[narrow.functions][:, None]
-        height = len(narrow.columns)
-        product = narrow.columns @ by_narrow.reshape(len(by_narrow), k * m)
-        out[:, :height] = product.reshape(height, k, m).transpose(1, 0, 2)
+        height, of_narrow = len(narrow.columns), values[narrow.functions]
+        for own, along in zip(out, along_sites.swapaxes(0, 1), strict=True):
+            by_narrow = along[narrow.sites] * of_narrow
+            if self.is_triangle:  # in place, with half the multiplications; both count by columns, and are transposed
+                by_narrow = dtrmm(1.0, narrow.columns.T, by_narrow.T, side=1, lower=1, overwrite_b=1).T
+            else:
+                by_narrow = narrow.columns @ by_narrow
+            own[:height] = by_narrow
         for part in wide:
             by_function = part.columns @ values[part.functions]
             for own, along in zip(out, along_sites[part.sites[0]], strict=True):
@@ -192,6 +197,6 @@ class CovarianceRoot:
         parts = []
         for span in (slice(0, n_narrow), *self.wide):
             coefficients = self.order[span]
-            columns = self.factor[: span.stop if self.is_triangle else None, span]
+            columns = np.ascontiguousarray(self.factor[: span.stop if self.is_triangle else None, span])
             parts.append(_Part(coefficients, site_of[coefficients], as_slice(row_of[coefficients]), columns))
         return parts

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import combinations_with_replacement
 
 import numpy as np
 
@@ -12,7 +13,6 @@ from truearm.arm.chain import Chain
 from truearm.identification.estimation.covariance_root import CovarianceRoot
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.references.references import Reference
-from truearm.identification.terms.basis import Constant
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
 from truearm.typing import BoolArray, FloatArray, IntArray
@@ -165,7 +165,7 @@ class IdentificationResult:
 
     def tips(self, state: ArmState) -> FloatArray:
         """(n, 3) tips [mm] at the readings of a state."""
-        if self.perturbed_chain.is_constant or not self.coefficients[~self._of_constants].any():
+        if self.perturbed_chain.is_constant(self.coefficients):
             return self.chain.tip_in_base(state.angles)
         return self.perturbed_chain.tips(state, self.coefficients)
 
@@ -177,8 +177,9 @@ class IdentificationResult:
             spread = self._root.times(along_sites, values)
             if spread.shape[2] == 1:
                 out[rows] = spread[:, :, 0].dot(spread[:, :, 0].T)  # a tenth of the time of `einsum`
-            else:
-                out[rows] = np.einsum("ipn,jpn->nij", spread, spread)
+                continue
+            for i, j in combinations_with_replacement(range(3), 2):
+                out[rows, i, j] = out[rows, j, i] = np.einsum("pn,pn->n", spread[i], spread[j])
         return out + self.unspanned_covariance(state)
 
     def expected_square_error(self, state: ArmState) -> float:
@@ -217,11 +218,6 @@ class IdentificationResult:
                 if (term.place, term.basis) == (place, basis):
                     own[:] = std * size * np.tensordot(by_motion, np.array(term.direction), axes=(1, 0))
         return out
-
-    @cached_property
-    def _of_constants(self) -> BoolArray:
-        """(n_coefficients,) whether each coefficient is of a constant."""
-        return self.columns_of(lambda term: isinstance(term.basis, Constant))
 
     @cached_property
     def processes(self) -> list[tuple[Term, float]]:
