@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import reduce
+from operator import add
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +21,8 @@ from truearm.readings import Session, check_reach
 from truearm.readings.checks import MAX_SKIPPED_SHARE
 from truearm.readings.large_sessions import LargeSession, Part
 from truearm.readings.point_error_sums import PointErrorSums
-from truearm.solve.executor import Executor, Serial, results_in_order
+from truearm.solve.executor import Executor
+from truearm.solve.sums import Sums, joined
 from truearm.solve.threads import one_blas_thread
 from truearm.workflows.inputs import (
     Limits,
@@ -30,7 +33,7 @@ from truearm.workflows.inputs import (
     within_limits,
     without_refit_readings,
 )
-from truearm.workflows.predict_large import added, joined_remarks
+from truearm.workflows.pass_over_parts import PartTask, joined_remarks, pass_over_parts
 from truearm.workflows.record import Record, TextTable, format_fixed
 from truearm.workflows.sentences import compare_with_nominal, describe_effective_number, format_mm, listed
 
@@ -40,20 +43,13 @@ MAX_OUTLIERS = 20
 NEARLY_ALL = 0.9
 
 
-@dataclass(frozen=True)
-class EvaluateTask:
-    """What one part needs."""
-
-    part: Part
-    model: Compensator
-    limits: Limits
-    conditions: Conditions | None
-    accept: str | None
-    n_session: int
+def largest(a: tuple[Outlier, ...], b: tuple[Outlier, ...]) -> tuple[Outlier, ...]:
+    """The largest outliers of parts."""
+    return tuple(sorted((*a, *b), key=lambda one: -one.normalized_residual)[:MAX_OUTLIERS])
 
 
-@dataclass(frozen=True)
-class EvaluationSums:
+@dataclass(frozen=True, eq=False)
+class EvaluationSums(Sums):
     """Figures of an evaluation that are added over parts.
 
     Attributes
@@ -87,49 +83,32 @@ class EvaluationSums:
     variance: float = 0.0
     outside: Mapping[str, int] = field(default_factory=dict)
     n_outliers: int = 0
-    outliers: tuple[Outlier, ...] = ()
+    outliers: tuple[Outlier, ...] = field(default=(), metadata=joined(largest))
     outliers_of_file: Mapping[Path, int] = field(default_factory=dict)
-    remarks: tuple[str, ...] = ()
-
-    def __add__(self, other: EvaluationSums) -> EvaluationSums:
-        """Figures of both."""
-        return EvaluationSums(
-            self.n_read + other.n_read,
-            self.n_beyond + other.n_beyond,
-            {  # a part may have no reference point
-                name: self.errors.get(name, PointErrorSums()) + other.errors.get(name, PointErrorSums())
-                for name in self.errors or other.errors
-            },
-            self.n_covered + other.n_covered,
-            self.n_covered_99 + other.n_covered_99,
-            self.variance + other.variance,
-            added(self.outside, other.outside),
-            self.n_outliers + other.n_outliers,
-            _largest((*self.outliers, *other.outliers)),
-            added(self.outliers_of_file, other.outliers_of_file),
-            joined_remarks(self.remarks, other.remarks),
-        )
+    remarks: tuple[str, ...] = field(default=(), metadata=joined(joined_remarks))
 
 
 def _named(outlier: Outlier, part: Part) -> Outlier:
     return replace(outlier, name=f"{outlier.name} of {part.file.name}")
 
 
-def _largest(found: tuple[Outlier, ...]) -> tuple[Outlier, ...]:
-    return tuple(sorted(found, key=lambda one: -one.normalized_residual)[:MAX_OUTLIERS])
+@dataclass(frozen=True)
+class EvaluateTask(PartTask[EvaluationSums]):
+    """What is evaluated of each part."""
+
+    model: Compensator
+    limits: Limits
+    conditions: Conditions | None
+    accept: str | None
+    n_session: int
+
+    def sums(self, readings: Session, part: Part) -> EvaluationSums:
+        """See `PartTask.sums`."""
+        return _sums_of(self, readings, part, accept=self.accept)
 
 
-@one_blas_thread()
 @accepts
-def evaluate_part(task: EvaluateTask, *, accept: str | None = None) -> EvaluationSums:
-    """Figures of one part."""
-    sums = EvaluationSums()
-    for session in task.part.sessions():
-        sums = sums + _sums_of(task, session, accept)
-    return sums
-
-
-def _sums_of(task: EvaluateTask, given: Session, accept: str | None) -> EvaluationSums:
+def _sums_of(task: EvaluateTask, given: Session, part: Part, *, accept: str | None) -> EvaluationSums:
     model = task.model
     # Judged over all parts, see `evaluate_large`; where a person accepts it, in each.
     most = 1.0 if task.accept is None else MAX_SKIPPED_SHARE
@@ -161,8 +140,8 @@ def _sums_of(task: EvaluateTask, given: Session, accept: str | None) -> Evaluati
         len(used) * budget.combined_mm**2,
         {name: int(rows.sum()) for name, rows in model.inputs_outside_training(at).items()},
         len(far),
-        tuple(_named(one.located(given, allowed.rows[seen]), task.part) for one in far[:MAX_OUTLIERS]),
-        {task.part.file: len(far)},
+        tuple(_named(one.located(given, allowed.rows[seen]), part) for one in far[:MAX_OUTLIERS]),
+        {part.file: len(far)},
         (
             *acceptance_remarks(accept),
             *allowed.remarks,
@@ -171,10 +150,6 @@ def _sums_of(task: EvaluateTask, given: Session, accept: str | None) -> Evaluati
             *model_remarks(model),
         ),
     )
-
-
-def _evaluate_task(task: EvaluateTask) -> EvaluationSums:
-    return evaluate_part(task, accept=task.accept)
 
 
 @one_blas_thread()
@@ -228,12 +203,8 @@ def evaluate_large(
     """
     known = to_model(model)
     large = LargeSession.open(session, n_joints=known.arm.n_joints)
-    tasks = [EvaluateTask(part, known, limits, conditions, accept, len(large)) for part in large.parts]
-    sums = EvaluationSums()
-    for of_part in results_in_order(executor or Serial(), _evaluate_task, tasks):
-        sums = sums + of_part
-        if progress is not None:
-            progress(sums.n_read, f"{sums.n_read} of {len(large)} readings")
+    tasks = [EvaluateTask(known, limits, conditions, accept, len(large))] * len(large.parts)
+    sums = reduce(add, pass_over_parts(large, tasks, executor, progress))
     if sums.n_beyond > MAX_SKIPPED_SHARE * sums.n_read:
         raise Contradiction(
             f"{sums.n_beyond} of {sums.n_read} readings are outside the limits of a joint",
@@ -246,7 +217,7 @@ def evaluate_large(
             file=session,
             hint="a file of the readings in seats alone is evaluated as a small session",
         )
-    return LargeEvaluation(known, len(tasks), sums)
+    return LargeEvaluation(known, len(large.parts), sums)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -327,9 +327,9 @@ class TrainingConditions:
             return far
         tree, around = cKDTree(self._around(self.angle_sample, prismatic)), self._around(angles, prismatic)
         probe = np.arange(len(angles)) // STRIDE
-        distance = tree.query(around[::STRIDE])[0][probe]
+        distance = np.asarray(tree.query(around[::STRIDE])[0])[probe]
         moved = np.linalg.norm(around - around[::STRIDE][probe], axis=1)
-        far = distance - moved > limit
+        far = np.asarray(distance - moved > limit)
         open_ = np.flatnonzero(~far & (distance + moved > limit))
         far[open_] = tree.query(around[open_], distance_upper_bound=limit)[0] > limit
         return far

@@ -169,6 +169,8 @@ class PerturbedChain:
 
     def tips(self, state: ArmState, x: FloatArray) -> FloatArray:
         """(n, 3) tips [mm] at the readings of a state."""
+        if self.is_constant(x):
+            return self.with_constants(x).tip_in_base(state.angles)
         if len(state) <= CHUNK:
             return self.tips_from_values(state.angles, self.values(state), x)
         out = np.empty((len(state), 3))
