@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from truearm.acceptance import OVERRIDE, acceptance_remarks, accepts
+from truearm.acceptance import OVERRIDE, acceptance_remarks, accepting, accepts
 from truearm.choices import Conditions
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.uncertainty import uncertainty_budget
@@ -25,6 +25,7 @@ from truearm.solve.executor import Executor
 from truearm.solve.sums import Sums, joined
 from truearm.solve.threads import one_blas_thread
 from truearm.workflows.inputs import (
+    TRAINING_READINGS,
     Limits,
     ModelLike,
     model_remarks,
@@ -102,6 +103,11 @@ class EvaluateTask(PartTask[EvaluationSums]):
     accept: str | None
     n_session: int
 
+    @property
+    def most_skipped(self) -> float:
+        """Share of a part that may be beyond a joint limit: judged over all; where a person accepts it, in each."""
+        return 1.0 if self.accept is None else MAX_SKIPPED_SHARE
+
     def sums(self, readings: Session, part: Part) -> EvaluationSums:
         """See `PartTask.sums`."""
         return _sums_of(self, readings, part, accept=self.accept)
@@ -110,9 +116,7 @@ class EvaluateTask(PartTask[EvaluationSums]):
 @accepts
 def _sums_of(task: EvaluateTask, given: Session, part: Part, *, accept: str | None) -> EvaluationSums:
     model = task.model
-    # Judged over all parts, see `evaluate_large`; where a person accepts it, in each.
-    most = 1.0 if task.accept is None else MAX_SKIPPED_SHARE
-    allowed = within_limits(given, model.arm, task.limits, most=most)
+    allowed = within_limits(given, model.arm, task.limits, most=task.most_skipped)
     n_beyond = len(given) - len(allowed.rows)
     seen = np.flatnonzero(allowed.session.has_point)
     used, kept, refit_remarks = without_refit_readings(allowed.session.rows(seen), model)
@@ -150,6 +154,13 @@ def _sums_of(task: EvaluateTask, given: Session, part: Part, *, accept: str | No
             *model_remarks(model),
         ),
     )
+
+
+def _is_training(large: LargeSession, task: EvaluateTask, executor: Executor | None) -> bool:
+    """Whether the model was fitted to this session: it has the fingerprint of the sample."""
+    with accepting(task.accept):
+        sample = within_limits(large.sample(executor=executor), task.model.arm, task.limits, most=task.most_skipped)
+    return task.model.is_trained_on(sample.session)
 
 
 @one_blas_thread()
@@ -204,7 +215,8 @@ def evaluate_large(
     known = to_model(model)
     large = LargeSession.open(session, n_joints=known.arm.n_joints)
     tasks = [EvaluateTask(known, limits, conditions, accept, len(large))] * len(large.parts)
-    sums = reduce(add, pass_over_parts(large, tasks, executor, progress))
+    trained = (TRAINING_READINGS,) if _is_training(large, tasks[0], executor) else ()
+    sums = reduce(add, pass_over_parts(large, tasks, executor, progress), EvaluationSums(remarks=trained))
     if sums.n_beyond > MAX_SKIPPED_SHARE * sums.n_read:
         raise Contradiction(
             f"{sums.n_beyond} of {sums.n_read} readings are outside the limits of a joint",

@@ -40,8 +40,6 @@ from truearm.workflows.pass_over_parts import PartTask, pass_over_parts
 from truearm.workflows.record import Record, TextTable
 from truearm.workflows.sentences import compare_with_nominal, describe_effective_number, format_mm, number_of
 
-# Readings of the sample: its judgements cost some seconds of a kinematic model, and some ten of a physical one.
-SAMPLE = 20_000
 # Stretches of the session that are held out in turn.
 FOLDS = 10
 # Passes over the session. Two are the rule: the sample is near.
@@ -162,10 +160,10 @@ def fit_large(
 ) -> LargeFit:
     """Fit a model to a large session.
 
-    `SAMPLE` readings, evenly spaced, are fitted as a small session: they show whether the readings are of the arm,
-    which model and which terms, what it leaves unexplained and where. The coefficients of a nominal or kinematic model
-    and their covariance are then those of all readings, by sums over its parts, with the errors of stretches of the
-    session that are held out in turn; models of other kinds stay those of the sample.
+    An evenly spaced sample is fitted as a small session: it shows whether the readings are of the arm, which model and
+    which terms, what it leaves unexplained and where. The coefficients of a nominal or kinematic model and their
+    covariance are then those of all readings, by sums over its parts, with the errors of stretches of the session that
+    are held out in turn; models of other kinds stay those of the sample.
 
     Parameters
     ----------
@@ -206,7 +204,7 @@ def fit_large(
             progress(0, f"sample: {note}")
 
     report(0, "reading")
-    sample = large.sample(SAMPLE, executor)
+    sample = large.sample(executor=executor)
     options |= {"model": model, "free": free, "limits": limits, "accept": accept, "progress": report}
     found = _fit_sample(large, known_arm, sample, **options)
     if why_not := _why_of_sample(found):

@@ -65,6 +65,7 @@ LengthsLike: TypeAlias = "Lengths | str | Path"
 MAX_RELATIVE_U = 0.005
 # Lines that a remark names one by one.
 MAX_NAMED = 6
+TRAINING_READINGS = "These are the training readings of the model: a fair test needs others (split)."
 
 
 class CheckedSession(NamedTuple):
@@ -519,5 +520,5 @@ def evaluation_remarks(model: Compensator, readings: ReadingsLike) -> list[str]:
         remarks.append(f"{describe_outside(inputs, model.training_, session)}.")
     remarks += [*payload_remarks(model, session), *model_remarks(model)]
     if model.is_trained_on(session):
-        remarks.append("These are the training readings of the model: a fair test needs others (split).")
+        remarks.append(TRAINING_READINGS)
     return remarks
