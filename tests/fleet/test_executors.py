@@ -238,6 +238,12 @@ def test_sums_over_a_large_session_are_the_same_on_a_cluster(cluster, tmp_path):
     found = evaluate_large(model, tmp_path, executor=Dask(cluster.scheduler_address))
     assert found.n_parts == 2
     assert found.to_dict() == evaluate_large(model, tmp_path).to_dict()
+    one, other = (
+        ta.fit_large("ur10", tmp_path, model="nominal", executor=executor).model.fit_
+        for executor in (None, Dask(cluster.scheduler_address))
+    )
+    assert np.array_equal(one.coefficients, other.coefficients)
+    assert np.array_equal(one.covariance, other.covariance)
 
 
 def test_only_the_room_of_fleets_knows_dask():

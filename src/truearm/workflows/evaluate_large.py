@@ -31,10 +31,9 @@ from truearm.workflows.inputs import (
     model_remarks,
     payload_remarks,
     to_model,
-    within_limits,
     without_refit_readings,
 )
-from truearm.workflows.pass_over_parts import PartTask, joined_remarks, pass_over_parts
+from truearm.workflows.pass_over_parts import PartTask, allowed_in_part, joined_remarks, pass_over_parts
 from truearm.workflows.record import Record, TextTable, format_fixed
 from truearm.workflows.sentences import compare_with_nominal, describe_effective_number, format_mm, listed
 
@@ -103,11 +102,6 @@ class EvaluateTask(PartTask[EvaluationSums]):
     accept: str | None
     n_session: int
 
-    @property
-    def most_skipped(self) -> float:
-        """Share of a part that may be beyond a joint limit: judged over all; where a person accepts it, in each."""
-        return 1.0 if self.accept is None else MAX_SKIPPED_SHARE
-
     def sums(self, readings: Session, part: Part) -> EvaluationSums:
         """See `PartTask.sums`."""
         return _sums_of(self, readings, part, accept=self.accept)
@@ -116,7 +110,7 @@ class EvaluateTask(PartTask[EvaluationSums]):
 @accepts
 def _sums_of(task: EvaluateTask, given: Session, part: Part, *, accept: str | None) -> EvaluationSums:
     model = task.model
-    allowed = within_limits(given, model.arm, task.limits, most=task.most_skipped)
+    allowed = allowed_in_part(given, model.arm, task.limits, accept)
     n_beyond = len(given) - len(allowed.rows)
     seen = np.flatnonzero(allowed.session.has_point)
     used, kept, refit_remarks = without_refit_readings(allowed.session.rows(seen), model)
@@ -159,7 +153,7 @@ def _sums_of(task: EvaluateTask, given: Session, part: Part, *, accept: str | No
 def _is_training(large: LargeSession, task: EvaluateTask, executor: Executor | None) -> bool:
     """Whether the model was fitted to this session: it has the fingerprint of the sample."""
     with accepting(task.accept):
-        sample = within_limits(large.sample(executor=executor), task.model.arm, task.limits, most=task.most_skipped)
+        sample = allowed_in_part(large.sample(executor=executor), task.model.arm, task.limits, task.accept)
     return task.model.is_trained_on(sample.session)
 
 

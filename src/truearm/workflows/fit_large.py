@@ -25,7 +25,6 @@ from truearm.identification.judgement.held_out_errors import HeldOutErrors
 from truearm.identification.references.reading_references import references_of
 from truearm.identification.references.references import Points
 from truearm.readings import Session
-from truearm.readings.checks import MAX_SKIPPED_SHARE
 from truearm.readings.large_sessions import LargeSession, Part
 from truearm.readings.point_error_sums import PointErrorSums
 from truearm.readings.reference_uncertainty import scale_errors
@@ -35,8 +34,8 @@ from truearm.solve.sums import Sums, joined
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 from truearm.workflows.fit import FitResult, fit
-from truearm.workflows.inputs import ArmLike, Limits, check_has_reference, to_arm, within_limits
-from truearm.workflows.pass_over_parts import PartTask, pass_over_parts
+from truearm.workflows.inputs import ArmLike, Limits, check_has_reference, to_arm
+from truearm.workflows.pass_over_parts import PartTask, allowed_in_part, pass_over_parts
 from truearm.workflows.record import Record, TextTable
 from truearm.workflows.sentences import compare_with_nominal, describe_effective_number, format_mm, number_of
 
@@ -73,7 +72,7 @@ class FitSums(Sums):
 
     n_read: int
     sums: ReadingSums
-    inputs: InputRanges = field(default_factory=lambda: InputRanges(0, {}))
+    inputs: InputRanges = field(default_factory=InputRanges)
     held_out: PointErrorSums = field(default_factory=PointErrorSums)
     nominal: PointErrorSums = field(default_factory=PointErrorSums)
     gross: tuple[str, ...] = field(default=(), metadata=joined(first_names))
@@ -116,9 +115,7 @@ class SumTask(PartTask[FitSums]):
     def sums(self, readings: Session, part: Part) -> FitSums:
         """See `PartTask.sums`."""
         with accepting(self.accept):
-            # The sample was judged. Where more than half of it was accepted to be beyond a limit, none is skipped.
-            most = 1.0 if self.accept is None else MAX_SKIPPED_SHARE
-            used = within_limits(readings, self.model.arm, self.limits, most=most).session
+            used = allowed_in_part(readings, self.model.arm, self.limits, self.accept).session
             used = used.rows(used.has_point)
             if not len(used):
                 return FitSums(len(readings), ReadingSums.zero(self.model.fit_.perturbed_chain.n_coefficients))

@@ -8,11 +8,14 @@ from functools import reduce
 from operator import add
 from typing import Generic, TypeVar
 
+from truearm.arm import Arm
 from truearm.readings import Session
+from truearm.readings.checks import MAX_SKIPPED_SHARE
 from truearm.readings.large_sessions import LargeSession, Part
 from truearm.solve.executor import Executor, Serial, results_in_order
 from truearm.solve.sums import Sums
 from truearm.solve.threads import one_blas_thread
+from truearm.workflows.inputs import CheckedSession, Limits, within_limits
 
 S = TypeVar("S", bound=Sums)
 
@@ -61,6 +64,14 @@ def pass_over_parts(
         done += part.n_readings
         if progress is not None:
             progress(done, f"{label}{done} of {len(large)} readings")
+
+
+def allowed_in_part(readings: Session, arm: Arm, limits: Limits, accept: str | None) -> CheckedSession:
+    """The readings of a part within the joint limits, by `within_limits`.
+
+    How many are beyond them is judged over all parts. Where a person accepts it, it is judged in each, to skip none.
+    """
+    return within_limits(readings, arm, limits, most=1.0 if accept is None else MAX_SKIPPED_SHARE)
 
 
 def joined_remarks(a: tuple[str, ...], b: tuple[str, ...]) -> tuple[str, ...]:
