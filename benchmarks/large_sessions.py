@@ -177,7 +177,7 @@ def sent(readings: tuple[int, ...] = (100_000,)) -> RowResult:
     part = LargeSession.open(folder).parts[0]
     model = ta.load_model(scratch() / "arm.truearm")
     at = Estimate(model.fit_.coefficients, model.fit_.references[0].noise_std ** 2)
-    task = fitting.SumTask(fitting.without_readings(model), at, at.x, 10.0, "skip", None, part.n_readings)
+    task = fitting.SumTask(fitting.sent_model(model, model.fit_), at, at.x, 10.0, "skip", None, part.n_readings)
     sums = sums_of_part((task, part))
     table = [
         {

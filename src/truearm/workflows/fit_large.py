@@ -18,6 +18,7 @@ from truearm.choices import ModelName
 from truearm.compensation.models.identified_model import IdentifiedModel, to_identified
 from truearm.compensation.models.input_ranges import InputRanges
 from truearm.errors import Contradiction
+from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.reading_sums import ReadingSums
 from truearm.identification.from_sums import Estimate, identified, improved, of_the_model_itself, without_part
 from truearm.identification.judgement.gross_errors import LEAST_READINGS, gross_error_limit
@@ -232,17 +233,16 @@ def _by_all_readings(
     executor: Executor | None,
     progress: Callable[[int, str], None] | None,
 ) -> LargeFit:
-    arm, light = of_sample.fit_, without_readings(of_sample)
+    arm = of_sample.fit_
     # The first pass is never the last: the missing terms, most of the work, are summed from the second on.
-    small = copy.copy(light)
-    small.fit_ = of_the_model_itself(light.fit_)
+    first, later = (sent_model(of_sample, fit) for fit in (of_the_model_itself(arm), arm))
     gross = gross_error_limit(arm, of_sample.held_out_.and_also(of_sample.held_out_gross_))
-    following = Estimate(small.fit_.coefficients, arm.references[0].noise_std ** 2)
+    following = Estimate(first.fit_.coefficients, arm.references[0].noise_std ** 2)
     folds = [i * FOLDS // len(large.parts) for i in range(len(large.parts))]
     by_fold: dict[int, FloatArray] = {}
     n_pass = 0
     while n_pass < 2 or (n_pass < MAX_PASSES and not following.is_settled):
-        at, n_pass, model = following, n_pass + 1, light if n_pass else small
+        at, n_pass, model = following, n_pass + 1, later if n_pass else first
         tasks = [SumTask(model, at, by_fold.get(fold), gross, limits, accept, len(large)) for fold in folds]
         of_folds: dict[int, FitSums] = {}
         passed = pass_over_parts(large, tasks, executor, progress, label=f"pass {n_pass}: ")
@@ -292,12 +292,15 @@ def _fit_sample(large: LargeSession, arm: Arm | None, sample: Session, **options
         raise error.with_hint(f"{error.hint}; or {hint}" if error.hint else hint) from None
 
 
-def without_readings(model: IdentifiedModel) -> IdentifiedModel:
-    """The model without what it keeps of its readings: it is sent to every worker."""
+def sent_model(model: IdentifiedModel, fit: IdentificationResult) -> IdentifiedModel:
+    """The model with an arm, without what it keeps of its readings and uncertainty: it is sent with every part."""
     light = copy.copy(model)
     none = type(model).held_out_
     light.held_out_ = light.held_out_gross_ = light.held_out_distances_ = none
-    light.fit_, light.nominal_ = (replace(one, references=()) for one in (model.fit_, model.nominal_))
+    light.fit_, light.nominal_ = (
+        replace(one, references=(), covariance=np.zeros((0, 0)), repeatability_covariance=None)
+        for one in (fit, model.nominal_)
+    )
     return light
 
 
