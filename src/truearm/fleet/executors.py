@@ -6,6 +6,8 @@ so a task that may fail returns its failure. A worker that is killed costs the t
 
 from __future__ import annotations
 
+import signal
+import sys
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
@@ -52,7 +54,7 @@ class Processes:
             queue, width = (suspects, 1) if alone else (waiting, self.n)
             running: dict[Future[R], int] = {}
             # Spawned, not forked: threads of a BLAS do not survive a fork.
-            self._pool = pool = self._pool or ProcessPoolExecutor(self.n, mp_context=get_context("spawn"))
+            self._pool = pool = self._pool or ProcessPoolExecutor(self.n, get_context("spawn"), _end_silently)
             try:
                 while queue or running:
                     while queue and len(running) < width and queue[0] < next(iter(lost)) + reach:
@@ -80,6 +82,11 @@ class Processes:
         pool, self._pool = self._pool, None
         if pool is not None:
             pool.shutdown(cancel_futures=True)
+
+
+def _end_silently() -> None:
+    """In a process: Ctrl-C, which goes to all of them, ends it without a trace back."""
+    signal.signal(signal.SIGINT, lambda number, _: sys.exit(128 + number))
 
 
 @dataclass(frozen=True)
