@@ -10,6 +10,8 @@ import os
 import pickle  # of what is sent to workers, to count it; nothing is read from a file
 import resource
 import time
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +29,7 @@ from truearm.solve.executor import Executor, Serial
 from truearm.workflows import fit_large as fitting
 from truearm.workflows.evaluate_large import evaluate_large
 from truearm.workflows.fit_large import fit_large
+from truearm.workflows.pass_over_parts import sums_of_part
 from truearm.workflows.predict_large import predict_large
 
 ROWS = Rows()
@@ -70,15 +73,21 @@ def made_session(n: int, form: str) -> str:
     return str(folder)
 
 
-def executor_of(workers: int) -> Executor:
-    """So many processes, or this one."""
-    return Processes(workers) if workers > 1 else Serial()
+@contextmanager
+def executor_of(workers: int) -> Iterator[Executor]:
+    """So many processes, which end with the block, or this one."""
+    if workers == 1:
+        yield Serial()
+        return
+    with closing(Processes(workers)) as executor:
+        yield executor
 
 
 def fitted(kind: str, folder: str, workers: int) -> dict[str, float]:
     """CPU and elapsed seconds of a fit, and the peak memory of its largest process."""
     begun, elapsed = cpu_seconds(), time.perf_counter()
-    found = fit_large("ur10", folder, model=kind, executor=executor_of(workers))
+    with executor_of(workers) as executor:
+        found = fit_large("ur10", folder, model=kind, executor=executor)
     children = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * 1024
     return {
         "readings": found.n_readings,
@@ -116,11 +125,16 @@ def read_and_used(folder: str, workers: int) -> dict[str, float]:
     out = Path(folder).with_suffix(".out.parquet")
     file = next(Path(folder).iterdir())
     seconds: dict[str, float] = {"readings": 0, "workers": workers}
-    works = {
+
+    def of_all(verb: Callable[..., object], *options: object) -> object:
+        with executor_of(workers) as executor:
+            return verb(model, folder, *options, executor=executor)
+
+    works: dict[str, Callable[[], object]] = {
         "pandas [s]": lambda: (pandas.read_csv if file.suffix == ".csv" else pandas.read_parquet)(file),
         "read [s]": lambda: sum(len(one) for part in LargeSession.open(folder).parts for one in part.sessions()),
-        "predict [s]": lambda: predict_large(model, folder, out, executor=executor_of(workers)),
-        "evaluate [s]": lambda: evaluate_large(model, folder, executor=executor_of(workers)),
+        "predict [s]": lambda: of_all(predict_large, out),
+        "evaluate [s]": lambda: of_all(evaluate_large),
     }
     for name, work in works.items():
         begun = cpu_seconds()
@@ -163,13 +177,13 @@ def sent(readings: tuple[int, ...] = (100_000,)) -> RowResult:
     part = LargeSession.open(folder).parts[0]
     model = ta.load_model(scratch() / "arm.truearm")
     at = Estimate(model.fit_.coefficients, model.fit_.references[0].noise_std ** 2)
-    task = fitting.SumTask(part, fitting.without_readings(model), at, at.x, 10.0, "skip", None, part.n_readings)
-    sums = fitting.sums_of_part(task)
+    task = fitting.SumTask(fitting.sent_model(model, model.fit_), at, at.x, 10.0, "skip", None, part.n_readings)
+    sums = sums_of_part((task, part))
     table = [
         {
             "readings of a part": part.n_readings,
             "coefficients": len(at.x),
-            "task [kB]": len(pickle.dumps(task)) / 1e3,
+            "task [kB]": len(pickle.dumps((task, part))) / 1e3,
             "sums [kB]": len(pickle.dumps(sums)) / 1e3,
             "file [kB]": next(Path(folder).iterdir()).stat().st_size / 1e3 * part.n_readings / readings[-1],
         }

@@ -1,12 +1,15 @@
 """Delimited text: physical lines are right whatever the line ends, and cells come back as they were written."""
 
+import csv
+import io
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from truearm.errors import InputError
-from truearm.files.delimited import escape_formula, read_columns, write_columns
+from truearm.files.delimited import append_rows, escape_formula, read_columns, write_columns
 from truearm.files.spreadsheet_forms import read_form
 
 names = st.text(st.characters(blacklist_categories=("Cs", "Cc")) | st.sampled_from("'=+-@\t"), max_size=8)
@@ -17,6 +20,23 @@ def test_names_come_back_as_they_were_written(tmp_path_factory, cells):
     path = tmp_path_factory.mktemp("names") / "table.csv"
     write_columns(path, {"number": np.arange(float(len(cells))), "name": np.array(cells)})
     assert read_columns(read_form(path), [0], [1])[1][0].tolist() == np.array(cells).tolist()
+
+
+@given(
+    cells=st.lists(names | st.sampled_from(['"', "a,b", "a\nb", "%s", ""]), min_size=1, max_size=5),
+    values=st.lists(st.floats(), min_size=5, max_size=5),
+)
+def test_a_table_is_written_as_the_writer_of_the_standard_library_does(cells, values):
+    columns = {"50 %": np.array(values[: len(cells)]), "name": np.array(cells), "n": np.arange(len(cells))}
+    for shown in (columns, {"name": columns["name"]}):
+        ours, plain = io.StringIO(), io.StringIO()
+        append_rows(ours, shown, decimals=3, header=True)
+        writer = csv.writer(plain, lineterminator="\n")
+        writer.writerow(shown)
+        for value, cell, number in zip(values, columns["name"].tolist(), range(len(cells)), strict=False):
+            row = ["" if np.isnan(value) else f"{value:.3f}", escape_formula(cell), number]
+            writer.writerow(row if len(shown) > 1 else row[1:2])
+        assert ours.getvalue() == plain.getvalue()
 
 
 @pytest.mark.parametrize("cell", ["=cmd|' /C calc'!A0", "+1+cmd", "-2+3+cmd|x", "@SUM(A1)", "\t=1", "'=1"])

@@ -72,10 +72,27 @@ def by_number(executor, function, tasks):
     return [result for _, result in sorted(found, key=lambda one: one[0])]
 
 
-@pytest.mark.parametrize("executor", [Serial(), Processes(1), Processes(2)])
-def test_every_task_has_its_result(executor):
+@pytest.mark.parametrize("n", [0, 1, 2])
+def test_every_task_has_its_result(n):
+    executor = Processes(n) if n else Serial()
     assert by_number(executor, square, [1.0, 2.0, 3.0]) == [1.0, 4.0, 9.0]
     assert by_number(executor, square, []) == []
+
+
+def process_of(_: object) -> int:
+    return os.getpid()
+
+
+@needs_kill
+def test_processes_serve_pass_after_pass_and_others_take_the_place_of_killed_ones():
+    executor = Processes(1)
+    first, second = (by_number(executor, process_of, [0, 1]) for _ in range(2))
+    assert {*first, *second} == {first[0]}
+    os.kill(first[0], signal.SIGKILL)
+    third = by_number(executor, process_of, [0, 1])
+    assert first[0] not in third
+    executor.close()
+    assert third[0] not in by_number(executor, process_of, [0])
 
 
 @needs_kill
@@ -221,6 +238,12 @@ def test_sums_over_a_large_session_are_the_same_on_a_cluster(cluster, tmp_path):
     found = evaluate_large(model, tmp_path, executor=Dask(cluster.scheduler_address))
     assert found.n_parts == 2
     assert found.to_dict() == evaluate_large(model, tmp_path).to_dict()
+    one, other = (
+        ta.fit_large("ur10", tmp_path, model="nominal", executor=executor).model.fit_
+        for executor in (None, Dask(cluster.scheduler_address))
+    )
+    assert np.array_equal(one.coefficients, other.coefficients)
+    assert np.array_equal(one.covariance, other.covariance)
 
 
 def test_only_the_room_of_fleets_knows_dask():

@@ -142,6 +142,41 @@ def test_a_part_beyond_the_limits_is_skipped_as_in_a_small_session(session, mode
         evaluate_large(model, folder)
 
 
+def test_readings_of_the_training_are_recognised(session, folder, tmp_path, monkeypatch):
+    own = tmp_path / "own"
+    own.mkdir()
+    for name, rows in (("a", np.arange(120)), ("b", np.arange(120, 200))):
+        session.rows(rows).save(own / f"{name}.csv")
+    monkeypatch.setattr(large_sessions, "SAMPLE", 70)
+    model = ta.fit_large("ur10", own, model="nominal").model
+    said = "These are the training readings of the model"
+    assert any(said in remark for remark in evaluate_large(model, own).sums.remarks)
+    assert not any(said in remark for remark in evaluate_large(model, folder).sums.remarks)
+
+
+def test_a_page_shows_a_sample_and_the_errors_of_all(folder, model, tmp_path, monkeypatch):
+    monkeypatch.setattr(large_sessions, "SAMPLE", 300)
+    found = ta.report({"ours": model}, folder, tmp_path / "page.html")
+    errors = evaluate_large(model, folder).errors["model"]
+    sample, of_all = found.of_large
+    assert sample.startswith("Figures and tables are of 300 of 3000 readings")
+    assert of_all.startswith(f"ours, all {N} readings: mean error {errors['mean_mm']:.4f} mm")
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert sample in page
+    assert of_all in page
+    assert not ta.report(model, folder / "a.csv").of_large
+
+
+def test_a_file_has_one_encoding(tmp_path):
+    """Windows' encoding of a later part shows what the bytes of an earlier one are, which UTF-8 would have too."""
+    rows = [f"{i},5;{'Ã¼' if i < 20 else 'ü'}" for i in range(40)]
+    (tmp_path / "s.csv").write_bytes("\n".join(["q1_deg;seat", *rows, ""]).encode("cp1252"))
+    large = LargeSession.open(tmp_path / "s.csv", part_bytes=100)
+    assert len(large.parts) > 2
+    found = large_sessions.joined_sessions([one for part in large.parts for one in part.sessions()])
+    assert found.seat.tolist() == read_session(tmp_path / "s.csv").seat.tolist() == ["Ã¼"] * 20 + ["ü"] * 20
+
+
 def test_a_fault_is_in_its_line_and_no_table_is_written(session, model, tmp_path):
     file = tmp_path / "s.csv"
     session.save(file)

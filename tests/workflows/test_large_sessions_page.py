@@ -39,11 +39,11 @@ def test_its_walk_prints_what_it_says(tmp_path, monkeypatch, capsys):
         assert capsys.readouterr().out == said
     for refused in (
         "predict large.truearm line/monday.csv --out p.csv --workers 2",
-        "report large.truearm line --out r.html",
+        "refit large.truearm line --out r.truearm",
     ):
         with pytest.raises(SystemExit, match="2"):
             run(shlex.split(refused))
-    assert "part by part" in capsys.readouterr().err
+    assert "by parts" in capsys.readouterr().err
 
 
 def test_a_split_by_name_keeps_groups_together(tmp_path, monkeypatch, capsys):

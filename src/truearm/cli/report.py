@@ -34,6 +34,9 @@ def report(
     Errors before and after compensation; for identified arms their uncertainty, their terms, the error of each joint,
     and what is not identifiable. The page is one HTML file that needs nothing beside it. The readings must have
     reference points, or seats.
+
+    Of a folder of session files, or a file beyond 512 MB, the page shows an evenly spaced sample of 20000 readings, and
+    has the errors of all (docs/large-sessions.md).
     """
     from truearm.workflows.inputs import is_model_file
     from truearm.workflows.outputs import make_folder

@@ -254,12 +254,13 @@ def append_rows(
     header: bool = False,
 ) -> None:
     """Append rows to a table as `write_columns` writes it, after its header where it has none yet."""
-    writer = csv.writer(out, lineterminator="\n")
     if header:
-        writer.writerow(columns)
+        csv.writer(out, lineterminator="\n").writerow(columns)
+    empty = '""' if len(columns) == 1 else ""  # a line without anything is no row
     for start in range(0, len(next(iter(columns.values()))), _CHUNK):
-        # Python's floats write themselves with the fewest digits that come back the same.
-        writer.writerows(zip(*(_cells(v[start : start + _CHUNK], decimals) for v in columns.values()), strict=True))
+        parts = [_cells(values[start : start + _CHUNK], decimals, empty) for values in columns.values()]
+        line = ",".join(form for form, _ in parts) + "\n"
+        out.write("".join(map(line.__mod__, zip(*(cells for _, cells in parts), strict=True))))
 
 
 def as_utf8(data: bytes, path: Path, encoding: str, *, hint: str = "save it as 'CSV UTF-8'") -> bytes:
@@ -314,15 +315,26 @@ def quoted_cell(cell: object) -> str:
     return text if len(text) <= 40 else f"{text[:36]}...{text[0]}"
 
 
-def _cells(values: FloatArray | IntArray | NameArray, decimals: int | None) -> list[Any]:
+def _cells(values: FloatArray | IntArray | NameArray, decimals: int | None, empty: str) -> tuple[str, list[Any]]:
+    """The cells of a column, and their form; what is missing is `empty`."""
     cells: list[Any] = values.tolist()
     if values.dtype.kind == "i":
-        return cells
-    if values.dtype.kind == "f" and decimals is not None:
-        return ["" if cell != cell else f"{cell:.{decimals}f}" for cell in cells]
+        return "%d", cells
     if values.dtype.kind == "f":
-        return ["" if cell != cell else cell for cell in cells] if np.isnan(values).any() else cells
-    return [escape_formula(cell) for cell in cells]
+        # Python's floats write themselves with the fewest digits that come back the same.
+        form = "%r" if decimals is None else f"%.{decimals}f"
+        if np.isnan(values).any():
+            return "%s", [empty if cell != cell else form % cell for cell in cells]
+        return form, cells
+    safe = {cell: _quoted(escape_formula(cell)) or empty for cell in set(cells)}  # names are repeated
+    return "%s", [safe[cell] for cell in cells]
+
+
+def _quoted(cell: str) -> str:
+    """A cell as CSV, in quotes where it needs them."""
+    out = io.StringIO()
+    csv.writer(out, lineterminator="\n").writerow([cell, ""])
+    return out.getvalue().removesuffix(",\n")
 
 
 def _floats(cells: Sequence[str], decimal: str, *, may_be_empty: bool) -> tuple[FloatArray, BoolArray]:

@@ -6,12 +6,14 @@ so a task that may fail returns its failure. A worker that is killed costs the t
 
 from __future__ import annotations
 
+import signal
+import sys
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import inf
 from multiprocessing import get_context
 from typing import Any, TypeVar
@@ -27,9 +29,9 @@ R = TypeVar("R")
 MAX_LOST = 3
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class Processes:
-    """Several processes of this machine.
+    """Several processes of this machine: they start with the first task, and end with this object.
 
     Parameters
     ----------
@@ -39,6 +41,7 @@ class Processes:
     """
 
     n: int
+    _pool: ProcessPoolExecutor | None = field(default=None, init=False, repr=False)
 
     def results(
         self, function: Callable[[T], R], tasks: Sequence[T], *, ahead: int | None = None
@@ -52,27 +55,39 @@ class Processes:
             queue, width = (suspects, 1) if alone else (waiting, self.n)
             running: dict[Future[R], int] = {}
             # Spawned, not forked: threads of a BLAS do not survive a fork.
-            with ProcessPoolExecutor(width, mp_context=get_context("spawn")) as pool:
-                try:
-                    while queue or running:
-                        while queue and len(running) < width and queue[0] < next(iter(lost)) + reach:
-                            running[pool.submit(function, tasks[queue[0]])] = queue[0]
-                            queue.popleft()
-                        for future in wait(running, return_when=FIRST_COMPLETED).done:
-                            result = future.result()
-                            del lost[i := running.pop(future)]
-                            yield i, result
-                except BrokenProcessPool:
-                    for i in running.values():
-                        lost[i] += alone
-                        if lost[i] < MAX_LOST:
-                            suspects.append(i)
-                        else:
-                            del lost[i]
-                            yield i, WorkerLost(f"its process was killed {MAX_LOST} times (not enough memory?)")
-                except BaseException:
-                    pool.shutdown(wait=False, cancel_futures=True)
-                    raise
+            self._pool = pool = self._pool or ProcessPoolExecutor(self.n, get_context("spawn"), _end_silently)
+            try:
+                while queue or running:
+                    while queue and len(running) < width and queue[0] < next(iter(lost)) + reach:
+                        running[pool.submit(function, tasks[queue[0]])] = queue[0]
+                        queue.popleft()
+                    for future in wait(running, return_when=FIRST_COMPLETED).done:
+                        result = future.result()
+                        del lost[i := running.pop(future)]
+                        yield i, result
+            except BrokenProcessPool:
+                self.close()
+                for i in running.values():
+                    lost[i] += alone
+                    if lost[i] < MAX_LOST:
+                        suspects.append(i)
+                    else:
+                        del lost[i]
+                        yield i, WorkerLost(f"its process was killed {MAX_LOST} times (not enough memory?)")
+            except BaseException:
+                self.close()
+                raise
+
+    def close(self) -> None:
+        """End the processes when they have finished what they compute; later tasks start others."""
+        pool, self._pool = self._pool, None
+        if pool is not None:
+            pool.shutdown(cancel_futures=True)
+
+
+def _end_silently() -> None:
+    """In a process: Ctrl-C, which goes to all of them, ends it without a trace back."""
+    signal.signal(signal.SIGINT, lambda number, _: sys.exit(128 + number))
 
 
 @dataclass(frozen=True)

@@ -32,41 +32,46 @@ class Estimate:
     Attributes
     ----------
     x : (p,) array
-        All coefficients; those of missing terms are zero.
+        Those of the model itself; those of missing terms, which come after them, are zero.
     noise_mm2 : float
         Variance of a residual beyond the stated uncertainty.
+    moved : float or None
+        How far the last pass moved them, in standard uncertainties.
     is_settled : bool
-        Whether the last pass moved them by next to nothing.
+        Whether the next one would move them by next to nothing.
     """
 
     x: FloatArray
     noise_mm2: float
+    moved: float | None = None
     is_settled: bool = False
 
 
-def own_coefficients_of(arm: IdentificationResult) -> IntArray:
-    """Coefficients of the model itself, without those of missing terms."""
-    return np.flatnonzero(~arm.columns_of(lambda term: term.group.endswith(SUFFIX)))
+def of_the_model_itself(arm: IdentificationResult) -> IdentificationResult:
+    """The arm without missing terms, whose coefficients come last."""
+    return arm.select(lambda term: not term.group.endswith(SUFFIX))
 
 
 def improved(arm: IdentificationResult, before: Estimate, sums: ReadingSums) -> Estimate:
-    """The next estimate, from sums over all readings at the one before."""
-    own, x = own_coefficients_of(arm), before.x.copy()
-    found = sums.posterior(x, arm.prior_std, own)
-    step = found.x - x[own]
-    x[own] = found.x
+    """The next estimate, from sums over all readings at the one before.
+
+    Steps shrink by about the same factor, so that of two steps follows what a third one would be.
+    """
+    own = np.arange(len(before.x))
+    found = sums.posterior(before.x, arm.prior_std, own)
+    step = found.x - before.x
     size = float(step @ sums.gram[np.ix_(own, own)] @ step)
     factor = sums.correlated(found, arm.prior_std, own)[1].factor
     moved = float(np.sqrt(max(size, 0.0) / (factor * len(own))))
+    following = moved if before.moved is None else moved * min(moved / max(before.moved, 1e-300), 1.0)
     noise = sums.noise_mm2(before.noise_mm2, float(len(own)))
-    return Estimate(x, noise, moved < SETTLED_STEP and abs(np.log(noise / before.noise_mm2)) < SETTLED_STEP)
+    is_settled = following < SETTLED_STEP and abs(np.log(noise / before.noise_mm2)) < SETTLED_STEP
+    return Estimate(found.x, noise, moved, is_settled)
 
 
 def without_part(arm: IdentificationResult, at: Estimate, sums: ReadingSums, part: ReadingSums) -> FloatArray:
     """(p,) coefficients by the readings that are not in a part, from sums at the same estimate."""
-    own, x = own_coefficients_of(arm), at.x.copy()
-    x[own] = sums.without(part).posterior(x, arm.prior_std, own).x
-    return x
+    return sums.without(part).posterior(at.x, arm.prior_std, np.arange(len(at.x))).x
 
 
 def identified(
@@ -94,12 +99,12 @@ def identified(
     same_every_day : bool
         Whether nothing changes from day to day, as of the nominal arm.
     """
-    own, every = own_coefficients_of(arm), np.arange(len(at.x))
+    own, every = np.arange(len(at.x)), np.arange(len(arm.prior_std))
     found = sums.posterior(at.x, arm.prior_std, own)
     covariance, effect = sums.correlated(found, arm.prior_std, own)
     references = tuple(replace(part, noise_std=float(np.sqrt(at.noise_mm2))) for part in arm.references)
     fit = replace(
-        arm.select(lambda term: not term.group.endswith(SUFFIX)),
+        of_the_model_itself(arm),
         coefficients=found.x,
         covariance=covariance,
         groups=tuple(_groups(arm, found.variance, own)),
@@ -108,7 +113,7 @@ def identified(
     )
     result = fit
     if len(own) < len(every):
-        wider = sums.posterior(at.x, arm.prior_std, every)
+        wider = sums.posterior(np.pad(at.x, (0, len(every) - len(own))), arm.prior_std, every)
         of_wider, _ = sums.correlated(wider, arm.prior_std, every)
         result = with_missing_terms(fit, replace(arm, coefficients=wider.x, covariance=of_wider))
     # The response of the coefficients to an error that all points share is that of the sample: more readings of the

@@ -31,7 +31,9 @@ if TYPE_CHECKING:
 
 # Cells of a Parquet file before they are unpacked: a small file can hold very many equal ones.
 MAX_CELLS = 2**27
-LARGE = "truearm fit, predict, evaluate and split read folders and larger files part by part (docs/large-sessions.md)"
+LARGE = (
+    "truearm fit, predict, evaluate, split and report read folders and larger files by parts (docs/large-sessions.md)"
+)
 
 
 def read_fields(path: str | Path, *, n_joints: int | None = None) -> dict[str, Any]:

@@ -8,7 +8,7 @@ small session.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate, pairwise
 from pathlib import Path
@@ -35,6 +35,8 @@ MAX_READINGS = 2**16
 HEAD_BYTES = 2**16
 # No file is larger: a petabyte. One that is counted must have an end.
 LARGEST_BYTES = 2**50
+# Readings of a sample: its judgements cost some seconds of a kinematic model, and some ten of a physical one.
+SAMPLE = 20_000
 # Consecutive readings that stay together in a split by rows.
 STRETCH = 2**13
 # Groups of a split: their names are in the memory.
@@ -89,11 +91,14 @@ class Lines(Part):
     ----------
     form : Sheet
         Header and separators of the file.
+    encoding : str
+        Of all of the file.
     start, stop : int
         Bytes of the file.
     """
 
     form: Sheet
+    encoding: str
     start: int
     stop: int
 
@@ -127,7 +132,7 @@ class Lines(Part):
 
     def _session(self, data: bytes) -> Session:
         first = self.first_number
-        text = as_utf8(data, self.file, encoding_of_form(self.form.head.encode() + b"\n" + data[:HEAD_BYTES]))
+        text = as_utf8(data, self.file, self.encoding)
         sheet = replace(self.form, data=text, first_line=first, data_line=first)
         return Session(**fields_of_sheet(sheet, n_joints=self.n_joints))
 
@@ -253,9 +258,9 @@ class LargeSession:
         names += QUATERNION if self.columns.quaternion else []
         return found | {name: np.full(len(readings), np.nan) for name in names if name not in found}
 
-    def sample(self, n: int, executor: Executor | None = None) -> Session:
-        """Up to n readings, evenly spaced in their order; an executor may read the parts."""
-        rows = np.unique(np.linspace(0, len(self) - 1, n).astype(np.intp))
+    def sample(self, n: int | None = None, executor: Executor | None = None) -> Session:
+        """Up to n readings, by default `SAMPLE`, evenly spaced in their order; an executor may read the parts."""
+        rows = np.unique(np.linspace(0, len(self) - 1, n or SAMPLE).astype(np.intp))
         limits = pairwise(accumulate((part.n_readings for part in self.parts), initial=0))
         chosen = [
             (part, a, rows[(rows >= a) & (rows < b)] - a) for part, (a, b) in zip(self.parts, limits, strict=True)
@@ -364,7 +369,7 @@ def session_files(path: Path) -> list[Path]:
     return found
 
 
-def _lines(path: Path, n_joints: int | None, part_bytes: int) -> tuple[Columns, list[Part]]:
+def _lines(path: Path, n_joints: int | None, part_bytes: int) -> tuple[Columns, Sequence[Part]]:
     """Columns and parts of a CSV file."""
     size = path.stat().st_size
     head = _bytes(path, 0, HEAD_BYTES)
@@ -376,9 +381,9 @@ def _lines(path: Path, n_joints: int | None, part_bytes: int) -> tuple[Columns, 
         )
     form = form_of(head if len(head) < HEAD_BYTES else head[: head.rfind(b"\n") + 1], path)
     columns = recognise_columns(form.names, file=path, line=1, n_joints=n_joints)
-    parts: list[Part] = []
+    parts: list[Lines] = []
     start = 1 + head.find(b"\n")
-    n_before, form = 0, replace(form, data=b"")
+    n_before, encoding, form = 0, "utf-8", replace(form, data=b"")
     with path.open("rb") as stream:
         while 0 < start < size:
             stream.seek(start)
@@ -387,9 +392,11 @@ def _lines(path: Path, n_joints: int | None, part_bytes: int) -> tuple[Columns, 
             end = _end_of_rows(data, form.separator) if start + len(data) >= size else len(data)
             n = data.count(b"\n", 0, end) + (not data[:end].endswith(b"\n") and end > 0)
             if n:
-                parts.append(Lines(path, n, n_before, n_joints, form, start, start + end))
+                parts.append(Lines(path, n, n_before, n_joints, form, "", start, start + end))
+            if encoding == "utf-8" and not data.isascii():
+                encoding = encoding_of_form(form.head.encode() + b"\n" + data)
             start, n_before = start + len(data), n_before + n
-    return columns, parts
+    return columns, [replace(part, encoding=encoding) for part in parts]
 
 
 def _end_of_rows(data: bytes, separator: str) -> int:
@@ -403,7 +410,7 @@ def _end_of_rows(data: bytes, separator: str) -> int:
     return end
 
 
-def _row_groups(path: Path, n_joints: int | None) -> tuple[Columns, list[Part]]:
+def _row_groups(path: Path, n_joints: int | None) -> tuple[Columns, Sequence[Part]]:
     """Columns and parts of a Parquet file."""
     with open_parquet(path) as file:
         columns = recognise_columns(file.schema_arrow.names, file=path, line=None, n_joints=n_joints)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -10,11 +11,12 @@ from truearm.errors import InputError
 from truearm.readings.point_errors import PointErrors
 from truearm.solve.effective_number import block_starts, design_effect
 from truearm.solve.quantile_sketch import QuantileSketch
+from truearm.solve.sums import Sums, joined, one_below_the_other
 from truearm.typing import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
-class PointErrorSums:
+class PointErrorSums(Sums):
     """Sums over readings with reference points.
 
     Attributes
@@ -35,11 +37,11 @@ class PointErrorSums:
     n: int = 0
     distance: float = 0.0
     squared: float = 0.0
-    largest: float = 0.0
+    largest: float = field(default=0.0, metadata=joined(max))
     coordinate: float = 0.0
-    largest_coordinate: float = 0.0
+    largest_coordinate: float = field(default=0.0, metadata=joined(max))
     sketch: QuantileSketch = field(default_factory=QuantileSketch)
-    of_blocks: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
+    of_blocks: FloatArray = field(default_factory=partial(np.zeros, (0, 2)), metadata=joined(one_below_the_other))
 
     @classmethod
     def of(cls, predicted: FloatArray, points: FloatArray, n_session: int | None = None) -> PointErrorSums:
@@ -59,19 +61,6 @@ class PointErrorSums:
             float(sizes.max()),
             QuantileSketch.of(distances),
             np.stack([counts, np.add.reduceat(distances, starts)], axis=1),
-        )
-
-    def __add__(self, other: PointErrorSums) -> PointErrorSums:
-        """Sums over both."""
-        return PointErrorSums(
-            self.n + other.n,
-            self.distance + other.distance,
-            self.squared + other.squared,
-            max(self.largest, other.largest),
-            self.coordinate + other.coordinate,
-            max(self.largest_coordinate, other.largest_coordinate),
-            self.sketch + other.sketch,
-            np.concatenate([self.of_blocks, other.of_blocks]),
         )
 
     def errors(self) -> PointErrors:

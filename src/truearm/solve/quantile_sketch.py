@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from truearm.solve.sums import Sums
 from truearm.typing import FloatArray, IntArray
 
 # Relative accuracy of a quantile.
@@ -22,7 +23,7 @@ _N_BINS = 2 + int(np.log(LARGEST / SMALLEST) / _LOG_GROWTH)
 
 
 @dataclass(frozen=True, eq=False)
-class QuantileSketch:
+class QuantileSketch(Sums):
     """Counts of numbers in bins.
 
     Parameters
@@ -38,10 +39,6 @@ class QuantileSketch:
         logs = np.log(np.clip(values, SMALLEST, LARGEST) / SMALLEST)
         bins = (logs / _LOG_GROWTH).astype(np.intp)
         return cls(np.bincount(bins, minlength=_N_BINS).astype(np.int64))
-
-    def __add__(self, other: QuantileSketch) -> QuantileSketch:
-        """The counts of both."""
-        return QuantileSketch(self.counts + other.counts)
 
     def quantile(self, share: float) -> float:
         """The value below which a share of the numbers lies, to `ACCURACY`; NaN without numbers."""

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import reduce
+from operator import add
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from truearm.acceptance import OVERRIDE, acceptance_remarks, accepts
+from truearm.acceptance import OVERRIDE, acceptance_remarks, accepting, accepts
 from truearm.choices import Conditions
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.uncertainty import uncertainty_budget
@@ -19,18 +21,19 @@ from truearm.readings import Session, check_reach
 from truearm.readings.checks import MAX_SKIPPED_SHARE
 from truearm.readings.large_sessions import LargeSession, Part
 from truearm.readings.point_error_sums import PointErrorSums
-from truearm.solve.executor import Executor, Serial, results_in_order
+from truearm.solve.executor import Executor
+from truearm.solve.sums import Sums, joined
 from truearm.solve.threads import one_blas_thread
 from truearm.workflows.inputs import (
+    TRAINING_READINGS,
     Limits,
     ModelLike,
     model_remarks,
     payload_remarks,
     to_model,
-    within_limits,
     without_refit_readings,
 )
-from truearm.workflows.predict_large import added, joined_remarks
+from truearm.workflows.pass_over_parts import PartTask, allowed_in_part, joined_remarks, pass_over_parts
 from truearm.workflows.record import Record, TextTable, format_fixed
 from truearm.workflows.sentences import compare_with_nominal, describe_effective_number, format_mm, listed
 
@@ -40,20 +43,13 @@ MAX_OUTLIERS = 20
 NEARLY_ALL = 0.9
 
 
-@dataclass(frozen=True)
-class EvaluateTask:
-    """What one part needs."""
-
-    part: Part
-    model: Compensator
-    limits: Limits
-    conditions: Conditions | None
-    accept: str | None
-    n_session: int
+def largest(a: tuple[Outlier, ...], b: tuple[Outlier, ...]) -> tuple[Outlier, ...]:
+    """The largest outliers of parts."""
+    return tuple(sorted((*a, *b), key=lambda one: -one.normalized_residual)[:MAX_OUTLIERS])
 
 
-@dataclass(frozen=True)
-class EvaluationSums:
+@dataclass(frozen=True, eq=False)
+class EvaluationSums(Sums):
     """Figures of an evaluation that are added over parts.
 
     Attributes
@@ -87,53 +83,34 @@ class EvaluationSums:
     variance: float = 0.0
     outside: Mapping[str, int] = field(default_factory=dict)
     n_outliers: int = 0
-    outliers: tuple[Outlier, ...] = ()
+    outliers: tuple[Outlier, ...] = field(default=(), metadata=joined(largest))
     outliers_of_file: Mapping[Path, int] = field(default_factory=dict)
-    remarks: tuple[str, ...] = ()
-
-    def __add__(self, other: EvaluationSums) -> EvaluationSums:
-        """Figures of both."""
-        return EvaluationSums(
-            self.n_read + other.n_read,
-            self.n_beyond + other.n_beyond,
-            {  # a part may have no reference point
-                name: self.errors.get(name, PointErrorSums()) + other.errors.get(name, PointErrorSums())
-                for name in self.errors or other.errors
-            },
-            self.n_covered + other.n_covered,
-            self.n_covered_99 + other.n_covered_99,
-            self.variance + other.variance,
-            added(self.outside, other.outside),
-            self.n_outliers + other.n_outliers,
-            _largest((*self.outliers, *other.outliers)),
-            added(self.outliers_of_file, other.outliers_of_file),
-            joined_remarks(self.remarks, other.remarks),
-        )
+    remarks: tuple[str, ...] = field(default=(), metadata=joined(joined_remarks))
 
 
 def _named(outlier: Outlier, part: Part) -> Outlier:
     return replace(outlier, name=f"{outlier.name} of {part.file.name}")
 
 
-def _largest(found: tuple[Outlier, ...]) -> tuple[Outlier, ...]:
-    return tuple(sorted(found, key=lambda one: -one.normalized_residual)[:MAX_OUTLIERS])
+@dataclass(frozen=True)
+class EvaluateTask(PartTask[EvaluationSums]):
+    """What is evaluated of each part."""
+
+    model: Compensator
+    limits: Limits
+    conditions: Conditions | None
+    accept: str | None
+    n_session: int
+
+    def sums(self, readings: Session, part: Part) -> EvaluationSums:
+        """See `PartTask.sums`."""
+        return _sums_of(self, readings, part, accept=self.accept)
 
 
-@one_blas_thread()
 @accepts
-def evaluate_part(task: EvaluateTask, *, accept: str | None = None) -> EvaluationSums:
-    """Figures of one part."""
-    sums = EvaluationSums()
-    for session in task.part.sessions():
-        sums = sums + _sums_of(task, session, accept)
-    return sums
-
-
-def _sums_of(task: EvaluateTask, given: Session, accept: str | None) -> EvaluationSums:
+def _sums_of(task: EvaluateTask, given: Session, part: Part, *, accept: str | None) -> EvaluationSums:
     model = task.model
-    # Judged over all parts, see `evaluate_large`; where a person accepts it, in each.
-    most = 1.0 if task.accept is None else MAX_SKIPPED_SHARE
-    allowed = within_limits(given, model.arm, task.limits, most=most)
+    allowed = allowed_in_part(given, model.arm, task.limits, accept)
     n_beyond = len(given) - len(allowed.rows)
     seen = np.flatnonzero(allowed.session.has_point)
     used, kept, refit_remarks = without_refit_readings(allowed.session.rows(seen), model)
@@ -161,8 +138,8 @@ def _sums_of(task: EvaluateTask, given: Session, accept: str | None) -> Evaluati
         len(used) * budget.combined_mm**2,
         {name: int(rows.sum()) for name, rows in model.inputs_outside_training(at).items()},
         len(far),
-        tuple(_named(one.located(given, allowed.rows[seen]), task.part) for one in far[:MAX_OUTLIERS]),
-        {task.part.file: len(far)},
+        tuple(_named(one.located(given, allowed.rows[seen]), part) for one in far[:MAX_OUTLIERS]),
+        {part.file: len(far)},
         (
             *acceptance_remarks(accept),
             *allowed.remarks,
@@ -173,8 +150,11 @@ def _sums_of(task: EvaluateTask, given: Session, accept: str | None) -> Evaluati
     )
 
 
-def _evaluate_task(task: EvaluateTask) -> EvaluationSums:
-    return evaluate_part(task, accept=task.accept)
+def _is_training(large: LargeSession, task: EvaluateTask, executor: Executor | None) -> bool:
+    """Whether the model was fitted to this session: it has the fingerprint of the sample."""
+    with accepting(task.accept):
+        sample = allowed_in_part(large.sample(executor=executor), task.model.arm, task.limits, task.accept)
+    return task.model.is_trained_on(sample.session)
 
 
 @one_blas_thread()
@@ -228,12 +208,9 @@ def evaluate_large(
     """
     known = to_model(model)
     large = LargeSession.open(session, n_joints=known.arm.n_joints)
-    tasks = [EvaluateTask(part, known, limits, conditions, accept, len(large)) for part in large.parts]
-    sums = EvaluationSums()
-    for of_part in results_in_order(executor or Serial(), _evaluate_task, tasks):
-        sums = sums + of_part
-        if progress is not None:
-            progress(sums.n_read, f"{sums.n_read} of {len(large)} readings")
+    tasks = [EvaluateTask(known, limits, conditions, accept, len(large))] * len(large.parts)
+    trained = (TRAINING_READINGS,) if _is_training(large, tasks[0], executor) else ()
+    sums = reduce(add, pass_over_parts(large, tasks, executor, progress), EvaluationSums(remarks=trained))
     if sums.n_beyond > MAX_SKIPPED_SHARE * sums.n_read:
         raise Contradiction(
             f"{sums.n_beyond} of {sums.n_read} readings are outside the limits of a joint",
@@ -246,7 +223,7 @@ def evaluate_large(
             file=session,
             hint="a file of the readings in seats alone is evaluated as a small session",
         )
-    return LargeEvaluation(known, len(tasks), sums)
+    return LargeEvaluation(known, len(large.parts), sums)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import reduce
+from operator import add
 from pathlib import Path
 from typing import Any
 
@@ -16,29 +18,28 @@ from truearm.choices import ModelName
 from truearm.compensation.models.identified_model import IdentifiedModel, to_identified
 from truearm.compensation.models.input_ranges import InputRanges
 from truearm.errors import Contradiction
+from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.reading_sums import ReadingSums
-from truearm.identification.from_sums import Estimate, identified, improved, without_part
+from truearm.identification.from_sums import Estimate, identified, improved, of_the_model_itself, without_part
 from truearm.identification.judgement.gross_errors import LEAST_READINGS, gross_error_limit
 from truearm.identification.judgement.held_out_errors import HeldOutErrors
 from truearm.identification.references.reading_references import references_of
 from truearm.identification.references.references import Points
 from truearm.readings import Session
-from truearm.readings.checks import MAX_SKIPPED_SHARE
 from truearm.readings.large_sessions import LargeSession, Part
 from truearm.readings.point_error_sums import PointErrorSums
 from truearm.readings.reference_uncertainty import scale_errors
 from truearm.solve.effective_number import DesignEffect
-from truearm.solve.executor import Executor, Serial, results_in_order
+from truearm.solve.executor import Executor
+from truearm.solve.sums import Sums, joined
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 from truearm.workflows.fit import FitResult, fit
-from truearm.workflows.inputs import ArmLike, Limits, check_has_reference, to_arm, within_limits
-from truearm.workflows.predict_large import added
+from truearm.workflows.inputs import ArmLike, Limits, check_has_reference, to_arm
+from truearm.workflows.pass_over_parts import PartTask, allowed_in_part, pass_over_parts
 from truearm.workflows.record import Record, TextTable
 from truearm.workflows.sentences import compare_with_nominal, describe_effective_number, format_mm, number_of
 
-# Readings of the sample: its judgements cost some seconds of a kinematic model, and some ten of a physical one.
-SAMPLE = 20_000
 # Stretches of the session that are held out in turn.
 FOLDS = 10
 # Passes over the session. Two are the rule: the sample is near.
@@ -47,40 +48,14 @@ MAX_PASSES = 6
 MAX_NAMED = 6
 
 
-@dataclass(frozen=True)
-class SumTask:
-    """What one part needs.
-
-    Attributes
-    ----------
-    part : Part
-    model : IdentifiedModel
-        Of the sample.
-    at : Estimate
-    without_part : (p,) array or None
-        Coefficients by the readings of other stretches, to predict these.
-    gross : float
-        Whitened length from which a reading is a gross error.
-    limits : {"skip", "ignore"}
-    accept : str or None
-        Why readings that seem contradicted are right.
-    n_session : int
-        Readings of the session.
-    """
-
-    part: Part
-    model: IdentifiedModel
-    at: Estimate
-    without_part: FloatArray | None
-    gross: float
-    limits: Limits
-    accept: str | None
-    n_session: int
+def first_names(a: tuple[str, ...], b: tuple[str, ...]) -> tuple[str, ...]:
+    """The first names of both."""
+    return (*a, *b)[:MAX_NAMED]
 
 
 @dataclass(frozen=True, eq=False)
-class PartSums:
-    """Sums over a part.
+class FitSums(Sums):
+    """Sums over the readings of parts.
 
     Attributes
     ----------
@@ -98,64 +73,74 @@ class PartSums:
 
     n_read: int
     sums: ReadingSums
-    inputs: InputRanges = field(default_factory=lambda: InputRanges(0, {}))
+    inputs: InputRanges = field(default_factory=InputRanges)
     held_out: PointErrorSums = field(default_factory=PointErrorSums)
     nominal: PointErrorSums = field(default_factory=PointErrorSums)
-    gross: tuple[str, ...] = ()
+    gross: tuple[str, ...] = field(default=(), metadata=joined(first_names))
     of_file: Mapping[Path, int] = field(default_factory=dict)
     gross_of_file: Mapping[Path, int] = field(default_factory=dict)
-
-    def __add__(self, other: PartSums) -> PartSums:
-        """Sums over both."""
-        return PartSums(
-            self.n_read + other.n_read,
-            self.sums + other.sums,
-            self.inputs + other.inputs,
-            self.held_out + other.held_out,
-            self.nominal + other.nominal,
-            (*self.gross, *other.gross)[:MAX_NAMED],
-            added(self.of_file, other.of_file),
-            added(self.gross_of_file, other.gross_of_file),
-        )
 
     def files_in_error(self) -> list[Path]:
         """The files of which more than half of the readings are gross errors; a few readings show nothing."""
         return [file for file, n in self.of_file.items() if 2 * self.gross_of_file[file] > max(n, LEAST_READINGS)]
 
 
-@one_blas_thread()
-def sums_of_part(task: SumTask) -> PartSums:
-    """Sums over one part."""
-    total = PartSums(0, ReadingSums.zero(len(task.at.x)))
-    with accepting(task.accept):
-        for given in task.part.sessions():
-            total = total + _sums_of(task, given)
-    return total
+@dataclass(frozen=True)
+class SumTask(PartTask[FitSums]):
+    """What is summed over a part.
 
+    Attributes
+    ----------
+    model : IdentifiedModel
+        Of the sample.
+    at : Estimate
+    without_part : (p,) array or None
+        Coefficients by the readings of other stretches, to predict these.
+    gross : float
+        Whitened length from which a reading is a gross error.
+    limits : {"skip", "ignore"}
+    accept : str or None
+        Why readings that seem contradicted are right.
+    n_session : int
+        Readings of the session.
+    """
 
-def _sums_of(task: SumTask, given: Session) -> PartSums:
-    model, x = task.model, task.at.x
-    chain = model.fit_.perturbed_chain
-    # The sample was judged. Where more than half of it was accepted to be beyond a limit, none is skipped.
-    most = 1.0 if task.accept is None else MAX_SKIPPED_SHARE
-    used = within_limits(given, model.arm, task.limits, most=most).session
-    used = used.rows(used.has_point)
-    if not len(used):
-        return PartSums(len(given), ReadingSums.zero(len(x)))
-    check_has_reference(used, model.arm, purpose="fit to")
-    at = model.at(used)
-    points = next(one for one in references_of(used, None) if isinstance(one, Points))
-    sums, gross = ReadingSums.of(chain, at.state, points, x, task.at.noise_mm2, task.gross, task.n_session)
-    held_out = nominal = PointErrorSums()
-    if task.without_part is not None:
-        known = points.points.copy()
-        known[gross] = np.nan
-        held_out = PointErrorSums.of(chain.tips(at.state, task.without_part), known, task.n_session)
-        nominal = PointErrorSums.of(model.nominal_.tips(at.state), known, task.n_session)
-    file = task.part.file
-    names = tuple(f"{used.called(row)} of {file.name}" for row in gross[:MAX_NAMED].tolist())
-    ranges = InputRanges.of(used)
-    return PartSums(len(given), sums, ranges, held_out, nominal, names, {file: len(used)}, {file: len(gross)})
+    model: IdentifiedModel
+    at: Estimate
+    without_part: FloatArray | None
+    gross: float
+    limits: Limits
+    accept: str | None
+    n_session: int
+
+    def sums(self, readings: Session, part: Part) -> FitSums:
+        """See `PartTask.sums`."""
+        with accepting(self.accept):
+            used = allowed_in_part(readings, self.model.arm, self.limits, self.accept).session
+            used = used.rows(used.has_point)
+            if not len(used):
+                return FitSums(len(readings), ReadingSums.zero(self.model.fit_.perturbed_chain.n_coefficients))
+            check_has_reference(used, self.model.arm, purpose="fit to")
+            return replace(self._sums_of(used, part.file), n_read=len(readings))
+
+    def _sums_of(self, used: Session, file: Path) -> FitSums:
+        chain, state = self.model.fit_.perturbed_chain, self.model.at(used).state
+
+        def complete(x: FloatArray) -> FloatArray:
+            return np.pad(x, (0, chain.n_coefficients - len(x)))  # those of missing terms are zero
+
+        points = next(one for one in references_of(used, None) if isinstance(one, Points))
+        at, n_session = self.at, self.n_session
+        sums, gross = ReadingSums.of(chain, state, points, complete(at.x), at.noise_mm2, self.gross, n_session)
+        held_out = nominal = PointErrorSums()
+        if self.without_part is not None:
+            known = points.points.copy()
+            known[gross] = np.nan
+            held_out = PointErrorSums.of(chain.tips(state, complete(self.without_part)), known, n_session)
+            nominal = PointErrorSums.of(self.model.nominal_.tips(state), known, n_session)
+        names = tuple(f"{used.called(row)} of {file.name}" for row in gross[:MAX_NAMED].tolist())
+        ranges = InputRanges.of(used)
+        return FitSums(len(used), sums, ranges, held_out, nominal, names, {file: len(used)}, {file: len(gross)})
 
 
 @one_blas_thread()
@@ -173,10 +158,10 @@ def fit_large(
 ) -> LargeFit:
     """Fit a model to a large session.
 
-    `SAMPLE` readings, evenly spaced, are fitted as a small session: they show whether the readings are of the arm,
-    which model and which terms, what it leaves unexplained and where. The coefficients of a nominal or kinematic model
-    and their covariance are then those of all readings, by sums over its parts, with the errors of stretches of the
-    session that are held out in turn; models of other kinds stay those of the sample.
+    An evenly spaced sample is fitted as a small session: it shows whether the readings are of the arm, which model and
+    which terms, what it leaves unexplained and where. The coefficients of a nominal or kinematic model and their
+    covariance are then those of all readings, by sums over its parts, with the errors of stretches of the session that
+    are held out in turn; models of other kinds stay those of the sample.
 
     Parameters
     ----------
@@ -217,8 +202,7 @@ def fit_large(
             progress(0, f"sample: {note}")
 
     report(0, "reading")
-    executor = executor or Serial()
-    sample = large.sample(SAMPLE, executor)
+    sample = large.sample(executor=executor)
     options |= {"model": model, "free": free, "limits": limits, "accept": accept, "progress": report}
     found = _fit_sample(large, known_arm, sample, **options)
     if why_not := _why_of_sample(found):
@@ -246,35 +230,30 @@ def _by_all_readings(
     large: LargeSession,
     limits: Limits,
     accept: str | None,
-    executor: Executor,
+    executor: Executor | None,
     progress: Callable[[int, str], None] | None,
 ) -> LargeFit:
-    arm, light = of_sample.fit_, without_readings(of_sample)
+    arm = of_sample.fit_
+    # The first pass is never the last: the missing terms, most of the work, are summed from the second on.
+    first, later = (sent_model(of_sample, fit) for fit in (of_the_model_itself(arm), arm))
     gross = gross_error_limit(arm, of_sample.held_out_.and_also(of_sample.held_out_gross_))
-    at = Estimate(arm.coefficients, arm.references[0].noise_std ** 2)
+    following = Estimate(first.fit_.coefficients, arm.references[0].noise_std ** 2)
     folds = [i * FOLDS // len(large.parts) for i in range(len(large.parts))]
     by_fold: dict[int, FloatArray] = {}
-    for n_pass in range(1, MAX_PASSES + 1):
-        tasks = [
-            SumTask(part, light, at, by_fold.get(fold), gross, limits, accept, len(large))
-            for part, fold in zip(large.parts, folds, strict=True)
-        ]
-        of_folds: dict[int, PartSums] = {}
-        n_read = 0
-        for fold, one in zip(folds, results_in_order(executor, sums_of_part, tasks), strict=True):
+    n_pass = 0
+    while n_pass < 2 or (n_pass < MAX_PASSES and not following.is_settled):
+        at, n_pass, model = following, n_pass + 1, later if n_pass else first
+        tasks = [SumTask(model, at, by_fold.get(fold), gross, limits, accept, len(large)) for fold in folds]
+        of_folds: dict[int, FitSums] = {}
+        passed = pass_over_parts(large, tasks, executor, progress, label=f"pass {n_pass}: ")
+        for fold, one in zip(folds, passed, strict=True):
             of_folds[fold] = of_folds[fold] + one if fold in of_folds else one
-            n_read += one.n_read
-            if progress is not None:
-                progress(n_read, f"pass {n_pass}: {n_read} of {len(large)} readings")
-        total = sum(list(of_folds.values())[1:], next(iter(of_folds.values())))
+        total = reduce(add, of_folds.values())
         if accept is None:
             _check_files(total)
         following = improved(arm, at, total.sums)
-        if n_pass == MAX_PASSES or (following.is_settled and n_pass > 1):
-            break
         if len(of_folds) > 1:
             by_fold = {fold: without_part(arm, at, total.sums, one.sums) for fold, one in of_folds.items()}
-        at = following
     sample = of_sample.at(found.session)
     errors = scale_errors(found.session, is_frame_free="base" in of_sample.free_)
     same = of_sample.kind == "nominal"
@@ -288,7 +267,7 @@ def _by_all_readings(
     return LargeFit(replace(found, model=new), len(large), "", n_pass, total, effect)
 
 
-def _check_files(total: PartSums) -> None:
+def _check_files(total: FitSums) -> None:
     """Refuse a file that contradicts the others: it alone may be in other units, or of another arm."""
     wrong = total.files_in_error()
     if wrong and len(wrong) < len(total.of_file):
@@ -313,16 +292,19 @@ def _fit_sample(large: LargeSession, arm: Arm | None, sample: Session, **options
         raise error.with_hint(f"{error.hint}; or {hint}" if error.hint else hint) from None
 
 
-def without_readings(model: IdentifiedModel) -> IdentifiedModel:
-    """The model without what it keeps of its readings: it is sent to every worker."""
+def sent_model(model: IdentifiedModel, fit: IdentificationResult) -> IdentifiedModel:
+    """The model with an arm, without what it keeps of its readings and uncertainty: it is sent with every part."""
     light = copy.copy(model)
     none = type(model).held_out_
     light.held_out_ = light.held_out_gross_ = light.held_out_distances_ = none
-    light.fit_, light.nominal_ = (replace(one, references=()) for one in (model.fit_, model.nominal_))
+    light.fit_, light.nominal_ = (
+        replace(one, references=(), covariance=np.zeros((0, 0)), repeatability_covariance=None)
+        for one in (fit, model.nominal_)
+    )
     return light
 
 
-def _held_out_errors(total: PartSums, n_folds: int) -> HeldOutErrors | None:
+def _held_out_errors(total: FitSums, n_folds: int) -> HeldOutErrors | None:
     if not total.held_out.n:
         return None
     errors = total.held_out.errors()
@@ -351,7 +333,7 @@ class LargeFit(Record):
         Why the model is that of the sample; empty where it is identified from all readings.
     n_passes : int
         Passes over the session, beside the one that selects the sample.
-    total : PartSums or None
+    total : FitSums or None
     effect : DesignEffect or None
         By how much correlated readings are worth less.
     """
@@ -360,7 +342,7 @@ class LargeFit(Record):
     n_readings: int
     of_sample: str
     n_passes: int = 0
-    total: PartSums | None = None
+    total: FitSums | None = None
     effect: DesignEffect | None = None
 
     @property
@@ -419,7 +401,7 @@ class LargeFit(Record):
         yield "Of the sample:"
         yield from self.result.blocks()
 
-    def _skipped(self, total: PartSums) -> Iterator[str]:
+    def _skipped(self, total: FitSums) -> Iterator[str]:
         if n := total.sums.n_gross:
             named = ", ".join(total.gross)
             yield f"{n} readings are gross errors and were excluded: {named}{' and others' * (n > len(total.gross))}."

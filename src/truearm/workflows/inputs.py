@@ -67,6 +67,7 @@ MAX_RELATIVE_U = 0.005
 MAX_NAMED = 6
 # Angles may be in rad if no larger share of the readings is in the trained range as stated, and no smaller one in rad.
 MOST_INSIDE, LEAST_INSIDE = 0.1, 0.5
+TRAINING_READINGS = "These are the training readings of the model: a fair test needs others (split)."
 
 
 class CheckedSession(NamedTuple):
@@ -535,5 +536,5 @@ def evaluation_remarks(model: Compensator, readings: ReadingsLike) -> list[str]:
         remarks.append(f"{describe_outside(inputs, model.training_, session)}.")
     remarks += [*payload_remarks(model, session), *model_remarks(model)]
     if model.is_trained_on(session):
-        remarks.append("These are the training readings of the model: a fair test needs others (split).")
+        remarks.append(TRAINING_READINGS)
     return remarks

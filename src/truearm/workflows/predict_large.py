@@ -5,43 +5,32 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import cast
 
 import numpy as np
 
 from truearm.choices import Conditions
 from truearm.compensation.models import Compensator
 from truearm.files.table_writer import Columns, table_writer
+from truearm.readings import Session
 from truearm.readings.large_sessions import LargeSession, Part
-from truearm.solve.executor import Executor, Serial, results_in_order
+from truearm.solve.executor import Executor
 from truearm.solve.quantile_sketch import QuantileSketch
+from truearm.solve.sums import Sums, joined
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import IntArray
 from truearm.workflows.inputs import ModelLike, to_model
 from truearm.workflows.outputs import check_output
+from truearm.workflows.pass_over_parts import PartTask, joined_remarks, pass_over_parts
 from truearm.workflows.predict import DECIMALS, Prediction, predict
 from truearm.workflows.record import Record, format_fixed
 from truearm.workflows.sentences import SAME_DAY
 
-K = TypeVar("K")
-
 ENDINGS = (".csv", ".parquet")
-# Remarks of parts that are repeated.
-MAX_REMARKS = 6
 
 
-@dataclass(frozen=True)
-class PredictTask:
-    """What one part needs."""
-
-    part: Part
-    model: Compensator
-    conditions: Conditions
-    accept: str | None
-
-
-@dataclass(frozen=True)
-class PredictionSums:
+@dataclass(frozen=True, eq=False)
+class PredictionSums(Sums):
     """Figures of predictions that are added over parts.
 
     Attributes
@@ -66,7 +55,7 @@ class PredictionSums:
     n_outside: int = 0
     outside: Mapping[str, int] = field(default_factory=dict)
     unstated: Mapping[str, float] = field(default_factory=dict)
-    remarks: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = field(default=(), metadata=joined(joined_remarks))
 
     @classmethod
     def of(cls, one: Prediction) -> PredictionSums:
@@ -82,39 +71,29 @@ class PredictionSums:
             one.remarks,
         )
 
-    def __add__(self, other: PredictionSums) -> PredictionSums:
-        """Figures of both."""
-        return PredictionSums(
-            self.n_points + other.n_points,
-            self.u + other.u,
-            self.u_outside + other.u_outside,
-            self.n_outside + other.n_outside,
-            added(self.outside, other.outside),
-            added(self.unstated, other.unstated),
-            joined_remarks(self.remarks, other.remarks),
-        )
+
+@dataclass(frozen=True, eq=False)
+class PartOfTable(Sums):
+    """Columns of the table, and figures, of some consecutive readings."""
+
+    tables: tuple[Columns, ...]
+    sums: PredictionSums
 
 
-def added(a: Mapping[K, Any], b: Mapping[K, Any]) -> dict[K, Any]:
-    """Sums by name."""
-    return {name: a.get(name, 0) + b.get(name, 0) for name in (*a, *(name for name in b if name not in a))}
+@dataclass(frozen=True)
+class PredictTask(PartTask[PartOfTable]):
+    """What is predicted of each part."""
 
+    model: Compensator
+    conditions: Conditions
+    accept: str | None
 
-def joined_remarks(a: tuple[str, ...], b: tuple[str, ...]) -> tuple[str, ...]:
-    """The first different remarks of parts."""
-    return tuple(dict.fromkeys((*a, *b)))[:MAX_REMARKS]
-
-
-def predict_part(task: PredictTask) -> tuple[list[Columns], PredictionSums]:
-    """Columns of the table and figures of one part."""
-    tables: list[Columns] = []
-    sums = PredictionSums()
-    for session in task.part.sessions():
-        one = predict(task.model, session, conditions=task.conditions, accept=task.accept)
-        names = np.full(len(one.points), task.part.file.name)
-        tables.append({**one.columns(), "note_file": names, "note_line": cast(IntArray, one.session.numbers)})
-        sums = sums + PredictionSums.of(one)
-    return tables, sums
+    def sums(self, readings: Session, part: Part) -> PartOfTable:
+        """See `PartTask.sums`."""
+        one = predict(self.model, readings, conditions=self.conditions, accept=self.accept)
+        names = np.full(len(one.points), part.file.name)
+        table = {**one.columns(), "note_file": names, "note_line": cast(IntArray, one.session.numbers)}
+        return PartOfTable((table,), PredictionSums.of(one))
 
 
 @one_blas_thread()
@@ -169,16 +148,14 @@ def predict_large(
     check_output(out, session, endings=ENDINGS)
     known = to_model(model)
     large = LargeSession.open(session, n_joints=known.arm.n_joints)
-    tasks = [PredictTask(part, known, conditions, accept) for part in large.parts]
+    tasks = [PredictTask(known, conditions, accept)] * len(large.parts)
     sums = PredictionSums()
     with table_writer(out, decimals=DECIMALS) as append:
-        for tables, of_part in results_in_order(executor or Serial(), predict_part, tasks):
-            for table in tables:
+        for of_part in pass_over_parts(large, tasks, executor, progress):
+            for table in of_part.tables:
                 append(table)
-            sums = sums + of_part
-            if progress is not None:
-                progress(sums.n_points, f"{sums.n_points} of {len(large)} readings")
-    return LargePrediction(conditions, len(tasks), sums)
+            sums = sums + of_part.sums
+    return LargePrediction(conditions, len(large.parts), sums)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -12,6 +12,7 @@ from truearm.compensation.models import Compensator
 from truearm.errors import InputError
 from truearm.pages.page import Page
 from truearm.readings import Lengths, Session, seat_errors
+from truearm.readings.large_sessions import LargeSession, is_large
 from truearm.show.comparison_page import (
     ModelComparison,
     comparison_page,
@@ -23,6 +24,7 @@ from truearm.show.identification_sections import identification_sections, identi
 from truearm.show.seat_page import SeatComparison, seats_page
 from truearm.solve.threads import one_blas_thread
 from truearm.workflows.comparison import compare_in_seats, compare_models, one_arm, page_facts
+from truearm.workflows.evaluate_large import evaluate_large
 from truearm.workflows.inputs import (
     LengthsLike,
     SessionLike,
@@ -74,6 +76,8 @@ class ReportResult(PageRecord):
         Why the readings are right where models would refuse them.
     accepted : tuple of str
         What that overrode.
+    of_large : tuple of str
+        That the readings are a sample of a large session, and the errors of all of it.
     """
 
     models: Mapping[str, Compensator]
@@ -87,6 +91,7 @@ class ReportResult(PageRecord):
     files: tuple[Path, ...] = ()
     accept: str | None = None
     accepted: tuple[str, ...] = ()
+    of_large: tuple[str, ...] = ()
 
     @property
     def page_remarks(self) -> list[str]:
@@ -99,7 +104,7 @@ class ReportResult(PageRecord):
     @property
     def remarks(self) -> tuple[str, ...]:
         """What was ignored, and what a reader must know of each model before the errors are believed."""
-        return (*self.accepted, *self.input_remarks, *self.page_remarks)
+        return (*self.of_large, *self.accepted, *self.input_remarks, *self.page_remarks)
 
     def page(self) -> Page:
         """Errors before and after compensation; for identified arms uncertainty, terms and errors of the joints."""
@@ -112,7 +117,7 @@ class ReportResult(PageRecord):
             "title": self.title or f"{one_arm(models).arm.name}: error before and after compensation",
             "subtitle": f"{number_of(len(session))} of {session.file.name if session.file else 'a session'}",
             "facts": page_facts(models, session, self.regressors),
-            "remarks": [*self.accepted, *self.page_remarks],
+            "remarks": [*self.of_large, *self.accepted, *self.page_remarks],
         }
         both = identified_budgets(models, session)
         layout["more"] = [*constants_sections(models), *identification_sections(models, session, both)]
@@ -164,7 +169,8 @@ def report(
         `evaluate`; one of the models must be truearm's, which knows the arm. The keys of a mapping are the names on the
         page.
     session : Session, DataFrame or path
-        Readings with reference points, or in seats.
+        Readings with reference points, or in seats. Of a large session, a folder of files or one beyond 512 MiB, the
+        page shows an evenly spaced sample, and has the errors of all reference points as sums.
     path : path, optional
         Page to write, ``.html``; see also `ReportResult.save_page`.
     lengths : Lengths or path, optional
@@ -207,7 +213,9 @@ def report(
             hint='the nominal arm beside them: ta.fit(arm, train, model="nominal").model',
         )
     (first_name, first_model), *others = own
-    first, readings = to_model_and_session(first_model, session)
+    large = LargeSession.open(str(session)) if is_large(session) else None
+    first, readings = to_model_and_session(first_model, session if large is None else large.sample())
+    n_sample = len(readings)
     remarks = [*check_angles_fit(readings, first.arm)]
     readings, _, skipped = with_reference(readings, first.arm, purpose="compare with")
     # The other models are of the same arm, or `one_arm` refuses them: one check of the readings is enough.
@@ -241,10 +249,29 @@ def report(
         files,
         accept,
         acceptance_remarks(accept),
+        ()
+        if large is None or n_sample == len(large)
+        else tuple(_of_large(large, n_sample, fitted, comparison, accept)),
     )
     if path is not None:
         result.save_page(path)
     return result
+
+
+def _of_large(
+    large: LargeSession,
+    n_sample: int,
+    models: Mapping[str, Compensator],
+    comparison: ModelComparison | SeatComparison,
+    accept: str | None,
+) -> Iterator[str]:
+    """What the page of a sample shows of a large session, and the errors of all its reference points."""
+    yield f"Figures and tables are of {n_sample} of {len(large)} readings, evenly spaced in their order."
+    if isinstance(comparison, ModelComparison):
+        for name, model in models.items():
+            errors = evaluate_large(model, large.path, accept=accept).errors["model"]
+            sizes = f"95 % below {errors['p95_mm']:.4f} mm, the largest {errors['max_mm']:.4f} mm"
+            yield f"{name}, all {errors['n']} readings: mean error {errors['mean_mm']:.4f} mm, {sizes}."
 
 
 def _by_name(models: AnyModelLike | Sequence[AnyModelLike] | Mapping[str, AnyModelLike]) -> dict[str, AnyModelLike]:

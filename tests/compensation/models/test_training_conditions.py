@@ -74,6 +74,18 @@ def test_joints_that_are_inside_one_by_one_may_be_outside_together():
     assert {name: rows.tolist() for name, rows in found.items()} == {TOGETHER: [True, False, False]}
 
 
+@pytest.mark.parametrize("step", [0.003, 0.03, 1.0])
+def test_readings_along_a_path_are_as_far_as_each_of_them_alone(step, rng):
+    trained, slides = rng.uniform(-1, 1, (300, 3)), np.zeros(3, bool)
+    conditions = TrainingConditions.of(Session(trained[(trained[:, :2] < 0.2).any(axis=1)]), slides)
+    path = np.clip(np.cumsum(rng.normal(0, step, (400, 3)), axis=0) % 2 - 1, *conditions.angle_ranges.T)
+    found = conditions.outside(Session(path), slides)[TOGETHER]
+    alone = [TOGETHER in conditions.outside(Session(one[None]), slides) for one in path]
+    assert found.tolist() == alone
+    assert found.any()
+    assert not found.all()
+
+
 @pytest.mark.parametrize("n", [15, 60])
 def test_poses_that_are_read_several_times_count_once(n, rng):
     """The nearest other pose is no repeat: a pose a hundredth of a degree from its training pose is inside."""

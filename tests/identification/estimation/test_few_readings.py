@@ -95,6 +95,10 @@ def test_an_arm_of_constants_is_the_chain_with_their_motions(chain):
     motions = constant.motions(x, constant.values(state))[:, :, 0]
     moved = chain.tip_in_base(state.angles, np.broadcast_to(motions, (MANY, *motions.shape)))
     np.testing.assert_allclose(constant.tips(state, x), moved, rtol=0, atol=ROUNDING_MM)
+    # With terms that move nothing beside them, as those that a model does not have, it is the same arm.
+    beside = PerturbedChain(chain, (*terms, Term("none", 2, (0, 0, 1, 0, 0, 0), Harmonics(2, (1,)), "none", 1e-3)))
+    pair = (next(beside.derivatives(state, np.append(x, rest)))[2].copy() for rest in ([0, 0], [1e-12, 0]))
+    np.testing.assert_allclose(*pair, rtol=0, atol=1e-6)
 
 
 @pytest.mark.parametrize("basis", [Harmonics(7, (1, 2)), GravityTorque(7, 0)])

@@ -3,74 +3,73 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from truearm.compensation.models.training_conditions import InputRange, TrainingConditions
 from truearm.readings.session import Session
+from truearm.solve.sums import Sums, joined
 from truearm.typing import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
-class InputRanges:
-    """Number, sum, sum of squares, least and largest value of inputs.
+class Spread(Sums):
+    """Sum, sum of squares, least and largest value of k inputs, (k,) arrays."""
+
+    total: FloatArray
+    squares: FloatArray
+    least: FloatArray = field(metadata=joined(np.minimum))
+    largest: FloatArray = field(metadata=joined(np.maximum))
+
+
+@dataclass(frozen=True, eq=False)
+class InputRanges(Sums):
+    """The inputs of n readings.
 
     Attributes
     ----------
     n : int
-    by_name : mapping of str to (4, k) array
-        Of ``"angles"`` and ``"directions"`` (k joints), ``"temperature"`` and further columns (k = 1): the sum and that
-        of the squares, the least, the largest.
+    by_name : mapping of str to Spread
+        Of ``"angles"`` and ``"directions"`` (k joints), ``"temperature"`` and further columns (k = 1).
     """
 
-    n: int
-    by_name: Mapping[str, FloatArray]
+    n: int = 0
+    by_name: Mapping[str, Spread] = field(default_factory=dict)
 
     @classmethod
     def of(cls, session: Session) -> InputRanges:
         """Of the readings of a session."""
         inputs = {"angles": session.angles, "directions": session.directions, "temperature": session.temperature_degC}
-        values = {
+        columns = {
             name: value.reshape(len(session), -1)
             for name, value in (inputs | dict(session.columns)).items()
             if value is not None
         }
         found = {
-            name: np.stack([value.sum(axis=0), (value**2).sum(axis=0), value.min(axis=0), value.max(axis=0)])
-            for name, value in values.items()
+            name: Spread(value.sum(axis=0), (value**2).sum(axis=0), value.min(axis=0), value.max(axis=0))
+            for name, value in columns.items()
         }
         return cls(len(session), found)
-
-    def __add__(self, other: InputRanges) -> InputRanges:
-        """Of both; of no reading there are none yet."""
-        if not self.n or not other.n:
-            return other if other.n else self
-        pairs = {name: (values, other.by_name[name]) for name, values in self.by_name.items()}
-        return InputRanges(
-            self.n + other.n,
-            {
-                name: np.stack([a[0] + b[0], a[1] + b[1], np.minimum(a[2], b[2]), np.maximum(a[3], b[3])])
-                for name, (a, b) in pairs.items()
-            },
-        )
 
     def conditions(self, of_sample: TrainingConditions) -> TrainingConditions:
         """The conditions of all readings, where those of an evenly spaced sample are known.
 
         Gaps between the angles, temperatures of slow links, rounding and the fingerprint stay those of the sample.
         """
-        directions = self.by_name.get("directions")
+        angles, directions = self.by_name["angles"], self.by_name.get("directions")
         return replace(
             of_sample,
             n_readings=self.n,
-            angle_ranges=self.by_name["angles"][2:].T,
+            angle_ranges=np.stack([angles.least, angles.largest], axis=1),
             temperature_degC=None if of_sample.temperature_degC is None else self._range("temperature"),
             columns={name: self._range(name) for name in of_sample.columns},
-            direction_ranges=None if directions is None else directions[2:].T,
+            direction_ranges=None if directions is None else np.stack([directions.least, directions.largest], axis=1),
         )
 
     def _range(self, name: str) -> InputRange:
-        total, squares, least, largest = self.by_name[name][:, 0].tolist()
-        mean = total / self.n
-        return InputRange(mean, max(squares / self.n - mean**2, 0.0), least, largest)
+        of = self.by_name[name]
+        mean = float(of.total[0]) / self.n
+        return InputRange(
+            mean, max(float(of.squares[0]) / self.n - mean**2, 0.0), float(of.least[0]), float(of.largest[0])
+        )

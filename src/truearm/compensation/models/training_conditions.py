@@ -37,6 +37,8 @@ TOGETHER = "joints together"
 USUAL_SHARE = 0.99
 # A sample this small has no usual distance.
 LEAST_SAMPLE = 20
+# Consecutive readings of which one is compared with the sample first.
+STRIDE = 16
 LEAST_TRAVEL_MM = 1.0
 # Angles of joints without limits may be this far outside the trained ones [rad]: ten turns. Degrees read as radians are
 # more, from 63 degrees on.
@@ -237,7 +239,7 @@ class TrainingConditions:
         """
         outside = ~self.inside_by_joint(session.angles, prismatic)
         found = {f"J{joint}": column for joint, column in enumerate(outside.T, 1)}
-        found[TOGETHER] = ~outside.any(axis=1) & (self._distance(session.angles, prismatic) > self._usual(prismatic))
+        found[TOGETHER] = ~outside.any(axis=1) & self._is_far(session.angles, prismatic)
         found["temperature"] = self.kelvin_outside(session) > TEMPERATURE_TOLERANCE_K
         if self.ignores_payload(session):
             found[PAYLOAD] = session.columns[PAYLOAD] > 0
@@ -315,12 +317,22 @@ class TrainingConditions:
                 inside[:, joint] |= (turned >= lower - LIMIT_TOLERANCE) & (turned <= upper + LIMIT_TOLERANCE) & ~in_gap
         return inside
 
-    def _distance(self, angles: FloatArray, prismatic: BoolArray) -> FloatArray:
-        """(n,) distances from the nearest training reading of the sample; 0 without one, and of a single joint."""
-        if self.angle_sample is None or len(self.angle_sample) < LEAST_SAMPLE or angles.shape[1] < 2:
-            return np.zeros(len(angles))
-        tree = cKDTree(self._around(self.angle_sample, prismatic))
-        return np.asarray(tree.query(self._around(angles, prismatic))[0], dtype=float)
+    def _is_far(self, angles: FloatArray, prismatic: BoolArray) -> BoolArray:
+        """(n,) whether angles are farther from every training reading of the sample than those are from each other.
+
+        Consecutive readings are near each other: what every `STRIDE`-th one keeps from the sample decides most others.
+        """
+        far, limit = np.zeros(len(angles), dtype=bool), self._usual(prismatic)
+        if self.angle_sample is None or np.isinf(limit) or angles.shape[1] < 2:
+            return far
+        tree, around = cKDTree(self._around(self.angle_sample, prismatic)), self._around(angles, prismatic)
+        probe = np.arange(len(angles)) // STRIDE
+        distance = np.asarray(tree.query(around[::STRIDE])[0])[probe]
+        moved = np.linalg.norm(around - around[::STRIDE][probe], axis=1)
+        far = np.asarray(distance - moved > limit)
+        open_ = np.flatnonzero(~far & (distance + moved > limit))
+        far[open_] = tree.query(around[open_], distance_upper_bound=limit)[0] > limit
+        return far
 
     def _usual(self, prismatic: BoolArray) -> float:
         """The distance from the nearest other one that 99 of 100 training poses of the sample keep; infinite of few."""

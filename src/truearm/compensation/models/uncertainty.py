@@ -121,10 +121,10 @@ def uncertainty_budget(model: Compensator, readings: ReadingsLike) -> tuple[Unce
         n_covered_99=int((times < model.ellipsoid_factor(0.99)).sum()),
         std_mm=np.sqrt(_variances(combined).mean(axis=1)),
     )
+    beyond = np.flatnonzero(times > FAR_STDS)
     far = [
         Outlier.of_reading(int(seen[i]), float(errors[i]), float(times[i] / np.sqrt(3)), kind="prediction")
-        for i in np.argsort(-times)
-        if times[i] > FAR_STDS
+        for i in beyond[np.argsort(-times[beyond])]
     ]
     return budget, tuple(far)
 

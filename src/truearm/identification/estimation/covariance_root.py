@@ -26,6 +26,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 from scipy.linalg import LinAlgError, cholesky, solve_triangular
+from scipy.linalg.blas import dtrmm
 from scipy.linalg.lapack import dtrtri
 
 from truearm.identification.estimation.perturbed_chain import (
@@ -183,10 +184,14 @@ class CovarianceRoot:
         _, k, m = along_sites.shape
         narrow, *wide = self._parts
         out = np.zeros((k, self.n_rows, m))
-        by_narrow = along_sites[narrow.sites] * values[narrow.functions][:, None]
-        height = len(narrow.columns)
-        product = narrow.columns @ by_narrow.reshape(len(by_narrow), k * m)
-        out[:, :height] = product.reshape(height, k, m).transpose(1, 0, 2)
+        height, of_narrow = len(narrow.columns), values[narrow.functions]
+        for own, along in zip(out, along_sites.swapaxes(0, 1), strict=True):
+            by_narrow = along[narrow.sites] * of_narrow
+            if self.is_triangle:  # in place, with half the multiplications; both count by columns, and are transposed
+                by_narrow = dtrmm(1.0, narrow.columns.T, by_narrow.T, side=1, lower=1, overwrite_b=1).T
+            else:
+                by_narrow = narrow.columns @ by_narrow
+            own[:height] = by_narrow
         for part in wide:
             by_function = part.columns @ values[part.functions]
             for own, along in zip(out, along_sites[part.sites[0]], strict=True):
@@ -211,9 +216,9 @@ class CovarianceRoot:
         -------
         (m, k, k) array
         """
-        if len(angles) <= FEW:
-            return self._squared(along_sites, values)
         narrow, *wide = self._parts
+        if len(angles) <= FEW or not wide:
+            return self._squared(along_sites, values)
         (_, k, m), function = along_sites.shape, values[narrow.functions]
         columns = along_sites[narrow.sites] * function[:, None]
         product = (self._blocks[0, 0] @ columns.reshape(-1, k * m)).reshape(columns.shape)
@@ -240,7 +245,10 @@ class CovarianceRoot:
         spread = self.times(along_sites, values)
         if spread.shape[2] == 1:
             return np.asarray(spread[:, :, 0].dot(spread[:, :, 0].T))[None]  # a tenth of the time of `einsum`
-        return np.asarray(np.einsum("ipn,jpn->nij", spread, spread))
+        out = np.empty((spread.shape[2], len(spread), len(spread)))
+        for i, j in combinations_with_replacement(range(len(spread)), 2):
+            out[:, i, j] = out[:, j, i] = np.einsum("pn,pn->n", spread[i], spread[j])
+        return out
 
     def _shared(self, o: int, n: int, values: FloatArray, angles: FloatArray) -> FloatArray:
         """(m,) covariance of the motions of two sites with many functions."""
@@ -272,7 +280,7 @@ class CovarianceRoot:
         parts = []
         for span in (slice(0, n_narrow), *self.wide):
             coefficients = self.order[span]
-            columns = self.factor[: span.stop if self.is_triangle else None, span]
+            columns = np.ascontiguousarray(self.factor[: span.stop if self.is_triangle else None, span])
             sites = site_of[coefficients]
             site = self.perturbed_chain.sites[sites[0]] if span in self.wide else None
             series = site.series if site is not None and len(site.columns) == len(coefficients) else None

@@ -12,7 +12,6 @@ from truearm.arm.chain import Chain
 from truearm.identification.estimation.covariance_root import CovarianceRoot
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.references.references import Reference
-from truearm.identification.terms.basis import Constant
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
 from truearm.typing import BoolArray, FloatArray, IntArray
@@ -165,7 +164,7 @@ class IdentificationResult:
 
     def tips(self, state: ArmState) -> FloatArray:
         """(n, 3) tips [mm] at the readings of a state."""
-        if self.perturbed_chain.is_constant or not self.coefficients[~self._of_constants].any():
+        if self.perturbed_chain.is_constant(self.coefficients):
             return self.chain.tip_in_base(state.angles)
         return self.perturbed_chain.tips(state, self.coefficients)
 
@@ -212,11 +211,6 @@ class IdentificationResult:
                 if (term.place, term.basis) == (place, basis):
                     own[:] = std * size * np.tensordot(by_motion, np.array(term.direction), axes=(1, 0))
         return out
-
-    @cached_property
-    def _of_constants(self) -> BoolArray:
-        """(n_coefficients,) whether each coefficient is of a constant."""
-        return self.columns_of(lambda term: isinstance(term.basis, Constant))
 
     @cached_property
     def processes(self) -> list[tuple[Term, float]]:

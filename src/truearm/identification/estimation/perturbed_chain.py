@@ -83,9 +83,14 @@ class PerturbedChain:
         return [np.arange(first, stop) for first, stop in pairwise(starts)]
 
     @cached_property
-    def is_constant(self) -> bool:
-        """Whether the motions are the same at every reading."""
-        return all(isinstance(term.basis, Constant) for term in self.terms)
+    def _varying(self) -> IntArray:
+        """Coefficients of the terms that are no constants."""
+        varying = [not isinstance(term.basis, Constant) for term in self.terms]
+        return np.flatnonzero(np.repeat(np.array(varying, bool), [term.n_coefficients for term in self.terms]))
+
+    def is_constant(self, x: FloatArray) -> bool:
+        """Whether the motions with coefficients `x` are the same at every reading."""
+        return not x[self._varying].any()
 
     @cached_property
     def sites(self) -> list[Site]:
@@ -132,7 +137,7 @@ class PerturbedChain:
     def motions(self, x: FloatArray, values: FloatArray) -> FloatArray:
         """(n_places, 6, m) motions [rad, mm] with coefficients `x`; (n_places, 6, 1) if they are constant."""
         by_function = self._by_function(x, len(values))
-        m = 1 if self.is_constant else values.shape[1]
+        m = 1 if self.is_constant(x) else values.shape[1]
         out = np.empty((self.chain.n_places, 6, m))
         for place, rows in enumerate(self._of_place):
             np.matmul(by_function[rows].T, values[rows, :m], out=out[place])
@@ -190,6 +195,8 @@ class PerturbedChain:
 
     def tips(self, state: ArmState, x: FloatArray) -> FloatArray:
         """(n, 3) tips [mm] at the readings of a state."""
+        if self.is_constant(x):
+            return self.with_constants(x).tip_in_base(state.angles)
         if len(state) <= CHUNK:
             return self.tips_from_values(state.angles, self.values(state), x)
         out = np.empty((len(state), 3))
@@ -201,7 +208,7 @@ class PerturbedChain:
     def tips_from_values(self, angles: FloatArray, values: FloatArray, x: FloatArray) -> FloatArray:
         """(n, 3) tips [mm] at angles (n, n_joints), with values of the basis functions at the same readings."""
         motions = self.motions(x, values)
-        if self.is_constant:
+        if self.is_constant(x):
             return self.chain.with_motions(motions[:, :, 0]).tip_in_base(angles)
         return self.chain.tip_in_base(angles, motions.transpose(2, 0, 1))
 

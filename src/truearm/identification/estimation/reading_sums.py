@@ -7,7 +7,7 @@ and parts may be summed anywhere.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from functools import reduce
 
 import numpy as np
@@ -24,6 +24,7 @@ from truearm.identification.references.references import Points
 from truearm.identification.terms.state import ArmState
 from truearm.solve.effective_number import DesignEffect, block_starts, design_effect
 from truearm.solve.group_evidence import GroupedPrior, Posterior, posterior
+from truearm.solve.sums import Sums, joined, one_below_the_other
 from truearm.typing import FloatArray, IntArray
 
 # Noise variances, relative to the one assumed, at which whitened residuals are summed: the noise is found between them.
@@ -31,7 +32,7 @@ TRIAL_NOISE = np.array([1e-3, 0.1, 0.25, 0.5, 0.7, 0.85, 1.0, 1.2, 1.5, 2.0, 4.0
 
 
 @dataclass(frozen=True, eq=False)
-class ReadingSums:
+class ReadingSums(Sums):
     """Sums over points at parameters of p coefficients.
 
     Attributes
@@ -55,7 +56,7 @@ class ReadingSums:
     gram: FloatArray
     gradient: FloatArray
     clipped: FloatArray
-    scores: FloatArray
+    scores: FloatArray = field(metadata=joined(one_below_the_other))
 
     @classmethod
     def zero(cls, p: int) -> ReadingSums:
@@ -91,7 +92,7 @@ class ReadingSums:
         n_session : int, optional
             Readings of the session, of which these are a part (`block_starts`).
         """
-        residuals = SmallMotionProblem(chain, state, (points,)).residuals(x)[0]
+        residuals = (chain.tips(state, x) - points.points).T
         squares, known = residuals**2, points.std**2
         lengths = np.sqrt((squares / (known + noise_mm2)).sum(axis=0))
         is_gross = lengths > gross
@@ -117,11 +118,6 @@ class ReadingSums:
         n_gross = int(is_gross.sum())
         sums = cls(n - n_gross, n_gross, gram, gradient, np.array(clipped), np.array(scores))
         return sums, np.flatnonzero(is_gross)
-
-    def __add__(self, other: ReadingSums) -> ReadingSums:
-        """Sums over both; scores in their order."""
-        added = {part.name: getattr(self, part.name) + getattr(other, part.name) for part in fields(self)[:-1]}
-        return ReadingSums(**added, scores=np.concatenate([self.scores, other.scores]))
 
     def without(self, part: ReadingSums) -> ReadingSums:
         """Sums over the readings that are not in a part; all scores."""

@@ -1,0 +1,43 @@
+"""Figures that are sums over parts of a session: records that are added field by field, in the order of the parts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
+from typing import Any, Self
+
+import numpy as np
+
+from truearm.typing import FloatArray
+
+_JOINED = "joined"
+
+
+def joined(by: Callable[[Any, Any], Any]) -> dict[str, Any]:
+    """Metadata of a field of `Sums` that is no sum: a function of both values joins them, such as the larger one."""
+    return {_JOINED: by}
+
+
+def one_below_the_other(a: FloatArray, b: FloatArray) -> FloatArray:
+    """The rows of both arrays."""
+    return np.concatenate([a, b])
+
+
+@dataclass(frozen=True, eq=False)
+class Sums:
+    """Base of dataclasses whose fields are sums: numbers, arrays, such records, or all of these by name."""
+
+    def __add__(self, other: Self) -> Self:
+        """Figures of both."""
+        return type(self)(
+            **{
+                one.name: one.metadata.get(_JOINED, _added)(getattr(self, one.name), getattr(other, one.name))
+                for one in fields(self)
+            }
+        )
+
+
+def _added(a: Any, b: Any) -> Any:
+    if not isinstance(a, Mapping):
+        return a + b
+    return {**a, **{name: a[name] + value if name in a else value for name, value in b.items()}}
