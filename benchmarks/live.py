@@ -33,12 +33,12 @@ from truearm.identification.references.alignment import align
 from truearm.identification.terms import ArmState
 from truearm.identification.virtual import VirtualArm
 from truearm.readings import read_session
+from truearm.recording.corrected_tip import corrected_tip
+from truearm.recording.learning import Learning
+from truearm.recording.poses_to_measure import PosesToMeasure
+from truearm.recording.record_readings import record
 from truearm.sources import Sample, Source, StandstillRule
 from truearm.typing import FloatArray
-from truearm.workflows.corrected_tip import corrected_tip
-from truearm.workflows.learning import Learning
-from truearm.workflows.poses_to_measure import PosesToMeasure
-from truearm.workflows.record_readings import record
 
 ROWS = Rows()
 

@@ -27,6 +27,11 @@ from truearm.readings import Session as Session
 from truearm.readings import read_lengths as read_lengths
 from truearm.readings import read_session as read_session
 from truearm.readings.foreign import import_table as import_table
+from truearm.recording.record_readings import record as record
+from truearm.recording.sources import SourceList as SourceList
+from truearm.recording.sources import SourceTrial as SourceTrial
+from truearm.recording.sources import list_sources as list_sources
+from truearm.recording.sources import try_source as try_source
 from truearm.sources import Notice as Notice
 from truearm.sources import Sample as Sample
 from truearm.sources import Source as Source
@@ -81,7 +86,6 @@ from truearm.workflows.plan import plan_check as plan_check
 from truearm.workflows.predict import Prediction as Prediction
 from truearm.workflows.predict import predict as predict
 from truearm.workflows.procedure import ProcedureResult as ProcedureResult
-from truearm.workflows.record_readings import record as record
 from truearm.workflows.refit import RefitResult as RefitResult
 from truearm.workflows.refit import refit as refit
 from truearm.workflows.report import ReportResult as ReportResult
@@ -93,10 +97,6 @@ from truearm.workflows.simulate import rehearse as rehearse
 from truearm.workflows.simulate import simulate as simulate
 from truearm.workflows.simulate_verification import SimulatedVerification as SimulatedVerification
 from truearm.workflows.simulate_verification import simulate_verification as simulate_verification
-from truearm.workflows.sources import SourceList as SourceList
-from truearm.workflows.sources import SourceTrial as SourceTrial
-from truearm.workflows.sources import list_sources as list_sources
-from truearm.workflows.sources import try_source as try_source
 from truearm.workflows.task import TaskResult as TaskResult
 from truearm.workflows.task import task as task
 from truearm.workflows.verify import VerificationResult as VerificationResult

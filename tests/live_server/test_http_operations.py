@@ -19,8 +19,8 @@ from truearm.live_server.http_operations import HttpOperations
 from truearm.live_server.live import live
 from truearm.live_server.messages import MOST_POSES
 from truearm.live_server.post_requests import LARGEST_BODY
+from truearm.recording.recording import Recording
 from truearm.sources import Sample, Source
-from truearm.workflows.recording import Recording
 
 pytest.importorskip("websockets", reason="websockets is not installed")
 

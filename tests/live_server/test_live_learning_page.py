@@ -15,9 +15,9 @@ from truearm.live_server.live_page import live_page
 from truearm.live_server.live_recording import FRAMES_HZ, LiveRecording
 from truearm.live_server.request_checks import RequestChecks
 from truearm.live_server.server import LiveServer
+from truearm.recording.recording import Recording
 from truearm.sources import StandstillRule
 from truearm.sources.virtual_arm import virtual_arm
-from truearm.workflows.recording import Recording
 
 pytest.importorskip("websockets", reason="websockets is not installed")
 

@@ -20,8 +20,8 @@ from truearm.live_server.live_recording import FRAMES_HZ, LiveRecording
 from truearm.live_server.messages import encode
 from truearm.live_server.request_checks import RequestChecks
 from truearm.live_server.server import LiveServer
+from truearm.recording.recording import Recording
 from truearm.sources import Sample, Source, StandstillRule
-from truearm.workflows.recording import Recording
 
 pytest.importorskip("websockets", reason="websockets is not installed")
 

@@ -16,7 +16,7 @@ from truearm.cli.recording_options import OUT_HELP, SOURCE_HELP, SharedOptions, 
 from truearm.errors import InputError
 
 if TYPE_CHECKING:
-    from truearm.workflows.recording import Recording
+    from truearm.recording.recording import Recording
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ def live(
 
 
 def _demo(context: Context, folder: Path, samples_hz: float) -> Recording:
-    from truearm.workflows.live_demo import demo_recording
+    from truearm.recording.live_demo import demo_recording
 
     refuse_typed(context, [option.name for option in fields(LiveOptions)], "does not apply to --demo")
     with progress("planning the demonstration", total=len(get_args(Strategy))) as tell:

@@ -15,7 +15,7 @@ from truearm.cli.recording_options import SharedOptions, takes_readings
 from truearm.errors import InputError
 
 if TYPE_CHECKING:
-    from truearm.workflows.recording import Recording
+    from truearm.recording.recording import Recording
 
 
 @takes_readings
@@ -36,7 +36,7 @@ def record(
     With --headless these are lines on standard input: take, take moving, undo, seat NAME, point X Y Z, skip,
     refit, save, end.
     """
-    from truearm.workflows.record_readings import follow
+    from truearm.recording.record_readings import follow
 
     recording = options.recording(samples if headless else 0.0)
     if headless:
@@ -55,7 +55,7 @@ def _record_in_terminal(recording: Recording) -> None:
 
     from truearm.cli.keyboard import pressed_keys
     from truearm.cli.recording_view import RecordingView
-    from truearm.workflows.record_readings import follow
+    from truearm.recording.record_readings import follow
 
     view, console = RecordingView(recording), Console(highlight=False)
     with (

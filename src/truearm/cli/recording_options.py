@@ -16,7 +16,7 @@ from truearm.choices import TakeOn
 from truearm.cli.options import ARM_HELP
 
 if TYPE_CHECKING:
-    from truearm.workflows.recording import Recording
+    from truearm.recording.recording import Recording
 
 SOURCE_HELP = "Where the angles come from: KIND:ADDRESS, as truearm sources lists them."
 OUT_HELP = "Session file, .csv; one with the same columns is continued."
@@ -46,8 +46,8 @@ class SharedOptions:
 
     def recording(self, samples_hz: float) -> Recording:
         """The recording of these options; its samples are events `samples_hz` times a second."""
+        from truearm.recording.recording import Recording
         from truearm.sources import StandstillRule
-        from truearm.workflows.recording import Recording
 
         return Recording(
             self.source,

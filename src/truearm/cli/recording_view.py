@@ -10,8 +10,8 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from truearm.workflows.recording import Recording
-from truearm.workflows.recording_event import Event
+from truearm.recording.recording import Recording
+from truearm.recording.recording_event import Event
 
 KEYS = {
     " ": "take",

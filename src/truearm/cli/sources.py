@@ -32,8 +32,8 @@ def sources(
     the exit code is 1.
     """
     from truearm.arm.arm_files import write_arm
+    from truearm.recording.sources import list_sources, try_source
     from truearm.sources.source_names import read_source_arm
-    from truearm.workflows.sources import list_sources, try_source
 
     if source is None:
         refuse_typed(context, ["arm", "seconds", "arm_file"], "applies to --try only")

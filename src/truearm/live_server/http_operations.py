@@ -29,10 +29,10 @@ from truearm.live_server.messages import (
 from truearm.live_server.openapi import Operation, openapi
 from truearm.live_server.request_checks import RequestRate
 from truearm.readings import Session
+from truearm.recording.corrected_tip import COVERAGE_FACTOR, CorrectedTip, corrected_tips
+from truearm.recording.recording import Recording
 from truearm.typing import FloatArray
 from truearm.workflows.correct import correct
-from truearm.workflows.corrected_tip import COVERAGE_FACTOR, CorrectedTip, corrected_tips
-from truearm.workflows.recording import Recording
 
 MOST_A_SECOND = 100  # requests of all clients
 WAIT_S = 1.0  # for the one that is computed before

@@ -12,9 +12,9 @@ from truearm.live_server.live_page import live_page
 from truearm.live_server.live_recording import FRAMES_HZ, LiveRecording
 from truearm.live_server.request_checks import RequestChecks
 from truearm.live_server.server import LiveServer
+from truearm.recording.recording import Recording, RecordingOptions
+from truearm.recording.recording_event import Event
 from truearm.sources import Source
-from truearm.workflows.recording import Recording, RecordingOptions
-from truearm.workflows.recording_event import Event
 
 
 def live(

@@ -12,9 +12,9 @@ from markupsafe import Markup
 from truearm.live_server.drawn_arm import DrawnArm
 from truearm.pages.palette import style_rules
 from truearm.pages.scene import data_block, scene_script, script_hash
+from truearm.recording.recording import Recording
+from truearm.recording.reference_point import TYPED
 from truearm.show.arm_scene import arm_mechanism
-from truearm.workflows.recording import Recording
-from truearm.workflows.reference_point import TYPED
 
 SPACE = 0.55  # of the reach: half the box that the first view shows
 FULL_TURN_DEG = 180.0  # what the strip of a joint without limit spans, to each side

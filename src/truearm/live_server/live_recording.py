@@ -14,11 +14,11 @@ from truearm.live_server.live_page import drawn_scene
 from truearm.live_server.messages import Pose, ReadingPoint, Said, State
 from truearm.live_server.server import LiveServer
 from truearm.readings.readings import DIRECTION
+from truearm.recording.corrected_tip import CorrectedTip, corrected_tip
+from truearm.recording.record_readings import follow
+from truearm.recording.recording import Recording
+from truearm.recording.recording_event import Event
 from truearm.sources import Sample
-from truearm.workflows.corrected_tip import CorrectedTip, corrected_tip
-from truearm.workflows.record_readings import follow
-from truearm.workflows.recording import Recording
-from truearm.workflows.recording_event import Event
 
 FRAMES_HZ = 20.0
 SILENT_S = 1.0

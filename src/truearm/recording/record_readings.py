@@ -11,9 +11,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, Unpack
 
+from truearm.recording.recording import Recording, RecordingOptions
+from truearm.recording.recording_event import Event
 from truearm.sources import Notice, Sample, Source
-from truearm.workflows.recording import Recording, RecordingOptions
-from truearm.workflows.recording_event import Event
 
 MOST_WAITING = 10_000  # samples and commands
 _Origin = Literal["arm", "reference", "command"]

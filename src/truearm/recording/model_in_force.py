@@ -12,8 +12,8 @@ from truearm.errors import InputError, TruearmError
 from truearm.files.atomic_write import check_writable
 from truearm.number_format import format_count
 from truearm.readings import read_session
-from truearm.workflows.fit_process import FitProcess, Fitted, why_worse
-from truearm.workflows.recording_event import Event
+from truearm.recording.fit_process import FitProcess, Fitted, why_worse
+from truearm.recording.recording_event import Event
 
 
 class ModelInForce:

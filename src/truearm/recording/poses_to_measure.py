@@ -9,9 +9,9 @@ import numpy as np
 from truearm.arm import Arm
 from truearm.identification.planning.planned_readings import PlannedReadings
 from truearm.identification.planning.tour import joint_moves
+from truearm.recording.learning import UNCHANGED, Learning
+from truearm.recording.recording_event import Event
 from truearm.typing import FloatArray, IntArray, NameArray
-from truearm.workflows.learning import UNCHANGED, Learning
-from truearm.workflows.recording_event import Event
 
 NEARLY_BEST = 0.8  # share of the largest gain; of the poses that gain as much the nearest comes next
 

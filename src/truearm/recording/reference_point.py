@@ -6,10 +6,10 @@ from collections import deque
 
 import numpy as np
 
+from truearm.recording.recording_event import Event
 from truearm.sources import Sample, Source
 from truearm.sources.standstill import TakenReading
 from truearm.typing import FloatArray
-from truearm.workflows.recording_event import Event
 
 TYPED = "typed"
 LARGEST_SPREAD_MM = 0.1  # of a second instrument in the window of a reading

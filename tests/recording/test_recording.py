@@ -11,9 +11,9 @@ import pytest
 
 import truearm as ta
 from truearm.errors import InputError
+from truearm.recording.record_readings import record
+from truearm.recording.recording import Recording
 from truearm.sources import Notice, Sample, Source, StandstillRule
-from truearm.workflows.record_readings import record
-from truearm.workflows.recording import Recording
 
 RULE = StandstillRule(window_s=0.2)
 

@@ -21,16 +21,16 @@ from truearm.identification.planning.planned_readings import PlannedReadings, re
 from truearm.number_format import format_count
 from truearm.readings.readings import DIRECTION, LOAD
 from truearm.readings.session_log import SessionLog, check_log_path
+from truearm.recording.corrected_tip import CorrectedTip, corrected_tip
+from truearm.recording.learning import Learning, learned_event
+from truearm.recording.model_in_force import ModelInForce
+from truearm.recording.poses_to_measure import PosesToMeasure
+from truearm.recording.recording_event import Event
+from truearm.recording.reference_point import TYPED, ReferencePoint, typed_numbers
 from truearm.sources import Sample, Source, StandstillRule, open_source
 from truearm.sources.standstill import Standstill, TakenReading
 from truearm.typing import FloatArray
-from truearm.workflows.corrected_tip import CorrectedTip, corrected_tip
 from truearm.workflows.inputs import ModelLike, to_arm, to_model_of_tip
-from truearm.workflows.learning import Learning, learned_event
-from truearm.workflows.model_in_force import ModelInForce
-from truearm.workflows.poses_to_measure import PosesToMeasure
-from truearm.workflows.recording_event import Event
-from truearm.workflows.reference_point import TYPED, ReferencePoint, typed_numbers
 
 FAR_FROM_AIM = 20.0  # deg, or mm; a standstill that is farther from the plan's pose is taken by key only
 BESIDE_SEAT = 0.05  # of the arm's reach; a standstill that is farther from its seat is taken by key only
@@ -38,7 +38,7 @@ JUMP_S = 1.0  # between two samples by the clock of a device
 
 
 class RecordingOptions(TypedDict, total=False):
-    """The options of a recording, for the verbs that take them; `truearm.workflows.record_readings.record` explains."""
+    """The options of a recording, for the verbs that take them; `truearm.recording.record_readings.record` explains."""
 
     arm: Arm | str | Path | None
     plan: str | Path | None
@@ -54,7 +54,7 @@ class RecordingOptions(TypedDict, total=False):
 class Recording:
     """Samples and commands in, readings in a session file and events out.
 
-    Its parameters are described in `truearm.workflows.record_readings.record`.
+    Its parameters are described in `truearm.recording.record_readings.record`.
 
     Raises
     ------

@@ -9,11 +9,11 @@ import numpy as np
 
 from truearm.arm import load_arm
 from truearm.identification.virtual import VirtualArm
+from truearm.recording.recording import Recording
 from truearm.sources import Source
 from truearm.sources.virtual_arm import virtual_arm
 from truearm.typing import FloatArray
 from truearm.workflows.plan import plan
-from truearm.workflows.recording import Recording
 
 DEMO_ARM, PRESET, SEED = "ur10", "research", 1
 POSES = 30

@@ -8,9 +8,9 @@ import pytest
 import truearm as ta
 from truearm.errors import InputError
 from truearm.identification.planning.candidates import seat_poses, tracker_poses
+from truearm.recording.learning import Learning
+from truearm.recording.recording import Recording
 from truearm.sources import Sample, Source, StandstillRule
-from truearm.workflows.learning import Learning
-from truearm.workflows.recording import Recording
 
 RULE = StandstillRule(window_s=0.2)
 

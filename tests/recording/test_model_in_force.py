@@ -9,12 +9,12 @@ import pytest
 
 import truearm as ta
 from truearm.errors import InputError
+from truearm.recording import model_in_force
+from truearm.recording.fit_process import Fitted, why_worse
+from truearm.recording.live_demo import demo_recording
+from truearm.recording.model_in_force import ModelInForce
+from truearm.recording.recording import Recording
 from truearm.sources import Sample, Source
-from truearm.workflows import model_in_force
-from truearm.workflows.fit_process import Fitted, why_worse
-from truearm.workflows.live_demo import demo_recording
-from truearm.workflows.model_in_force import ModelInForce
-from truearm.workflows.recording import Recording
 
 
 @pytest.fixture(scope="module")

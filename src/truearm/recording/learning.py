@@ -25,8 +25,8 @@ from truearm.identification.planning.sequential_update import Estimate, held_rea
 from truearm.identification.terms import ArmState
 from truearm.number_format import format_count
 from truearm.readings import Session, read_session
+from truearm.recording.recording_event import Event
 from truearm.typing import FloatArray, NameArray
-from truearm.workflows.recording_event import Event
 
 # Square of a residual over its covariance, of three degrees of freedom: one right reading in 65,000 has more.
 LARGEST_MISFIT = 25.0

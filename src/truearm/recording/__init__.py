@@ -1,0 +1,1 @@
+"""Readings of a connected arm: taken, learned as they come, fitted meanwhile."""
