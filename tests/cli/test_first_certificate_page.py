@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import re
 import shlex
+import sys
 import zipfile
 from pathlib import Path
 
@@ -63,7 +65,8 @@ def laboratory(truearm, tmp_path_factory):
     """Folder where every command of the page was run and printed what the page shows."""
     pytest.importorskip("fpdf", reason="the PDF of a certificate needs the extra pdf")
     folder = tmp_path_factory.mktemp("laboratory")
-    with contextlib.chdir(folder):
+    with contextlib.chdir(folder), Path(os.devnull).open() as nobody, pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "stdin", nobody)  # `record` reads commands there
         for kind, name, text in BLOCK.findall(PAGE.read_text(encoding="utf-8")):
             if kind == "toml":
                 Path(name).write_text(text, encoding="utf-8")
