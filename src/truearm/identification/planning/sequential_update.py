@@ -15,9 +15,9 @@ are so wide that they say nothing. The noise follows from the residuals of each 
 
     s^2 = (k s_0^2 + r^T r) / (k + N - m + tr P A^-1).
 
-Readings that the prior knows already say where the base and the seats are if the terms are as they are: of their
-derivatives by the terms only what the base and the seats can do remains, so that they say nothing of the terms, and an
-error of the terms moves the base as it did when they were fitted. They count as P where the noise is estimated.
+Readings that the prior knows already place the base and the seats, and say no more of the terms: their derivatives by
+the terms are projected onto those by base and seats, which leaves nothing where these are eliminated. An error of the
+terms then moves the base as it did when the prior was identified. Where the noise is estimated, they are part of P.
 """
 
 from __future__ import annotations
@@ -143,8 +143,8 @@ def updated_estimate(
     before : Estimate
         From some of them, or none: where the steps start.
     n_in_prior : int
-        Number of readings, from the first, that the prior of the terms knows already: these say where the base and the
-        seats are, and nothing of the terms.
+        Number of readings, from the first, that the prior of the terms knows already: these place the base and the
+        seats, and say no more of the terms.
     """
     seat, held = held_readings(readings)
     used = np.flatnonzero(readings.has_point | held)
@@ -200,7 +200,7 @@ def _placed(prior: Prior, terms: FloatArray, readings: Session, state: ArmState)
 
 
 def _by_placing(rows: FloatArray, precision: FloatArray, n_terms: int) -> FloatArray:
-    """Derivatives (k, n_terms) by the terms, as far as base and seats have them too; see the module."""
+    """Derivatives (k, n_terms) by the terms, projected onto those by base and seats."""
     by_terms, placing = rows[:, :n_terms], rows[:, n_terms:]
     information = placing.T @ placing + precision[n_terms:, n_terms:]
     return np.asarray(placing @ cho_solve(cho_factor(information, lower=True), placing.T @ by_terms))
