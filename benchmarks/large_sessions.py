@@ -21,7 +21,7 @@ from benchmarks.cost import exponent
 from benchmarks.rows import RowResult, Rows, Target, own_process, peak_bytes, scratch
 from truearm.files.table_writer import table_writer
 from truearm.fleet.executors import Processes
-from truearm.identification.from_sums import Estimate
+from truearm.identification.from_sums import Iterate
 from truearm.readings import Session
 from truearm.readings.columns import session_columns
 from truearm.readings.large_sessions import LargeSession
@@ -176,7 +176,7 @@ def sent(readings: tuple[int, ...] = (100_000,)) -> RowResult:
     folder = made_session(readings[-1], "parquet")
     part = LargeSession.open(folder).parts[0]
     model = ta.load_model(scratch() / "arm.truearm")
-    at = Estimate(model.fit_.coefficients, model.fit_.references[0].noise_std ** 2)
+    at = Iterate(model.fit_.coefficients, model.fit_.references[0].noise_std ** 2)
     task = fitting.SumTask(fitting.sent_model(model, model.fit_), at, at.x, 10.0, "skip", None, part.n_readings)
     sums = sums_of_part((task, part))
     table = [

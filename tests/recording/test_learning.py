@@ -8,6 +8,7 @@ import pytest
 import truearm as ta
 from truearm.errors import InputError
 from truearm.identification.planning.candidates import seat_poses, tracker_poses
+from truearm.readings import Session
 from truearm.recording.learning import Learning
 from truearm.recording.recording import Recording
 from truearm.sources import Sample, Source, StandstillRule
@@ -90,11 +91,21 @@ def test_it_is_enough_once(arm, model):
     learning = Learning(arm, model)
     [*learning.learn(session)]
     poses = session.angles[:20]
+    assert [*learning.enough(poses[:11], None)] == []  # fewer gain little, however much is unknown
     (event,) = learning.enough(poses, None)
     assert event.text.startswith("enough: 12 more readings would gain ")
     assert 0 <= event.values["gain"] < 0.05
     assert [*learning.enough(poses, None)] == []
     assert [*Learning(arm).enough(poses, None)] == []  # of an arm of which nothing was measured
+
+
+def test_enough_in_one_seat_names_it(arm):
+    """Of an arm known to 0.6 mm, which another seat would show."""
+    poses = seat_poses(arm, seats=1, poses=40, seed=1)
+    learning = Learning(arm, has_points=False)
+    [*learning.learn(Session(poses.angles, seat=poses.seat))]
+    (event,) = learning.enough(poses.angles, poses.seat)
+    assert event.text.startswith(f"enough: 12 more readings in seat {poses.seat[0]} would gain ")
 
 
 def test_ranked_the_plan_goes_on_with_the_pose_that_gains_most_in_its_seat(tmp_path, arm):

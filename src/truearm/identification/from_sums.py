@@ -26,7 +26,7 @@ from truearm.typing import FloatArray, IntArray
 
 
 @dataclass(frozen=True, eq=False)
-class Estimate:
+class Iterate:
     """Coefficients of an arm between two passes.
 
     Attributes
@@ -52,8 +52,8 @@ def of_the_model_itself(arm: IdentificationResult) -> IdentificationResult:
     return arm.select(lambda term: not term.group.endswith(SUFFIX))
 
 
-def improved(arm: IdentificationResult, before: Estimate, sums: ReadingSums) -> Estimate:
-    """The next estimate, from sums over all readings at the one before.
+def improved(arm: IdentificationResult, before: Iterate, sums: ReadingSums) -> Iterate:
+    """The next iterate, from sums over all readings at the one before.
 
     Steps shrink by about the same factor, so that of two steps follows what a third one would be.
     """
@@ -66,17 +66,17 @@ def improved(arm: IdentificationResult, before: Estimate, sums: ReadingSums) -> 
     following = moved if before.moved is None else moved * min(moved / max(before.moved, 1e-300), 1.0)
     noise = sums.noise_mm2(before.noise_mm2, float(len(own)))
     is_settled = following < SETTLED_STEP and abs(np.log(noise / before.noise_mm2)) < SETTLED_STEP
-    return Estimate(found.x, noise, moved, is_settled)
+    return Iterate(found.x, noise, moved, is_settled)
 
 
-def without_part(arm: IdentificationResult, at: Estimate, sums: ReadingSums, part: ReadingSums) -> FloatArray:
-    """(p,) coefficients by the readings that are not in a part, from sums at the same estimate."""
+def without_part(arm: IdentificationResult, at: Iterate, sums: ReadingSums, part: ReadingSums) -> FloatArray:
+    """(p,) coefficients by the readings that are not in a part, from sums at the same iterate."""
     return sums.without(part).posterior(at.x, arm.prior_std, np.arange(len(at.x))).x
 
 
 def identified(
     arm: IdentificationResult,
-    at: Estimate,
+    at: Iterate,
     sums: ReadingSums,
     *,
     sample: ArmState,
@@ -89,7 +89,7 @@ def identified(
     ----------
     arm : IdentificationResult
         By the sample.
-    at : Estimate
+    at : Iterate
     sums : ReadingSums
         Of all readings, at it.
     sample : ArmState

@@ -23,7 +23,6 @@ from truearm.identification.planning.prior import identified_prior, nominal_prio
 from truearm.identification.planning.proposal import VOLUME_POSES
 from truearm.identification.planning.sequential_update import Estimate, held_readings, updated_estimate
 from truearm.identification.terms import ArmState
-from truearm.number_format import format_count
 from truearm.readings import Session, read_session
 from truearm.recording.recording_event import Event
 from truearm.typing import FloatArray, NameArray
@@ -190,15 +189,15 @@ class Learning:
         return None
 
     def enough(self, angles: FloatArray, seat: NameArray | None) -> Iterator[Event]:
-        """Say once that the best of further readings, at some of n poses, would gain little."""
-        if self._said_enough or not len(angles) or self._n_seen < FEWEST_TO_JUDGE:
+        """Say once that the best `AHEAD` of n poses would gain little; of fewer it would be no wonder."""
+        if self._said_enough or len(angles) < AHEAD or self._n_seen < FEWEST_TO_JUDGE:
             return
         problem = self._design(angles, seat)
-        n = min(AHEAD, len(angles))
         # Some poses are useful only together, as the first two in a seat, which the determinant shows.
-        chosen = [greedy(problem, n, criterion) for criterion in (IOptimality(), DOptimality())]
+        chosen = [greedy(problem, AHEAD, criterion) for criterion in (IOptimality(), DOptimality())]
         gain = 1 - sqrt(min(map(problem.variance, chosen))) / self.uncertainty_mm
         if gain < LITTLE:
             self._said_enough = True
-            text = f"enough: {format_count(n, 'more reading')} would gain {100 * gain:.0f} %"
-            yield Event("enough", text, {"n": n, "gain": gain})
+            where = f" in seat {seat[0]}" if seat is not None and seat[0] and (seat == seat[0]).all() else ""
+            text = f"enough: {AHEAD} more readings{where} would gain {100 * gain:.0f} %"
+            yield Event("enough", text, {"n": AHEAD, "gain": gain})

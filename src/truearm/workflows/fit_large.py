@@ -20,7 +20,7 @@ from truearm.compensation.models.input_ranges import InputRanges
 from truearm.errors import Contradiction
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.reading_sums import ReadingSums
-from truearm.identification.from_sums import Estimate, identified, improved, of_the_model_itself, without_part
+from truearm.identification.from_sums import Iterate, identified, improved, of_the_model_itself, without_part
 from truearm.identification.judgement.gross_errors import LEAST_READINGS, gross_error_limit
 from truearm.identification.judgement.held_out_errors import HeldOutErrors
 from truearm.identification.references.reading_references import references_of
@@ -93,7 +93,7 @@ class SumTask(PartTask[FitSums]):
     ----------
     model : IdentifiedModel
         Of the sample.
-    at : Estimate
+    at : Iterate
     without_part : (p,) array or None
         Coefficients by the readings of other stretches, to predict these.
     gross : float
@@ -106,7 +106,7 @@ class SumTask(PartTask[FitSums]):
     """
 
     model: IdentifiedModel
-    at: Estimate
+    at: Iterate
     without_part: FloatArray | None
     gross: float
     limits: Limits
@@ -237,7 +237,7 @@ def _by_all_readings(
     # The first pass is never the last: the missing terms, most of the work, are summed from the second on.
     first, later = (sent_model(of_sample, fit) for fit in (of_the_model_itself(arm), arm))
     gross = gross_error_limit(arm, of_sample.held_out_.and_also(of_sample.held_out_gross_))
-    following = Estimate(first.fit_.coefficients, arm.references[0].noise_std ** 2)
+    following = Iterate(first.fit_.coefficients, arm.references[0].noise_std ** 2)
     folds = [i * FOLDS // len(large.parts) for i in range(len(large.parts))]
     by_fold: dict[int, FloatArray] = {}
     n_pass = 0

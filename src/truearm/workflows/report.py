@@ -224,14 +224,7 @@ def report(
     one_arm(fitted)
     whole = readings
     readings, _, of_refit = without_refit_readings(whole, *fitted.values())
-    if lengths is not None and readings.points is not None:
-        raise InputError(
-            "lengths are for a session without reference points, and this one has them",
-            file=lengths if isinstance(lengths, str | Path) else None,
-            hint="truearm evaluate MODEL SESSION --lengths LENGTHS",
-        )
-    known, of_lengths = session_lengths(lengths, whole, readings)
-    known = expanded_lengths(known, readings)
+    known, of_lengths = _lengths_between_seats(lengths, whole, readings)
     comparison: ModelComparison | SeatComparison
     if readings.points is not None:
         comparison = compare_models(fitted, readings, regressors)
@@ -249,13 +242,25 @@ def report(
         files,
         accept,
         acceptance_remarks(accept),
-        ()
-        if large is None or n_sample == len(large)
-        else tuple(_of_large(large, n_sample, fitted, comparison, accept)),
+        () if large is None else tuple(_of_large(large, n_sample, fitted, comparison, accept)),
     )
     if path is not None:
         result.save_page(path)
     return result
+
+
+def _lengths_between_seats(
+    lengths: LengthsLike | None, whole: Session, readings: Session
+) -> tuple[Lengths | None, tuple[str, ...]]:
+    """Known lengths of a session without reference points, and what was ignored."""
+    if lengths is not None and readings.points is not None:
+        raise InputError(
+            "lengths are for a session without reference points, and this one has them",
+            file=lengths if isinstance(lengths, str | Path) else None,
+            hint="truearm evaluate MODEL SESSION --lengths LENGTHS",
+        )
+    known, ignored = session_lengths(lengths, whole, readings)
+    return expanded_lengths(known, readings), ignored
 
 
 def _of_large(
@@ -266,6 +271,8 @@ def _of_large(
     accept: str | None,
 ) -> Iterator[str]:
     """What the page of a sample shows of a large session, and the errors of all its reference points."""
+    if n_sample == len(large):
+        return
     yield f"Figures and tables are of {n_sample} of {len(large)} readings, evenly spaced in their order."
     if isinstance(comparison, ModelComparison):
         for name, model in models.items():

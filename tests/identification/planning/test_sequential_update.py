@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
 import truearm as ta
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
+from truearm.identification.planning import sequential_update
 from truearm.identification.planning.candidates import seat_poses, tracker_poses, volume_poses
 from truearm.identification.planning.exchange import decreases
 from truearm.identification.planning.factors import moment_matrix
@@ -35,7 +38,7 @@ def target(arm, prior):
     return moment_matrix(jacobian, tips)
 
 
-def planted(prior, angles, seed, seat=None):
+def planted(prior, angles, seed, seat=None, noise_mm=NOISE_MM):
     """Readings of an arm with errors drawn from the prior, by an instrument in another frame, or in seats."""
     random = np.random.default_rng(seed)
     truth = random.standard_normal(len(prior.precision)) / np.sqrt(np.diag(prior.precision))
@@ -43,7 +46,7 @@ def planted(prior, angles, seed, seat=None):
     chain = PerturbedChain(prior.perturbed_chain.chain.with_reference_frame(turned), prior.perturbed_chain.terms)
     if seat is not None:
         return truth, Session(angles, seat=seat)
-    tips = chain.tips(prior.state(angles), truth) + NOISE_MM * random.standard_normal((len(angles), 3))
+    tips = chain.tips(prior.state(angles), truth) + noise_mm * random.standard_normal((len(angles), 3))
     return truth, Session(angles, points=tips)
 
 
@@ -72,6 +75,31 @@ def test_reading_by_reading_it_is_the_least_squares_of_all(arm, prior, target, s
     # Its last step may move the parameters by a hundredth of their uncertainty, and the noise by as little.
     assert (np.abs(estimate.parameters - best) / u).max() < 0.05
     assert 0.7 * NOISE_MM < noise_mm < 1.3 * NOISE_MM
+
+
+def test_all_at_once_find_the_noise_and_the_uncertainty_of_one_by_one(arm, target):
+    prior = nominal_prior(arm, terms="constants", noise_mm=10 * NOISE_MM)
+    _, readings = planted(prior, tracker_poses(arm, 40, seed=1).angles, 1)
+    at_once = updated_estimate(prior, readings, prior.state(readings.angles), Estimate.before_readings(prior))
+    estimate = one_by_one(prior, readings)
+    assert at_once.noise_mm == pytest.approx(estimate.noise_mm, rel=0.02)
+    assert at_once.variance(target) == pytest.approx(estimate.variance(target), rel=0.05)
+
+
+def test_from_a_model_of_the_first_readings_it_is_the_estimate_of_all(arm, prior, target, monkeypatch):
+    monkeypatch.setattr(sequential_update, "NOISE_WORTH", 1e9)  # the noise is the prior's, of the model too
+    # A thirtieth of the usual errors and noise: what the model knows is linear in them.
+    small = replace(prior, precision=30**2 * prior.precision, noise_mm=NOISE_MM / 30)
+    _, readings = planted(small, tracker_poses(arm, 40, seed=3).angles, 3, noise_mm=small.noise_mm)
+    p, few = len(small.precision), readings.rows(np.arange(15))
+    known, expected = one_by_one(small, few), one_by_one(small, readings)
+    model = replace(small, precision=np.linalg.inv(known.covariance[:p, :p]), mean=known.parameters[:p])
+    estimate = Estimate.before_readings(model.with_frame())
+    for some, same in ((few, known), (readings, expected)):
+        estimate = updated_estimate(model, some, prior.state(some.angles), estimate, n_in_prior=15)
+        different = (estimate.parameters - same.parameters)[:p]
+        assert different @ target @ different < 0.01**2 * same.variance(target)
+        assert estimate.variance(target) == pytest.approx(same.variance(target), rel=1e-3)
 
 
 def test_where_tips_are_linear_it_is_exact_after_each_reading(arm, target):

@@ -233,10 +233,10 @@ class CovarianceRoot:
                 common += shared * along_sites[self._parts[o].sites[0]]
             half += common[:, None] * along_sites[part.sites[0]]
         found = (half + half.transpose(1, 0, 2)).transpose(2, 0, 1)
-        alone = (self._blocks[0, 0].diagonal() @ np.einsum("pkm,pkm->pm", columns, columns)).max(initial=0.0)
+        alone = self._blocks[0, 0].diagonal() @ np.einsum("pkm,pkm->pm", columns, columns)
         for n, part in enumerate(wide, 1):
-            alone += self._blocks[n, n].trace() * (along_sites[part.sites[0]] ** 2).sum(axis=0).max(initial=0.0)
-        if np.trace(found, axis1=1, axis2=2).min(initial=np.inf) < LEAST_SHARE * alone:
+            alone += self._blocks[n, n].trace() * (along_sites[part.sites[0]] ** 2).sum(axis=0)
+        if (np.trace(found, axis1=1, axis2=2) < LEAST_SHARE * alone).any():
             return self._squared(along_sites, values)
         return np.ascontiguousarray(found)
 

@@ -10,17 +10,21 @@ readings are linearised at the newest estimate, so that the first ones, which we
 filter: B. M. Bell, F. W. Cathey, IEEE Trans. Automatic Control 38 (1993) 294), and one can be taken back.
 
 Parameters after those of the terms are the base in the frame of the points, and the position of each seat; their priors
-are so wide that they say nothing. The noise follows from the residuals, with the prior's noise as one of `NOISE_WORTH`
-coordinates (D. J. C. MacKay, Neural Computation 4 (1992) 415, eq. 4.10):
+are so wide that they say nothing. The noise follows from the residuals of each step, with the prior's noise as one of
+`NOISE_WORTH` coordinates (D. J. C. MacKay, Neural Computation 4 (1992) 415, eq. 4.10):
 
     s^2 = (k s_0^2 + r^T r) / (k + N - m + tr P A^-1).
+
+Readings that the prior knows already place the base and the seats, and say no more of the terms: their derivatives by
+the terms are projected onto those by base and seats, which leaves nothing where these are eliminated. An error of the
+terms then moves the base as it did when the prior was identified. Where the noise is estimated, they are part of P.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from math import sqrt
+from math import log, sqrt
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -37,8 +41,8 @@ from truearm.typing import BoolArray, FloatArray, NameArray
 
 NOISE_WORTH = 10.0
 MOST_STEPS = 5
-# A step that moves the parameters by a smaller share of their uncertainty is the last.
-SETTLED_STEP = 0.01
+# The last step moves the parameters by less, as a share of their uncertainty, and the noise, as a share of itself.
+SETTLED_STEP, SETTLED_NOISE = 0.01, 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,8 +143,8 @@ def updated_estimate(
     before : Estimate
         From some of them, or none: where the steps start.
     n_in_prior : int
-        Number of readings, from the first, that the prior of the terms knows already: these say where the base and the
-        seats are, and nothing of the terms.
+        Number of readings, from the first, that the prior of the terms knows already: these place the base and the
+        seats, and say no more of the terms.
     """
     seat, held = held_readings(readings)
     used = np.flatnonzero(readings.has_point | held)
@@ -158,19 +162,19 @@ def updated_estimate(
         x = np.concatenate([coefficients, *places.values()])
         P, mean = _with_wide(placed.precision, len(x)), np.pad(_mean(prior), (0, len(x) - n_terms))
         residuals, J = _linearised(placed.perturbed_chain, coefficients, places, readings, state)
-        J[:n_in_prior, :, :n_terms] = 0.0
-        r, rows = residuals.ravel(), J.reshape(-1, len(x))
-        A = P + rows.T @ rows / noise_mm**2
+        r, rows = residuals.ravel() / noise_mm, J.reshape(-1, len(x)) / noise_mm
+        old, new = rows[: 3 * n_in_prior], rows[3 * n_in_prior :]
+        old[:, :n_terms] = _by_placing(old, P, n_terms)
+        known = P + old.T @ old
+        A = known + new.T @ new
         factor = cho_factor(A, lower=True)
-        step = cho_solve(factor, rows.T @ r / noise_mm**2 - P @ (x - mean))
+        C, step = cho_solve(factor, np.eye(len(x))), cho_solve(factor, rows.T @ r - P @ (x - mean))
         x, terms = x + step, x[:n_terms] + step[:n_terms]
-        if step @ A @ step < SETTLED_STEP**2 * len(x):
+        left = noise_mm * (r - rows @ step)[3 * n_in_prior :]
+        n_free = max(len(left) - len(x) + float(np.vdot(known, C)), 0.0)
+        was_mm, noise_mm = noise_mm, sqrt((NOISE_WORTH * prior.noise_mm**2 + left @ left) / (NOISE_WORTH + n_free))
+        if step @ A @ step < SETTLED_STEP**2 * len(x) and abs(log(noise_mm / was_mm)) < SETTLED_NOISE:
             break
-    C = cho_solve(factor, np.eye(len(x)))
-    left = (r - rows @ step)[3 * n_in_prior :]
-    n_determined = (n_terms if n_in_prior else len(x)) - float(np.vdot(P[:n_terms, :n_terms], C[:n_terms, :n_terms]))
-    n_free = max(len(left) - n_determined, 0.0)
-    noise_mm = sqrt((NOISE_WORTH * prior.noise_mm**2 + left @ left) / (NOISE_WORTH + n_free))
     return Estimate(placed.perturbed_chain, names, x, A, C, noise_mm)
 
 
@@ -193,6 +197,13 @@ def _placed(prior: Prior, terms: FloatArray, readings: Session, state: ArmState)
     T = align(chain.tips(state.rows(seen), terms), readings.points[seen])
     there = PerturbedChain(chain.chain.with_reference_frame(T), chain.terms)
     return replace(prior, perturbed_chain=there).with_frame()
+
+
+def _by_placing(rows: FloatArray, precision: FloatArray, n_terms: int) -> FloatArray:
+    """Derivatives (k, n_terms) by the terms, projected onto those by base and seats."""
+    by_terms, placing = rows[:, :n_terms], rows[:, n_terms:]
+    information = placing.T @ placing + precision[n_terms:, n_terms:]
+    return np.asarray(placing @ cho_solve(cho_factor(information, lower=True), placing.T @ by_terms))
 
 
 def _linearised(

@@ -11,10 +11,10 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
@@ -118,6 +118,14 @@ class TypePrior(Document):
     constants: Annotated[tuple[ConstantPrior, ...], Field(min_length=1, max_length=MAX_CONSTANTS)]
     held_out: Annotated[tuple[HeldOutPart, ...], Field(max_length=MAX_PARTS)]
 
+    @model_validator(mode="after")
+    def _parts_have_all_constants(self) -> Self:
+        n = len(self.constants)
+        for part in self.held_out:
+            if {len(part.mean), len(part.mean_u), len(part.std)} != {n}:
+                raise ValueError(f"expected {n} of mean, mean_u and std without {part.arms[0]}")
+        return self
+
     def check_arm(self, arm: Arm) -> None:
         """Check that this is the prior of an arm's type.
 
@@ -136,9 +144,6 @@ class TypePrior(Document):
         if sorted(expected) != sorted(given):
             different = min(set(expected) ^ set(given), default="one twice")
             raise InputError(f"expected the {len(expected)} constants of arm {arm.name!r}, each once, got {different}")
-        for part in self.held_out:
-            if {len(part.mean), len(part.mean_u), len(part.std)} != {len(given)}:
-                raise InputError(f"expected {len(given)} of mean, mean_u and std without {part.arms[0]}")
 
     def without(self, serial_number: str) -> TypePrior:
         """The prior for an arm: of one that it was learned from, what the arms of the other parts have in common.
