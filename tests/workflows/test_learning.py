@@ -71,6 +71,9 @@ def test_of_a_model_only_the_readings_that_it_does_not_know_are_learned(arm):
     before = learning.uncertainty_mm
     assert [*learning.learn(session)] == []
     assert learning.uncertainty_mm == pytest.approx(before)
+    [*learning.learn(session.rows(np.arange(59)))]
+    [*learning.learn(session)]  # a reading in place of one that was undone
+    assert learning.uncertainty_mm < 0.9999 * before
 
 
 def test_a_physical_model_starts_with_the_angle_errors_that_it_knows(arm):

@@ -113,7 +113,8 @@ class Recording:
         if _is_known(self.arm):
             # An arm that takes none of the usual poses is recorded, too.
             with nullcontext() if rank else suppress(InputError):
-                self._learning = Learning(self.arm, known, has_points=self._has_points)
+                trained_on = self._in_force.trained_on
+                self._learning = Learning(self.arm, known, trained_on=trained_on, has_points=self._has_points)
         self._log: SessionLog | None = None
         self.sample: Sample | None = None
 
@@ -278,7 +279,8 @@ class Recording:
                     self._learning.arm, self.model, trained_on=trained_on, has_points=self._has_points
                 )
                 yield from self._learn()
-                yield learned_event(before_mm, self._learning.uncertainty_mm)
+                if self._learning is not None:
+                    yield learned_event(before_mm, self._learning.uncertainty_mm)
                 yield from self._next()
 
     def close(self) -> Event:
@@ -430,6 +432,7 @@ class Recording:
         if row is None:
             yield Event("refused", "there is no reading to undo")
             return
+        self._in_force.undone(self.n_readings)
         number = self.n_readings + 1
         numbers = {name: float(text) for name, text in row.items() if text and self._is_number(name)}
         yield Event("undone", f"reading {number} removed", {"reading": number, **row, **numbers})
