@@ -35,6 +35,7 @@ from truearm.workflows.reference_point import TYPED, ReferencePoint, typed_numbe
 FAR_FROM_AIM = 20.0  # deg, or mm; a standstill that is farther from the plan's pose is taken by key only
 BESIDE_SEAT = 0.05  # of the arm's reach; a standstill that is farther from its seat is taken by key only
 JUMP_S = 1.0  # between two samples by the clock of a device
+ODD_S = 1.0  # between two notices of odd samples
 
 
 class RecordingOptions(TypedDict, total=False):
@@ -106,7 +107,7 @@ class Recording:
         self._point = ReferencePoint(self.reference)
         self._asked, self._was_pressed, self._said = False, False, ""
         self._still_since_s, self._samples_hz, self._streamed_s = 0.0, samples_hz, -np.inf
-        self._step_s, self._jump, self._jump_said_s = np.inf, "", -np.inf
+        self._step_s, self._odd, self._odd_said_s = np.inf, "", -np.inf
         self.out_model, self.rank = None if out_model is None else Path(out_model), rank
         self._in_force = ModelInForce(self.arm, known, self.out, self.out_model)
         self._learning: Learning | None = None
@@ -183,14 +184,16 @@ class Recording:
     def on_sample(self, sample: Sample) -> Iterator[Event]:
         """Take in a sample of the arm."""
         if self.sample is not None:
+            if (n := len(sample.joint_angles_rad)) != (before := len(self.sample.joint_angles_rad)):
+                self._odd = f"{self.source.name} gives {n} joints in place of {before}; ignored"
+                yield from self._say_odd()
+                return
             self._watch_clock(sample.time_s - self.sample.time_s)
         self._standstill.add(sample)
         self.sample = sample  # from now on a view, in another thread, asks for its corrected tip
         if self._log is None:
             yield from self._start(sample)
-        if self._jump and time.monotonic() - self._jump_said_s > JUMP_S:
-            yield Event("notice", self._jump)
-            self._jump, self._jump_said_s = "", time.monotonic()
+        yield from self._say_odd()
         self._asked |= sample.is_button_pressed and not self._was_pressed
         self._was_pressed = sample.is_button_pressed
         yield from self._stream(sample)
@@ -205,11 +208,17 @@ class Recording:
                 yield from self._take(self._standstill.taken())
 
     def _watch_clock(self, step_s: float) -> None:
-        """Note a step from a sample to the next that no clock makes; it is said once a second at most."""
+        """Note a step from a sample to the next that no clock makes."""
         before_s, self._step_s = self._step_s, step_s
         is_late = self.source.has_own_clock and not self.is_timed_by_arrival and step_s > max(JUMP_S, 2 * before_s)
         if step_s < 0 or is_late:
-            self._jump = f"the clock of {self.source.name} jumps by {step_s:+.3g} s; the standstill begins again"
+            self._odd = f"the clock of {self.source.name} jumps by {step_s:+.3g} s; the standstill begins again"
+
+    def _say_odd(self) -> Iterator[Event]:
+        """Say what was odd about a sample, once a second at most."""
+        if self._odd and time.monotonic() - self._odd_said_s > ODD_S:
+            yield Event("notice", self._odd)
+            self._odd, self._odd_said_s = "", time.monotonic()
 
     def _stream(self, sample: Sample) -> Iterator[Event]:
         """The angles as they arrive, no more often than asked for."""
