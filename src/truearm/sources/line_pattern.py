@@ -16,7 +16,7 @@ from truearm.sources.joint_scale import MOST_JOINTS, JointScale
 from truearm.sources.sample import Sample
 
 MOST_CHARACTERS = 1000  # of a line; what is longer is noise
-LARGEST = 1e9  # of a number
+LARGEST = 1e10  # of a number; clocks state 1.8e9 s since 1970
 
 _POINT = ("x_mm", "y_mm", "z_mm")
 # No text matches in two ways: the time to refuse a line would grow with a power of its length.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import time
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from math import isfinite
@@ -74,7 +75,7 @@ def mqtt(file: Path) -> Source:
     document = read_document(file, MqttDocument)
     client = extra_package("paho.mqtt.client", "mqtt", "a broker of MQTT")
     host, colon, number = document.broker.rpartition(":")
-    if colon and not (host and number.isdecimal() and int(number) <= 65535):
+    if colon and not (host and number.isdecimal() and 0 < int(number) <= 65535):
         raise InputError(f"expected a broker as HOST or HOST:PORT, got {document.broker!r:.80}", file=file)
     *levels, last = document.topic.split("/")
     if any({"+", "#"} & set(one) for one in levels if one != "+") or (
@@ -150,12 +151,15 @@ class _Broker:
 
     def messages(self) -> Iterator[bytes | None]:
         """Messages as they arrive; None once a second while nothing does."""
+        heard_s = time.monotonic()
         while True:
-            lost = self._client.loop(SILENT_S)
+            lost = self._client.loop(SILENT_S)  # returns with each packet, too
             if not self._messages and (lost or self._refused):
                 raise ConnectionError(self._refused or "the broker closed the connection")
             arrived, self._messages = self._messages, []
-            yield from arrived or (None,)
+            if arrived or time.monotonic() - heard_s >= SILENT_S:
+                yield from arrived or (None,)
+                heard_s = time.monotonic()
 
     def close(self) -> None:
         """Leave the broker."""
