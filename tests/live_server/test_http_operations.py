@@ -200,7 +200,7 @@ def test_without_samples_and_without_a_model_it_says_so(tmp_path):
     with bench(tmp_path / "session.csv", arm="ur10", is_silent=True) as url:
         assert ask(url, "GET", "/tip") == (503, {"text": "the arm sends no samples"})
         (tip,) = ask(url, "POST", "/predict", {"joints": [POSE_DEG]})[1]["tips"]
-        assert (tip["corrected_mm"], tip["not_corrected"]) == (None, "truearm was started without a model")
+        assert (tip["corrected_mm"], tip["not_corrected"]) == (None, "no model is in force")
         status, refused = ask(url, "POST", "/correct", {"joints": [POSE_DEG]})
         assert (status, "truearm live --model MODEL" in refused["text"]) == (422, True)
 

@@ -36,6 +36,7 @@ from truearm.workflows.recording import Recording
 
 MOST_A_SECOND = 100  # requests of all clients
 WAIT_S = 1.0  # for the one that is computed before
+NO_MODEL = "no model is in force"
 
 
 class HttpOperations:
@@ -105,7 +106,7 @@ def predicted(recording: Recording, asked: Predict) -> Predicted:
     angles, model = _angles(recording, asked), recording.model
     assert recording.arm is not None  # the page needs it, too
     tips: Sequence[CorrectedTip | None] = [None] * len(angles)
-    not_corrected = "truearm was started without a model"
+    not_corrected = NO_MODEL
     if model is not None:
         not_corrected, known = "", _loads(model, asked)
         temperature = None if asked.temperature_degC is None else np.full(len(angles), asked.temperature_degC)
@@ -138,7 +139,7 @@ def corrected(recording: Recording, asked: Correct) -> Corrected:
     """
     angles, model = _angles(recording, asked), recording.model
     if model is None:
-        raise InputError("truearm was started without a model", hint="truearm live --model MODEL")
+        raise InputError(NO_MODEL, hint="truearm live --model MODEL, or refit")
     points = None if asked.points_mm is None else np.array(asked.points_mm)
     if points is not None and len(points) != len(angles):
         raise InputError(f"expected {len(angles)} points, one for each list of joints, got {len(points)}")

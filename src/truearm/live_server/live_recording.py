@@ -53,8 +53,8 @@ class LiveRecording:
                     server.send(state, state)
                 yield event
             elif time.monotonic() - self._sent_s > 0.5 / FRAMES_HZ:  # a replay may run faster than its clock
-                self._sent_s = time.monotonic()
                 self._newest = self._pose(event)
+                self._sent_s = time.monotonic()  # after the pose: another thread judges by it how old that is
                 server.send_newest(self._newest)
 
     def newest_pose(self) -> Pose:

@@ -12,7 +12,7 @@ from http import HTTPStatus
 from socket import SHUT_RDWR, socket
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self, cast
-from urllib.parse import quote, urlsplit
+from urllib.parse import quote
 
 from pydantic import ValidationError
 
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from websockets.sync.server import Server, ServerConnection
 
 MOST_CLIENTS = 16
+MOST_THREADS = 128  # a client has 4, a request 1: without an end to them no file could be opened
 LARGEST_MESSAGE = 4096  # bytes; a command has 100
 MOST_A_SECOND = 20  # messages of one client
 MOST_WAITING = 256  # messages to a client, and commands
@@ -155,6 +156,8 @@ class LiveServer:
         """A connection that websockets reads; a request with a body, which it does not read, is answered here."""
         from websockets.sync.server import ServerConnection
 
+        if threading.active_count() > MOST_THREADS:
+            raise ConnectionAbortedError("there are too many")  # websockets closes it
         if not is_post(sock):
             return ServerConnection(sock, *arguments, **options)
         request = read_post(sock)
@@ -162,7 +165,7 @@ class LiveServer:
             send_answer(sock, request, TEXT, b"")
         else:
             send_answer(sock, *self._reply("POST", request.target, request.headers, request.body))
-        raise ConnectionAbortedError("it is answered")  # websockets closes it
+        raise ConnectionAbortedError("it is answered")
 
     def _answer(self, _: ServerConnection, request: Request) -> Response | None:
         """The answer to a request without a body; None: a WebSocket."""
@@ -185,7 +188,7 @@ class LiveServer:
         """What a request is answered: status, headers and body."""
         hosts, origins = (headers.get_all(name) or [] for name in ("Host", "Origin"))
         problem = self._checks.refusal(target, hosts, origins)
-        path = urlsplit(target).path
+        path = target.partition("?")[0]
         if problem is None and (method, path) == ("GET", "/live") and "Upgrade" in headers:
             full = len(self._clients) >= MOST_CLIENTS
             problem = HTTPStatus.SERVICE_UNAVAILABLE if full else HTTPStatus.SWITCHING_PROTOCOLS
