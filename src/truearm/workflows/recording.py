@@ -160,6 +160,11 @@ class Recording:
         """Name of each joint's column in the session file."""
         return [f"q{joint}_{unit}" for joint, unit in enumerate(self.units, start=1)]
 
+    @property
+    def factors(self) -> FloatArray:
+        """(n_joints,) What takes joint angles in the units in which people read them to rad, or mm."""
+        return np.array([1.0 if unit == "mm" else radians(1) for unit in self.units])
+
     def displayed(self, angles_rad: FloatArray) -> list[float]:
         """Joint angles in the units in which people read them."""
         shown = zip(angles_rad.tolist(), self.units, strict=True)
@@ -387,8 +392,8 @@ class Recording:
         seat = self._seat_now()
         rows = [row for row in self._log.rows if row["seat"] == seat] if self._log is not None and seat else []
         columns = self.joint_columns
-        factors = [1.0 if unit == "mm" else radians(1) for unit in self.units]
-        return np.array([[float(row[name]) for name in columns] for row in rows]).reshape(-1, len(columns)) * factors
+        joints = np.array([[float(row[name]) for name in columns] for row in rows]).reshape(-1, len(columns))
+        return joints * self.factors
 
     def _take(self, reading: TakenReading) -> Iterator[Event]:
         assert self._log is not None  # opened at the first sample
@@ -461,7 +466,7 @@ class Recording:
 
     def _steer(self, text: str) -> Iterator[Event]:
         """Move a virtual arm; nothing is said of it: one sees it move."""
-        wanted, factors = typed_numbers(text), np.array([1.0 if unit == "mm" else radians(1) for unit in self.units])
+        wanted, factors = typed_numbers(text), self.factors
         if self.source.steer is None:
             yield Event("refused", f"{self.source.name} cannot be steered: only a virtual arm can")
         elif len(wanted) != len(factors) or not len(wanted):
