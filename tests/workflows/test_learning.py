@@ -7,6 +7,7 @@ import pytest
 
 import truearm as ta
 from truearm.errors import InputError
+from truearm.identification.planning import sequential_update
 from truearm.identification.planning.candidates import seat_poses, tracker_poses
 from truearm.sources import Sample, Source, StandstillRule
 from truearm.workflows.learning import Learning
@@ -169,6 +170,15 @@ def test_what_cannot_be_learned_ends_the_learning_and_not_the_recording(tmp_path
     recording.close()
     assert [event.kind for event in said] == ["ready", "reading", "notice", "reading"]
     assert said[2].text == "what readings add is no longer said: no estimate"
+
+
+def test_an_estimate_that_rounding_leaves_undefined_is_refused(arm, monkeypatch):
+    def fail(*_, **__):
+        raise np.linalg.LinAlgError("not positive definite")
+
+    monkeypatch.setattr(sequential_update, "cho_factor", fail)
+    with pytest.raises(InputError, match="the readings leave no estimate"):
+        [*Learning(arm).learn(ta.simulate("ur10", poses=3, seed=2).session)]
 
 
 def test_without_the_only_reading_it_is_as_before(tmp_path, arm):

@@ -19,7 +19,7 @@ from truearm.sources.connections import CONNECT_S, connected
 from truearm.sources.decoded_messages import SILENT_S, samples_in
 from truearm.sources.extras import extra_package
 from truearm.sources.joint_scale import MOST_JOINTS, JointScale
-from truearm.sources.line_pattern import LARGEST
+from truearm.sources.line_pattern import LARGEST, LARGEST_S
 from truearm.sources.sample import Sample, Source, Stream
 from truearm.typing import FloatArray
 
@@ -100,28 +100,24 @@ def decoded(
     document: MqttDocument, decode: Callable[[Sequence[float]], FloatArray], message: bytes, arrived_s: float
 ) -> Sample | None:
     """The sample in a message, or None."""
-    paths = [*document.joints, document.temperature_degC, document.time_s]
+    paths = [*document.joints, document.temperature_degC]
     try:
         if len(message) > MOST_BYTES:
             return None
         content = json.loads(message)
-        numbers = [None if path is None else _number_at(content, path) for path in paths]
+        *joints, temperature = [None if path is None else _number_at(content, path) for path in paths]
+        time_s = arrived_s if document.time_s is None else _number_at(content, document.time_s, LARGEST_S)
     except (ValueError, TypeError, LookupError, OverflowError, RecursionError):
         return None
-    *joints, temperature, time_s = numbers
-    return Sample(
-        arrived_s if time_s is None else time_s,
-        decode([one for one in joints if one is not None]),
-        temperature_degC=temperature,
-    )
+    return Sample(time_s, decode([one for one in joints if one is not None]), temperature_degC=temperature)
 
 
-def _number_at(content: Any, path: str) -> float:
+def _number_at(content: Any, path: str, largest: float = LARGEST) -> float:
     for key in path.split("."):
         content = content[int(key)] if isinstance(content, list) else content[key]
     if isinstance(content, bool) or not isinstance(content, int | float) or not isfinite(content):
         raise TypeError("no number")
-    if abs(content) > LARGEST:
+    if abs(content) > largest:
         raise ValueError("too large")
     return float(content)
 

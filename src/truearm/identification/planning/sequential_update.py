@@ -23,8 +23,10 @@ from dataclasses import dataclass, replace
 from math import sqrt
 
 import numpy as np
+from numpy.linalg import LinAlgError
 from scipy.linalg import cho_factor, cho_solve
 
+from truearm.errors import InputError
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.planning.exchange import DesignProblem
 from truearm.identification.planning.information import SEAT_STD_MM, tip_jacobian
@@ -141,6 +143,11 @@ def updated_estimate(
     n_in_prior : int
         Number of readings, from the first, that the prior of the terms knows already: these say where the base and the
         seats are, and nothing of the terms.
+
+    Raises
+    ------
+    InputError
+        If the readings are so far from any arm that its matrices lose their definiteness to rounding.
     """
     seat, held = held_readings(readings)
     used = np.flatnonzero(readings.has_point | held)
@@ -161,7 +168,10 @@ def updated_estimate(
         J[:n_in_prior, :, :n_terms] = 0.0
         r, rows = residuals.ravel(), J.reshape(-1, len(x))
         A = P + rows.T @ rows / noise_mm**2
-        factor = cho_factor(A, lower=True)
+        try:
+            factor = cho_factor(A, lower=True)
+        except LinAlgError:
+            raise InputError("the readings leave no estimate", hint="check the unit of their points") from None
         step = cho_solve(factor, rows.T @ r / noise_mm**2 - P @ (x - mean))
         x, terms = x + step, x[:n_terms] + step[:n_terms]
         if step @ A @ step < SETTLED_STEP**2 * len(x):
