@@ -11,6 +11,7 @@ from truearm.identification.planning import sequential_update
 from truearm.identification.planning.candidates import seat_poses, tracker_poses
 from truearm.sources import Sample, Source, StandstillRule
 from truearm.workflows.learning import Learning
+from truearm.workflows.poses_to_measure import PosesToMeasure
 from truearm.workflows.recording import Recording
 
 RULE = StandstillRule(window_s=0.2)
@@ -189,6 +190,12 @@ def test_without_the_only_reading_it_is_as_before(tmp_path, arm):
     assert undone.kind == "undone"
     assert again.values == first.values
     recording.close()
+
+
+def test_each_joint_of_the_next_pose_has_its_unit():
+    poses = PosesToMeasure(None, None, is_ranked=False)
+    assert poses.event([10.0, -20.0], ["deg", "deg"]).text == "next: J1 10, J2 -20 deg"
+    assert poses.event([10.0, 250.0], ["deg", "mm"]).text == "next: J1 10 deg, J2 250 mm"
 
 
 def test_ranking_needs_the_arm(tmp_path):

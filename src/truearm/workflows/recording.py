@@ -496,23 +496,7 @@ class Recording:
         assert self.sample is not None  # the file is opened at the first
         done = {row.get("note_pose", "") for row in self._log.rows}
         yield from self._poses.choose(done, self._learning, self._seat_now(), self.sample.joint_angles_rad)
-        number, aim_rad = self.next_pose, self.aim_rad
-        if aim_rad is None:
-            text = "the plan is done" if self.plan is not None else "next: any pose, in a seat or with a point"
-            yield Event("next", text, {"pose": None, "remaining": 0})
-            return
-        aims = self.displayed(aim_rad)
-        parts = [", ".join(f"J{joint} {angle:.0f}" for joint, angle in enumerate(aims, start=1)) + f" {self.units[0]}"]
-        values: dict[str, object] = {"pose": number, "aim": aims}
-        if self.plan is not None and number is not None:
-            note = "" if self.plan.note is None else str(self.plan.note[number - 1])
-            left = self._poses.n_left
-            parts = [f"pose {number} of {len(self.plan)}{note and f', {note}'}", *parts, f"{left} to go"]
-            values |= {"remaining": left, "instruction": note}
-        if (mm := self._poses.would_give_mm) is not None:
-            parts.append(f"would give {mm:.3f} mm")
-            values["would_give_mm"] = mm
-        yield Event("next", f"next: {'; '.join(parts)}", values)
+        yield self._poses.event(None if self.aim_rad is None else self.displayed(self.aim_rad), self.units)
 
 
 def _is_known(arm: Arm | None) -> TypeGuard[Arm]:
