@@ -157,7 +157,8 @@ def test_the_checks_are_those_of_the_page(url):
     assert ask(url, "POST", "/predict", body, Origin="http://evil.example")[0] == 403
     assert ask(url, "POST", "/predict", body, Host="evil.example")[0] == 421
     assert ask(url.replace(TOKEN, ""), "GET", "/openapi.json")[0] == 403
-    assert ask(url, "POST", "/predict", b"{}", **{"Content-Type": "text/plain"})[0] == 415
+    answer = ask(url, "POST", "/predict", b"{}", **{"Content-Type": "text/plain"})
+    assert answer == (415, {"text": "Unsupported Media Type"})
     assert ask(url, "POST", "/predict", b"x" * (LARGEST_BODY + 1))[0] == 413
     assert ask(url, "PUT", "/predict", body)[0] == 501
     with suppress(http.client.RemoteDisconnected):  # older websockets close the connection

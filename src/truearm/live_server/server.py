@@ -17,7 +17,7 @@ from urllib.parse import quote
 from pydantic import ValidationError
 
 from truearm.errors import InputError, TruearmError
-from truearm.live_server.http_operations import HttpOperations
+from truearm.live_server.http_operations import HttpOperations, refused
 from truearm.live_server.messages import Command, Message, Refused, Role, State, encode
 from truearm.live_server.post_requests import is_post, read_post, send_answer
 from truearm.live_server.request_checks import RequestChecks, RequestRate
@@ -35,15 +35,14 @@ LARGEST_MESSAGE = 4096  # bytes; a command has 100
 MOST_A_SECOND = 20  # messages of one client
 MOST_WAITING = 256  # messages to a client, and commands
 PING_S = 5.0
-TEXT = {
-    "Content-Type": "text/plain; charset=utf-8",
+HEADERS = {
     "Content-Security-Policy": "frame-ancestors 'none'",
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
     "Cache-Control": "no-store",
 }
-HTML = {**TEXT, "Content-Type": "text/html; charset=utf-8"}
-JSON = {**TEXT, "Content-Type": "application/json"}
+HTML = {**HEADERS, "Content-Type": "text/html; charset=utf-8"}
+JSON = {**HEADERS, "Content-Type": "application/json"}
 
 
 class LiveServer:
@@ -162,7 +161,8 @@ class LiveServer:
             return ServerConnection(sock, *arguments, **options)
         request = read_post(sock)
         if isinstance(request, HTTPStatus):
-            send_answer(sock, request, TEXT, b"")
+            status, text = refused(request)
+            send_answer(sock, status, JSON, text.encode())
         else:
             send_answer(sock, *self._reply("POST", request.target, request.headers, request.body))
         raise ConnectionAbortedError("it is answered")
@@ -193,10 +193,11 @@ class LiveServer:
             full = len(self._clients) >= MOST_CLIENTS
             problem = HTTPStatus.SERVICE_UNAVAILABLE if full else HTTPStatus.SWITCHING_PROTOCOLS
         if problem is not None:
-            return problem, TEXT, f"{problem.phrase}\n".encode()
-        if (method, path) == ("GET", "/"):
+            status, text = refused(problem)
+        elif (method, path) == ("GET", "/"):
             return HTTPStatus.OK, HTML, self._page
-        status, text = self._operations.answer(method, path, body)
+        else:
+            status, text = self._operations.answer(method, path, body)
         return status, JSON, text.encode()
 
     def _serve(self, connection: ServerConnection) -> None:
