@@ -160,17 +160,15 @@ def test_without_a_plan_a_pose_that_the_arm_reaches_is_suggested(tmp_path, arm):
     seats.close()
 
 
-def test_what_cannot_be_learned_ends_the_learning_and_not_the_recording(tmp_path, arm, monkeypatch):
-    def refuse(*_):
-        raise InputError("no estimate")
-
-    monkeypatch.setattr(Learning, "learn_file", refuse)
+def test_what_cannot_be_learned_ends_no_recording_and_can_be_undone(tmp_path, arm):
     recording = Recording(Source("test", lambda: iter(()), has_points=True), tmp_path / "out.csv", arm=arm, rule=RULE)
     said = stop(recording, arm.working, arm.chain.tip_in_base(arm.working[None])[0])
-    said += stop(recording, arm.working + 0.3, np.zeros(3), 10.0)
+    said += stop(recording, arm.working + 0.3, np.full(3, 2e8), 10.0)
+    said += recording.on_command("undo")
+    said += stop(recording, arm.working + 0.6, arm.chain.tip_in_base(arm.working[None] + 0.6)[0], 20.0)
     recording.close()
-    assert [event.kind for event in said] == ["ready", "reading", "notice", "reading"]
-    assert said[2].text == "what readings add is no longer said: no estimate"
+    assert [event.kind for event in said] == ["ready", "reading", "reading", "notice", "undone", "reading", "learned"]
+    assert said[3].text.startswith("what the readings say of the arm is not known: a chain's lengths must stay below")
 
 
 def test_an_estimate_that_rounding_leaves_undefined_is_refused(arm, monkeypatch):

@@ -159,8 +159,8 @@ def test_a_file_that_a_person_breaks_ends_no_recording(tmp_path, session, good, 
     [*recording.on_command("refit")]
     out.write_text(whole)
     events = [*recording.news_of_fit()]
-    assert [event.kind for event in events] == ["model", "notice"]
-    assert events[1].text.startswith("what readings add is no longer said: ")
+    assert [event.kind for event in events] == ["model", "notice", "learned"]
+    assert events[1].text.startswith("what the readings say of the arm is not known: ")
     out.write_text("".join(whole.splitlines(keepends=True)[:-1]))
     [*recording.on_command("refit")]
     out.write_text(whole)

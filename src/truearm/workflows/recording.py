@@ -293,8 +293,7 @@ class Recording:
                     self._learning.arm, self.model, trained_on=trained_on, has_points=self._has_points
                 )
                 yield from self._learn()
-                if self._learning is not None:
-                    yield learned_event(before_mm, self._learning.uncertainty_mm)
+                yield learned_event(before_mm, self._learning.uncertainty_mm)
                 yield from self._next()
 
     def close(self) -> Event:
@@ -476,7 +475,7 @@ class Recording:
             self.source.steer(aim if self.arm is None else np.clip(aim, *self.arm.limits.T))
 
     def _learn(self) -> Iterator[Event]:
-        """What the readings of the file say of the arm; if that cannot be said, why, and nothing further."""
+        """What the readings of the file say of the arm, or why that cannot be said: to undo one may mend it."""
         if self._learning is None:
             return
         if not self.n_readings:
@@ -485,8 +484,7 @@ class Recording:
         try:
             yield from self._learning.learn_file(self.out)
         except InputError as error:
-            self._learning = None
-            yield Event("notice", f"what readings add is no longer said: {error}")
+            yield Event("notice", f"what the readings say of the arm is not known: {error}")
 
     def _next(self) -> Iterator[Event]:
         """What comes next."""
