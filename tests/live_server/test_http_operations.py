@@ -157,7 +157,8 @@ def test_the_checks_are_those_of_the_page(url):
     assert ask(url, "POST", "/predict", body, Origin="http://evil.example")[0] == 403
     assert ask(url, "POST", "/predict", body, Host="evil.example")[0] == 421
     assert ask(url.replace(TOKEN, ""), "GET", "/openapi.json")[0] == 403
-    assert ask(url, "POST", "/predict", b"{}", **{"Content-Type": "text/plain"})[0] == 415
+    answer = ask(url, "POST", "/predict", b"{}", **{"Content-Type": "text/plain"})
+    assert answer == (415, {"text": "Unsupported Media Type"})
     assert ask(url, "POST", "/predict", b"x" * (LARGEST_BODY + 1))[0] == 413
     assert ask(url, "PUT", "/predict", body)[0] == 501
     with suppress(http.client.RemoteDisconnected):  # older websockets close the connection
@@ -200,7 +201,7 @@ def test_without_samples_and_without_a_model_it_says_so(tmp_path):
     with bench(tmp_path / "session.csv", arm="ur10", is_silent=True) as url:
         assert ask(url, "GET", "/tip") == (503, {"text": "the arm sends no samples"})
         (tip,) = ask(url, "POST", "/predict", {"joints": [POSE_DEG]})[1]["tips"]
-        assert (tip["corrected_mm"], tip["not_corrected"]) == (None, "truearm was started without a model")
+        assert (tip["corrected_mm"], tip["not_corrected"]) == (None, "no model is in force")
         status, refused = ask(url, "POST", "/correct", {"joints": [POSE_DEG]})
         assert (status, "truearm live --model MODEL" in refused["text"]) == (422, True)
 

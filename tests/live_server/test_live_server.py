@@ -6,6 +6,7 @@ import json
 import queue
 import socket
 import threading
+import time
 from contextlib import ExitStack, contextmanager, suppress
 from http import HTTPStatus
 from types import SimpleNamespace
@@ -17,7 +18,7 @@ from hypothesis import strategies as st
 from truearm.errors import InputError, TruearmError
 from truearm.live_server.messages import Command, Pose, Refused, Said, State
 from truearm.live_server.request_checks import RequestChecks
-from truearm.live_server.server import LARGEST_MESSAGE, MOST_CLIENTS, LiveServer
+from truearm.live_server.server import LARGEST_MESSAGE, MOST_CLIENTS, MOST_THREADS, LiveServer
 
 client = pytest.importorskip("websockets.sync.client", reason="websockets is not installed")
 exceptions = pytest.importorskip("websockets.exceptions")
@@ -72,6 +73,22 @@ def test_the_page_is_served_and_may_not_be_framed():
         assert (first, body) == ("HTTP/1.1 200 OK", "<p>the page</p>")
         assert answer(server, get(host="localhost:PORT"))[0] == "HTTP/1.1 200 OK"
         assert answer(server, get("/../../etc/passwd"))[0] == "HTTP/1.1 404 Not Found"
+        assert answer(server, get("//[")) == ("HTTP/1.1 404 Not Found", "{}")
+
+
+def test_many_connections_that_say_nothing_leave_the_server_alive():
+    with served() as (server, _), ExitStack() as opened:
+        port = int(server.url.split(":")[2].split("/")[0])
+        silent = [
+            opened.enter_context(socket.create_connection(("127.0.0.1", port), 30)) for _ in range(MOST_THREADS + 40)
+        ]
+        assert silent[-1].recv(1) == b""  # cut off at once
+        assert threading.active_count() < MOST_THREADS + 10
+        for one in silent:
+            one.close()
+        while threading.active_count() > MOST_THREADS:
+            time.sleep(0.01)
+        assert answer(server, get())[0] == "HTTP/1.1 200 OK"
 
 
 @pytest.mark.parametrize(
@@ -104,7 +121,7 @@ def test_other_names_other_origins_and_other_requests_are_refused(head):
 @pytest.mark.parametrize("query", ["", "?token=", "?token=wrong", f"?token={TOKEN}x", "?" + "a=1&" * 50, "?token=%ff"])
 def test_without_the_token_there_is_neither_page_nor_socket(query):
     with served(TOKEN) as (server, _):
-        assert answer(server, get(f"/{query}"))[0] == "HTTP/1.1 403 Forbidden"
+        assert answer(server, get(f"/{query}")) == ("HTTP/1.1 403 Forbidden", '{"text": "Forbidden"}')
         with pytest.raises(exceptions.InvalidStatus, match="403"):
             client.connect(server.url.split("?")[0].replace("http", "ws") + f"live{query}", proxy=None)
         assert answer(server, get(f"/?token={TOKEN}"))[0] == "HTTP/1.1 200 OK"

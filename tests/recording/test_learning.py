@@ -7,9 +7,11 @@ import pytest
 
 import truearm as ta
 from truearm.errors import InputError
+from truearm.identification.planning import sequential_update
 from truearm.identification.planning.candidates import seat_poses, tracker_poses
 from truearm.readings import Session
 from truearm.recording.learning import Learning
+from truearm.recording.poses_to_measure import PosesToMeasure
 from truearm.recording.recording import Recording
 from truearm.sources import Sample, Source, StandstillRule
 
@@ -72,6 +74,9 @@ def test_of_a_model_only_the_readings_that_it_does_not_know_are_learned(arm):
     before = learning.uncertainty_mm
     assert [*learning.learn(session)] == []
     assert learning.uncertainty_mm == pytest.approx(before)
+    [*learning.learn(session.rows(np.arange(59)))]
+    [*learning.learn(session)]  # a reading in place of one that was undone
+    assert learning.uncertainty_mm < 0.9999 * before
 
 
 def test_a_physical_model_starts_with_the_angle_errors_that_it_knows(arm):
@@ -166,17 +171,24 @@ def test_without_a_plan_a_pose_that_the_arm_reaches_is_suggested(tmp_path, arm):
     seats.close()
 
 
-def test_what_cannot_be_learned_ends_the_learning_and_not_the_recording(tmp_path, arm, monkeypatch):
-    def refuse(*_):
-        raise InputError("no estimate")
-
-    monkeypatch.setattr(Learning, "learn_file", refuse)
+def test_what_cannot_be_learned_ends_no_recording_and_can_be_undone(tmp_path, arm):
     recording = Recording(Source("test", lambda: iter(()), has_points=True), tmp_path / "out.csv", arm=arm, rule=RULE)
     said = stop(recording, arm.working, arm.chain.tip_in_base(arm.working[None])[0])
-    said += stop(recording, arm.working + 0.3, np.zeros(3), 10.0)
+    said += stop(recording, arm.working + 0.3, np.full(3, 2e8), 10.0)
+    said += recording.on_command("undo")
+    said += stop(recording, arm.working + 0.6, arm.chain.tip_in_base(arm.working[None] + 0.6)[0], 20.0)
     recording.close()
-    assert [event.kind for event in said] == ["ready", "reading", "notice", "reading"]
-    assert said[2].text == "what readings add is no longer said: no estimate"
+    assert [event.kind for event in said] == ["ready", "reading", "reading", "notice", "undone", "reading", "learned"]
+    assert said[3].text.startswith("what the readings say of the arm is not known: a chain's lengths must stay below")
+
+
+def test_an_estimate_that_rounding_leaves_undefined_is_refused(arm, monkeypatch):
+    def fail(*_, **__):
+        raise np.linalg.LinAlgError("not positive definite")
+
+    monkeypatch.setattr(sequential_update, "cho_factor", fail)
+    with pytest.raises(InputError, match="the readings leave no estimate"):
+        [*Learning(arm).learn(ta.simulate("ur10", poses=3, seed=2).session)]
 
 
 def test_without_the_only_reading_it_is_as_before(tmp_path, arm):
@@ -187,6 +199,12 @@ def test_without_the_only_reading_it_is_as_before(tmp_path, arm):
     assert undone.kind == "undone"
     assert again.values == first.values
     recording.close()
+
+
+def test_each_joint_of_the_next_pose_has_its_unit():
+    poses = PosesToMeasure(None, None, is_ranked=False)
+    assert poses.event([10.0, -20.0], ["deg", "deg"]).text == "next: J1 10, J2 -20 deg"
+    assert poses.event([10.0, 250.0], ["deg", "mm"]).text == "next: J1 10 deg, J2 250 mm"
 
 
 def test_ranking_needs_the_arm(tmp_path):

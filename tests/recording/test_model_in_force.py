@@ -22,6 +22,17 @@ def session():
     return ta.simulate("ur10", poses=40, seed=1).session
 
 
+@pytest.fixture(scope="module")
+def good(session):
+    return ta.fit("ur10", session, model="kinematic").model
+
+
+@pytest.fixture(scope="module")
+def bad(session):
+    noisy = session.points + np.random.default_rng(1).normal(0.0, 2.0, session.points.shape)
+    return ta.fit("ur10", ta.Session(session.angles, points=noisy), model="kinematic").model
+
+
 def news_until_the_end(of_fit):
     events, until_s = [], time.monotonic() + 60
     while time.monotonic() < until_s and not any(event.kind in ("model", "refused") for event in events):
@@ -56,41 +67,106 @@ def test_readings_become_the_model_in_force_and_its_file(tmp_path, session):
     recording.close()
 
 
-def test_a_failed_fit_leaves_the_model_in_force(tmp_path, session):
+def test_a_failed_fit_leaves_the_model_in_force(tmp_path, session, good):
     few = tmp_path / "few.csv"
     session.rows(np.arange(2)).save(few)
-    known = ta.fit("ur10", session, model="kinematic").model
-    in_force = ModelInForce(ta.load_arm("ur10"), known, few, None)
+    in_force = ModelInForce(ta.load_arm("ur10"), good, few, None)
     assert in_force.save().kind == "refused"
     in_force.refit(2)
     (refused,) = (event for event in news_until_the_end(in_force.news) if event.kind == "refused")
     assert refused.text.startswith("the fit has failed, and the model in force stays: ")
-    assert in_force.model is known
+    assert in_force.model is good
 
 
-def test_a_worse_fit_leaves_the_model_in_force(tmp_path, session, monkeypatch):
-    good = ta.fit("ur10", session, model="kinematic").model
-    noisy = session.points + np.random.default_rng(1).normal(0.0, 2.0, session.points.shape)
-    bad = ta.fit("ur10", ta.Session(session.angles, points=noisy), model="kinematic").model
+def test_a_worse_fit_leaves_the_model_in_force(tmp_path, session, good, bad, monkeypatch):
     file = tmp_path / "session.csv"
     session.save(file)
-    assert "of the model in force" in why_worse(Fitted(bad, "", 40), good, session, 0)
-    assert why_worse(Fitted(good, "", 40), bad, session, 0) == ""
-    assert why_worse(Fitted(bad, "", 40), good, session, 35) == ""  # of five further readings, nothing follows
+    assert "of the model in force" in why_worse(bad, good, session)
+    assert why_worse(good, bad, session) == ""
+    assert why_worse(bad, good, session.rows(np.arange(5))) == ""  # of five readings, nothing follows
+    fits(monkeypatch, bad)
+    in_force = ModelInForce(ta.load_arm("ur10"), good, file, None)
+    in_force.refit(40)
+    (event,) = in_force.news()
+    assert event.text.startswith("the fit is worse, and the model in force stays: mean error ")
+    assert in_force.model is good
+
+
+def fits(monkeypatch, model):
+    """Let a fit end at once, with a model."""
 
     class Done:
         def __init__(self, *_):
             pass
 
         def news(self):
-            yield Fitted(bad, "", 40)
+            yield Fitted(model, "")
+
+        def stop(self):
+            pass
 
     monkeypatch.setattr(model_in_force, "FitProcess", Done)
+
+
+def test_a_fit_to_a_few_readings_replaces_no_model_of_other_ones(tmp_path, session, good, monkeypatch):
+    file = tmp_path / "session.csv"
+    fits(monkeypatch, good)
+    session.rows(np.arange(7)).save(file)
     in_force = ModelInForce(ta.load_arm("ur10"), good, file, None)
-    in_force.refit(40)
-    (event,) = in_force.news()
-    assert event.text.startswith("the fit is worse, and the model in force stays: mean error ")
-    assert in_force.model is good
+    in_force.refit(7)
+    assert [event.text for event in in_force.news()] == [
+        "the fit cannot be compared, and the model in force stays: a comparison needs 8 readings, there are 7"
+    ]
+    session.save(file)
+    known = ta.fit("ur10", ta.read_session(file).rows(np.arange(30)), model="kinematic").model
+    in_force = ModelInForce(ta.load_arm("ur10"), known, file, None)
+    assert in_force.trained_on == 30  # those of the file
+    in_force.refit(35)  # five further ones
+    assert [event.kind for event in in_force.news()] == ["model"]
+    assert in_force.trained_on == 35
+
+
+def test_a_fit_of_readings_that_were_undone_knows_those_that_are_left(tmp_path, session, good, bad, monkeypatch):
+    fits(monkeypatch, good)
+    session.rows(np.arange(15)).save(tmp_path / "simulated.csv")
+    source = ta.open_source(f"replay:{tmp_path / 'simulated.csv'}@max")
+    recording = Recording(source, tmp_path / "out.csv", arm=ta.load_arm("ur10"), model=bad)
+    for sample in source.samples():
+        if isinstance(sample, Sample):
+            [*recording.on_sample(sample)]
+    [*recording.on_command("refit")]
+    for _ in range(4):
+        [*recording.on_command("undo")]
+    (new,) = (event for event in recording.news_of_fit() if event.kind == "model")
+    assert new.values["n"] == 11
+    recording.close()
+
+
+def test_a_file_that_a_person_breaks_ends_no_recording(tmp_path, session, good, monkeypatch):
+    session.rows(np.arange(10)).save(tmp_path / "simulated.csv")
+    source = ta.open_source(f"replay:{tmp_path / 'simulated.csv'}@max")
+    recording = Recording(source, out := tmp_path / "out.csv", arm=ta.load_arm("ur10"))
+    for sample in source.samples():
+        if isinstance(sample, Sample):
+            [*recording.on_sample(sample)]
+    with out.open("a") as file:
+        file.write("what is this,\n")
+    (refused,) = recording.on_command("refit")
+    assert refused.text.startswith(f"no fit begins: {out}, line 12: ")
+    whole = out.read_text()
+    out.write_text("".join(whole.splitlines(keepends=True)[:-1]))
+    fits(monkeypatch, good)
+    [*recording.on_command("refit")]
+    out.write_text(whole)
+    events = [*recording.news_of_fit()]
+    assert [event.kind for event in events] == ["model", "notice", "learned"]
+    assert events[1].text.startswith("what the readings say of the arm is not known: ")
+    out.write_text("".join(whole.splitlines(keepends=True)[:-1]))
+    [*recording.on_command("refit")]
+    out.write_text(whole)
+    (refused,) = recording.news_of_fit()
+    assert refused.text.startswith("the fit cannot be compared, and the model in force stays: ")
+    recording.close()
 
 
 def test_a_fit_ends_with_the_recording(tmp_path, session):

@@ -372,3 +372,11 @@ def test_where_the_model_cannot_correct_it_says_why(tmp_path):
     shown = next(event.to_dict() for event in events if event.kind == "sample")
     assert "corrected_mm" not in shown
     assert "limit" in shown["text"]
+
+
+def test_a_sample_of_another_number_of_joints_is_said_and_ignored(tmp_path):
+    recording = Recording(source(), tmp_path / "out.csv", arm=ta.load_arm("ur10"), samples_hz=20, rule=RULE)
+    events = fed(recording, [*stops(np.zeros(6)), *stops(np.zeros(5), start_s=0.5), *stops(np.ones(6), start_s=1.0)])
+    assert [event.text for event in events if event.kind == "notice"] == ["test gives 5 joints in place of 6; ignored"]
+    assert recording.n_readings == 2
+    recording.close()

@@ -95,6 +95,10 @@ def test_the_clock_of_the_device_is_used_where_the_file_names_it(tmp_path):
     with tcp_device(Broker(GOOD)) as port:
         (sample,), _ = samples_of(source(tmp_path, port, 'time_s = "clock"\n'), 1)
     assert sample.time_s == 3.25
+    since_1970 = GOOD.replace(b"3.25", b"1795756800.25")
+    with tcp_device(Broker(since_1970)) as port:
+        (sample,), _ = samples_of(source(tmp_path, port, 'time_s = "clock"\n'), 1)
+    assert sample.time_s == 1795756800.25
 
 
 @pytest.mark.parametrize(
@@ -128,6 +132,7 @@ def test_a_lost_broker_and_a_refusal_are_said_and_it_connects_again(tmp_path):
     with tcp_device(Broker(code=5), Broker(GOOD), Broker(GOOD, GOOD)) as port:
         samples, notices = samples_of(source(tmp_path, port), 3)
     assert len(samples) == 3
+    assert "nothing was received for a second" not in notices
     assert any("the broker refuses: Not authorized" in text for text in notices), notices
     assert any("the broker closed the connection" in text for text in notices), notices
 
@@ -136,6 +141,7 @@ def test_a_lost_broker_and_a_refusal_are_said_and_it_connects_again(tmp_path):
     ("change", "said"),
     [
         (("127.0.0.1:{port}", "127.0.0.1:port"), "expected a broker as HOST or HOST:PORT"),
+        (("127.0.0.1:{port}", "127.0.0.1:0"), "expected a broker as HOST or HOST:PORT"),
         (("topic = ", "topics = "), "topic"),
         (("cell/arm", "cell/#/arm"), "expected a topic"),
         (("cell/arm", "cell+"), "expected a topic"),

@@ -27,8 +27,8 @@ async def _add_device(devices, index, name, axes):
     for axis, (value, unit) in axes.items():
         parameters = await (await folder.add_object(index, axis)).add_object(index, "ParameterSet")
         position = await parameters.add_variable(index, "ActualPosition", value)
-        information = asyncua.ua.EUInformation(UnitId=unit)
-        await position.add_property(index, "EngineeringUnits", information)
+        stated = asyncua.ua.EUInformation(UnitId=unit) if isinstance(unit, int) else unit
+        await position.add_property(index, "EngineeringUnits", stated)
         variables.append(position)
     return variables
 
@@ -99,6 +99,11 @@ def test_of_several_devices_one_is_named():
     assert len(samples[0].joint_angles_rad) == 3
 
 
+def test_a_unit_of_another_type_is_said():
+    with server(Arm={"A1": (1.0, "deg")}) as (port, _):
+        notice_of(open_source(f"opcua:127.0.0.1:{port}"), "no connection to opc.tcp://", most=1)
+
+
 def test_a_server_that_ends_is_said():
     with server(Arm=ARM) as (port, _):
         stream = open_source(f"opcua:127.0.0.1:{port}").samples()
@@ -118,7 +123,7 @@ def test_what_is_no_opc_ua_is_said(garbage, monkeypatch):
         notice_of(open_source(f"opcua:127.0.0.1:{port}"), "no connection to opc.tcp://", most=1)
 
 
-@pytest.mark.parametrize("address", ["host:port", "host:4840 x", "http://host", "ho st"])
+@pytest.mark.parametrize("address", ["host:port", "host:65536", "host:4840 x", "http://host", "ho st"])
 def test_what_is_no_server_is_refused(address):
     with pytest.raises(InputError, match="expected an OPC UA server"):
         open_source(f"opcua:{address}")

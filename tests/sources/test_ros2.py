@@ -79,8 +79,9 @@ def test_metres_of_a_sliding_joint_are_millimetres(tmp_path):
 
 
 def test_messages_of_others_are_said_and_are_no_sample(tmp_path):
-    others = (["gripper"], [1.0]), (["pan", "lift", "elbow"], [0.1, 0.2]), (["pan", "lift", "elbow"], [np.nan, 0, 0])
-    with node(*others, (["pan", "lift", "elbow"], [0.1, 0.2, 0.3])):
+    names = ["pan", "lift", "elbow"]
+    others = (["gripper"], [1.0]), (names, [0.1, 0.2]), (names, [np.nan, 0, 0]), (names, [1e300, 0, 0])
+    with node(*others, (names, [0.1, 0.2, 0.3])):
         samples, notices = samples_of(source(tmp_path), 4)
     assert all(sample.joint_angles_rad.tolist() == [0.1, 0.2, 0.3] for sample in samples)
     assert any("messages lack a joint of pan, lift, elbow" in text for text in notices), notices

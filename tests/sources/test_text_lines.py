@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from truearm.cli.main import run
 from truearm.errors import InputError
 from truearm.sources import Notice, Sample, connections
+from truearm.sources.connections import connected, connector
 from truearm.sources.line_pattern import MOST_CHARACTERS, LinesDocument, line_parser
 from truearm.sources.text_lines import lines_of, text_lines
 
@@ -292,3 +293,13 @@ def test_pyserial_missing_says_what_to_install(tmp_path, monkeypatch):
 
 def test_degrees_become_radians():
     assert parsed("90,-45", pattern="{J1},{J2}").joint_angles_rad == pytest.approx([pi / 2, radians(-45)])
+
+
+def test_a_clock_of_seconds_since_1970_is_one():
+    parse, _ = line_parser(LinesDocument(pattern="{time_s} {J1}"))
+    assert parse("1795756800.25 10", 0.0).time_s == 1795756800.25
+
+
+def test_a_name_that_no_host_can_have_is_refused():
+    with pytest.raises(InputError, match="tcp:a..b:80 has no name that a host can have"):
+        next(connected(connector("tcp:a..b:80"), "tcp:a..b:80", iter))

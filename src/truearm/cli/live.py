@@ -66,7 +66,8 @@ def live(
             for event in serve(recording, checks, port):
                 print_line(event.text)
         except KeyboardInterrupt:
-            print_line(f"{format_count(recording.n_readings, 'reading')} in {recording.out}")
+            if not demo:  # its folder is removed
+                print_line(f"{format_count(recording.n_readings, 'reading')} in {recording.out}")
             raise
 
 

@@ -33,10 +33,10 @@ class DrawnArm:
         values: list[float] = (self.arm.chain.joint_angles(angles_rad) * scale).tolist()
         return values
 
-    def tip_mm(self, angles_rad: FloatArray) -> list[float]:
-        """Its tip at joint angles (n_joints,) [mm]."""
-        tip: list[float] = self.arm.chain.tip_in_base(angles_rad[None])[0].tolist()
-        return tip
+    def tips_mm(self, angles_rad: FloatArray) -> list[list[float]]:
+        """Its tips at joint angles (n, n_joints) [mm]."""
+        tips: list[list[float]] = self.arm.chain.tip_in_base(angles_rad).tolist()
+        return tips
 
 
 def drawn_arm(arm: Arm | None, model: Compensator | None) -> DrawnArm:

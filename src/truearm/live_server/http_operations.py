@@ -36,6 +36,7 @@ from truearm.workflows.correct import correct
 
 MOST_A_SECOND = 100  # requests of all clients
 WAIT_S = 1.0  # for the one that is computed before
+NO_MODEL = "no model is in force"
 
 
 class HttpOperations:
@@ -68,29 +69,30 @@ class HttpOperations:
         found = [one for one in self.operations if one.path == path]
         operation = next((one for one in found if one.method == method), None)
         if operation is None:
-            return _refused(HTTPStatus.METHOD_NOT_ALLOWED if found else HTTPStatus.NOT_FOUND)
+            return refused(HTTPStatus.METHOD_NOT_ALLOWED if found else HTTPStatus.NOT_FOUND)
         if self._rate.is_exceeded():
-            return _refused(HTTPStatus.TOO_MANY_REQUESTS)
+            return refused(HTTPStatus.TOO_MANY_REQUESTS)
         is_computed = operation.takes is not None
         if is_computed and not self._one.acquire(timeout=WAIT_S):
-            return _refused(HTTPStatus.SERVICE_UNAVAILABLE)
+            return refused(HTTPStatus.SERVICE_UNAVAILABLE)
         try:
             asked = () if operation.takes is None else (operation.takes.model_validate_json(body),)
             return HTTPStatus.OK, json.dumps(asdict(operation.run(*asked)), allow_nan=False)
         except ValidationError as error:
             fault = error.errors(include_url=False, include_input=False, include_context=False)[0]
             where = ".".join(map(str, fault["loc"]))
-            return _refused(HTTPStatus.BAD_REQUEST, f"{where}: {fault['msg']}" if where else fault["msg"])
+            return refused(HTTPStatus.BAD_REQUEST, f"{where}: {fault['msg']}" if where else fault["msg"])
         except InputError as error:
-            return _refused(HTTPStatus.UNPROCESSABLE_ENTITY, str(error))
+            return refused(HTTPStatus.UNPROCESSABLE_ENTITY, str(error))
         except TruearmError as error:
-            return _refused(HTTPStatus.SERVICE_UNAVAILABLE, str(error))
+            return refused(HTTPStatus.SERVICE_UNAVAILABLE, str(error))
         finally:
             if is_computed:
                 self._one.release()
 
 
-def _refused(status: HTTPStatus, text: str = "") -> tuple[HTTPStatus, str]:
+def refused(status: HTTPStatus, text: str = "") -> tuple[HTTPStatus, str]:
+    """The status and the JSON of an answer that says why there is none."""
     return status, json.dumps(asdict(Refused(text or status.phrase)))
 
 
@@ -105,7 +107,7 @@ def predicted(recording: Recording, asked: Predict) -> Predicted:
     angles, model = _angles(recording, asked), recording.model
     assert recording.arm is not None  # the page needs it, too
     tips: Sequence[CorrectedTip | None] = [None] * len(angles)
-    not_corrected = "truearm was started without a model"
+    not_corrected = NO_MODEL
     if model is not None:
         not_corrected, known = "", _loads(model, asked)
         temperature = None if asked.temperature_degC is None else np.full(len(angles), asked.temperature_degC)
@@ -138,7 +140,7 @@ def corrected(recording: Recording, asked: Correct) -> Corrected:
     """
     angles, model = _angles(recording, asked), recording.model
     if model is None:
-        raise InputError("truearm was started without a model", hint="truearm live --model MODEL")
+        raise InputError(NO_MODEL, hint="truearm live --model MODEL, or refit")
     points = None if asked.points_mm is None else np.array(asked.points_mm)
     if points is not None and len(points) != len(angles):
         raise InputError(f"expected {len(angles)} points, one for each list of joints, got {len(points)}")

@@ -205,7 +205,7 @@ function watch() {
 }
 
 function connect() {
-  const socket = new WebSocket(`ws://${location.host}/live${location.search}`);
+  const socket = new WebSocket(`${location.protocol.replace("http", "ws")}//${location.host}/live${location.search}`);
   live.socket = socket;
   live.arrived = performance.now();
   socket.addEventListener("message", ({ data }) => {

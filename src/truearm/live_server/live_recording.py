@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping
-from math import radians
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 
 import numpy as np
 
-from truearm.errors import TruearmError
+from truearm.errors import InputError, TruearmError
 from truearm.live_server.drawn_arm import DrawnArm, drawn_arm
 from truearm.live_server.live_page import drawn_scene
 from truearm.live_server.messages import Pose, ReadingPoint, Said, State
 from truearm.live_server.server import LiveServer
+from truearm.readings import Session
 from truearm.readings.readings import DIRECTION
-from truearm.recording.corrected_tip import CorrectedTip, corrected_tip
 from truearm.recording.record_readings import follow
 from truearm.recording.recording import Recording
 from truearm.recording.recording_event import Event
-from truearm.sources import Sample
+from truearm.typing import FloatArray
 
 FRAMES_HZ = 20.0
 SILENT_S = 1.0
@@ -53,8 +53,8 @@ class LiveRecording:
                     server.send(state, state)
                 yield event
             elif time.monotonic() - self._sent_s > 0.5 / FRAMES_HZ:  # a replay may run faster than its clock
-                self._sent_s = time.monotonic()
                 self._newest = self._pose(event)
+                self._sent_s = time.monotonic()  # after the pose: another thread judges by it how old that is
                 server.send_newest(self._newest)
 
     def newest_pose(self) -> Pose:
@@ -72,17 +72,17 @@ class LiveRecording:
     def _said(self, event: Event) -> Said:
         said = Said(event.to_dict())
         if event.kind == "ready":
-            self._readings = [*map(self._point, self.recording.rows)]
+            self._readings = self._points(self.recording.rows)
         elif event.kind == "reading":
-            said = Said(said.event, reading=self._point(self.recording.rows[-1]))
-            assert said.reading is not None
-            self._readings.append(said.reading)
+            (reading,) = self._points(self.recording.rows[-1:])
+            said = Said(said.event, reading)
+            self._readings.append(reading)
         elif event.kind == "undone":
             self._readings.pop()
         elif event.kind == "model":
             self._drawn = drawn_arm(self.recording.arm, self.recording.model)
             self._scene = drawn_scene(self._drawn)
-            self._readings = [*map(self._point, self.recording.rows)]
+            self._readings = self._points(self.recording.rows)
         elif event.kind == "learned":
             self._learned = said
         elif event.kind == "next":
@@ -111,20 +111,34 @@ class LiveRecording:
             temperature_degC=sample.temperature_degC,
         )
 
-    def _point(self, row: Mapping[str, str]) -> ReadingPoint:
-        """A row of the session file as the page draws it."""
-        recording = self.recording
-        joints = [float(row[name]) for name in recording.joint_columns]
-        factors = [1.0 if unit == "mm" else radians(1) for unit in recording.units]
-        angles = np.array(joints) * factors
-        residual: float | None = None
-        if recording.model is not None and row.get("x_mm"):
-            known = (*recording.model.training_.columns, "temperature_degC")
-            columns = {name: float(row[name]) for name in known if row.get(name)}
-            sample = Sample(0.0, angles, temperature_degC=columns.pop("temperature_degC", None), columns=columns)
-            directions = np.array([float(row[f"{DIRECTION}{i}"]) for i in range(1, len(joints) + 1)])
-            tip = corrected_tip(recording.model, sample, directions)
-            if isinstance(tip, CorrectedTip):
-                measured = [float(row[name]) for name in ("x_mm", "y_mm", "z_mm")]
-                residual = float(np.linalg.norm(tip.tip_in_reference_mm - measured))
-        return ReadingPoint(self._drawn.tip_mm(angles), joints, residual)
+    def _points(self, rows: Sequence[Mapping[str, str]]) -> list[ReadingPoint]:
+        """Rows of the session file as the page draws them."""
+        joints = _numbers(rows, self.recording.joint_columns)
+        angles = joints * self.recording.factors
+        return [*map(ReadingPoint, self._drawn.tips_mm(angles), joints.tolist(), self._residuals_mm(rows, angles))]
+
+    def _residuals_mm(self, rows: Sequence[Mapping[str, str]], angles: FloatArray) -> list[float | None]:
+        """Distance of each measured point from the model's; None without a model or a point."""
+        model, found = self.recording.model, list[float | None]([None] * len(rows))
+        seen = [number for number, row in enumerate(rows) if row.get("x_mm")]
+        if model is None or not seen:
+            return found
+        rows = [rows[number] for number in seen]
+        stated = {
+            name: _numbers(rows, [name])[:, 0]
+            for name in (*model.training_.columns, "temperature_degC")
+            if all(row.get(name) for row in rows)
+        }
+        temperature = stated.pop("temperature_degC", None)
+        directions = _numbers(rows, [f"{DIRECTION}{joint}" for joint in range(1, angles.shape[1] + 1)])
+        with suppress(InputError):
+            readings = Session(angles[seen], temperature_degC=temperature, directions=directions, columns=stated)
+            away = model.predict_readings(model.checked(readings)) - _numbers(rows, ["x_mm", "y_mm", "z_mm"])
+            for number, distance_mm in zip(seen, np.linalg.norm(away, axis=1).tolist(), strict=True):
+                found[number] = distance_mm
+        return found
+
+
+def _numbers(rows: Sequence[Mapping[str, str]], columns: Sequence[str]) -> FloatArray:
+    """(n, n_columns) cells of rows."""
+    return np.array([[float(row[name]) for name in columns] for row in rows]).reshape(-1, len(columns))

@@ -12,12 +12,12 @@ from http import HTTPStatus
 from socket import SHUT_RDWR, socket
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self, cast
-from urllib.parse import quote, urlsplit
+from urllib.parse import quote
 
 from pydantic import ValidationError
 
 from truearm.errors import InputError, TruearmError
-from truearm.live_server.http_operations import HttpOperations
+from truearm.live_server.http_operations import HttpOperations, refused
 from truearm.live_server.messages import Command, Message, Refused, Role, State, encode
 from truearm.live_server.post_requests import is_post, read_post, send_answer
 from truearm.live_server.request_checks import RequestChecks, RequestRate
@@ -30,19 +30,19 @@ if TYPE_CHECKING:
     from websockets.sync.server import Server, ServerConnection
 
 MOST_CLIENTS = 16
+MOST_THREADS = 128  # a client has 4, a request 1: without an end to them no file could be opened
 LARGEST_MESSAGE = 4096  # bytes; a command has 100
 MOST_A_SECOND = 20  # messages of one client
 MOST_WAITING = 256  # messages to a client, and commands
 PING_S = 5.0
-TEXT = {
-    "Content-Type": "text/plain; charset=utf-8",
+HEADERS = {
     "Content-Security-Policy": "frame-ancestors 'none'",
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
     "Cache-Control": "no-store",
 }
-HTML = {**TEXT, "Content-Type": "text/html; charset=utf-8"}
-JSON = {**TEXT, "Content-Type": "application/json"}
+HTML = {**HEADERS, "Content-Type": "text/html; charset=utf-8"}
+JSON = {**HEADERS, "Content-Type": "application/json"}
 
 
 class LiveServer:
@@ -155,14 +155,17 @@ class LiveServer:
         """A connection that websockets reads; a request with a body, which it does not read, is answered here."""
         from websockets.sync.server import ServerConnection
 
+        if threading.active_count() > MOST_THREADS:
+            raise ConnectionAbortedError("there are too many")  # websockets closes it
         if not is_post(sock):
             return ServerConnection(sock, *arguments, **options)
         request = read_post(sock)
         if isinstance(request, HTTPStatus):
-            send_answer(sock, request, TEXT, b"")
+            status, text = refused(request)
+            send_answer(sock, status, JSON, text.encode())
         else:
             send_answer(sock, *self._reply("POST", request.target, request.headers, request.body))
-        raise ConnectionAbortedError("it is answered")  # websockets closes it
+        raise ConnectionAbortedError("it is answered")
 
     def _answer(self, _: ServerConnection, request: Request) -> Response | None:
         """The answer to a request without a body; None: a WebSocket."""
@@ -185,15 +188,16 @@ class LiveServer:
         """What a request is answered: status, headers and body."""
         hosts, origins = (headers.get_all(name) or [] for name in ("Host", "Origin"))
         problem = self._checks.refusal(target, hosts, origins)
-        path = urlsplit(target).path
+        path = target.partition("?")[0]
         if problem is None and (method, path) == ("GET", "/live") and "Upgrade" in headers:
             full = len(self._clients) >= MOST_CLIENTS
             problem = HTTPStatus.SERVICE_UNAVAILABLE if full else HTTPStatus.SWITCHING_PROTOCOLS
         if problem is not None:
-            return problem, TEXT, f"{problem.phrase}\n".encode()
-        if (method, path) == ("GET", "/"):
+            status, text = refused(problem)
+        elif (method, path) == ("GET", "/"):
             return HTTPStatus.OK, HTML, self._page
-        status, text = self._operations.answer(method, path, body)
+        else:
+            status, text = self._operations.answer(method, path, body)
         return status, JSON, text.encode()
 
     def _serve(self, connection: ServerConnection) -> None:

@@ -10,8 +10,6 @@ from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-import numpy as np
-
 from truearm.arm import Arm
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.model_file import load_model
@@ -31,13 +29,10 @@ class Fitted:
     model : Compensator
     summary : str
         Its mean error on held-out readings, in a sentence.
-    n_readings : int
-        Number of readings of the session when the fit began.
     """
 
     model: Compensator
     summary: str
-    n_readings: int
 
 
 class FitProcess:
@@ -50,7 +45,6 @@ class FitProcess:
     """
 
     def __init__(self, arm: Arm, session: Session) -> None:
-        self._n_readings = len(session)
         self._folder = tempfile.TemporaryDirectory(prefix="truearm-")
         self._file = Path(self._folder.name) / "fitted.truearm"
         context = get_context("spawn")  # threads of a BLAS do not survive a fork
@@ -68,7 +62,7 @@ class FitProcess:
                     yield str(text)
                     continue
                 if kind == "done":
-                    yield Fitted(load_model(self._file), str(text), self._n_readings)
+                    yield Fitted(load_model(self._file), str(text))
                 else:
                     yield TruearmError(str(text))
                 self.stop()
@@ -104,14 +98,13 @@ def _fit(said: Connection, arm: Arm, session: Session, file: Path) -> None:
         said.send(("done", result.summary()))
 
 
-def why_worse(new: Fitted, in_force: Compensator, session: Session, trained_on: int) -> str:
+def why_worse(new: Compensator, in_force: Compensator, unknown: Session) -> str:
     """Why a fitted model does not replace the one in force; empty if it does.
 
-    It is compared by its errors on held-out readings with those of the model in force on readings that it does not
-    know: those of the session after its first `trained_on`. Of too few of them, nothing follows.
+    It is compared by its errors on held-out readings with those of the model in force on readings that this one does
+    not know. Of fewer than `LEAST_COMPARED`, nothing follows.
     """
-    held_out = new.model.held_out_
-    unknown = session.rows(np.arange(trained_on, new.n_readings))
+    held_out = new.held_out_
     if len(unknown) < LEAST_COMPARED or not len(held_out.rows):
         return ""
     try:

@@ -83,9 +83,9 @@ class Learning:
                 noise_mm=self._model.residual_std_,
                 state=lambda angles: self._state(Session(angles)),
             )
-        self._trained_on = 0 if self._model is None else trained_on
         self._before = Estimate.before_readings(self._prior.with_frame() if has_points else self._prior)
         self.forget()
+        self._trained_on = 0 if self._model is None else trained_on
         self._said_enough, self._has_points = False, has_points
         self._in_seats: dict[str, FloatArray] = {}
         # As of a plan: the errors at poses of the later use of the arm, whose coordinates are compared.
@@ -104,7 +104,7 @@ class Learning:
     def forget(self) -> None:
         """Know what was known before the readings."""
         self.estimate = self._before
-        self._n_seen, self._doubted = 0, list[int]()
+        self._n_seen, self._trained_on, self._doubted = 0, 0, list[int]()
 
     def learn_file(self, path: Path) -> Iterator[Event]:
         """Take in the session in a file, as `learn`."""
@@ -121,6 +121,7 @@ class Learning:
         """
         is_longer, self._n_seen = len(session) == self._n_seen + 1, len(session)
         self._doubted = [row for row in self._doubted if row < len(session)]
+        self._trained_on = min(self._trained_on, len(session))  # what comes in place of one that was undone is new
         before_mm = self.uncertainty_mm
         if is_longer and (doubt := self._doubt(session, len(session) - 1)):
             yield Event("notice", f"reading {len(session)} does not fit: {doubt}")

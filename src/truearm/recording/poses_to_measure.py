@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -58,11 +58,6 @@ class PosesToMeasure:
         """(n_joints,) angles of the next pose [rad, or mm]."""
         return None if self._angles is None or self._next is None else self._angles[self._next - 1]
 
-    @property
-    def n_left(self) -> int:
-        """Number of poses that are left."""
-        return len(self._left())
-
     def skip(self) -> bool:
         """Do not come back to the next pose; whether there was one."""
         if self._next is None:
@@ -106,6 +101,34 @@ class PosesToMeasure:
             best = int(np.argmin(far + joint_moves(self._arm, now_rad, self._angles[rows])))
         self._next = int(rows[best]) + 1
         self.would_give_mm = float(after_mm[best]) if gains_mm[best] > least_mm else None
+
+    def event(self, aims: Sequence[float] | None, units: Sequence[str]) -> Event:
+        """The event ``next``.
+
+        Parameters
+        ----------
+        aims : sequence of n_joints floats, optional
+            The next pose in the units in which people read its joints; None where there is none.
+        units : sequence of n_joints str
+        """
+        if aims is None:
+            text = "the plan is done" if self.plan is not None else "next: any pose, in a seat or with a point"
+            return Event("next", text, {"pose": None, "remaining": 0})
+        own = [f" {unit}" if len(set(units)) > 1 else "" for unit in units]
+        angles = ", ".join(
+            f"J{joint} {aim:.0f}{unit}" for joint, (aim, unit) in enumerate(zip(aims, own, strict=True), 1)
+        )
+        parts = [angles if own[0] else f"{angles} {units[0]}"]
+        values: dict[str, object] = {"pose": self.number, "aim": aims}
+        if self.plan is not None and self.number is not None:
+            note = "" if self.plan.note is None else str(self.plan.note[self.number - 1])
+            n_left = len(self._left())
+            parts = [f"pose {self.number} of {len(self.plan)}{note and f', {note}'}", *parts, f"{n_left} to go"]
+            values |= {"remaining": n_left, "instruction": note}
+        if (mm := self.would_give_mm) is not None:
+            parts.append(f"would give {mm:.3f} mm")
+            values["would_give_mm"] = mm
+        return Event("next", f"next: {'; '.join(parts)}", values)
 
     def _left(self) -> list[int]:
         n = 0 if self._angles is None else len(self._angles)

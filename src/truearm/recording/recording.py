@@ -35,6 +35,7 @@ from truearm.workflows.inputs import ModelLike, to_arm, to_model_of_tip
 FAR_FROM_AIM = 20.0  # deg, or mm; a standstill that is farther from the plan's pose is taken by key only
 BESIDE_SEAT = 0.05  # of the arm's reach; a standstill that is farther from its seat is taken by key only
 JUMP_S = 1.0  # between two samples by the clock of a device
+ODD_S = 1.0  # between two notices of odd samples
 
 
 class RecordingOptions(TypedDict, total=False):
@@ -106,14 +107,15 @@ class Recording:
         self._point = ReferencePoint(self.reference)
         self._asked, self._was_pressed, self._said = False, False, ""
         self._still_since_s, self._samples_hz, self._streamed_s = 0.0, samples_hz, -np.inf
-        self._step_s, self._jump, self._jump_said_s = np.inf, "", -np.inf
+        self._step_s, self._odd, self._odd_said_s = np.inf, "", -np.inf
         self.out_model, self.rank = None if out_model is None else Path(out_model), rank
         self._in_force = ModelInForce(self.arm, known, self.out, self.out_model)
         self._learning: Learning | None = None
         if _is_known(self.arm):
             # An arm that takes none of the usual poses is recorded, too.
             with nullcontext() if rank else suppress(InputError):
-                self._learning = Learning(self.arm, known, has_points=self._has_points)
+                trained_on = self._in_force.trained_on
+                self._learning = Learning(self.arm, known, trained_on=trained_on, has_points=self._has_points)
         self._log: SessionLog | None = None
         self.sample: Sample | None = None
 
@@ -158,6 +160,11 @@ class Recording:
         """Name of each joint's column in the session file."""
         return [f"q{joint}_{unit}" for joint, unit in enumerate(self.units, start=1)]
 
+    @property
+    def factors(self) -> FloatArray:
+        """(n_joints,) What takes joint angles in the units in which people read them to rad, or mm."""
+        return np.array([1.0 if unit == "mm" else radians(1) for unit in self.units])
+
     def displayed(self, angles_rad: FloatArray) -> list[float]:
         """Joint angles in the units in which people read them."""
         shown = zip(angles_rad.tolist(), self.units, strict=True)
@@ -182,14 +189,16 @@ class Recording:
     def on_sample(self, sample: Sample) -> Iterator[Event]:
         """Take in a sample of the arm."""
         if self.sample is not None:
+            if (n := len(sample.joint_angles_rad)) != (before := len(self.sample.joint_angles_rad)):
+                self._odd = f"{self.source.name} gives {n} joints in place of {before}; ignored"
+                yield from self._say_odd()
+                return
             self._watch_clock(sample.time_s - self.sample.time_s)
         self._standstill.add(sample)
         self.sample = sample  # from now on a view, in another thread, asks for its corrected tip
         if self._log is None:
             yield from self._start(sample)
-        if self._jump and time.monotonic() - self._jump_said_s > JUMP_S:
-            yield Event("notice", self._jump)
-            self._jump, self._jump_said_s = "", time.monotonic()
+        yield from self._say_odd()
         self._asked |= sample.is_button_pressed and not self._was_pressed
         self._was_pressed = sample.is_button_pressed
         yield from self._stream(sample)
@@ -204,11 +213,17 @@ class Recording:
                 yield from self._take(self._standstill.taken())
 
     def _watch_clock(self, step_s: float) -> None:
-        """Note a step from a sample to the next that no clock makes; it is said once a second at most."""
+        """Note a step from a sample to the next that no clock makes."""
         before_s, self._step_s = self._step_s, step_s
         is_late = self.source.has_own_clock and not self.is_timed_by_arrival and step_s > max(JUMP_S, 2 * before_s)
         if step_s < 0 or is_late:
-            self._jump = f"the clock of {self.source.name} jumps by {step_s:+.3g} s; the standstill begins again"
+            self._odd = f"the clock of {self.source.name} jumps by {step_s:+.3g} s; the standstill begins again"
+
+    def _say_odd(self) -> Iterator[Event]:
+        """Say what was odd about a sample, once a second at most."""
+        if self._odd and time.monotonic() - self._odd_said_s > ODD_S:
+            yield Event("notice", self._odd)
+            self._odd, self._odd_said_s = "", time.monotonic()
 
     def _stream(self, sample: Sample) -> Iterator[Event]:
         """The angles as they arrive, no more often than asked for."""
@@ -376,8 +391,8 @@ class Recording:
         seat = self._seat_now()
         rows = [row for row in self._log.rows if row["seat"] == seat] if self._log is not None and seat else []
         columns = self.joint_columns
-        factors = [1.0 if unit == "mm" else radians(1) for unit in self.units]
-        return np.array([[float(row[name]) for name in columns] for row in rows]).reshape(-1, len(columns)) * factors
+        joints = np.array([[float(row[name]) for name in columns] for row in rows]).reshape(-1, len(columns))
+        return joints * self.factors
 
     def _take(self, reading: TakenReading) -> Iterator[Event]:
         assert self._log is not None  # opened at the first sample
@@ -430,6 +445,7 @@ class Recording:
         if row is None:
             yield Event("refused", "there is no reading to undo")
             return
+        self._in_force.undone(self.n_readings)
         number = self.n_readings + 1
         numbers = {name: float(text) for name, text in row.items() if text and self._is_number(name)}
         yield Event("undone", f"reading {number} removed", {"reading": number, **row, **numbers})
@@ -449,7 +465,7 @@ class Recording:
 
     def _steer(self, text: str) -> Iterator[Event]:
         """Move a virtual arm; nothing is said of it: one sees it move."""
-        wanted, factors = typed_numbers(text), np.array([1.0 if unit == "mm" else radians(1) for unit in self.units])
+        wanted, factors = typed_numbers(text), self.factors
         if self.source.steer is None:
             yield Event("refused", f"{self.source.name} cannot be steered: only a virtual arm can")
         elif len(wanted) != len(factors) or not len(wanted):
@@ -459,7 +475,7 @@ class Recording:
             self.source.steer(aim if self.arm is None else np.clip(aim, *self.arm.limits.T))
 
     def _learn(self) -> Iterator[Event]:
-        """What the readings of the file say of the arm; if that cannot be said, why, and nothing further."""
+        """What the readings of the file say of the arm, or why that cannot be said: to undo one may mend it."""
         if self._learning is None:
             return
         if not self.n_readings:
@@ -468,8 +484,7 @@ class Recording:
         try:
             yield from self._learning.learn_file(self.out)
         except InputError as error:
-            self._learning = None
-            yield Event("notice", f"what readings add is no longer said: {error}")
+            yield Event("notice", f"what the readings say of the arm is not known: {error}")
 
     def _next(self) -> Iterator[Event]:
         """What comes next."""
@@ -479,23 +494,7 @@ class Recording:
         assert self.sample is not None  # the file is opened at the first
         done = {row.get("note_pose", "") for row in self._log.rows}
         yield from self._poses.choose(done, self._learning, self._seat_now(), self.sample.joint_angles_rad)
-        number, aim_rad = self.next_pose, self.aim_rad
-        if aim_rad is None:
-            text = "the plan is done" if self.plan is not None else "next: any pose, in a seat or with a point"
-            yield Event("next", text, {"pose": None, "remaining": 0})
-            return
-        aims = self.displayed(aim_rad)
-        parts = [", ".join(f"J{joint} {angle:.0f}" for joint, angle in enumerate(aims, start=1)) + f" {self.units[0]}"]
-        values: dict[str, object] = {"pose": number, "aim": aims}
-        if self.plan is not None and number is not None:
-            note = "" if self.plan.note is None else str(self.plan.note[number - 1])
-            left = self._poses.n_left
-            parts = [f"pose {number} of {len(self.plan)}{note and f', {note}'}", *parts, f"{left} to go"]
-            values |= {"remaining": left, "instruction": note}
-        if (mm := self._poses.would_give_mm) is not None:
-            parts.append(f"would give {mm:.3f} mm")
-            values["would_give_mm"] = mm
-        yield Event("next", f"next: {'; '.join(parts)}", values)
+        yield self._poses.event(None if self.aim_rad is None else self.displayed(self.aim_rad), self.units)
 
 
 def _is_known(arm: Arm | None) -> TypeGuard[Arm]:

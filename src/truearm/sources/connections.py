@@ -217,4 +217,6 @@ def connected(connect: Callable[[], L], name: str, talk: Callable[[L], Stream]) 
             return
         except OSError as error:
             yield Notice(f"no connection to {name} ({error.strerror or error}); trying again")
+        except UnicodeError as error:  # a name with a part that is empty, or of more than 63 characters
+            raise InputError(f"{name} has no name that a host can have") from error
         time.sleep(RETRY_S)

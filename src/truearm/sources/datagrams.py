@@ -9,10 +9,10 @@ import numpy as np
 
 from truearm.sources.connections import Connection, connected, datagram_connector
 from truearm.sources.decoded_messages import SILENT_S, samples_in
+from truearm.sources.joint_scale import MOST_JOINTS
 from truearm.sources.sample import Sample, Source, Stream
 
 LARGEST_DEG = 7200.0
-MOST_JOINTS = 32
 
 # The joint angles in a datagram [deg]; ValueError if it is none of the protocol.
 JointsDeg = Callable[[bytes], list[float]]

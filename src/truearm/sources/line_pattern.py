@@ -17,6 +17,7 @@ from truearm.sources.sample import Sample
 
 MOST_CHARACTERS = 1000  # of a line; what is longer is noise
 LARGEST = 1e9  # of a number
+LARGEST_S = 1e10  # of a clock: some state the seconds since 1970
 
 _POINT = ("x_mm", "y_mm", "z_mm")
 # No text matches in two ways: the time to refuse a line would grow with a power of its length.
@@ -77,10 +78,11 @@ def line_parser(document: LinesDocument) -> tuple[Parse, int]:
         checked = _without_checksum(line) if document.checksum else line
         match = None if checked is None else expression.fullmatch(checked.strip())
         numbers = {} if match is None else dict(zip(names, map(float, match.groups()), strict=True))
-        if not numbers or max(map(abs, numbers.values())) > LARGEST:
+        time_s = numbers.pop("time_s", arrived_s)
+        if not numbers or max(map(abs, numbers.values())) > LARGEST or abs(time_s) > LARGEST_S:
             return None
         return Sample(
-            numbers.get("time_s", arrived_s),
+            time_s,
             decode([numbers[f"J{joint}"] for joint in joints]),
             np.array([numbers[axis] for axis in _POINT]) if points else None,
             numbers.get("temperature_degC"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import time
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from math import isfinite
@@ -18,7 +19,7 @@ from truearm.sources.connections import CONNECT_S, connected
 from truearm.sources.decoded_messages import SILENT_S, samples_in
 from truearm.sources.extras import extra_package
 from truearm.sources.joint_scale import MOST_JOINTS, JointScale
-from truearm.sources.line_pattern import LARGEST
+from truearm.sources.line_pattern import LARGEST, LARGEST_S
 from truearm.sources.sample import Sample, Source, Stream
 from truearm.typing import FloatArray
 
@@ -74,7 +75,7 @@ def mqtt(file: Path) -> Source:
     document = read_document(file, MqttDocument)
     client = extra_package("paho.mqtt.client", "mqtt", "a broker of MQTT")
     host, colon, number = document.broker.rpartition(":")
-    if colon and not (host and number.isdecimal() and int(number) <= 65535):
+    if colon and not (host and number.isdecimal() and 0 < int(number) <= 65535):
         raise InputError(f"expected a broker as HOST or HOST:PORT, got {document.broker!r:.80}", file=file)
     *levels, last = document.topic.split("/")
     if any({"+", "#"} & set(one) for one in levels if one != "+") or (
@@ -99,28 +100,24 @@ def decoded(
     document: MqttDocument, decode: Callable[[Sequence[float]], FloatArray], message: bytes, arrived_s: float
 ) -> Sample | None:
     """The sample in a message, or None."""
-    paths = [*document.joints, document.temperature_degC, document.time_s]
+    paths = [*document.joints, document.temperature_degC]
     try:
         if len(message) > MOST_BYTES:
             return None
         content = json.loads(message)
-        numbers = [None if path is None else _number_at(content, path) for path in paths]
+        *joints, temperature = [None if path is None else _number_at(content, path) for path in paths]
+        time_s = arrived_s if document.time_s is None else _number_at(content, document.time_s, LARGEST_S)
     except (ValueError, TypeError, LookupError, OverflowError, RecursionError):
         return None
-    *joints, temperature, time_s = numbers
-    return Sample(
-        arrived_s if time_s is None else time_s,
-        decode([one for one in joints if one is not None]),
-        temperature_degC=temperature,
-    )
+    return Sample(time_s, decode([one for one in joints if one is not None]), temperature_degC=temperature)
 
 
-def _number_at(content: Any, path: str) -> float:
+def _number_at(content: Any, path: str, largest: float = LARGEST) -> float:
     for key in path.split("."):
         content = content[int(key)] if isinstance(content, list) else content[key]
     if isinstance(content, bool) or not isinstance(content, int | float) or not isfinite(content):
         raise TypeError("no number")
-    if abs(content) > LARGEST:
+    if abs(content) > largest:
         raise ValueError("too large")
     return float(content)
 
@@ -150,12 +147,15 @@ class _Broker:
 
     def messages(self) -> Iterator[bytes | None]:
         """Messages as they arrive; None once a second while nothing does."""
+        heard_s = time.monotonic()
         while True:
-            lost = self._client.loop(SILENT_S)
+            lost = self._client.loop(SILENT_S)  # returns with each packet, too
             if not self._messages and (lost or self._refused):
                 raise ConnectionError(self._refused or "the broker closed the connection")
             arrived, self._messages = self._messages, []
-            yield from arrived or (None,)
+            if arrived or time.monotonic() - heard_s >= SILENT_S:
+                yield from arrived or (None,)
+                heard_s = time.monotonic()
 
     def close(self) -> None:
         """Leave the broker."""

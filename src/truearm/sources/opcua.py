@@ -11,7 +11,7 @@ import logging
 import re
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager, suppress
 from functools import partial
 from math import isfinite, pi
 from typing import Any
@@ -21,11 +21,11 @@ import numpy as np
 from truearm.errors import InputError
 from truearm.sources.connections import CONNECT_S, connected
 from truearm.sources.extras import extra_package
+from truearm.sources.joint_scale import MOST_JOINTS
 from truearm.sources.sample import Sample, Source, Stream
 
 PORT = 4840
 RATE_HZ = 25.0
-MOST_AXES = 32
 BROWSE_S, MOST_BROWSED = 30.0, 1000  # to find them: time, and nodes
 LARGEST = 1e6  # of a position [rad, or mm]
 
@@ -52,7 +52,7 @@ def opcua(address: str, device: str = "") -> Source:
         If it is no such text, or the package asyncua is missing.
     """
     found = re.fullmatch(r"([\w.-]+|\[[\da-fA-F:]+\])(:\d{1,5})?(/[^\s@]*)?", address)
-    if found is None:
+    if found is None or int((found[2] or "")[1:] or PORT) > 65535:
         raise InputError(f"expected an OPC UA server, got {address!r:.80}", hint="opcua:HOST:PORT")
     url = f"opc.tcp://{found[1]}{found[2] or f':{PORT}'}{found[3] or ''}"
     extra_package("asyncua", "opcua", "an OPC UA server")
@@ -69,7 +69,6 @@ class _Device:
 
     def __init__(self, url: str, device: str) -> None:
         asyncua = extra_package("asyncua", "opcua", "an OPC UA server")
-        self._errors = (asyncua.ua.UaError, TimeoutError)
         self._runner, self._client = asyncio.Runner(), asyncua.Client(url, timeout=CONNECT_S)
         try:
             with self._failing():
@@ -83,7 +82,9 @@ class _Device:
     def _failing(self) -> Iterator[None]:
         try:
             yield
-        except self._errors as error:
+        except ConnectionError:
+            raise
+        except Exception as error:  # whatever the library makes of what a server sends
             raise ConnectionError(f"{type(error).__name__}: {error}"[:200]) from None
 
     async def _axes(self, device: str) -> tuple[list[Any], list[float]]:
@@ -92,9 +93,9 @@ class _Device:
         names = ", ".join(devices)
         if (device and device not in devices) or (not device and len(devices) != 1):
             wanted = f"device {device!r:.60}" if device else "one motion device"
-            raise ConnectionError(f"expected {wanted}, the server has {names or 'none'}")
+            raise ConnectionError(f"expected {wanted}, the server has {names or 'none':.200}")
         axes = await _children(await _child(devices[device or names], "Axes"))
-        if not 0 < len(axes) <= MOST_AXES:
+        if not 0 < len(axes) <= MOST_JOINTS:
             raise ConnectionError(f"the device has {len(axes)} axes")
         positions, factors = [], []
         for name in sorted(axes, key=_natural):
@@ -139,12 +140,8 @@ class _Device:
 
     def close(self) -> None:
         """Leave the server."""
-        try:
+        with closing(self._runner), suppress(Exception):
             self._runner.run(asyncio.wait_for(self._client.disconnect(), CONNECT_S))
-        except (OSError, *self._errors):
-            pass
-        finally:
-            self._runner.close()
 
 
 async def _children(node: Any) -> dict[str, Any]:

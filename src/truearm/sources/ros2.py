@@ -21,6 +21,7 @@ from truearm.sources.connections import connected
 from truearm.sources.decoded_messages import SILENT_S, samples_in
 from truearm.sources.extras import extra_package
 from truearm.sources.joint_scale import MOST_JOINTS, Each, JointScale, Unit
+from truearm.sources.line_pattern import LARGEST
 from truearm.sources.sample import Sample, Source, Stream
 
 MOST_WAITING = 64  # messages
@@ -74,7 +75,7 @@ def ros2(file: Path) -> Source:
     def sample(message: Any, arrived_s: float) -> Sample | None:
         positions = dict(zip(message.name, message.position, strict=False))
         numbers = np.array([positions.get(joint, np.nan) for joint in document.joints]) * factors
-        return Sample(arrived_s, decode(numbers.tolist())) if np.isfinite(numbers).all() else None
+        return Sample(arrived_s, decode(numbers.tolist())) if (np.abs(numbers) <= LARGEST).all() else None
 
     def talk(reader: _Reader) -> Stream:
         return samples_in(reader.messages(), sample, f"messages lack a joint of {', '.join(document.joints)}")

@@ -108,25 +108,23 @@ class Standstill:
         self.is_still = False
 
     def add(self, sample: Sample) -> None:
-        """Take in the next sample. A gap of a window's length, a clock that jumps, or another arm starts a new one."""
+        """Take in the next sample. A gap of a window's length, or a clock that jumps, starts a new one."""
         window = self._window
         if window:
             gap_s = sample.time_s - window[-1].time_s
-            if not 0 <= gap_s <= self._rule.window_s or len(sample.joint_angles_rad) != len(
-                window[-1].joint_angles_rad
-            ):
+            if not 0 <= gap_s <= self._rule.window_s:
                 window.clear()
-        if self._movement is None or len(self._movement.signs) != len(sample.joint_angles_rad):
+        if self._movement is None:
             self._movement = LastMovement(sample.joint_angles_rad)
         window.append(sample)
         self._stated = sample.directions
         self._movement.add(sample.joint_angles_rad, self._allowed())
         while len(window) > 1 and sample.time_s - window[1].time_s >= self._rule.window_s:
             window.popleft()
-        if self._taken_at is not None and (
-            self._taken_at.shape != sample.joint_angles_rad.shape
-            or (np.abs(sample.joint_angles_rad - self._taken_at) > MOVED * self._allowed()).any()
-        ):
+        moved = (
+            self._taken_at is not None and np.abs(sample.joint_angles_rad - self._taken_at) > MOVED * self._allowed()
+        )
+        if np.any(moved):
             self._taken_at = None
         self.is_still = self._stands()
 

@@ -27,8 +27,10 @@ from dataclasses import dataclass, replace
 from math import log, sqrt
 
 import numpy as np
+from numpy.linalg import LinAlgError
 from scipy.linalg import cho_factor, cho_solve
 
+from truearm.errors import InputError
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.planning.exchange import DesignProblem
 from truearm.identification.planning.information import SEAT_STD_MM, tip_jacobian
@@ -145,6 +147,11 @@ def updated_estimate(
     n_in_prior : int
         Number of readings, from the first, that the prior of the terms knows already: these place the base and the
         seats, and say no more of the terms.
+
+    Raises
+    ------
+    InputError
+        If the readings are so far from any arm that its matrices lose their definiteness to rounding.
     """
     seat, held = held_readings(readings)
     used = np.flatnonzero(readings.has_point | held)
@@ -167,7 +174,10 @@ def updated_estimate(
         old[:, :n_terms] = _by_placing(old, P, n_terms)
         known = P + old.T @ old
         A = known + new.T @ new
-        factor = cho_factor(A, lower=True)
+        try:
+            factor = cho_factor(A, lower=True)
+        except LinAlgError:
+            raise InputError("the readings leave no estimate", hint="check the unit of their points") from None
         C, step = cho_solve(factor, np.eye(len(x))), cho_solve(factor, rows.T @ r - P @ (x - mean))
         x, terms = x + step, x[:n_terms] + step[:n_terms]
         left = noise_mm * (r - rows @ step)[3 * n_in_prior :]
