@@ -256,8 +256,8 @@ class Recording:
             yield self._name_seat(rest.strip())
         elif word == "point":
             yield self._point.type(rest, is_still=self.is_still)
-        elif text.strip() == "skip" and self._poses.skip():
-            yield from self._next()
+        elif text.strip() == "skip":
+            yield from self._skip()
         elif word == "steer":
             yield from self._steer(rest)
         elif text.strip() == "refit":
@@ -265,7 +265,7 @@ class Recording:
         elif text.strip() == "save":
             yield self._in_force.save()
         else:
-            known = "take, take moving, undo, seat, point, skip, refit or save"
+            known = "take, take moving, undo, seat, point, skip, refit, save or end"
             yield Event("refused", f"unknown command {text[:40]!a}: {known}")
 
     def news_of_fit(self) -> Iterator[Event]:
@@ -281,11 +281,14 @@ class Recording:
                 yield learned_event(before_mm, self._learning.uncertainty_mm)
                 yield from self._next()
 
-    def close(self) -> Event:
+    def close(self) -> None:
         """Close the file, and end a fit that is under way."""
         self._in_force.close()
         if self._log is not None:
             self._log.close()
+
+    def end(self) -> Event:
+        """What is said at the end, whatever ended it."""
         count = format_count(self.n_readings, "reading")
         return Event("end", f"{count} in {self.out}", {"readings": self.n_readings, "file": str(self.out)})
 
@@ -436,6 +439,12 @@ class Recording:
         yield from self._learn()
         yield from self._next()
 
+    def _skip(self) -> Iterator[Event]:
+        if self._poses.skip():
+            yield from self._next()
+        else:
+            yield Event("refused", "there is no next pose to skip: start with --plan PLAN, or --rank")
+
     def _is_number(self, column: str) -> bool:
         """Whether an event of a reading has a column as a number."""
         known = (*self.joint_columns, "x_mm", "y_mm", "z_mm", "temperature_degC")
@@ -485,7 +494,7 @@ class Recording:
             yield Event("next", text, {"pose": None, "remaining": 0})
             return
         aims = self.displayed(aim_rad)
-        parts = [", ".join(f"J{joint} {angle:.0f}" for joint, angle in enumerate(aims, start=1)) + f" {self.units[0]}"]
+        parts = [", ".join(f"J{joint} {angle:z.0f}" for joint, angle in enumerate(aims, start=1)) + f" {self.units[0]}"]
         values: dict[str, object] = {"pose": number, "aim": aims}
         if self.plan is not None and number is not None:
             note = "" if self.plan.note is None else str(self.plan.note[number - 1])
@@ -493,7 +502,7 @@ class Recording:
             parts = [f"pose {number} of {len(self.plan)}{note and f', {note}'}", *parts, f"{left} to go"]
             values |= {"remaining": left, "instruction": note}
         if (mm := self._poses.would_give_mm) is not None:
-            parts.append(f"would give {mm:.3f} mm")
+            parts.append(f"would leave an uncertainty of {mm:.3f} mm")
             values["would_give_mm"] = mm
         yield Event("next", f"next: {'; '.join(parts)}", values)
 
