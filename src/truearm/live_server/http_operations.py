@@ -27,6 +27,7 @@ from truearm.live_server.messages import (
     Tip,
 )
 from truearm.live_server.openapi import Operation, openapi
+from truearm.live_server.post_requests import LARGEST_BODY
 from truearm.live_server.request_checks import RequestRate
 from truearm.readings import Session
 from truearm.typing import FloatArray
@@ -36,6 +37,12 @@ from truearm.workflows.recording import Recording
 
 MOST_A_SECOND = 100  # requests of all clients
 WAIT_S = 1.0  # for the one that is computed before
+WHAT_TO_SEND = {
+    HTTPStatus.FORBIDDEN: "expected the token of the address that truearm printed, and no Origin of another site",
+    HTTPStatus.MISDIRECTED_REQUEST: "expected the host of the address that truearm printed",
+    HTTPStatus.UNSUPPORTED_MEDIA_TYPE: "expected the header Content-Type: application/json",
+    HTTPStatus.REQUEST_ENTITY_TOO_LARGE: f"expected at most {LARGEST_BODY} bytes",
+}
 
 
 class HttpOperations:
@@ -68,30 +75,31 @@ class HttpOperations:
         found = [one for one in self.operations if one.path == path]
         operation = next((one for one in found if one.method == method), None)
         if operation is None:
-            return _refused(HTTPStatus.METHOD_NOT_ALLOWED if found else HTTPStatus.NOT_FOUND)
+            return refused(HTTPStatus.METHOD_NOT_ALLOWED if found else HTTPStatus.NOT_FOUND)
         if self._rate.is_exceeded():
-            return _refused(HTTPStatus.TOO_MANY_REQUESTS)
+            return refused(HTTPStatus.TOO_MANY_REQUESTS)
         is_computed = operation.takes is not None
         if is_computed and not self._one.acquire(timeout=WAIT_S):
-            return _refused(HTTPStatus.SERVICE_UNAVAILABLE)
+            return refused(HTTPStatus.SERVICE_UNAVAILABLE)
         try:
             asked = () if operation.takes is None else (operation.takes.model_validate_json(body),)
             return HTTPStatus.OK, json.dumps(asdict(operation.run(*asked)), allow_nan=False)
         except ValidationError as error:
             fault = error.errors(include_url=False, include_input=False, include_context=False)[0]
             where = ".".join(map(str, fault["loc"]))
-            return _refused(HTTPStatus.BAD_REQUEST, f"{where}: {fault['msg']}" if where else fault["msg"])
+            return refused(HTTPStatus.BAD_REQUEST, f"{where}: {fault['msg']}" if where else fault["msg"])
         except InputError as error:
-            return _refused(HTTPStatus.UNPROCESSABLE_ENTITY, str(error))
+            return refused(HTTPStatus.UNPROCESSABLE_ENTITY, str(error))
         except TruearmError as error:
-            return _refused(HTTPStatus.SERVICE_UNAVAILABLE, str(error))
+            return refused(HTTPStatus.SERVICE_UNAVAILABLE, str(error))
         finally:
             if is_computed:
                 self._one.release()
 
 
-def _refused(status: HTTPStatus, text: str = "") -> tuple[HTTPStatus, str]:
-    return status, json.dumps(asdict(Refused(text or status.phrase)))
+def refused(status: HTTPStatus, text: str = "") -> tuple[HTTPStatus, str]:
+    """The status and the JSON of an answer that says what is wrong."""
+    return status, json.dumps(asdict(Refused(text or WHAT_TO_SEND.get(status, status.phrase))))
 
 
 def predicted(recording: Recording, asked: Predict) -> Predicted:
@@ -138,7 +146,7 @@ def corrected(recording: Recording, asked: Correct) -> Corrected:
     """
     angles, model = _angles(recording, asked), recording.model
     if model is None:
-        raise InputError("truearm was started without a model", hint="truearm live --model MODEL")
+        raise InputError("truearm was started without a model", hint="truearm live --model MODEL, or refit")
     points = None if asked.points_mm is None else np.array(asked.points_mm)
     if points is not None and len(points) != len(angles):
         raise InputError(f"expected {len(angles)} points, one for each list of joints, got {len(points)}")
@@ -184,5 +192,5 @@ def _loads(model: Compensator, asked: AtJoints) -> dict[str, Any]:
     """The loads of a request at each of its poses."""
     known = model.training_.columns
     if unknown := sorted(set(asked.loads) - set(known)):
-        raise InputError(f"the model knows no load {unknown[0]:.40}", hint=", ".join(known) or "it knows none")
+        raise InputError(f"the model knows no load {unknown[0]:.40}; it knows {', '.join(known) or 'none'}")
     return {name: np.full(len(asked.joints), value) for name, value in asked.loads.items()}

@@ -17,7 +17,7 @@ from urllib.parse import quote, urlsplit
 from pydantic import ValidationError
 
 from truearm.errors import InputError, TruearmError
-from truearm.live_server.http_operations import HttpOperations
+from truearm.live_server.http_operations import HttpOperations, refused
 from truearm.live_server.messages import Command, Message, Refused, Role, State, encode
 from truearm.live_server.post_requests import is_post, read_post, send_answer
 from truearm.live_server.request_checks import RequestChecks, RequestRate
@@ -34,15 +34,14 @@ LARGEST_MESSAGE = 4096  # bytes; a command has 100
 MOST_A_SECOND = 20  # messages of one client
 MOST_WAITING = 256  # messages to a client, and commands
 PING_S = 5.0
-TEXT = {
-    "Content-Type": "text/plain; charset=utf-8",
+HEADERS = {
     "Content-Security-Policy": "frame-ancestors 'none'",
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
     "Cache-Control": "no-store",
 }
-HTML = {**TEXT, "Content-Type": "text/html; charset=utf-8"}
-JSON = {**TEXT, "Content-Type": "application/json"}
+HTML = {**HEADERS, "Content-Type": "text/html; charset=utf-8"}
+JSON = {**HEADERS, "Content-Type": "application/json"}
 
 
 class LiveServer:
@@ -159,7 +158,7 @@ class LiveServer:
             return ServerConnection(sock, *arguments, **options)
         request = read_post(sock)
         if isinstance(request, HTTPStatus):
-            send_answer(sock, request, TEXT, b"")
+            send_answer(sock, request, JSON, refused(request)[1].encode())
         else:
             send_answer(sock, *self._reply("POST", request.target, request.headers, request.body))
         raise ConnectionAbortedError("it is answered")  # websockets closes it
@@ -190,7 +189,7 @@ class LiveServer:
             full = len(self._clients) >= MOST_CLIENTS
             problem = HTTPStatus.SERVICE_UNAVAILABLE if full else HTTPStatus.SWITCHING_PROTOCOLS
         if problem is not None:
-            return problem, TEXT, f"{problem.phrase}\n".encode()
+            return problem, JSON, refused(problem)[1].encode()
         if (method, path) == ("GET", "/"):
             return HTTPStatus.OK, HTML, self._page
         status, text = self._operations.answer(method, path, body)
