@@ -13,7 +13,7 @@ import truearm as ta
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no signal of Ctrl-C to one program")
-def test_ctrl_c_ends_it_and_the_file_is_whole(tmp_path):
+def test_ctrl_c_ends_it_the_page_says_so_and_the_file_is_whole(tmp_path):
     client = pytest.importorskip("websockets.sync.client", reason="websockets is not installed")
     ta.simulate("ur10", poses=30, seed=1).session.save(tmp_path / "simulated.csv")
     out = tmp_path / "session.csv"
@@ -31,6 +31,7 @@ def test_ctrl_c_ends_it_and_the_file_is_whole(tmp_path):
             assert '"may_command":true' in page.recv(timeout=60)
             assert next(line for line in running.stdout if line.startswith("reading 1"))
             running.send_signal(signal.SIGINT)
+            assert next(text for text in page if '"event":"end"' in text)
             said, fault = running.communicate(timeout=60)
     assert running.returncode == 130
     assert fault == "truearm: interrupted\n"

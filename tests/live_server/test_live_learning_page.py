@@ -62,7 +62,7 @@ def test_a_virtual_arm_is_steered_learned_from_fitted_and_saved_by_keyboard(chro
         try:
             tab.goto(server.url)
             tab.locator("#learned").filter(has_text=re.compile(r"in the volume \d\.\d{3} -> \d\.\d{3} mm")).wait_for()
-            tab.locator("#next").filter(has_text="would give").wait_for()
+            tab.locator("#next").filter(has_text="would leave").wait_for()
             assert "Tip of the nominal arm" in tab.locator("#tip-title").inner_text()
             first = tab.locator(".angle").first.inner_text()
             tab.locator("#joints input").first.focus()
@@ -70,7 +70,9 @@ def test_a_virtual_arm_is_steered_learned_from_fitted_and_saved_by_keyboard(chro
             tab.locator(".angle").first.filter(has_not_text=first).wait_for()
             tab.keyboard.press("g")
             tab.locator(".to-go").first.filter(has_text=re.compile(r"^[+\u2212]?[01]$")).wait_for()
-            foretold = float(re.search(r"would give (\d\.\d{3})", tab.locator("#next").inner_text())[1])
+            foretold = float(
+                re.search(r"would leave an uncertainty of (\d\.\d{3})", tab.locator("#next").inner_text())[1]
+            )
             before = tab.locator("#learned").inner_text()
             tab.locator("#condition").filter(has_text="still").wait_for()
             tab.keyboard.press("t")

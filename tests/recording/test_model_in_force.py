@@ -49,7 +49,7 @@ def test_readings_become_the_model_in_force_and_its_file(tmp_path, session):
     for sample in source.samples():
         if isinstance(sample, Sample):
             [*recording.on_sample(sample)]
-    assert [event.text for event in recording.on_command("save")] == ["no model is in force yet: refit makes one"]
+    assert [event.text for event in recording.on_command("save")] == ["no model is in force yet: refit first"]
     (begun,) = recording.on_command("refit")
     assert begun.text == "fitting 30 readings; further ones are taken meanwhile"
     assert [event.text for event in recording.on_command("refit")] == ["a fit is under way"]
@@ -185,7 +185,7 @@ def test_what_cannot_be_fitted_or_saved_is_refused(tmp_path, session):
     with pytest.raises(InputError, match="the file exists"):
         ModelInForce(None, None, tmp_path / "session.csv", file)
     in_force = ModelInForce(None, None, tmp_path / "session.csv", None)
-    assert in_force.refit(3).text == "a fit needs the arm"
+    assert in_force.refit(3).text == "a fit needs the arm: start with --arm ARM"
     assert ModelInForce(ta.load_arm("ur10"), None, tmp_path / "s.csv", None).refit(0).kind == "refused"
 
 

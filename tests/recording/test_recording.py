@@ -107,6 +107,13 @@ def test_an_undone_pose_comes_next_again_and_a_skipped_one_does_not(tmp_path, pl
     recording.close()
 
 
+def test_where_no_pose_is_next_none_is_skipped(tmp_path):
+    recording = Recording(source(), tmp_path / "out.csv", rule=RULE)
+    assert [event.text for event in recording.on_command("skip")] == [
+        "there is no next pose to skip: start with --plan PLAN, or --rank"
+    ]
+
+
 def test_without_seat_and_reference_it_is_said_what_fit_needs(tmp_path):
     ready, *_ = record(source(*stops([0.0, 1.0])), tmp_path / "a.csv", rule=RULE)
     assert "fit needs the seat's name (--seat NAME" in ready.text

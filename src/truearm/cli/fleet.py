@@ -43,7 +43,7 @@ def init(
         str, Option(help="Database of the registry, as a URL; relative files of SQLite are in the folder.")
     ] = "sqlite:///registry.sqlite",
 ) -> None:
-    """Make the folder of a fleet and the tables of its registry.
+    """Make the folder of a fleet, with its registry.
 
     By default the registry is a file in the folder. PostgreSQL: postgresql+psycopg://USER@HOST/NAME, with the password
     in ~/.pgpass or PGPASSWORD, as the URL is written to a file.
@@ -71,9 +71,10 @@ def add(
         Option("--list", help="Table of many: columns serial_number, arm, and session, site, model, every_days."),
     ] = None,
 ) -> None:
-    """Add an arm, or new readings, site or model of one; with --list all arms of a table, or none of them.
+    """Add an arm, or new readings, site or model of one.
 
-    ARM is needed of a new one. Files stay where they are. In a list their names are relative to its folder.
+    With --list all arms of a table, or none of them. ARM is needed of a new one. Files stay where they are. In a list
+    their names are relative to its folder.
     """
     from truearm.errors import InputError
     from truearm.fleet.arm_list import read_arm_list
@@ -98,9 +99,10 @@ def remove(
     folder: Folder,
     serial_number: Annotated[str, Argument(metavar="SERIAL", help="Serial number of the arm.")],
 ) -> None:
-    """Take an arm off the fleet: its readings, fits, checks and certificates are no longer in the registry.
+    """Take an arm off the fleet.
 
-    Session files, certificates, model files and the results of its fits (Parquet) stay.
+    Its readings, fits, checks and certificates are no longer in the registry. Session files, certificates, model files
+    and the results of its fits (Parquet) stay.
     """
     from truearm.fleet.fleet import Fleet
     from truearm.workflows.sentences import number_of
@@ -126,10 +128,10 @@ def add_certificate(
         Path | None, Option(help="Certificates that you trust, of the signers or of who issued theirs, .pem.")
     ] = None,
 ) -> None:
-    """Add calibration certificates of arms, all or none of them; each states the serial number of its arm.
+    """Add calibration certificates of arms, all or none.
 
-    The registry keeps number, day, verdict, the day of the next calibration and the SHA-256 of the file. A certificate
-    that contradicts itself, or whose signature is broken, is refused.
+    Each states the serial number of its arm. The registry keeps number, day, verdict, the day of the next calibration
+    and the SHA-256 of the file. A certificate that contradicts itself, or whose signature is broken, is refused.
     """
     from datetime import date
 
@@ -162,10 +164,10 @@ def check(
     accept: AcceptOption = None,
     as_json: Json = False,
 ) -> None:
-    """Check whether an arm is still as its model in force; the history of its checks is in the registry.
+    """Check whether an arm is still as its model in force.
 
-    As truearm check, which explains the options. Exit code 0: no need to recalibrate; 1: recalibrate; 3: undecided
-    (repeat the check), or not enough checks.
+    The history of its checks is in the registry. As truearm check, which explains the options. Exit code 0: no need to
+    recalibrate; 1: recalibrate; 3: undecided (repeat the check), or not enough checks.
     """
     from truearm.fleet.fleet import Fleet
     from truearm.workflows.check import withdraw_check
@@ -207,11 +209,11 @@ def run(
     verify: Verify = False,
     as_json: Json = False,
 ) -> None:
-    """Fit every arm whose readings, drawing, kind of model or type prior changed.
+    """Fit every arm of which something changed.
 
-    What is fitted already is not fitted again, and an interrupted run is continued by the same command. One arm's
-    failure stops no other; a failed or worse fit replaces no model in force. Results are the same whoever computes.
-    Exit code 1: some arms failed, now or before.
+    That is its readings, drawing, kind of model, or type prior. What is fitted already is not fitted again, and an
+    interrupted run is continued by the same command. One arm's failure stops no other; a failed or worse fit replaces
+    no model in force. Results are the same whoever computes. Exit code 1: some arms failed, now or before.
     """
     from truearm.fleet.executors import chosen_executor
     from truearm.fleet.fleet import Fleet
@@ -227,7 +229,11 @@ def run(
 
 @fleet.command()
 def status(folder: Folder, verify: Verify = False, as_json: Json = False) -> None:
-    """Print the state of every arm: first those for which something is to be done, then by the drift of constants."""
+    """Print the state of every arm.
+
+    First come arms for which something is to be done, then those whose constants differ most from before, or from those
+    of their type.
+    """
     from truearm.fleet.fleet import Fleet
 
     opened = Fleet(folder)
@@ -240,7 +246,10 @@ def report(
     folder: Folder,
     out: Annotated[Path, Option(help="Page to write, .html; pages of the arms stand in a folder beside it.")],
 ) -> None:
-    """Write the overview of all arms as a page that is filtered as you type, and a page of each arm."""
+    """Write a page of all arms, and one of each.
+
+    The page of all arms is filtered as you type.
+    """
     from truearm.fleet.fleet import Fleet
 
     opened = Fleet(folder)
@@ -260,11 +269,11 @@ def prior(
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Learn what the arms of a type have in common: the prior of the next arm, which then needs fewer readings.
+    """Learn what the arms of a type have in common.
 
-    Mean and scatter of the constants come from the readings of all arms with a model in force. Each arm is held out and
-    predicted from 10 and from 20 of its readings; the file is written only if the others help. Exit code 1: they do
-    not, and nothing is written.
+    It is the prior of the next arm, which then needs fewer readings. Mean and scatter of the constants come from the
+    readings of all arms with a model in force. Each arm is held out and predicted from 10 and from 20 of its readings;
+    the file is written only if the others help. Exit code 1: they do not, and nothing is written.
     """
     from truearm.fleet.executors import chosen_executor
     from truearm.fleet.fleet import Fleet

@@ -52,28 +52,26 @@ def live(
     from truearm.live_server.live import serve
     from truearm.live_server.live_recording import FRAMES_HZ
     from truearm.live_server.request_checks import RequestChecks
-    from truearm.number_format import format_count
 
     checks = RequestChecks(host, token)
-    with tempfile.TemporaryDirectory(prefix="truearm-") as folder:
-        if demo:
-            recording = _demo(context, Path(folder), FRAMES_HZ)
-        elif not options.source or options.out == Path():
-            raise InputError("expected --source and --out", hint="truearm live --demo, without hardware")
-        else:
-            recording = options.recording(FRAMES_HZ)
-        try:
-            for event in serve(recording, checks, port):
-                print_line(event.text)
-        except KeyboardInterrupt:
-            if not demo:  # its folder is removed
-                print_line(f"{format_count(recording.n_readings, 'reading')} in {recording.out}")
-            raise
+    if demo:
+        recording = _demo(context, FRAMES_HZ)
+    elif not options.source or options.out == Path():
+        raise InputError("expected --source and --out", hint="truearm live --demo, without hardware")
+    else:
+        recording = options.recording(FRAMES_HZ)
+    try:
+        for event in serve(recording, checks, port):
+            print_line(event.text)
+    except KeyboardInterrupt:
+        print_line(recording.end().text)
+        raise
 
 
-def _demo(context: Context, folder: Path, samples_hz: float) -> Recording:
+def _demo(context: Context, samples_hz: float) -> Recording:
     from truearm.recording.live_demo import demo_recording
 
     refuse_typed(context, [option.name for option in fields(LiveOptions)], "does not apply to --demo")
     with progress("planning the demonstration", total=len(get_args(Strategy))) as tell:
+        folder = Path(tempfile.mkdtemp(prefix="truearm-"))  # it stays: a session and a model are worth keeping
         return demo_recording(folder, samples_hz=samples_hz, progress=tell)

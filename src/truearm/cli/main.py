@@ -114,7 +114,8 @@ def run(arguments: list[str] | None = None) -> NoReturn:
     141 output pipe closed, or no standard output. 1 and 3 are verdicts, never faults: of `verify` not conform,
     undecided; of `task` not fit, fit only with guard bands; of `check` recalibrate, repeat the check or too few
     checks; of `correct` some targets refused, none corrected; of `fleet run` some arms failed; of `export --check` the
-    file does not agree, is not verified; of `certificate --read` the signature is broken, not verifiable here.
+    file does not agree, is not verified; of `certificate --read` the signature is broken, not verifiable here; of
+    `sources --try` no sample arrived.
     """
     arguments = sys.argv[1:] if arguments is None else arguments
     _settle_encodings()

@@ -47,7 +47,8 @@ def table_writer(path: str | Path, *, decimals: int | None = None) -> Iterator[C
             n = len(next(iter(columns.values())))
             return {name: columns.get(name, _missing(known, n)) for name, known in first.items()}
 
-        parts = _parquet_parts(beside) if beside.suffix == ".parquet" else _csv_parts(beside, decimals)
+        is_parquet = beside.suffix == ".parquet"
+        parts = _parquet_parts(beside, *pyarrow_modules(path)) if is_parquet else _csv_parts(beside, decimals)
         with parts as append:
             yield lambda columns: append(complete(columns))
 
@@ -76,8 +77,7 @@ def _csv_parts(path: Path, decimals: int | None) -> Iterator[Callable[[Columns],
 
 
 @contextmanager
-def _parquet_parts(path: Path) -> Iterator[Callable[[Columns], None]]:
-    arrow, parquet = pyarrow_modules(path)
+def _parquet_parts(path: Path, arrow: Any, parquet: Any) -> Iterator[Callable[[Columns], None]]:
     writer: Any = None
 
     def append(columns: Columns) -> None:

@@ -80,7 +80,7 @@ class FleetStatus(PageRecord):
         return {"summary": self.summary(), "database": self.place, "arms": self.arms}
 
 
-_NUMBERS = ("held out, mm", "of type", "drift, u")
+_NUMBERS = ("held out, mm", "of type", "drift, u", "from type, u")
 # Columns of the table; those after the fourth are shown where one of the arms has an entry.
 _HEADS = ("serial number", "type", "site", "state", *_NUMBERS, "due", "recalibrate", "certificate")
 
@@ -88,7 +88,7 @@ _HEADS = ("serial number", "type", "site", "state", *_NUMBERS, "due", "recalibra
 def _text_row(one: ArmState) -> dict[str, str]:
     numbers = [
         "" if value is None else format_fixed(value, decimals)
-        for value, decimals in ((one.held_out_mm, 4), (one.of_type, 2), (one.drift_u, 1))
+        for value, decimals in ((one.held_out_mm, 4), (one.of_type, 2), (one.drift_u, 1), (one.from_type_u, 1))
     ]
     certificate = ", ".join(filter(None, (one.certificate, one.certified)))
     cells = one.serial_number, one.arm, one.site, one.what, *numbers, one.due, one.recalibrate, certificate

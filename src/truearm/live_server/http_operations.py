@@ -27,6 +27,7 @@ from truearm.live_server.messages import (
     Tip,
 )
 from truearm.live_server.openapi import Operation, openapi
+from truearm.live_server.post_requests import LARGEST_BODY
 from truearm.live_server.request_checks import RequestRate
 from truearm.readings import Session
 from truearm.recording.corrected_tip import COVERAGE_FACTOR, CorrectedTip, corrected_tips
@@ -37,6 +38,12 @@ from truearm.workflows.correct import correct
 MOST_A_SECOND = 100  # requests of all clients
 WAIT_S = 1.0  # for the one that is computed before
 NO_MODEL = "no model is in force"
+WHAT_TO_SEND = {
+    HTTPStatus.FORBIDDEN: "expected the token of the address that truearm printed, and no Origin of another site",
+    HTTPStatus.MISDIRECTED_REQUEST: "expected the host of the address that truearm printed",
+    HTTPStatus.UNSUPPORTED_MEDIA_TYPE: "expected the header Content-Type: application/json",
+    HTTPStatus.REQUEST_ENTITY_TOO_LARGE: f"expected at most {LARGEST_BODY} bytes",
+}
 
 
 class HttpOperations:
@@ -92,8 +99,8 @@ class HttpOperations:
 
 
 def refused(status: HTTPStatus, text: str = "") -> tuple[HTTPStatus, str]:
-    """The status and the JSON of an answer that says why there is none."""
-    return status, json.dumps(asdict(Refused(text or status.phrase)))
+    """The status and the JSON of an answer that says what is wrong."""
+    return status, json.dumps(asdict(Refused(text or WHAT_TO_SEND.get(status, status.phrase))))
 
 
 def predicted(recording: Recording, asked: Predict) -> Predicted:
@@ -186,5 +193,5 @@ def _loads(model: Compensator, asked: AtJoints) -> dict[str, Any]:
     """The loads of a request at each of its poses."""
     known = model.training_.columns
     if unknown := sorted(set(asked.loads) - set(known)):
-        raise InputError(f"the model knows no load {unknown[0]:.40}", hint=", ".join(known) or "it knows none")
+        raise InputError(f"the model knows no load {unknown[0]:.40}; it knows {', '.join(known) or 'none'}")
     return {name: np.full(len(asked.joints), value) for name, value in asked.loads.items()}

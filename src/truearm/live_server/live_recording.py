@@ -44,18 +44,25 @@ class LiveRecording:
 
     def follow(self, server: LiveServer) -> Iterator[Event]:
         """Send the events of the recording, and do what the page asks for; the events but the samples."""
-        for event in follow(self.recording, server.commands()):
-            if event.kind != "sample":
-                said = self._said(event)
-                state = State(self._scene, tuple(self._readings), self._learned, self._next, self._ended)
-                server.send(said, state)
-                if event.kind == "model":
-                    server.send(state, state)
-                yield event
-            elif time.monotonic() - self._sent_s > 0.5 / FRAMES_HZ:  # a replay may run faster than its clock
-                self._newest = self._pose(event)
-                self._sent_s = time.monotonic()  # after the pose: another thread judges by it how old that is
-                server.send_newest(self._newest)
+        try:
+            for event in follow(self.recording, server.commands()):
+                if event.kind != "sample":
+                    self._send(server, event)
+                    yield event
+                elif time.monotonic() - self._sent_s > 0.5 / FRAMES_HZ:  # a replay may run faster than its clock
+                    self._newest = self._pose(event)
+                    self._sent_s = time.monotonic()  # after the pose: another thread judges by it how old that is
+                    server.send_newest(self._newest)
+        finally:
+            if not self._ended:  # by Ctrl-C, or a fault
+                self._send(server, self.recording.end())
+
+    def _send(self, server: LiveServer, event: Event) -> None:
+        said = self._said(event)
+        state = State(self._scene, tuple(self._readings), self._learned, self._next, self._ended)
+        server.send(said, state)
+        if event.kind == "model":
+            server.send(state, state)
 
     def newest_pose(self) -> Pose:
         """The arm now.

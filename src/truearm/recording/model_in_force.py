@@ -55,7 +55,7 @@ class ModelInForce:
         if self._fit is not None:
             return Event("refused", "a fit is under way")
         if self._arm is None:
-            return Event("refused", "a fit needs the arm", {"hint": "--arm ARM"})
+            return Event("refused", "a fit needs the arm: start with --arm ARM")
         if not n_readings:
             return Event("refused", "there are no readings to fit")
         try:
@@ -102,9 +102,9 @@ class ModelInForce:
     def save(self) -> Event:
         """Write the model in force, by the command ``save``."""
         if self._out is None:
-            return Event("refused", "the model has no file", {"hint": "--out-model arm.truearm"})
+            return Event("refused", "the model has no file: start with --out-model FILE")
         if self.model is None:
-            return Event("refused", "no model is in force yet: refit makes one")
+            return Event("refused", "no model is in force yet: refit first")
         try:
             save_model(self.model, self._out)
         except TruearmError as error:

@@ -116,7 +116,7 @@ class PosesToMeasure:
             return Event("next", text, {"pose": None, "remaining": 0})
         own = [f" {unit}" if len(set(units)) > 1 else "" for unit in units]
         angles = ", ".join(
-            f"J{joint} {aim:.0f}{unit}" for joint, (aim, unit) in enumerate(zip(aims, own, strict=True), 1)
+            f"J{joint} {aim:z.0f}{unit}" for joint, (aim, unit) in enumerate(zip(aims, own, strict=True), 1)
         )
         parts = [angles if own[0] else f"{angles} {units[0]}"]
         values: dict[str, object] = {"pose": self.number, "aim": aims}
@@ -126,7 +126,7 @@ class PosesToMeasure:
             parts = [f"pose {self.number} of {len(self.plan)}{note and f', {note}'}", *parts, f"{n_left} to go"]
             values |= {"remaining": n_left, "instruction": note}
         if (mm := self.would_give_mm) is not None:
-            parts.append(f"would give {mm:.3f} mm")
+            parts.append(f"would leave an uncertainty of {mm:.3f} mm")
             values["would_give_mm"] = mm
         return Event("next", f"next: {'; '.join(parts)}", values)
 

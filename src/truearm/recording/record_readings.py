@@ -127,8 +127,8 @@ def follow(recording: Recording, commands: Iterator[str] | None = None) -> Itera
             yield from recording.news_of_fit()
     finally:
         over.set()
-        end = recording.close()
-    yield end
+        recording.close()
+    yield recording.end()
 
 
 def _dealt_with(recording: Recording, origin: _Origin, what: Sample | Notice | str | None) -> Iterator[Event]:

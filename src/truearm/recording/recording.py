@@ -271,8 +271,8 @@ class Recording:
             yield self._name_seat(rest.strip())
         elif word == "point":
             yield self._point.type(rest, is_still=self.is_still)
-        elif text.strip() == "skip" and self._poses.skip():
-            yield from self._next()
+        elif text.strip() == "skip":
+            yield from self._skip()
         elif word == "steer":
             yield from self._steer(rest)
         elif text.strip() == "refit":
@@ -280,7 +280,7 @@ class Recording:
         elif text.strip() == "save":
             yield self._in_force.save()
         else:
-            known = "take, take moving, undo, seat, point, skip, refit or save"
+            known = "take, take moving, undo, seat, point, skip, refit, save or end"
             yield Event("refused", f"unknown command {text[:40]!a}: {known}")
 
     def news_of_fit(self) -> Iterator[Event]:
@@ -296,11 +296,14 @@ class Recording:
                 yield learned_event(before_mm, self._learning.uncertainty_mm)
                 yield from self._next()
 
-    def close(self) -> Event:
+    def close(self) -> None:
         """Close the file, and end a fit that is under way."""
         self._in_force.close()
         if self._log is not None:
             self._log.close()
+
+    def end(self) -> Event:
+        """What is said at the end, whatever ended it."""
         count = format_count(self.n_readings, "reading")
         return Event("end", f"{count} in {self.out}", {"readings": self.n_readings, "file": str(self.out)})
 
@@ -451,6 +454,12 @@ class Recording:
         yield Event("undone", f"reading {number} removed", {"reading": number, **row, **numbers})
         yield from self._learn()
         yield from self._next()
+
+    def _skip(self) -> Iterator[Event]:
+        if self._poses.skip():
+            yield from self._next()
+        else:
+            yield Event("refused", "there is no next pose to skip: start with --plan PLAN, or --rank")
 
     def _is_number(self, column: str) -> bool:
         """Whether an event of a reading has a column as a number."""

@@ -74,7 +74,7 @@ class ReferencePoint:
         """Take the point that a person typed."""
         point = typed_numbers(text)
         if self._reference != TYPED:
-            return Event("refused", "points are not typed in this recording", {"hint": "--reference typed"})
+            return Event("refused", "points are not typed here: start with --reference typed")
         if not is_still:
             return Event("refused", "type the point while the arm stands still: it is that of this standstill")
         if point.shape != (3,):

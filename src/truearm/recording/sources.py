@@ -121,7 +121,9 @@ class SourceTrial(Record):
         if shown:
             n = len(shown[0].joint_angles_rad)
             names = [f"J{joint} [{'mm' if joint in self.prismatic else 'deg'}]" for joint in range(1, n + 1)]
-            yield TextTable(["time [s]", *names, "x [mm]", "y [mm]", "z [mm]"], map(self._row, shown), left_aligned=())
+            if self._has_points:
+                names += ["x [mm]", "y [mm]", "z [mm]"]
+            yield TextTable(["time [s]", *names], map(self._row, shown), left_aligned=())
         yield from self.notices
 
     def _verdict(self) -> str:
@@ -133,10 +135,14 @@ class SourceTrial(Record):
         rows = np.unique(np.linspace(0, len(self.samples) - 1, min(SHOWN, len(self.samples))).round().astype(int))
         return [self.samples[row] for row in rows]
 
+    @property
+    def _has_points(self) -> bool:
+        return any(one.tip_in_reference_mm is not None for one in self.samples)
+
     def _row(self, sample: Sample) -> list[str]:
-        point = (
-            ["-"] * 3 if sample.tip_in_reference_mm is None else [f"{one:.3f}" for one in sample.tip_in_reference_mm]
-        )
+        point = ["-"] * 3 if self._has_points else []
+        if sample.tip_in_reference_mm is not None:
+            point = [f"{one:.3f}" for one in sample.tip_in_reference_mm]
         angles = (f"{one:.3f}" for one in self._displayed(sample))
         return [f"{sample.time_s - self.samples[0].time_s:.2f}", *angles, *point]
 
