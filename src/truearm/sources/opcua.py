@@ -10,11 +10,12 @@ import asyncio
 import logging
 import re
 import time
-from collections.abc import Iterator
-from contextlib import closing, contextmanager, suppress
+from collections.abc import Coroutine, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
 from functools import partial
 from math import isfinite, pi
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -23,6 +24,8 @@ from truearm.sources.connections import CONNECT_S, connected
 from truearm.sources.extras import extra_package
 from truearm.sources.joint_scale import MOST_JOINTS
 from truearm.sources.sample import Sample, Source, Stream
+
+_Answer = TypeVar("_Answer")
 
 PORT = 4840
 RATE_HZ = 25.0
@@ -64,16 +67,17 @@ def opcua(address: str, device: str = "") -> Source:
 class _Device:
     """A motion device of a server; OSError where the connection is lost.
 
-    Its own loop runs while something is asked for, in the thread that asks: no thread stays behind.
+    Its loop runs in a thread of its own, while something is asked for: that of who asks may run another.
     """
 
     def __init__(self, url: str, device: str) -> None:
         asyncua = extra_package("asyncua", "opcua", "an OPC UA server")
         self._runner, self._client = asyncio.Runner(), asyncua.Client(url, timeout=CONNECT_S)
+        self._thread = ThreadPoolExecutor(1, "truearm opcua")
         try:
             with self._failing():
-                self._runner.run(self._client.connect())
-                self._positions, self._factors = self._runner.run(asyncio.wait_for(self._axes(device), BROWSE_S))
+                self._run(self._client.connect())
+                self._positions, self._factors = self._run(asyncio.wait_for(self._axes(device), BROWSE_S))
         except OSError:
             self.close()
             raise
@@ -130,7 +134,7 @@ class _Device:
             return values
 
         with self._failing():
-            values = self._runner.run(ask())
+            values = self._run(ask())
         if not all(isinstance(one, int | float) and isfinite(one) for one in values):
             raise ConnectionError("the server gives positions that are no numbers")
         positions = np.array(values, dtype=float) * self._factors
@@ -140,8 +144,13 @@ class _Device:
 
     def close(self) -> None:
         """Leave the server."""
-        with closing(self._runner), suppress(Exception):
-            self._runner.run(asyncio.wait_for(self._client.disconnect(), CONNECT_S))
+        with self._thread:
+            with suppress(Exception):
+                self._run(asyncio.wait_for(self._client.disconnect(), CONNECT_S))
+            self._thread.submit(self._runner.close)
+
+    def _run(self, asked: Coroutine[Any, Any, _Answer]) -> _Answer:
+        return self._thread.submit(self._runner.run, asked).result()
 
 
 async def _children(node: Any) -> dict[str, Any]:

@@ -174,10 +174,7 @@ def updated_estimate(
         old[:, :n_terms] = _by_placing(old, P, n_terms)
         known = P + old.T @ old
         A = known + new.T @ new
-        try:
-            factor = cho_factor(A, lower=True)
-        except LinAlgError:
-            raise InputError("the readings leave no estimate", hint="check the unit of their points") from None
+        factor = _factor(A)
         C, step = cho_solve(factor, np.eye(len(x))), cho_solve(factor, rows.T @ r - P @ (x - mean))
         x, terms = x + step, x[:n_terms] + step[:n_terms]
         left = noise_mm * (r - rows @ step)[3 * n_in_prior :]
@@ -213,7 +210,7 @@ def _by_placing(rows: FloatArray, precision: FloatArray, n_terms: int) -> FloatA
     """Derivatives (k, n_terms) by the terms, projected onto those by base and seats."""
     by_terms, placing = rows[:, :n_terms], rows[:, n_terms:]
     information = placing.T @ placing + precision[n_terms:, n_terms:]
-    return np.asarray(placing @ cho_solve(cho_factor(information, lower=True), placing.T @ by_terms))
+    return np.asarray(placing @ cho_solve(_factor(information), placing.T @ by_terms))
 
 
 def _linearised(
@@ -246,3 +243,11 @@ def _with_wide(precision: FloatArray, m: int) -> FloatArray:
     out = np.diag(np.full(m, SEAT_STD_MM**-2.0))
     out[: len(precision), : len(precision)] = precision
     return out
+
+
+def _factor(information: FloatArray) -> tuple[FloatArray, bool]:
+    try:
+        factor: tuple[FloatArray, bool] = cho_factor(information, lower=True)
+    except LinAlgError:
+        raise InputError("the readings leave no estimate", hint="check the unit of their points") from None
+    return factor
