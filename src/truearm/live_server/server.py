@@ -77,6 +77,7 @@ class LiveServer:
         self._commander: _Client | None = None
         self._state: State = State({}, (), None, None, "")
         self._commands: queue.Queue[str | None] = queue.Queue(MOST_WAITING)
+        self._most_threads = threading.active_count() + MOST_THREADS
         self._server = self._listen(port)
         address, port = self._server.socket.getsockname()[:2]
         address = f"[{address}]" if ":" in address else address
@@ -155,7 +156,7 @@ class LiveServer:
         """A connection that websockets reads; a request with a body, which it does not read, is answered here."""
         from websockets.sync.server import ServerConnection
 
-        if threading.active_count() > MOST_THREADS:
+        if threading.active_count() > self._most_threads:
             raise ConnectionAbortedError("there are too many")  # websockets closes it
         if not is_post(sock):
             return ServerConnection(sock, *arguments, **options)
