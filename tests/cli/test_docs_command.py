@@ -82,4 +82,4 @@ def test_a_page_whose_command_fails_stops_there_and_one_without_commands_is_refu
     assert "nosuch.toml" in ran.err
     assert ran.out == "$ truearm arms nosuch.toml\n"
     page.write_text("# A page\n")
-    assert "has no commands to run" in truearm("docs", "page", "--run", str(tmp_path)).err
+    assert "has no commands that run as they stand" in truearm("docs", "page", "--run", str(tmp_path)).err

@@ -364,7 +364,9 @@ def test_the_corrected_tip_is_that_of_predict(tmp_path):
 def test_a_view_may_ask_for_the_corrected_tip_while_the_file_is_opened(tmp_path):
     session = ta.simulate("ur10", poses=40, seed=1).session
     model = ta.fit("ur10", session, model="nominal").model
-    recording = Recording(source(), tmp_path / "out.csv", model=model, rule=RULE)
+    with pytest.raises(InputError, match="the arm 'ur5' has other kinematics than the arm of the model, 'ur10'"):
+        Recording(source(), tmp_path / "out.csv", arm="ur5", model=model)
+    recording = Recording(source(), tmp_path / "out.csv", arm="ur10", model=model, rule=RULE)
     assert recording.corrected() is None
     events = recording.on_sample(Sample(0.0, session.angles[0]))
     assert next(events).kind == "ready"

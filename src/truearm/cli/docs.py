@@ -76,7 +76,9 @@ def run_page(page: Path, folder: Path) -> None:
 
     steps = list(steps_of(page.read_text(encoding="utf-8")))
     if not any(isinstance(step, list) for step in steps):
-        raise InputError(f"docs/{page.stem}.md has no commands to run", hint="first-certificate or example-data")
+        raise InputError(
+            f"docs/{page.stem}.md has no commands that run as they stand", hint="first-certificate or example-data"
+        )
     folder.mkdir(parents=True, exist_ok=True)
     with contextlib.chdir(folder):
         there = [step[0] for step in steps if isinstance(step, tuple) and Path(step[0]).exists()]

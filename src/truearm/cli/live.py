@@ -74,4 +74,8 @@ def _demo(context: Context, samples_hz: float) -> Recording:
     refuse_typed(context, [option.name for option in fields(LiveOptions)], "does not apply to --demo")
     with progress("planning the demonstration", total=len(get_args(Strategy))) as tell:
         folder = Path(tempfile.mkdtemp(prefix="truearm-"))  # it stays: a session and a model are worth keeping
-        return demo_recording(folder, samples_hz=samples_hz, progress=tell)
+        recording = demo_recording(folder, samples_hz=samples_hz, progress=tell)
+    print_line(
+        "On the page, g brings the arm to the next pose, where it takes a reading; after a dozen, r fits a model."
+    )
+    return recording

@@ -10,6 +10,7 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
+from truearm.number_format import format_count
 from truearm.recording.recording import Recording
 from truearm.recording.recording_event import Event
 
@@ -76,14 +77,17 @@ class RecordingView:
         recording = self.recording
         state = "waiting for the arm" if recording.sample is None else "still" if recording.is_still else "moving"
         seat = f", seat {recording.seat}" if recording.seat else ""
-        parts: list[Table | Text] = [Text(f"{recording.n_readings} readings{seat}: {state}", style="bold")]
+        parts: list[Table | Text] = [
+            Text(f"{format_count(recording.n_readings, 'reading')}{seat}: {state}", style="bold")
+        ]
         if (tip := recording.corrected()) is not None:
             parts.append(Text(str(tip), style="bold green"))
         if recording.sample is not None:
             parts.append(self._angles())
         parts += [Text(text) for text in (self._learned, self._next) if text]
         parts += [Text(text, style="dim") for text in self._said]
-        parts.append(Text(f"{self.prompt}: {self.typed}_" if self.prompt else HELP, style="cyan"))
+        typing = f"{self.prompt}: {self.typed}_  (Enter: done, Escape: cancel)"
+        parts.append(Text(typing if self.prompt else HELP, style="cyan"))
         return Group(*parts)
 
     def _angles(self) -> Table:

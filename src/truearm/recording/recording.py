@@ -18,6 +18,7 @@ from truearm.compensation.models import Compensator
 from truearm.errors import InputError
 from truearm.files.delimited import MAX_NAME
 from truearm.identification.planning.planned_readings import PlannedReadings, read_planned
+from truearm.identification.terms.type_prior import kinematics_sha256
 from truearm.number_format import format_count
 from truearm.readings.readings import DIRECTION, LOAD
 from truearm.readings.session_log import SessionLog, check_log_path
@@ -91,6 +92,8 @@ class Recording:
         self.out, self.seat, self._on = Path(out), seat, on
         known = None if model is None else to_model_of_tip(model)
         self.arm = to_arm(arm) if arm is not None else None if known is None else known.arm_
+        if _is_known(self.arm) and known is not None and _is_known(known.arm_):
+            _check_same(self.arm, known.arm_)
         check_log_path(self.out)
         if plan is not None and self.arm is None:
             raise InputError("a plan needs the arm that it is for", file=plan, hint="--arm ARM")
@@ -508,6 +511,15 @@ class Recording:
 
 def _is_known(arm: Arm | None) -> TypeGuard[Arm]:
     return arm is not None and arm.has_kinematics
+
+
+def _check_same(arm: Arm, of_model: Arm) -> None:
+    """Refuse an arm with other kinematics than that of the model; base and tip may differ."""
+    if kinematics_sha256(arm) != kinematics_sha256(of_model):
+        raise InputError(
+            f"the arm {arm.name!r} has other kinematics than the arm of the model, {of_model.name!r}",
+            hint="give the model alone, which has its arm, or a model of this arm",
+        )
 
 
 def _is_finite(cell: str) -> bool:

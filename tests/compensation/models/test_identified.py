@@ -313,7 +313,7 @@ def test_the_highest_order_is_an_option(highest, real, rng):
 def test_a_progress_is_told(real, rng):
     told = []
     KinematicModel(real.arm).fit_readings(real.points(40, rng), progress=lambda done, note: told.append((done, note)))
-    assert told[0] == (0, "terms")
+    assert told[0] == (0, "choosing terms")
     assert all(isinstance(done, int) and note for done, note in told)
     assert "point" in told[-1][1]
 

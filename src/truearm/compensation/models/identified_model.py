@@ -113,7 +113,7 @@ class IdentifiedModel(Compensator):
 
     def _fit(self, readings: PreparedReadings, placed: Found, simpler: Compensator | None, progress: Progress) -> None:
         self._check_sessions(readings)
-        progress(0, "terms")
+        progress(0, "choosing terms")
         found = self._identify(readings, placed, simpler, progress)
         self.fit_, self.excluded_terms_ = found.fit, found.excluded_terms
         self.held_out_, self.held_out_gross_ = found.held_out, found.held_out_gross
