@@ -17,9 +17,9 @@ import numpy as np
 import pytest
 
 import truearm as ta
-from truearm.errors import TruearmError
+from truearm.errors import InputError, TruearmError
 from truearm.fleet import executors
-from truearm.fleet.executors import Dask, Processes
+from truearm.fleet.executors import Dask, Processes, chosen_executor
 from truearm.solve.executor import AHEAD, Serial, WorkerLost, results_in_order
 from truearm.workflows.evaluate_large import evaluate_large
 
@@ -188,6 +188,15 @@ def test_a_scheduler_that_does_not_answer_is_named():
         address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
     with pytest.raises(TruearmError, match="does not answer; 1 tasks are left"):
         list(Dask(address, patience_s=0.5).results(square, [1.0]))
+
+
+@pytest.mark.parametrize(
+    "address", ["", "10.0.0.7", "10.0.0.7:8786", "tcp://10.0.0.7", "tcp://host:port", "teapot://host:1"]
+)
+def test_what_is_no_address_of_a_scheduler_is_refused(address):
+    with pytest.raises(InputError, match="expected the address of a scheduler, got .*tcp://10.0.0.7:8786"):
+        chosen_executor(None, address)
+    assert chosen_executor(None, "tcp://[::1]:8786") == Dask("tcp://[::1]:8786")
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="processes are ended by signals")

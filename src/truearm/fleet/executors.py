@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 from math import inf
 from multiprocessing import get_context
 from typing import Any, TypeVar
+from urllib.parse import urlsplit
 
 from truearm.errors import InputError, TruearmError
 from truearm.files.extra_packages import extra_module
@@ -25,6 +26,7 @@ from truearm.solve.executor import Executor, Serial, WorkerLost
 T = TypeVar("T")
 R = TypeVar("R")
 
+SCHEMES = ("tcp", "tls", "ws", "wss")  # of the addresses of schedulers
 # Workers that one task may lose before it is given up.
 MAX_LOST = 3
 
@@ -179,10 +181,21 @@ def chosen_executor(workers: int | None, scheduler: str | None) -> Executor:
     Raises
     ------
     InputError
-        If both are given.
+        If both are given, or the scheduler has no address with a port.
     """
     if workers is not None and scheduler is not None:
         raise InputError("expected --workers or --scheduler, got both")
     if scheduler is not None:
+        _check_address(scheduler)
         return Dask(scheduler)
     return Serial() if workers is None else Processes(workers)
+
+
+def _check_address(scheduler: str) -> None:
+    try:
+        place = urlsplit(scheduler)
+        is_address = place.scheme in SCHEMES and bool(place.hostname and place.port)
+    except ValueError:
+        is_address = False
+    if not is_address:
+        raise InputError(f"expected the address of a scheduler, got {scheduler!r:.80}", hint="tcp://10.0.0.7:8786")
