@@ -71,15 +71,6 @@ def server(**devices):
 
 
 @pytest.fixture(autouse=True)
-def no_running_loop():
-    """The browser of other tests leaves its loop running in this thread, where none of ours could run."""
-    running = asyncio._get_running_loop()
-    asyncio._set_running_loop(None)
-    yield
-    asyncio._set_running_loop(running)
-
-
-@pytest.fixture(autouse=True)
 def quick(monkeypatch):
     monkeypatch.setattr(connections, "RETRY_S", 0.01)
 
