@@ -33,10 +33,12 @@ class Broker:
     messages : bytes
     code : int
         Of the answer to CONNECT; 0 lets it in.
+    topic_code : int
+        Of the answer to SUBSCRIBE; 128 refuses.
     """
 
-    def __init__(self, *messages, code=0):
-        self.messages, self.code, self.topics = messages, code, []
+    def __init__(self, *messages, code=0, topic_code=0):
+        self.messages, self.code, self.topic_code, self.topics = messages, code, topic_code, []
 
     def __call__(self, client: socket.socket) -> None:
         kind, content = self._packet(client)
@@ -48,7 +50,7 @@ class Broker:
         assert kind == 0x82
         (size,) = struct.unpack_from(">H", content, 2)
         self.topics.append(content[4 : 4 + size].decode())
-        client.sendall(b"\x90\x03" + content[:2] + b"\0")
+        client.sendall(b"\x90\x03" + content[:2] + bytes([self.topic_code]))
         for message in self.messages:
             body = struct.pack(">H", 8) + b"cell/arm" + message
             size = b""
@@ -129,11 +131,12 @@ def test_what_is_no_message_of_the_arm_is_said_and_is_no_sample(tmp_path, messag
 
 
 def test_a_lost_broker_and_a_refusal_are_said_and_it_connects_again(tmp_path):
-    with tcp_device(Broker(code=5), Broker(GOOD), Broker(GOOD, GOOD)) as port:
+    with tcp_device(Broker(code=5), Broker(topic_code=128), Broker(GOOD), Broker(GOOD, GOOD)) as port:
         samples, notices = samples_of(source(tmp_path, port), 3)
     assert len(samples) == 3
     assert "nothing was received for a second" not in notices
     assert any("the broker refuses: Not authorized" in text for text in notices), notices
+    assert any("the broker refuses cell/arm: " in text for text in notices), notices
     assert any("the broker closed the connection" in text for text in notices), notices
 
 

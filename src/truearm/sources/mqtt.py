@@ -136,7 +136,11 @@ class _Broker:
             else:
                 client.subscribe(document.topic)
 
-        self._client.on_connect = on_connect
+        def on_subscribe(_client: Any, _data: Any, _mid: Any, codes: Any, _properties: Any) -> None:
+            if any(code.is_failure for code in codes):
+                self._refused = f"the broker refuses {document.topic:.80}: {codes[0]}"
+
+        self._client.on_connect, self._client.on_subscribe = on_connect, on_subscribe
         self._client.on_message = lambda _client, _data, message: self._messages.append(message.payload)
         self._client.connect_timeout = CONNECT_S
         if document.username:
