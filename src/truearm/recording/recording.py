@@ -461,6 +461,8 @@ class Recording:
     def _skip(self) -> Iterator[Event]:
         if self._poses.skip():
             yield from self._next()
+        elif self.plan is not None:
+            yield Event("refused", "the plan is done")
         else:
             yield Event("refused", "there is no next pose to skip: start with --plan PLAN, or --rank")
 
