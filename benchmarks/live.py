@@ -185,7 +185,7 @@ class _Watched:
         """Note memory and file handles until the end."""
         page = os.sysconf("SC_PAGE_SIZE")
         while not ends.wait(1.0):
-            self.memory_mb.append(int(Path("/proc/self/statm").read_text().split()[1]) * page / 1e6)
+            self.memory_mb.append(int(Path("/proc/self/statm").read_text(encoding="utf-8").split()[1]) * page / 1e6)
             self.handles.append(len(os.listdir("/proc/self/fd")))
 
     def growth_percent(self) -> float:
