@@ -22,7 +22,10 @@ from benchmarks.rows import SCRATCH, Row, RowResult, Rows, Target, machine, run_
 
 def benchmarks() -> dict[str, str]:
     """Names of the benchmarks, with the first line of their text."""
-    texts = {file.stem: file.read_text(encoding="utf-8") for file in sorted(Path(__file__).parent.glob("*.py"))}
+    here = Path(__file__).parent
+    files = {file.stem: file for file in here.glob("*.py")}
+    files |= {file.parent.name: file for file in here.glob("*/__init__.py")}
+    texts = {name: file.read_text(encoding="utf-8") for name, file in sorted(files.items())}
     return {
         name: (ast.get_docstring(ast.parse(text)) or "").partition("\n")[0]
         for name, text in texts.items()

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
 from collections import Counter
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks.commands import command_output
 from benchmarks.rows import RowResult, Rows, Target, scratch
 from benchmarks.table_kinds import Kind, all_kinds
-from truearm.cli import main
 from truearm.readings import read_session
 
 ROWS = Rows()
@@ -77,12 +75,7 @@ def run(table: Path, columns: list[str], options: dict[str, str]) -> tuple[int, 
     for name, value in options.items():
         arguments += [f"--{name.replace('_', '-')}", value]
     table.with_name("session.csv").unlink(missing_ok=True)
-    said = io.StringIO()
-    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
-        try:
-            main.run(arguments)
-        except SystemExit as ended:
-            return int(ended.code or 0), " ".join(said.getvalue().split())
+    return command_output(*arguments)
 
 
 def session(table: Path) -> tuple[np.ndarray, np.ndarray | None]:
