@@ -97,8 +97,8 @@ def large_zero() -> str:
 
 
 for _arm, _preset in (
-    ("ur10", "worn"), ("ur5e", "research"), ("panda", "shop"), ("iiwa7", "shop"), ("measuring7", "worn"), ("gao2017", "shop"),
-    ("wam", "shop"), ("irb120", "worn"), ("so101", "printed"), ("gen3", "shop"),
+    ("ur10", "worn"), ("ur5e", "research"), ("panda", "shop"), ("iiwa7", "shop"), ("measuring7", "worn"),
+    ("gao2017", "shop"), ("wam", "shop"), ("irb120", "worn"), ("so101", "printed"), ("gen3", "shop"),
 ):  # fmt: skip
     right(f"{POSES} readings of {_arm}, errors as {_preset}", unsaid="another arm|contradict|described wrongly")(
         lambda arm=_arm, preset=_preset: str(ta.fit(arm, readings(arm, preset=preset), model="kinematic"))
