@@ -75,7 +75,7 @@ from truearm.identification.judgement.nominal_check import (
 )
 from truearm.identification.judgement.outer_regions import growing_outside
 from truearm.identification.judgement.reference_table import reference_table
-from truearm.identification.judgement.repeating_residuals import UNKNOWN_SHARE, repeating_share
+from truearm.identification.judgement.repeating_residuals import UNKNOWN_SHARE, of_one_reading, repeating_share
 from truearm.identification.judgement.residual_process import (
     ResidualProcess,
     add_residual_process,
@@ -100,6 +100,7 @@ from truearm.identification.terms.basis import Temperature
 from truearm.identification.terms.catalogue import JOINT_COMPLIANCE, unlearned_terms
 from truearm.readings.checks import check_scale
 from truearm.readings.reference_uncertainty import scale_errors
+from truearm.readings.session import Session
 from truearm.typing import BoolArray, FloatArray
 
 # Share of the error at held-out readings of one place that all terms together may leave: with three quarters of its
@@ -138,7 +139,7 @@ class Unexplained:
     Attributes
     ----------
     residual_std_mm : float
-        Standard deviation of a coordinate, root mean square over the joint space [mm].
+        Standard deviation of a coordinate of one reading, root mean square over the joint space [mm].
     variance_function : VarianceFunction
         Share of its square at other angles.
     tail_freedom : float
@@ -151,6 +152,15 @@ class Unexplained:
     variance_function: VarianceFunction
     tail_freedom: float
     repeating_share: float = UNKNOWN_SHARE
+
+    def widened(self, factor: float) -> Unexplained:
+        """With `factor` times the variance."""
+        return replace(self, residual_std_mm=self.residual_std_mm * float(np.sqrt(factor)))
+
+    def of_one_reading(self, readings: Session) -> Unexplained:
+        """Of one reading, where these are means of repeats."""
+        variance, share = of_one_reading(self.residual_std_mm**2, self.repeating_share, readings)
+        return replace(self, residual_std_mm=float(np.sqrt(variance)), repeating_share=share)
 
 
 @dataclass(frozen=True, eq=False)
@@ -544,7 +554,7 @@ def _concluded(
         held_out.select(is_excluded),
         distances,
         HeldOutErrors.of(kept, n_excluded=int(is_excluded.sum())),
-        replace(rest, residual_std_mm=rest.residual_std_mm * float(np.sqrt(widened))),
+        rest.widened(widened).of_one_reading(readings.session),
         birge,
         process,
     )

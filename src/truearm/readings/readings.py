@@ -88,6 +88,8 @@ class Readings:
     numbers: IntArray | None = None
     by_line: bool = False
     unfilled: tuple[str, ...] = ()
+    n_repeats: IntArray | None = None
+    repeat_std_mm: float = 0.0
 
     def __post_init__(self) -> None:
         angles = np.asarray(self.angles, dtype=float)
@@ -264,6 +266,11 @@ class Readings:
     def has_point(self) -> BoolArray:
         """(n,) Whether each reading has a reference point."""
         return np.zeros(len(self), bool) if self.points is None else ~np.isnan(self.points[:, 0])
+
+    @property
+    def averaged_mm2(self) -> FloatArray:
+        """(n,) by how much the variance of a coordinate is less than that of one reading, as means have it [mm^2]."""
+        return np.zeros(len(self)) if self.n_repeats is None else self.repeat_std_mm**2 * (1 - 1 / self.n_repeats)
 
     def called(self, row: int) -> str:
         """Name row `row` (counted from 0) for a person: ``line 14``, without a file ``reading 12``."""

@@ -3,7 +3,8 @@
 What an arm does wrong at a pose it does at every reading there: repeats show how an instrument scatters, and nothing of
 other poses. Counted as readings of their own they pass their small scatter off as that between poses. So readings that
 differ in nothing that is stated are merged into their mean, of standard uncertainty ``s / sqrt(k)`` for k readings that
-scatter by s (JCGM 100:2008, 4.2.3). What they have in common with the instrument's error at this place stays.
+scatter by s (JCGM 100:2008, 4.2.3). What they have in common with the instrument's error at this place stays. The mean
+knows k and s: a model states the uncertainty of one reading, and the mean of k has less of it (`averaged_mm2`).
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ class MergedReadings(Generic[Kept]):
     Attributes
     ----------
     readings : Readings
-        The means of repeats, numbered as the first of each.
+        The means of repeats, numbered as the first of each; they know their number and scatter.
     first : (n,) int array
         Its row in the readings as given.
     count : (n,) int array
@@ -135,7 +136,10 @@ def merge_repeats(readings: Kept) -> MergedReadings[Kept]:
     values = _measured(readings)
     off = values - _means(values, first, member)[member]
     scatter = float(np.sqrt((off**2).sum() / max(off.shape[1] * (n - len(first)), 1)))
-    return MergedReadings(_merged(readings, first, member, scatter), first, count, scatter, n_changed)
+    merged = _merged(readings, first, member, scatter)
+    if scatter > 0:  # copies say nothing of noise, and average none
+        merged = replace(merged, n_repeats=count, repeat_std_mm=_unstated(readings, scatter))
+    return MergedReadings(merged, first, count, scatter, n_changed)
 
 
 def _stated_alike(readings: Readings, group: IntArray) -> IntArray:
@@ -282,6 +286,17 @@ def _merged(readings: Kept, first: IntArray, member: IntArray, scatter: float) -
     changed: dict[str, Any] = {name: names[name](values) for name, values in stated.items() if values is not None}
     columns = {name: mean(values) for name, values in readings.columns.items()}
     return replace(readings.rows(first), **changed, columns=columns)
+
+
+def _unstated(readings: Readings, scatter: float) -> float:
+    """What the stated uncertainties do not contain of the scatter of repeats, as a standard deviation [mm]."""
+    stated = [
+        values[np.isfinite(values)]
+        for values in (readings.point_std, readings.u_distance_mm)
+        if values is not None and np.isfinite(values).any()
+    ]
+    known = (np.minimum(np.concatenate(stated), scatter) ** 2).mean() if stated else 0.0
+    return float(np.sqrt(max(scatter**2 - known, 0.0)))
 
 
 def _means(values: FloatArray, first: IntArray, member: IntArray) -> FloatArray:

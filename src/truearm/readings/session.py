@@ -79,6 +79,11 @@ class Session(Readings):
     unfilled : tuple of str
         Seat, or nothing, of each row of `file` without a number: of a plan that is still to be measured. They are no
         readings.
+    n_repeats : (n,) int array, optional
+        Of how many readings each is the mean (`truearm.readings.repeats`); 1 each where it is None. Not in a file.
+    repeat_std_mm : float
+        Standard deviation by which a coordinate of one of them scatters about that mean, beyond its stated uncertainty
+        [mm].
 
     Raises
     ------

@@ -23,6 +23,7 @@ from truearm.readings import (
     seat_errors,
 )
 from truearm.readings.anchors import LEAST_COMPARED, distance_errors, has_located_anchor
+from truearm.readings.repeats import merge_repeats
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 from truearm.workflows.inputs import (
@@ -33,6 +34,7 @@ from truearm.workflows.inputs import (
     evaluation_remarks,
     expanded_lengths,
     has_repeated_seat,
+    repeat_remarks,
     session_lengths,
     to_model_and_session,
     to_session,
@@ -65,7 +67,7 @@ def evaluate(
     reference point are compared with it, readings in a seat with the mean of the points predicted there, and the
     distance between two such means with the known length. Distances to an anchor are compared with those of the
     predicted points from the place that fits them best. Readings from which `refit` identified base and tip are
-    skipped.
+    skipped. Readings that repeat a pose count as one, their mean (`truearm.readings.repeats`), as in `fit`.
 
     A regressor of the user's own, of scikit-learn or any object with `predict`, fitted by ``regressor.fit(train.angles,
     train.points)``, is compared with the same references. It has no nominal arm, joint limits or stated uncertainty;
@@ -112,7 +114,9 @@ def evaluate(
     fitted, given = to_model_and_session(model, session)
     allowed = within_limits(given, fitted.arm, limits)
     check_has_reference(allowed.session, fitted.arm, purpose="evaluate against", least=LEAST_COMPARED)
-    used, rows, refit_remarks = without_refit_readings(allowed.session, fitted)
+    others, rows, refit_remarks = without_refit_readings(allowed.session, fitted)
+    merged = merge_repeats(others)
+    used = merged.readings
     known, length_remarks = session_lengths(lengths, given, used)
     check_sessions(used, known, own_frame="base" not in fitted.free)
     known = expanded_lengths(known, used)
@@ -131,7 +135,7 @@ def evaluate(
         if (on_the_day := fitted.under("repeatability")) is not fitted:
             same_day, far_that_day = uncertainty_budget(on_the_day, used)
             far = far_that_day if conditions == "repeatability" else far
-        outliers = tuple(outlier.located(given, allowed.rows[rows]) for outlier in far)
+        outliers = tuple(outlier.located(given, allowed.rows[rows[merged.first]]) for outlier in far)
     return Evaluation(
         model=fitted,
         session=used,
@@ -148,6 +152,7 @@ def evaluate(
             *allowed.remarks,
             *refit_remarks,
             *length_remarks,
+            *repeat_remarks(merged),
             *evaluation_remarks(fitted, at),
         ),
     )
@@ -161,7 +166,7 @@ class Evaluation(Record):
     ----------
     model : Compensator or regressor
     session : Session
-        The readings that were used.
+        The readings that were used, those that repeat each other merged into their mean.
     predicted : dict of str to (n, 3) array
         Points of ``"nominal"`` and ``"model"`` [mm]; of a regressor those of ``"model"`` alone.
     errors : dict of str to dict
@@ -313,13 +318,20 @@ def _evaluate_regressor(
     check_has_reference(session, None, purpose="evaluate against", least=LEAST_COMPARED)
     stated, length_remarks = session_lengths(lengths, session, session)
     check_sessions(session, stated)
-    known = expanded_lengths(stated, session)
-    points = predict_points(regressor, session)
+    merged = merge_repeats(session)
+    used = merged.readings
+    known = expanded_lengths(stated, used)
+    points = predict_points(regressor, used)
     said = acceptance_remarks(accept)
-    remarks = (*said, *unfilled_remarks(session), *length_remarks, regressor_remark(regressor))
-    return Evaluation(
-        regressor, session, {"model": points}, {"model": _errors(points, None, session, known)}, known, remarks=remarks
+    remarks = (
+        *said,
+        *unfilled_remarks(session),
+        *length_remarks,
+        *repeat_remarks(merged),
+        regressor_remark(regressor),
     )
+    errors = {"model": _errors(points, None, used, known)}
+    return Evaluation(regressor, used, {"model": points}, errors, known, remarks=remarks)
 
 
 def _errors(points: FloatArray, nominal: FloatArray | None, used: Session, known: Lengths | None) -> dict[str, Any]:

@@ -60,6 +60,7 @@ from truearm.workflows.inputs import (
     SessionLike,
     check_session_fits,
     has_repeated_seat,
+    repeat_remarks,
     session_lengths,
     to_arm,
     to_free_parts,
@@ -67,7 +68,7 @@ from truearm.workflows.inputs import (
     within_limits,
 )
 from truearm.workflows.record import Record, TextTable, format_fixed
-from truearm.workflows.sentences import agree, compare_with_nominal, format_mm, listed, number_of
+from truearm.workflows.sentences import compare_with_nominal, format_mm, listed, number_of
 
 if TYPE_CHECKING:
     from truearm.pages.plotting import Figure
@@ -194,7 +195,7 @@ def fit(
             *_scatter(learned.arm_model, readings),
             *checked.remarks,
             *length_remarks,
-            *_repeat_remarks(merged, fitted),
+            *repeat_remarks(merged, fitted),
             *_said(learned, nominal, readings),
         ),
     )
@@ -487,35 +488,6 @@ def _scatter(model: Compensator, readings: PreparedReadings) -> Iterator[str]:
             f"These readings scatter by {format_mm(scatter)} about the identified arm; with a laser tracker it is "
             f"{TRACKER_MM:g} mm. The uncertainties contain it, and more readings average it."
         )
-
-
-def _repeat_remarks(merged: MergedReadings[Session], model: Compensator) -> Iterator[str]:
-    """How many readings are repeats, and how repeats scatter beside poses."""
-    if merged.n_changed:
-        were = f"{number_of(merged.n_changed, 'pose')} {agree(merged.n_changed, 'were')}"
-        yield (
-            f"{were} read again in a later round and not merged with it: between the rounds they changed by more than "
-            "noise. Something moved: the base, the reference, the tip or a joint."
-        )
-    n, several = int(merged.count.sum()), merged.count[merged.count > 1]
-    if not len(several):
-        return
-    least, most = int(several.min()), int(several.max())
-    times = f"{most} times" if least == most else f"{least} to {most} times"
-    poses = number_of(len(several), "pose")
-    told = f"{n} readings are {poses} read {times}"
-    if len(several) < len(merged.count):
-        told = f"{several.sum()} of {n} readings repeat each other: {poses} {agree(len(several), 'were')} read {times}"
-    scatter = ""
-    if merged.scatter_mm > 0:
-        scatter = f" The repeats scatter by {format_mm(merged.scatter_mm)}"
-        if model.arm.has_kinematics:
-            left = model.facts().get("residual_std_mm", model.nominal_error())
-            scatter += f", the poses by {format_mm(left)}"
-        scatter += "."
-    elif merged.readings.points is not None or merged.readings.distance_mm is not None:
-        scatter = " Where they have coordinates or distances these agree to the last digit, as copies do."
-    yield f"{told}; each counts as one reading, their mean, named by its first line.{scatter}"
 
 
 def _said(learned: Selection, nominal: NominalModel | None, readings: PreparedReadings) -> Iterator[str]:

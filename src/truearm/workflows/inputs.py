@@ -5,7 +5,7 @@ The command line gives paths, so that messages name file, line and column; in Py
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from hashlib import file_digest, sha256
 from pathlib import Path
@@ -44,6 +44,7 @@ from truearm.readings.anchors import LEAST_READINGS, has_located_anchor
 from truearm.readings.checks import MAX_SKIPPED_SHARE
 from truearm.readings.distances import rows_with_distance
 from truearm.readings.readings import PAYLOAD
+from truearm.readings.repeats import MergedReadings
 from truearm.readings.thermal_expansion import (
     REFERENCE_DEGC,
     STEEL_PER_K,
@@ -51,7 +52,7 @@ from truearm.readings.thermal_expansion import (
     thermal_expansion_of,
 )
 from truearm.typing import BoolArray, FloatArray, IntArray
-from truearm.workflows.sentences import agree, number_of
+from truearm.workflows.sentences import agree, format_mm, number_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -443,6 +444,37 @@ def without_refit_readings(session: Session, *models: Compensator) -> tuple[Sess
     n = int(used.sum())
     remark = f"{number_of(n)} {agree(n, 'were')} used to refit the model and {agree(n, 'are')} skipped."
     return session.rows(rows), rows, (remark,)
+
+
+def repeat_remarks(merged: MergedReadings[Session], fitted: Compensator | None = None) -> Iterator[str]:
+    """How many readings are repeats, and how these scatter; beside the poses about a model that was fitted to them."""
+    if merged.n_changed:
+        were = f"{number_of(merged.n_changed, 'pose')} {agree(merged.n_changed, 'were')}"
+        yield (
+            f"{were} read again in a later round and not merged with it: between the rounds they changed by more than "
+            "noise. Something moved: the base, the reference, the tip or a joint."
+        )
+    n, several = int(merged.count.sum()), merged.count[merged.count > 1]
+    if not len(several):
+        return
+    least, most = int(several.min()), int(several.max())
+    times = f"{most} times" if least == most else f"{least} to {most} times"
+    poses = number_of(len(several), "pose")
+    told = f"{n} readings are {poses} read {times}"
+    if len(several) < len(merged.count):
+        told = f"{several.sum()} of {n} readings repeat each other: {poses} {agree(len(several), 'were')} read {times}"
+    scatter = ""
+    if merged.scatter_mm > 0:
+        scatter = f" The repeats scatter by {format_mm(merged.scatter_mm)}"
+        if fitted is not None and fitted.arm.has_kinematics:
+            averaged = float(merged.readings.averaged_mm2.mean())
+            of_one = fitted.facts().get("residual_std_mm")
+            left = fitted.nominal_error() if of_one is None else np.sqrt(max(of_one**2 - averaged, 0.0))
+            scatter += f", the poses by {format_mm(left)}"
+        scatter += "."
+    elif merged.readings.points is not None or merged.readings.distance_mm is not None:
+        scatter = " Where they have coordinates or distances these agree to the last digit, as copies do."
+    yield f"{told}; each counts as one reading, their mean, named by its first line.{scatter}"
 
 
 def describe_outside(inputs: Mapping[str, BoolArray], training: TrainingConditions, session: Session) -> str:

@@ -13,6 +13,7 @@ from truearm.errors import InputError
 from truearm.pages.page import Page
 from truearm.readings import Lengths, Session, seat_errors
 from truearm.readings.large_sessions import LargeSession, is_large
+from truearm.readings.repeats import merge_repeats
 from truearm.show.comparison_page import (
     ModelComparison,
     comparison_page,
@@ -32,6 +33,7 @@ from truearm.workflows.inputs import (
     evaluation_remarks,
     expanded_lengths,
     model_of_tip_of,
+    repeat_remarks,
     session_lengths,
     to_model,
     to_model_and_session,
@@ -224,6 +226,8 @@ def report(
     one_arm(fitted)
     whole = readings
     readings, _, of_refit = without_refit_readings(whole, *fitted.values())
+    merged = merge_repeats(readings)
+    readings = merged.readings
     known, of_lengths = _lengths_between_seats(lengths, whole, readings)
     comparison: ModelComparison | SeatComparison
     if readings.points is not None:
@@ -237,7 +241,7 @@ def report(
         known,
         _errors(comparison),
         title,
-        (*remarks, *skipped, *of_refit, *of_lengths),
+        (*remarks, *skipped, *of_refit, *of_lengths, *repeat_remarks(merged)),
         comparison,
         files,
         accept,

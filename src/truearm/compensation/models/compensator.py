@@ -27,6 +27,7 @@ from truearm.identification.estimation.tip_offsets import of_one_tip
 from truearm.identification.identify import Found, Progress, judge_description, place
 from truearm.identification.judgement.description_check import explaining
 from truearm.identification.judgement.nominal_check import UNCHECKED
+from truearm.identification.judgement.repeating_residuals import UNKNOWN_SHARE
 from truearm.identification.judgement.stated_uncertainty import counts_rounding
 from truearm.identification.judgement.tails import ellipsoid_factor
 from truearm.identification.references.prepared_readings import MIN_ROWS, PreparedReadings
@@ -97,6 +98,9 @@ class Compensator(Regressor, ABC):
         Names of the tips on the flange, in the order of the readings (see `with_tip`); empty if none was named.
     accepted_ : tuple of Acceptance
         Contradictions in its readings that a person accepted (see `truearm.accepting`).
+    repeating_share_ : float
+        Share of the residual variance that is the same at the same pose; the rest is the noise of one reading
+        (`truearm.identification.judgement.repeating_residuals`). 1/2 where it is not known, and of older files.
     """
 
     kind: ClassVar[str]
@@ -114,6 +118,7 @@ class Compensator(Regressor, ABC):
     fit_seconds_: float
     tips_: tuple[str, ...] = ()
     accepted_: tuple[Acceptance, ...] = ()
+    repeating_share_: float = UNKNOWN_SHARE
 
     tail_freedom_ = float("inf")
     nominal_check_ = UNCHECKED
@@ -350,6 +355,8 @@ class Compensator(Regressor, ABC):
     def covariance_parts(self, readings: ReadingsLike) -> tuple[FloatArray, FloatArray]:
         """Covariance of predicted points in its two parts.
 
+        That of one reading, as a person measures it: of means of repeats (`truearm.readings.repeats`) that of the mean.
+
         Returns
         -------
         of_parameters : (n, 3, 3) array
@@ -447,6 +454,12 @@ class Compensator(Regressor, ABC):
         check_has_kinematics(self.arm_, "nominal points need")
         at = self.checked(readings)
         return points_to_session_frames(self.nominal_.tips(at.state), at.session, self.session_frames_)
+
+    def share_of_mean(self, readings: Session) -> FloatArray:
+        """(n,) share of the residual variance of one reading that readings have: less than 1 for means of repeats."""
+        if readings.n_repeats is None:
+            return np.ones(len(readings))
+        return np.asarray(self.repeating_share_ + (1 - self.repeating_share_) / readings.n_repeats)
 
     def nominal_error(self) -> float:
         """Mean distance of the nominal arm from the references of its training [mm]; NaN after reading a file."""

@@ -263,9 +263,9 @@ class HybridModel(Compensator):
             deviations=share * self.held_out_.deviations,
             covariance=of_points[:, :, None] * np.eye(3) + of_arm + _scatter(corrections),
         )
-        found = unexplained_at(held_out, angles)
+        found = unexplained_at(held_out, angles).of_one_reading(readings)
         self.residual_std_, self.variance_function_ = found.residual_std_mm, found.variance_function
-        self.tail_freedom_ = found.tail_freedom
+        self.tail_freedom_, self.repeating_share_ = found.tail_freedom, found.repeating_share
 
     def _tips(self, at: CheckedReadings) -> FloatArray:
         return np.asarray(self.fit_.tips(at.state) + self._corrections(at.state).mean(axis=0))
@@ -283,7 +283,7 @@ class HybridModel(Compensator):
         """
         state = at.state
         of_parameters = self.fit_.tip_covariance(state) + _scatter(self._corrections(state))
-        variance = self.residual_std_**2 * self.variance_function_.share(state.angles)
+        variance = self.residual_std_**2 * self.variance_function_.share(state.angles) * self.share_of_mean(at.session)
         unexplained = variance[:, None, None] * np.eye(3)
         known = self.training_.temperature_degC
         if self.inputs_.has_temperature and at.session.temperature_degC is None and known is not None:

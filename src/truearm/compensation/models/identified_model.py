@@ -29,7 +29,6 @@ from truearm.identification.identify import (
     place_without_gross_errors,
 )
 from truearm.identification.judgement.held_out_errors import HeldOutErrors
-from truearm.identification.judgement.repeating_residuals import UNKNOWN_SHARE
 from truearm.identification.judgement.residual_process import ResidualProcess
 from truearm.identification.references.prepared_readings import PreparedReadings
 from truearm.identification.references.rounded_angles import tip_motions
@@ -68,7 +67,8 @@ class IdentifiedModel(Compensator):
     held_out_errors_ : HeldOutErrors or None
         Their errors in short; None where no readings could be held out.
     residual_std_ : float
-        Standard deviation of a coordinate that the model does not explain [mm]: root mean square over the joint space.
+        Standard deviation of a coordinate of one reading that the model does not explain [mm]: root mean square over
+        the joint space.
     variance_function_ : VarianceFunction
         Share of its square at other angles.
     birge_ratio_ : float
@@ -77,9 +77,6 @@ class IdentifiedModel(Compensator):
     tail_freedom_ : float
         Degrees of freedom of the tails of the held-out deviations (`truearm.identification.judgement.tails`); infinite
         where they are too few, and of models from older files.
-    repeating_share_ : float
-        Share of the square of `residual_std_` that is the same at the same pose
-        (`truearm.identification.judgement.repeating_residuals`); 1/2 where it is not known, and of older files.
     residual_process_ : ResidualProcess or None
         What is known of the residual process; None where the model has none, and had none before a transfer.
     type_prior_ : str
@@ -95,7 +92,6 @@ class IdentifiedModel(Compensator):
     variance_function_: VarianceFunction
     birge_ratio_: float
     tail_freedom_: float = float("inf")
-    repeating_share_: float = UNKNOWN_SHARE
     refit_reading_ids_: FloatArray
     residual_process_: ResidualProcess | None = None
     type_prior_: str = ""
@@ -202,7 +198,8 @@ class IdentifiedModel(Compensator):
         return self.fit_.tips(at.state)
 
     def _covariance_parts(self, at: CheckedReadings) -> tuple[FloatArray, FloatArray]:
-        unexplained = self.residual_std_**2 * self.variance_function_.share(at.session.angles)
+        share = self.variance_function_.share(at.session.angles) * self.share_of_mean(at.session)
+        unexplained = self.residual_std_**2 * share
         return self.fit_.tip_covariance(at.state), sum(
             self.unstated_input_covariances(at).values(), unexplained[:, None, None] * np.eye(3)
         )

@@ -24,6 +24,7 @@ from truearm.compensation.nets.training import Epoch, TrainingRecord, dividerand
 from truearm.compensation.nets.trainlm import trainlm
 from truearm.errors import InputError
 from truearm.identification.identify import Found, Progress
+from truearm.identification.judgement.repeating_residuals import UNKNOWN_SHARE, of_one_reading
 from truearm.identification.references.prepared_readings import MIN_ROWS, PreparedReadings
 from truearm.readings.lengths import Lengths
 from truearm.readings.session import Session
@@ -231,7 +232,10 @@ class NetworkModel(Compensator):
             judges.append(train if validation is None else aside)
         self.members_ = tuple(members)
         with one_blas_thread():
-            self.residual_covariance_ = self._residual_covariance(readings.angles, points, judges, apart=len(aside) > 0)
+            found = self._residual_covariance(readings.angles, points, judges, apart=len(aside) > 0)
+        before = np.trace(found) / 3
+        variance, self.repeating_share_ = of_one_reading(before, UNKNOWN_SHARE, readings)
+        self.residual_covariance_ = found + (variance - before) * np.eye(3)
 
     def _trained(
         self,
@@ -378,7 +382,8 @@ class NetworkModel(Compensator):
             basis = self._basis(member.weights, inputs)
             leverage += np.einsum("ni,ij,nj->n", basis, member.basis_covariance, basis) / len(self.members_)
         residual = np.broadcast_to(self.residual_covariance_, (len(angles), 3, 3))
-        return leverage[:, None, None] * residual + self._scatter(angles), residual
+        of_parameters = leverage[:, None, None] * residual + self._scatter(angles)
+        return of_parameters, self.share_of_mean(at.session)[:, None, None] * residual
 
 
 def _check_motion(arm: Arm, readings: Session, points: FloatArray) -> None:

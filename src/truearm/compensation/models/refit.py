@@ -110,12 +110,16 @@ def refit(
     set_up = _SetUp(used, lengths, free, new.state(used), references_of(used, lengths))
     transfer = partial(_transferred, set_up, robust=known.robust, progress=progress)
     new.nominal_ = transfer(known.nominal_, known.nominal_.references[0].noise_std)
-    new.fit_, new.residual_process_, unexplained_std = _judge_process(known, set_up, transfer)
+    # The readings are means of repeats: their residuals are less than those of one reading.
+    averaged = float((1 - known.share_of_mean(used)).mean()) * known.residual_std_**2
+    std = float(np.sqrt(known.residual_std_**2 - averaged))
+    new.fit_, new.residual_process_, unexplained_std = _judge_process(known, std, set_up, transfer)
     # As it was learned: an arm that follows the new readings would follow wrong ones.
-    new.nominal_check_ = _judge_set_up(new, transfer(_known_exactly(known.fit_), known.residual_std_), set_up)
+    new.nominal_check_ = _judge_set_up(new, transfer(_known_exactly(known.fit_), std), set_up)
     if known.fit_.repeatability_covariance is not None:
         new.fit_ = on_another_day(new.fit_)
-    new.residual_std_ = max(unexplained_std, new.fit_.references[0].noise_std)
+    if (unexplained := max(unexplained_std, new.fit_.references[0].noise_std)) > std:
+        new.residual_std_ = float(np.sqrt(unexplained**2 + averaged))
     new.free_, new.tips_ = free, tip_names(readings) if is_new_tip else known.tips_
     new.held_out_, new.held_out_gross_, new.held_out_distances_ = NONE_HELD_OUT, NONE_HELD_OUT, NONE_HELD_OUT
     new.held_out_errors_ = None
@@ -166,10 +170,16 @@ def _transferred(
 
 
 def _judge_process(
-    model: IdentifiedModel, set_up: _SetUp, transfer: Callable[[IdentificationResult, float], IdentificationResult]
+    model: IdentifiedModel,
+    std: float,
+    set_up: _SetUp,
+    transfer: Callable[[IdentificationResult, float], IdentificationResult],
 ) -> tuple[IdentificationResult, ResidualProcess | None, float]:
-    """The arm in the new set-up; the residual process, if it holds there; and the residual standard deviation [mm]."""
-    process, std = model.residual_process_, model.residual_std_
+    """The arm in the new set-up; the residual process, if it holds there; and the residual standard deviation [mm].
+
+    `std` is that of the model at such readings [mm].
+    """
+    process = model.residual_process_
     if process is None:
         return transfer(model.fit_, std), None, std
     if not process.is_kept or "base" not in set_up.free:

@@ -449,7 +449,8 @@ def fingerprint(data: Session | Lengths) -> str:
     further: Mapping[str, FloatArray] = columns.pop("columns", {})
     digest = hashlib.sha256()
     for name, values in sorted({**columns, **further}.items()):
-        if not isinstance(values, np.ndarray) or name == "numbers":  # a line says nothing about the reading
+        # Neither a line nor the number of its repeats says what was measured.
+        if not isinstance(values, np.ndarray) or name in ("numbers", "n_repeats"):
             continue
         digest.update(f"{name} {values.shape}\0".encode())
         if values.dtype.kind == "U":

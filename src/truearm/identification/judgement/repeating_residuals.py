@@ -5,7 +5,8 @@ session hardly come back, but the angles of single joints do, and encoders, bear
 own joint: readings with like angles of a joint share its error. Beside the terms with their priors the residuals are
 therefore white noise and a Gaussian process that is a sum of functions of one joint each (D. Duvenaud, H. Nickisch,
 C. E. Rasmussen, "Additive Gaussian processes", NIPS 2011). Every share of the process is as likely before the
-readings; its mean by their marginal likelihood is what is stated.
+readings; its mean by their marginal likelihood is what is stated. Where poses were read several times, the scatter of
+the repeats is measured instead.
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ import numpy as np
 from truearm.arm.chain import Chain
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.terms.state import ArmState
+from truearm.readings.readings import Readings
+from truearm.readings.repeats import LEAST_REPEATED
 from truearm.typing import FloatArray
 
 # Order of the functions of a joint, root mean square: chosen, the highest that encoders commonly have. Their
@@ -61,6 +64,19 @@ def repeating_share(
         return UNKNOWN_SHARE
     weight = np.exp(evidence - evidence.max())
     return float(_SHARES @ weight / weight.sum())
+
+
+def of_one_reading(variance: float, share: float, readings: Readings) -> tuple[float, float]:
+    """Residual variance [mm^2] of one reading, and the share of it that repeats, by those of `readings`.
+
+    They are the same unless some readings are means of repeats, which scatter by less.
+    """
+    if readings.n_repeats is None:
+        return variance, share
+    of_one = variance + float(readings.averaged_mm2.mean())
+    if (readings.n_repeats > 1).sum() < LEAST_REPEATED:
+        return of_one, share * variance / of_one
+    return of_one, max(1 - readings.repeat_std_mm**2 / of_one, 0.0)
 
 
 def joint_process(chain: Chain, angles: FloatArray) -> FloatArray:
