@@ -1,7 +1,8 @@
 """ABB's externally guided motion (EGM): datagrams with the joints that the robot reads; it is not answered.
 
 Source: ABB, "Application manual: Externally Guided Motion", and its egm.proto: a datagram is a message EgmRobot of
-Protocol Buffers (protobuf.dev, "Encoding"), of which feedBack.joints.joints are the angles in degrees.
+Protocol Buffers (protobuf.dev, "Encoding"), of which feedBack.joints.joints are the angles in degrees, header.seqno,
+header.tm and feedBack.time its number and times.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from truearm.sources.datagrams import datagram_source
 from truearm.sources.sample import Source
 
 FEEDBACK, JOINTS_OF_FEEDBACK, JOINTS = 2, 1, 1  # numbers of the fields on the way to the angles
+STAMPS = ((1, 1), (1, 2), (FEEDBACK, 4))  # and to the number of the datagram, its time, and that of the angles
 _VARINT, _EIGHT_BYTES, _BYTES, _FOUR_BYTES = 0, 1, 2, 5  # how a field is written
 _SIZES = {_EIGHT_BYTES: 8, _FOUR_BYTES: 4}
 
@@ -25,11 +27,11 @@ def abb_egm(address: str) -> Source:
     address : str
         ``PORT`` or ``HOST:PORT`` of this computer; see `truearm.sources.datagrams.datagram_source`.
     """
-    return datagram_source("egm", address, joints_deg, "datagrams are no message of EGM with joints")
+    return datagram_source("egm", address, decode_egm, "datagrams are no message of EGM with joints")
 
 
-def joints_deg(datagram: bytes) -> list[float]:
-    """The angles in a message EgmRobot [deg].
+def decode_egm(datagram: bytes) -> tuple[list[float], tuple[bytes, ...]]:
+    """The angles in a message EgmRobot [deg], and its number and times as they are written.
 
     Raises
     ------
@@ -43,7 +45,10 @@ def joints_deg(datagram: bytes) -> list[float]:
                 if len(numbers) % 8:
                     raise ValueError("no double precision numbers")
                 angles += struct.unpack(f"<{len(numbers) // 8}d", numbers)
-    return angles
+    stamps = (
+        b"".join(one for part in _fields(datagram, outer) for one in _fields(part, inner)) for outer, inner in STAMPS
+    )
+    return angles, tuple(stamps)
 
 
 def _fields(message: bytes, wanted: int) -> Iterator[bytes]:
@@ -53,9 +58,8 @@ def _fields(message: bytes, wanted: int) -> Iterator[bytes]:
         key, at = _varint(message, at)
         number, kind = key >> 3, key & 7
         if kind == _VARINT:
-            _, at = _varint(message, at)
-            continue
-        if kind == _BYTES:
+            size = _varint(message, at)[1] - at
+        elif kind == _BYTES:
             size, at = _varint(message, at)
         elif kind in _SIZES:
             size = _SIZES[kind]

@@ -8,17 +8,17 @@ from functools import partial
 import numpy as np
 
 from truearm.sources.connections import Connection, connected, datagram_connector
-from truearm.sources.decoded_messages import SILENT_S, samples_in
+from truearm.sources.decoded_messages import SILENT_S, Repeats, samples_in
 from truearm.sources.joint_scale import MOST_JOINTS
-from truearm.sources.sample import Sample, Source, Stream
+from truearm.sources.sample import Notice, Sample, Source, Stream
 
 LARGEST_DEG = 7200.0
 
-# The joint angles in a datagram [deg]; ValueError if it is none of the protocol.
-JointsDeg = Callable[[bytes], list[float]]
+# The joint angles in a datagram [deg], and what counts and dates it; ValueError if it is none of the protocol.
+Decode = Callable[[bytes], tuple[list[float], tuple[object, ...]]]
 
 
-def datagram_source(kind: str, address: str, joints_deg: JointsDeg, misfit: str) -> Source:
+def datagram_source(kind: str, address: str, decode: Decode, misfit: str) -> Source:
     """Samples of the datagrams that come to a port.
 
     Parameters
@@ -27,7 +27,7 @@ def datagram_source(kind: str, address: str, joints_deg: JointsDeg, misfit: str)
         Of the source.
     address : str
         ``PORT`` or ``HOST:PORT`` of this computer, as of `truearm.sources.connections.datagram_connector`.
-    joints_deg : callable
+    decode : callable
     misfit : str
         What is wrong with datagrams that have none, in the plural.
 
@@ -37,16 +37,21 @@ def datagram_source(kind: str, address: str, joints_deg: JointsDeg, misfit: str)
         If it is no such address.
     """
 
-    def sample(datagram: bytes, arrived_s: float) -> Sample | None:
+    def sample(repeats: Repeats, datagram: bytes, arrived_s: float) -> Sample | Notice | None:
         try:
-            angles = joints_deg(datagram)
+            angles, stamps = decode(datagram)
         except ValueError:
             return None
-        is_pose = 0 < len(angles) <= MOST_JOINTS and all(abs(angle) <= LARGEST_DEG for angle in angles)
-        return Sample(arrived_s, np.radians(angles)) if is_pose else None
+        if not (0 < len(angles) <= MOST_JOINTS and all(abs(angle) <= LARGEST_DEG for angle in angles)):
+            return None
+        if repeats(angles, *stamps):
+            return Notice(
+                "the controller repeats a datagram, its number or clock stands still; start its sending again"
+            )
+        return Sample(arrived_s, np.radians(angles))
 
     def talk(link: Connection) -> Stream:
-        return samples_in(_datagrams(link), sample, misfit)
+        return samples_in(_datagrams(link), partial(sample, Repeats()), misfit)
 
     return Source(f"{kind}:{address}", partial(connected, datagram_connector(address), f"udp:{address}", talk))
 

@@ -1,6 +1,7 @@
 """KUKA's robot sensor interface (RSI): datagrams in XML with the joints that the robot reads; it is not answered.
 
-Source: KUKA, "RobotSensorInterface": the element AIPos of the robot's message has the actual axes A1 to A6 in degrees.
+Source: KUKA, "RobotSensorInterface": the element AIPos of the robot's message has the actual axes A1 to A6 in degrees,
+IPOC its time.
 The configuration on the robot needs ONLYSEND: otherwise RSI stops a robot that is not answered.
 """
 
@@ -23,11 +24,11 @@ def kuka_rsi(address: str) -> Source:
     address : str
         ``PORT`` or ``HOST:PORT`` of this computer; see `truearm.sources.datagrams.datagram_source`.
     """
-    return datagram_source("rsi", address, joints_deg, "datagrams have no element AIPos with the axes A1 ..")
+    return datagram_source("rsi", address, decode_rsi, "datagrams have no element AIPos with the axes A1 ..")
 
 
-def joints_deg(datagram: bytes) -> list[float]:
-    """The angles in a message of the robot [deg].
+def decode_rsi(datagram: bytes) -> tuple[list[float], tuple[str]]:
+    """The angles in a message of the robot [deg], and its time as it is written.
 
     Raises
     ------
@@ -38,8 +39,10 @@ def joints_deg(datagram: bytes) -> list[float]:
     if len(datagram) > MOST_BYTES or not datagram.isascii() or b"\0" in datagram or b"<!" in datagram:
         raise ValueError("no message of RSI")
     try:
-        element = ElementTree.fromstring(datagram).find("AIPos")  # noqa: S314, it has no entities
+        message = ElementTree.fromstring(datagram)  # noqa: S314, it has no entities
     except (ElementTree.ParseError, LookupError) as error:  # or an encoding that Python does not know
         raise ValueError("no XML") from error
+    element = message.find("AIPos")
     axes = {} if element is None else element.attrib
-    return [float(axes[name]) for name in takewhile(axes.__contains__, (f"A{axis}" for axis in count(1)))]
+    names = takewhile(axes.__contains__, (f"A{axis}" for axis in count(1)))
+    return [float(axes[name]) for name in names], (message.findtext("IPOC", ""),)
