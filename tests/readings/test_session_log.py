@@ -47,6 +47,27 @@ def test_undo_removes_the_last_reading_only(tmp_path):
     assert path.read_bytes() == before
 
 
+def test_a_seat_is_named_afterwards_in_one_write_or_not_at_all(tmp_path, monkeypatch):
+    path, written, write = tmp_path / "session.csv", [], os.write
+
+    def full_at_first(handle, line):
+        written.append(line)
+        return write(handle, line[:12] if len(written) == 1 else line)
+
+    with SessionLog(path, COLUMNS) as log:
+        log.append(ROW)
+        log.append({**ROW, "seat": ""})
+        before = path.read_bytes()
+        monkeypatch.setattr(os, "write", full_at_first)
+        with pytest.raises(TruearmError, match="the disk is full"):
+            log.name_seat("B")
+        assert path.read_bytes() == before
+        log.name_seat("B")
+        assert written[2:] == [b"0.1,-2.5,B,now\n"]
+        log.append(ROW)
+    assert read_session(path).seat.tolist() == ["A", "B", "A"]
+
+
 @pytest.mark.parametrize("cut", range(1, 15))
 def test_a_line_cut_short_is_removed_or_was_whole(tmp_path, cut):
     path = tmp_path / "session.csv"

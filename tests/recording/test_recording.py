@@ -41,9 +41,9 @@ def fed(recording, samples):
 
 @pytest.fixture(scope="module")
 def planned(tmp_path_factory):
-    """A plan of six poses in two seats of an arm."""
+    """A plan of six poses in two seats of an arm, in each of which the hand turns."""
     path = tmp_path_factory.mktemp("plan") / "plan.csv"
-    poses = [[f"{20 * k + j}" for j in range(6)] for k in range(6)]
+    poses = [[f"{60 * (k // 3)}", "1", "2", "3", "4", f"{20 * (k % 3) + 5}"] for k in range(6)]
     head = [*(f"q{j}_deg" for j in range(1, 7)), "seat", "note", *(f"note_q{j}_deg" for j in range(1, 7))]
     rows = [[*[""] * 6, f"S{k // 3 + 1}", f"tip in seat S{k // 3 + 1}", *pose] for k, pose in enumerate(poses)]
     path.write_text("\n".join(",".join(row) for row in [head, *rows]) + "\n")
@@ -73,7 +73,7 @@ def test_a_plan_names_seats_and_says_what_comes_next_and_is_continued(tmp_path, 
     first = [*record(source(*stops(*poses[:4])), out, arm="ur10", plan=plan, rule=RULE)]
     said = [event.text for event in first if event.kind == "next"]
     assert said[0] == "next: pose 1 of 6, tip in seat S1; J1 0, J2 1, J3 2, J4 3, J5 4, J6 5 deg; 6 to go"
-    assert said[-1].startswith("next: pose 5 of 6, tip in seat S2; J1 80,")
+    assert said[-1].startswith("next: pose 5 of 6, tip in seat S2; J1 60,")
     assert [event.values["note_pose"] for event in first if event.kind == "reading"] == ["1", "2", "3", "4"]
     second = [*record(source(*stops(*poses[4:])), out, arm="ur10", plan=plan, rule=RULE)]
     assert second[0].text.endswith("after 4 readings before")
@@ -97,13 +97,58 @@ def test_an_undone_pose_comes_next_again_and_a_skipped_one_does_not(tmp_path, pl
     assert recording.next_pose == 2
     assert kinds(recording.on_command("skip")) == ["next"]
     assert recording.next_pose == 3
-    assert recording.to_go() == pytest.approx([20] * 6)
+    assert recording.to_go() == pytest.approx([0, 0, 0, 0, 0, 20])
     far = fed(recording, stops(poses[5], start_s=2.0))
     assert [event.text for event in far] == [
         "still, and not taken: J1 is 60 deg from pose 3; take it by key, or skip the pose"
     ]
-    assert kinds(recording.on_command("take")) == []
-    assert kinds(fed(recording, stops(poses[5], start_s=2.5))) == ["reading", "learned", "next"]
+    recording.close()
+
+
+@pytest.mark.parametrize(("named", "on"), [("S9", "key"), ("", "key"), ("", "still")])
+def test_a_reading_at_another_pose_than_the_plans_has_no_seat_until_it_is_named(tmp_path, planned, named, on):
+    plan, poses = planned
+    recording = Recording(source(), tmp_path / "out.csv", arm="ur10", plan=plan, rule=RULE, on=on)
+    [*recording.on_command("take")]
+    fed(recording, stops(poses[0]))
+    for number, elsewhere in enumerate([poses[4], poses[1] + [0, 0.2, 0, 0, 0, 0]]):  # its joints; its tip alone
+        assert kinds(recording.on_command("take"))[1:] == []
+        taken, *_ = fed(recording, stops(elsewhere, start_s=number + 1.0))
+        assert "kept without a seat" in taken.text
+        assert recording.rows[-1]["seat"] == recording.rows[-1]["note_pose"] == ""
+        assert recording.next_pose == 2
+        if named:
+            assert recording.on_command(f"seat {named}").__next__().text == f"reading {number + 2} is in seat {named}"
+            assert recording.rows[-1]["seat"] == named
+    assert recording.seat == "", "the next readings have the seats of the plan"
+    [*recording.on_command("take")]
+    assert "pose 2 of 6, seat S1" in fed(recording, stops(poses[1], start_s=3.0))[0].text
+    recording.close()
+    seats = ta.read_session(tmp_path / "out.csv").seat
+    assert seats.tolist() == ["S1", named, named, "S1"]
+
+
+def test_of_an_arm_whose_zeros_are_far_off_each_seat_is_asked_for_once(tmp_path):
+    arm = ta.load_arm("ur10")
+    recording = Recording(source(), tmp_path / "out.csv", arm=arm, seat="A", on="key", rule=RULE)
+    texts = []
+    for number, shift in enumerate([0.0, 0.3, 0.2, -0.1]):  # of the tip, by some 200 mm
+        [*recording.on_command("take")]
+        texts += [fed(recording, stops(arm.working + [shift, 0, 0, 0, 0, 0], start_s=number))[-1].text]
+        if number == 1:
+            [*recording.on_command("seat A")]
+    recording.close()
+    assert ["kept" in text for text in texts] == [False, True, False, False], texts
+    assert ta.read_session(tmp_path / "out.csv").seat.tolist() == ["A"] * 4
+
+
+def test_a_seat_that_a_person_names_counts_wherever_the_plan_is(tmp_path, planned):
+    plan, poses = planned
+    recording = Recording(source(), tmp_path / "out.csv", arm="ur10", plan=plan, rule=RULE, on="key", seat="mine")
+    [*recording.on_command("take")]
+    taken = next(event for event in fed(recording, stops(poses[4])) if event.kind == "reading")
+    assert "kept without the names of the plan: J1 is 60 deg from pose 1" in taken.text
+    assert (recording.rows[-1]["seat"], recording.rows[-1]["note_pose"]) == ("mine", "")
     recording.close()
 
 

@@ -58,7 +58,7 @@ class SessionLog:
             check_readable(path, limit_bytes=MAX_BYTES)
         # Not a temporary file that is renamed: of two programs that start at once, one would replace the other's.
         try:
-            self._handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | getattr(os, "O_BINARY", 0), 0o666)
+            self._handle = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_BINARY", 0), 0o666)
         except OSError as error:
             raise access_error(path, error) from None
         try:
@@ -80,6 +80,7 @@ class SessionLog:
         content = path.read_bytes()
         if len(content) < len(header) and header.startswith(content):  # new, or begun when the power failed
             os.ftruncate(self._handle, 0)
+            os.lseek(self._handle, 0, os.SEEK_SET)
             os.write(self._handle, header)
             _entry_to_disk(path)
             content = header
@@ -120,10 +121,35 @@ class SessionLog:
         """
         self._append([_cell(row.get(name, "")) for name in self.columns])
 
-    def _append(self, cells: Sequence[str]) -> None:
-        self._check_own()
-        line = _line(cells)
+    def name_seat(self, seat: str) -> None:
+        """State the seat of the last reading, which has none; at every moment it is in the file.
+
+        Raises
+        ------
+        TruearmError
+            As `append`.
+        """
+        start, before = self._ends[-2], self.rows[-1]
+        cells = [seat if name == "seat" else before[name] for name in self.columns]
         try:
+            self._write(start, _line(cells))  # longer than the line that it replaces
+        except TruearmError:
+            with suppress(TruearmError):
+                self._write(start, _line(before.values()))
+            raise
+        self._ends[-1] = start + len(_line(cells))
+        self.rows[-1] = dict(zip(self.columns, cells, strict=True))
+
+    def _append(self, cells: Sequence[str]) -> None:
+        line = _line(cells)
+        self._write(self._ends[-1], line)
+        self._ends.append(self._ends[-1] + len(line))
+        self.rows.append(dict(zip(self.columns, cells, strict=True)))
+
+    def _write(self, at: int, line: bytes) -> None:
+        self._check_own()
+        try:
+            os.lseek(self._handle, at, os.SEEK_SET)
             written = os.write(self._handle, line)
             if written < len(line):
                 raise OSError("the disk is full")
@@ -132,8 +158,6 @@ class SessionLog:
             with suppress(OSError):
                 os.ftruncate(self._handle, self._ends[-1])
             raise TruearmError(f"{self.path}: the reading cannot be written ({error.strerror or error})") from None
-        self._ends.append(self._ends[-1] + len(line))
-        self.rows.append(dict(zip(self.columns, cells, strict=True)))
 
     def undo(self) -> dict[str, str] | None:
         """Remove the last reading and return its cells; None if there is none.

@@ -16,7 +16,7 @@ from truearm.arm import Arm
 from truearm.choices import TakeOn
 from truearm.compensation.models import Compensator
 from truearm.errors import InputError
-from truearm.files.delimited import MAX_NAME
+from truearm.files.delimited import MAX_NAME, escape_formula
 from truearm.identification.planning.planned_readings import PlannedReadings, read_planned
 from truearm.identification.terms.type_prior import kinematics_sha256
 from truearm.number_format import format_count
@@ -33,8 +33,9 @@ from truearm.sources.standstill import Standstill, TakenReading
 from truearm.typing import FloatArray
 from truearm.workflows.inputs import ModelLike, to_arm, to_model_of_tip
 
-FAR_FROM_AIM = 20.0  # deg, or mm; a standstill that is farther from the plan's pose is taken by key only
-BESIDE_SEAT = 0.05  # of the arm's reach; a standstill that is farther from its seat is taken by key only
+# A standstill that is farther is taken by key only, and without the name of what the tip touches.
+FAR_FROM_AIM = 20.0  # deg, or mm, from the plan's pose
+BESIDE_SEAT = 0.05  # of the arm's reach, from the other readings in the seat
 JUMP_S = 1.0  # between two samples by the clock of a device
 ODD_S = 1.0  # between two notices of odd samples
 
@@ -108,7 +109,7 @@ class Recording:
         self._rule = rule or StandstillRule()
         self._standstill = Standstill(self._rule, prismatic)
         self._point = ReferencePoint(self.reference)
-        self._asked, self._was_pressed, self._said = False, False, ""
+        self._asked, self._was_pressed, self._said, self._question = False, False, "", ""
         self._still_since_s, self._samples_hz, self._streamed_s = 0.0, samples_hz, -np.inf
         self._step_s, self._odd, self._odd_said_s = np.inf, "", -np.inf
         self.out_model, self.rank = None if out_model is None else Path(out_model), rank
@@ -271,7 +272,7 @@ class Recording:
         elif text.strip() == "undo":
             yield from self._undo()
         elif word == "seat":
-            yield self._name_seat(rest.strip())
+            yield from self._name_seat(rest.strip())
         elif word == "point":
             yield self._point.type(rest, is_still=self.is_still)
         elif text.strip() == "skip":
@@ -372,21 +373,34 @@ class Recording:
 
     def _unlikely(self, angles_rad: FloatArray) -> str:
         """Why a standstill is probably not meant to be a reading: the arm rests, or hangs beside the seat."""
-        number = self.next_pose
-        if self.plan is not None and number is None:
+        if self.plan is not None and self.next_pose is None:
             return "still, and not taken: the plan is done; take further readings by key"
-        if self.plan is not None and number is not None:
-            away = np.abs(self.displayed(self.plan.angles[number - 1] - angles_rad))
-            if away[joint := int(np.argmax(away))] > FAR_FROM_AIM:
-                far = f"J{joint + 1} is {away[joint]:.0f} {self.units[joint]} from pose {number}"
-                return f"still, and not taken: {far}; take it by key, or skip the pose"
-        elif self.arm is not None and self.arm.has_kinematics and len(others := self._angles_in_seat()):
-            tips = self.arm.forward(others).tip_in_base
-            away_mm = float(np.linalg.norm(self.arm.forward([angles_rad]).tip_in_base[0] - tips.mean(axis=0)))
-            if away_mm > BESIDE_SEAT * self.arm.chain.reach:
-                far = f"the tip of the nominal arm is {away_mm:.0f} mm from the readings in seat {self._seat_now()}"
-                return f"still, and not taken: {far}; take it by key, or name another seat"
+        if far := self._far_from_pose(angles_rad):
+            return f"still, and not taken: {far}; take it by key, or skip the pose"
+        if beside := self._beside_seat(angles_rad):
+            return f"still, and not taken: {beside}; take it by key, or name another seat"
         return ""
+
+    def _far_from_pose(self, angles_rad: FloatArray) -> str:
+        """How far the joints are from the plan's next pose, if that is too far."""
+        if self.plan is None or (number := self.next_pose) is None:
+            return ""
+        away = np.abs(self.displayed(self.plan.angles[number - 1] - angles_rad))
+        joint = int(np.argmax(away))
+        far = f"J{joint + 1} is {away[joint]:.0f} {self.units[joint]} from pose {number}"
+        return far if away[joint] > FAR_FROM_AIM else ""
+
+    def _beside_seat(self, angles_rad: FloatArray) -> str:
+        """How far the tip is from the other readings in the next one's seat, if that is too far."""
+        if not _is_known(self.arm) or not len(others := self._angles_in_seat()):
+            return ""
+        tips = self.arm.forward(others).tip_in_base
+        away_mm, *among_mm = np.linalg.norm(
+            np.vstack([self.arm.forward([angles_rad]).tip_in_base, tips]) - tips.mean(axis=0), axis=1
+        )
+        # Of an arm whose zeros are far off, the readings that a person has named show how far the tips differ.
+        beside = f"the tip of the nominal arm is {away_mm:.0f} mm from the readings in seat {self._seat_now()}"
+        return beside if away_mm > max(BESIDE_SEAT * self.arm.chain.reach, 2 * max(among_mm)) else ""
 
     def _seat_now(self) -> str:
         """Seat of the next reading: the one that a person named, else the plan's; empty if there is none."""
@@ -402,9 +416,12 @@ class Recording:
 
     def _take(self, reading: TakenReading) -> Iterator[Event]:
         assert self._log is not None  # opened at the first sample
-        number, plan = self.next_pose, self.plan
+        far, beside = self._far_from_pose(reading.joint_angles_rad), self._beside_seat(reading.joint_angles_rad)
+        number, plan = None if far or beside else self.next_pose, self.plan
+        self._question = beside or (far if not self.seat and self._poses.seat else "")
+        seat = "" if self._question else self._seat_now()
         point = self._point.of(reading)
-        row: dict[str, float | str] = {"seat": self._seat_now(), "note_samples": str(reading.n), **reading.columns}
+        row: dict[str, float | str] = {"seat": seat, "note_samples": str(reading.n), **reading.columns}
         mean, std = self.displayed(reading.joint_angles_rad), self.displayed(reading.joint_std_rad)
         for name, angle, scatter in zip(self.joint_columns, mean, std, strict=True):
             row |= {name: angle, f"note_std_{name}": f"{scatter:.2g}" if reading.n > 1 else ""}
@@ -424,7 +441,12 @@ class Recording:
         self._log.append(row)
         self._asked, self._said = False, ""
         self._point.forget()
-        yield Event("reading", self._describe(row, number, reading), {"reading": self.n_readings, **row})
+        text = self._describe(row, number, reading)
+        if self._question:
+            text += f"; kept without a seat: {self._question}. Name the seat that the tip touched, or undo the reading"
+        elif far:
+            text += f"; kept without the names of the plan: {far}"
+        yield Event("reading", text, {"reading": self.n_readings, **row})
         yield from self._learn()
         yield from self._next()
 
@@ -451,6 +473,7 @@ class Recording:
         if row is None:
             yield Event("refused", "there is no reading to undo")
             return
+        self._question = ""
         self._in_force.undone(self.n_readings)
         number = self.n_readings + 1
         numbers = {name: float(text) for name, text in row.items() if text and self._is_number(name)}
@@ -471,11 +494,18 @@ class Recording:
         known = (*self.joint_columns, "x_mm", "y_mm", "z_mm", "temperature_degC")
         return column in known or LOAD.fullmatch(column) is not None
 
-    def _name_seat(self, name: str) -> Event:
+    def _name_seat(self, name: str) -> Iterator[Event]:
+        """Name the seat of the next readings; or of the last one, of which that was asked."""
         if len(name) > MAX_NAME or not name.isprintable():
-            return Event("refused", f"expected a name of at most {MAX_NAME} characters, got {name[:40]!a}")
-        self.seat = name
-        return Event("notice", f"seat {name}" if name else "no seat")
+            yield Event("refused", f"expected a name of at most {MAX_NAME} characters, got {name[:40]!a}")
+        elif self._question and self._log is not None and name:
+            self._question = ""
+            self._log.name_seat(escape_formula(name))
+            yield Event("notice", f"reading {self.n_readings} is in seat {name}", {"reading": self.n_readings})
+            yield from self._learn()
+        else:
+            self.seat, self._question = name, ""
+            yield Event("notice", f"seat {name}" if name else "no seat")
 
     def _steer(self, text: str) -> Iterator[Event]:
         """Move a virtual arm; nothing is said of it: one sees it move."""
