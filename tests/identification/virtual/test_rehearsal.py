@@ -11,7 +11,8 @@ import pytest
 from truearm.arm import load_arm
 from truearm.errors import InputError
 from truearm.identification.planning.candidates import bar_places
-from truearm.identification.planning.planned_readings import PlannedReadings
+from truearm.identification.planning.check_routine import check_routine
+from truearm.identification.planning.planned_readings import PlannedReadings, read_planned
 from truearm.identification.virtual import VirtualArm
 from truearm.identification.virtual.rehearsal import carry_out, move_set_up, touched_points
 from truearm.readings import Lengths
@@ -103,6 +104,24 @@ def test_the_tip_stays_on_a_sphere(virtual):
     few = replace(planned, angles=angles[:3], sphere=np.full(3, "ball"))
     with pytest.raises(InputError, match="determine no sphere"):
         carry_out(virtual, few, seed=1)
+
+
+def test_a_planned_sphere_has_its_diameter_however_its_aims_are_rounded(tmp_path):
+    arm = load_arm("ur10")
+    check_routine(arm, sphere_mm=25.0).save(tmp_path / "check.csv")
+    planned = read_planned(tmp_path / "check.csv", arm)
+    measured = carry_out(VirtualArm.draw(arm, "research", seed=0), planned, seed=1)
+    on_ball = fit_sphere(measured.true_tips[planned.rows_of("ball", "sphere")], std_mm=SEAT_STD_MM)
+    assert 2 * on_ball.radius_mm == pytest.approx(31.0, abs=10 * SEAT_STD_MM)  # and a tip of 6 mm
+
+
+@pytest.mark.parametrize("cell", ["-31", "0", "wide"])
+def test_a_planned_diameter_that_is_none_is_refused(tmp_path, cell):
+    arm, path = load_arm("ur10"), tmp_path / "check.csv"
+    check_routine(arm, sphere_mm=25.0).save(path)
+    path.write_text(path.read_text().replace("31.0", cell))
+    with pytest.raises(InputError, match="note_tip_sphere_mm"):
+        read_planned(path, arm)
 
 
 def test_a_moved_reference_sees_the_same_distances(virtual, planned):

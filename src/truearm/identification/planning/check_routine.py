@@ -12,6 +12,7 @@ from truearm.arm.arm import Arm
 from truearm.errors import InputError
 from truearm.files.atomic_write import check_new_form
 from truearm.identification.planning.candidates import ON_A_TABLE, bar_places, seat_poses
+from truearm.identification.planning.planned_readings import TIP_SPHERE
 from truearm.identification.planning.proposal import LENGTH_U_MM
 from truearm.identification.planning.sampling.measuring import postures, reach
 from truearm.identification.planning.sampling.poses import checked_seed
@@ -47,6 +48,8 @@ class CheckRoutine:
         An instruction for each pose.
     length_mm : float or None
         Of the bar.
+    tip_sphere_mm : float or None
+        Diameter of the sphere that the centre of the tip is on.
     """
 
     arm: Arm
@@ -55,6 +58,7 @@ class CheckRoutine:
     sphere: NameArray
     notes: tuple[str, ...]
     length_mm: float | None
+    tip_sphere_mm: float | None
 
     def save(self, path: str | Path) -> tuple[Path, ...]:
         """Write the session to fill in and, with a bar, the file of its length beside it; both must be new.
@@ -69,7 +73,8 @@ class CheckRoutine:
             check_new_form(file, holds="readings")
         if self.length_mm is not None:
             write_length_rows([BAR_ENDS], self.length_mm, LENGTH_U_MM, files[1])
-        names = {"seat": self.seat, "sphere": self.sphere}
+        diameters = np.where(self.sphere == "", "", f"{self.tip_sphere_mm}")
+        names = {"seat": self.seat, "sphere": self.sphere, TIP_SPHERE: diameters}
         used = {name: column for name, column in names.items() if (column != "").any()}
         write_aims(self.arm, self.angles, files[0], names=used, notes=self.notes)
         return tuple(files)
@@ -112,6 +117,7 @@ def check_routine(
         for name, planned in zip(BAR_ENDS, ("B1a", "B1b"), strict=True):
             here = bar.seat == planned
             parts.append((name, bar.angles[here], bar.seat_points[here][0]))
+    tip_sphere_mm = None if sphere_mm is None else sphere_mm + 2 * _TIP_RADIUS_MM
     if sphere_mm is not None:
         angles, centre = _on_sphere(arm, sphere_mm, surroundings, np.random.default_rng([checked_seed(seed), 1]))
         parts.append((SPHERE, angles, centre))
@@ -120,7 +126,13 @@ def check_routine(
     names, is_sphere = names[order], names[order] == SPHERE
     notes = _notes(names.tolist(), {name: at for name, _, at in parts})
     return CheckRoutine(
-        arm, all_angles[order], np.where(is_sphere, "", names), np.where(is_sphere, names, ""), notes, length_mm
+        arm,
+        all_angles[order],
+        np.where(is_sphere, "", names),
+        np.where(is_sphere, names, ""),
+        notes,
+        length_mm,
+        tip_sphere_mm,
     )
 
 

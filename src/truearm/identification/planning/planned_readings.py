@@ -14,6 +14,8 @@ from truearm.typing import BoolArray, FloatArray, NameArray
 
 AIM = "note_"
 """Columns with the angle to aim at begin with this, followed by the name of the joint's column."""
+TIP_SPHERE = "note_tip_sphere_mm"
+"""Column with the diameter of the sphere that the centre of the tip is on."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +33,8 @@ class PlannedReadings:
     file : Path
     note : (n,) array of str, optional
         Instruction for each reading.
+    tip_sphere_mm : (n,) array, optional
+        Diameter of the sphere that the centre of the tip is on; NaN where there is none [mm].
     """
 
     angles: FloatArray
@@ -39,6 +43,7 @@ class PlannedReadings:
     position: NameArray | None
     file: Path
     note: NameArray | None = None
+    tip_sphere_mm: FloatArray | None = None
 
     def __len__(self) -> int:
         return len(self.angles)
@@ -61,15 +66,23 @@ def read_planned(path: str | Path, arm: Arm) -> PlannedReadings:
     Raises
     ------
     InputError
-        If the file is no plan, is the plan of an arm with other joints, or an angle is no number or far outside the
-        limits of its joint.
+        If the file is no plan, is the plan of an arm with other joints, or a number is none, an angle far outside the
+        limits of its joint or a diameter not positive.
     """
     sheet = read_form(Path(path))
     columns = _aim_columns(sheet, arm)
     touched = [name for name in ("seat", "sphere", "position", "note") if name in sheet.names]
+    diameters = [sheet.names.index(name) for name in sheet.names if name == TIP_SPHERE]
     numbers, words = read_columns(
-        sheet, [sheet.names.index(name) for name in columns], list(map(sheet.names.index, touched))
+        sheet,
+        [*map(sheet.names.index, columns), *diameters],
+        list(map(sheet.names.index, touched)),
+        optional=diameters,
     )
+    numbers, tip_sphere_mm = numbers[:, : len(columns)], numbers[:, len(columns) :].ravel() if diameters else None
+    if tip_sphere_mm is not None and (tip_sphere_mm <= 0).any():
+        row = int(np.argmax(tip_sphere_mm <= 0))
+        raise sheet.error(f"expected a diameter, got {tip_sphere_mm[row]:g}", row, column=TIP_SPHERE)
     angles = np.where(arm.chain.is_prismatic, numbers, np.radians(numbers))
     # Aims are rounded to a tenth; more than that beyond a limit is another arm.
     slack = np.where(arm.chain.is_prismatic, 1.0, np.radians(1.0))
@@ -82,7 +95,9 @@ def read_planned(path: str | Path, arm: Arm) -> PlannedReadings:
             column=columns[joint],
             hint="give the arm that the plan was made for",
         )
-    return PlannedReadings(angles, **_touched(sheet, dict(zip(touched, words, strict=True))), file=sheet.file)
+    return PlannedReadings(
+        angles, **_touched(sheet, dict(zip(touched, words, strict=True))), file=sheet.file, tip_sphere_mm=tip_sphere_mm
+    )
 
 
 def _aim_columns(sheet: Sheet, arm: Arm) -> list[str]:

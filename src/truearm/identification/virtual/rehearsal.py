@@ -115,6 +115,8 @@ def touched_points(chain: Chain, planned: PlannedReadings, lengths: Lengths | No
     for name in _names(planned.sphere):
         rows = planned.rows_of(name, "sphere")
         centre, radius = _sphere(tips[rows], planned, name)
+        if planned.tip_sphere_mm is not None and np.isfinite(stated_mm := planned.tip_sphere_mm[rows][0]):
+            radius = float(stated_mm) / 2  # that of aims rounded to 0.1 deg is half a millimetre off
         away = tips[rows] - centre
         distance = np.linalg.norm(away, axis=1, keepdims=True)
         _check_near(planned, name, np.abs(distance - radius).ravel())
