@@ -142,6 +142,16 @@ def test_names_that_do_not_fit_the_columns_are_refused(tmp_path, content, names,
     assert len(read(tmp_path, content, header=False).names) == cells
 
 
+@pytest.mark.parametrize("ends", ["", ",", ",,"])
+@pytest.mark.parametrize("names", ["J1,J2,J3,X,Y,Z", "J1,J2,J3,X,Y,Z,Comment", "J1,J2,J3,X,Y,Z,Comment,,Other"])
+def test_separators_at_the_ends_of_lines_name_and_hold_nothing(tmp_path, names, ends):
+    """Whether rows fill the columns that the header names or not."""
+    for end in ("", ",", ",,", ",,,"):
+        table = read(tmp_path, f"{names}{ends}\n1,2,3,4,5,6{end}\n3,4,5,6,7,8{end}\n4,5,6,7,8,9{end}\n")
+        assert table.names[:6] == ("J1", "J2", "J3", "X", "Y", "Z")
+        assert values(table)[5] == [6, 8, 9]
+
+
 def test_a_first_reading_without_a_point_is_a_reading(tmp_path):
     table = read(tmp_path, "a,b,x,y,z\n1.5,2.5,,,\n1.5,2.5,,,\n1,2,3,4,5\n1,2,3,4,5\n1,2,3,4,5\n")
     assert table.lines.tolist() == [2, 3, 4, 5, 6]

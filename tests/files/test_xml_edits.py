@@ -63,3 +63,12 @@ def test_long_gaps_take_no_longer_than_their_length():
     content = b"<a" + gap + b"x" + gap + b"='1'" + gap + b"y='2'" + gap + b"/>"
     edited = apply_edits(content, [set_attributes(content, 0, {"x": "2", "z": "3"})])
     assert edited.endswith(b"y='2' z=\"3\"" + gap + b"/>")
+
+
+@pytest.mark.parametrize("before", [b"\n", b"\xef\xbb\xbf \r\n\n"])
+def test_blanks_in_front_of_the_declaration_move_no_place(before):
+    """Some programs write an empty first line, which XML does not permit; lines and bytes stay those of the file."""
+    content = before + b'<?xml version="1.0" encoding="utf-8"?>\n<a><b x="1"/></a>'
+    (element,) = parse_xml(content)
+    assert element.line == before.count(b"\n") + 2
+    assert content[element.start :].startswith(b"<b")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import xml.etree.ElementTree as ET
 from xml.parsers import expat
 
@@ -9,6 +10,10 @@ import numpy as np
 
 from truearm.errors import InputError
 from truearm.typing import FloatArray
+
+
+# Blank lines in front of the declaration, which XML does not permit there.
+_BLANK_FIRST = re.compile(rb"\A(\xef\xbb\xbf)?(\s+)(<\?xml\s[^>]{,1000}\?>)")
 
 
 class Element(ET.Element):
@@ -30,7 +35,8 @@ class Element(ET.Element):
 
 
 def parse_xml(content: bytes) -> Element:
-    """Parse XML without document types, so that no entity can expand or reach another file."""
+    """Parse XML without document types, so that no entity can expand or reach another file; blanks may precede it."""
+    content = _BLANK_FIRST.sub(rb"\1\3\2", content)  # places and lines of all elements stay
     parser = expat.ParserCreate()
 
     def element(tag: str, attributes: dict[str, str]) -> Element:

@@ -91,7 +91,7 @@ def recognise_layout(rows: Sequence[Row], header: bool | None = None) -> Layout 
         above = max(first - 1, 0)
     if header is False or above is None:
         return _with_labels(rows, layout)
-    cells = list(rows[above])
+    cells = list(rows[above])[:width]  # separators behind the last name name nothing
     if row_names := len(cells) == width - 1 and _has_row_names(cells, rows[first:], width):
         cells = ["", *cells]
     if len(cells) < width:
