@@ -11,6 +11,7 @@ from truearm.arm.couplings import coupling_text, parse_coupling
 from truearm.compensation.export import c_source
 from truearm.compensation.targets.manifest import Manifest
 from truearm.errors import InputError
+from truearm.readings import Session
 from truearm.workflows.arms import describe_arm
 
 FANUC = "J3 += J2"
@@ -163,3 +164,25 @@ def test_a_mimic_of_a_mimic_is_followed_to_its_leader(tmp_path):
     path.write_text(text.replace("joint='j0'", "joint='elsewhere'"))
     with pytest.raises(InputError, match="'elsewhere', which is not on the way to the tip"):
         read_urdf(path)
+
+
+def test_a_joint_that_mimics_is_no_input_of_a_network(tmp_path):
+    """It has no encoder: its column may hold zeros, or anything."""
+    path, rng = tmp_path / "r.urdf", np.random.default_rng(5)
+    path.write_text(
+        mimic("", kinds=("revolute",) * 3).replace("</joint></robot>", "<mimic joint='j0'/></joint></robot>")
+    )
+    arm = read_urdf(path)
+    assert arm.chain.is_read.tolist() == [True, True, False]
+    assert load_arm("ur5").chain.is_read.all()
+    assert coupled().chain.is_read.all()
+    q = np.c_[rng.uniform(-1, 1, (60, 2)), np.zeros(60)]
+    session = Session(q, arm.chain.tip_in_base(q) + rng.normal(0, 0.02, (60, 3)))
+    result = ta.fit(arm, session, model="network", hidden=(3,), epochs=5)
+    assert not any("J3 moves by less" in sentence for sentence in result.remarks)
+    tips = result.model.predict(q)
+    np.testing.assert_array_equal(result.model.predict(np.c_[q[:, :2], q[:, 0]]), tips)
+    result.model.save(tmp_path / "m.truearm")
+    np.testing.assert_array_equal(ta.load_model(tmp_path / "m.truearm").predict(q), tips)
+    pytest.importorskip("onnx")
+    ta.export(result.model, tmp_path / "m.onnx")  # its check poses are met, or this is refused

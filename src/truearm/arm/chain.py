@@ -187,6 +187,11 @@ class Chain:
         """Upper bound of the distance from joint 1 to the tip with sliding joints at zero [mm]."""
         return float(np.linalg.norm(self.fixed[1:, :3, 3], axis=1).sum() + np.linalg.norm(self.tip_in_flange))
 
+    @property
+    def is_read(self) -> BoolArray:
+        """(n_joints,) Whether the angle in a joint's column moves a joint: not that of one that only mimics others."""
+        return np.ones(self.n_joints, dtype=bool) if self.coupling is None else np.asarray(self.coupling.any(axis=0))
+
     def joint_angles(self, angles: FloatArray) -> FloatArray:
         """(n, n_joints) angles of the joints by those of the encoders [rad, or mm]; the same without a coupling."""
         return angles if self.coupling is None else angles @ self.coupling.T

@@ -65,7 +65,7 @@ def read_urdf(path: str | Path, *, base: str | None = None, tip: str | None = No
         arm = arm_of_joints(tree, tree.path(ends.base, ends.tip))
         remarks = [f"{ends.remark}; {Path(path).name}::LINK takes another."] if ends.remark else []
         if arm.chain.coupling is not None:
-            unread = ", ".join(np.array(arm.joint_names)[~arm.chain.coupling.any(axis=0)])
+            unread = ", ".join(np.array(arm.joint_names)[~arm.chain.is_read])
             remarks.append(
                 f"no angle is read of {unread}, which mimics another joint: in a table its column may hold zeros."
             )

@@ -567,7 +567,7 @@ def _still_joints(session: Session, arm: Arm) -> Iterator[str]:
     """Joints that move too little for their own errors to be identified."""
     for joint, travel in enumerate(np.ptp(session.angles, axis=0)):
         slides = arm.chain.is_prismatic[joint]
-        if travel >= (LEAST_TRAVEL_MM if slides else LEAST_TURN):
+        if travel >= (LEAST_TRAVEL_MM if slides else LEAST_TURN) or not arm.chain.is_read[joint]:
             continue
         least = f"{LEAST_TRAVEL_MM:g} mm" if slides else f"{np.degrees(LEAST_TURN):.0f} degree"
         yield (

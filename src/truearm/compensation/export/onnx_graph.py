@@ -488,7 +488,9 @@ def _is_of_joints(expression: Expression) -> bool:
 def _network_tip(graph: _Graph, model: NetworkModel) -> str:
     """(3, n) mean of the members' points."""
     angle, point = model.angle_scale_, model.point_scale_
-    shifted = graph.node("Sub", graph.joints, graph.constant((angle.lower + angle.half_range)[:, None]))
+    is_read = model.arm_.chain.is_read
+    joints = graph.joints if is_read.all() else graph.rows(graph.joints, np.flatnonzero(is_read).tolist())
+    shifted = graph.node("Sub", joints, graph.constant((angle.lower + angle.half_range)[:, None]))
     inputs = graph.node("Div", shifted, graph.constant(angle.half_range[:, None]))
     members = []
     for member in model.members_:

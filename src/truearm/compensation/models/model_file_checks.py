@@ -58,7 +58,7 @@ def check_model(model: Compensator) -> None:
         _check_process(model, n_joints)
         _check_shape("refit_reading_ids_", model.refit_reading_ids_, (len(model.refit_reading_ids_),))
     if isinstance(model, NetworkModel):
-        _check_network(model, n_joints)
+        _check_network(model)
     if isinstance(model, HybridModel):
         _check_hybrid(model, n_joints)
     one = model.with_tip(model.tips_[0]) if len(model.tips_) > 1 else model
@@ -128,12 +128,13 @@ def _check_process(model: IdentifiedModel, n_joints: int) -> None:
         raise InputError("expected the inducing points and length scales of the residual process that its terms have")
 
 
-def _check_network(model: NetworkModel, n_joints: int) -> None:
-    if not model.members_ or model.network_.sizes != (n_joints, *model.hidden, 3):
+def _check_network(model: NetworkModel) -> None:
+    n_inputs = int(model.arm_.chain.is_read.sum())
+    if not model.members_ or model.network_.sizes != (n_inputs, *model.hidden, 3):
         raise InputError("expected a network of the layers that the options state, and one member or more")
     units = model.network_.sizes[-2] + 1
     _check_covariance("residual_covariance_", model.residual_covariance_, 3)
-    for name, k in (("angle_scale_", n_joints), ("point_scale_", 3)):
+    for name, k in (("angle_scale_", n_inputs), ("point_scale_", 3)):
         _check_scale(name, getattr(model, name), k)
     for i, member in enumerate(model.members_):
         _check_shape(f"members_.{i}.weights", member.weights, (model.network_.n_weights,))

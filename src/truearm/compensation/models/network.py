@@ -108,7 +108,7 @@ class NetworkModel(Compensator):
     record_ : TrainingRecord
         Of the first member.
     angle_scale_, point_scale_ : MinMaxScaler
-        Angles [rad] and points [mm] onto [-1, 1].
+        Angles of the joints that are read [rad] and points [mm] onto [-1, 1].
     residual_covariance_ : (3, 3) array
         Mean product of a member's residuals [mm^2] on its validation data, without the share that the scatter of the
         members explains; without validation data on the training data, with the freedom that the weights took
@@ -213,10 +213,11 @@ class NetworkModel(Compensator):
             )
         points = readings.points
         assert points is not None  # checked
-        self.network_ = Perceptron.with_layers(readings.n_joints, self.hidden, 3, activation=self.activation)
-        self.angle_scale_ = MinMaxScaler.of(readings.angles.T, what="the angle of joint")
+        angles = readings.angles.compress(self.arm_.chain.is_read, axis=1)
+        self.network_ = Perceptron.with_layers(angles.shape[1], self.hidden, 3, activation=self.activation)
+        self.angle_scale_ = MinMaxScaler.of(angles.T, what="the angle of joint")
         self.point_scale_ = MinMaxScaler.of(points.T, what="coordinate")
-        inputs, targets = self.angle_scale_.scale(readings.angles.T), self.point_scale_.scale(points.T)
+        inputs, targets = self._inputs(readings.angles), self.point_scale_.scale(points.T)
         members, judges = [], []
         for number in range(self.n_members):
             train, aside, _ = dividerand(
@@ -316,7 +317,7 @@ class NetworkModel(Compensator):
         """Residual covariance of a member on its judging readings, in excess of the members' scatter."""
         parts = []
         for member, rows in zip(self.members_, judges, strict=True):
-            residuals = self._points(member, self.angle_scale_.scale(angles[rows].T)) - points[rows]
+            residuals = self._points(member, self._inputs(angles[rows])) - points[rows]
             squares = residuals.T @ residuals / len(rows)
             if len(rows) < MIN_ROWS:  # too few for three directions
                 squares = np.trace(squares) / 3 * np.eye(3)
@@ -340,6 +341,10 @@ class NetworkModel(Compensator):
         # A thousandth of a reading in every direction keeps the inverse finite where hidden units have become alike.
         return np.asarray(np.linalg.inv(gram + 1e-3 * np.eye(len(gram))))
 
+    def _inputs(self, angles: FloatArray) -> FloatArray:
+        """(n_inputs, n) scaled angles of the joints that are read, those that only mimic others left out."""
+        return self.angle_scale_.scale(angles.compress(self.arm_.chain.is_read, axis=1).T)
+
     def _basis(self, weights: FloatArray, inputs: FloatArray) -> FloatArray:
         """(n, units + 1) last hidden layer and bias at scaled inputs (n_inputs, n)."""
         last_hidden = self.network_.forward(weights, inputs)[-2]
@@ -354,13 +359,13 @@ class NetworkModel(Compensator):
 
     def _mean(self, angles: FloatArray) -> FloatArray:
         """(n, 3) mean of the members' points [mm]."""
-        inputs = self.angle_scale_.scale(angles.T)
+        inputs = self._inputs(angles)
         return np.asarray(np.mean([self._points(member, inputs) for member in self.members_], axis=0))
 
     def _scatter(self, angles: FloatArray) -> FloatArray:
         out = np.zeros((len(angles), 3, 3))
         if len(self.members_) > 1:
-            inputs = self.angle_scale_.scale(angles.T)
+            inputs = self._inputs(angles)
             mean = self._mean(angles)
             for member in self.members_:
                 off = self._points(member, inputs) - mean
@@ -376,7 +381,7 @@ class NetworkModel(Compensator):
         outside; the scatter does not include the error that all members share. Such rows are flagged instead.
         """
         angles = at.session.angles
-        inputs = self.angle_scale_.scale(angles.T)
+        inputs = self._inputs(angles)
         leverage = np.zeros(len(angles))
         for member in self.members_:
             basis = self._basis(member.weights, inputs)
@@ -389,7 +394,7 @@ class NetworkModel(Compensator):
 def _check_motion(arm: Arm, readings: Session, points: FloatArray) -> None:
     """Refuse an input or output without a range to scale."""
     for joint, values in enumerate(readings.angles.T):
-        if values.min() == values.max():
+        if values.min() == values.max() and arm.chain.is_read[joint]:
             name, unit = arm.joint_names[joint], "mm" if arm.chain.is_prismatic[joint] else "rad"
             raise readings.error(
                 f"joint {name} is at {values[0]:.6g} {unit} in all {len(readings)} readings: a network cannot learn "
