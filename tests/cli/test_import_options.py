@@ -94,6 +94,20 @@ def test_a_part_of_an_archive_is_named(imported, tmp_path):
     assert len(imported(tmp_path / "both.npz", "--part", "second", *options)) == 2
 
 
+def test_each_of_two_tables_has_a_part_of_its_own(truearm, imported, tmp_path):
+    robot, tracker = tmp_path / "robot.npz", tmp_path / "tracker.npz"
+    np.savez(robot, q=ANGLES, z=np.zeros((2, 2)), t=np.zeros((2, 3)))
+    np.savez(tracker, q=POINTS, p=-POINTS)
+    options = ("--angles", "1-3", "--angle-unit", "deg", "--points", "q[0],q[1],q[2]")
+    one = imported(robot, "--part", "q", "--with", tracker, *options)
+    np.testing.assert_allclose(one.points, POINTS)
+    other = (*options[:-1], "p[0],p[1],p[2]")
+    np.testing.assert_allclose(imported(robot, "--part", "q", "--with", tracker, "--part", "p", *other).points, -POINTS)
+    refused = truearm("import", robot, "--part", "q", "--part", "p", "--preview")
+    assert refused.code == 2
+    assert "2 parts are stated, expected one for each of 1 tables" in refused.err
+
+
 def test_a_preview_writes_nothing(truearm, written, tmp_path):
     table = written("table.csv", JOINTS | TIP)
     shown = truearm("import", table, "--preview").out

@@ -10,7 +10,7 @@ from truearm.errors import InputError
 from truearm.files.tables.table import Table
 from truearm.readings.foreign import JointScale, TableColumns
 from truearm.readings.foreign.no_readings import far_turned, lost_targets, not_seen, statistics_at_ends
-from truearm.readings.foreign.tables import interpret_table
+from truearm.readings.foreign.tables import import_points, interpret_table
 
 NAMES = ("J1", "J2", "X", "Y", "Z")
 
@@ -108,6 +108,62 @@ def test_units_that_the_numbers_contradict_are_refused():
     assert "--angle-unit deg" in refusal(table(session_like(), units=("rad", "rad", "mm", "mm", "mm"))).hint
     small = session_like() * [1, 1, 0.001, 0.001, 0.001]
     assert "--point-unit m " in refusal(table(small, units=("deg", "deg", "mm", "mm", "mm"))).hint
+
+
+@pytest.mark.parametrize(
+    ("pattern", "mm"),
+    [("{} cm", 10.0), ("{} in", 25.4), ("{}_LT_m", 1000.0), ("{}_in", 25.4), ("{}.um", 0.001), ("{} inch", 25.4)],
+)
+def test_a_unit_behind_a_name_is_that_of_stated_columns_too(pattern, mm):
+    names = [pattern.format(axis) for axis in "XYZ"]
+    values = session_like() / [1, 1, mm, mm, mm]
+    stated = TableColumns(NAMES[:2], names)
+    found = read(table(values, (*NAMES[:2], *names)), stated)
+    np.testing.assert_allclose(found.session.points, session_like()[:, 2:], rtol=1e-12)
+    np.testing.assert_allclose(import_points(table(values, (*NAMES[:2], *names)), names), found.session.points)
+
+
+def test_a_unit_that_option_and_table_contradict_is_asked():
+    """The table's own unit may be wrong only where its numbers say so."""
+    of_inches = table(session_like() / [1, 1, 25.4, 25.4, 25.4], units=("deg", "deg", "in", "in", "in"))
+    error = refusal(of_inches, point_unit="mm")
+    assert (error.problem, error.column) == ("the table states in, --point-unit states mm", "X")
+    assert "--point-unit in if" in error.hint
+    with pytest.raises(InputError, match="the table states in, --point-unit states mm"):
+        import_points(of_inches, NAMES[2:], point_unit="mm")
+    in_mm = session_like()[:, 2:]
+    np.testing.assert_allclose(read(of_inches, point_unit="in").session.points, in_mm, rtol=1e-12)
+    of_metres = table(session_like() / [1, 1, 1000, 1000, 1000], units=("deg", "deg", "mm", "mm", "mm"))
+    np.testing.assert_allclose(read(of_metres, point_unit="m").session.points, in_mm, rtol=1e-12)
+
+    of_degrees, in_rad = table(session_like(), units=("deg", "deg", "mm", "mm", "mm")), JointScale("rad")
+    error = refusal(of_degrees, scale=in_rad)
+    assert (error.problem, error.column) == ("the table states deg, --angle-unit states rad", "J1")
+    called_rad = table(session_like(), units=("rad", "rad", "mm", "mm", "mm"))
+    called_deg = table(session_like() * [0.01, 0.01, 1, 1, 1], units=("deg", "deg", "mm", "mm", "mm"))
+    for wrong, right in ((called_rad, "deg"), (called_deg, "rad")):
+        assert read(wrong, scale=JointScale(right)).units == (right, right)
+
+
+def test_points_in_a_matrix_have_a_unit_as_others_have():
+    """Without one in the table, numbers that may be metres are asked; lost targets and limits are found there too."""
+    columns = TableColumns(NAMES[:2], orientation=[f"a{i}{j}" for i in range(3) for j in range(4)])
+    in_metres = session_like()[:, 2:] / 1000
+    in_metres[3] = 0.0
+    pose = np.concatenate([np.tile(np.eye(3), (8, 1, 1)), in_metres[:, :, None]], axis=2).reshape(8, 12)
+    given_table = table(np.hstack([session_like()[:, :2], pose]), (*NAMES[:2], *columns.orientation))
+    error = refusal(given_table, columns)
+    assert ("may be mm or m" in error.problem, error.column) == (True, "a03")
+    session = read(given_table, columns, point_unit="m").session
+    assert session.has_point.tolist() == [True] * 3 + [False] + [True] * 4
+    np.testing.assert_allclose(session.points[0], session_like()[0, 2:], rtol=1e-12)
+
+
+def test_a_number_has_one_role():
+    columns = TableColumns(NAMES[:2], NAMES[2:], others={"payload_kg": "X"})
+    assert "used for two things" in refusal(session_like(), columns).problem
+    named = TableColumns(NAMES[:2], NAMES[2:], session="day", others={"tip": "day"})  # a name may have two
+    assert set(read(table(session_like(), words={"day": ["1"] * 8}), named).session.tip) == {"1"}
 
 
 # Rows that are no readings --------------------------------------------------------------------------------------------
@@ -267,8 +323,9 @@ def test_tips_serial_numbers_payload_loads_and_directions_have_their_columns():
 def test_a_column_that_no_session_file_has_is_refused():
     with pytest.raises(InputError, match="no column 'colour'"):
         TableColumns(("J1",), others={"colour": "c"})
-    columns = TableColumns(NAMES[:2], NAMES[2:], others={"direction_1": "J1"})
-    assert "direction of each of 2 joints" in refusal(session_like(), columns).problem
+    columns = TableColumns(NAMES[:2], NAMES[2:], others={"direction_1": "D"})
+    with_direction = table(np.hstack([session_like(), np.ones((8, 1))]), (*NAMES, "D"))
+    assert "direction of each of 2 joints" in refusal(with_direction, columns).problem
 
 
 @pytest.mark.parametrize("order", ["ZYX", "xyz", "ZYZ"])

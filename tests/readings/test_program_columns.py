@@ -11,6 +11,7 @@ from truearm.errors import InputError
 from truearm.readings import Session
 from truearm.readings.columns import session_columns
 from truearm.readings.foreign.program_columns import recognise_program_columns, split_unit
+from truearm.readings.foreign.table_columns import TableColumns
 
 
 def numbered(pattern: str, first: int = 1, n: int = 6) -> list[str]:
@@ -217,6 +218,13 @@ def test_a_session_file_means_itself():
         (["J1", "J2", "theta1", "theta2"], "joint angles"),
         (["J1", "J2", *(f"{what} {c}" for what in ("Tool tip", "Base ball") for c in "XYZ")], "points: Tool tip X"),
         (["J1", "J2", "ref_x", "ref_y", "ref_z", "tip_x", "tip_y", "tip_z"], "points: ref_x, ref_y, ref_z and tip_x"),
+        # What a controller calls measured may be its own forward kinematics.
+        *(
+            (["measured_q1", "measured_q2", *(f"{who}_{c}" for who in (other, "measured") for c in "xyz")], "points: ")
+            for other in ("marker", "tracker", "laser", "mocap", "camera", "probe", "ball")
+        ),
+        (["J1", "J2", *(f"{who}_{c}" for who in ("marker", "measured") for c in "xyz")], "points: marker_x"),
+        (["measured_q1", "measured_q2", *"xyz", "measured_x", "measured_y", "measured_z"], "points: x, y, z and meas"),
     ],
 )
 def test_two_readings_are_asked(names, what):
@@ -227,13 +235,39 @@ def test_two_readings_are_asked(names, what):
 
 
 def test_a_missing_joint_is_named():
-    found = recognise_program_columns(["J1", "J2", "J4"])
-    assert not found.columns.angles
-    assert "that of 3 is missing" in found.remarks[0]
+    """Three joints, or a column that was lost: a person knows."""
+    doubt = recognise_program_columns(["J1 [deg]", "J2 [deg]", "J4 [deg]"]).no_angles
+    assert "J3 [deg] is missing" in str(doubt)
+    assert "--angles 'J1 [deg],J2 [deg],J4 [deg]'" in doubt.hint
+    beside = recognise_program_columns(["A1", "A2", "A4", *numbered("J{}")])  # others are known
+    assert beside.no_angles is None
+    assert beside.remarks == ("A1, A2, A4 may be joint angles, but A3 is missing.",)
 
 
 def test_a_quaternion_in_numbers_is_no_joint_beside_joints():
     assert list(recognise_program_columns(["q0", "q1", "q2", "q3", *numbered("J{}")]).columns.angles) == numbered("J{}")
+
+
+def test_rows_of_length_one_are_a_quaternion_and_no_joints():
+    rng = np.random.default_rng(4)
+    turned = rng.normal(size=(9, 4))
+    turned /= np.linalg.norm(turned, axis=1, keepdims=True)
+    names = [f"q[{i}]" for i in range(4)]
+    doubt = recognise_program_columns(names, cells=list(turned.T)).no_angles
+    assert "q[0] .. q[3] are no joint angles but a quaternion" in str(doubt)
+    assert "--orientation 'q[0],q[1],q[2],q[3]'" in doubt.hint
+    for others in (turned * [1, 1, 1, 1.01], np.round(turned, 1), turned[:2]):  # an arm of four joints; too few to tell
+        assert recognise_program_columns(names, cells=list(others.T)).columns.angles == tuple(names)
+
+
+def test_a_stated_column_is_nothing_else():
+    """Whether it is stated by its name, in other case, without its unit, or by its number."""
+    names = ["pose", "Nest", "J1", "J2", "X [mm]", "Y [mm]", "Z [mm]", "temperature"]
+    assert recognise_program_columns(names).columns.seat == "Nest"
+    for nest in ("Nest", "nest", "2"):
+        found = recognise_program_columns(names, stated=TableColumns(others={"tip": nest}, position=("1",))).columns
+        assert (found.seat, found.position, found.temperature) == (None, (), "temperature")
+    assert recognise_program_columns(names, stated=TableColumns(position=("X", "Y", "Z"))).columns.points == ()
 
 
 @settings(max_examples=25)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
@@ -101,7 +102,13 @@ def import_table(
     ] = None,
     skip_lines: Annotated[int | None, Option(min=0, help="Lines above the header to skip; recognised.")] = None,
     encoding: Annotated[str, Option(help="utf-8, cp1252, utf-16, ..; recognised.")] = "",
-    part: Annotated[str, Option(help="Sheet of a workbook, variable of an archive, topic of a recording.")] = "",
+    part: Annotated[
+        list[str] | None,
+        Option(
+            metavar="NAME",
+            help="Sheet of a workbook, variable of an archive, topic of a recording (repeat it for the second table).",
+        ),
+    ] = None,
     date: FormDate = None,
     artefact_temperature: FormTemperature = None,
     as_json: Json = False,
@@ -120,13 +127,12 @@ def import_table(
 
     signs = {"TAB": "\t", "\\t": "\t", "SPACE": " "}
     form = TableForm(
-        signs.get(separator, separator) or None, decimal or None, thousands, header, skip_lines, encoding or None,
-        part or None,
+        signs.get(separator, separator) or None, decimal or None, thousands, header, skip_lines, encoding or None
     )  # fmt: skip
     if into is not None:
         others = [str(option.name) for option in context.command.params if option.name not in (*FOR_FORMS, *FOR_BOTH)]
         refuse_typed(context, others, "does not apply to --into")
-        _fill(table, into, _listed(points), point_unit, form, date, artefact_temperature, serial_number)
+        _fill(table, into, _listed(points), point_unit, form, part or (), date, artefact_temperature, serial_number)
         return
     refuse_typed(context, FOR_FORMS, "applies to --into only", hint="omit it, or use --into")
     if out is None and not preview:
@@ -136,7 +142,7 @@ def import_table(
 
     from truearm.readings import check_session_path
     from truearm.readings.foreign import JointScale, TableColumns
-    from truearm.readings.foreign.tables import as_table, read_foreign_tables
+    from truearm.readings.foreign.tables import as_tables, read_foreign_tables
 
     sources = [table] if points_from is None else [table, points_from]
     if out is not None:
@@ -155,7 +161,7 @@ def import_table(
     )  # fmt: skip
     with progress(f"importing {table.name}"):
         found = read_foreign_tables(
-            [as_table(source, form) for source in sources],
+            as_tables(sources, form, part or ()),
             columns,
             scale,
             by=by,
@@ -248,12 +254,13 @@ def _fill(
     columns: tuple[str, ...],
     point_unit: str,
     form: TableForm,
+    parts: Sequence[str],
     date: str | None,
     artefact_degC: float | None,
     serial_number: str,
 ) -> None:
     """Fill in points to measure, and print the ranges of the coordinates."""
-    from truearm.readings.foreign import import_points
+    from truearm.readings.foreign.tables import as_tables, import_points
     from truearm.verification.standards.coordinate_origin import ARM_SOFTWARE, CoordinateOrigin
     from truearm.verification.standards.dates import now, parse_moment
     from truearm.verification.standards.points_form import fill_points_form
@@ -263,7 +270,8 @@ def _fill(
     moment = now() if date is None else parse_moment(date)
     _check_not_predicted(table)
     with progress(f"importing {table.name}"):
-        found = import_points(table, columns, point_unit=cast(Any, point_unit or "mm"), form=form)
+        (source,) = as_tables([table], form, parts)
+        found = import_points(source, columns, point_unit=cast(Any, point_unit or None))
         n = fill_points_form(
             into,
             found,

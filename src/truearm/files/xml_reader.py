@@ -11,7 +11,6 @@ import numpy as np
 from truearm.errors import InputError
 from truearm.typing import FloatArray
 
-
 # Blank lines in front of the declaration, which XML does not permit there.
 _BLANK_FIRST = re.compile(rb"\A(\xef\xbb\xbf)?(\s+)(<\?xml\s[^>]{,1000}\?>)")
 

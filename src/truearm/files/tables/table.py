@@ -138,19 +138,23 @@ class Table:
         InputError
             If there is none, or several have the name.
         """
-        name = column.strip()
-        found: list[int] = []
-        for form in (str, str.casefold, name_without_unit):
-            found = found or [i for i, n in enumerate(self.names) if form(n) == form(name)]
+        found, said = columns_named(self.names, column), quoted_cell(column.strip())
         if len(found) > 1:
             numbers = " and ".join(str(i + 1) for i in found)
-            raise self.error(f"{quoted_cell(name)} names columns {numbers}", hint="give its number")
+            raise self.error(f"{said} names columns {numbers}", hint="give its number")
         if found:
             return found[0]
-        if name.isdecimal() and 1 <= int(name) <= len(self.names):
-            return int(name) - 1
         hint = "give a column by its number if its name is hard to type"
-        raise self.error(f"there is no column {quoted_cell(name)}; the columns are {listed(self.names)}", hint=hint)
+        raise self.error(f"there is no column {said}; the columns are {listed(self.names)}", hint=hint)
+
+
+def columns_named(names: Sequence[str], column: str) -> list[int]:
+    """Indices of the columns that have a name, also in other case or without its unit, or else that number from 1."""
+    name = column.strip()
+    for form in (str, str.casefold, name_without_unit):
+        if found := [i for i, n in enumerate(names) if form(n) == form(name)]:
+            return found
+    return [int(name) - 1] if name.isdecimal() and 1 <= int(name) <= len(names) else []
 
 
 def unreadable(path: Path, what: str, error: BaseException, hint: str) -> InputError:

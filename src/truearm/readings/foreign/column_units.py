@@ -9,12 +9,12 @@ from typing import Literal, cast, get_args
 
 import numpy as np
 
+from truearm.errors import InputError
 from truearm.files.tables.table import Table
 from truearm.files.tables.units import canonical_unit, conversion, unit_in_name
 from truearm.readings.foreign.joint_scale import JointScale, JointUnit, certain_unit
 from truearm.readings.foreign.no_readings import lost_targets
 from truearm.readings.foreign.program_columns import split_unit
-from truearm.readings.foreign.table_columns import TableColumns
 from truearm.typing import FloatArray
 
 PointUnit = Literal["mm", "m", "um", "in", "cm"]
@@ -40,10 +40,20 @@ def settle_joint_units(
     values: FloatArray,
     assumed: list[str],
 ) -> JointScale:
-    """Settle the unit of the joints: as stated, as the table or its program has it, or the only one possible."""
-    if scale.unit is not None:
-        return scale
+    """Settle the unit of the joints: as stated, as the table or its program has it, or the only one possible.
+
+    Raises
+    ------
+    InputError
+        If it is not known, or the table states another one than `scale` or than its numbers can have.
+    """
     written = [canonical_unit(table.units[table.index(column)]) for column in angles]
+    if scale.unit is not None:
+        for name, of_table, of_option in zip(angles, written, scale.units(len(angles)), strict=True):
+            is_known = of_table in get_args(JointUnit) and not _is_wrong_angle_unit(of_table, values)
+            if is_known and of_table != of_option:
+                raise _two_units(table, name, of_table, "--angle-unit", of_option)
+        return scale
     stated = [unit if unit in get_args(JointUnit) else None for unit in written]
     stated = [a or b for a, b in zip(stated, known or [None] * len(stated), strict=True)]
     if "rad" in stated and certain_unit(values) == "deg":
@@ -68,6 +78,22 @@ def settle_joint_units(
     raise table.error(problem, 0, column=column, hint=f"--angle-unit deg, --angle-unit rad, or {hint}")
 
 
+def _is_wrong_angle_unit(unit: str | None, values: FloatArray) -> bool:
+    """Whether a table's own unit of angles is doubtful by its numbers, so that another one may be stated."""
+    if unit == "deg":
+        return bool(np.nanmax(np.abs(values)) <= 2 * np.pi)
+    return unit == "rad" and certain_unit(values) == "deg"
+
+
+def _two_units(table: Table, column: str, written: str | None, option: str, stated: str) -> InputError:
+    return table.error(
+        f"the table states {written}, {option} states {stated}",
+        column=table.index(column),
+        hint=f"{option} {written} if the table is right; if not, correct its header, or --no-header with --skip-lines "
+        "and columns by number",
+    )
+
+
 def mm_of(unit: str) -> float:
     """How many mm a unit of length is."""
     found = conversion(unit, "mm")
@@ -76,37 +102,59 @@ def mm_of(unit: str) -> float:
 
 
 def length_unit(table: Table, column: str) -> str | None:
-    """Unit of a coordinate as the table writes it; None where it states none."""
+    """Unit of a coordinate as the table writes it, X_m and X in too; None where it states none."""
     index = table.index(column)
     unit = canonical_unit(table.units[index] or unit_in_name(table.names[index])) or None
+    if unit is None and (behind := split_unit(table.names[index])[1]) in get_args(PointUnit):
+        return behind
     if unit is not None and unit not in get_args(PointUnit):
         hint = f"--point-unit with one of {', '.join(get_args(PointUnit))}; other columns: --points X,Y,Z"
         raise table.error(f"the points are in {unit}", column=index, hint=hint)
     return unit
 
 
-def settle_point_unit(
-    table: Table, columns: TableColumns, known: str | None, points: FloatArray, assumed: list[str]
-) -> PointUnit:
-    """Unit of the points: as the table states it, or mm where an arm's points can be in nothing else."""
-    if not columns.points:
-        return "mm"
+def stated_point_units(
+    table: Table, coordinates: Sequence[str], points: FloatArray, option: PointUnit | None
+) -> list[str | None]:
+    """Units of x, y, z: as the option has it, or else as the table writes each; None where neither does.
+
+    Raises
+    ------
+    InputError
+        If both do, and the numbers do not show that the table's is wrong.
+    """
+    written = [length_unit(table, column) for column in coordinates]
+    other = [(column, unit) for column, unit in zip(coordinates, written, strict=True) if unit not in (None, option)]
+    if option is None or not other:
+        return [option or unit for unit in written]
+    if _is_usual(points * [mm_of(unit or option) for unit in written]):
+        raise _two_units(table, *other[0], "--point-unit", option)
+    return [option] * len(written)
+
+
+def settle_point_units(
+    table: Table,
+    coordinates: Sequence[str],
+    known: str | None,
+    points: FloatArray,
+    assumed: list[str],
+    option: PointUnit | None,
+) -> list[PointUnit]:
+    """Units of x, y, z, or one without points: as stated, or mm where an arm's points can be in nothing else."""
+    if option is not None or not coordinates:
+        return cast(list[PointUnit], stated_point_units(table, coordinates, points, option) or [option or "mm"])
     known = known if known in get_args(PointUnit) else None
-    stated = [length_unit(table, column) or known for column in columns.points]
+    stated = [unit or known for unit in stated_point_units(table, coordinates, points, None)]
     if None in stated and (above := length_unit_above(getattr(table, "points", table))):
         assumed.append(f"points [{above}], as the lines above the table say")
         stated = [unit or above for unit in stated]
-    seen = points[~(np.isnan(points).any(axis=1) | lost_targets(points))]
-    if None not in stated:
-        seen = seen * [mm_of(str(unit)) for unit in stated]
-    # Half of the points decide: one may be a mistake.
-    span = 2 * float(np.median(np.abs(seen - np.median(seen, axis=0)).max(axis=1))) if len(seen) else 0.0
-    is_usual = len(seen) < _FEWEST_POINTS or _SMALLEST_SPAN <= span <= _LARGEST_SPAN
+    in_mm = points if None in stated else points * [mm_of(str(unit)) for unit in stated]
+    is_usual, span = _is_usual(in_mm), _span(in_mm)
     if is_usual and None not in stated:
-        return cast(PointUnit, stated[0])
+        return cast(list[PointUnit], stated)
     if is_usual and not any(stated):
         assumed.append("points in mm")
-        return "mm"
+        return ["mm"] * 3
     other = "m" if span < _SMALLEST_SPAN else "um"
     problem = (
         f"the unit of the points is not stated: half of them span {span:.4g}, which may be mm or {other}"
@@ -116,9 +164,24 @@ def settle_point_unit(
     raise table.error(
         problem,
         0,
-        column=table.index(columns.points[0]),
+        column=table.index(coordinates[0]),
         hint=f"--point-unit mm, or --point-unit {other} (one of {', '.join(get_args(PointUnit))})",
     )
+
+
+def _is_usual(points: FloatArray) -> bool:
+    """Whether (n, 3) points span what those of an arm do, if they are in mm; or are too few to tell."""
+    return len(_seen(points)) < _FEWEST_POINTS or _SMALLEST_SPAN <= _span(points) <= _LARGEST_SPAN
+
+
+def _span(points: FloatArray) -> float:
+    """How far half of (n, 3) points lie apart: the others may be mistakes."""
+    seen = _seen(points)
+    return 2 * float(np.median(np.abs(seen - np.median(seen, axis=0)).max(axis=1))) if len(seen) else 0.0
+
+
+def _seen(points: FloatArray) -> FloatArray:
+    return points[~(np.isnan(points).any(axis=1) | lost_targets(points))]
 
 
 def unit_of_name(name: str) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -36,21 +36,6 @@ LARGEST_ENTRY = 1e6
 FULL_TURN = 2 * np.pi * (1 + 1e-6)
 
 
-class TableOrientations(NamedTuple):
-    """Orientations of a table.
-
-    Attributes
-    ----------
-    quaternion : (n, 4) array
-        Of the flange in the frame of the points, w first.
-    translation : (n, 3) array or None
-        That of 3 x 4 and 4 x 4 matrices, in the table's unit.
-    """
-
-    quaternion: FloatArray
-    translation: FloatArray | None
-
-
 def check_orientation_columns(n_columns: int, unit: OrientationUnit | None, order: str | None = None) -> None:
     """Refuse a number of columns that is no orientation, and angles without their unit or in no order.
 
@@ -78,7 +63,7 @@ def check_orientation_columns(n_columns: int, unit: OrientationUnit | None, orde
 
 def read_orientations(
     values: FloatArray, unit: OrientationUnit | None, order: str | None, refuse: Refuse
-) -> TableOrientations:
+) -> FloatArray:
     """Turn the columns of an orientation into quaternions.
 
     Parameters
@@ -92,6 +77,11 @@ def read_orientations(
         the axes as turned before, ``xyz`` about fixed ones.
     refuse : callable
         Makes the error of a row, from the row, the problem, what to do and the number of the column among these.
+
+    Returns
+    -------
+    (n, 4) array
+        Quaternions of the flange in the frame of the points, w first.
 
     Raises
     ------
@@ -107,9 +97,7 @@ def read_orientations(
     quaternion = np.full((len(values), 4), np.nan)
     if len(rows):
         quaternion[rows] = _quaternions(values[rows], unit, order, of_known)
-    if values.shape[1] < 12:
-        return TableOrientations(quaternion, None)
-    return TableOrientations(quaternion, values[:, [3, 7, 11]])
+    return quaternion
 
 
 def _quaternions(values: FloatArray, unit: OrientationUnit | None, order: str | None, refuse: Refuse) -> FloatArray:

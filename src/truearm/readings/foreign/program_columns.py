@@ -16,11 +16,18 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, get_args
 
+import numpy as np
+
 from truearm.errors import InputError
+from truearm.files.tables.table import columns_named
 from truearm.files.tables.units import canonical_unit
 from truearm.readings.foreign.joint_scale import JointUnit
 from truearm.readings.foreign.table_columns import TableColumns, is_other
 from truearm.readings.readings import PAYLOAD
+from truearm.typing import FloatArray, NameArray
+
+# Four numbers in a row are a quaternion if their length is 1 in all rows, of more than this many, to rounding.
+_UNIT_LENGTH, _FEW_ROWS = 1e-3, 2
 
 # Units that a name may end in, among those that tables write.
 _UNITS_OF_NAMES: tuple[str, ...] = ("deg", "rad", "gon", "mm", "m", "cm", "um", "in", "counts", "s")
@@ -72,8 +79,9 @@ _CONTROLLER = re.compile(
 )
 _INSTRUMENT = re.compile(
     r"(tracker|lasertracker|leica|at9\d0|at40\d|lt|laser|vicon|mocap|optitrack|motive|faro|api|radian|vantage|camera|cmm|"
-    r"photogrammetry|meas|measured|measurement|creaform|polyworks)"
+    r"photogrammetry|creaform|polyworks)"
 )
+_MEASURED = re.compile(r"meas|measured|measurement")
 _STD = re.compile(r"u|s|std|sigma|unc|uncertainty|stdev")
 _AXIS = re.compile(r"(?P<before>[^\W\d_]*?)(?P<axis>[xyz])(?P<after>m|coord|pos)?")
 _OF_ROS = re.compile(r"field\.|/")  # as rostopic and PlotJuggler begin names
@@ -110,6 +118,8 @@ class ProgramColumns:
         What was recognised, to be printed, by the field of `columns`.
     remarks : tuple of str
         What looks like a reference and is none, or may mean two things; a sentence each.
+    no_angles : InputError, optional
+        Why columns that may be joint angles are not taken for them, where no others are.
     """
 
     columns: TableColumns
@@ -119,16 +129,18 @@ class ProgramColumns:
     orientation_order: str | None = None
     phrases: Mapping[str, str] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
+    no_angles: InputError | None = None
 
 
 @dataclass(frozen=True)
 class _Name:
-    """A column: what it is called in messages, its words without the unit, and its unit."""
+    """A column: what it is called in messages, its words without the unit, its unit, and its cells."""
 
     label: str
     stem: str
     unit: str | None
     written: str
+    cells: FloatArray | NameArray | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True)
@@ -170,14 +182,17 @@ def split_unit(name: str, unit: str = "") -> tuple[str, str | None]:
 
 
 def recognise_program_columns(
-    names: Sequence[str], units: Sequence[str] = (), stated: TableColumns | None = None
+    names: Sequence[str],
+    units: Sequence[str] = (),
+    stated: TableColumns | None = None,
+    cells: Sequence[FloatArray | NameArray] = (),
 ) -> ProgramColumns:
     """Recognise the columns of known programs by their names, in whatever order they stand.
 
     Parameters
     ----------
-    names, units : sequence of str
-        As `Table` has them.
+    names, units, cells : sequence
+        As `Table` has them: without its columns' cells a quaternion in numbers passes for four joints.
     stated : TableColumns, optional
         Columns that a person states: they are nothing else, and what they hold is not looked for.
 
@@ -196,17 +211,28 @@ def recognise_program_columns(
     written = [unicodedata.normalize("NFC", name).strip() for name in names]
     of_table = [*units, *[""] * (len(names) - len(units))]
     known = stated or TableColumns()
-    taken = {*known.angles, *known.points, *known.point_std, *known.orientation}
     plain = [_without_number(name, written) for name in written]
+    of_cells = [*cells, *[None] * (len(names) - len(cells))]
+    taken = {i for column in known.all() for i in columns_named(names, column)}
     table = [
-        _Name(name if name and written.count(name) == 1 else str(i + 1), *split_unit(plain[i], of_table[i]), plain[i])
+        _Name(
+            name if name and written.count(name) == 1 else str(i + 1),
+            *split_unit(plain[i], of_table[i]),
+            plain[i],
+            of_cells[i],
+        )
         for i, name in enumerate(written)
-        if not {name, str(i + 1)} & taken
+        if i not in taken
     ]
     remarks: list[str] = []
-    joints = None if known.angles else _chosen_joints(table, remarks)
+    doubts: list[InputError] = []
+    joints = None if known.angles else _chosen_joints(table, doubts)
+    no_angles = doubts[0] if doubts and not joints else None
+    remarks += [f"{doubt.problem}." for doubt in doubts if joints]
     free = [column for column in table if joints is None or column not in joints.columns]
-    found = _tip(free, remarks, has_joints=bool(joints or known.angles), is_stated=bool(known.points))
+    stated_angles = [split_unit(names[i])[0] for column in known.angles for i in columns_named(names, column)]
+    of_angles = [column.stem for column in joints.columns] if joints else stated_angles
+    found = _tip(free, remarks, of_angles, is_stated=bool(known.points))
     found |= _single(free, remarks)
     joints = _of_controller(joints, free)
     phrases: dict[str, str] = {}
@@ -225,7 +251,7 @@ def recognise_program_columns(
         if at := found.get(what):
             phrases[what] = f"{what} {at if isinstance(at, str) else ', '.join(at)}"
     columns = TableColumns(**{f.name: found.pop(f.name) for f in fields(TableColumns) if f.name in found})
-    return ProgramColumns(columns, **found, phrases=phrases, remarks=tuple(remarks))
+    return ProgramColumns(columns, **found, phrases=phrases, remarks=tuple(remarks), no_angles=no_angles)
 
 
 def _without_number(name: str, names: Sequence[str]) -> str:
@@ -253,9 +279,16 @@ def _words_match(pattern: re.Pattern[str], text: str) -> bool:
     return bool(text) and (bool(pattern.fullmatch(text)) or any(pattern.fullmatch(word) for word in text.split("_")))
 
 
-def _chosen_joints(table: Sequence[_Name], remarks: list[str]) -> _Joints | None:
-    """The one run of measured joint angles; None if there is none."""
-    runs = [*_numbered(table, remarks), *_named(table)]
+def _chosen_joints(table: Sequence[_Name], doubts: list[InputError]) -> _Joints | None:
+    """The one run of measured joint angles; None if there is none. `doubts` say why columns are not taken for one."""
+    runs = []
+    for run in (*_numbered(table, doubts), *_named(table)):
+        if not _is_quaternion(run):
+            runs.append(run)
+            continue
+        problem = f"{_span(run.columns)} are no joint angles but a quaternion: its rows have the length 1"
+        names = ",".join(_labels(run.columns))
+        doubts.append(InputError(problem, hint=f"--orientation '{names}', with --orientation-order wxyz or xyzw"))
     own = [run for run in runs if run.is_program] or runs
     if len(own) > 1:  # q1 .. q4 beside joints may be a quaternion
         own = [run for run in own if len(run.columns) != 4 or not run.columns[0].stem.startswith("q")] or own
@@ -275,7 +308,17 @@ def _of_controller(joints: _Joints | None, free: Sequence[_Name]) -> _Joints | N
     return joints
 
 
-def _numbered(table: Sequence[_Name], remarks: list[str]) -> list[_Joints]:
+def _is_quaternion(run: _Joints) -> bool:
+    """Whether the rows of four columns all have the length 1, as those of no four joints have."""
+    cells = [column.cells for column in run.columns]
+    if len(cells) != 4 or any(one is None or one.dtype.kind != "f" for one in cells):
+        return False
+    rows = np.stack(cells, axis=1).astype(float)  # type: ignore[arg-type]
+    rows = rows[~np.isnan(rows).any(axis=1)]
+    return len(rows) > _FEW_ROWS and bool((np.abs(np.linalg.norm(rows, axis=1) - 1) < _UNIT_LENGTH).all())
+
+
+def _numbered(table: Sequence[_Name], doubts: list[InputError]) -> list[_Joints]:
     runs = []
     taken: set[_Name] = set()
     for program, unit, pattern in _NUMBERED_JOINTS:
@@ -296,9 +339,10 @@ def _numbered(table: Sequence[_Name], remarks: list[str]) -> list[_Joints]:
                 continue
             columns = tuple(numbers[i] for i in sorted(numbers))
             if missing := sorted({*range(first, last + 1)} - numbers.keys()):
-                remarks.append(
-                    f"{', '.join(_labels(columns))} may be joint angles, but that of {missing[0]} is missing."
-                )
+                names, lacks = _labels(columns), re.sub(r"\d+(?=\D*$)", str(missing[0]), columns[0].written)
+                problem = f"{', '.join(names)} may be joint angles, but {lacks} is missing"
+                hint = f"export {lacks} too, or --angles '{','.join(names)}' if the arm has no such joint"
+                doubts.append(InputError(problem, hint=hint))
                 continue
             taken |= set(columns)
             if not program and all(re.search(r"[/.]position$", column.written) for column in columns):
@@ -323,8 +367,11 @@ def _named(table: Sequence[_Name]) -> list[_Joints]:
     return runs
 
 
-def _tip(free: Sequence[_Name], remarks: list[str], *, has_joints: bool, is_stated: bool) -> dict[str, Any]:
-    """Points, their uncertainties and orientations; where points are stated no others are looked for."""
+def _tip(free: Sequence[_Name], remarks: list[str], of_angles: Sequence[str], *, is_stated: bool) -> dict[str, Any]:
+    """Points, their uncertainties and orientations; where points are stated no others are looked for.
+
+    `of_angles` are the words of the columns of the angles: what they call measured is the controller's measurement.
+    """
     found: dict[str, Any] = _orientation(free, remarks)
     used = set(found.pop("used", ()))
     groups: dict[tuple[str, ...], dict[str, _Name]] = defaultdict(dict)
@@ -341,8 +388,8 @@ def _tip(free: Sequence[_Name], remarks: list[str], *, has_joints: bool, is_stat
                 again = next(str(n) for n in range(len(free)) if match["axis"] not in groups[(*key, str(n))])
                 groups[(*key, again)][match["axis"]] = column
     own = {column.stem for column in free}
-    of_controller = has_joints and ({"a", "b", "c"} <= own or {"w", "p", "r"} <= own or {"rx", "ry", "rz"} <= own)
-    ranked: dict[int, list[tuple[_Name, ...]]] = defaultdict(list)
+    of_controller = bool(of_angles) and ({"a", "b", "c"} <= own or {"w", "p", "r"} <= own or {"rx", "ry", "rz"} <= own)
+    ranked: list[tuple[int, tuple[_Name, ...]]] = []
     for key, axes in groups.items():
         if len(axes) < 3:
             continue
@@ -358,10 +405,14 @@ def _tip(free: Sequence[_Name], remarks: list[str], *, has_joints: bool, is_stat
         elif _words_match(_NOT_MEASURED, beside) and not _words_match(_OTHER_QUANTITY, beside):
             found.setdefault("position", _labels(columns))  # readings of one goal are neighbours
         elif not _words_match(_OTHER_QUANTITY, beside):
-            ranked[0 if _words_match(_INSTRUMENT, beside) else 1].append(columns)
-    points = ranked[min(ranked)] if ranked else []
-    if is_stated:
-        points = []
+            of_instrument, measured = (_words_match(words, beside) for words in (_INSTRUMENT, _MEASURED))
+            ranked.append((0 if of_instrument else 1 if measured else 2 if beside else 3, columns))
+    # An instrument's points go before those of others, measured ones before those without a word; where the angles are
+    # called measured as well, that says nothing. Any others beside each other are asked.
+    said_of_angles = any(_words_match(_MEASURED, stem) for stem in of_angles)
+    alike = {0: (0, 1), 1: (1, 2, 3) if said_of_angles else (1, 2), 2: (2, 3), 3: (3,)}
+    first = min((rank for rank, _ in ranked), default=0)
+    points = [] if is_stated else [columns for rank, columns in ranked if rank in alike[first]]
     if len(points) > 1:
         both = " and ".join(", ".join(_labels(columns)) for columns in points)
         raise InputError(

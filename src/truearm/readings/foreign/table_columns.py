@@ -63,12 +63,18 @@ class TableColumns:
                 raise InputError(f"expected three columns (x, y, z) for {name}, got {len(getattr(self, name))}")
         if len(self.orientation) in (12, 16) and self.points:
             raise InputError("the points are given twice, by columns of their own and by the last column of a matrix")
-        if self.angles and self.point_std and not self.points and len(self.orientation) not in (12, 16):
+        if self.angles and self.point_std and not self.coordinates:
             raise InputError("point_std needs points: without a reference point it has no meaning")
         for name in self.others:
             if not is_other(name):
                 hint = f"one of {', '.join((*OTHER_NAMES, *OTHER_NUMBERS, 'load_..', f'{DIRECTION}1'))}"
                 raise InputError(f"a session file has no column {quoted_cell(name)} to import to", hint=hint)
+
+    @property
+    def coordinates(self) -> Sequence[str]:
+        """Columns of x, y, z of the tip: those of the points, or those that a matrix has; none without either."""
+        has_them = len(self.orientation) in (12, 16)
+        return [self.orientation[i] for i in (3, 7, 11)] if has_them else self.points
 
     def all(self) -> list[str]:
         """Every column that is read."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
+from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast, get_args
 
@@ -21,7 +22,8 @@ from truearm.readings.foreign.column_units import (
     mm_of,
     numbers_in_unit,
     settle_joint_units,
-    settle_point_unit,
+    settle_point_units,
+    stated_point_units,
     unit_of_name,
 )
 from truearm.readings.foreign.joined_logs import STANDSTILL_MM, STANDSTILL_S, join_tables, measured_columns
@@ -93,7 +95,7 @@ def import_table(
     header: bool | None = None,
     skip_lines: int | None = None,
     encoding: str | None = None,
-    part: str | None = None,
+    part: str | Sequence[str] | None = None,
     session_name: str | None = None,
     serial_number: str | None = None,
 ) -> Session:
@@ -133,8 +135,9 @@ def import_table(
         Lines above the header, or above the first row, that do not belong to the table.
     encoding : str, optional
         Any text encoding that Python knows.
-    part : str, optional
-        Which sheet of a workbook, variable of an archive, or topic of a recording.
+    part : str or sequence of str, optional
+        Which sheet of a workbook, variable of an archive, or topic of a recording; of two tables one each, in their
+        order, empty for none.
     session_name, serial_number : str, optional
         Of all readings, if no column holds it.
 
@@ -159,8 +162,9 @@ def import_table(
     >>> session.points.tolist()
     [[500.0, 0.0, 250.0]]
     """
-    form = TableForm(separator, decimal, thousands, header, skip_lines, encoding, part)
-    tables = [as_table(one, form) for one in (table, points_from) if one is not None]
+    form = TableForm(separator, decimal, thousands, header, skip_lines, encoding)
+    sources = [one for one in (table, points_from) if one is not None]
+    tables = as_tables(sources, form, [part] if isinstance(part, str) else part or ())
     return read_foreign_tables(
         tables,
         columns or TableColumns(),
@@ -176,6 +180,23 @@ def import_table(
         session_name=session_name,
         serial_number=serial_number,
     ).session
+
+
+def as_tables(
+    sources: Sequence[str | Path | Table | pd.DataFrame], form: TableForm, parts: Sequence[str]
+) -> list[Table]:
+    """Read the cells of one table or two that are written in one form, a part of each, in their order.
+
+    Raises
+    ------
+    InputError
+        If one cannot be read as a table, or more parts are stated than there are tables.
+    """
+    if len(parts) > len(sources):
+        problem = f"{len(parts)} parts are stated, expected one for each of {len(sources)} tables"
+        raise InputError(problem, hint="--part once for TABLE and, with --with, once for the second one")
+    of_each = zip_longest(sources, parts, fillvalue="")
+    return [as_table(source, replace(form, part=part or None)) for source, part in of_each]
 
 
 def as_table(table: str | Path | Table | pd.DataFrame, form: TableForm) -> Table:
@@ -218,15 +239,16 @@ def read_foreign_tables(
         As `import_table`.
     """
     first, *more = tables
+    known, *of_more = (recognise_program_columns(one.names, one.units, columns, one.columns) for one in tables)
+    if known.no_angles is not None:
+        raise first.error(known.no_angles.problem, hint=known.no_angles.hint)
     if not more:
-        known = recognise_program_columns(first.names, first.units, columns)
         return interpret_table(first, columns, scale, known=known, **meaning)
-    points = more[0]
-    known, tip = (recognise_program_columns(table.names, table.units, columns) for table in tables)
+    points, tip = more[0], of_more[0]
     # Where names tell nothing, the columns of numbers that are no times and do not count the rows do.
     angles = columns.angles or known.columns.angles or [str(i + 1) for i in measured_columns(first)]
     at = columns.points or tip.columns.points or [str(i + 1) for i in measured_columns(points)]
-    unit = meaning.get("point_unit") or tip.point_unit or "mm"
+    unit = meaning.get("point_unit") or length_unit(points, at[0]) or tip.point_unit or "mm"
     joined = join_tables(
         first,
         points,
@@ -336,12 +358,12 @@ def interpret_table(
         scale.to_angles(np.zeros((1, len(columns.angles))))
     _check_once(table, columns)
     table = _readings_of(table, columns, remarks)
-    values, points = _numbers(table, columns.angles), _numbers(table, columns.points)
+    values, points = _numbers(table, columns.angles), _numbers(table, columns.coordinates)
     scale = settle_joint_units(scale, table, columns.angles, units, values, assumed)
     of_program = None if known is None or columns.points != known.columns.points else known.point_unit
-    unit = point_unit or settle_point_unit(table, columns, of_program, points, assumed)
-    to_mm = [mm_of(unit if point_unit else length_unit(table, c) or unit) for c in columns.points]
-    fields = _tip_fields(table, columns, points * to_mm, unit, orientation_unit, orientation_order, remarks)
+    point_units = settle_point_units(table, columns.coordinates, of_program, points, assumed, point_unit)
+    unit, points = point_units[0], points * [mm_of(one) for one in point_units]
+    fields = _tip_fields(table, columns, points, unit, orientation_unit, orientation_order, remarks)
     fields |= _other_fields(table, columns, unit)
     _state_name(fields, "session", session_name, by_hand.session, len(table))
     _state_name(fields, "serial_number", serial_number, by_hand.others.get("serial_number"), len(table))
@@ -399,7 +421,7 @@ def _why_not(table: Table, column: str, unit: str, *, every_row: bool = False) -
 
 def _readings_of(table: Table, columns: TableColumns, remarks: list[str]) -> Table:
     """Return the rows that are readings: all their angles are there, and they are no means of the rows above."""
-    values, points = _numbers(table, columns.angles), _numbers(table, columns.points)
+    values, points = _numbers(table, columns.angles), _numbers(table, columns.coordinates)
     whole = np.ones(len(table), bool)
     if (summed := statistics_at_ends(np.hstack([values, points]))).any():
         whole &= ~summed
@@ -430,7 +452,7 @@ def import_points(
     path: str | Path | Table,
     columns: Sequence[str],
     *,
-    point_unit: PointUnit = "mm",
+    point_unit: PointUnit | None = None,
     form: TableForm | None = None,
 ) -> FloatArray:
     r"""Read points from a table, such as the export of a metrology program.
@@ -441,8 +463,8 @@ def import_points(
         As `import_table` takes it.
     columns : sequence of three str
         x, y and z: each by its name in the header, or by its number counted from 1.
-    point_unit : {"mm", "m", "cm", "um", "in"}
-        Unit of the points.
+    point_unit : {"mm", "m", "cm", "um", "in"}, optional
+        Unit of the points; by default that which the table states, or mm.
     form : TableForm, optional
         How the table is written, as far as it is stated.
 
@@ -474,7 +496,7 @@ def import_points(
         row, k = np.argwhere(np.isnan(points))[0].tolist()
         hint = "measure the point, or delete its row"
         raise table.error("expected a number, got an empty cell", row, column=table.index(columns[k]), hint=hint)
-    return points * mm_of(point_unit)
+    return points * [mm_of(unit or "mm") for unit in stated_point_units(table, columns, points, point_unit)]
 
 
 def _check_stated(point_unit: str | None, u_mm: float | None) -> None:
@@ -487,7 +509,8 @@ def _check_stated(point_unit: str | None, u_mm: float | None) -> None:
 
 def _check_once(table: Table, columns: TableColumns) -> None:
     """Refuse columns that are not there, and one that holds two different numbers."""
-    numbers = replace(columns, seat=None, session=None, position=(), others={})
+    others = {name: column for name, column in columns.others.items() if name not in OTHER_NAMES}
+    numbers = replace(columns, seat=None, session=None, position=(), others=others)
     indices = [table.index(column) for column in numbers.all()]
     for i in indices:
         if indices.count(i) > 1:
@@ -524,9 +547,8 @@ def _tip_fields(
         def refuse(row: int, problem: str, hint: str, column: int) -> InputError:
             return table.error(problem, row, column=indices[column], hint=hint)
 
-        found = read_orientations(_numbers(table, columns.orientation), orientation_unit, orientation_order, refuse)
-        fields["quaternion"] = found.quaternion
-        points = points if found.translation is None else found.translation * mm_of(unit)
+        values = _numbers(table, columns.orientation)
+        fields["quaternion"] = read_orientations(values, orientation_unit, orientation_order, refuse)
     if not points.size:
         return fields
     in_table = points / mm_of(unit)
