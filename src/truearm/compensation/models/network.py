@@ -342,7 +342,7 @@ class NetworkModel(Compensator):
         return np.asarray(np.linalg.inv(gram + 1e-3 * np.eye(len(gram))))
 
     def _inputs(self, angles: FloatArray) -> FloatArray:
-        """(n_inputs, n) scaled angles of the joints that are read, those that only mimic others left out."""
+        """(n_inputs, n) scaled angles of the joints that are read: not of those that only mimic others."""
         return self.angle_scale_.scale(angles.compress(self.arm_.chain.is_read, axis=1).T)
 
     def _basis(self, weights: FloatArray, inputs: FloatArray) -> FloatArray:
