@@ -38,9 +38,8 @@ SEARCH_S, STEP_S, DEGREE, MOST_MOVES, MOST_SAMPLES = 1.0, 0.08, 12, 200, 300
 COMPLETE, MISFIT = 0.9, 0.02
 # Joints that deviate by more from a straight line, as a share of its length, take a bent path; its steps [s].
 BENT, PATH_STEP_S = 0.05, 0.04
-# Moves from which a drift is estimated, and standard deviations beyond which a move's offset is not used; standard
-# uncertainty of time stamps that all of a log share, as a share of the step between samples: no log is stamped better.
-LEAST_MOVES, STRAY_STDS, STAMPS = 5, 4.0, 0.05
+# Moves from which a drift is estimated, and standard deviations beyond which a move's offset is not used.
+LEAST_MOVES, STRAY_STDS = 5, 4.0
 
 
 @dataclass(frozen=True)
@@ -97,8 +96,7 @@ def clock_offset(joints: Log, points: Log, still: FloatArray, given_s: float | N
     if not len(alike):
         return ClockOffset(coarse, 0.0 if given_s is not None else SEARCH_S / 2, at_s=float(points.times.mean()))
     clock = _line(*alike[:, :3].T)
-    u = float(np.hypot(clock.u_offset_s, STAMPS * max(joints.step, points.step)))
-    return replace(clock, offset_s=coarse + clock.offset_s, u_offset_s=u)
+    return replace(clock, offset_s=coarse + clock.offset_s)
 
 
 def _most_likely(joints: Log, points: Log, still: FloatArray) -> float:
@@ -147,25 +145,46 @@ def _moves_at(joints: Log, points: Log, coarse: float, still: FloatArray, most: 
 
 
 def _line(at: FloatArray, offset: FloatArray, u: FloatArray) -> ClockOffset:
-    """Fit offset and drift; the uncertainty by the scatter of the moves, or theirs if that is larger."""
+    """Fit offset and drift; moves scatter by their uncertainties and by what these leave unexplained."""
     kept = np.ones(len(at), dtype=bool)
-    u = np.hypot(u, np.median(u))
     for _ in range(5):
-        w, n = 1 / u[kept] ** 2, int(kept.sum())
-        middle = float(at[0] + np.average(at[kept] - at[0], weights=w))  # dates count 1e9 seconds
-        away, value = at - middle, float(np.average(offset[kept], weights=w))
-        lever = float((w * away[kept] ** 2).sum())
-        drift = float((w * away[kept] * offset[kept]).sum()) / lever if n >= LEAST_MOVES and lever > 0 else 0.0
-        left = offset - value - drift * away
-        freedom = max(n - (2 if drift else 1), 1)
-        birge = max(1.0, float(np.sqrt((w * left[kept] ** 2).sum() / freedom)))
+        n = int(kept.sum())
+        n_free = n - (2 if n >= LEAST_MOVES else 1)
+        variance = u**2 + _unexplained(at[kept], offset[kept], u[kept] ** 2, n_free)
+        middle, value, drift, lever = _weighted_line(at[kept], offset[kept], 1 / variance[kept])
+        left = offset - value - drift * (at - middle)
         limit = STRAY_STDS * max(OVER_MEDIAN * float(np.median(np.abs(left))), float(np.median(u)))
         again = np.abs(left) <= limit
         if n < LEAST_MOVES or again.sum() < LEAST_MOVES or (again == kept).all():
             break
         kept = again
-    u_drift = birge / np.sqrt(lever) if drift else 0.0
-    return ClockOffset(value, birge / float(np.sqrt(w.sum())), drift, float(u_drift), middle, n)
+    u_value, u_drift = (1 / variance[kept]).sum() ** -0.5, lever**-0.5 if drift else 0.0
+    return ClockOffset(value, float(u_value), drift, float(u_drift), middle, n)
+
+
+def _weighted_line(at: FloatArray, offset: FloatArray, w: FloatArray) -> tuple[float, float, float, float]:
+    """Mean time, offset there, drift, and the weighted sum of squared levers; no drift of few moves."""
+    middle = float(at[0] + np.average(at - at[0], weights=w))  # dates count 1e9 seconds
+    away, value = at - middle, float(np.average(offset, weights=w))
+    lever = float((w * away**2).sum())
+    return middle, value, float((w * away * offset).sum()) / lever if len(at) >= LEAST_MOVES else 0.0, lever
+
+
+def _unexplained(at: FloatArray, offset: FloatArray, variance: FloatArray, n_free: int) -> float:
+    """Variance to add to those of the moves so that they explain the scatter about the line [s^2].
+
+    Source: R. C. Paule, J. Mandel, J. Res. Natl. Bur. Stand. 87 (1982) 377.
+    """
+    from scipy.optimize import brentq
+
+    def excess(more: float) -> float:
+        w = 1 / (variance + more)
+        middle, value, drift, _ = _weighted_line(at, offset, w)
+        return float((w * (offset - value - drift * (at - middle)) ** 2).sum()) - n_free
+
+    if n_free < 1 or excess(0.0) <= 0:
+        return 0.0
+    return float(brentq(excess, 0.0, ((offset - offset.mean()) ** 2).sum() / n_free + variance.max()))
 
 
 def _offset_of_move(
@@ -213,8 +232,9 @@ def _offset_of_move(
     e = left(shift)
     least, h = max(float((e**2).sum()), np.finfo(float).tiny), STEP_S / 8
     bend = (squares(shift + h) + squares(shift - h) - 2 * least) / h**2
-    # Where the polynomial does not follow the tip, errors of neighbours are alike.
-    r = min(max(float((e[1:] * e[:-1]).sum()) / least, 0.0), 0.99)
+    # Where the polynomial does not follow the tip, errors of neighbours are alike: by r, with the share of it that the
+    # polynomial takes away.
+    r = min(max(float((e[1:] * e[:-1]).sum()) / least + (degree + 1) / len(times), 0.0), 0.99)
     variance = least / max(e.size - 3 * (degree + 1) - 1, 1) * (1 + r) / (1 - r)
     u = max(float(np.sqrt(2 * variance / bend)), 1e-6) if bend > 0 else SEARCH_S
     is_inside = abs(best) < SEARCH_S - STEP_S / 2 and u < SEARCH_S

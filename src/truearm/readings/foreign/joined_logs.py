@@ -201,7 +201,7 @@ def _clocks(joints: _Side, points: _Side, clock: ClockOffset) -> str:
     """Say when the points begin, and what is added to their times, as the option takes it."""
     late = float(clock.to_joints(points.log.times[:1])[0] - joints.log.times[0])
     said = f"{named(points.table)} starts {abs(late):.3f} s {'after' if late >= 0 else 'before'} {named(joints.table)}"
-    said += f" (its times {clock.offset_s:+.3f} s"
+    said += f" (its times {clock.offset_s:+.4f} s"
     if clock.u_offset_s:
         said += f", u {format_number(clock.u_offset_s, digits=2)} s"
     if clock.drift:
