@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -11,6 +12,7 @@ import pytest
 
 import truearm as ta
 from truearm.compensation.targets.manifest import read_manifest
+from truearm.compensation.targets.pose_models import reference_from_base
 
 # Joints are printed to 12 digits, in degrees.
 PRINTED_DEG = 1e-9
@@ -82,6 +84,20 @@ TAMPERINGS = {
     "code before the manifest": lambda lines: ["halt " + lines[0], *lines[1:]],
     "a line more": lambda lines: [*lines, "halt"],
 }
+
+
+def test_check_poses_in_the_base_frame_are_those_in_the_reference_frame():
+    """The reference stands aside and a quarter turn about the arm: every pose is moved back by both."""
+    session = ta.simulate("ur10", poses=40, seed=1).session
+    points = session.points @ [[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]] + [500.0, -200, 30]
+    model = ta.fit("ur10", replace(session, points=points), model="nominal").model
+    tips = {
+        frame: ta.correct(model, session.angles[:1], frame=frame).manifest("csv").tips
+        for frame in ("reference", "base")
+    }
+    back = np.linalg.inv(reference_from_base(model))
+    assert abs(back[0, 1]) > 0.99
+    np.testing.assert_allclose(tips["base"], tips["reference"] @ back[:3, :3].T + back[:3, 3], atol=1e-9)
 
 
 @pytest.mark.parametrize(("language", "suffix"), PROGRAMS)

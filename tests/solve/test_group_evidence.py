@@ -294,6 +294,20 @@ def test_a_group_is_pruned_if_the_log_evidence_gains(seed):
     assert found.scale[0] == 1.0
 
 
+@pytest.mark.parametrize(("scale", "is_pruned"), [(1.0, False), (20.0, True), (1 / 20, True)])
+def test_a_scale_far_from_its_prior_is_a_reason_to_prune(scale, is_pruned):
+    """One parameter, x = 4 posterior standard deviations: dropping it costs 8 - log(P / S) / 2 in log evidence.
+
+    With P / S = 10^4 that is 3.4; a scale of 20 costs log(20)^2 / 2 = 4.5 with a prior standard deviation of 1 of its
+    logarithm, a scale of 1 nothing.
+    """
+    prior = prior_of([1.0], scale=[scale])
+    gram = np.array([[(1e4 - 1) / scale**2]])
+    right = np.array([4.0 * np.sqrt(gram[0, 0] + 1 / scale**2)])
+    found = prune_groups(prior, posterior(gram, right, prior), np.ones(1, bool), log_spread=1.0)
+    assert (found.scale[0] == 0) == is_pruned
+
+
 def test_groups_that_the_data_do_not_see_are_kept():
     gram = np.diag([1e4, 1e-4])
     prior = prior_of([1, 1], [0, 1])

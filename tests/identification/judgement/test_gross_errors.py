@@ -76,6 +76,16 @@ def test_gross_errors_of_any_size_are_named_and_no_others(seed, n, share):
     assert ((weights >= 0) & (weights <= 1)).all()
 
 
+def test_a_reading_has_the_weight_of_its_probability_to_be_honest():
+    """At 8 scales Student's weight is 6 / (3 + 64): a reading that is gross in all likelihood has none of it left."""
+    wide = ErrorDistribution(variance=NOISE**2, freedom=3.0, gross_share=0.3)
+    readings = held_out(NOISE * np.array([[0.5, 0, 0], [8.0, 0, 0], [0, 800.0, 0]]))
+    weights, probability = wide.student_weights(readings), wide.gross_probability(readings)
+    assert probability[2] > 0.999 > 0.9 > probability[1] > 0.1
+    student = [1.0, 6 / (3 + 64), 6 / (3 + 800**2)]
+    assert weights == pytest.approx(student * (1 - probability), rel=1e-9)
+
+
 @given(seed=st.integers(0, 99), k=st.sampled_from([1, 3]), freedom=st.floats(3.2, 500), share=st.floats(2e-3, 0.39))
 @settings(max_examples=20)
 def test_derivatives_of_the_deviance_are_its_differences(seed, k, freedom, share):

@@ -107,6 +107,12 @@ def test_scatters_from_few_readings_alarm_as_often_too(rng):
     assert binom.ppf(0.0005, 100 * 23, FALSE_ALARMS) <= beyond <= binom.ppf(0.9995, 100 * 23, FALSE_ALARMS)
 
 
+def test_the_limits_of_a_scatter_within_a_small_uncertainty_are_those_of_any_value():
+    """The power 2/3 that is charted stretches the expected deviation as it does the values: to 1 % at u = 0.1 %."""
+    values, u = np.full(6, 0.02), 2e-5
+    assert chart(values, u, scale=True).upper[5] - 0.02 == pytest.approx(chart(values, u).upper[5] - 0.02, rel=0.01)
+
+
 @settings(max_examples=30)
 @given(
     st.lists(st.integers(-50, 50), min_size=3, max_size=20),

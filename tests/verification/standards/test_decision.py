@@ -244,6 +244,8 @@ def test_the_worst_row_decides():
     # Of several that conform: the one nearest to its own limit, not the largest.
     assert worst_result([row(0.02, 0.05), row(0.015, 0.02)]).where == "0.015"
     assert worst_result([row(1.0, None), row(-2.0, None)]).where == "-2.0"
+    # Their uncertainty counts with them: 0.02 and U = 0.002 mm end below 0.019 and U = 0.008 mm.
+    assert worst_result([row(0.02, 0.05), row(0.019, 0.05, u=0.004)]).where == "0.019"
     assert overall_verdict([good, near, bad, free]) is Verdict.NOT_CONFORM
     assert overall_verdict([good, near, free]) is Verdict.UNDECIDED
     assert overall_verdict([good, free]) is Verdict.CONFORM

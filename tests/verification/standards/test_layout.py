@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -169,6 +170,27 @@ def test_one_bar_of_one_length_takes_all_places_of_the_volumetric_test():
         specification=example_specification(RANGE),
     )
     assert found.verdict.value == "conform"
+
+
+def test_a_bar_turned_end_for_end_is_at_one_position():
+    layout, artefacts = laid_out(), example_artefacts(RANGE)
+    of = {(one.test, *one.keys.values()): one.points for one in layout}
+    end = list(next(one for one in layout if one.test == "uni").keys).index("end") + 1
+
+    def turned(one):
+        key = [one.test, *one.keys.values()]
+        if one.test != "uni" or one.keys["position"] != "2":
+            return one
+        key[list(one.keys).index("position") + 1], key[end] = "1", "AB"[one.keys["end"] == "A"]
+        return replace(one, points=of[tuple(key)])
+
+    with pytest.raises(InputError, match=r"position 2.* are 0 mm apart: one position, not two"):
+        verify(
+            as_measured(map(turned, layout), artefacts),
+            plan=load_verification_plan("iso10360-12"),
+            artefacts=artefacts,
+            specification=example_specification(RANGE),
+        )
 
 
 def test_the_plans_as_they_come_take_the_first_lines():

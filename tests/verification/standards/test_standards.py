@@ -205,6 +205,15 @@ def test_between_faces_the_distance_is_along_the_normal_and_the_tip_goes_off():
         e_bi([bar(along, along + [1003.0, 0, 0], tip_mm=3.0)], NO_LIMITS)
 
 
+def test_both_faces_of_a_length_have_the_form_of_the_bar():
+    """Each touch is off by up to half the form, uniformly: u = 0.006 / sqrt(12) mm each, sqrt(2) of that for both."""
+    rough = BAR.model_copy(update={"form_mm": 0.006, "u_form_mm": 0.0012})
+    one = LengthMeasurement(rough, LONG, np.zeros((1, 3)), np.array([[1000.0, 0, 0]]))
+    u = {line.label: line.u for row in e_uni([one] * 3, NO_LIMITS) for line in row.budget.contributions}
+    assert u["form of the artefact"] == pytest.approx(0.006 / np.sqrt(6), rel=1e-12)
+    assert u["calibration of the form"] == pytest.approx(0.0012 / np.sqrt(6), rel=1e-12)
+
+
 ALIGNED = BAR.model_copy(update={"u_alignment_mm": np.sqrt(2.0)})  # rms distance beside each other 2 mm
 
 
