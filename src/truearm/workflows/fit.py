@@ -40,6 +40,7 @@ from truearm.identification.judgement.stated_uncertainty import (
     describe_stated_uncertainty,
 )
 from truearm.identification.references.distances import is_offset
+from truearm.identification.references.orientations import LEVER_MM
 from truearm.identification.references.prepared_readings import MIN_ROWS, PreparedReadings
 from truearm.identification.references.reading_references import (
     MIN_READINGS_ON,
@@ -77,6 +78,8 @@ if TYPE_CHECKING:
 FEW_READINGS = 50
 # Scatter about the identified arm that is said: real arms under a tracker leave 0.05 to 0.3 mm of a coordinate.
 SAID_SCATTER_MM, TRACKER_MM = 0.5, 0.05
+# Scatter of orientations about an axis that is said: a marker of a laser tracker has 0.01.
+SAID_SCATTER_DEG = 0.5
 # Models that identify no constants, and take no type prior.
 WITHOUT_CONSTANTS = frozenset({"nominal", "network"})
 # Groups of terms that are printed, those with most determined coefficients.
@@ -488,6 +491,9 @@ def _scatter(model: Compensator, readings: PreparedReadings) -> Iterator[str]:
             f"These readings scatter by {format_mm(scatter)} about the identified arm; with a laser tracker it is "
             f"{TRACKER_MM:g} mm. The uncertainties contain it, and more readings average it."
         )
+    for part in identified.references:
+        if part.kind == "orientation" and (turn := np.degrees(part.noise_std / LEVER_MM)) >= SAID_SCATTER_DEG:
+            yield f"The orientations scatter by {turn:.2g} deg about each axis; they count by that beside the points."
 
 
 def _said(learned: Selection, nominal: NominalModel | None, readings: PreparedReadings) -> Iterator[str]:

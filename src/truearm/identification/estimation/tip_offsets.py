@@ -53,7 +53,9 @@ def describe_tips(fit: IdentificationResult, tips: tuple[str, ...]) -> str | Non
 
 def _largest_offset_std(fit: IdentificationResult) -> float:
     """Largest standard deviation of the offset of a tip along a direction of the flange [mm]."""
-    variances = fit.covariance.diagonal()[fit.columns_of(lambda term: isinstance(term.basis, OfTip))]
+    variances = fit.covariance.diagonal()[
+        fit.columns_of(lambda term: isinstance(term.basis, OfTip) and any(term.direction[3:]))
+    ]
     return float(np.sqrt(variances.max(initial=0.0)))
 
 

@@ -37,6 +37,7 @@ from truearm.identification.judgement.outliers import constraint_residuals
 from truearm.identification.judgement.reference_table import ReferenceTable
 from truearm.identification.judgement.structure import UNKNOWN, Remaining, remaining
 from truearm.identification.references.distances import is_offset
+from truearm.identification.references.orientations import LEVER_MM
 from truearm.identification.references.reading_references import without_sizes
 from truearm.identification.references.references import Reference
 from truearm.identification.terms import ArmState, Term
@@ -65,6 +66,9 @@ MAX_NOISE_SHARE = 0.5
 # The error of three of four readings over the root mean square distance that constants leave, up to which noise alone
 # makes it: Gaussian noise has 1.17.
 MOST_BY_NOISE = 1.4
+# Root mean square noise that orientations may have [rad]: a small marker far from a camera has a third of it, and
+# orientations of other poses, in another unit or order, have 2.
+MAX_TURN_NOISE = 0.5
 # Share of the reach by which the nominal arm may miss readings of another session on average, with base and tip where
 # they were: ten times what the kinematic model expects of its constants (3 mrad, 3 mm) stays below.
 MAX_NOMINAL_ERROR = 0.05
@@ -95,6 +99,9 @@ class NominalCheck:
         Noise above which the readings say nothing of the arm [mm].
     description : DescriptionCheck or None
         What else could explain it; None where that is not needed, or there are too few points and seats.
+    of_turns : NominalCheck or None
+        Of the orientations, at a distance of `LEVER_MM`, which are judged apart from points: they have a noise of their
+        own. None without any.
     """
 
     error_mm: float
@@ -103,6 +110,7 @@ class NominalCheck:
     left: Remaining = UNKNOWN
     most_noise_mm: float = np.inf
     description: DescriptionCheck | None = None
+    of_turns: NominalCheck | None = None
 
     @property
     def ratio(self) -> float:
@@ -117,6 +125,8 @@ class NominalCheck:
     @property
     def is_plausible(self) -> bool:
         """Whether the readings can be of this arm: it is usual, or identified constants and noise explain the rest."""
+        if self.of_turns is not None and not self.of_turns.is_plausible:
+            return False
         if self.is_usual:
             return True
         left, is_mistaken = self.left, self.description is not None and bool(self.description.findings)
@@ -169,24 +179,41 @@ def check_nominal_arm(
     free : tuple of str
         Which of ``"base"`` and ``"tip"`` are unknown.
     """
-    usual = usual_nominal_error(arm, nominal, state, references, constants)
-    check = NominalCheck(typical_error(nominal), usual)
-    if check.is_usual:
+    (placed, points), (turned, turns) = (_of_kind(nominal, references, turns=one) for one in (False, True))
+    check = NominalCheck(typical_error(placed), usual_nominal_error(arm, placed, state, points, constants))
+    if turns:
+        usual = usual_nominal_error(arm, turned, state, turns, constants)
+        of_turns = NominalCheck(typical_error(turned), usual, most_noise_mm=MAX_TURN_NOISE * LEVER_MM)
+        check = replace(check, of_turns=of_turns)
+    if check.is_usual and (check.of_turns is None or check.of_turns.is_usual):
         return check
     fit = identify(constants)
     if gains := gains_asked(fit, state, references, constants):
         constants = [*constants, *gains]
         fit = identify(constants)
-    left = left_by(fit, state, references, constants)
+    if check.of_turns is not None:
+        left = left_by(_of_kind(fit, references, turns=True)[0], state, turns, constants)
+        check = replace(check, of_turns=replace(check.of_turns, left=left))
+    if check.is_usual:
+        return check
+    left = left_by(_of_kind(fit, references, turns=False)[0], state, points, constants)
     # What a joint does of which the angle is not read looks like noise.
     hidden = not np.ptp(state.angles, axis=0).all()
     return replace(
         check,
         identified=IdentifiedConstants.of(fit, arm, free),
         left=left,
-        most_noise_mm=MAX_RATIO * usual if hidden else most_noise(nominal, state, arm.chain.reach),
+        most_noise_mm=MAX_RATIO * check.usual_mm if hidden else most_noise(placed, state, arm.chain.reach),
         description=None if table is None else check_description(arm, table, fit.chain),
     )
+
+
+def _of_kind(
+    fit: IdentificationResult, references: Sequence[Reference], *, turns: bool
+) -> tuple[IdentificationResult, list[Reference]]:
+    """The references that are orientations, or all others, and the result with its residuals from them alone."""
+    which = [i for i, one in enumerate(references) if (one.kind == "orientation") == turns]
+    return replace(fit, references=tuple(fit.references[i] for i in which)), [references[i] for i in which]
 
 
 def most_noise(nominal: IdentificationResult, state: ArmState, reach: float) -> float:
@@ -220,6 +247,8 @@ def usual_nominal_error(
 
     See `NominalCheck.usual_mm`. Parameters are those of `check_nominal_arm`.
     """
+    if not references:
+        return np.inf
     free = {term.name for term in nominal.perturbed_chain.terms}
     usual = usual_error(nominal, state, references, [term for term in constants if term.name not in free])
     if usual == 0:
@@ -231,7 +260,7 @@ def usual_nominal_error(
 
 def typical_error(fit: IdentificationResult) -> float:
     """Distance from the references that three of four readings do not exceed [mm]; zero without references."""
-    distances = np.concatenate([np.linalg.norm(one.residuals, axis=0) for one in fit.references])
+    distances = np.concatenate([np.zeros(0), *(np.linalg.norm(one.residuals, axis=0) for one in fit.references)])
     return float(np.quantile(distances, QUANTILE)) if len(distances) else 0.0
 
 
@@ -252,6 +281,19 @@ def refuse_implausible(check: NominalCheck, arm: Arm, readings: Session, tips: F
         With the mistakes that are likely.
     """
     if check.is_plausible:
+        return
+    if (turns := check.of_turns) is not None and not turns.is_plausible:
+        error, usual = (np.degrees(size / LEVER_MM) for size in (turns.error_mm, turns.usual_mm))
+        readings.contradict(
+            f"the orientations differ from those of the nominal arm {arm.name!r} by {error:.3g} deg at one reading of "
+            f"four, where those of arms like it differ by {usual:.2g} deg",
+            column="quat_w",
+            hint="check their unit (--orientation-unit of import), the order of their numbers (quaternions: w first), "
+            "and that they are of the flange in the frame of the reference; if the marker was mounted again, name its "
+            f"mountings in the column session or tip; the points agree with the arm to {check.error_mm:.2g} mm"
+            if check.is_usual and check.error_mm > 0
+            else "check the arm first: its points or seats do not agree either",
+        )
         return
     why, remedy = "", None if check.description is None else check.description.remedy(readings)
     if check.identified is not None:

@@ -3,8 +3,8 @@
 A pose is a point and an orientation, two references of the same readings. Each has a noise of its own, estimated from
 the readings, so that no weight of millimetres against radians is needed.
 
-The rotation of the tracked tool on the flange is unknown: it is that of the tip's place, see
-`truearm.identification.terms.catalogue.tool_rotation`.
+The rotation of the tracked tool on the flange is unknown, in every session and of every tip: it is that of the tip's
+place, see `truearm.identification.references.reading_references.tool_terms`.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from truearm.arm.arm import Arm
-from truearm.identification.references.reading_references import references_of, state_of
+from truearm.identification.references.reading_references import as_of_one_tool, references_of, state_of
 from truearm.identification.references.references import Reference
 from truearm.identification.references.rounded_angles import tip_motion_mm
 from truearm.identification.references.session_frames import rough_session_frames, to_first_session_frame
@@ -85,7 +85,7 @@ class PreparedReadings(NamedTuple):
         determined = free if readings.has_point.any() else tuple(part for part in free if part != "base")
         frames = rough_session_frames(arm, readings, determined)
         tips = free_tips(readings, free)
-        session = to_first_session_frame(readings, frames)
+        session = as_of_one_tool(arm, to_first_session_frame(readings, frames), determined)
         references = references_of(session, lengths)
         check_enough(references, readings)
         state = with_rounded_angles(state_of(arm, session))

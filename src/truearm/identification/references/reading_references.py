@@ -17,7 +17,7 @@ from truearm.identification.references.orientations import Orientations, orient_
 from truearm.identification.references.references import Points, Reference, Seats, StatedLength, seats_of
 from truearm.identification.references.surfaces import Lines, Planes, Spheres, lines_of, planes_of, spheres_of
 from truearm.identification.references.tips import tip_names
-from truearm.identification.terms import ArmState, Term
+from truearm.identification.terms import ArmState, InSession, OfTip, Term
 from truearm.identification.terms.catalogue import tool_rotation
 from truearm.readings.lengths import Lengths
 from truearm.readings.reference_uncertainty import common_variance_of_repeats
@@ -227,8 +227,46 @@ def roughly_aligned_chain(arm: Arm, readings: Session, free: tuple[str, ...]) ->
 
 
 def tool_terms(arm: Arm, readings: Session) -> list[Term]:
-    """The tool's rotation on the flange, where orientations were measured."""
-    return tool_rotation(arm.chain) if len(rows_with_orientation(readings)) else []
+    """The rotation of the tracked tool on the flange, where orientations were measured: in every session, of every tip.
+
+    Those of further sessions and tips differ from that of the first, of `as_of_one_tool`, by small rotations.
+    """
+    turned = rows_with_orientation(readings)
+    if not len(turned):
+        return []
+    bases = [InSession(name) for name in _further(readings.session, turned)]
+    bases += [OfTip(name) for name in _further(readings.tip, turned)]
+    whole = tool_rotation(arm.chain)
+    return [*whole, *(replace(one, name=f"{one.name}, {basis}", basis=basis) for basis in bases for one in whole)]
+
+
+def _further(names: NameArray | None, rows: IntArray) -> list[str]:
+    """Names of some readings but the first of them."""
+    return [] if names is None else [name for name in list(dict.fromkeys(names[rows].tolist()))[1:] if name]
+
+
+def as_of_one_tool(arm: Arm, readings: Session, free: tuple[str, ...]) -> Session:
+    """Readings with the orientations that the tool of the first of them would have, roughly, by the nominal arm.
+
+    A marker that is mounted again, in another session or on another tip, may be turned by any angle.
+    """
+    turned = rows_with_orientation(readings)
+    names = [one[turned] for one in (readings.session, readings.tip) if one is not None]
+    if not len(turned) or not names:
+        return readings
+    tool = np.unique(np.stack(names, axis=1), axis=0, return_inverse=True)[1].reshape(-1)
+    if not tool.any():
+        return readings
+    assert readings.quaternion is not None
+    chain, measured = place_base_coarsely(arm.chain, readings, free), _orientations(readings, turned)
+    in_flange = chain.pose(readings.angles[turned]).R_base_tip.transpose(0, 2, 1) @ measured
+    on_flange = [Rotation.from_matrix(in_flange[tool == one]).mean().as_matrix() for one in range(tool.max() + 1)]
+    back = np.stack([one.T @ on_flange[tool[0]] for one in on_flange])
+    quaternion = readings.quaternion.copy()
+    others = tool != tool[0]
+    aligned = Rotation.from_matrix((measured @ back[tool])[others])
+    quaternion[turned[others]] = aligned.as_quat(scalar_first=True)
+    return replace(readings, quaternion=quaternion)
 
 
 def _orientations(readings: Session, rows: IntArray) -> FloatArray:
