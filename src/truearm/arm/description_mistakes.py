@@ -95,11 +95,14 @@ class Mistake:
         Returns the interpretation without it.
     subject : str
         What it concerns. Two mistakes of one subject do not occur together.
+    shown_by : int or None
+        The joint, counted from 0, without whose movement no readings show it.
     """
 
     description: str
     mend: Callable[[Interpretation], Interpretation]
     subject: str
+    shown_by: int | None = None
 
 
 def likely_mistakes(
@@ -219,17 +222,17 @@ def _of_joints(arm: Arm) -> Iterator[Mistake]:
     n = arm.n_joints
     for j in range(n):
         name = f"J{j + 1}"
-        yield Mistake(f"sign of {name} reversed", _of_stated_angles(_scaled(n, [j], -1.0)), f"sign {j}")
+        yield Mistake(f"sign of {name} reversed", _of_stated_angles(_scaled(n, [j], -1.0)), f"sign {j}", j)
         if arm.chain.is_prismatic[j]:
             for unit, mm in ARM_UNITS_MM.items():
                 matrix = _scaled(n, [j], mm)
-                yield Mistake(f"{name} is in {unit}, stated in mm", _of_stated_angles(matrix), f"unit {j}")
+                yield Mistake(f"{name} is in {unit}, stated in mm", _of_stated_angles(matrix), f"unit {j}", j)
             continue
         for degrees in (90, -90, 180):
             mend = _of_offset(j, np.radians(degrees))
             yield Mistake(f"zero of {name} off by {degrees} deg: add {degrees} deg to its theta", mend, f"zero {j}")
         for factor, says in _ANGLE_UNITS:
-            yield Mistake(f"{name} is {says}", _of_stated_angles(_scaled(n, [j], factor)), f"unit {j}")
+            yield Mistake(f"{name} is {says}", _of_stated_angles(_scaled(n, [j], factor)), f"unit {j}", j)
 
 
 def _of_pairs(arm: Arm) -> Iterator[Mistake]:
@@ -247,7 +250,7 @@ def _of_pairs(arm: Arm) -> Iterator[Mistake]:
             matrix = np.eye(n)
             matrix[i + 1, i] = factor
             says = f"angle of J{i + 2} {word} J{i + 1} (coupled joints)"
-            yield Mistake(says, _of_stated_angles(matrix), f"coupling {i}")
+            yield Mistake(says, _of_stated_angles(matrix), f"coupling {i}", i + 1)
 
 
 def _of_all_angles(arm: Arm) -> Iterator[Mistake]:

@@ -35,7 +35,8 @@ def diagnose(
 
     Some 100 single mistakes are tried (signs, zeros, order and units of joints, signs of the constants of a table, its
     convention, units and handedness of the references), and all pairs of them where no single one explains the
-    readings. Nothing is changed.
+    readings. A mistake is named if it explains most of the error, on readings held out; joints that yield under the
+    weight of the arm are tried beside them. Nothing is changed.
 
     Parameters
     ----------
@@ -130,6 +131,11 @@ class Diagnosis(Record):
                 f"The readings do not contradict the arm: it misses {of} by {format_mm(stated.error_mm)}, and arms "
                 f"like it miss by up to {format_mm(stated.usual_mm)}."
             )
+        if (sagging := self.check.sagging) is not None:
+            return (
+                f"No mistake in the arm file: {sagging}. It misses {of} by {format_mm(stated.error_mm)} as stated, and "
+                f"by {format_mm(sagging.error_mm)} with that: --model physical identifies it."
+            )
         return (
             f"No known mistake explains the readings: the arm misses {of} by {format_mm(stated.error_mm)}, and arms "
             f"like it miss by up to {format_mm(stated.usual_mm)}."
@@ -142,7 +148,8 @@ class Diagnosis(Record):
         yield from self.arm.remarks
         if len(check.findings) > 1:
             yield f"These readings do not tell {len(check.findings)} mistakes apart: look at the arm for each of them."
-        rows = [("as stated", check.stated), *((str(one), one) for one in check.findings)]
+        explain = [*check.findings, *(() if check.sagging is None else (check.sagging,))]
+        rows = [("as stated", check.stated), *((str(one), one) for one in explain)]
         rows += [(str(one), one) for one in check.others[:N_OTHERS]] if not check.stated.is_usual else []
         yield TextTable(
             ("what is wrong", "error mm", "usual mm", ""),
@@ -155,7 +162,7 @@ class Diagnosis(Record):
         )
         if check.n_readings < self.n_given:
             yield f"Compared: {check.n_readings} of {self.n_given} readings, {self._which_readings()}."
-        if check.stated.is_usual:
+        if check.stated.is_usual or check.sagging is not None:
             yield "Nothing was changed."
         else:
             yield "Nothing was changed: correct the arm file or the readings, and run this again."
@@ -170,7 +177,7 @@ class Diagnosis(Record):
         )
 
     def _verdict(self, one: Explanation) -> str:
-        if one in self.check.findings:
+        if one in self.check.findings or one is self.check.sagging:
             return "explains the readings"
         return "" if one.is_plausible else "contradicted"
 
@@ -183,6 +190,7 @@ class Diagnosis(Record):
             "is_contradicted": not check.stated.is_usual,
             "stated": check.stated,
             "findings": check.findings,
+            "sagging": check.sagging,
             "others": check.others,
             "n_readings": check.n_readings,
             "n_tried": check.n_tried,

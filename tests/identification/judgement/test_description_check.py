@@ -12,9 +12,16 @@ from scipy.stats import multivariate_normal
 import truearm as ta
 from truearm.arm import load_arm
 from truearm.arm.description_mistakes import Interpretation, likely_mistakes
-from truearm.identification.judgement.description_check import NOISE_MM, check_description, restricted_likelihood
+from truearm.identification.judgement.description_check import (
+    LEAST_EXPLAINED,
+    NOISE_MM,
+    _left_held_out,
+    check_description,
+    restricted_likelihood,
+)
 from truearm.identification.judgement.description_fits import fit_descriptions, fixed_motions
 from truearm.identification.judgement.reference_table import reference_table
+from truearm.identification.terms.gravity import gravity_torques, uniform_links
 from truearm.readings import Session
 
 ARM = load_arm("gao2017")
@@ -194,6 +201,78 @@ def test_a_right_arm_is_left_alone(name, seed):
     check = found(load_arm(name), session)
     assert check.stated.is_usual
     assert not check.findings
+
+
+# Weight --------------------------------------------------------------------------------------------------------------
+
+
+def sagging(arm, angles, *, rad_per_Nm: float, seed: int = 1) -> Session:
+    """Readings of an arm of usual constants, with 0.05 mm of noise, whose joints yield under uniform links."""
+    rng, chain = np.random.default_rng(seed), arm.chain
+    motions = np.zeros((chain.n_places, 6))
+    motions[1:-1] = rng.normal(size=(chain.n_places - 2, 6)) * [1e-3, 1e-3, 1e-3, 0.3, 0.3, 0.3]
+    torque = gravity_torques(chain, angles, uniform_links(chain, kg_per_m=20.0))[:, :, 2]
+    points = chain.with_motions(motions).tip_in_base(angles + rad_per_Nm * torque)
+    return Session(angles, points + 0.05 * rng.normal(size=points.shape))
+
+
+def two_joints_move(arm, n: int = 60) -> np.ndarray:
+    angles = np.zeros((n, arm.n_joints))
+    angles[:, 0], angles[:, 1] = (
+        np.tile(np.linspace(-1.4, 1.4, 5), n // 5),
+        np.repeat(np.linspace(-1.3, 1.3, n // 5), 5),
+    )
+    return angles + np.random.default_rng(2).normal(0, 2e-5, angles.shape)
+
+
+@pytest.mark.parametrize("name", ["iiwa7", "ur10", "gao2017"])
+@pytest.mark.parametrize("few", [True, False])
+def test_an_arm_that_sags_has_no_mistake_in_its_file(name, few, rng):
+    arm = load_arm(name)
+    angles = two_joints_move(arm) if few else rng.uniform(-1.5, 1.5, (40, arm.n_joints))
+    session = sagging(arm, angles, rad_per_Nm=3e-4)
+    check = found(arm, session)
+    assert not check.stated.is_usual
+    assert not check.findings
+    assert check.sagging.error_mm < 0.3 * check.stated.error_mm  # the rest are its constants
+    assert ta.diagnose(arm, session).summary().startswith("No mistake in the arm file: joints yield under the weight")
+
+
+@pytest.mark.parametrize("rad_per_Nm", [2e-5, 1e-4])
+def test_a_mistake_in_an_arm_that_sags_is_still_named(rad_per_Nm, rng):
+    session = sagging(ARM, rng.uniform(-1.5, 1.5, (40, 6)), rad_per_Nm=rad_per_Nm)
+    check = found(ARM, replace(session, angles=session.angles * signs(4)))
+    assert [one.mistakes for one in check.findings] == [("sign of J4 reversed",)]
+    assert check.sagging is None
+
+
+def test_a_joint_that_did_not_move_shows_no_mistake_of_its_column():
+    """Nor what its angle contains of another; its zero may be wrong all the same."""
+    arm = load_arm("ur10")
+    angles = two_joints_move(arm)
+    check = found(arm, Session(angles, arm.chain.tip_in_base(angles * signs(2))))
+    assert check.findings[0].mistakes == ("sign of J2 reversed",)
+    named = {name for one in (*check.findings, *check.others) for name in one.mistakes}
+    for joint in range(3, 7):
+        assert not [
+            name for name in named if name.startswith((f"sign of J{joint} r", f"angle of J{joint}", f"J{joint} is"))
+        ]
+
+
+def test_what_is_named_explains_most_of_the_error_of_readings_held_out(readings):
+    """Readings left out one by one, by their leverage, as from as many fits without them."""
+    wrong = replace(readings, angles=readings.angles * signs(4))
+    check = found(ARM, wrong)
+    assert all(one.explained >= LEAST_EXPLAINED for one in check.findings)
+    assert check.stated.explained == 0.0
+    rng = np.random.default_rng(3)
+    r, J = rng.normal(size=36), rng.normal(size=(36, 9))
+    left = [
+        r[i : i + 3] - J[i : i + 3] @ np.linalg.lstsq(np.delete(J, rows, 0), np.delete(r, rows), rcond=None)[0]
+        for i in range(0, 36, 3)
+        for rows in [np.arange(i, i + 3)]
+    ]
+    assert _left_held_out(r, J, 12) == pytest.approx((np.array(left) ** 2).sum() / 12, rel=1e-6)
 
 
 def test_a_turned_base_or_a_longer_stylus_is_no_mistake(readings):

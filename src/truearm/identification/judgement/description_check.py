@@ -7,7 +7,10 @@ not affect (D. A. Harville, "Bayesian inference for variance components using on
 (1974) 383), each with the noise s that suits it best, and by a prior: every mistake of the list is as likely as any
 other, so that each change that is assumed costs the logarithm of their number. Two hypotheses differ where the
 odds are very strong by R. E. Kass and A. E. Raftery, "Bayes factors", J. Am. Stat. Assoc. 90 (1995) 773: twice their
-logarithm is 10 or more. A refusal of readings that contradict the nominal arm names the mistake (`explaining`).
+logarithm is 10 or more. A mistake is named if it also explains most of the squared distance of readings held out (leave
+one out, by the leverage of base and tip), and better than joints that yield under the weight of the arm, which is no
+mistake and is tried beside them. A refusal of readings that contradict the nominal arm names the mistake
+(`explaining`).
 """
 
 from __future__ import annotations
@@ -34,6 +37,7 @@ from truearm.identification.judgement.description_fits import (
 )
 from truearm.identification.judgement.reference_table import ReferenceTable, reference_table
 from truearm.identification.terms.catalogue import ANGLE_STD, LENGTH_STD, TYPICAL_REACH_MM, relative_size
+from truearm.identification.terms.gravity import gravity_torques, uniform_links
 from truearm.readings.lengths import Lengths
 from truearm.readings.session import Session
 from truearm.solve.threads import one_blas_thread
@@ -60,6 +64,13 @@ TIP_MM = 30.0
 WIDE_OTHERS, WIDE_ZEROS = (1.0, 5.0), (10.0, 58.0)
 # Multiple of what the arm leaves with its constants identified that a mistake may leave where noise is large.
 MAX_TO_IDENTIFIED = 1.5
+# Share of the squared distance of readings held out that a mistake explains at least.
+LEAST_EXPLAINED = 0.5
+# What is no mistake: the prior standard deviation of the angle by which the joint with the largest torque yields, root
+# mean square over the readings [rad]. Robots have up to 3e-3, printed arms more.
+SAGGING, SAG_STD = "joints yield under the weight of the arm", 5e-3
+# Joints that move by less show neither their sign nor their unit nor what they contain [rad, or mm].
+LEAST_TURN, LEAST_TRAVEL = np.radians(1.0), 1.0
 # Mistakes that a hint names.
 MOST_NAMED = 3
 
@@ -78,12 +89,15 @@ class Explanation:
         Root mean square distance that errors of the constants usually cause [mm].
     log_odds : float
         Logarithm of the odds against the arm and the readings as stated.
+    explained : float
+        Share of the squared distances as stated, of readings held out, that it explains.
     """
 
     mistakes: tuple[str, ...]
     error_mm: float
     usual_mm: float
     log_odds: float
+    explained: float = 0.0
 
     @property
     def is_plausible(self) -> bool:
@@ -94,6 +108,11 @@ class Explanation:
     def is_usual(self) -> bool:
         """Whether the arm misses by no more than errors of its constants usually cause."""
         return self.error_mm <= self.usual_mm
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether it is very strongly likelier than the arm as stated, and explains most of its error."""
+        return self.log_odds >= VERY_STRONG and self.explained >= LEAST_EXPLAINED
 
     def __str__(self) -> str:
         return " and ".join(self.mistakes) or "as stated"
@@ -116,6 +135,8 @@ class DescriptionCheck:
         Readings compared, and interpretations tried.
     has_points : bool
         Whether points are compared; else seats.
+    sagging : Explanation or None
+        That joints yield under the weight of the arm, where that explains the readings and no mistake does.
     """
 
     stated: Explanation
@@ -124,15 +145,10 @@ class DescriptionCheck:
     n_readings: int
     n_tried: int
     has_points: bool
+    sagging: Explanation | None = None
 
     def remedy(self, readings: Session) -> str | None:
         """The mistakes that explain the readings, as a remedy; None if there are none."""
-        if not self.findings and self.stated.is_usual and readings.quaternion is not None and self.has_points:
-            return (
-                f"the points agree with the arm to {self.stated.error_mm:.2g} mm and the orientations do not: "
-                "check their unit (--orientation-unit of import), the order of their numbers (quaternions: w first), "
-                "and that they are of the flange in the frame of the reference"
-            )
         if not self.findings:
             return None
         found = ", or ".join(str(one) for one in self.findings[:MOST_NAMED])
@@ -144,11 +160,15 @@ class DescriptionCheck:
 
 
 class _Hypothesis(NamedTuple):
-    """An interpretation; with `wide` its constants were identified, and are those of an arm unlike its drawing."""
+    """An interpretation; with `wide` its constants were identified, and are those of an arm unlike its drawing.
+
+    With `sags` its joints yield under the weight of the arm.
+    """
 
     mistakes: tuple[Mistake, ...]
     interpretation: Interpretation
     wide: bool = False
+    sags: bool = False
 
 
 @one_blas_thread()
@@ -164,6 +184,8 @@ def check_description(arm: Arm, table: ReferenceTable, identified: Chain | None 
         With the constants that explain the readings best. A mistake must then be a better explanation than an arm that
         is described rightly and differs from its drawing by these constants: joint zeros that are off by degrees.
     """
+    least = np.where(arm.chain.is_prismatic, LEAST_TRAVEL, LEAST_TURN)
+    moved = np.ptp(table.angles, axis=0) >= least
     mistakes = [
         one
         for one in likely_mistakes(
@@ -172,31 +194,36 @@ def check_description(arm: Arm, table: ReferenceTable, identified: Chain | None 
             has_lengths=bool(len(table.lengths)),
             base_is_known="base" not in table.free,
         )
-        if one.subject != "rows" or len(table.points or table.seats) > 1
+        if (one.subject != "rows" or len(table.points or table.seats) > 1)
+        and (one.shown_by is None or moved[one.shown_by])
     ]
     stated = Interpretation.stated(arm)
     as_stated = _Hypothesis((), stated)
     single = [_Hypothesis((one,), one.mend(stated)) for one in mistakes]
     judged = _judged([as_stated, *single], table, len(mistakes))
-    rival = None if identified is None else _as_identified(arm, stated, identified, table, len(mistakes))
-    check = _decided(judged, table, 1 + len(single), rival)
+    rivals: list[Explanation] = []
+    if not judged[0].is_usual:
+        rivals += _judged([as_stated, as_stated._replace(sags=True)], table, len(mistakes))[1:]
+        if identified is not None:
+            rivals += _as_identified(arm, stated, identified, table, len(mistakes))
+    check = _decided(judged, table, 1 + len(single), rivals)
     if check.findings or check.stated.is_plausible:
         return check
     pairs = _screened_pairs(mistakes, stated, table)
     judged += [one for one in _judged([as_stated, *pairs], table, len(mistakes)) if one.mistakes]
-    return _decided(judged, table, 1 + len(single) + len(pairs), rival)
+    return _decided(judged, table, 1 + len(single) + len(pairs), rivals)
 
 
 def _as_identified(
     arm: Arm, stated: Interpretation, chain: Chain, table: ReferenceTable, n_mistakes: int
-) -> Explanation | None:
-    """The arm as stated with its identified constants; None if its axes are not those of the drawing."""
+) -> list[Explanation]:
+    """The arm as stated with its identified constants; none if its axes are not those of the drawing."""
     try:
         nearest = nearest_table(chain, arm.chain, convention=stated.table.convention, free=table.free)
     except InputError:
-        return None
+        return []
     wide = _Hypothesis((), replace(stated, table=nearest), wide=True)
-    return _judged([_Hypothesis((), stated), wide], table, n_mistakes)[1]
+    return _judged([_Hypothesis((), stated), wide], table, n_mistakes)[1:]
 
 
 def _screened_pairs(mistakes: Sequence[Mistake], stated: Interpretation, table: ReferenceTable) -> list[_Hypothesis]:
@@ -220,32 +247,43 @@ def _judged(hypotheses: Sequence[_Hypothesis], table: ReferenceTable, n_mistakes
     order = [0, *(1 + np.argsort(scores[1:], kind="stable"))[:MOST_JUDGED].tolist()]
     found = []
     for i in order:
-        off = constants_between(interpretations[0], interpretations[i]) if hypotheses[i].wide else None
-        log_likelihood, usual = _likelihood(table, fits, i, interpretations[i], off)
-        log_prior = -(len(hypotheses[i].mistakes) + hypotheses[i].wide) * np.log(n_mistakes)
+        one = hypotheses[i]
+        off = constants_between(interpretations[0], interpretations[i]) if one.wide else None
+        log_likelihood, usual, left = _likelihood(table, fits, i, one, off)
+        log_prior = -(len(one.mistakes) + one.wide + one.sags) * np.log(n_mistakes)
         error = float(np.quantile(np.linalg.norm(fits.residuals[i], axis=1), QUANTILE))
-        names = tuple(one.description for one in hypotheses[i].mistakes)
-        found.append(Explanation(names, error, usual, log_likelihood + log_prior))
-    return [Explanation(one.mistakes, one.error_mm, one.usual_mm, one.log_odds - found[0].log_odds) for one in found]
+        names = (SAGGING,) if one.sags else tuple(mistake.description for mistake in one.mistakes)
+        found.append(Explanation(names, error, usual, log_likelihood + log_prior, left))
+    stated = found[0]
+    for k, one in enumerate(found):
+        share = one.explained / max(stated.explained, np.finfo(float).tiny)
+        # The fits of base and tip have no weight in them.
+        error = one.error_mm * float(np.sqrt(share)) if one.mistakes == (SAGGING,) else one.error_mm
+        found[k] = replace(one, error_mm=error, log_odds=one.log_odds - stated.log_odds, explained=1 - share)
+    return found
 
 
 def _decided(
-    judged: Sequence[Explanation], table: ReferenceTable, n_tried: int, rival: Explanation | None
+    judged: Sequence[Explanation], table: ReferenceTable, n_tried: int, rivals: Sequence[Explanation]
 ) -> DescriptionCheck:
     stated, others = judged[0], sorted(judged[1:], key=lambda one: -one.log_odds)
     findings: list[Explanation] = []
-    if others and not stated.is_usual and _explains(others[0], rival):
-        findings = [one for one in others if one.log_odds > others[0].log_odds - VERY_STRONG]
+    if others and not stated.is_usual and _explains(others[0], rivals):
+        likely = [one for one in others if one.log_odds > others[0].log_odds - VERY_STRONG]
+        findings = [one for one in likely if one.explained >= LEAST_EXPLAINED]
     rest = [one for one in others if one not in findings]
-    return DescriptionCheck(stated, tuple(findings), tuple(rest), len(table.angles), n_tried, table.has_points)
+    sagging = [one for one in rivals if one.mistakes == (SAGGING,) and one.is_clear and not findings]
+    return DescriptionCheck(
+        stated, tuple(findings), tuple(rest), len(table.angles), n_tried, table.has_points, next(iter(sagging), None)
+    )
 
 
-def _explains(best: Explanation, rival: Explanation | None) -> bool:
-    """Whether a mistake is very strongly the better explanation, also than constants that were identified."""
-    if rival is None:
-        return best.log_odds >= VERY_STRONG and best.is_plausible
-    leaves_noise = best.error_mm <= MAX_TO_IDENTIFIED * rival.error_mm
-    return best.log_odds - max(rival.log_odds, 0.0) >= VERY_STRONG and (best.is_plausible or leaves_noise)
+def _explains(best: Explanation, rivals: Sequence[Explanation]) -> bool:
+    """Whether a mistake is very strongly the better explanation, also than constants that were identified or weight."""
+    if not best.is_clear or best.log_odds - max((one.log_odds for one in rivals), default=0.0) < VERY_STRONG:
+        return False
+    identified = [one for one in rivals if not one.mistakes]
+    return best.is_plausible or any(best.error_mm <= MAX_TO_IDENTIFIED * one.error_mm for one in identified)
 
 
 def constants_between(stated: Interpretation, identified: Interpretation) -> FloatArray:
@@ -256,13 +294,15 @@ def constants_between(stated: Interpretation, identified: Interpretation) -> Flo
 
 
 def _likelihood(
-    table: ReferenceTable, fits: DescriptionFits, i: int, one: Interpretation, off: FloatArray | None = None
-) -> tuple[float, float]:
-    """Logarithm of the restricted likelihood of an interpretation, and the usual error of such an arm [mm].
+    table: ReferenceTable, fits: DescriptionFits, i: int, hypothesis: _Hypothesis, off: FloatArray | None = None
+) -> tuple[float, float, float]:
+    """Logarithm of the restricted likelihood of a hypothesis, the usual error of such an arm [mm], and what it leaves.
 
+    What it leaves is the mean square distance of readings held out, in the stated unit or relative to the movement.
     With the constants `off` (6 n_joints,) by which the table differs from the drawing, the likelihood is that of the
     drawing with wide priors, linearised at the table (the approximation of Laplace).
     """
+    one = hypothesis.interpretation
     stated = one.table.chain()
     chain = stated.with_tip(fits.tip_in_flange[i])
     jacobian = chain.tip_derivatives(one.angles(table.angles)).motion_jacobian
@@ -271,6 +311,10 @@ def _likelihood(
     length_std = LENGTH_STD * relative_size(stated)
     std = np.tile(np.repeat([ANGLE_STD, length_std], 3), n)
     by_constant = jacobian[:, 1:-1].reshape(m, 6 * n, 3).transpose(0, 2, 1) * std
+    n_sagging = n if hypothesis.sags else 0
+    if n_sagging:
+        by_weight = jacobian[:, 1:-1, 2].transpose(0, 2, 1) * _sagging_angles(stated, one.angles(table.angles))[:, None]
+        by_constant = np.concatenate([by_constant, by_weight], axis=2)
     by_tip = jacobian[:, -1, 3:].transpose(0, 2, 1)
     free = [by_tip] if "tip" in table.free else []
     residuals = fits.residuals[i]
@@ -283,14 +327,36 @@ def _likelihood(
     else:
         r, X, K, n_absorbed = _in_seats(table, fits, i, one, by_constant, by_tip)
         scale = float(fits.movement[i])
-    at_drawing, widths = r[:, 0], [np.ones(6 * n)]
+    at_drawing, widths = r[:, 0], [np.ones(6 * n + n_sagging)]
     if off is not None:
         at_drawing = at_drawing - K @ (off / std)
         widths = [np.tile([w, w, zero, w, w, w], n) for w, zero in product(WIDE_OTHERS, WIDE_ZEROS)]
     log_likelihood, usual = max(
         restricted_likelihood(at_drawing, X, K * width, n_absorbed=n_absorbed, scale=scale) for width in widths
     )
-    return log_likelihood + _log_prior_of_size(stated, chain), usual * float(np.sqrt(3))
+    fitted = np.concatenate([X, K[:, 6 * n :]], axis=1)
+    left = _left_held_out(r[:, 0], fitted, int(kept.sum())) / scale**2
+    return log_likelihood + _log_prior_of_size(stated, chain), usual * float(np.sqrt(3)), left
+
+
+def _sagging_angles(chain: Chain, angles: FloatArray) -> FloatArray:
+    """(m, n_joints) angles by which joints of one compliance yield under uniform links, of an upright arm [rad].
+
+    The joint that yields most has the root mean square `SAG_STD`.
+    """
+    torque = gravity_torques(chain, angles, uniform_links(chain, kg_per_m=1.0))[:, :, 2]
+    torque = np.where(chain.is_prismatic, 0.0, torque)
+    return np.asarray(SAG_STD * torque / max(float(np.sqrt((torque**2).mean(axis=0).max())), np.finfo(float).tiny))
+
+
+def _left_held_out(residuals: FloatArray, derivatives: FloatArray, m: int) -> float:
+    """Mean square distance of m readings, the first 3 m residuals (n,), each left out of a linear fit [mm^2]."""
+    U, s, _ = np.linalg.svd(derivatives, full_matrices=False)
+    U = U[:, s > 1e-9 * s.max(initial=0.0)]
+    own = U[: 3 * m].reshape(m, 3, U.shape[1])
+    left = (residuals - U @ (U.T @ residuals))[: 3 * m].reshape(m, 3, 1)
+    others = (1 + 1e-9) * np.eye(3) - own @ own.transpose(0, 2, 1)  # singular where only it tells a direction
+    return float((np.linalg.solve(others, left) ** 2).sum() / m)
 
 
 def _log_prior_of_size(stated: Chain, fitted: Chain) -> float:
