@@ -111,14 +111,14 @@ def marker_on_another_tip() -> str:
     return fitted(turned(remount_deg=(170.0, 0.0, 30.0), tip=np.where(SECOND, "B", "A")))
 
 
-def sagging(name: str, *, few: bool, sign: float = 1.0) -> str:
+def sagging(name: str, *, few: bool, sign: float = 1.0, rad_per_Nm: float = 2e-4) -> str:
     """What the doctor says of an arm that sags by some mm; with `few` only two joints move, with a sign J2 is wrong."""
     arm, rng = ta.load_arm(name), np.random.default_rng(3)
     angles = rng.uniform(-1.3, 1.3, (N, arm.n_joints))
     if few:
         angles[:, 2:] = 0.0
     torque = gravity_torques(arm.chain, angles, uniform_links(arm.chain, kg_per_m=20.0))[:, :, 2]
-    points = real_chain(rng, arm).tip_in_base(angles + 2e-4 * torque) + 0.05 * rng.normal(size=(N, 3))
+    points = real_chain(rng, arm).tip_in_base(angles + rad_per_Nm * torque) + 0.05 * rng.normal(size=(N, 3))
     angles[:, 1] *= sign
     return str(ta.diagnose(arm, Session(angles, points)))
 
@@ -133,6 +133,6 @@ def sagging_in_all_joints() -> str:
     return sagging("ur10", few=False)
 
 
-@mistake("a wrong sign in an arm that sags, two joints moved", said="^sign of J2 reversed")
+@mistake("a wrong sign in an arm that sags", said="^sign of J2 reversed")
 def wrong_sign_and_sagging() -> str:
-    return sagging("gao2017", few=True, sign=-1.0)
+    return sagging("gao2017", few=False, sign=-1.0, rad_per_Nm=1e-4)

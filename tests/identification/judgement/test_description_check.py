@@ -260,7 +260,7 @@ def test_a_joint_that_did_not_move_shows_no_mistake_of_its_column():
 
 
 def test_what_is_named_explains_most_of_the_error_of_readings_held_out(readings):
-    """Readings left out one by one, by their leverage, as from as many fits without them."""
+    """Readings held out one by one, by their leverage, are predicted as by fits without them."""
     wrong = replace(readings, angles=readings.angles * signs(4))
     check = found(ARM, wrong)
     assert all(one.explained >= LEAST_EXPLAINED for one in check.findings)

@@ -350,7 +350,7 @@ def _sagging_angles(chain: Chain, angles: FloatArray) -> FloatArray:
 
 
 def _left_held_out(residuals: FloatArray, derivatives: FloatArray, m: int) -> float:
-    """Mean square distance of m readings, the first 3 m residuals (n,), each left out of a linear fit [mm^2]."""
+    """Mean square distance of m readings, the first 3 m residuals (n,), each held out of a linear fit [mm^2]."""
     U, s, _ = np.linalg.svd(derivatives, full_matrices=False)
     U = U[:, s > 1e-9 * s.max(initial=0.0)]
     own = U[: 3 * m].reshape(m, 3, U.shape[1])

@@ -17,7 +17,7 @@ from truearm.identification.references.orientations import Orientations, orient_
 from truearm.identification.references.references import Points, Reference, Seats, StatedLength, seats_of
 from truearm.identification.references.surfaces import Lines, Planes, Spheres, lines_of, planes_of, spheres_of
 from truearm.identification.references.tips import tip_names
-from truearm.identification.terms import ArmState, InSession, OfTip, Term
+from truearm.identification.terms import ArmState, Basis, InSession, OfTip, Term
 from truearm.identification.terms.catalogue import tool_rotation
 from truearm.readings.lengths import Lengths
 from truearm.readings.reference_uncertainty import common_variance_of_repeats
@@ -234,7 +234,7 @@ def tool_terms(arm: Arm, readings: Session) -> list[Term]:
     turned = rows_with_orientation(readings)
     if not len(turned):
         return []
-    bases = [InSession(name) for name in _further(readings.session, turned)]
+    bases: list[Basis] = [InSession(name) for name in _further(readings.session, turned)]
     bases += [OfTip(name) for name in _further(readings.tip, turned)]
     whole = tool_rotation(arm.chain)
     return [*whole, *(replace(one, name=f"{one.name}, {basis}", basis=basis) for basis in bases for one in whole)]
