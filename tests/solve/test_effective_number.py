@@ -26,6 +26,14 @@ def test_the_design_effect_of_an_autoregression_is_that_of_its_correlations(rho)
     assert effect.is_settled
 
 
+def test_the_scatter_is_the_covariance_of_the_blocks_times_their_number():
+    """Eight blocks, too few for longer ones: as NumPy has it; the factor is its mean over the determined directions."""
+    scores = 5 * ar1(8, 2, 0.0, 4)
+    effect = design_effect(scores, np.eye(2), 8 * BLOCK)
+    np.testing.assert_allclose(effect.scatter, 8 * np.cov(scores, rowvar=False), rtol=1e-12)
+    assert effect.factor == pytest.approx(np.trace(effect.scatter) / 2, rel=1e-12)
+
+
 def test_few_blocks_or_a_correlation_longer_than_they_are_is_said():
     assert design_effect(np.ones((3, 2)), np.eye(2), 3 * BLOCK).factor == 1.0
     assert "count as independent (too few" in describe_effective_number(100.0, 100, is_settled=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -30,6 +31,7 @@ from truearm.solve import (
     levenberg_marquardt,
     levenberg_marquardt_by_row,
 )
+from truearm.solve.least_squares import SETTLED, STUCK, Trial
 
 
 class Residuals:
@@ -378,6 +380,15 @@ def test_a_step_is_halved_until_the_cost_does_not_rise():
     assert (epoch.damping.share, epoch.damping.halvings) == (1.0, 0)
     refused = damped_step(halves, np.ones(1), KnownStep(0.5, np.array([-9.0])), StepHalving(max_halvings=2))
     assert refused.trial is None
+
+
+@pytest.mark.parametrize(("costs", "reason"), [((2.0, 1.0), SETTLED), ((1.0, 1.0), STUCK), ((2.0, 2.0), STUCK)])
+def test_a_cost_that_steps_only_raise_or_leave_is_settled(costs, reason):
+    """Steps of which one should have lowered the cost: it is at its rounding if one leaves it and another raises it."""
+    trials = (Trial(np.ones(1), cost, 0.5, False) for cost in costs)
+    equations = SimpleNamespace(cost=1.0, tolerance=0.0)
+    tried = damped_step(None, np.ones(1), equations, StepHalving(max_halvings=1), step=lambda *_: next(trials))
+    assert (tried.trial, tried.reason) == (None, reason)
 
 
 class Circles:

@@ -47,6 +47,13 @@ def test_several_charts_share_one_rate_of_false_alarms():
     assert TWO.evidence < rules.evidence
 
 
+def test_each_value_has_its_own_rules_and_the_chart_those_of_the_last():
+    wide, narrow = ControlRules(9.0, np.inf), ControlRules(1.0, np.inf)
+    one = chart([0.0, 1.0, 0.0, 1.0], rules=[wide, wide, wide, narrow], correlations=INDEPENDENT)
+    same = [chart([0.0, 1.0, 0.0, 1.0], rules=rules, correlations=INDEPENDENT).upper for rules in (wide, narrow)]
+    assert (one.rules, one.upper[2], one.upper[3]) == (narrow, same[0][2], same[1][3])
+
+
 # No change -----------------------------------------------------------------------------------------------------------
 
 

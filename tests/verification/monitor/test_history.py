@@ -286,6 +286,28 @@ def test_other_models_are_named_with_their_last_result(filled):
     assert [one.name for one in history.other_models(MODEL, arm="gao2017")] == ["", "new.truearm"]  # the last one first
 
 
+def test_a_recorded_check_says_what_other_models_found_while_it_is_new(filled):
+    history = History(filled)
+    assert record_check(history, check(4)).remarks == ()
+    first, second = (record_check(history, check(day, model=OTHER)) for day in (5, 6))
+    (said,) = first.remarks
+    assert said.startswith("a new model: 4 checks of another model (SHA-256 aaaaaaaaaaaa..) in this history")
+    assert (first.number, second.number, first.added, first.completed) == (1, 2, True, False)
+    assert second.remarks == (said.removeprefix("a new model: "),)
+    for day in range(7, 15):
+        tenth = record_check(history, check(day, model=OTHER))
+    assert tenth.remarks == second.remarks
+    assert record_check(history, check(15, model=OTHER)).remarks == ()
+
+
+def test_a_check_that_brings_missing_values_completes_and_one_that_brings_none_adds_nothing(path):
+    history = History(path)
+    record_check(history, check(1, values=VALUES[:1]))
+    for is_completed in (True, False):
+        again = record_check(history, check(1))
+        assert (again.added, again.completed, again.check) == (False, is_completed, check(1))
+
+
 def test_another_model_is_assessed_without_retired_artefacts_and_with_the_specification(path):
     """A cone whose scatter rose tenfold at check 12 and was replaced; ten checks with the cone that was not."""
     history, steady = History(path), 0.01 + 0.0005 * np.resize([1.0, -1.0, 0.5, -0.5], 16)

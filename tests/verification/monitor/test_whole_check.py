@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import binom
+from scipy.stats import binom, norm
 
 from truearm.errors import InputError
 from truearm.verification.monitor.assessment import RecalibrationAdvice, assess, describe_assessment, describe_power
@@ -119,6 +119,17 @@ def test_what_a_check_would_have_shown_is_said_with_the_answer_no(rng):
     assert found.recalibrate is RecalibrationAdvice.NO
     assert f"by {found.seen_mm:.3f} mm (root mean square) would have been seen in 9 of 10" in describe_power(found)[0]
     assert assess([replace(check, readings=()) for check in checks]).seen_mm is None
+
+
+def test_what_would_have_been_seen_adds_its_square_to_that_of_the_checks(rng):
+    """With delta^2 = d: d - spread (s^2 + 2 d)^(1/2) is what the limit leaves over the mean square of the checks."""
+    checks = checks_of(centred(rng, 12), rng)
+    found = compared(checks)
+    squares = found.chart.values[:-1] ** 2
+    added = found.seen_mm**2 / (1 + 1 / (len(squares) + 1))
+    spread = norm.ppf(0.9) ** 2 * squares.var(ddof=1) / squares.mean()
+    beyond = found.chart.upper[-1] ** 2 - squares.mean()
+    assert added - np.sqrt(spread * (squares.mean() + 2 * added)) == pytest.approx(beyond, rel=1e-9)
 
 
 @pytest.mark.slow
