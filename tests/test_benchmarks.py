@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
 import itertools
 import json
@@ -96,6 +97,21 @@ def test_a_row_accepts_its_own_defaults_as_typed(command, name, row, option):
     typed = command.format_options({option: default}).split()
     read = vars(command.parser_of(name, rows).parse_args([row, *typed]))[option]
     assert read == (list(default) if isinstance(default, tuple) else default)
+
+
+def test_every_mutation_is_another_program(command):
+    """Each changes what a small module says, and leaves what Python reads."""
+    mutations = importlib.import_module("benchmarks.mutations").mutations_of
+    text = (CHECKOUT / "src/truearm/solve/damping.py").read_text(encoding="utf-8")
+    as_it_is, n = ast.unparse(ast.parse(text)), len(list(mutations(ast.parse(text))))
+    assert n > 20
+    for number in range(n):
+        tree = ast.parse(text)
+        _, said, act = list(mutations(tree))[number]
+        act()
+        changed = ast.unparse(ast.fix_missing_locations(tree))
+        assert changed != as_it_is, said
+        compile(changed, "mutant", "exec")
 
 
 def test_a_run_states_the_machine_rows_and_targets(command, capsys):
