@@ -12,6 +12,7 @@ from typing import Any
 
 import typer
 
+from truearm.printable_text import printable
 from truearm.workflows.outputs import check_folder as check_folder
 from truearm.workflows.outputs import check_new_file as check_new_file
 from truearm.workflows.outputs import check_output as check_output
@@ -23,11 +24,6 @@ from truearm.workflows.record import Record
 def print_line(text: str) -> None:
     """Print a line of the result."""
     typer.echo(printable(text))
-
-
-def printable(text: str) -> str:
-    """The text with bytes that are not UTF-8 (lone surrogates, in file names) as escapes: no terminal can show them."""
-    return text.encode("utf-8", "backslashreplace").decode()
 
 
 def print_status(text: str) -> None:
@@ -111,4 +107,4 @@ def progress(what: str, total: int | None = None) -> Iterator[Callable[[int, str
     )
     with bar:
         task = bar.add_task(what, total=total, note="")
-        yield lambda done, note: bar.update(task, completed=done, note=note)
+        yield lambda done, note: bar.update(task, completed=done, note=printable(note))

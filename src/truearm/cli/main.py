@@ -19,8 +19,8 @@ import typer
 from typer import Option
 
 from truearm import __version__
-from truearm.cli.console import printable
 from truearm.errors import TruearmError
+from truearm.printable_text import printable
 
 # In the order in which a newcomer needs them.
 VERBS: tuple[tuple[str, str], ...] = (

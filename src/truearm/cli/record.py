@@ -13,6 +13,7 @@ from typer import Option
 from truearm.cli.console import print_line
 from truearm.cli.recording_options import SharedOptions, takes_readings
 from truearm.errors import InputError
+from truearm.printable_text import printable
 
 if TYPE_CHECKING:
     from truearm.recording.recording import Recording
@@ -65,7 +66,7 @@ def _record_in_terminal(recording: Recording) -> None:
         for event in follow(recording, view.commands(keys)):
             view.add(event)
             if event.kind in ("reading", "undone"):
-                live.console.print(event.text, markup=False)
+                live.console.print(printable(event.text), markup=False)
     print_line(event.text)
 
 

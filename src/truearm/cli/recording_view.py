@@ -11,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from truearm.number_format import format_count
+from truearm.printable_text import printable
 from truearm.recording.recording import Recording
 from truearm.recording.recording_event import Event
 
@@ -66,12 +67,13 @@ class RecordingView:
 
     def add(self, event: Event) -> None:
         """Show an event."""
+        text = printable(event.text)
         if event.kind == "next":
-            self._next = event.text
+            self._next = text
         elif event.kind == "learned":
-            self._learned = event.text
+            self._learned = text
         else:
-            self._said.append(event.text)
+            self._said.append(text)
 
     def __rich__(self) -> Group:
         recording = self.recording

@@ -18,6 +18,7 @@ from typing import Any, TextIO
 import numpy as np
 
 from truearm.errors import InputError
+from truearm.printable_text import printable
 from truearm.typing import BoolArray, FloatArray, IntArray, NameArray
 
 # Characters in a name of a seat, position or session: an array of names reserves the longest for each of them.
@@ -305,8 +306,8 @@ def physical_lines(data: bytes) -> Iterator[str]:
 
 
 def escape_formula(cell: str) -> str:
-    """Put an apostrophe in front of a cell that a spreadsheet would run as a formula."""
-    return f"'{cell}" if _FORMULA.match(cell) else cell
+    """The printable text of a cell, with an apostrophe in front of one that a spreadsheet would run as a formula."""
+    return printable(f"'{cell}" if _FORMULA.match(cell) else cell)
 
 
 def quoted_cell(cell: object) -> str:

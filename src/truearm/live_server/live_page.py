@@ -12,6 +12,7 @@ from markupsafe import Markup
 from truearm.live_server.drawn_arm import DrawnArm
 from truearm.pages.palette import style_rules
 from truearm.pages.scene import data_block, scene_script, script_hash
+from truearm.printable_text import printable
 from truearm.recording.recording import Recording
 from truearm.recording.reference_point import TYPED
 from truearm.show.arm_scene import arm_mechanism
@@ -32,7 +33,7 @@ def live_page(recording: Recording, drawn: DrawnArm) -> str:
     label = f"The arm {arm.name} in space as it moves, and the readings taken"
     scene = {"label": label, "unit": "mm", "points": None, **drawn_scene(drawn)}
     sheets = [style_rules(), *(files("truearm.pages").joinpath(name).read_text("utf-8") for name in _SHEETS)]
-    return _template().render(
+    page = _template().render(
         arm=arm,
         out=str(recording.out),
         source=recording.source.name,
@@ -47,6 +48,7 @@ def live_page(recording: Recording, drawn: DrawnArm) -> str:
         script=Markup(script),  # noqa: S704, our own files
         script_hash=Markup(script_hash(script)),  # noqa: S704
     )
+    return printable(page)
 
 
 _SHEETS = ("page.css", "scene.css")

@@ -18,6 +18,7 @@ from truearm.pages.page import EMPTY_CELL, Page, Section, format_cell, table_of_
 from truearm.pages.palette import style_rules
 from truearm.pages.plotting import Figure, svg_element
 from truearm.pages.scene import Scene, scene_script, script_hash
+from truearm.printable_text import printable
 
 _PIXELS_PER_INCH = 140  # at most, where a panel has 8.5 points of lettering
 _LONG_TEXT = 550  # letters from which a text is set in two columns where the page is wide
@@ -42,8 +43,7 @@ def render(page: Page) -> str:
         filter_script=Markup(filter_script),  # noqa: S704, our own file
         script_hashes=Markup(" ".join(f"'{script_hash(one)}'" for one in (script, filter_script) if one)),  # noqa: S704
     )
-    # HTML permits neither NUL nor half a surrogate pair, and a name may contain them.
-    return html.replace("\x00", "\ufffd").encode("utf-8", "replace").decode("utf-8")
+    return printable(html)
 
 
 def write_page(page: Page, path: str | Path) -> None:

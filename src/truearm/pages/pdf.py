@@ -37,6 +37,7 @@ from truearm.pages.page import (
 from truearm.pages.palette import BAD, DOUBTFUL, FAINT, GOOD, INK, PAPER, SOFT, channels
 from truearm.pages.paper import Paper
 from truearm.pages.plotting import Figure, pixels_of
+from truearm.printable_text import printable
 
 MARGIN_MM, TOP_MM, BOTTOM_MM = 18.0, 24.0, 20.0
 WIDTH_MM = 210.0 - 2 * MARGIN_MM
@@ -154,7 +155,7 @@ class _Sheets:
 
     def known(self, text: str) -> str:
         """The text, if the font has all its characters: a missing glyph would be lost, and PDF/A forbids it."""
-        text = text.replace("\u202f", "\u00a0").replace("\n", " ").replace("\u00ad", "")
+        text = printable(text).replace("\u202f", "\u00a0").replace("\n", " ").replace("\u00ad", "")
         if missing := list(dict.fromkeys(sign for sign in text if not self._has(sign))):
             raise InputError(
                 f"the font of the PDF has no glyph for {' '.join(missing[:5])} in {text!r:.80}",
@@ -339,8 +340,8 @@ class _Sheets:
         pdf, paper = self.pdf, self.paper
         issued = datetime.datetime.combine(paper.date, datetime.time(), datetime.UTC)
         subject = f"{paper.heading}. {paper.mark}".strip()
-        pdf.set_title(page.title)
-        pdf.set_author(paper.issuer[0])
+        pdf.set_title(printable(page.title))
+        pdf.set_author(printable(paper.issuer[0]))
         pdf.set_subject(subject)
         pdf.set_lang("en")
         pdf.set_creation_date(issued)
@@ -560,7 +561,7 @@ def _height(pixels: npt.NDArray[np.uint8]) -> float:
 
 def _metadata(title: str, author: str, subject: str, issued: datetime.datetime) -> str:
     """The XMP metadata, as in the document's information; fpdf2's own would contain the time of writing."""
-    title, author, subject = map(escape, (title, author, subject))
+    title, author, subject = (escape(printable(text)) for text in (title, author, subject))
     date = issued.isoformat(timespec="seconds")
     return f"""<x:xmpmeta xmlns:x="adobe:ns:meta/">
   <rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#" xmlns:dc="http://purl.org/dc/elements/1.1/"

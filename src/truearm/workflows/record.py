@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from truearm.errors import InputError
+from truearm.printable_text import printable
 
 if TYPE_CHECKING:
     from truearm.pages.plotting import Figure
@@ -46,7 +47,7 @@ class TextTable:
         object.__setattr__(self, "rows", tuple(tuple(row) for row in self.rows))
 
     def __str__(self) -> str:
-        lines = [list(self.columns), *map(list, self.rows)]
+        lines = [[*map(printable, cells)] for cells in (self.columns, *self.rows)]
         widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
         return "\n".join(
             "  ".join(
@@ -119,15 +120,16 @@ class Record(ABC):
         save_figure(figure, path)
 
     def __str__(self) -> str:
-        return "\n".join(map(str, self.blocks()))
+        return printable("\n".join(map(str, self.blocks())))
 
     def __repr__(self) -> str:
-        first = next(iter(self.blocks()), "")
-        return f"<{type(self).__name__}: {str(first).splitlines()[0]}>"
+        first = printable(str(next(iter(self.blocks()), "")))
+        return f"<{type(self).__name__}: {first.splitlines()[0]}>"
 
     def _repr_html_(self) -> str:
         parts = [
-            block.to_html() if isinstance(block, TextTable) else f"<p>{escape(block)}</p>" for block in self.blocks()
+            printable(block.to_html() if isinstance(block, TextTable) else f"<p>{escape(block)}</p>")
+            for block in self.blocks()
         ]
         if len(parts) > N_OPEN + 1:
             details = "".join(parts[N_OPEN:])

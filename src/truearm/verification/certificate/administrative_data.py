@@ -16,17 +16,16 @@ from pydantic import AfterValidator, Field, ValidationInfo, field_validator
 from truearm.acceptance import contradict
 from truearm.errors import FaultCollector, InputError
 from truearm.files.toml_documents import Document, Real, read_document
+from truearm.printable_text import printable
 from truearm.verification.standards.dates import check_past
 
 # The greatest difference between an artefact, after some hours in a room, and its air [K].
 MOST_K_FROM_ROOM = 3.0
-# Characters that XML 1.0 does not allow (its production 2), with lone surrogates.
-_NOT_XML = re.compile("[^\\x20-\\ud7ff\\ue000-\\ufffd\\U00010000-\\U0010ffff]")
 
 
 def xml_text(text: str) -> str:
-    """Return a text in one line for XML: single spaces, and a replacement for every character that is not allowed."""
-    return _NOT_XML.sub("\ufffd", " ".join(text.split()))
+    """Return a text in one line for XML: single spaces, and escapes for characters that are not allowed, or act."""
+    return printable(" ".join(text.split()))
 
 
 def _filled_in(text: str) -> str:
