@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import datetime
+import tomllib
 from typing import Annotated, Literal
 
 import pytest
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from truearm.errors import MOST_FAULTS, InputError
-from truearm.files.toml_documents import AS_TOML, MOST_KEYS, parse_toml
+from truearm.files.toml_documents import AS_TOML, MOST_KEYS, load_toml, parse_toml
 
 
 class Ball(BaseModel):
@@ -143,6 +144,18 @@ def test_hostile_content_raises_an_input_error():
     assert "expected UTF-8" in str(refusal("best = 'Prüfkörper'".encode("latin-1")))
     assert "nested too deeply" in str(refusal("a = " + "[" * 3000 + "]" * 3000))
     assert "not valid TOML" in str(refusal("a = " + "9" * 5000))
+
+
+@pytest.mark.parametrize(
+    "deep", ["a." * 32 + "a = 1", "[" + "a . " * 32 + "a]", "x = {" + "'a b'.\"c\"." * 16 + "a = 1}"]
+)
+def test_a_key_of_many_parts_is_refused_before_the_parser_squares_them(deep):
+    assert str(refusal(f"# a comment\n{deep}\n")).startswith("line 2: a key has more than 32 parts")
+
+
+def test_dots_in_texts_and_numbers_are_no_parts_of_a_key():
+    text = f"a.{'b.' * 25}c = ['{'1.2.840.113549.' * 20}', \"{'...' * 99}\", {'0.5, ' * 99} 1.5]"
+    assert load_toml(text.encode()) == tomllib.loads(text)
 
 
 def test_windows_line_ends_and_a_byte_order_mark_change_nothing():

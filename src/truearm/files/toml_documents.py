@@ -22,6 +22,8 @@ MAX_BYTES = 1_000_000
 # The usual mistakes: 15.01.2026, 25,0004, yes, and a name without quotes.
 AS_TOML = "write dates as 2026-01-15, decimals with a point, true or false, and text in quotes"
 MOST_KEYS = 20  # in one message
+# A key of more than 32 parts: Python's parser takes time and memory with the square of their number.
+_DEEP_KEY = re.compile(r"""(?<![\w"'.-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){32}""", re.ASCII)
 
 Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0)]
@@ -117,7 +119,7 @@ def parse_toml(content: bytes, model: type[M]) -> M:
         If the content is not UTF-8, not TOML, or breaks a rule of the model: with the line or the keys.
     """
     try:
-        return model.model_validate(tomllib.loads(utf8_text(content)))
+        return model.model_validate(load_toml(content))
     except tomllib.TOMLDecodeError as error:
         message, line = str(error), None
         if at := re.search(r" \(at line (\d+), column \d+\)$", message):
@@ -133,6 +135,23 @@ def parse_toml(content: bytes, model: type[M]) -> M:
         raise
     except ValueError as error:  # numbers of thousands of digits
         raise InputError(f"not valid TOML: {error}", hint=AS_TOML) from None
+
+
+def load_toml(content: bytes) -> dict[str, Any]:
+    """Return the tables of a TOML file.
+
+    Raises
+    ------
+    InputError
+        If the content is not UTF-8, or a key has more than 32 parts.
+    tomllib.TOMLDecodeError, ValueError, RecursionError
+        If it is not TOML.
+    """
+    text = utf8_text(content)
+    if found := _DEEP_KEY.search(text):
+        line = text.count("\n", 0, found.start()) + 1
+        raise InputError("a key has more than 32 parts", line=line, hint="remove it, or put the text in quotes")
+    return tomllib.loads(text)
 
 
 def _input_error(error: ValidationError, model: type[BaseModel]) -> InputError:

@@ -21,8 +21,8 @@ from truearm.compensation.models.model_file import load_model
 from truearm.errors import InputError, TruearmError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.delimited import MAX_NAME
-from truearm.files.file_reading import parse_file, utf8_text
-from truearm.files.toml_documents import reject_control_characters, toml_text
+from truearm.files.file_reading import parse_file
+from truearm.files.toml_documents import load_toml, reject_control_characters, toml_text
 from truearm.fleet.arm_list import RegisteredArm
 from truearm.fleet.certificates import read_registered
 from truearm.fleet.fit_task import FitRow, FitTask, check_serial_number, fit_arm, key_of
@@ -591,7 +591,7 @@ def _check_readings(serial_number: str, nominal: Arm, session: str) -> None:
 def _database(content: bytes) -> str:
     """The URL of the database in the settings of a fleet."""
     try:
-        url = tomllib.loads(utf8_text(content))["fleet"]["database"]
+        url = load_toml(content)["fleet"]["database"]
     except (tomllib.TOMLDecodeError, KeyError, TypeError):
         url = None
     if not isinstance(url, str):
