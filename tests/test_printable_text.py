@@ -12,8 +12,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import truearm as ta
+from truearm.arm import load_arm
+from truearm.arm.arm_files import write_arm
+from truearm.arm.urdf import write_urdf
 from truearm.cli.console import print_line
 from truearm.cli.recording_view import RecordingView
+from truearm.errors import InputError
 from truearm.files.delimited import write_columns
 from truearm.pages.html import render
 from truearm.pages.page import Column, Page, Section, Table
@@ -50,6 +54,25 @@ def fitted():
     return ta.fit(
         arm, ta.Session.from_frame(frame.assign(session=EVIL.replace("\0", "").replace("\ud800", ""))), model="nominal"
     )
+
+
+def test_an_arm_with_such_names_is_written_as_urdf_and_read_again(fitted, tmp_path):
+    write_urdf(fitted.model.arm_, tmp_path / "arm.urdf")
+    assert not ACTS.search((tmp_path / "arm.urdf").read_text(encoding="utf-8"))
+    assert load_arm(str(tmp_path / "arm.urdf")).name == fitted.model.arm_.name
+
+
+@pytest.mark.parametrize("old", ['serial_number = "', 'name = "J2'])
+def test_names_that_join_tables_hold_no_control_characters(old, tmp_path):
+    write_arm(load_arm("ur10"), tmp_path / "arm.toml")
+    text = (
+        (tmp_path / "arm.toml")
+        .read_text(encoding="utf-8")
+        .replace('name = "ur10"', 'name = "ur10"\nserial_number = "7"')
+    )
+    (tmp_path / "arm.toml").write_text(text.replace(old, f"{old}\\u001b[2J"), encoding="utf-8")
+    with pytest.raises(InputError, match="control character"):
+        load_arm(str(tmp_path / "arm.toml"))
 
 
 def test_on_a_terminal_and_in_a_notebook(fitted, capfd):

@@ -1,14 +1,18 @@
-"""Connected arms: readings taken elsewhere than planned, frozen controllers, names of others, rehearsals."""
+"""Connected arms: readings taken elsewhere than planned, frozen controllers, rehearsals; and what others may write."""
 
 from __future__ import annotations
 
 import itertools
+import re
+import unicodedata
+from dataclasses import replace
+from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
 
 import truearm as ta
-from benchmarks.mistakes import mistake, right
+from benchmarks.mistakes import mistake, right, seen
 from benchmarks.rows import scratch
 from truearm.recording.recording import Recording
 from truearm.sources import Sample, Source
@@ -142,3 +146,54 @@ def rehearsed_ball() -> bool:
     rehearsal = ta.rehearse("ur10", plan, preset="perfect")
     on_ball = rehearsal.session.sphere == "ball"
     return abs(2 * fit_sphere(rehearsal.measurement.true_tips[on_ball]).radius_mm - 31.0) < 0.02
+
+
+def arm_file(name: str, title: str) -> Path:
+    """The file of a UR10 with another name and title, as TOML writes them."""
+    text = (files("truearm.arm") / "arms" / "ur10.toml").read_text(encoding="utf-8")
+    text = re.sub("(?m)^name = .*$", lambda _: f'name = "{name}"', text, count=1)
+    file = new_file(".toml")
+    file.write_text(re.sub("(?m)^title = .*$", lambda _: f'title = "{title}"', text, count=1), encoding="utf-8")
+    return file
+
+
+def _acts(text: str) -> bool:
+    """Whether a terminal obeys a part of the text, or turns the direction of its letters."""
+    return any(unicodedata.category(one) in ("Cc", "Cs") or "\u202a" <= one <= "\u202e" for one in text)
+
+
+@mistake("an arm file whose name and title clear the screen and turn the direction of writing")
+def evil_title() -> bool:
+    evil = r"\u001b[2J\u202egnp.\u0000\u009b31m"
+    return not _acts(seen("arms", arm_file(evil, evil)))
+
+
+@mistake("an arm file whose title brings a verdict of its own on a second line", said=r"UR10\\nconform")
+def second_line() -> str:
+    return seen("arms", arm_file("ur10", r"UR10\nconform"))
+
+
+@mistake("a seat whose name clears the screen, in a table for others")
+def evil_seat() -> bool:
+    file = new_file(".csv")
+    readings = ta.simulate("ur10", poses=4, seed=1).session
+    replace(readings, seat=np.array(["\x1b[2J\u202egnp", "", "", ""])).save(file)
+    return not _acts(file.read_text(encoding="utf-8").replace("\n", ""))
+
+
+@right("an arm with a title in Greek, Chinese and Hebrew")
+def other_scripts() -> bool:
+    title = "\u03b1\u03b2 \u4e2d\u6587 \u05d0\u05d1"
+    return title in seen("arms", arm_file("ur10", title))
+
+
+@mistake("an arm file with a key of 50,000 parts", said="more than 32 parts")
+def deep_key() -> str:
+    file = new_file(".toml")
+    file.write_text("a." * 50_000 + "a = 1\n")
+    return seen("arms", file)
+
+
+@right("an arm file whose title has numbers of standards with many dots", unsaid="parts")
+def dots_in_texts() -> str:
+    return seen("arms", arm_file("ur10", "drawing 1.2.840.113549.1.9.16.2.14 " * 5))

@@ -138,6 +138,15 @@ def test_another_address_needs_a_token_that_nobody_guesses():
         RequestChecks("0.0.0.0", "guess")
     RequestChecks("0.0.0.0", TOKEN)
     RequestChecks("localhost")
+    with pytest.raises(InputError, match="printable"):
+        RequestChecks("0.0.0.0", "\udcff" * 16)
+
+
+def test_a_token_of_any_signs_opens_the_address_that_is_printed():
+    with served("a+b&c=d #%2f;\u00e9 ?/token=") as (server, _):
+        assert answer(server, get("/?" + server.url.partition("?")[2]))[0] == "HTTP/1.1 200 OK"
+        with connected(server) as one:
+            assert said(one)["message"] == "role"
 
 
 @given(st.text(), st.lists(st.text(), max_size=2), st.lists(st.text(), max_size=2))

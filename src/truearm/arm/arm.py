@@ -13,7 +13,7 @@ from truearm.arm.denavit_hartenberg import DHTable
 from truearm.arm.inverse_kinematics import InverseKinematicsResult, solve_inverse_kinematics
 from truearm.arm.masses import LinkMasses
 from truearm.errors import InputError
-from truearm.printable_text import printable_name
+from truearm.printable_text import printable, printable_name
 from truearm.typing import FloatArray
 
 # Metadata of a field that model files do not keep.
@@ -92,6 +92,7 @@ class Arm:
     def __post_init__(self) -> None:
         for name in ("name", "title"):
             object.__setattr__(self, name, printable_name(getattr(self, name)))
+        object.__setattr__(self, "source", printable(self.source))
         n = self.chain.n_joints
         names = tuple(self.joint_names) or tuple(f"J{i + 1}" for i in range(n))
         if len(names) != n or len(set(names)) != n:

@@ -45,7 +45,7 @@ from pathlib import Path
 from typing import Annotated, Any, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
@@ -65,11 +65,12 @@ from truearm.arm.urdf import read_urdf, write_urdf
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.file_reading import parse_file
-from truearm.files.toml_documents import parse_toml, toml_text
+from truearm.files.toml_documents import parse_toml, reject_control_characters, toml_text
 from truearm.typing import FloatArray
 
 MAX_BYTES = 1_000_000
 
+_Line = Annotated[str, AfterValidator(reject_control_characters)]
 _Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 _Triple = Annotated[list[_Number], Field(min_length=3, max_length=3)]
 _UNITS = {"mm": 1.0, "m": 1000.0, "deg": np.pi / 180, "rad": 1.0}  # to mm and rad
@@ -108,7 +109,7 @@ class _Frame(_Strict):
 
 
 class _Joint(_Strict):
-    name: str | None = None
+    name: _Line | None = None
     type: Kind
     a_mm: _Number | None = None
     a_m: _Number | None = None
@@ -181,7 +182,7 @@ class _ArmFile(_Strict):
     name: Annotated[str, Field(min_length=1)]
     title: str = ""
     source: str = ""
-    serial_number: str = ""
+    serial_number: _Line = ""
     convention: Convention
     tip_mm: _Triple | None = None
     tip_m: _Triple | None = None

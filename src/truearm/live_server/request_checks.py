@@ -44,6 +44,8 @@ class RequestChecks:
     def __post_init__(self) -> None:
         if self.host not in LOOPBACK and not self.token:
             raise InputError(f"--host {self.host} lets other computers in", hint="give a --token, too")
+        if not self.token.isprintable():
+            raise InputError("expected a token of printable characters", hint="letters and digits")
         if self.token and len(self.token) < LEAST_TOKEN:
             raise InputError(f"expected a token of at least {LEAST_TOKEN} characters, got {len(self.token)}")
 

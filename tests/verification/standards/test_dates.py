@@ -22,6 +22,13 @@ def test_a_day_is_past_within_a_day_of_now(monkeypatch):
             dates.check_past(day)
 
 
+def test_a_clock_that_was_set_back_is_named(monkeypatch):
+    monkeypatch.setattr(dates, "now", lambda: datetime.datetime(2001, 1, 1, 0, 5))
+    with pytest.raises(InputError) as refused:
+        dates.parse_day("2026-03-01")
+    assert "set the clock of this computer, which says 2001-01-01" in str(refused.value)
+
+
 @pytest.mark.parametrize("text", ["2026-03-01", "01.03.2026", "1.3.2026"])
 def test_a_day_is_written_year_first_or_with_points(text):
     assert dates.parse_day(text) == datetime.date(2026, 3, 1)

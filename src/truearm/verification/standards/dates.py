@@ -22,10 +22,11 @@ def check_past(day: datetime.date | datetime.datetime) -> None:
         If it is more than a day ahead; clocks and time zones differ by less.
     """
     moment = day if isinstance(day, datetime.datetime) else datetime.datetime.combine(day, datetime.time())
-    if moment > now() + datetime.timedelta(days=1):
+    if moment > (clock := now()) + datetime.timedelta(days=1):
         raise InputError(
             f"the date {day} is in the future",
-            hint="write year, month, day: 2026-11-03; to rehearse the coming months, state days in the past",
+            hint="write year, month, day: 2026-11-03; to rehearse the coming months, state days in the past; or set "
+            f"the clock of this computer, which says {clock:%Y-%m-%d}",
         )
 
 
