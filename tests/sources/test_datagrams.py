@@ -112,7 +112,7 @@ def test_a_controller_that_is_frozen_is_said_and_gives_no_samples(kind, frozen, 
     with robot(port, frozen):
         heard = list(islice(open_source(f"{kind}:{port}").samples(), 9))
     assert sum(isinstance(one, Sample) for one in heard) <= 6, "those before the clock stood still"
-    assert "the controller repeats a datagram" in str(heard[-1])
+    assert "the device repeats a message" in str(heard[-1])
 
 
 @pytest.mark.parametrize("stamps", [(b"", b"", b""), (b"1", b"", b""), (b"1", b"0", b"0")])

@@ -5,13 +5,14 @@ from __future__ import annotations
 import os
 import threading
 from contextlib import contextmanager
+from itertools import count, islice
 
 import numpy as np
 import pytest
 from devices import samples_of
 
 from truearm.errors import InputError
-from truearm.sources import open_source
+from truearm.sources import Sample, decoded_messages, open_source
 from truearm.sources.ros2 import joint_state
 
 DOMAIN = 100 + os.getpid() % 100  # of each run of the tests one of its own
@@ -30,7 +31,7 @@ def loopback():
 
 
 @contextmanager
-def node(*messages):
+def node(*messages, is_frozen=False):
     """A node that publishes these names and positions, again and again."""
     from cyclonedds.domain import DomainParticipant
     from cyclonedds.pub import DataWriter
@@ -44,9 +45,12 @@ def node(*messages):
     ends = threading.Event()
 
     def write():
-        while not ends.wait(0.01):
+        for number in count():
+            if ends.wait(0.01):
+                return
             for names, positions in messages:
-                writer.write(kind(header(stamp(1, 2), ""), names, positions, [], []))
+                at = stamp(1, 2 if is_frozen else 1000 * number)
+                writer.write(kind(header(at, ""), names, positions, [], []))
 
     thread = threading.Thread(target=write)
     thread.start()
@@ -85,6 +89,14 @@ def test_messages_of_others_are_said_and_are_no_sample(tmp_path):
         samples, notices = samples_of(source(tmp_path), 4)
     assert all(sample.joint_angles_rad.tolist() == [0.1, 0.2, 0.3] for sample in samples)
     assert any("messages lack a joint of pan, lift, elbow" in text for text in notices), notices
+
+
+def test_a_node_whose_clock_stands_still_is_said_and_gives_no_samples(tmp_path, monkeypatch):
+    monkeypatch.setattr(decoded_messages, "SILENT_S", 0.05)
+    with node((["pan", "lift", "elbow"], [0.1, 0.2, 0.3]), is_frozen=True):
+        heard = list(islice(source(tmp_path).samples(), 5))
+    assert [isinstance(one, Sample) for one in heard].count(True) == 1
+    assert "the device repeats a message" in str(heard[-1])
 
 
 def test_a_topic_without_messages_is_said(tmp_path):

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from truearm.sources.connections import Connection, connected, datagram_connector
-from truearm.sources.decoded_messages import SILENT_S, Repeats, samples_in
+from truearm.sources.decoded_messages import REPEATED, SILENT_S, Repeats, samples_in
 from truearm.sources.joint_scale import MOST_JOINTS
 from truearm.sources.sample import Notice, Sample, Source, Stream
 
@@ -45,9 +45,7 @@ def datagram_source(kind: str, address: str, decode: Decode, misfit: str) -> Sou
         if not (0 < len(angles) <= MOST_JOINTS and all(abs(angle) <= LARGEST_DEG for angle in angles)):
             return None
         if repeats(angles, *stamps):
-            return Notice(
-                "the controller repeats a datagram, its number or clock stands still; start its sending again"
-            )
+            return REPEATED
         return Sample(arrived_s, np.radians(angles))
 
     def talk(link: Connection) -> Stream:

@@ -16,6 +16,9 @@ CLOCK_MOVES = 3  # a stamp that has moved so often counts or dates messages
 T = TypeVar("T")
 
 
+REPEATED = Notice("the device repeats a message: its number or clock stands still; start its sending again")
+
+
 class Repeats:
     """Whether a message repeats the one before, by the numbers with which its sender counts and dates messages."""
 

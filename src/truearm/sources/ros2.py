@@ -18,11 +18,11 @@ from pydantic import Field
 from truearm.errors import InputError
 from truearm.files.toml_documents import read_document
 from truearm.sources.connections import connected
-from truearm.sources.decoded_messages import SILENT_S, samples_in
+from truearm.sources.decoded_messages import REPEATED, SILENT_S, Repeats, samples_in
 from truearm.sources.extras import extra_package
 from truearm.sources.joint_scale import MOST_JOINTS, Each, JointScale, Unit
 from truearm.sources.line_pattern import LARGEST
-from truearm.sources.sample import Sample, Source, Stream
+from truearm.sources.sample import Notice, Sample, Source, Stream
 
 MOST_WAITING = 64  # messages
 MM_PER_M = 1000.0
@@ -72,13 +72,18 @@ def ros2(file: Path) -> Source:
         raise error.in_file(file) from None
     factors = np.where(np.isin(np.arange(1, n + 1), document.prismatic(n)), MM_PER_M, 1.0)
 
-    def sample(message: Any, arrived_s: float) -> Sample | None:
+    def sample(repeats: Repeats, message: Any, arrived_s: float) -> Sample | Notice | None:
         positions = dict(zip(message.name, message.position, strict=False))
         numbers = np.array([positions.get(joint, np.nan) for joint in document.joints]) * factors
-        return Sample(arrived_s, decode(numbers.tolist())) if (np.abs(numbers) <= LARGEST).all() else None
+        if not (np.abs(numbers) <= LARGEST).all():
+            return None
+        stamp = message.header.stamp
+        is_repeated = repeats(numbers.tolist(), stamp.sec + 1e-9 * stamp.nanosec)
+        return REPEATED if is_repeated else Sample(arrived_s, decode(numbers.tolist()))
 
     def talk(reader: _Reader) -> Stream:
-        return samples_in(reader.messages(), sample, f"messages lack a joint of {', '.join(document.joints)}")
+        lack = f"messages lack a joint of {', '.join(document.joints)}"
+        return samples_in(reader.messages(), partial(sample, Repeats()), lack)
 
     name = f"topic {document.topic} of ROS 2"
     opened = partial(connected, partial(_Reader, document.topic, document.domain), name, talk)
