@@ -277,11 +277,12 @@ def assert_same_arm(one: Arm, other: Arm) -> None:
     np.testing.assert_allclose(first.R_base_tip, second.R_base_tip, atol=1e-12, rtol=0)
 
 
-def test_text_with_any_sign_survives(tmp_path):
+def test_text_with_any_sign_survives_and_is_printable(tmp_path):
     title = 'quotes " and \\ and \t tab, \x7f, \x01, ä, 测量臂, 😀\nsecond line'
     arm = Arm("any", load_arm("ur5").chain, title=title)
     write_arm(arm, tmp_path / "arm.toml")
-    assert read_arm(tmp_path / "arm.toml").title == title
+    shown = 'quotes " and \\ and \\t tab, \\x7f, \\x01, ä, 测量臂, 😀\\nsecond line'
+    assert read_arm(tmp_path / "arm.toml").title == arm.title == shown
 
 
 def test_nothing_is_left_of_an_arm_that_has_no_table(tmp_path):

@@ -198,7 +198,7 @@ def test_one_limit_only_cannot_be_written(tmp_path):
 
 def test_a_control_character_is_refused_before_anything_is_written(tmp_path):
     with pytest.raises(InputError, match="not valid XML"):
-        write_urdf(Arm("a\x01b", load_arm("ur5").chain), tmp_path / "arm.urdf")
+        write_urdf(Arm("any", load_arm("ur5").chain, serial_number="a\x01b"), tmp_path / "arm.urdf")
     assert list(tmp_path.iterdir()) == []
 
 
