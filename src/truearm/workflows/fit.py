@@ -51,6 +51,7 @@ from truearm.identification.terms.type_prior import TypePrior, read_type_prior
 from truearm.readings import Session, compare_errors, point_errors, seat_errors
 from truearm.readings.anchors import LEAST_COMPARED, distance_errors, has_located_anchor
 from truearm.readings.distances import OFFSET_STD_MM, bars_without_certificate
+from truearm.readings.names import similar_names, single_seats
 from truearm.readings.repeats import MergedReadings, merge_repeats, readings_of_one_pose
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import IntArray
@@ -198,6 +199,8 @@ def fit(
             *_scatter(learned.arm_model, readings),
             *checked.remarks,
             *length_remarks,
+            *similar_names(given),
+            *single_seats(given, known),
             *repeat_remarks(merged, fitted),
             *_said(learned, nominal, readings),
         ),

@@ -39,6 +39,7 @@ from truearm.readings.foreign.no_readings import (
 from truearm.readings.foreign.orientations import OrientationUnit, check_orientation_columns, read_orientations
 from truearm.readings.foreign.program_columns import ProgramColumns, recognise_program_columns
 from truearm.readings.foreign.table_columns import OTHER_NAMES, TableColumns
+from truearm.readings.names import similar_names
 from truearm.readings.readings import ANCHOR_DISTANCE, DIRECTION, LOAD, SHARED_UNCERTAINTIES, SPHERE_DISTANCE
 from truearm.readings.session import Session
 from truearm.typing import BoolArray, FloatArray, NameArray
@@ -377,6 +378,7 @@ def interpret_table(
         numbers=table.lines if table.place == "line" else None,
         by_line=table.place == "line",
     )
+    remarks += similar_names(session)
     _name_unread(table, columns, session, remarks)
     return ImportedTable(session, columns, tuple(scale.units(session.n_joints)), tuple(assumed), tuple(remarks))
 
