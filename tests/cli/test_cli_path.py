@@ -20,7 +20,7 @@ ERROR_KEYS = {
     *("removed_percent", "n"),
 }
 EVALUATION_KEYS = ERROR_KEYS | {
-    *("summary", "nominal", "coverage", "coverage_99", "repeatability_coverage", "conditions", "n_refit"),
+    *("summary", "nominal", "coverage", "coverage_99", "repeatability_coverage", "conditions", "n_training"),
     *("outliers", "remarks"),
 }
 FIT_KEYS = {
@@ -132,7 +132,7 @@ def test_evaluate_prints_a_table_for_people(truearm, made):
 
 def test_an_evaluation_on_the_training_readings_has_a_remark(truearm, made):
     said = truearm("evaluate", made / "kinematic.truearm", made / "train.csv").out.splitlines()[-1]
-    assert said == "These are the training readings of the model: a fair test needs others (split)."
+    assert said == "200 of 200 are training readings of the model: a fair test needs others (split)."
 
 
 def test_predict_writes_points_with_uncertainties_and_a_flag(truearm, made, tmp_path):
@@ -399,7 +399,7 @@ def test_a_branching_robot_is_read_between_the_links_that_are_named(truearm, mad
 def test_evaluate_and_report_remark_on_what_spoils_a_test(truearm, made, tmp_path):
     """Training readings, and readings of another arm: said in both, not only in one."""
     train = truearm("evaluate", made / "kinematic.truearm", made / "train.csv")
-    assert "These are the training readings of the model" in train.out
+    assert "are training readings of the model: a fair" in train.out
     assert truearm("report", made / "kinematic.truearm", made / "train.csv", "--out", tmp_path / "r.html").code == 0
     assert "These are the training readings of the model" in (tmp_path / "r.html").read_text()
     foreign = tmp_path / "foreign.csv"

@@ -10,7 +10,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from truearm.compensation.models.model_file import load_model
-from truearm.compensation.models.refit import used_in_refit
 from truearm.readings import read_session
 
 
@@ -47,14 +46,14 @@ def test_twenty_rows_are_used_and_the_others_test(truearm, made, moved, refit, t
     assert lines[2] == "evaluate skips these 20 readings and tests on the others of this session."
     assert lines[3] == f"model written to {out}"
     session, model = read_session(moved), load_model(out)
-    used = used_in_refit(model, session)
+    used = model.trained_on(session)
     assert used.sum() == 20
     assert len(np.unique(session.position[used])) == 20
     said = truearm("evaluate", out, moved).out.splitlines()
-    assert "20 readings were used to refit the model and are skipped." in said
+    assert "20 of 100 are training readings of the model and are skipped: all figures are of others." in said
     assert said[1].split()[:2] == ["80", "readings"]
     told = json.loads(truearm("evaluate", out, moved, "--json").out)
-    assert (told["n"], told["n_refit"]) == (80, 20)
+    assert (told["n"], told["n_training"]) == (80, 20)
     off = np.linalg.norm(model.predict(session.angles) - session.points, axis=1)[~used]
     assert told["mean_mm"] == pytest.approx(off.mean(), rel=1e-12)
     # As good as the arm was in its own set-up, but for what 20 readings of 0.012 mm of noise leave open.
@@ -62,7 +61,7 @@ def test_twenty_rows_are_used_and_the_others_test(truearm, made, moved, refit, t
     assert told["mean_mm"] < 1.3 * alone["mean_mm"]
     page = truearm("report", out, moved, "--out", tmp_path / "r.html")
     assert page.out.startswith("Mean error ")
-    assert "\n1 model compared on 80 readings\n20 readings were used to refit the model and are skipped.\n" in page.out
+    assert "\n1 model compared on 80 readings\n20 of 100 are training readings of the model and are " in page.out
     assert page.out.endswith(f"page written to {tmp_path / 'r.html'}\n")
 
 
@@ -70,7 +69,7 @@ def test_the_seed_chooses(refit, moved, tmp_path):
     session, chosen = read_session(moved), []
     for seed in (1, 2, 1):
         assert refit("--rows", 6, "--seed", seed).code == 0
-        chosen.append(np.flatnonzero(used_in_refit(load_model(tmp_path / "new.truearm"), session)).tolist())
+        chosen.append(np.flatnonzero(load_model(tmp_path / "new.truearm").trained_on(session)).tolist())
     assert chosen[0] == chosen[2] != chosen[1]
 
 
@@ -78,7 +77,7 @@ def test_all_rows_by_default_and_then_no_test_is_left(truearm, refit, moved, tmp
     assert "base and tip of gao2017 from 100 readings)." in refit().out
     said = truearm("evaluate", tmp_path / "new.truearm", moved).out.splitlines()
     assert said[1].split()[:2] == ["100", "readings"]
-    assert said[-1] == "These are the training readings of the model: a fair test needs others (split)."
+    assert said[-1] == "100 of 100 are training readings of the model: a fair test needs others (split)."
 
 
 def test_json_tells_what_was_found(refit, made, moved, tmp_path):
@@ -134,7 +133,7 @@ def test_seats_without_points_tell_the_tip(truearm, made, tmp_path):
     assert "; tip of gao2017 from 20 of 45 readings)." in ran.out
     assert "The base stays where it was: only reference points determine it.\n" in ran.out
     told = json.loads(truearm("evaluate", out, session, "--json").out)
-    assert (told["n_in_seats"], told["n_refit"]) == (25, 20)
+    assert (told["n_in_seats"], told["n_training"]) == (25, 20)
     told_before = json.loads(truearm("evaluate", made / "kinematic.truearm", session, "--json").out)
     # The true tip is where it was.
     assert told["seat_mean_mm"] < 1.2 * told_before["seat_mean_mm"]
@@ -175,11 +174,11 @@ def test_lengths_are_of_the_whole_session_and_those_between_rows_taken_serve(tru
                  "--lengths", lengths, "--out", out]  # fmt: skip
     ran = truearm(*arguments)
     assert ran.code == 0, ran.err
-    assert set(points.seat[used_in_refit(load_model(out), points)].tolist()) == {"S3", "S4", "S6"}
+    assert set(points.seat[load_model(out).trained_on(points)].tolist()) == {"S3", "S4", "S6"}
     assert "2 of 3 lengths refer to a seat without a reading that is used; ignored.\n" in ran.out
     ran = truearm("evaluate", out, session, "--lengths", lengths, "--json")
     told = json.loads(ran.out)
-    assert (told["n_refit"], len(told["lengths"])) == (9, 2)
+    assert (told["n_training"], len(told["lengths"])) == (9, 2)
     gone = "1 of 3 lengths refer to a seat without a reading that is used; ignored."
     assert gone in told["remarks"]
     ran = truearm("report", out, session, "--lengths", lengths, "--out", tmp_path / "r.html")

@@ -18,7 +18,7 @@ POINT_KEYS = {
     *("removed_percent", "n"),
 }
 EVERY_KEY = {
-    *("summary", "nominal", "coverage", "coverage_99", "repeatability_coverage", "conditions", "n_refit"),
+    *("summary", "nominal", "coverage", "coverage_99", "repeatability_coverage", "conditions", "n_training"),
     *("outliers", "remarks"),
 }
 SEAT_KEYS = {"seat_mean_mm", "seat_rms_mm", "seat_max_mm", "n_in_seats", "seats"}

@@ -149,7 +149,7 @@ def test_readings_of_the_training_are_recognised(session, folder, tmp_path, monk
         session.rows(rows).save(own / f"{name}.csv")
     monkeypatch.setattr(large_sessions, "SAMPLE", 70)
     model = ta.fit_large("ur10", own, model="nominal").model
-    said = "These are the training readings of the model"
+    said = "about 200 of 200 are training readings of the model (its file knows 70 of 200)"
     assert any(said in remark for remark in evaluate_large(model, own).sums.remarks)
     assert not any(said in remark for remark in evaluate_large(model, folder).sums.remarks)
 

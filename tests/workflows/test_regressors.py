@@ -81,7 +81,7 @@ def test_the_same_points_have_the_same_errors(readings, model):
     expected = dict(of_model.errors["model"])
     del expected["removed_percent"]  # of a nominal arm, which a regressor has not
     assert nine_digits(own.errors) == nine_digits({"model": expected})
-    assert (own.coverage, own.coverage_99, own.outliers, own.n_refit) == (None, None, (), 0)
+    assert (own.coverage, own.coverage_99, own.outliers, own.n_training) == (None, None, (), 0)
     assert re.fullmatch(r"Mean error \S+ mm on 60 readings\.", own.summary())
     assert own.to_dict()["nominal"] is None
     assert ta.evaluate(Same(model), readings[1], accept="not needed").remarks[0] == "Nothing had to be accepted."

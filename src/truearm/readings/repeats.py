@@ -59,6 +59,8 @@ class MergedReadings(Generic[Kept]):
         Its row in the readings as given.
     count : (n,) int array
         How many readings each stands for.
+    member : (n_given,) int array
+        Of the readings as given the row of that which stands for them.
     scatter_mm : float
         Standard deviation of a coordinate or a distance within a pose [mm]; 0 without repeats, or if they are copies.
     n_changed : int
@@ -68,6 +70,7 @@ class MergedReadings(Generic[Kept]):
     readings: Kept
     first: IntArray
     count: IntArray
+    member: IntArray
     scatter_mm: float
     n_changed: int = 0
 
@@ -132,14 +135,14 @@ def merge_repeats(readings: Kept) -> MergedReadings[Kept]:
         group = _agreeing(readings, group)
     first, member, count = np.unique(group, return_inverse=True, return_counts=True)[:3]
     if len(first) == n:
-        return MergedReadings(readings, np.arange(n), np.ones(n, dtype=np.intp), 0.0, n_changed)
+        return MergedReadings(readings, np.arange(n), np.ones(n, dtype=np.intp), np.arange(n), 0.0, n_changed)
     values = _measured(readings)
     off = values - _means(values, first, member)[member]
     scatter = float(np.sqrt((off**2).sum() / max(off.shape[1] * (n - len(first)), 1)))
     merged = _merged(readings, first, member, scatter)
     if scatter > 0:  # copies say nothing of noise, and average none
         merged = replace(merged, n_repeats=count, repeat_std_mm=_unstated(readings, scatter))
-    return MergedReadings(merged, first, count, scatter, n_changed)
+    return MergedReadings(merged, first, count, member, scatter, n_changed)
 
 
 def _stated_alike(readings: Readings, group: IntArray) -> IntArray:

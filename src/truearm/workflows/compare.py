@@ -102,7 +102,7 @@ def _remarks(old: IdentifiedModel, new: IdentifiedModel, change: ArmChange) -> I
         yield f"Terms of your own ({', '.join(own)}) are not compared: constants may contain their change."
     for which, model in (("old", old), ("new", new)):
         yield from accepted_in_fit(model.accepted_, f"the {which} model")
-        if len(model.refit_reading_ids_):
+        if model.is_refitted:
             yield f"The {which} model was refitted: its constants are those of before, updated by few readings."
     if change.displacement.region == "either":
         yield "Few poses are in the trained range of both models: those of either are compared."

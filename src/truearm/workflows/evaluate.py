@@ -40,7 +40,7 @@ from truearm.workflows.inputs import (
     to_session,
     unfilled_remarks,
     within_limits,
-    without_refit_readings,
+    without_training_readings,
 )
 from truearm.workflows.record import Record, TextTable, format_fixed
 from truearm.workflows.regressors import AnyModelLike, RegressorLike, is_regressor, predict_points, regressor_remark
@@ -66,8 +66,9 @@ def evaluate(
     The nominal arm has its base and tip (where they were free) fitted to the model's training readings. Readings with a
     reference point are compared with it, readings in a seat with the mean of the points predicted there, and the
     distance between two such means with the known length. Distances to an anchor are compared with those of the
-    predicted points from the place that fits them best. Readings from which `refit` identified base and tip are
-    skipped. Readings that repeat a pose count as one, their mean (`truearm.readings.repeats`), as in `fit`.
+    predicted points from the place that fits them best. Readings that the model was fitted or refitted to are
+    skipped, unless there are no others. Readings that repeat a pose count as one, their mean
+    (`truearm.readings.repeats`), as in `fit`.
 
     A regressor of the user's own, of scikit-learn or any object with `predict`, fitted by ``regressor.fit(train.angles,
     train.points)``, is compared with the same references. It has no nominal arm, joint limits or stated uncertainty;
@@ -114,7 +115,7 @@ def evaluate(
     fitted, given = to_model_and_session(model, session)
     allowed = within_limits(given, fitted.arm, limits)
     check_has_reference(allowed.session, fitted.arm, purpose="evaluate against", least=LEAST_COMPARED)
-    others, rows, refit_remarks = without_refit_readings(allowed.session, fitted)
+    others, rows, training_remarks = without_training_readings(allowed.session, fitted)
     merged = merge_repeats(others)
     used = merged.readings
     known, length_remarks = session_lengths(lengths, given, used)
@@ -146,11 +147,11 @@ def evaluate(
         repeatability_budget=same_day,
         conditions=conditions,
         outliers=outliers,
-        n_refit=len(allowed.rows) - len(rows),
+        n_training=len(allowed.rows) - len(rows),
         remarks=(
             *acceptance_remarks(accept),
             *allowed.remarks,
-            *refit_remarks,
+            *training_remarks,
             *length_remarks,
             *repeat_remarks(merged),
             *evaluation_remarks(fitted, at),
@@ -183,8 +184,8 @@ class Evaluation(Record):
         Those of these readings; None where neither a person nor the names of their sessions say it.
     outliers : tuple of Outlier
         Readings farther from their reference point than eight stated standard uncertainties.
-    n_refit : int
-        Readings that were skipped because they were used to refit the model.
+    n_training : int
+        Readings that were skipped because the model was fitted or refitted to them.
     remarks : tuple of str
 
     Examples
@@ -205,7 +206,7 @@ class Evaluation(Record):
     repeatability_budget: UncertaintyBudget | None = None
     conditions: Conditions | None = None
     outliers: tuple[Outlier, ...] = ()
-    n_refit: int = 0
+    n_training: int = 0
     remarks: tuple[str, ...] = ()
 
     @property
@@ -261,7 +262,7 @@ class Evaluation(Record):
     def _json(self) -> object:
         """The model's errors by their names, and those of the nominal arm under ``nominal``."""
         errors = {**self.errors["model"], "nominal": self.errors.get("nominal")}
-        others = self._named("coverage", "coverage_99", "conditions", "n_refit", "outliers", "remarks")
+        others = self._named("coverage", "coverage_99", "conditions", "n_training", "outliers", "remarks")
         same = self.repeatability_budget
         return {"summary": self.summary(), **errors, **others, "repeatability_coverage": same and same.coverage}
 

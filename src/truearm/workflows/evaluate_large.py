@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from truearm.acceptance import OVERRIDE, acceptance_remarks, accepting, accepts
+from truearm.acceptance import OVERRIDE, acceptance_remarks, accepts
 from truearm.choices import Conditions
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.uncertainty import uncertainty_budget
@@ -25,13 +25,13 @@ from truearm.solve.executor import Executor
 from truearm.solve.sums import Sums, joined
 from truearm.solve.threads import one_blas_thread
 from truearm.workflows.inputs import (
-    TRAINING_READINGS,
     Limits,
     ModelLike,
     model_remarks,
     payload_remarks,
     to_model,
-    without_refit_readings,
+    training_remarks,
+    without_training_readings,
 )
 from truearm.workflows.pass_over_parts import PartTask, allowed_in_part, joined_remarks, pass_over_parts
 from truearm.workflows.record import Record, TextTable, format_fixed
@@ -58,6 +58,8 @@ class EvaluationSums(Sums):
         Readings, those without a reference point among them.
     n_beyond : int
         Those beyond a joint limit, which are skipped.
+    n_known : int
+        Readings that are known from the fit of the model.
     errors : dict of str to PointErrorSums
         Of ``"nominal"`` and ``"model"``.
     n_covered, n_covered_99 : int
@@ -77,6 +79,7 @@ class EvaluationSums(Sums):
 
     n_read: int = 0
     n_beyond: int = 0
+    n_known: int = 0
     errors: Mapping[str, PointErrorSums] = field(default_factory=dict)
     n_covered: int = 0
     n_covered_99: int = 0
@@ -113,7 +116,7 @@ def _sums_of(task: EvaluateTask, given: Session, part: Part, *, accept: str | No
     allowed = allowed_in_part(given, model.arm, task.limits, accept)
     n_beyond = len(given) - len(allowed.rows)
     seen = np.flatnonzero(allowed.session.has_point)
-    used, kept, refit_remarks = without_refit_readings(allowed.session.rows(seen), model)
+    used, kept, training = without_training_readings(allowed.session.rows(seen), model)
     seen = seen[kept]
     if not len(used):
         return EvaluationSums(len(given), n_beyond)
@@ -132,6 +135,7 @@ def _sums_of(task: EvaluateTask, given: Session, part: Part, *, accept: str | No
     return EvaluationSums(
         len(given),
         n_beyond,
+        int(model.trained_on(used).sum()),
         errors,
         budget.n_covered,
         budget.n_covered_99,
@@ -143,18 +147,11 @@ def _sums_of(task: EvaluateTask, given: Session, part: Part, *, accept: str | No
         (
             *acceptance_remarks(accept),
             *allowed.remarks,
-            *refit_remarks,
+            *training,
             *payload_remarks(model, used),
             *model_remarks(model),
         ),
     )
-
-
-def _is_training(large: LargeSession, task: EvaluateTask, executor: Executor | None) -> bool:
-    """Whether the model was fitted to this session: it has the fingerprint of the sample."""
-    with accepting(task.accept):
-        sample = allowed_in_part(large.sample(executor=executor), task.model.arm, task.limits, task.accept)
-    return task.model.is_trained_on(sample.session)
 
 
 @one_blas_thread()
@@ -209,8 +206,7 @@ def evaluate_large(
     known = to_model(model)
     large = LargeSession.open(session, n_joints=known.arm.n_joints)
     tasks = [EvaluateTask(known, limits, conditions, accept, len(large))] * len(large.parts)
-    trained = (TRAINING_READINGS,) if _is_training(large, tasks[0], executor) else ()
-    sums = reduce(add, pass_over_parts(large, tasks, executor, progress), EvaluationSums(remarks=trained))
+    sums = reduce(add, pass_over_parts(large, tasks, executor, progress), EvaluationSums())
     if sums.n_beyond > MAX_SKIPPED_SHARE * sums.n_read:
         raise Contradiction(
             f"{sums.n_beyond} of {sums.n_read} readings are outside the limits of a joint",
@@ -223,7 +219,8 @@ def evaluate_large(
             file=session,
             hint="a file of the readings in seats alone is evaluated as a small session",
         )
-    return LargeEvaluation(known, len(large.parts), sums)
+    trained = training_remarks(known, sums.n_known, sums.errors["model"].n)
+    return LargeEvaluation(known, len(large.parts), replace(sums, remarks=(*trained, *sums.remarks)))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

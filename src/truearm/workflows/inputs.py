@@ -19,9 +19,9 @@ from truearm.arm import Arm, load_arm
 from truearm.choices import Limits as Limits
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.compensator import FREE_PARTS, ReadingsLike
+from truearm.compensation.models.identified_model import to_identified
 from truearm.compensation.models.model_archive import model_bytes
 from truearm.compensation.models.model_file import load_model
-from truearm.compensation.models.refit import used_in_refit
 from truearm.compensation.models.training_conditions import TrainingConditions
 from truearm.errors import InputError
 from truearm.identification.judgement.description_check import explain_readings
@@ -68,7 +68,6 @@ MAX_RELATIVE_U = 0.005
 MAX_NAMED = 6
 # Angles may be in rad if no larger share of the readings is in the trained range as stated, and no smaller one in rad.
 MOST_INSIDE, LEAST_INSIDE = 0.1, 0.5
-TRAINING_READINGS = "These are the training readings of the model: a fair test needs others (split)."
 
 
 class CheckedSession(NamedTuple):
@@ -426,23 +425,24 @@ def expanded_lengths(lengths: Lengths | None, session: Session) -> Lengths | Non
     return at_measured_temperature(lengths, session.seat, session.temperature_degC)
 
 
-def without_refit_readings(session: Session, *models: Compensator) -> tuple[Session, IntArray, tuple[str, ...]]:
-    """Skip the readings from which `refit` identified base and tip of a model: a test on them is not fair.
+def without_training_readings(session: Session, *models: Compensator) -> tuple[Session, IntArray, tuple[str, ...]]:
+    """Skip the readings that a model was fitted or refitted to: a test on them is not fair.
 
     Returns
     -------
     session : Session
-        The others; all readings if there are no others.
+        The others; all readings if there are no others, or a model knows only a sample of those that it was fitted to.
     rows : (n,) array of int
         Their rows in `session`.
     remarks : tuple of str
     """
-    used = np.any([used_in_refit(model, session) for model in models], axis=0)
-    rows = np.flatnonzero(~used)
-    if used.all() or not used.any():
+    known = np.any([model.trained_on(session) for model in models if model.training_.readings_per_known == 1], axis=0)
+    rows = np.flatnonzero(~known)
+    if np.all(known) or not np.any(known):
         return session, np.arange(len(session)), ()
-    n = int(used.sum())
-    remark = f"{number_of(n)} {agree(n, 'were')} used to refit the model and {agree(n, 'are')} skipped."
+    n = int(known.sum())
+    are = agree(n, "are")
+    remark = f"{n} of {len(session)} {are} training readings of the model and {are} skipped: all figures are of others."
     return session.rows(rows), rows, (remark,)
 
 
@@ -475,6 +475,22 @@ def repeat_remarks(merged: MergedReadings[Session], fitted: Compensator | None =
     elif merged.readings.points is not None or merged.readings.distance_mm is not None:
         scatter = " Where they have coordinates or distances these agree to the last digit, as copies do."
     yield f"{told}; each counts as one reading, their mean, named by its first line.{scatter}"
+
+
+def training_remarks(model: Compensator, n_known: int, n: int) -> tuple[str, ...]:
+    """That of `n` readings `n_known` are known from the fit of the model, or about as many times as it was a sample."""
+    training, some, kept = model.training_, "", ""
+    if training.readings_per_known > 1 and training.known is not None:
+        n_known = min(round(training.readings_per_known * n_known), n)
+        some, kept = "about ", f" (its file knows {training.known.n_of_fit} of {training.n_readings})"
+    if n_known:
+        are = agree(n_known, "are")
+        return (
+            f"{some}{n_known} of {n} {are} training readings of the model{kept}: a fair test needs others (split).",
+        )
+    if training.known is None and (identified := to_identified(model)) is not None and identified.is_refitted:
+        return ("An earlier version refitted the model: readings of that refit are not recognised. Refit it again.",)
+    return ()
 
 
 def describe_outside(inputs: Mapping[str, BoolArray], training: TrainingConditions, session: Session) -> str:
@@ -567,6 +583,4 @@ def evaluation_remarks(model: Compensator, readings: ReadingsLike) -> list[str]:
     if inputs := model.inputs_outside_training(at):
         remarks.append(f"{describe_outside(inputs, model.training_, session)}.")
     remarks += [*payload_remarks(model, session), *model_remarks(model)]
-    if model.is_trained_on(session):
-        remarks.append(TRAINING_READINGS)
-    return remarks
+    return [*remarks, *training_remarks(model, int(model.trained_on(session).sum()), len(session))]

@@ -38,7 +38,7 @@ from truearm.workflows.inputs import (
     to_model,
     to_model_and_session,
     with_reference,
-    without_refit_readings,
+    without_training_readings,
 )
 from truearm.workflows.outputs import PageRecord, check_page_path, input_files
 from truearm.workflows.record import TextTable
@@ -225,7 +225,7 @@ def report(
     fitted = {name: model_of_tip_of(model, readings) for name, model in fitted.items()}
     one_arm(fitted)
     whole = readings
-    readings, _, of_refit = without_refit_readings(whole, *fitted.values())
+    readings, _, of_training = without_training_readings(whole, *fitted.values())
     merged = merge_repeats(readings)
     readings = merged.readings
     known, of_lengths = _lengths_between_seats(lengths, whole, readings)
@@ -241,7 +241,7 @@ def report(
         known,
         _errors(comparison),
         title,
-        (*remarks, *skipped, *of_refit, *of_lengths, *repeat_remarks(merged)),
+        (*remarks, *skipped, *of_training, *of_lengths, *repeat_remarks(merged)),
         comparison,
         files,
         accept,

@@ -10,7 +10,7 @@ import pytest
 import truearm as ta
 from truearm.compensation.models import KinematicModel, NominalModel
 from truearm.compensation.models.model_file import load_model
-from truearm.compensation.models.refit import refit, used_in_refit
+from truearm.compensation.models.refit import refit
 from truearm.errors import InputError
 from truearm.identification.references.alignment import align
 from truearm.identification.references.reading_references import references_of
@@ -147,9 +147,8 @@ def test_a_new_tip_is_found_by_distances(real, model, rng):
     moved = refit(model, new, free=("tip",))
     assert distance_errors(moved.predict_readings(new), new)["distance_mean_mm"] < 3 * STD
     # Every wire of a pose is a reading of its own.
-    assert used_in_refit(moved, new).all()
-    assert not used_in_refit(moved, replace(new, anchor=np.char.add("other ", new.anchor))).any()
-    assert not used_in_refit(moved, replace(new, distance_mm=new.distance_mm + STD)).any()
+    assert moved.trained_on(new).all()
+    assert not moved.trained_on(replace(new, distance_mm=new.distance_mm + STD)).any()
 
 
 def test_the_error_is_that_of_an_arm_identified_again_where_the_others_do_not_determine_the_readings(real, wires):

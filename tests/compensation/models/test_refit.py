@@ -9,7 +9,7 @@ from scipy.stats import chi2
 
 from truearm.compensation.models import KinematicModel, NetworkModel, NominalModel, PhysicalModel
 from truearm.compensation.models.model_file import load_model, save_model
-from truearm.compensation.models.refit import refit, used_in_refit
+from truearm.compensation.models.refit import refit
 from truearm.errors import InputError
 from truearm.identification.judgement.outliers import outliers
 from truearm.identification.terms import Constant
@@ -184,19 +184,19 @@ def test_the_file_remembers_which_readings_served(real, fitted, tmp_path):
     save_model(new, tmp_path / "m.truearm")
     again = load_model(tmp_path / "m.truearm")
     for model in (new, again):
-        np.testing.assert_array_equal(np.flatnonzero(used_in_refit(model, session)), rows)
+        np.testing.assert_array_equal(np.flatnonzero(model.trained_on(session)), rows)
     np.testing.assert_array_equal(again.predict(session.angles), new.predict(session.angles))
     np.testing.assert_array_equal(again.covariance_parts(session)[0], new.covariance_parts(session)[0])
     # Written in degrees, angles come back with other last digits.
     write_session(session, tmp_path / "s.csv")
     back = read_session(tmp_path / "s.csv")
     assert (back.angles != session.angles).any()
-    np.testing.assert_array_equal(np.flatnonzero(used_in_refit(again, back)), rows)
-    assert not used_in_refit(fitted, session).any()
-    assert not used_in_refit(again, elsewhere(real, 30, rng)).any()
+    np.testing.assert_array_equal(np.flatnonzero(again.trained_on(back)), rows)
+    assert not fitted.trained_on(session).any()
+    assert not again.trained_on(elsewhere(real, 30, rng)).any()
     # Refitted once more, it still knows both.
     both = refit(again, session.rows(slice(20, 26)))
-    assert used_in_refit(both, session).sum() == 5 + 6
+    assert both.trained_on(session).sum() == 5 + 6
 
 
 def test_more_new_readings_than_there_were_of_old(real, tmp_path):
@@ -205,8 +205,8 @@ def test_more_new_readings_than_there_were_of_old(real, tmp_path):
     fitted = KinematicModel(real.arm).fit_readings(real.points(30, rng))
     save_model(refit(fitted, elsewhere(real, 70, rng)), tmp_path / "m.truearm")
     again = load_model(tmp_path / "m.truearm")
-    assert len(again.refit_reading_ids_) == 70
-    assert used_in_refit(again, elsewhere(real, 70, np.random.default_rng(11))).sum() in (0, 70)
+    assert again.training_.known.n_refit == 70
+    assert again.trained_on(elsewhere(real, 70, np.random.default_rng(11))).sum() in (0, 70)
 
 
 def test_temperature_and_loads_of_the_new_session(real):
@@ -255,4 +255,4 @@ def test_repeats_are_no_new_poses_and_none_of_them_is_a_test(real, fitted):
     points_once, u_once = of_once.predict_readings(test, return_cov=True)
     np.testing.assert_array_equal(points, points_once)
     np.testing.assert_array_equal(u, u_once)
-    assert used_in_refit(new, five).all()
+    assert new.trained_on(five).all()

@@ -50,6 +50,8 @@ from truearm.solve.threads import one_blas_thread
 from truearm.typing import BoolArray, FloatArray, IntArray
 
 FREE_PARTS = ("base", "tip")
+# Share of readings from which on they are those of the training.
+MOST_KNOWN = 0.5
 
 
 class CheckedReadings(NamedTuple):
@@ -481,9 +483,16 @@ class Compensator(Regressor, ABC):
         """
         return self.training_.outside(self._session_of(X), self.arm_.chain.is_prismatic)
 
+    def trained_on(self, readings: Session) -> BoolArray:
+        """(n,) Which readings the model was fitted or refitted to, by what was measured: pose and reference.
+
+        Of a fit to more than 500 readings as many are known, evenly spaced.
+        """
+        return self.training_.among(readings, self.arm_.chain.is_prismatic)
+
     def is_trained_on(self, readings: Session) -> bool:
-        """Whether these are the readings that the model was fitted to last."""
-        return self.training_.is_of(readings)
+        """Whether the model was fitted or refitted to most of these readings."""
+        return self.training_.readings_per_known * float(self.trained_on(readings).mean()) > MOST_KNOWN
 
     def with_tip(self, name: str) -> Self:
         """The model of one of its tips, which predicts it without a column `tip`."""

@@ -82,7 +82,7 @@ class IdentifiedModel(Compensator):
     type_prior_ : str
         Which arms the prior of its type was learned from; empty without a type prior, and of models from older files.
     refit_reading_ids_ : (k,) array
-        Identifiers of the readings from which base and tip were re-identified (`refit`); none by `fit`.
+        Empty; of older files identifiers of the readings of a refit, which `training_` knows now.
     """
 
     fit_: IdentificationResult
@@ -162,6 +162,12 @@ class IdentifiedModel(Compensator):
     def facts(self) -> dict[str, Any]:
         """See `Compensator.facts`."""
         return {"residual_std_mm": self.residual_std_}
+
+    @property
+    def is_refitted(self) -> bool:
+        """Whether it was transferred to a new set-up."""
+        known = self.training_.known
+        return bool(len(self.refit_reading_ids_) or (known is not None and known.n_refit))
 
     @property
     def n_effective_(self) -> float:

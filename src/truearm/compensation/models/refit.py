@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import hashlib
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -15,7 +14,7 @@ import numpy as np
 from truearm.acceptance import accepted
 from truearm.compensation.models.arm_check import check_readings_of, with_serial_number
 from truearm.compensation.models.compensator import FREE_PARTS, Compensator
-from truearm.compensation.models.identified_model import IdentifiedModel, require_identified, to_identified
+from truearm.compensation.models.identified_model import IdentifiedModel, require_identified
 from truearm.errors import InputError
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.residual_variance import NONE_HELD_OUT
@@ -39,14 +38,9 @@ from truearm.identification.references.session_frames import rough_session_frame
 from truearm.identification.references.tips import check_tips, tip_names
 from truearm.identification.terms import ArmState, Term, constants
 from truearm.readings.checks import check_scale, check_sessions
-from truearm.readings.distances import rows_with_distance
 from truearm.readings.lengths import Lengths
 from truearm.readings.repeats import merge_repeats
 from truearm.readings.session import Session
-from truearm.typing import BoolArray, FloatArray
-
-# Numbers go into a reading's identifier as multiples of this [rad, mm]: angles read from a file differ by 1e-12.
-ID_RESOLUTION = 1e-9
 
 
 def refit(
@@ -100,7 +94,7 @@ def refit(
         "holds for one base and tip",
         hint="fit the network or the hybrid model to the new readings, or refit a physical model",
     )
-    begun, ids = time.perf_counter(), _reading_ids(readings)
+    begun = time.perf_counter()
     readings = merge_repeats(readings).readings
     used, free, lengths, is_new_tip = _checked(known, readings, free, lengths)
     new = copy.copy(known)
@@ -123,7 +117,6 @@ def refit(
     new.free_, new.tips_ = free, tip_names(readings) if is_new_tip else known.tips_
     new.held_out_, new.held_out_gross_, new.held_out_distances_ = NONE_HELD_OUT, NONE_HELD_OUT, NONE_HELD_OUT
     new.held_out_errors_ = None
-    new.refit_reading_ids_ = np.concatenate([known.refit_reading_ids_, ids])
     new.accepted_ = accepted(known.accepted_)
     new.fit_seconds_ = time.perf_counter() - begun
     return new
@@ -266,31 +259,3 @@ def _check_known_sessions(model: Compensator, readings: Session) -> None:
             column="session",
             hint="name the session that the points are of; for a new set-up use --free base,tip",
         )
-
-
-def used_in_refit(model: Compensator, readings: Session) -> BoolArray:
-    """(n,) True for readings from which base and tip were re-identified: they are no independent test."""
-    ids = np.zeros(0) if (identified := to_identified(model)) is None else identified.refit_reading_ids_
-    if not len(ids):
-        return np.zeros(len(readings), dtype=bool)
-    return np.isin(_reading_ids(readings), ids)
-
-
-def _reading_ids(readings: Session) -> FloatArray:
-    """(n,) a whole number below 2**52 for every reading: first bits of the SHA-256 of what was measured."""
-    numbers = [readings.angles]
-    if readings.points is not None:
-        numbers.append(np.nan_to_num(readings.points))
-    rows = np.round(np.hstack(numbers) / ID_RESOLUTION).astype("<i8")
-    seat = np.full(len(readings), "") if readings.seat is None else readings.seat
-    if readings.anchor is not None:
-        seat = np.char.add(seat, readings.anchor)
-    names = [name.encode() for name in seat.tolist()]
-    # Only where there are any: identifiers in older files stay valid.
-    if readings.distance_mm is not None:
-        for i in np.flatnonzero(rows_with_distance(readings)):
-            names[i] += b" at " + np.round(readings.distance_mm[i] / ID_RESOLUTION).astype("<i8").tobytes()
-    if readings.tip is not None:
-        names = [name + b" of " + tip.encode() for name, tip in zip(names, readings.tip.tolist(), strict=True)]
-    digests = (hashlib.sha256(row.tobytes() + name) for row, name in zip(rows, names, strict=True))
-    return np.array([int.from_bytes(digest.digest()[:8], "little") >> 12 for digest in digests], dtype=float)

@@ -12,13 +12,13 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from truearm.choices import Conditions
+from truearm.compensation.models.known_readings import KnownReadings
 from truearm.errors import InputError
 from truearm.identification.judgement.expansion_prior import LAG_K
 from truearm.identification.judgement.thermal_lag import TIME_CONSTANTS, lagging_temperatures, most_lag_K
 from truearm.readings.checks import LIMIT_TOLERANCE, MAX_SKIPPED_SHARE
 from truearm.readings.lengths import Lengths
 from truearm.readings.readings import DIRECTION, LOAD, PAYLOAD
-from truearm.readings.repeats import merge_repeats
 from truearm.readings.rounding import LEAST_VALUES, MOST_OFF
 from truearm.readings.session import Session
 from truearm.readings.thermal_expansion import REFERENCE_DEGC, UNSTATED_U_K
@@ -120,6 +120,9 @@ class TrainingConditions:
     sessions : tuple of str
         Names of the sessions of the readings from which the model was fitted last; empty where one has none, and in
         files of models that were trained before they were kept.
+    known : KnownReadings, optional
+        What was measured at the readings of the fit and of transfers; None in files of models that were trained before
+        it was kept.
     """
 
     n_readings: int
@@ -135,6 +138,7 @@ class TrainingConditions:
     slow_links_degC: InputRange | None = None
     angle_std: FloatArray | None = None
     sessions: tuple[str, ...] = ()
+    known: KnownReadings | None = None
 
     def __post_init__(self) -> None:
         n_joints, gaps = len(self.angle_ranges), self.angle_gaps
@@ -179,6 +183,7 @@ class TrainingConditions:
             else np.stack([session.directions.min(axis=0), session.directions.max(axis=0)], axis=1),
             slow_links_degC=_slow_links(session),
             sessions=session_names(session),
+            known=KnownReadings.of(session),
         )
 
     def after_transfer(self, session: Session, lengths: Lengths | None) -> TrainingConditions:
@@ -203,6 +208,7 @@ class TrainingConditions:
             sessions=session_names(session),
             fingerprint=fingerprint(session),
             lengths_fingerprint="" if lengths is None else fingerprint(lengths),
+            known=KnownReadings.after_refit(self.known, session),
         )
 
     def conditions_of(self, session: Session) -> Conditions | None:
@@ -257,10 +263,16 @@ class TrainingConditions:
         """Whether a session states a payload and the training stated none: the model has no term of it."""
         return PAYLOAD not in self.columns and bool(session.columns.get(PAYLOAD, np.zeros(0)).any())
 
-    def is_of(self, readings: Session) -> bool:
-        """Whether these are the readings that the model was fitted to last, before or after repeats were merged."""
-        merged = merge_repeats(readings).readings
-        return self.fingerprint == fingerprint(readings) or self.fingerprint == fingerprint(merged)
+    def among(self, readings: Session, prismatic: BoolArray) -> BoolArray:
+        """(n,) which readings the model was fitted to; of older files all, if they are the very same, or none."""
+        if self.known is None:
+            return np.full(len(readings), self.fingerprint == fingerprint(readings))
+        return self.known.among(readings, prismatic)
+
+    @property
+    def readings_per_known(self) -> float:
+        """Readings of the fit for each that can be recognised: 1 where all of them are kept."""
+        return 1.0 if self.known is None or not self.known.n_of_fit else self.n_readings / self.known.n_of_fit
 
     def is_rounded(self, angles: FloatArray) -> BoolArray:
         """(n,) whether angles (n, n_joints) are whole steps from those of the training, which were rounded to them.
