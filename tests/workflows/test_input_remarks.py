@@ -152,7 +152,7 @@ def test_angles_that_are_in_the_trained_range_as_radians_are_said(sliding):
     session = Session(angles, sliding.chain.tip_in_base(angles) + [100.0, 20.0, 30.0])
     fitted = ta.fit(sliding, session, model="nominal").model
     in_rad = Session(np.column_stack([angles[:, 0], np.radians(angles[:, 1:])]))
-    assert "if they were in rad: check the unit" in str(ta.predict(fitted, in_rad))
-    assert "if they were in" not in str(ta.predict(fitted, session))
+    assert "if the angles were in rad: check the unit" in str(ta.predict(fitted, in_rad))
+    assert "would be inside" not in str(ta.predict(fitted, session))
     elsewhere = Session(np.column_stack([angles[:, 0], -angles[:, 1:]]))
-    assert "if they were in" not in str(ta.predict(fitted, elsewhere))
+    assert "if J2 and J3 turned the other way" in str(ta.predict(fitted, elsewhere))

@@ -66,8 +66,6 @@ LengthsLike: TypeAlias = "Lengths | str | Path"
 MAX_RELATIVE_U = 0.005
 # Lines that a remark names one by one.
 MAX_NAMED = 6
-# Angles may be in rad if no larger share of the readings is in the trained range as stated, and no smaller one in rad.
-MOST_INSIDE, LEAST_INSIDE = 0.1, 0.5
 
 
 class CheckedSession(NamedTuple):
@@ -515,20 +513,6 @@ def _kelvin(training: TrainingConditions, degC: FloatArray) -> str:
             phrases.append(f"{most if least == most else f'{least} to {most}'} K {word}")
     than = "than 20 degC; the training states no temperature" if known is None else "than the training"
     return f"{' or '.join(phrases)} {than}; all else is in the trained range"
-
-
-def angle_unit_remarks(model: Compensator, session: Session) -> tuple[str, ...]:
-    """That nearly all angles are outside the trained range as stated, but most would be inside in rad."""
-    slides, angles = model.arm_.chain.is_prismatic, session.angles
-    as_stated, in_rad = (
-        model.training_.inside_by_joint(angles * np.where(slides, 1.0, factor), slides).all(axis=1).mean()
-        for factor in (1.0, np.degrees(1.0))
-    )
-    if as_stated > MOST_INSIDE or in_rad < LEAST_INSIDE:
-        return ()
-    return (
-        "Most angles would be in the trained range if they were in rad: check the unit in the names of the columns.",
-    )
 
 
 def payload_remarks(model: Compensator, session: Session) -> tuple[str, ...]:

@@ -14,6 +14,7 @@ from truearm import __version__
 from truearm.acceptance import Acceptance, acceptance_remarks, accepted, accepts
 from truearm.choices import Conditions
 from truearm.compensation.models import Compensator
+from truearm.compensation.models.angle_mistakes import doubt_about_angles
 from truearm.compensation.models.identified_model import ROUNDED
 from truearm.compensation.models.training_conditions import TOGETHER
 from truearm.errors import InputError
@@ -28,7 +29,6 @@ from truearm.verification.standards.dates import now, parse_moment
 from truearm.workflows.inputs import (
     ModelLike,
     SessionLike,
-    angle_unit_remarks,
     check_angles_fit,
     describe_outside,
     model_file_fingerprint,
@@ -117,7 +117,7 @@ def predict(
 def _reading_remarks(model: Compensator, readings: Session) -> tuple[str, ...]:
     return (
         *check_angles_fit(readings, model.arm),
-        *angle_unit_remarks(model, readings),
+        *doubt_about_angles(model.training_, readings.angles, model.arm_.chain.is_prismatic),
         *payload_remarks(model, readings),
     )
 
@@ -285,6 +285,9 @@ class Prediction(Record):
 
     def blocks(self) -> Iterator[str]:
         """See `Record.blocks`."""
+        most_outside = bool(2 * self.outside_training.sum() > len(self.points))
+        if most_outside:
+            yield from self.remarks
         yield self.summary()
         missing = dict(self.unstated_u_mm)
         if (rounded := missing.pop(ROUNDED, None)) is not None:
@@ -307,7 +310,8 @@ class Prediction(Record):
         if self.outside_u_mm:
             sizes = ", ".join(f"{name} {format_fixed(size)} mm" for name, size in self.outside_u_mm.items())
             yield f"There these inputs add to the standard uncertainty (root mean square): {sizes}."
-        yield from self.remarks
+        if not most_outside:
+            yield from self.remarks
 
     def _json(self) -> object:
         outside = self.outside_training

@@ -183,6 +183,9 @@ class LargePrediction(Record):
 
     def blocks(self) -> Iterator[str]:
         """See `Record.blocks`."""
+        most_outside = 2 * self.sums.n_outside > self.sums.n_points
+        if most_outside:
+            yield from self.sums.remarks
         yield self.summary()
         if self.sums.unstated:
             sizes = ", ".join(f"{name} ({format_fixed(u)} mm)" for name, u in self._unstated_u_mm.items())
@@ -191,7 +194,8 @@ class LargePrediction(Record):
             inputs = ", ".join(f"{name} {count}" for name, count in self.sums.outside.items())
             u = format_fixed(self.sums.u_outside.quantile(0.5))
             yield f"{n} of {self.sums.n_points} points are outside the trained range ({inputs}): u there {u} mm."
-        yield from self.sums.remarks
+        if not most_outside:
+            yield from self.sums.remarks
 
     @property
     def _unstated_u_mm(self) -> dict[str, float]:

@@ -266,16 +266,18 @@ def symmetric_matrix(matrix: FloatArray) -> ListedMatrix | PackedMatrix:
 
 
 class Extrapolation(_Strict):
-    """Growth of the residual variance outside the trained ranges: 1 + growth d times that of the same share inside.
+    """Growth of the residual variance outside the trained ranges: 1 + growth d + nominal c times that inside.
 
     Here d is the root of the sum of the squares of the joints' distances from their ranges: turning joints in rad on
-    the circle, sliding ones in units of their range or of 1 mm, whichever is longer.
+    the circle, sliding ones in units of their range or of 1 mm, whichever is longer; c is (d - 0.6) / 0.6 clipped to
+    0 and 1.
     """
 
     ranges: Annotated[
         list[Annotated[list[Finite], Field(min_length=2, max_length=2)]], Field(min_length=1, max_length=100)
     ]
     growth: NotNegative
+    nominal: NotNegative = 0.0
 
 
 class VarianceFunction(_Strict):

@@ -26,7 +26,7 @@ from truearm.compensation.targets.inverse import TOLERANCE_MM, TOLERANCE_RAD
 from truearm.compensation.targets.manifest import Manifest, read_manifest
 from truearm.errors import InputError, MissingTool
 from truearm.files.atomic_write import atomic_file
-from truearm.identification.estimation.extrapolation import LEAST_TRAVEL_MM
+from truearm.identification.estimation.extrapolation import LEAST_TRAVEL_MM, NOT_SEEN, SEEN
 from truearm.identification.terms import Expression
 from truearm.identification.terms.thermal import UNKNOWN_MATERIAL, link_vectors
 from truearm.readings.checks import LIMIT_TOLERANCE, MAX_ANGLE
@@ -185,6 +185,8 @@ def _tables(plain: PlainModel, values: ValueTables, covariance: ReducedCovarianc
         "length": max(plain.nominal_chain.reach, model.nominal_.chain.reach, 3.0) / 3,
         "variance_share": np.stack([share.centre, share.spread, share.slope, share.curvature], axis=1),
         "growth": 0.0 if share.beyond is None else share.beyond.growth,
+        "nominal": 0.0 if share.beyond is None else share.beyond.nominal,
+        "seen": [SEEN, NOT_SEEN],
         "links": link_vectors(plain.nominal_chain),
         "material": UNKNOWN_MATERIAL,
         "links_degC": [training.links_range.lower, training.links_range.upper],

@@ -121,6 +121,14 @@ class IdentifiedModel(Compensator):
         self.repeating_share_ = found.unexplained.repeating_share
         self.residual_process_, self.refit_reading_ids_ = found.residual_process, np.zeros(0)
         self.type_prior_ = "" if readings.prior is None else str(readings.prior)
+        self.keep_nominal_growth()
+
+    def keep_nominal_growth(self) -> None:
+        """Let the residual variance grow to that of the nominal arm, far outside the trained range."""
+        function, nominal_std = self.variance_function_, self.nominal_.references[0].noise_std
+        if function.beyond is not None and self.residual_std_ > 0:
+            share = max((nominal_std / self.residual_std_) ** 2 - 1, 0.0)
+            self.variance_function_ = replace(function, beyond=replace(function.beyond, nominal=share))
 
     def _check_options(self) -> None:
         super()._check_options()

@@ -114,6 +114,7 @@ def refit(
         new.fit_ = on_another_day(new.fit_)
     if (unexplained := max(unexplained_std, new.fit_.references[0].noise_std)) > std:
         new.residual_std_ = float(np.sqrt(unexplained**2 + averaged))
+    new.keep_nominal_growth()
     new.free_, new.tips_ = free, tip_names(readings) if is_new_tip else known.tips_
     new.held_out_, new.held_out_gross_, new.held_out_distances_ = NONE_HELD_OUT, NONE_HELD_OUT, NONE_HELD_OUT
     new.held_out_errors_ = None

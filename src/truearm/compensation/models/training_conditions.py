@@ -259,6 +259,11 @@ class TrainingConditions:
             found |= {f"{DIRECTION}{joint}": column for joint, column in enumerate(beyond.T, 1)}
         return {name: rows for name, rows in found.items() if rows.any()}
 
+    def poses_outside(self, angles: FloatArray, prismatic: BoolArray) -> BoolArray:
+        """(n,) whether angles (n, n_joints) are outside, each joint alone or all together."""
+        outside: BoolArray = ~self.inside_by_joint(angles, prismatic).all(axis=1)
+        return outside | self._is_far(angles, prismatic)
+
     def ignores_payload(self, session: Session) -> bool:
         """Whether a session states a payload and the training stated none: the model has no term of it."""
         return PAYLOAD not in self.columns and bool(session.columns.get(PAYLOAD, np.zeros(0)).any())

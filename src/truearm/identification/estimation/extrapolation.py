@@ -3,7 +3,8 @@
 What no term describes is a smooth function of the joints. Inside the trained range the terms take up its trend, and
 what remains scatters about zero; outside it drifts away from what they took up. As in kriging, the variance of the
 difference grows with the distance to the data, here by a linear variogram (N. A. C. Cressie, "Statistics for Spatial
-Data", 1993, section 2.3.1): outside by d it is the residual variance times ``1 + growth d``.
+Data", 1993, section 2.3.1): outside by d it is the residual variance times ``1 + growth d``. No readings show that a
+model holds farther out than held-out regions of them reach; there it becomes at least that of the nominal arm.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ from truearm.typing import BoolArray, FloatArray
 STEEPEST_GROWTH = 1e3
 # A sliding joint counts in units of its range, that of one which hardly moved in a millimetre.
 LEAST_TRAVEL_MM = 1.0
+# Distances up to which the growth is seen, or tested, and from which on a model may be as wrong as the drawing.
+SEEN, NOT_SEEN = 0.6, 1.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,17 +36,23 @@ class Extrapolation:
         Which joints slide.
     growth : float
         Share of the residual variance per radian, or per range of a sliding joint.
+    nominal : float
+        What is added from a distance of `NOT_SEEN` on, in part from `SEEN` on: the residual variance of the nominal arm
+        over that of the model, less one; 0 in files of models that were trained before it was kept.
     """
 
     ranges: FloatArray
     is_prismatic: BoolArray
     growth: float
+    nominal: float = 0.0
 
     def __post_init__(self) -> None:
         if self.ranges.shape != (len(self.is_prismatic), 2) or not (self.ranges[:, 0] <= self.ranges[:, 1]).all():
             raise InputError("expected a range of every joint whose ends rise")
         if not 0 <= self.growth <= STEEPEST_GROWTH:
             raise InputError(f"expected a growth of the residual variance from 0 to {STEEPEST_GROWTH:g}")
+        if not 0 <= self.nominal < np.inf:
+            raise InputError("expected a growth to the residual variance of the nominal arm of 0 or more")
 
     @property
     def unit(self) -> FloatArray:
@@ -65,4 +74,6 @@ class Extrapolation:
 
     def factor(self, angles: FloatArray) -> FloatArray:
         """(n,) the residual variance over that inside; 1 inside."""
-        return 1.0 + self.growth * self.distance(angles)
+        distance = self.distance(angles)
+        not_seen = np.clip((distance - SEEN) / (NOT_SEEN - SEEN), 0.0, 1.0)
+        return np.asarray(1.0 + self.growth * distance + self.nominal * not_seen)
