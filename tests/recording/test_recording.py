@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import threading
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -434,3 +435,27 @@ def test_a_sample_of_another_number_of_joints_is_said_and_ignored(tmp_path):
     assert [event.text for event in events if event.kind == "notice"] == ["test gives 5 joints in place of 6; ignored"]
     assert recording.n_readings == 2
     recording.close()
+
+
+@pytest.mark.parametrize(
+    ("stated", "said"),
+    [
+        ({"columns": {"payload_kg": -5.0}}, "payload of 0 to"),
+        ({"temperature_degC": 900.0}, "temperature of -50 to 100 degC, got 900 degC"),
+    ],
+)
+def test_what_no_fit_would_take_is_no_reading(tmp_path, stated, said):
+    recording = Recording(source(), tmp_path / "s.csv", rule=RULE)
+    samples = [replace(one, **stated) for one in stops([10.0, 20.0], [30.0, 40.0])]
+    events = fed(recording, samples)
+    refused = [event for event in events if event.kind == "refused"]
+    assert len(refused) == 2
+    assert said in refused[0].text
+    assert recording.n_readings == 0
+
+
+def test_fahrenheit_is_said_when_it_is_recorded(tmp_path):
+    recording = Recording(source(), tmp_path / "s.csv", rule=RULE)
+    events = fed(recording, [replace(one, temperature_degC=68.0) for one in stops([10.0, 20.0])])
+    assert any("68 degrees Fahrenheit are 20.0 degC" in event.text for event in events)
+    assert recording.n_readings == 1

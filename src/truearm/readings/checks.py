@@ -11,6 +11,7 @@ from truearm.readings.columns import ANGLE
 from truearm.readings.lengths import ENDS, Lengths
 from truearm.readings.readings import TOUCHED
 from truearm.readings.session import Session
+from truearm.readings.thermal_expansion import WARMEST_DEGC
 from truearm.typing import BoolArray, FloatArray
 
 # An angle may pass its limit by this much [rad or mm]: rounding, not a wrong angle.
@@ -192,6 +193,27 @@ def _check_units(session: Session, prismatic: BoolArray) -> None:
                 column=column,
                 hint="check the arm, the order of the joints and the unit in the name of the column",
             )
+
+
+def check_temperature(session: Session) -> None:
+    """Check that readings are not as warm as no room is: their temperatures are on another scale.
+
+    Raises
+    ------
+    InputError
+        If one is `WARMEST_DEGC` or more.
+    """
+    degC = session.temperature_degC
+    if degC is None or not (warm := degC >= WARMEST_DEGC).any():
+        return
+    row = int(np.argmax(warm))
+    session.contradict(
+        f"expected temperatures below {WARMEST_DEGC:g} degC, got {degC[row]:g} degC ({int(warm.sum())} of {len(degC)} "
+        "readings)",
+        row,
+        column="temperature_degC",
+        hint=f"{degC[row]:g} degrees Fahrenheit are {(degC[row] - 32) / 1.8:.1f} degC: state degC",
+    )
 
 
 def limit_excesses(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from truearm.acceptance import contradict
 from truearm.readings.lengths import Lengths
 from truearm.typing import BoolArray, FloatArray, NameArray
 
@@ -75,10 +76,12 @@ def thermal_expansion_at(
     known = expands & np.isfinite(degC)
     if (wrong := known & ((degC < COLDEST_DEGC) | (degC > WARMEST_DEGC))).any():
         row = int(np.argmax(wrong))
-        raise lengths.error(
-            f"expected the readings in its seats at {COLDEST_DEGC:g} to {WARMEST_DEGC:g} degC, got {degC[row]:.6g}",
-            row,
-            hint="state temperature_degC of the session in degC, not in K (less 273.15) or degrees Fahrenheit",
+        contradict(
+            lengths.error(
+                f"expected the readings in its seats at {COLDEST_DEGC:g} to {WARMEST_DEGC:g} degC, got {degC[row]:.6g}",
+                row,
+                hint="state temperature_degC of the session in degC, not in K (less 273.15) or degrees Fahrenheit",
+            )
         )
     expansion, u_expansion = np.where(expands, [lengths.expansion_per_K, lengths.u_expansion_per_K], 0.0)
     warmer = np.where(known, degC - REFERENCE_DEGC, 0.0)

@@ -15,12 +15,14 @@ import numpy as np
 from truearm.arm import Arm
 from truearm.choices import TakeOn
 from truearm.compensation.models import Compensator
-from truearm.errors import InputError
+from truearm.errors import Contradiction, InputError
 from truearm.files.delimited import MAX_NAME, escape_formula
 from truearm.identification.planning.planned_readings import PlannedReadings, read_planned
 from truearm.identification.terms.type_prior import kinematics_sha256
 from truearm.number_format import format_count
+from truearm.readings.checks import check_temperature
 from truearm.readings.readings import DIRECTION, LOAD
+from truearm.readings.session import Session
 from truearm.readings.session_log import SessionLog, check_log_path
 from truearm.recording.corrected_tip import CorrectedTip, corrected_tip
 from truearm.recording.learning import Learning, learned_event
@@ -416,6 +418,14 @@ class Recording:
 
     def _take(self, reading: TakenReading) -> Iterator[Event]:
         assert self._log is not None  # opened at the first sample
+        try:
+            _check_states(reading)
+        except Contradiction as doubt:
+            yield Event("notice", f"{doubt.problem}; {doubt.hint}")
+        except InputError as error:
+            self._asked = False
+            yield Event("refused", f"no reading: {error.problem}; {error.hint}")
+            return
         far, beside = self._far_from_pose(reading.joint_angles_rad), self._beside_seat(reading.joint_angles_rad)
         number, plan = None if far or beside else self.next_pose, self.plan
         self._question = beside or (far if not self.seat and self._poses.seat else "")
@@ -559,3 +569,10 @@ def _is_finite(cell: str) -> bool:
         return isfinite(float(cell))
     except ValueError:
         return False
+
+
+def _check_states(reading: TakenReading) -> None:
+    """Refuse a temperature or a load that a session file could not have, by the same rules."""
+    degC = None if reading.temperature_degC is None else np.array([reading.temperature_degC])
+    columns = {name: np.array([value]) for name, value in reading.columns.items()}
+    check_temperature(Session(reading.joint_angles_rad[None], temperature_degC=degC, columns=columns))

@@ -41,7 +41,7 @@ from truearm.readings import (
     skip_beyond_limits,
 )
 from truearm.readings.anchors import LEAST_READINGS, has_located_anchor
-from truearm.readings.checks import MAX_SKIPPED_SHARE
+from truearm.readings.checks import MAX_SKIPPED_SHARE, check_temperature
 from truearm.readings.distances import rows_with_distance
 from truearm.readings.readings import PAYLOAD
 from truearm.readings.repeats import MergedReadings
@@ -223,12 +223,13 @@ def within_limits(
     Raises
     ------
     InputError
-        If the number of joints or the unit of one is not that of the arm, or more than a share `most` of the readings
-        are beyond a limit.
+        If the number of joints or the unit of one is not that of the arm, a temperature is that of no room, or more
+        than a share `most` of the readings are beyond a limit.
     """
     if limits not in ("skip", "ignore"):
         raise InputError(f"expected limits 'skip' or 'ignore', got {limits!r}")
     check_angles(session, n_joints=arm.n_joints, prismatic=arm.chain.is_prismatic)
+    check_temperature(session)
     rows, unfilled = np.arange(len(session)), unfilled_remarks(session)
     kept, skipped = skip_beyond_limits(session, arm.limits, prismatic=arm.chain.prismatic, most=most)
     if limits == "ignore" or not skipped:
