@@ -80,7 +80,7 @@ def test_a_failed_fit_leaves_the_model_in_force(tmp_path, session, good):
 
 def test_a_worse_fit_leaves_the_model_in_force(tmp_path, session, good, bad, monkeypatch):
     file = tmp_path / "session.csv"
-    session.save(file)
+    ta.simulate("ur10", poses=40, seed=2).session.save(file)
     assert "of the model in force" in why_worse(bad, good, session)
     assert why_worse(good, bad, session) == ""
     assert why_worse(bad, good, session.rows(np.arange(5))) == ""  # of five readings, nothing follows

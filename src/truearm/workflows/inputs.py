@@ -40,7 +40,7 @@ from truearm.readings import (
     read_session,
     skip_beyond_limits,
 )
-from truearm.readings.anchors import LEAST_READINGS, has_located_anchor
+from truearm.readings.anchors import LEAST_COMPARED, LEAST_READINGS, has_located_anchor
 from truearm.readings.checks import MAX_SKIPPED_SHARE, check_temperature
 from truearm.readings.distances import rows_with_distance
 from truearm.readings.readings import PAYLOAD
@@ -430,19 +430,25 @@ def without_training_readings(session: Session, *models: Compensator) -> tuple[S
     Returns
     -------
     session : Session
-        The others; all readings if there are no others, or a model knows only a sample of those that it was fitted to.
+        The others; all readings if there are none to compare with, or a model knows but a sample of its training.
     rows : (n,) array of int
         Their rows in `session`.
     remarks : tuple of str
     """
     known = np.any([model.trained_on(session) for model in models if model.training_.readings_per_known == 1], axis=0)
-    rows = np.flatnonzero(~known)
-    if np.all(known) or not np.any(known):
+    if np.all(known) or not np.any(known) or not _is_compared_as(session, others := session.rows(~known)):
         return session, np.arange(len(session)), ()
     n = int(known.sum())
     are = agree(n, "are")
     remark = f"{n} of {len(session)} {are} training readings of the model and {are} skipped: all figures are of others."
-    return session.rows(rows), rows, (remark,)
+    return others, np.flatnonzero(~known), (remark,)
+
+
+def _is_compared_as(session: Session, some: Session) -> bool:
+    """Whether some readings of a session have what its points are compared with: points, else seats or distances."""
+    if session.has_point.any():
+        return bool(some.has_point.any())
+    return bool(has_reference(some).any()) and (some.seat is not None or has_located_anchor(some, LEAST_COMPARED))
 
 
 def repeat_remarks(merged: MergedReadings[Session], fitted: Compensator | None = None) -> Iterator[str]:

@@ -82,7 +82,8 @@ class KnownReadings:
 
     def _near(self, numbers: FloatArray, tolerance: FloatArray) -> BoolArray:
         tree = cKDTree(self.numbers / tolerance)
-        return np.asarray(tree.query(numbers / tolerance, p=np.inf, distance_upper_bound=1.0)[0] <= 1)
+        distance: FloatArray = tree.query(numbers / tolerance, p=np.inf, distance_upper_bound=1.0)[0]
+        return distance <= 1
 
 
 def _numbers(readings: Session) -> FloatArray:

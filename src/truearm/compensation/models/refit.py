@@ -41,6 +41,14 @@ from truearm.readings.checks import check_scale, check_sessions
 from truearm.readings.lengths import Lengths
 from truearm.readings.repeats import merge_repeats
 from truearm.readings.session import Session
+from truearm.typing import FloatArray, IntArray
+
+# References that compare the tips of readings; and three quarters of the root mean squares of three coordinates, or of
+# one, lie within this many standard deviations.
+COMPARED, OVER_STD = ("point", "seat", "distance"), 1.17
+# Standard uncertainties by which a model misses the readings of another arm at least, and the share of the nominal
+# arm's variance that it leaves of them: of virtual arms 0.6 to 3, of the same arm in another box of joints 0.05 to 0.2.
+LEAST_U, MOST_LEFT = 3.0, 0.5
 
 
 def refit(
@@ -109,11 +117,13 @@ def refit(
     std = float(np.sqrt(known.residual_std_**2 - averaged))
     new.fit_, new.residual_process_, unexplained_std = _judge_process(known, std, set_up, transfer)
     # As it was learned: an arm that follows the new readings would follow wrong ones.
-    new.nominal_check_ = _judge_set_up(new, transfer(_known_exactly(known.fit_), std), set_up)
+    placed = transfer(_known_exactly(known.fit_), std)
+    new.nominal_check_ = _judge_set_up(new, placed, set_up)
     if known.fit_.repeatability_covariance is not None:
         new.fit_ = on_another_day(new.fit_)
     if (unexplained := max(unexplained_std, new.fit_.references[0].noise_std)) > std:
         new.residual_std_ = float(np.sqrt(unexplained**2 + averaged))
+    _refuse_another_arm(known, placed, new, set_up)
     new.keep_nominal_growth()
     new.free_, new.tips_ = free, tip_names(readings) if is_new_tip else known.tips_
     new.held_out_, new.held_out_gross_, new.held_out_distances_ = NONE_HELD_OUT, NONE_HELD_OUT, NONE_HELD_OUT
@@ -210,6 +220,48 @@ def _judge_set_up(model: IdentifiedModel, placed: IdentificationResult, set_up: 
         check_scale(readings, tips)
         refuse_implausible(check, arm, readings, tips)
     return check
+
+
+def _refuse_another_arm(
+    known: IdentifiedModel, placed: IdentificationResult, new: IdentifiedModel, set_up: _SetUp
+) -> None:
+    """Refuse readings in which the constants of a model leave most of the error of the nominal arm.
+
+    `placed` is the known arm with base and tip identified from them. Constants of another arm explain nothing, those of
+    a worn one most: it differs from itself by less than from the drawing. What the readings scatter by about the `new`
+    arm is of their instrument, and counts for neither.
+    """
+    readings, as_known = set_up.readings, copy.copy(known)
+    as_known.tips_, as_known.session_frames_ = new.tips_, {}
+    variance = np.trace(sum(as_known.covariance_parts(readings)), axis1=1, axis2=2) / 3
+    of_arm, of_nominal = (_coordinate_errors(fit) for fit in (placed, new.nominal_))
+    rows, stated = (np.concatenate(parts) for parts in zip(*_rows_and_stated(placed), strict=True))
+    n_u = _typical(of_arm / np.sqrt(variance[rows] + stated))
+    noise = new.residual_std_**2 + float(np.median(stated))
+    left, nominal = (max(_typical(errors) ** 2 - noise, 0.0) for errors in (of_arm, of_nominal))
+    if n_u < LEAST_U or nominal < noise or left < MOST_LEFT * nominal:
+        return
+    readings.contradict(
+        f"the constants of the model would have to move by {n_u:.0f} standard uncertainties: with base and tip "
+        f"identified again it misses these readings by {np.sqrt(left):.2g} mm of a coordinate, and the nominal arm "
+        f"misses them by {np.sqrt(nominal):.2g} mm",
+        hint="check that they are of the arm that the model is of; after a crash or a repair, fit a new model",
+    )
+
+
+def _rows_and_stated(fit: IdentificationResult) -> list[tuple[IntArray, FloatArray]]:
+    """Rows of the readings, and stated variances of a coordinate [mm^2], by reference."""
+    return [(one.rows, (one.std**2).mean(axis=0)) for one in fit.references if one.kind in COMPARED]
+
+
+def _coordinate_errors(fit: IdentificationResult) -> FloatArray:
+    """(m,) root mean squares of the residuals of a reading [mm]."""
+    return np.concatenate([np.sqrt((one.residuals**2).mean(axis=0)) for one in fit.references if one.kind in COMPARED])
+
+
+def _typical(errors: FloatArray) -> float:
+    """The standard deviation of a coordinate by the errors that three of four readings do not exceed."""
+    return float(np.quantile(errors, 0.75)) / OVER_STD
 
 
 def _checked(
