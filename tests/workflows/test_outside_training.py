@@ -1,4 +1,4 @@
-"""Angles outside the trained range: the uncertainty contains what a drawing is wrong by, and the likely mistake is said."""
+"""Outside the trained range u contains what a drawing is wrong by, and the likely mistake is said first."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_the_likely_mistake_is_the_first_sentence(model, session, said):
 
 @pytest.mark.parametrize("said", sorted(MISTAKES.keys() - {"if J2 and J3 were exchanged"}))
 def test_the_uncertainty_far_outside_is_at_least_the_error_of_the_nominal_arm(model, session, said):
-    """Of a coordinate in the median: the mean distance over sqrt(3). Exchanged, each of these joints is near its range."""
+    """Of a coordinate in the median: the mean distance over sqrt(3). Exchanged, each joint is near its range."""
     prediction = ta.predict(model, ta.Session(MISTAKES[said](session.angles)))
     assert np.median(prediction.u_mm) > model.nominal_error() / np.sqrt(3)
 
