@@ -19,6 +19,8 @@ from truearm.typing import BoolArray, FloatArray
 SAME_ANGLE, SAME_MM = 1e-5, 1e-3
 # Coarser rounding of a copy, which its numbers show, is followed up to these steps [rad, mm]: 2 decimals of each.
 COARSEST_ANGLE, COARSEST_MM = 2e-4, 0.011
+# Repeats of a pose are nearer than this to their mean [rad, mm]; without any so near there is nothing to merge.
+REPEAT_ANGLE, REPEAT_MM = 5e-4, 50.0
 # Readings that are kept, evenly spaced in their order: of a fit 40 kB of a model file, of each refit ten times as many.
 MOST_OF_FIT, MOST_OF_REFIT = 500, 5000
 # Numbers of the reference: a point, a distance; 0 where none was measured.
@@ -65,14 +67,17 @@ class KnownReadings:
 
     def among(self, readings: Session, prismatic: BoolArray) -> BoolArray:
         """(n,) which readings are known, as they are or as one of the repeats that the fit merged into their mean."""
-        known = self._have(readings, prismatic)
+        slides = np.concatenate([prismatic, np.ones(N_OF_REFERENCE, dtype=bool)])
+        numbers = _numbers(readings)
+        if not self._near(numbers, np.where(slides, REPEAT_MM, REPEAT_ANGLE)).any():
+            return np.zeros(len(readings), dtype=bool)
+        known = self._have(numbers, slides)
         if not known.all() and len((merged := merge_repeats(readings)).readings) < len(readings):
-            known |= self._have(merged.readings, prismatic)[merged.member]
+            known |= self._have(_numbers(merged.readings), slides)[merged.member]
         return known
 
-    def _have(self, readings: Session, prismatic: BoolArray) -> BoolArray:
-        slides = np.concatenate([prismatic, np.ones(N_OF_REFERENCE, dtype=bool)])
-        numbers, same = _numbers(readings), np.where(slides, SAME_MM, SAME_ANGLE)
+    def _have(self, numbers: FloatArray, slides: BoolArray) -> BoolArray:
+        same = np.where(slides, SAME_MM, SAME_ANGLE)
         coarsest = np.where(slides, COARSEST_MM, COARSEST_ANGLE)
         known, near = self._near(numbers, same), self._near(numbers, coarsest)
         if (known == near).all():
@@ -82,8 +87,8 @@ class KnownReadings:
 
     def _near(self, numbers: FloatArray, tolerance: FloatArray) -> BoolArray:
         tree = cKDTree(self.numbers / tolerance)
-        distance: FloatArray = tree.query(numbers / tolerance, p=np.inf, distance_upper_bound=1.0)[0]
-        return distance <= 1
+        distance = np.asarray(tree.query(numbers / tolerance, p=np.inf, distance_upper_bound=1.0)[0])
+        return np.asarray(distance <= 1)
 
 
 def _numbers(readings: Session) -> FloatArray:
@@ -97,4 +102,5 @@ def _numbers(readings: Session) -> FloatArray:
 
 
 def _spaced(numbers: FloatArray, most: int) -> FloatArray:
-    return numbers[np.linspace(0, len(numbers) - 1, min(len(numbers), most)).round().astype(int)]
+    rows = np.linspace(0, len(numbers) - 1, min(len(numbers), most)).round().astype(int)
+    return np.asarray(numbers[rows])

@@ -123,9 +123,9 @@ def refit(
         new.fit_ = on_another_day(new.fit_)
     if (unexplained := max(unexplained_std, new.fit_.references[0].noise_std)) > std:
         new.residual_std_ = float(np.sqrt(unexplained**2 + averaged))
+    new.free_, new.tips_ = free, tip_names(readings) if is_new_tip else known.tips_
     _refuse_another_arm(known, placed, new, set_up)
     new.keep_nominal_growth()
-    new.free_, new.tips_ = free, tip_names(readings) if is_new_tip else known.tips_
     new.held_out_, new.held_out_gross_, new.held_out_distances_ = NONE_HELD_OUT, NONE_HELD_OUT, NONE_HELD_OUT
     new.held_out_errors_ = None
     new.accepted_ = accepted(known.accepted_)
@@ -232,7 +232,7 @@ def _refuse_another_arm(
     arm is of their instrument, and counts for neither.
     """
     readings, as_known = set_up.readings, copy.copy(known)
-    as_known.tips_, as_known.session_frames_ = new.tips_, {}
+    as_known.tips_ = new.tips_
     variance = np.trace(sum(as_known.covariance_parts(readings)), axis1=1, axis2=2) / 3
     of_arm, of_nominal = (_coordinate_errors(fit) for fit in (placed, new.nominal_))
     rows, stated = (np.concatenate(parts) for parts in zip(*_rows_and_stated(placed), strict=True))

@@ -261,8 +261,8 @@ class TrainingConditions:
 
     def poses_outside(self, angles: FloatArray, prismatic: BoolArray) -> BoolArray:
         """(n,) whether angles (n, n_joints) are outside, each joint alone or all together."""
-        outside: BoolArray = ~self.inside_by_joint(angles, prismatic).all(axis=1)
-        return outside | self._is_far(angles, prismatic)
+        inside = np.asarray(self.inside_by_joint(angles, prismatic).all(axis=1))
+        return ~inside | self._is_far(angles, prismatic)
 
     def ignores_payload(self, session: Session) -> bool:
         """Whether a session states a payload and the training stated none: the model has no term of it."""
