@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -40,6 +41,15 @@ def of_groups(centres) -> list[str]:
     balls = [12.5 * hemisphere(9) + centre for centre in centres]
     measured = [SphereMeasurement(BALL, points) for points in balls]
     return list(blunders.in_groups("articulation", [group(points) for points in balls], measured))
+
+
+@pytest.mark.parametrize(("times", "n_remarks"), [(2.0, 0), (-2.0, 0), (100.0, 1), (-100.0, 1)])
+def test_a_size_far_beyond_its_limit_on_either_side_asks_for_the_diameter(times, n_remarks):
+    """A tip that was not taken off makes a ball too large, one that was taken off twice too small."""
+    points, size = 12.5 * hemisphere(9), replace(SIZE, value=0.01 * times, limit=0.01)
+    remarks = list(blunders.on_spheres("probing", [group(points)], [SphereMeasurement(BALL, points)], size))
+    assert len(remarks) == n_remarks
+    assert all("check diameter_mm of 'ball'" in remark for remark in remarks)
 
 
 @pytest.mark.parametrize("n", [7, 8, 9])

@@ -193,6 +193,18 @@ def test_a_bar_turned_end_for_end_is_at_one_position():
         )
 
 
+def test_a_missing_position_is_named_with_those_that_were_measured():
+    artefacts = example_artefacts(RANGE)
+    measured = [one for one in laid_out() if (one.test, one.keys["position"]) != ("probing", "2")]
+    with pytest.raises(InputError, match="'probing': the plan asks for 2 positions, got 1: '1'"):
+        verify(
+            as_measured(measured, artefacts),
+            plan=load_verification_plan("iso10360-12"),
+            artefacts=artefacts,
+            specification=example_specification(RANGE),
+        )
+
+
 def test_the_plans_as_they_come_take_the_first_lines():
     """Neither 20 positions of two lengths nor 7 of five leave a line out: numbers from when none was ever left out."""
     starts = {
