@@ -32,6 +32,7 @@ from truearm.solve import (
     levenberg_marquardt_by_row,
 )
 from truearm.solve.least_squares import SETTLED, STUCK, Trial
+from truearm.solve.stop_criteria import StopReason
 
 
 class Residuals:
@@ -297,7 +298,7 @@ def test_validation_stops_after_max_fail_failures_and_keeps_the_best():
     # 3.5, 3.6 and 3.7 are worse than 3.0; the equal 3.0 neither counts nor clears, as in MATLAB.
     assert failures == [0, 0, 0, 1, 1, 2, 3]
     assert [reason is not None for reason in reasons] == [False] * 6 + [True]
-    assert reasons[-1].text == "Validation stop."
+    assert reasons[-1] == StopReason("Validation stop.", converged=True)
     assert (watch.best.epoch, watch.best.error, watch.best.x.tolist()) == (2, 3.0, [2.0])
 
 
