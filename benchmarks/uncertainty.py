@@ -16,12 +16,16 @@ from benchmarks.held_out import IDENTIFIED, LEVEL, squares
 from benchmarks.rows import RowResult, Rows, Target, finding
 from truearm import datasets
 from truearm.arm import Arm, load_arm
+from truearm.arm.denavit_hartenberg import chain_from_dh
 from truearm.choices import Conditions, FeatureKind
 from truearm.compensation.models import PhysicalModel
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.compensation.models.refit import refit
+from truearm.identification.estimation.perturbed_chain import PerturbedChain
+from truearm.identification.judgement.missing_terms import missing_terms
 from truearm.identification.planning.sampling.measuring import measuring_poses
+from truearm.identification.terms import ArmState, constants
 from truearm.identification.virtual import Measurement, VirtualArm, load_preset
 from truearm.identification.virtual.error_model import tip_compliance
 from truearm.identification.virtual.presets import Preset
@@ -395,6 +399,89 @@ def points(arms: int = 32, sizes: tuple[int, ...] = (50, 300, 2000), subsets: in
         now = f"{shares.mean():.1%}, worst {shares.min():.0%}; median half axis {2.795 * size:.3f} mm"
         met = bool(0.93 <= shares.mean() <= 0.97)
         yield finding(f"{name}: {len(shares)} subsets of {SUBSET} readings", "93 % to 97 %", now, met)
+
+
+# Arms of every topology ----------------------------------------------------------------------------------------------
+
+# a [mm], alpha [deg], d [mm] of each joint of standard tables; which slide.
+TOPOLOGIES: dict[str, tuple[list[tuple[float, float, float]], tuple[int, ...]]] = {
+    "planar, 2 joints": ([(400, 0, 0), (350, 0, 0)], ()),
+    "planar, 4 joints": ([(300, 0, 50), (250, 0, 0), (200, 0, 0), (100, 0, 0)], ()),
+    "SCARA": ([(400, 0, 200), (350, 0, 0), (0, 0, 0), (60, 0, 0)], (3,)),
+    "cylindrical": ([(0, 0, 200), (0, -90, 0), (0, 0, 300)], (2, 3)),
+    "sliding last": ([(0, 90, 300), (0, 90, 100), (0, 0, 300)], (3,)),
+    "two parallel, 3 joints": ([(0, 90, 300), (400, 0, 0), (350, 0, 0)], ()),
+    "two parallel pairs": ([(0, 90, 300), (400, 0, 0), (0, 90, 0), (0, -90, 350), (200, 0, 0), (80, 0, 100)], ()),
+    "sliding first, 7 joints": (
+        [(0, 90, 0), (0, 90, 300), (500, 0, 0), (0, 90, 0), (0, -90, 400), (0, 90, 0), (50, 0, 100)],
+        (1,),
+    ),
+    "8 joints": (
+        [(0, 90, 300), (0, -90, 0), (0, 90, 400), (0, -90, 0), (0, 90, 350), (0, -90, 0), (0, 90, 0), (60, 0, 100)],
+        (),
+    ),
+}
+TURN, SLIDE = 2.0, 300.0  # rad about zero, mm from zero
+CONSTANT_RAD, CONSTANT_MM, SHARE_OF_PRIOR, POINT_STD_MM = 1e-3, 0.5, 0.2, 0.02
+
+
+def topology(name: str) -> Arm:
+    """A nominal arm of the table."""
+    rows, sliding = TOPOLOGIES[name]
+    a, alpha, d = np.transpose(rows)
+    slides = np.isin(np.arange(len(rows)) + 1, sliding)
+    chain = chain_from_dh(
+        a=a,
+        alpha=np.radians(alpha),
+        d=d,
+        kinds=["prismatic" if one else "revolute" for one in slides],
+        tip_in_flange=(30.0, 20.0, 40.0),
+    )
+    lower, upper = np.where(slides, 0.0, -TURN), np.where(slides, SLIDE, TURN)
+    return Arm(name, chain, lower=lower, upper=upper, working_pose=(lower + upper) / 2)
+
+
+def drawn(nominal: Arm, readings: int, seed: int, share: float) -> tuple[Session, Session]:
+    """Readings at uniform poses of an arm with errors from the catalogue of terms, to learn from and to test."""
+    chain, rng = nominal.chain, np.random.default_rng(seed)
+    angles = rng.uniform(nominal.lower, nominal.upper, (readings + TESTED, nominal.n_joints))
+    state = ArmState.of(nominal, angles)
+    rigid = constants(chain, free=(), angle_std=CONSTANT_RAD, length_std=CONSTANT_MM)
+    of_pose = missing_terms(state, ()) if share else []
+    std = [term.prior_stds for term in rigid] + [share * term.prior_stds for term in of_pose]
+    flat = np.concatenate(std)
+    tips = PerturbedChain(chain, (*rigid, *of_pose)).tips(state, flat * rng.standard_normal(len(flat)))
+    session = Session(angles, tips + POINT_STD_MM * rng.standard_normal(tips.shape))
+    return session.rows(np.arange(readings)), session.rows(np.arange(readings, readings + TESTED))
+
+
+@ROWS.row("topologies", quick={"arms": 1, "only": "SCARA"})
+def topologies(arms: int = 4, readings: int = 100, model: str = "kinematic", only: str = "") -> RowResult:
+    """Coverage of points, and u over their error, of arms of 2 to 8 joints, with parallel and sliding ones.
+
+    Each arm is drawn twice: rigid, and with a fifth of the catalogue's wobble, eccentricity and bending. `only`: a part
+    of the names.
+    """
+    table, targets = [], []
+    for name in (one for one in TOPOLOGIES if only in one):
+        nominal = topology(name)
+        for share in (0.0, SHARE_OF_PRIOR):
+            found = []
+            for seed in range(arms):
+                learned, tested = drawn(nominal, readings, seed, share)
+                points, covariance = (
+                    IDENTIFIED[model](nominal).fit_readings(learned).predict_readings(tested, return_cov=True)
+                )
+                inside = (squares(points - tested.points, covariance) < LEVEL).mean()
+                ratio = np.trace(covariance, axis1=1, axis2=2).sum() / ((points - tested.points) ** 2).sum()
+                found.append((inside, np.sqrt(ratio)))
+            inside, ratio = np.transpose(found)
+            label = f"{name}, {'with' if share else 'no'} terms of the pose"
+            row = {"arm": label, "coverage": inside.mean(), "u over error": ratio.mean(), "largest": ratio.max()}
+            table.append(row)
+            targets.append(coverage(label, float(inside.mean()), "least", 0.92))
+            targets.append(Target(f"u over error: {label}", float(ratio.mean()), 1.25, "below"))
+    return RowResult(table, targets)
 
 
 # Ways of measuring ----------------------------------------------------------------------------------------------------

@@ -22,7 +22,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from truearm.identification.estimation.consider_parameters import response_to_point_errors, with_shared_error
-from truearm.identification.estimation.identification import identify
+from truearm.identification.estimation.identification import identify, linearised_about
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.residual_variance import (
     LEAST_FREEDOM,
@@ -311,7 +311,9 @@ def _with_missing_terms(
     if not readings.session.has_point.any():
         offered = [term for term in offered if not places_the_frame(term)]
     complete = _identify_terms(readings, offered, readings.references, weights=weights, start=fit)
-    return complete if complete.residual_freedom(readings.references) >= LEAST_FREEDOM else None
+    if complete.residual_freedom(readings.references) < LEAST_FREEDOM:
+        return None
+    return linearised_about(fit, complete, readings.state, readings.references)
 
 
 def identify_physical(

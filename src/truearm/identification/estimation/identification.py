@@ -227,6 +227,35 @@ def started_at(
     return x, replace(prior, scale=np.where(prior.learned, learned, prior.scale))
 
 
+def linearised_about(
+    at: IdentificationResult, result: IdentificationResult, state: ArmState, references: Sequence[Reference]
+) -> IdentificationResult:
+    """A result with the coefficients and covariance of the linearisation about another arm, under its own priors.
+
+    Two arms that differ by decimetres along what the readings hardly show, as base and tip do along parallel axes, fit
+    them alike; but derivatives differ, and the covariance of one is none of the other's.
+
+    Parameters
+    ----------
+    at, result : IdentificationResult
+        Of some of the same terms, from the same readings.
+    state, references
+        Of the identification.
+    """
+    problem, _ = initial_problem(result.perturbed_chain, state, references)
+    prior, names = grouped_prior(result.perturbed_chain.terms, problem.n_parameters - len(result.coefficients))
+    x, prior = started_at(at, result.perturbed_chain, prior, names)
+    stds = np.concatenate([result.prior_std, prior.ratio[len(result.coefficients) :]])
+    prior = replace(prior, ratio=stds, scale=np.ones(len(prior.scale)))
+    weights = [part.weights for part in result.references]
+    with one_blas_thread():
+        reduced = eliminate_unknowns(*linearised(problem, x, weights), x)
+        n_residuals = sum(part.residuals.size for part in result.references)
+        found = grouped_equations(reduced, x, n_residuals).posterior(prior.subset(reduced.kept))
+    n = len(result.coefficients)
+    return replace(result, coefficients=found.x[:n], covariance=found.covariance[:n, :n])
+
+
 def _result(rounds: Rounds, offered: dict[str, int], state: ArmState, n_rounds: int) -> IdentificationResult:
     """The result of all rounds, with the covariance at the final parameters."""
     problem, n_residuals = rounds.problem, rounds.n_residuals

@@ -47,7 +47,7 @@ def with_missing_terms(fit: IdentificationResult, complete: IdentificationResult
     fit : IdentificationResult
         Identified without these terms.
     complete : IdentificationResult
-        With them, on the same nominal chain, from the same readings.
+        With them, on the same nominal chain, from the same readings, linearised about `fit`.
     """
     own = fit.perturbed_chain
     added = [term for term in complete.perturbed_chain.terms if term not in set(own.terms)]
