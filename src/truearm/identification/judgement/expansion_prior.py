@@ -36,7 +36,7 @@ from scipy.linalg import block_diag
 
 from truearm.identification.estimation.identification_result import IdentificationResult, TermGroupResult
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
-from truearm.identification.judgement.thermal_lag import LinkHistory, link_histories, most_lag_K
+from truearm.identification.judgement.thermal_lag import TIME_CONSTANTS, LinkHistory, link_histories, most_lag_K
 from truearm.identification.terms.basis import Constant, Temperature
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
@@ -100,17 +100,20 @@ def with_material_prior(fit: IdentificationResult, state: ArmState, *, widened: 
         return fit
     others, p = np.setdiff1d(np.arange(len(fit.coefficients)), grows), len(fit.coefficients)
     of_growth = fit.covariance[np.ix_(grows, grows)]
-    gain = np.asarray(np.linalg.solve(of_growth, fit.covariance[np.ix_(grows, others)]).T)
     lag_K = max(LAG_K, most_lag_K(state.temperature_degC, state.session))
-    if lag_K > LAG_K and [part.kind for part in fit.references] == ["point"]:
-        histories, u_K = link_histories(fit, state, grows, others), 0.0
+    mean, spread = float(state.temperature_degC.mean()), float(state.temperature_degC.std())
+    by_points, lags, u_K = [part.kind for part in fit.references] == ["point"], lag_K > LAG_K, min(lag_K, spread)
+    if by_points:
+        histories = link_histories(fit, state, grows, others, TIME_CONSTANTS if lags else np.zeros(0))
     else:
+        gain = np.asarray(np.linalg.solve(of_growth, fit.covariance[np.ix_(grows, others)]).T)
         information, right = _likelihood(of_growth / widened, fit.coefficients[grows], fit.prior_std[grows])
-        mean, spread = float(state.temperature_degC.mean()), float(state.temperature_degC.std())
-        shares = 1 - lag_K * (np.arange(N_LAGS) + 0.5) / N_LAGS / spread
-        shares = np.where(shares < LEAST_SHARE, 0.0, shares)
-        histories = [LinkHistory(information, right, gain, mean, share) for share in shares.tolist()]
-        u_K = min(lag_K, spread)
+        histories = [LinkHistory(information, right, gain, mean)]
+    gain = histories[0].gain  # with the temperatures and terms by which the arm was identified
+    if by_points and lags:
+        u_K = 0.0
+    else:
+        histories = [one for each in histories for one in _shown_in_part(each, lag_K / spread)]
     new, wide = _mixture(histories), _mixture(histories, widened)
     # Beside the coefficients, constants that take the lengths to 20 degC.
     order = np.concatenate([others, grows, p + np.arange(len(grows))])
@@ -153,6 +156,15 @@ def with_unlearned_terms(fit: IdentificationResult, terms: list[tuple[Term, floa
     whole = _extended(fit, added, np.zeros(len(added)), np.sqrt(prior.diagonal()), *both)
     whole = replace(whole, groups=(*fit.groups, *groups))
     return _relative(whole, [(term, k, value) for k, (term, value) in enumerate(terms, first)])
+
+
+def _shown_in_part(history: LinkHistory, most: float) -> list[LinkHistory]:
+    """Histories of links that are behind by any share up to `most`, all as probable."""
+    least = max(1 - most, LEAST_SHARE)
+    seen = min((1 - LEAST_SHARE) / most, 1.0)
+    shares = 1 - (1 - least) * (np.arange(N_LAGS) + 0.5) / N_LAGS
+    weighed = [(share, seen / N_LAGS) for share in shares.tolist()] + [(0.0, 1 - seen)] * (seen < 1)
+    return [history._replace(share=share, log_evidence=history.log_evidence + np.log(w)) for share, w in weighed]
 
 
 def _extended(
@@ -227,7 +239,7 @@ def _mixture(histories: Sequence[LinkHistory], widened: float = 1.0) -> _Moments
         matrix = shown.T @ history.information @ shown / widened + np.eye(n)
         inverse, right = np.linalg.inv(matrix), shown.T @ history.right / widened
         warmer = history.mean_degC - REFERENCE_DEGC
-        logs.append(0.5 * (right @ inverse @ right - np.linalg.slogdet(matrix)[1]))
+        logs.append(history.log_evidence + 0.5 * (right @ inverse @ right - np.linalg.slogdet(matrix)[1]))
         causes.append(np.vstack([history.gain @ shown, grown, -warmer * grown]))
         means.append(causes[-1] @ inverse @ right)
         roots.append(inverse)

@@ -1,4 +1,4 @@
-"""Links that lag behind the thermometer while the air drifts: the temperatures they had, and what readings say of each.
+"""What readings taken in drifting air say of the growth of links: links that lag, and a base or tip that drifts too.
 
 Readings taken one after the other are a clock. A link with a time constant of tau readings has, in air of temperature
 T, the temperature L of ``tau L' = T - L`` (first order; J. P. Holman, "Heat Transfer", 10th ed., 2010, section 4-2),
@@ -13,6 +13,11 @@ one kelvin, the growth c by a history L of temperatures is seen with
 
 where U_L is U times ``L - mean(L)``; the other coefficients follow by ``-H^-1 J^T U_L c``. Each history is a hypothesis
 of the mixture in `truearm.identification.judgement.expansion_prior`, which weighs it by its evidence.
+
+The base, the tip or the reference may drift while the room warms, and over the poses of a session that is nearly what
+growth does: 0.1 mm in 0.8 K would be 5 times the growth of aluminium. So where the temperature follows the order of the
+readings, motions of base and tip along slow functions of time stand beside x: those of a random walk (M. Loeve,
+"Probability Theory", vol. 2, 4th ed., 1978, section 37.5), of one of several sizes, each a hypothesis too.
 """
 
 from __future__ import annotations
@@ -23,6 +28,7 @@ from typing import NamedTuple
 import numpy as np
 
 from truearm.identification.estimation.identification_result import IdentificationResult
+from truearm.identification.terms.catalogue import relative_size
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.thermal import link_temperatures
 from truearm.readings.thermal_expansion import REFERENCE_DEGC
@@ -36,6 +42,14 @@ TIME_CONSTANTS = np.geomspace(5.0, 240.0, 12)
 FASTEST, SLOWEST = 0.5, 1.5
 # A thermometer that jumps by more from one reading to the next [K] was not read in between: links have settled since.
 SETTLED_STEP_K = 1.0
+# Amplitudes of drifts of an arm of usual reach [mm], and the half periods of their courses in a session.
+DRIFTS_MM = np.array([0.0, 0.01, 0.03, 0.1, 0.3, 1.0])
+HALF_PERIODS = np.arange(1, 5)
+# The temperature follows the order if these courses explain more than this share of its variance.
+FOLLOWING_SHARE = 0.1
+N_DRIFTS = 9
+# Smaller shares of the variance of a coefficient alone are rounding: only the prior determines such directions.
+SQUARED_ROUNDING = 1e-13
 
 
 class LinkHistory(NamedTuple):
@@ -55,6 +69,8 @@ class LinkHistory(NamedTuple):
         By how much they changed, of what the thermometer says.
     slack : float
         Relative standard deviation of that share from link to link.
+    log_evidence : float
+        Of the drift of base and tip beside it, before growth.
     """
 
     information: FloatArray
@@ -63,6 +79,7 @@ class LinkHistory(NamedTuple):
     mean_degC: float
     share: float = 1.0
     slack: float = 0.0
+    log_evidence: float = 0.0
 
 
 def lagging_temperatures(
@@ -86,8 +103,10 @@ def most_lag_K(temperature_degC: FloatArray, session: NameArray | None = None) -
     return (1 - float(_shares(temperature_degC, slowest)[0])) * spread if spread else 0.0
 
 
-def link_histories(fit: IdentificationResult, state: ArmState, grows: IntArray, others: IntArray) -> list[LinkHistory]:
-    """A history for each of the `TIME_CONSTANTS`, and one of links that are as warm as the thermometer says.
+def link_histories(
+    fit: IdentificationResult, state: ArmState, grows: IntArray, others: IntArray, time_constants: FloatArray
+) -> list[LinkHistory]:
+    """Histories of links that are as warm as the thermometer says, and of each time constant, by the size of a drift.
 
     Parameters
     ----------
@@ -97,41 +116,90 @@ def link_histories(fit: IdentificationResult, state: ArmState, grows: IntArray, 
         Of its readings, with their true temperatures.
     grows, others : int arrays
         The coefficients of the thermal terms and all others.
+    time_constants : (k,) array
+        Of links that may lag, in readings.
     """
     degC = state.temperature_degC
     assert degC is not None
-    temperatures = np.column_stack([degC, lagging_temperatures(degC, TIME_CONSTANTS, state.session)])
-    gram, right = _normal_equations(fit, state, grows, others, temperatures - temperatures.mean(axis=0))
-    n, links = len(others), len(grows)
-    precision = gram[:n, :n] + np.diag(fit.prior_std[others] ** -2.0)
-    along = np.linalg.solve(precision, np.column_stack([gram[:n, n:], right[:n]]))
-    reduced = gram[n:, n:] - gram[n:, :n] @ along[:, :-1]
-    left = gram[n:, :n] @ along[:, -1] - right[n:]
-    slacks = [0.0, *(_slack(degC, tau, state.session) for tau in TIME_CONSTANTS)]
+    temperatures = np.column_stack([degC, lagging_temperatures(degC, time_constants, state.session)])
+    courses = drift_courses(len(state), state.session)
+    follows = _explained(degC, courses) > FOLLOWING_SHARE
+    gram, right = _normal_equations(
+        fit, state, grows, others, temperatures - temperatures.mean(axis=0), courses if follows else courses[:, :0]
+    )
+    n, links, m = len(others), len(grows), len(grows) * temperatures.shape[1]
+    growth = np.arange(n, n + m)
+    slacks = [0.0, *(_slack(degC, tau, state.session) for tau in time_constants)]
     found = []
-    for i, (slack, mean) in enumerate(zip(slacks, temperatures.mean(axis=0).tolist(), strict=True)):
-        own = slice(links * i, links * (i + 1))
-        found.append(LinkHistory(reduced[own, own], left[own], np.asarray(-along[:, own]), mean, slack=slack))
+    for size in DRIFTS_MM * relative_size(fit.chain) if follows else [0.0]:
+        kept = np.delete(np.arange(len(gram)), growth) if size else np.arange(n)
+        precision = np.concatenate([fit.prior_std[others], np.full(len(kept) - n, size)]) ** -2.0
+        scale = np.sqrt(gram.diagonal()[kept] + precision)
+        values, vectors = np.linalg.eigh((gram[np.ix_(kept, kept)] + np.diag(precision)) / np.outer(scale, scale))
+        shown = values > SQUARED_ROUNDING
+        root = (vectors[:, shown] / np.sqrt(values[shown])).T / scale
+        half, along = root @ gram[np.ix_(kept, growth)], root @ right[kept]
+        reduced, left = gram[np.ix_(growth, growth)] - half.T @ half, half.T @ along - right[growth]
+        log_determinant = np.log(values[shown]).sum() + 2 * np.log(scale).sum() - np.log(precision).sum()
+        log_evidence = float(along @ along - log_determinant) / 2
+        gains = -root.T[:n] @ half
+        for i, (slack, mean) in enumerate(zip(slacks, temperatures.mean(axis=0).tolist(), strict=True)):
+            own = slice(links * i, links * (i + 1))
+            found.append(LinkHistory(reduced[own, own], left[own], gains[:, own], mean, 1.0, slack, log_evidence))
     return found
 
 
-def _normal_equations(
-    fit: IdentificationResult, state: ArmState, grows: IntArray, others: IntArray, kelvin: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Gram matrix and right side, by the other coefficients and by the growth with temperatures (n, k) about a mean.
+def drift_courses(n: int, session: NameArray | None = None) -> FloatArray:
+    """(n, k) slow functions of time in each session, the k-th of an amplitude of 1/k."""
+    names = np.zeros(n) if session is None else session
+    columns = []
+    for name in dict.fromkeys(names.tolist()):
+        rows = names == name
+        time = (np.arange(rows.sum()) + 0.5) / rows.sum()
+        columns.append(np.zeros((n, len(HALF_PERIODS))))
+        columns[-1][rows] = np.cos(np.pi * np.outer(time, HALF_PERIODS)) / HALF_PERIODS
+    return np.hstack(columns)
 
-    The first of these are those by which the arm was identified.
+
+def _explained(values: FloatArray, courses: FloatArray) -> float:
+    """Share of the variance of values (n,) that courses explain beside a mean for each set of readings."""
+    above = values - values.mean()
+    left = above - courses @ np.linalg.lstsq(courses, above, rcond=None)[0]
+    return 1 - float(left @ left) / float(above @ above)
+
+
+def _normal_equations(
+    fit: IdentificationResult,
+    state: ArmState,
+    grows: IntArray,
+    others: IntArray,
+    kelvin: FloatArray,
+    courses: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Gram matrix and right side by the other coefficients, growth with temperatures about a mean, and drifts.
+
+    The first of the temperatures (n, k) are those by which the arm was identified. Drifts along courses (n, c) are
+    rotations and translations of the base and translations of the tip, each of about a millimetre at the tip.
     """
     points = fit.references[0]
     n, links = len(others), len(grows)
-    gram = np.zeros((n + links * kelvin.shape[1],) * 2)
+    gram = np.zeros((n + links * kelvin.shape[1] + N_DRIFTS * courses.shape[1],) * 2)
     right = np.zeros(len(gram))
     rows_of_all = state.rows(points.rows)
     one_kelvin = replace(rows_of_all, temperature_degC=np.full(len(points.rows), REFERENCE_DEGC + 1))
+    drifts = np.zeros((0, 3, len(points.rows)))
+    if courses.shape[1]:
+        of_base, of_tip = (
+            fit.perturbed_chain.motion_derivatives(rows_of_all, fit.coefficients, place)
+            for place in (0, fit.chain.n_joints + 1)
+        )
+        of_base[:, :3] /= fit.chain.reach or 1.0
+        both = np.concatenate([of_base, of_tip[:, 3:]], axis=1).transpose(1, 2, 0)
+        drifts = (courses[points.rows].T[:, None, None] * both).reshape(-1, 3, len(points.rows))
     for rows, _, columns in fit.perturbed_chain.derivatives(one_kelvin, fit.coefficients):
         warmer = kelvin[points.rows[rows]]
         by_growth = columns[grows] * warmer.T[:, None, None]
-        design = np.concatenate([columns[others], *by_growth]) * points.weights[:, rows]
+        design = np.concatenate([columns[others], *by_growth, drifts[:, :, rows]]) * points.weights[:, rows]
         design = design.reshape(len(design), -1)
         left = (points.residuals * points.weights)[:, rows].ravel()
         left = left - design[:n].T @ fit.coefficients[others] - design[n : n + links].T @ fit.coefficients[grows]
