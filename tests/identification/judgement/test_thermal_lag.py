@@ -89,7 +89,7 @@ def drifting(moved_mm, *, n=80):
     ids=["drift of 0.1 mm", "two moves of 0.05 mm"],
 )
 def test_a_reference_that_moves_while_the_room_warms_is_no_growth_of_the_links(moved_mm):
-    """At 24 degC, 4.6 K away: 0.20 and 0.22 mm at u 0.03 mm before, now 0.05; three prior standard deviations of metal."""
+    """At 24 degC, 4.6 K away: 0.20 and 0.22 mm at u 0.03 mm before, now 0.05."""
     arm, session = drifting(moved_mm)
     model = PhysicalModel(arm, highest=1, residual=False).fit_readings(session)
     assert np.abs(growth_of(model)).max() < 3 * np.hypot(*MATERIALS[1][1:])
