@@ -91,6 +91,13 @@ def test_the_axes_in_order_and_by_their_units():
     assert notices == [f"connected to opc.tcp://127.0.0.1:{port}"]
 
 
+def test_a_position_that_the_server_calls_stale_is_no_sample():
+    last = asyncua.ua.StatusCode(asyncua.ua.StatusCodes.UncertainLastUsableValue)
+    with server(Arm=ARM) as (port, write):
+        write(asyncua.ua.DataValue(asyncua.ua.Variant(90.0), last))
+        notice_of(open_source(f"opcua:127.0.0.1:{port}"), "a position is not good: UncertainLastUsableValue")
+
+
 def test_of_several_devices_one_is_named():
     with server(Left=ARM, Right={"A1": (1.0, INCH)}) as (port, _):
         notice_of(open_source(f"opcua:127.0.0.1:{port}"), "expected one motion device, the server has Left, Right")

@@ -73,6 +73,7 @@ class _Device:
     def __init__(self, url: str, device: str) -> None:
         asyncua = extra_package("asyncua", "opcua", "an OPC UA server")
         self._runner, self._client = asyncio.Runner(), asyncua.Client(url, timeout=CONNECT_S)
+        self._value = asyncua.ua.AttributeIds.Value
         self._thread = ThreadPoolExecutor(1, "truearm opcua")
         try:
             with self._failing():
@@ -130,8 +131,11 @@ class _Device:
 
         async def ask() -> list[Any]:
             await asyncio.sleep(max(0.0, due_s - time.monotonic()))
-            values: list[Any] = await self._client.read_values(self._positions)
-            return values
+            found = await self._client.read_attributes(self._positions, self._value)
+            for one in found:
+                if not one.StatusCode.is_good():  # the last value of a controller that has stopped
+                    raise ConnectionError(f"the server says that a position is not good: {one.StatusCode.name}")
+            return [None if one.Value is None else one.Value.Value for one in found]
 
         with self._failing():
             values = self._run(ask())
