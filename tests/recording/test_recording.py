@@ -328,6 +328,19 @@ def test_a_clock_that_jumps_is_said_once_and_nothing_is_averaged_over_it(tmp_pat
     ahead.close()
 
 
+def test_a_clock_that_stands_still_is_said_and_its_samples_are_no_reading(tmp_path, monkeypatch):
+    monkeypatch.setattr("truearm.recording.recording.CLOCK_STANDS_S", 0.0)
+    frozen = [Sample(7.0, np.zeros(2))] * 42
+    recording = Recording(source(has_own_clock=True), tmp_path / "out.csv", rule=RULE, seat="A")
+    assert [event.text for event in fed(recording, frozen) if event.kind != "ready"] == [
+        "the clock of test stands still: start the device, or its sending, again"
+    ]
+    recording.close()
+    resting = Recording(source(has_own_clock=True), tmp_path / "resting.csv", rule=RULE, seat="A")
+    assert kinds(fed(resting, stops([0.0, 0.0], [0.0, 0.0]))) == ["ready", "reading"]
+    resting.close()
+
+
 @pytest.mark.parametrize("column", ["q2_deg", "x_mm", "temperature_degC", "direction_1"])
 @pytest.mark.parametrize("cell", ["", "nan", "1e999", "ten"])
 def test_a_number_that_a_person_broke_is_named(tmp_path, column, cell):

@@ -72,6 +72,9 @@ def test_another_arm_a_jump_coarse_steps_and_a_slow_device():
     slow = [Sample(float(k), one) for k, one in enumerate(MOVEMENT[:5])]
     trial = ta.try_source(Source("slow", lambda: iter(slow)))
     assert "1.0 samples a second: record with --still 4.0" in trial.findings
+    frozen = [Sample(7.0, one) for one in MOVEMENT[:5]]
+    trial = ta.try_source(Source("frozen", lambda: iter(frozen)))
+    assert any(one.startswith("the clock of the device stands still") for one in trial.findings)
 
 
 def test_a_source_that_says_nothing_or_points_only():

@@ -40,6 +40,7 @@ FAR_FROM_AIM = 20.0  # deg, or mm, from the plan's pose
 BESIDE_SEAT = 0.05  # of the arm's reach, from the other readings in the seat
 JUMP_S = 1.0  # between two samples by the clock of a device
 ODD_S = 1.0  # between two notices of odd samples
+CLOCK_STANDS_S = 2.0  # samples of one time for so long are of a device that hangs; some clocks count seconds
 
 
 class RecordingOptions(TypedDict, total=False):
@@ -113,7 +114,7 @@ class Recording:
         self._point = ReferencePoint(self.reference)
         self._asked, self._was_pressed, self._said, self._question = False, False, "", ""
         self._still_since_s, self._samples_hz, self._streamed_s = 0.0, samples_hz, -np.inf
-        self._step_s, self._odd, self._odd_said_s = np.inf, "", -np.inf
+        self._step_s, self._odd, self._odd_said_s, self._clock_moved_s = np.inf, "", -np.inf, time.monotonic()
         self.out_model, self.rank = None if out_model is None else Path(out_model), rank
         self._in_force = ModelInForce(self.arm, known, self.out, self.out_model)
         self._learning: Learning | None = None
@@ -222,6 +223,10 @@ class Recording:
         """Note a step from a sample to the next that no clock makes."""
         before_s, self._step_s = self._step_s, step_s
         is_late = self.source.has_own_clock and not self.is_timed_by_arrival and step_s > max(JUMP_S, 2 * before_s)
+        if step_s != 0:
+            self._clock_moved_s = time.monotonic()
+        elif self.source.has_own_clock and time.monotonic() - self._clock_moved_s > CLOCK_STANDS_S:
+            self._odd = f"the clock of {self.source.name} stands still: start the device, or its sending, again"
         if step_s < 0 or is_late:
             self._odd = f"the clock of {self.source.name} jumps by {step_s:+.3g} s; the standstill begins again"
 

@@ -115,6 +115,9 @@ def _limits(angles: FloatArray, arm: Arm) -> Iterator[str]:
 
 def _rate(samples: Sequence[Sample]) -> Iterator[str]:
     seconds = samples[-1].time_s - samples[0].time_s
-    rate, window = (len(samples) - 1) / seconds if seconds > 0 else np.inf, StandstillRule().window_s
+    if seconds <= 0:
+        yield "the clock of the device stands still or goes back, or a file of lines has no time_s"
+        return
+    rate, window = (len(samples) - 1) / seconds, StandstillRule().window_s
     if rate * window < LEAST_SAMPLES:
         yield f"{rate:.1f} samples a second: record with --still {(LEAST_SAMPLES + 1) / rate:.1f}"
