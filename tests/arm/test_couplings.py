@@ -181,7 +181,10 @@ def test_a_joint_that_mimics_is_no_input_of_a_network(tmp_path):
     result = ta.fit(arm, session, model="network", hidden=(3,), epochs=5)
     assert not any("J3 moves by less" in sentence for sentence in result.remarks)
     tips = result.model.predict(q)
-    np.testing.assert_array_equal(result.model.predict(np.c_[q[:, :2], q[:, 0]]), tips)
+    other = np.c_[q[:, :2], q[:, 0]]
+    np.testing.assert_array_equal(result.model.predict(other), tips)
+    for seen in (other, replace(session, angles=other)):
+        assert not result.model.outside_training(seen).any()
     result.model.save(tmp_path / "m.truearm")
     np.testing.assert_array_equal(ta.load_model(tmp_path / "m.truearm").predict(q), tips)
     pytest.importorskip("onnx")

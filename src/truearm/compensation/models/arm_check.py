@@ -75,6 +75,12 @@ def check_readings_of(arm: Arm, readings: Session) -> None:
     skip_beyond_limits(readings, arm.limits, prismatic=arm.chain.prismatic)
 
 
+def with_read_angles(arm: Arm, readings: Session) -> Session:
+    """The readings with zero for joints that only mimic others: they have no encoder, and a table may hold anything."""
+    is_read = arm.chain.is_read
+    return readings if is_read.all() else replace(readings, angles=readings.angles * is_read)
+
+
 def with_serial_number(arm: Arm, readings: Session) -> Arm:
     """The arm with the serial number that its readings state, if it has none itself.
 

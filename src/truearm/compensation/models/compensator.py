@@ -16,7 +16,12 @@ import numpy.typing as npt
 from truearm.acceptance import Acceptance, accepted, accepting_afresh
 from truearm.arm.arm import Arm
 from truearm.choices import Conditions
-from truearm.compensation.models.arm_check import check_has_kinematics, check_readings_of, with_serial_number
+from truearm.compensation.models.arm_check import (
+    check_has_kinematics,
+    check_readings_of,
+    with_read_angles,
+    with_serial_number,
+)
 from truearm.compensation.models.estimator import Regressor
 from truearm.compensation.models.model_archive import save_model
 from truearm.compensation.models.training_conditions import TrainingConditions
@@ -203,7 +208,8 @@ class Compensator(Regressor, ABC):
         arm = self._checked_arm()
         with_serial_number(arm, readings)
         self._check_references(readings, lengths)
-        return PreparedReadings.of(arm, readings, lengths, free=self.free, robust=self.robust)
+        read = with_read_angles(arm, readings)
+        return PreparedReadings.of(arm, read, lengths, free=self.free, robust=self.robust)
 
     @one_blas_thread()
     def learn(
@@ -309,6 +315,7 @@ class Compensator(Regressor, ABC):
         """Readings whose angles were checked (`check_readings_of`), if the model can predict them; see `checked`."""
         with_serial_number(self.arm_, readings)
         check_tips(self.tips_, readings)
+        readings = with_read_angles(self.arm_, readings)
         self.training_.refuse_far(readings, self.arm_.chain.is_prismatic)
         return CheckedReadings(self, readings, self.state(readings))
 
@@ -613,7 +620,7 @@ class Compensator(Regressor, ABC):
         if isinstance(X, Session | CheckedReadings):
             return self.checked(X).session
         self._check_fitted()
-        return Session(self._checked_table(X))
+        return with_read_angles(self.arm_, Session(self._checked_table(X)))
 
     def _checked_angles(self, angles: npt.ArrayLike) -> CheckedReadings:
         self._check_fitted()
