@@ -189,3 +189,5 @@ def test_a_joint_that_mimics_is_no_input_of_a_network(tmp_path):
     np.testing.assert_array_equal(ta.load_model(tmp_path / "m.truearm").predict(q), tips)
     pytest.importorskip("onnx")
     ta.export(result.model, tmp_path / "m.onnx")  # its check poses are met, or this is refused
+    said = str(ta.predict(result.model, replace(session, angles=other)))
+    assert "outside the trained range" not in said

@@ -15,6 +15,7 @@ from truearm.acceptance import Acceptance, acceptance_remarks, accepted, accepts
 from truearm.choices import Conditions
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.angle_mistakes import doubt_about_angles
+from truearm.compensation.models.arm_check import with_read_angles
 from truearm.compensation.models.identified_model import ROUNDED
 from truearm.compensation.models.training_conditions import TOGETHER
 from truearm.errors import InputError
@@ -115,9 +116,10 @@ def predict(
 
 
 def _reading_remarks(model: Compensator, readings: Session) -> tuple[str, ...]:
+    read = with_read_angles(model.arm_, readings)
     return (
         *check_angles_fit(readings, model.arm),
-        *doubt_about_angles(model.training_, readings.angles, model.arm_.chain.is_prismatic),
+        *doubt_about_angles(model.training_, read.angles, model.arm_.chain.is_prismatic),
         *payload_remarks(model, readings),
     )
 

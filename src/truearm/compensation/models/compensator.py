@@ -495,7 +495,7 @@ class Compensator(Regressor, ABC):
 
         Of a fit to more than 500 readings as many are known, evenly spaced.
         """
-        return self.training_.among(readings, self.arm_.chain.is_prismatic)
+        return self.training_.among(with_read_angles(self.arm_, readings), self.arm_.chain.is_prismatic)
 
     def is_trained_on(self, readings: Session) -> bool:
         """Whether the model was fitted or refitted to most of these readings."""
