@@ -109,8 +109,10 @@ def sampled(room: str, n: int, seed: int) -> list[tuple[Path, int]]:
 
 
 def tests_of(module: Path) -> list[str]:
-    """Test files of a module's directory, those that name the module before others."""
-    files = sorted((ROOT / "tests" / module.parent.relative_to(PACKAGE)).glob("test_*.py"))
+    """Test files of a module's directory, or of the next one above that has some; those that name the module first."""
+    folder = ROOT / "tests" / module.parent.relative_to(PACKAGE)
+    while not (files := sorted(folder.glob("test_*.py"))):
+        folder = folder.parent
     return [str(file) for file in sorted(files, key=lambda one: module.stem not in one.read_text(encoding="utf-8"))]
 
 

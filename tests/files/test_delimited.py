@@ -81,3 +81,11 @@ def test_a_decimal_comma_is_one_and_a_point_is_not(tmp_path):
     path.write_text("a;b\n1,5;2\n1.5;2\n")
     with pytest.raises(InputError, match="decimal ',', got '1.5'"):
         read_columns(read_form(path), [0, 1])
+
+
+def test_a_header_without_rows_is_refused_at_its_line(tmp_path):
+    path = tmp_path / "table.csv"
+    path.write_text("a,b\n")
+    with pytest.raises(InputError, match="expected at least one row of numbers, got none") as refused:
+        read_columns(read_form(path), [0, 1], [])
+    assert (refused.value.file, refused.value.line) == (path, 1)

@@ -21,6 +21,7 @@ import truearm as ta
 from truearm.errors import InputError
 from truearm.files.tables import array_files
 from truearm.files.tables.arrow_files import table_of_frame
+from truearm.files.tables.named_arrays import table_of_arrays
 from truearm.files.tables.reading import read_table
 from truearm.files.tables.table import TableForm
 from truearm.readings.foreign import JointScale
@@ -415,3 +416,12 @@ def test_what_is_not_installed_is_named(tmp_path, monkeypatch):
 def test_a_missing_file_is_missing(tmp_path, name):
     with pytest.raises(InputError, match="does not exist"):
         read_table(tmp_path / name)
+
+
+@pytest.mark.parametrize(("rows", "is_said"), [(1, False), (2, True), (3, True)])
+def test_arrays_of_columns_are_turned_and_it_is_said(rows, is_said):
+    """A row of one number a reading is a column whichever way it lies: nothing is assumed."""
+    angles = np.arange(10.0 * rows).reshape(rows, 10)
+    found = table_of_arrays({"t": np.arange(10.0), "q": angles}, TableForm(), file=None)
+    np.testing.assert_array_equal(np.stack(found.columns[1:]), angles)
+    assert any("q has a reading in each column" in said for said in found.assumed) == is_said

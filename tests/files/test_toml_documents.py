@@ -7,10 +7,10 @@ import tomllib
 from typing import Annotated, Literal
 
 import pytest
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, field_validator
 
 from truearm.errors import MOST_FAULTS, InputError
-from truearm.files.toml_documents import AS_TOML, MOST_KEYS, load_toml, parse_toml
+from truearm.files.toml_documents import AS_TOML, MOST_KEYS, NotNegative, Positive, load_toml, parse_toml
 
 
 class Ball(BaseModel):
@@ -160,3 +160,12 @@ def test_dots_in_texts_and_numbers_are_no_parts_of_a_key():
 
 def test_windows_line_ends_and_a_byte_order_mark_change_nothing():
     assert parse_toml(b"\xef\xbb\xbf[best]\r\nsize_mm = 2.5\r\n", Box).best.size_mm == 2.5
+
+
+@pytest.mark.parametrize(("kind", "least", "below"), [(Positive, 1e-300, 0.0), (NotNegative, 0.0, -1e-300)])
+def test_a_number_above_zero_is_positive_and_zero_is_not(kind, least, below):
+    numbers = TypeAdapter(kind)
+    assert numbers.validate_python(least) == least
+    for wrong in (below, float("inf"), float("nan")):
+        with pytest.raises(ValidationError):
+            numbers.validate_python(wrong)

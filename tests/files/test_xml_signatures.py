@@ -10,13 +10,14 @@ import pytest
 from cryptography import x509
 from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.asymmetric import ec, ed25519, rsa
+from lxml import etree
 
 from made_up_signers import CONTENT, advanced, authority, certified, curve_key, named, sealed, usage, write
 from truearm.errors import InputError, MissingTool
 from truearm.files import extra_packages, xml_references
 from truearm.files.x509_certificates import Signer, is_encrypted, read_signer
 from truearm.files.xml_references import BrokenSignature, UnverifiedSignature, canonical, parse_signed
-from truearm.files.xml_signatures import GOOD, NOT_VERIFIABLE, sign_xml, verified_content
+from truearm.files.xml_signatures import GOOD, NOT_VERIFIABLE, Signature, sign_xml, verified_content
 
 
 @pytest.fixture(scope="module")
@@ -429,3 +430,28 @@ def test_the_chain_of_the_signer_stands_in_the_file(tmp_path):
     whole = read_signer(tmp_path / "lab.key", tmp_path / "lab.pem")
     _, signature = verified_content(sign_xml(CONTENT, whole), trusted=tmp_path / "ca.pem")
     assert (signature.answer, signature.authority, len(signature.periods)) == (GOOD, "CN=Example CA", 3)
+
+
+def test_the_first_and_the_last_day_of_a_certificate_are_covered():
+    day = datetime.date(2026, 5, 1)
+    one = Signature("good", valid_from=day, valid_until=day + datetime.timedelta(days=1))
+    covered = [one.covers(day + datetime.timedelta(days=n)) for n in (-1, 0, 1, 2)]
+    assert covered == [False, True, True, False]
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "expression", "is_known"),
+    [
+        (xml_references._XPATH, "<ds:XPath>not(ancestor-or-self::ds:Signature)</ds:XPath>", True),
+        (xml_references._XPATH, '<f:XPath Filter="subtract">/descendant::ds:Signature</f:XPath>', False),
+        (xml_references._FILTER, '<f:XPath Filter="subtract">/descendant::ds:Signature</f:XPath>', True),
+        (xml_references._FILTER, '<f:XPath Filter="intersect">/descendant::ds:Signature</f:XPath>', False),
+        (xml_references._FILTER, "<ds:XPath>not(ancestor-or-self::ds:Signature)</ds:XPath>", False),
+    ],
+)
+def test_of_expressions_those_that_remove_the_signature_are_known(algorithm, expression, is_known):
+    """Each in its own language: that of XPath filters says what to subtract, the other which nodes remain."""
+    spaces = f'xmlns:ds="{xml_references.DSIG[1:-1]}" xmlns:f="{xml_references._FILTER}"'
+    transform = f'<ds:Transform Algorithm="{algorithm}">{expression}</ds:Transform>'
+    tree = etree.fromstring(f"<file {spaces}><ds:Signature>{transform}</ds:Signature></file>")
+    assert xml_references._removes_signatures(tree, tree[0], tree[0][0]) == is_known
