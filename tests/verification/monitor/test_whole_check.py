@@ -178,3 +178,13 @@ def test_retired_artefacts_do_not_count(rng):
     np.testing.assert_allclose(
         whole.chart.values, compared([replace(c, readings=c.readings[:6]) for c in checks]).chart.values, rtol=1e-12
     )
+
+
+def test_scatters_share_the_false_alarms_as_charts_of_one_side(rng):
+    """A seat and the whole check can only grow worse upwards: two sides in all, where a length has two of its own."""
+    checks = checks_of(centred(rng, 12), rng)
+    length = CheckValue("length error", "A to B", 0.001, 0.002, 0.0, 6, 600.0)
+    longer = [replace(one, values=(*one.values, length)) for one in checks]
+    for some, n_sides in ((checks, 2), (longer, 4)):
+        rules = {one.chart.rules for one in assess(some).trends if one.chart is not None}
+        assert rules == {control_rules(n_sides)}
