@@ -128,25 +128,30 @@ def link_histories(
         fit, state, grows, others, temperatures - temperatures.mean(axis=0), courses if follows else courses[:, :0]
     )
     n, links, m = len(others), len(grows), len(grows) * temperatures.shape[1]
-    growth = np.arange(n, n + m)
+    root = _root(gram[:n, :n], fit.prior_std[others])
+    half, along = root @ gram[:n, n:], root @ right[:n]
+    rest, pulls, gains = gram[n:, n:] - half.T @ half, right[n:] - half.T @ along, -root.T @ half  # of growth, of drift
     slacks = [0.0, *(_slack(degC, tau, state.session) for tau in time_constants)]
     found = []
     for size in DRIFTS_MM * relative_size(fit.chain) if follows else [0.0]:
-        kept = np.delete(np.arange(len(gram)), growth) if size else np.arange(n)
-        precision = np.concatenate([fit.prior_std[others], np.full(len(kept) - n, size)]) ** -2.0
-        scale = np.sqrt(gram.diagonal()[kept] + precision)
-        values, vectors = np.linalg.eigh((gram[np.ix_(kept, kept)] + np.diag(precision)) / np.outer(scale, scale))
-        shown = values > SQUARED_ROUNDING
-        root = (vectors[:, shown] / np.sqrt(values[shown])).T / scale
-        half, along = root @ gram[np.ix_(kept, growth)], root @ right[kept]
-        reduced, left = gram[np.ix_(growth, growth)] - half.T @ half, half.T @ along - right[growth]
-        log_determinant = np.log(values[shown]).sum() + 2 * np.log(scale).sum() - np.log(precision).sum()
-        log_evidence = float(along @ along - log_determinant) / 2
-        gains = -root.T[:n] @ half
+        whitened = size**2 * rest[m:, m:] + np.eye(len(rest) - m)
+        drift = size**2 * np.linalg.solve(whitened, np.column_stack([rest[m:, :m], pulls[m:]]))
+        reduced, left = rest[:m, :m] - rest[:m, m:] @ drift[:, :-1], rest[:m, m:] @ drift[:, -1] - pulls[:m]
+        gain = gains[:, :m] - gains[:, m:] @ drift[:, :-1]
+        log_evidence = float(pulls[m:] @ drift[:, -1] - np.linalg.slogdet(whitened)[1]) / 2
         for i, (slack, mean) in enumerate(zip(slacks, temperatures.mean(axis=0).tolist(), strict=True)):
             own = slice(links * i, links * (i + 1))
-            found.append(LinkHistory(reduced[own, own], left[own], gains[:, own], mean, 1.0, slack, log_evidence))
+            found.append(LinkHistory(reduced[own, own], left[own], gain[:, own], mean, 1.0, slack, log_evidence))
     return found
+
+
+def _root(gram: FloatArray, prior_std: FloatArray) -> FloatArray:
+    """F (r, n) with ``F^T F`` the inverse of a Gram matrix with a prior, of the directions that the readings show."""
+    matrix = gram + np.diag(prior_std**-2.0)
+    scale = np.sqrt(matrix.diagonal())
+    values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
+    shown = values > SQUARED_ROUNDING
+    return np.asarray((vectors[:, shown] / np.sqrt(values[shown])).T / scale)
 
 
 def drift_courses(n: int, session: NameArray | None = None) -> FloatArray:
