@@ -238,6 +238,12 @@ def test_an_arm_that_sags_has_no_mistake_in_its_file(name, few, rng):
     assert ta.diagnose(arm, session).summary().startswith("No mistake in the arm file: joints yield under the weight")
 
 
+def test_an_arm_that_sags_by_much_is_unusual_and_not_refused():
+    arm = load_arm("iiwa7")
+    result = ta.fit(arm, sagging(arm, two_joints_move(arm), rad_per_Nm=3e-4), model="nominal")
+    assert "its joints yield under the weight of the arm" in " ".join(result.remarks)
+
+
 @pytest.mark.parametrize("rad_per_Nm", [2e-5, 1e-4])
 def test_a_mistake_in_an_arm_that_sags_is_still_named(rad_per_Nm, rng):
     session = sagging(ARM, rng.uniform(-1.5, 1.5, (40, 6)), rad_per_Nm=rad_per_Nm)

@@ -257,9 +257,10 @@ def _judged(hypotheses: Sequence[_Hypothesis], table: ReferenceTable, n_mistakes
     stated = found[0]
     for k, one in enumerate(found):
         share = one.explained / max(stated.explained, np.finfo(float).tiny)
-        # The fits of base and tip have no weight in them.
-        error = one.error_mm * float(np.sqrt(share)) if one.mistakes == (SAGGING,) else one.error_mm
-        found[k] = replace(one, error_mm=error, log_odds=one.log_odds - stated.log_odds, explained=1 - share)
+        one = replace(one, log_odds=one.log_odds - stated.log_odds, explained=1 - share)
+        if one.mistakes == (SAGGING,):  # the fits of base and tip, and errors of constants, have no weight in them
+            one = replace(one, error_mm=one.error_mm * float(np.sqrt(share)), usual_mm=stated.usual_mm)
+        found[k] = one
     return found
 
 

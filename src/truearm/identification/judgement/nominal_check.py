@@ -9,7 +9,8 @@ the free ones (f) absorb are ``S = G - G_f G_ff^-1 G_f^T``, and the expected sum
 What exceeds it is unusual, and not yet contradicted. The constants are identified, and what they leave is separated
 into noise and structure (`truearm.identification.judgement.structure`). Readings are refused if a mistake in the arm
 file or in the readings explains them very strongly better than the identified constants (`description_check`), if
-structure remains that nothing explains, or if no credible constants explain them. Noise and zeros are said, and fitted.
+structure remains that neither the weight of the arm nor anything else explains, or if no credible constants explain
+them. Noise and zeros are said, and fitted.
 
 The limits are evidence, `python -m benchmarks imperfect_readings wrong-arms` and `judgement contradicted`:
 real arms and virtual ones, and each of them with every single wrong sign, exchanged pair of joints, zero off by a
@@ -30,7 +31,12 @@ from truearm.identification.estimation.identification import initial_problem
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.linearisation import eliminate_unknowns, linearised
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
-from truearm.identification.judgement.description_check import VERY_STRONG, DescriptionCheck, check_description
+from truearm.identification.judgement.description_check import (
+    VERY_STRONG,
+    DescriptionCheck,
+    Explanation,
+    check_description,
+)
 from truearm.identification.judgement.identified_constants import IdentifiedConstants
 from truearm.identification.judgement.joint_gains import gains_asked
 from truearm.identification.judgement.outliers import constraint_residuals
@@ -123,11 +129,17 @@ class NominalCheck:
         return bool(self.ratio <= MAX_RATIO)
 
     @property
+    def sagging(self) -> Explanation | None:
+        """That joints yield under the weight of the arm, where that leaves no more than arms do; else None."""
+        found = None if self.description is None else self.description.sagging
+        return found if found is not None and found.is_plausible else None
+
+    @property
     def is_plausible(self) -> bool:
-        """Whether the readings can be of this arm: it is usual, or identified constants and noise explain the rest."""
+        """Whether the readings can be of this arm: it is usual, or constants and noise, or weight, explain the rest."""
         if self.of_turns is not None and not self.of_turns.is_plausible:
             return False
-        if self.is_usual:
+        if self.is_usual or self.sagging is not None:
             return True
         left, is_mistaken = self.left, self.description is not None and bool(self.description.findings)
         has_structure = left.structure_mm > MAX_STRUCTURE * self.usual_mm and left.log_odds >= VERY_STRONG
@@ -138,12 +150,15 @@ class NominalCheck:
         """What a person must know of a plausible arm; None if nothing."""
         if self.is_usual or self.identified is None or not self.is_plausible:  # an acceptance says so itself
             return None
+        misses = (
+            f"The nominal arm misses the readings by {self.error_mm:.3g} mm, {self.ratio:.1f} times as much as nominal "
+            "arms usually do"
+        )
+        if self.sagging is not None:
+            return f"{misses}: its {self.sagging}, and {self.sagging.error_mm:.2g} mm remain (--model physical)."
         if not self.identified.zeros and self.error_mm <= MOST_BY_NOISE * self.left.distance_mm:
             return None  # it is noise, which the readings' scatter says
-        return (
-            f"The nominal arm misses the readings by {self.error_mm:.3g} mm, {self.ratio:.1f} times as much as nominal "
-            f"arms usually do; with its constants identified {self.left.distance_mm:.2g} mm remain. {self.identified}"
-        )
+        return f"{misses}; with its constants identified {self.left.distance_mm:.2g} mm remain. {self.identified}"
 
 
 UNCHECKED = NominalCheck(float("nan"), float("nan"))
