@@ -55,6 +55,11 @@ def test_ranges_that_are_none_are_refused(ranges):
         Extrapolation(ranges, SLIDES, 1.0)
 
 
+def test_a_joint_that_never_moved_has_a_range_of_one_angle():
+    still = Extrapolation(np.array([[0.2, 0.2]]), SLIDES[:1], 2.0)
+    np.testing.assert_allclose(still.distance(np.array([[0.2], [0.5]])), [0.0, 0.3], atol=1e-12)
+
+
 def test_a_slide_counts_in_its_travel():
     slide = Extrapolation(np.array([[0.0, 200.0], [5.0, 5.0]]), np.array([True, True]), 1.0)
     np.testing.assert_array_equal(slide.unit, [200.0, 1.0])

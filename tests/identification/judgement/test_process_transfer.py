@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 
 from truearm.arm import load_arm
+from truearm.errors import InputError
 from truearm.identification.estimation.identification import identify
-from truearm.identification.judgement.residual_process import _only_frame_uncertain
+from truearm.identification.judgement.cross_validation_groups import PLACE_RADIUS, is_in_one_place
+from truearm.identification.judgement.residual_process import OF_ARM, ResidualProcess, _only_frame_uncertain
 from truearm.identification.references.references import Points
 from truearm.identification.terms import ArmState, constants
+from truearm.readings import Session
 
 
 def test_a_frame_of_which_all_is_free_is_as_uncertain_as_the_whole_arm(rng):
@@ -20,3 +26,35 @@ def test_a_frame_of_which_all_is_free_is_as_uncertain_as_the_whole_arm(rng):
     found = _only_frame_uncertain(fit, list(fit.perturbed_chain.terms), state).covariance
     std = np.sqrt(fit.covariance.diagonal())
     np.testing.assert_allclose(found / np.outer(std, std), fit.covariance / np.outer(std, std), atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"belongs_to": "nobody"},
+        {"n_points": 0},
+        {"length_scales": (1.0,)},
+        {"length_scales": (1.0, 0.0)},
+        {"length_scales": (1.0, np.inf)},
+        {"rms_mm": -1e-9},
+        {"residual_std_without_mm": np.inf},
+        {"standard_error_mm": -1e-9},
+        {"evidence": np.nan},
+        {"improvement_mm": -np.inf},
+    ],
+)
+def test_a_process_that_no_fit_could_have_found_is_refused(changed):
+    process = ResidualProcess(OF_ARM, (1.0, 2.0), 1, 0.0, -3.0, 0.0, 0.0, 0.0)
+    process.check(2)
+    with pytest.raises(InputError, match="residual process"):
+        replace(process, **changed).check(2)
+
+
+@pytest.mark.parametrize(("share", "is_one_place"), [(0.9, True), (1.1, False)])
+def test_tips_within_a_share_of_the_reach_are_at_one_place(share, is_one_place):
+    """Two poses of an arm that turns about z alone: tips apart by twice that share of the reach."""
+    arm = load_arm("ur3e")
+    angles = np.zeros((2, arm.n_joints))
+    radius = np.linalg.norm(arm.chain.tip_in_base(angles)[0, :2])
+    angles[:, 0] = np.arcsin(share * PLACE_RADIUS * arm.chain.reach / radius) * np.array([1.0, -1.0])
+    assert is_in_one_place(Session(angles, seat=["A", "A"]), ArmState.of(arm, angles)) == is_one_place
