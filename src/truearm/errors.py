@@ -186,3 +186,7 @@ def _without_file(fault: InputError) -> InputError:
 
 class MissingTool(InputError):
     """A package or program that this needs is not installed; the hint says how to get it."""
+
+
+class ProgramFault(RuntimeError):
+    """A fault of this program, not of its input, found before it did harm."""

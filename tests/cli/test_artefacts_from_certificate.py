@@ -49,7 +49,7 @@ def test_a_file_of_artefacts_is_filled_in_and_what_is_missing_is_named(truearm, 
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (["--out", "there.toml"], "there.toml: the file exists, and values may be in it"),
+        (["--out", "there.toml"], "there.toml: the file exists already"),
         (["--out", "artefacts.txt"], "ends in .toml"),
         (["--out", "new.toml", "--result", "Diameter"], "expected ROLE=NAME, got 'Diameter'"),
         (["--out", "new.toml", "--result", "diameter=Radius"], "sphere.xml: the certificate has no result"),

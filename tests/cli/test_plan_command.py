@@ -208,7 +208,7 @@ def test_an_existing_file_is_not_overwritten(truearm, snapshot, tmp_path):
     for out in ("plan.csv", "other.csv"):
         ran = truearm("plan", "gao2017", *bar, "--out", tmp_path / out)
         assert ran.code == 2
-        assert "readings may be in it" in ran.err
+        assert "the file exists already" in ran.err
     page = ["--artefact", "tracker", "--session", tmp_path / "t.html", "--page", tmp_path / "t.html"]
     (tmp_path / "t.html").write_text("readings")
     assert "would be overwritten" in truearm("plan", "gao2017", *page, "--out", tmp_path / "new.csv").err

@@ -167,3 +167,45 @@ def test_a_full_disk_leaves_the_file_as_it_was(tmp_path, monkeypatch):
         monkeypatch.undo()
         log.append(ROW)
     assert len(read_session(path)) == 2
+
+
+class Disk:
+    """A clock that a test sets, and the sizes of the file when it was written to the disk."""
+
+    def __init__(self, monkeypatch):
+        self.s, self.sizes, fsync = 0.0, [], os.fsync
+        monkeypatch.setattr("truearm.readings.session_log.time.monotonic", lambda: self.s)
+
+        def synced(handle):
+            self.sizes.append(os.fstat(handle).st_size)
+            fsync(handle)
+
+        monkeypatch.setattr(os, "fsync", synced)
+
+
+def test_every_reading_and_every_undo_is_on_the_disk_when_it_is_acknowledged(tmp_path, monkeypatch):
+    disk, path = Disk(monkeypatch), tmp_path / "session.csv"
+    with SessionLog(path, COLUMNS) as log:
+        assert disk.sizes[-1] == path.stat().st_size
+        for act in (lambda: log.append(ROW), lambda: log.append(ROW), log.undo):
+            disk.s += 0.1
+            act()
+            assert disk.sizes[-1] == path.stat().st_size
+            assert log.settle() is None
+
+
+def test_of_many_readings_the_disk_is_written_ten_times_a_second_and_the_last_is_on_it(tmp_path, monkeypatch):
+    disk, path = Disk(monkeypatch), tmp_path / "session.csv"
+    with SessionLog(path, COLUMNS) as log:
+        disk.sizes.clear()
+        for n in range(100):
+            disk.s = n / 64  # exact in binary
+            log.append(ROW)
+        assert 10 <= len(disk.sizes) <= 16  # of 1.55 s
+        disk.s += (due_s := log.settle())
+        assert 0 < due_s <= 0.1
+        assert log.settle() is None
+        assert disk.sizes[-1] == path.stat().st_size
+        log.append(ROW)
+        assert disk.sizes[-1] < path.stat().st_size
+    assert disk.sizes[-1] == path.stat().st_size

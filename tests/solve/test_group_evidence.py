@@ -13,6 +13,7 @@ from truearm.solve.evidence import Evidence, update_evidence
 from truearm.solve.group_evidence import (
     MIN_GAIN,
     GroupedPrior,
+    determined_shares,
     posterior,
     prune_groups,
     update_scales,
@@ -446,3 +447,17 @@ def test_matrices_of_any_condition_give_finite_answers(seed, rank):
     scale, effective = update_scales(prior, posterior(gram, np.zeros(p), prior), **FREE)
     assert np.isfinite(scale).all()
     assert np.isfinite(effective).all()
+
+
+def test_data_that_do_not_see_a_direction_determine_none_of_it(rng):
+    """The variance there is the prior's but for rounding, which is of the size of what the data do see."""
+    half = rng.normal(size=(40, 6))
+    seen = np.hstack([half, half])  # pairs of which the sum alone is seen
+    gram = 1e13 * seen.T @ seen
+    prior = prior_of(np.ones(12))
+    share = 1 - posterior(gram, np.zeros(12), prior).variance * prior.precision
+    assert share == pytest.approx(0.5, abs=0.01)
+    variance = np.array([1.0 + 1.1e-4, 1.0, 0.25, 0.0, np.nextafter(0, -1)])
+    assert determined_shares(variance, np.ones(5)).tolist() == [0, 0, 0.75, 1, 1]
+    found = replace(posterior(gram, np.zeros(12), prior), root=np.sqrt(1 + 1.1e-4) * np.eye(12))
+    assert update_scales(prior, found, **FREE)[1] == 0

@@ -236,7 +236,7 @@ def write_arm(arm: Arm, path: str | Path, *, convention: Convention = "dh") -> N
     table = arm.table
     if table is None or table.convention != convention or not _is_hayatis(table, arm.chain):
         table = dh_table(arm.chain) if convention == "dh" else mdh_table(arm.chain)
-    with atomic_file(path) as beside:
+    with atomic_file(path, read=read_arm) as beside:
         beside.write_text("\n".join(_toml_lines(arm, table)) + "\n", encoding="utf-8")
 
 

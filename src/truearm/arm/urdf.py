@@ -199,7 +199,7 @@ def write_urdf(arm: Arm, path: str | Path) -> None:
         the file cannot be written.
     """
     content = urdf_bytes(arm)
-    with atomic_file(path) as beside:
+    with atomic_file(path, read=read_urdf) as beside:
         beside.write_bytes(content)
 
 

@@ -10,14 +10,12 @@ from typer import Argument, Option
 
 from truearm.choices import Convention
 from truearm.cli.console import (
-    check_new_file,
-    check_output,
-    check_output_is_not_input,
+    check_new_output,
     check_page_path,
     print_line,
     print_record,
 )
-from truearm.cli.options import ARM_HELP, AcceptOption, Json, free_parts, refuse_typed
+from truearm.cli.options import ARM_HELP, AcceptOption, Force, Json, free_parts, refuse_typed
 from truearm.errors import InputError
 
 
@@ -53,6 +51,7 @@ def arms(
         float, Option(help="With --circles-plan: from the first to the last angle of a circle [deg].")
     ] = 60,
     accept: AcceptOption = None,
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """List the arms known by name, or print or write one.
@@ -79,9 +78,9 @@ def arms(
         of_name = ("arm", "page", "readings", "lengths", "free", "apply")
         refuse_typed(context, of_name, "does not apply to --from-circles and --circles-plan")
         if from_circles is None:
-            _write_circles_plan(out, circles_plan or 0, points, span)
+            _write_circles_plan(out, circles_plan or 0, points, span, force=force)
         elif circles_plan is None:
-            _measure(from_circles, out, convention, accept, as_json=as_json)
+            _measure(from_circles, out, convention, accept, force=force, as_json=as_json)
         else:
             raise InputError("--circles-plan writes the file that --from-circles reads", hint="one of them at a time")
         return
@@ -92,7 +91,7 @@ def arms(
                 "--readings needs a nominal arm, without --out and --page; --lengths and --apply need --readings",
                 hint=f"truearm arms {name} --readings {readings or 'session.csv'}",
             )
-        _diagnose(arm, readings, lengths, free, apply, as_json=as_json)
+        _diagnose(arm, readings, lengths, free, apply, force=force, as_json=as_json)
         return
     if search and arm:
         raise InputError("--search needs no name of an arm", hint=f"truearm arms --search '{search}'")
@@ -120,45 +119,48 @@ def arms(
     if out is None:
         print_record(description, as_json=as_json)
         return
-    check_output_is_not_input(out, arm_path(arm))
+    check_new_output(out, arm_path(arm), force=force)
     write_arm(description.arm, out, convention=convention)
     print_line(f"{out}: {description.arm.name}, {description.arm.n_joints} joints")
 
 
-def _diagnose(arm: str, readings: Path, lengths: Path | None, free: str, apply: Path | None, *, as_json: bool) -> None:
+def _diagnose(
+    arm: str, readings: Path, lengths: Path | None, free: str, apply: Path | None, *, force: bool, as_json: bool
+) -> None:
     """Say which mistake explains the readings; write the arm without it to a new file."""
     from truearm.arm import write_arm
     from truearm.arm.catalogue import arm_path
     from truearm.workflows.diagnose import diagnose
 
     if apply is not None:
-        check_output(apply, readings, arm_path(arm), lengths, endings=(".toml",))
-        check_new_file(apply, force=False)
+        check_new_output(apply, readings, arm_path(arm), lengths, force=force, endings=(".toml",))
     found = diagnose(arm, readings, lengths=lengths, free=free_parts(free))
     if apply is not None:
         write_arm(found.mended_arm(), apply)
     print_record(found, as_json=as_json, files={"arm": apply})
 
 
-def _write_circles_plan(out: Path | None, n_joints: int, points: int, span: float) -> None:
+def _write_circles_plan(out: Path | None, n_joints: int, points: int, span: float, *, force: bool) -> None:
     """The session to fill in: each joint in turn at its angles, the others at zero."""
     from truearm.workflows.arm_from_circles import write_circles_form
 
     if out is None:
         raise InputError("--circles-plan needs --out", hint=f"truearm arms --circles-plan {n_joints} --out circles.csv")
-    write_circles_form(out, n_joints, points=points, span_deg=span)
+    write_circles_form(out, n_joints, points=points, span_deg=span, force=force)
     print_line(
         f"{out}: {n_joints * points} readings, {points} of each of {n_joints} joints. Fill in angles and points; then "
         f"truearm arms --from-circles {out} --out my-arm.toml"
     )
 
 
-def _measure(circles: Path, out: Path | None, convention: Convention, accept: str | None, *, as_json: bool) -> None:
+def _measure(
+    circles: Path, out: Path | None, convention: Convention, accept: str | None, *, force: bool, as_json: bool
+) -> None:
     """The arm of a session of circles, printed and, with --out, written."""
     from truearm.workflows.arm_from_circles import arm_from_circles
 
     if out is not None:
-        check_output(out, circles, endings=(".toml", ".urdf"))
+        check_new_output(out, circles, force=force, endings=(".toml", ".urdf"))
     name = "my-arm" if out is None else out.stem
     measured = arm_from_circles(circles, name=name, convention=convention, accept=accept)
     if out is not None:

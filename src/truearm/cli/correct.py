@@ -68,12 +68,13 @@ def correct(
 
     Exit code 0: all targets corrected; 1: some refused; 3: none corrected, nothing written.
     """
+    from truearm.compensation.targets.manifest import read_manifest
     from truearm.workflows.correct import FANUC_J3_TEXT, check_output
     from truearm.workflows.correct import correct as correct_targets
     from truearm.workflows.inputs import to_model_of_tip
 
     check_output(out, language, fanuc_j3)
-    check_file(out, model, targets)
+    check_file(out, model, targets, read=read_manifest)
     with progress(f"correcting {targets.name}"):
         fitted = to_model_of_tip(model, tip)
         corrected = correct_targets(

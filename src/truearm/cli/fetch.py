@@ -7,13 +7,14 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-from truearm.cli.console import print_line, print_record, progress
-from truearm.errors import InputError
+from truearm.cli.console import check_new_output, print_line, print_record, progress
+from truearm.cli.options import Force
 
 
 def fetch(
     name: Annotated[str, Argument(metavar="[NAME]", help="A name from the list.", show_default=False)] = "",
     out: Annotated[Path | None, Option(help="Session file to write; NAME.csv by default.")] = None,
+    force: Force = False,
     show: Annotated[bool, Option("--list", help="List the sets, and stop; so does no NAME.")] = False,
 ) -> None:
     """Get the published readings of a real arm.
@@ -22,7 +23,6 @@ def fetch(
     its seats are known, they are written beside it, to OUT-lengths.csv.
     """
     from truearm.datasets import DATASETS, load_lengths
-    from truearm.files.atomic_write import check_writable
     from truearm.readings import check_session_path
     from truearm.workflows.fetch import fetch as fetch_readings
     from truearm.workflows.record import TextTable
@@ -34,11 +34,9 @@ def fetch(
     path = out or Path(f"{name}.csv")
     beside = path.with_name(f"{path.stem}-lengths.csv")
     files = {"session": path} | ({"lengths": beside} if load_lengths(name) else {})
-    for written in files.values():
-        if out is None and written.exists():
-            raise InputError("the file exists already", file=written, hint=f"--out {path} to replace it")
     check_session_path(path)
-    check_writable(beside)
+    for written in files.values():
+        check_new_output(written, force=force)
     with progress(f"fetching {name}"):
         published = fetch_readings(name)
         published.save(path, lengths=files.get("lengths"))

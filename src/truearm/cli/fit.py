@@ -10,16 +10,16 @@ import typer
 from typer import Argument, Option
 
 from truearm.choices import ModelName, Trainer
-from truearm.cli.console import check_new_file, check_output, print_record, progress
+from truearm.cli.console import check_model_output, check_new_output, print_record, progress
 from truearm.cli.options import (
     ARM_HELP,
     LARGE_ONLY,
     ONLY_LARGE,
     AcceptOption,
-    Force,
     Json,
     LengthsFile,
     LimitsOption,
+    ModelForce,
     ModelOut,
     SchedulerOption,
     WorkersOption,
@@ -93,7 +93,7 @@ def fit(
     apply: Annotated[
         Path | None, Option(help="Write the nominal arm with the joint zeros found to a new arm file, .toml or .urdf.")
     ] = None,
-    force: Force = False,
+    force: ModelForce = False,
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
     as_json: Json = False,
@@ -116,16 +116,16 @@ def fit(
     A folder of session files, or a file beyond 512 MB, is read part by part, and --workers or --scheduler shares the
     parts out: nominal and kinematic models use all readings, others 20000 of them (docs/large-sessions.md).
     """
+    from truearm.arm import load_arm
     from truearm.arm.catalogue import arm_path
     from truearm.readings.large_sessions import is_large
     from truearm.workflows.fit import fit as fit_model
 
     check_options(context, model)
     arm_file = None if arm is None else arm_path(arm)
-    check_output(out, session, arm_file, lengths, prior)
+    check_model_output(out, None if arm is None else load_arm(arm), session, arm_file, lengths, prior, force=force)
     if apply is not None:
-        check_output(apply, session, arm_file, lengths, prior, out, endings=(".toml", ".urdf"))
-        check_new_file(apply, force=force)
+        check_new_output(apply, session, arm_file, lengths, prior, out, force=force, endings=(".toml", ".urdf"))
         _check_table(arm, apply)
     options: dict[str, Any] = {}
     total = 4 if model == "auto" else None
@@ -159,6 +159,7 @@ def fit(
             result = of_large.result
         else:
             result = fit_model(arm, session, lengths=lengths, **options)
+        check_model_output(out, result.model.arm_, force=force)  # its readings may state a serial number
         result.save(out)
         if apply is not None and not result.identifies_constants:
             why = f"{apply} is not written: the nominal arm was kept, and no joint zeros were identified."

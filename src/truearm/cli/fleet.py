@@ -21,7 +21,7 @@ from truearm.cli.check import (
     print_check,
     print_withdrawal,
 )
-from truearm.cli.console import check_new_file, check_page_path, print_line, print_record, progress
+from truearm.cli.console import check_new_output, check_page_path, print_line, print_record, progress
 from truearm.cli.options import ARM_HELP, AcceptOption, Force, Json, LengthsFile, SchedulerOption, WorkersOption
 
 Folder = Annotated[Path, Argument(metavar="FOLDER", help="Folder of the fleet.")]
@@ -278,7 +278,7 @@ def prior(
     from truearm.fleet.executors import chosen_executor
     from truearm.fleet.fleet import Fleet
 
-    check_new_file(into, force=force)
+    check_new_output(into, force=force)
     executor, opened = chosen_executor(workers, scheduler), Fleet(folder)
     with progress(f"learning from {folder.name}") as update:
         learned = opened.type_prior(arm, executor=executor, progress=update)

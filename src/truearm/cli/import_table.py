@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 import typer
 from typer import Argument, Option
 
-from truearm.cli.console import check_output_is_not_input, print_json, print_line, progress
-from truearm.cli.options import FormDate, FormTemperature, IntoForm, Json, numbers_of, refuse_typed
+from truearm.cli.console import check_new_output, check_output_is_not_input, print_json, print_line, progress
+from truearm.cli.options import Force, FormDate, FormTemperature, IntoForm, Json, numbers_of, refuse_typed
 from truearm.errors import InputError
 
 if TYPE_CHECKING:
@@ -111,6 +111,7 @@ def import_table(
     ] = None,
     date: FormDate = None,
     artefact_temperature: FormTemperature = None,
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Turn a table of another program into a session file.
@@ -145,10 +146,9 @@ def import_table(
     from truearm.readings.foreign.tables import as_tables, read_foreign_tables
 
     sources = [table] if points_from is None else [table, points_from]
-    if out is not None:
-        for source in sources:
-            check_output_is_not_input(out, source)
+    if out is not None and not preview:
         check_session_path(out)
+        check_new_output(out, *sources, force=force)
     scale = JointScale(
         unit=cast(Any, _listed(angle_unit) or None),
         counts_per_turn=_numbers(counts_per_turn, "--counts-per-turn"),

@@ -23,7 +23,10 @@ LengthsFile = Annotated[Path | None, Option(help="File of known lengths between 
 TipName = Annotated[str | None, Option(help="Name of the tip, of a model with several.")]
 ArtefactsFile = Annotated[Path | None, Option(help="Certificates of the artefacts, .toml.")]
 MpeFile = Annotated[Path | None, Option(help="The arm's specification: its limits and measuring range, .toml.")]
-Force = Annotated[bool, Option("--force", help="Replace files that exist already.")]
+Force = Annotated[bool, Option("--force", help="Replace a file that exists, and what people wrote or measured in it.")]
+ModelForce = Annotated[
+    bool, Option("--force", help="Replace what --out or --apply keeps: another arm's model, a file of another kind.")
+]
 Seed = Annotated[int, Option(min=0, help="Seed of all random numbers.")]
 DrawnArms = Annotated[int, Option("--arms", help="Number of arms to draw.")]
 RuleOption = Annotated[

@@ -9,8 +9,8 @@ import typer
 from typer import Argument, Option
 
 from truearm.choices import ArtefactKind, Strategy, Terms
-from truearm.cli.console import check_page_path, print_record, progress
-from truearm.cli.options import ARM_HELP, AcceptOption, Json, Seed, numbers_of, refuse_typed
+from truearm.cli.console import check_new_output, check_page_path, print_record, progress
+from truearm.cli.options import ARM_HELP, AcceptOption, Force, Json, Seed, numbers_of, refuse_typed
 
 # Options of a calibration that the plan of an interim check does not take.
 NOT_FOR_CHECKS = ("poses", "page", "seats", "noise", "strategy", "terms", "session", "volume", "accept")
@@ -23,7 +23,7 @@ def plan(
         Literal[ArtefactKind, "check"],
         Option(help="What the poses are measured with; check: the routine of an interim check."),
     ],
-    out: Annotated[Path, Option(help="Session file to fill in, .csv; must be new.")],
+    out: Annotated[Path, Option(help="Session file to fill in, .csv.")],
     poses: Annotated[int, Option(min=1, max=500, help="Number of readings.")] = 50,
     page: Annotated[Path | None, Option(help="Page with pictures to write, .html.")] = None,
     seats: Annotated[
@@ -59,6 +59,7 @@ def plan(
     ] = None,
     seed: Seed = 0,
     accept: AcceptOption = None,
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Plan the poses that determine an arm best.
@@ -76,7 +77,6 @@ def plan(
     each seat of a bar, with --sphere nine on a sphere.
     """
     from truearm.arm.catalogue import arm_path
-    from truearm.files.atomic_write import check_new_form
     from truearm.workflows.plan import plan as planned
     from truearm.workflows.plan import template_files
 
@@ -86,11 +86,11 @@ def plan(
     }
     if artefact == "check":
         refuse_typed(context, NOT_FOR_CHECKS, "does not apply to --artefact check")
-        _plan_check(arm, out, length_mm=length, sphere_mm=sphere, seed=seed, as_json=as_json, **around)
+        _plan_check(arm, out, length_mm=length, sphere_mm=sphere, seed=seed, force=force, as_json=as_json, **around)
         return
     refuse_typed(context, ["sphere"], "applies to --artefact check only")
     for file in template_files(out, artefact):
-        check_new_form(file, holds="readings")
+        check_new_output(file, arm_path(arm), session, force=force, endings=(".csv",))
     check_page_path(page, arm_path(arm), session)
     n_strategies = len(get_args(Strategy))
     with progress("planning", total=n_strategies) as tell:
@@ -113,15 +113,15 @@ def plan(
         if page is not None:
             tell(n_strategies, "drawing the page")
             result.save_page(page)
-        files = dict(zip(("session", "lengths"), result.save(out), strict=False))
+        files = dict(zip(("session", "lengths"), result.save(out, force=force), strict=False))
     print_record(result, as_json=as_json, files={**files, "page": page})
 
 
-def _plan_check(arm: str, out: Path, *, as_json: bool, **options: Any) -> None:
-    from truearm.files.atomic_write import check_new_form
+def _plan_check(arm: str, out: Path, *, force: bool, as_json: bool, **options: Any) -> None:
+    from truearm.arm.catalogue import arm_path
     from truearm.workflows.plan import plan_check
 
-    check_new_form(out, holds="readings")
+    check_new_output(out, arm_path(arm), force=force, endings=(".csv",))
     result = plan_check(arm, **options)
-    files = dict(zip(("session", "lengths"), result.save(out), strict=False))
+    files = dict(zip(("session", "lengths"), result.save(out, force=force), strict=False))
     print_record(result, as_json=as_json, files=files)

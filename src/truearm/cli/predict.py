@@ -61,6 +61,7 @@ def predict(
     parts out (docs/large-sessions.md).
     """
     from truearm.readings.large_sessions import is_large
+    from truearm.workflows.predict import check_is_points_table
     from truearm.workflows.predict import predict as predict_points
 
     if (out is None) == (into is None):
@@ -74,7 +75,7 @@ def predict(
         return
     refuse_typed(context, LARGE_ONLY, ONLY_LARGE)
     if out is not None:
-        check_output(out, model, session, endings=(".csv",))
+        check_output(out, model, session, endings=(".csv",), read=check_is_points_table)
     with progress(f"predicting {session.name}"):
         prediction = predict_points(model, session, conditions=conditions, accept=accept)
         if out is not None:
@@ -89,9 +90,10 @@ def _predict_large(
     model: Path, session: Path, out: Path, workers: int | None, scheduler: str | None, *, as_json: bool, **options: Any
 ) -> None:
     from truearm.fleet.executors import chosen_executor  # no small session waits for these
+    from truearm.workflows.predict import check_is_points_table
     from truearm.workflows.predict_large import predict_large
 
-    check_output(out, model, session)
+    check_output(out, model, session, read=check_is_points_table)
     with progress(f"predicting {session.name}") as update:
         executor = chosen_executor(workers, scheduler)
         large = predict_large(model, session, out, executor=executor, progress=update, **options)

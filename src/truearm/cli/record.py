@@ -30,7 +30,7 @@ def record(
     """Take readings of a connected arm into a session file.
 
     Every command reads the file while it grows. A reading is the mean of the samples of a standstill, taken once
-    until the arm moves again. It is on the disk before it is said. Keys: space takes a reading, m one of a moving
+    until the arm moves again. It is in the file before it is said. Keys: space takes a reading, m one of a moving
     arm, u undoes the last, s names the seat, p types the reference point, n skips a pose of the plan,
     r fits a model to the readings, w writes it to --out-model, q ends.
 

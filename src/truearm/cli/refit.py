@@ -7,8 +7,17 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-from truearm.cli.console import check_output, print_record, progress
-from truearm.cli.options import AcceptOption, Json, LengthsFile, LimitsOption, ModelFile, ModelOut, free_parts
+from truearm.cli.console import check_model_output, print_record, progress
+from truearm.cli.options import (
+    AcceptOption,
+    Json,
+    LengthsFile,
+    LimitsOption,
+    ModelFile,
+    ModelForce,
+    ModelOut,
+    free_parts,
+)
 
 
 def refit(
@@ -23,6 +32,7 @@ def refit(
     limits: LimitsOption = "skip",
     accept: AcceptOption = None,
     seed: Annotated[int, Option(min=0, help="Seed of the choice of readings.")] = 0,
+    force: ModelForce = False,
     as_json: Json = False,
 ) -> None:
     """Transfer a model to a new set-up of its arm.
@@ -37,7 +47,7 @@ def refit(
     from truearm.workflows.refit import refit as refit_model
 
     parts = free_parts(free)
-    check_output(out, session, lengths)
+    check_model_output(out, None, model, session, lengths, force=force)
     with progress(f"refitting {model.name}") as report:
         result = refit_model(
             model,
@@ -50,5 +60,6 @@ def refit(
             accept=accept,
             progress=report,
         )
+        check_model_output(out, result.model.arm_, force=force)
         result.save(out)
     print_record(result, as_json=as_json, files={"model": out})

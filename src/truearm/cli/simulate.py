@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer import Argument, Option
 
-from truearm.cli.console import check_new_file, check_output, print_record, progress
+from truearm.cli.console import check_new_output, print_record, progress
 from truearm.cli.options import ARM_HELP, Force, Json, refuse_typed
 from truearm.errors import InputError
 
@@ -75,6 +75,7 @@ def simulate(
     standard uncertainty of 0.005 mm, is written to the file of --lengths. --anchors 3 --no-reference simulates three
     draw-wire encoders.
     """
+    from truearm.arm.catalogue import arm_path
     from truearm.workflows.simulate import simulate as simulate_readings
 
     if plan is not None:
@@ -86,7 +87,7 @@ def simulate(
         print_record(result, as_json=as_json, files=files)
         return
     refuse_typed(context, ("moved", "artefacts"), "applies to --plan only")
-    _check_outputs(out, lengths, bars, force=force)
+    _check_outputs(out, lengths, bars, arm_path(arm), force=force)
     with progress(f"measuring {poses} poses"):
         result = simulate_readings(
             arm,
@@ -106,9 +107,9 @@ def simulate(
     print_record(result, as_json=as_json, files={"session": out, "lengths": lengths})
 
 
-def _check_outputs(out: Path, lengths: Path | None, bars: int, *, force: bool) -> None:
+def _check_outputs(out: Path, lengths: Path | None, bars: int, arm_file: Path, *, force: bool) -> None:
     """Check, before long work, that the files can be written and belong to the options."""
-    from truearm.files.atomic_write import check_writable, is_same_file
+    from truearm.files.atomic_write import is_same_file
     from truearm.readings import check_session_path
 
     check_session_path(out)
@@ -117,14 +118,14 @@ def _check_outputs(out: Path, lengths: Path | None, bars: int, *, force: bool) -
     if lengths is not None:
         if is_same_file(lengths, out):
             raise InputError("--out and --lengths are the same file", file=lengths)
-        check_writable(lengths)
-        check_new_file(lengths, force=force)
-    check_new_file(out, force=force)
+        check_new_output(lengths, arm_file, force=force)
+    check_new_output(out, arm_file, force=force)
 
 
 def _rehearse(
     arm: str, plan: Path, out: Path, *, lengths: Path | None, artefacts: Path | None, force: bool, **options: Any
 ) -> tuple[SimulationResult, dict[str, Path | None]]:
+    from truearm.arm.catalogue import arm_path
     from truearm.identification.planning.template import lengths_path
     from truearm.readings import check_session_path
     from truearm.workflows.simulate import rehearse
@@ -132,8 +133,7 @@ def _rehearse(
     check_session_path(out)
     beside = lengths or lengths_path(out)
     for file in (out,) if artefacts is not None else (out, beside):
-        check_output(file, plan, artefacts or lengths_path(plan))
-        check_new_file(file, force=force)
+        check_new_output(file, arm_path(arm), plan, artefacts or lengths_path(plan), force=force)
     with progress(f"{'carrying out' if artefacts is None else 'taking the points of'} {plan.name}"):
         result = rehearse(arm, plan, artefacts=artefacts, **options)
         written = None if result.lengths is None else beside

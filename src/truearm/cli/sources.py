@@ -8,8 +8,8 @@ from typing import Annotated
 import typer
 from typer import Option
 
-from truearm.cli.console import print_record, progress
-from truearm.cli.options import ARM_HELP, Json, refuse_typed
+from truearm.cli.console import check_new_output, print_record, progress
+from truearm.cli.options import ARM_HELP, Force, Json, refuse_typed
 
 
 def sources(
@@ -23,6 +23,7 @@ def sources(
         Path | None,
         Option(help="With --try: arm file to write, .toml, with the constants that a MicroScribe states."),
     ] = None,
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """List what can be connected, or say what is wrong with it.
@@ -36,10 +37,11 @@ def sources(
     from truearm.sources.source_names import read_source_arm
 
     if source is None:
-        refuse_typed(context, ["arm", "seconds", "arm_file"], "applies to --try only")
+        refuse_typed(context, ["arm", "seconds", "arm_file", "force"], "applies to --try only")
         print_record(list_sources(), as_json=as_json)
         return
     if arm_file is not None:
+        check_new_output(arm_file, force=force)
         write_arm(read_source_arm(source), arm_file, convention="mdh")
     with progress(f"reading {source}: move every joint"):
         trial = try_source(source, arm=arm, seconds=seconds)

@@ -7,7 +7,7 @@ from typing import Annotated, cast
 
 from typer import Option
 
-from truearm.cli.console import check_new_file, check_output_is_not_input, print_line, progress
+from truearm.cli.console import check_new_output, print_line, progress
 from truearm.cli.options import Force, SessionFile
 from truearm.errors import InputError
 
@@ -38,9 +38,8 @@ def split(
     if is_same_file(train, test):
         raise InputError("--train and --test are the same file", file=train)
     for path in (train, test):
-        check_output_is_not_input(path, session)
         check_session_path(path)
-        check_new_file(path, force=force)
+        check_new_output(path, session, force=force)
     counts = [0, 0]
     with progress(f"splitting {session.name}") as update:
         # Both or none: a new training file beside an old test file would share readings with it.

@@ -10,18 +10,27 @@ import typer
 from typer import Option
 
 from truearm.choices import DecisionRule, TemplateKind
-from truearm.cli.console import check_page_path, print_line, print_record, progress
-from truearm.cli.options import AcceptOption, ArtefactsFile, Json, MpeFile, RuleOption, refuse_typed, typed_options
+from truearm.cli.console import check_new_output, check_page_path, print_line, print_record, progress
+from truearm.cli.options import (
+    AcceptOption,
+    ArtefactsFile,
+    Force,
+    Json,
+    MpeFile,
+    RuleOption,
+    refuse_typed,
+    typed_options,
+)
 from truearm.errors import InputError
 
 # The ways to use the command: the options that each needs, and those that it takes beside them.
 WAYS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "points": (("plan", "artefacts", "mpe"), ("rule", "accept", "report", "as_json")),
     "simulate": ((), ("plan", "artefacts", "mpe", "rule", "arm", "arms", "seed", "as_json")),
-    "sheet": (("out",), ("artefacts", "mpe", "points", "tip_diameter")),
+    "sheet": (("out",), ("artefacts", "mpe", "points", "tip_diameter", "force")),
     "print_plan": ((), ()),
     "template": ((), ()),
-    "artefacts_from": ((), ("out", "result", "trusted", "as_json")),
+    "artefacts_from": ((), ("out", "result", "trusted", "force", "as_json")),
 }
 
 
@@ -82,6 +91,7 @@ def verify(
     trusted: Annotated[
         Path | None, Option(help="With --artefacts-from: the signer's certificate that you trust, .pem.")
     ] = None,
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Verify an arm by the tests of a standard.
@@ -110,9 +120,9 @@ def verify(
 
         typer.echo(template_text(template), nl=False)
     elif artefacts_from is not None:
-        _fill_in_artefacts(artefacts_from, out, result or [], trusted=trusted, as_json=as_json)
+        _fill_in_artefacts(artefacts_from, out, result or [], trusted=trusted, force=force, as_json=as_json)
     elif sheet is not None and out is not None:
-        _write_sheet(sheet, out, points, artefacts=artefacts, mpe=mpe, tip_diameter=tip_diameter)
+        _write_sheet(sheet, out, points, artefacts=artefacts, mpe=mpe, tip_diameter=tip_diameter, force=force)
     elif simulate is not None:
         from truearm.workflows.simulate_verification import simulate_verification
 
@@ -135,16 +145,15 @@ def verify(
 
 
 def _fill_in_artefacts(
-    certificate: Path, out: Path | None, chosen: list[str], *, trusted: Path | None, as_json: bool
+    certificate: Path, out: Path | None, chosen: list[str], *, trusted: Path | None, force: bool, as_json: bool
 ) -> None:
-    from truearm.files.atomic_write import check_new_form
-    from truearm.workflows.artefacts_from_certificate import NEW_FILE, artefacts_from_certificate
+    from truearm.workflows.artefacts_from_certificate import artefacts_from_certificate
 
     pairs = [text.partition("=") for text in chosen]
     if wrong := [text for text, (_, equals, name) in zip(chosen, pairs, strict=True) if not (equals and name)]:
         raise InputError(f"--result: expected ROLE=NAME, got {wrong[0]!r}", hint="--result 'diameter=Mean diameter'")
     if out is not None:
-        check_new_form(out, **NEW_FILE)
+        check_new_output(out, certificate, trusted, force=force, endings=(".toml",))
     filled_in = artefacts_from_certificate(
         certificate, results={role: name for role, _, name in pairs}, trusted=trusted
     )
@@ -152,22 +161,28 @@ def _fill_in_artefacts(
         typer.echo(filled_in.text, nl=False)
         return
     if out is not None:
-        filled_in.save(out)
+        filled_in.save(out, force=force)
     print_record(filled_in, as_json=as_json, files={"artefacts": out})
 
 
 def _write_sheet(
-    plan: str, out: Path, points: Path | None, *, artefacts: Path | None, mpe: Path | None, tip_diameter: float | None
+    plan: str,
+    out: Path,
+    points: Path | None,
+    *,
+    artefacts: Path | None,
+    mpe: Path | None,
+    tip_diameter: float | None,
+    force: bool,
 ) -> None:
-    from truearm.files.atomic_write import check_new_form
     from truearm.workflows.operator_sheet import operator_sheet
 
     check_page_path(out, plan, artefacts, mpe)
     if points is not None:
-        check_new_form(points, holds="points")
+        check_new_output(points, plan, artefacts, mpe, force=force, endings=(".csv",))
     laid_out = operator_sheet(plan, artefacts=artefacts, specification=mpe)
     if points is not None:
-        laid_out.save_points(points, tip_diameter_mm=tip_diameter)
+        laid_out.save_points(points, tip_diameter_mm=tip_diameter, force=force)
     laid_out.save_page(out)
     print_line(f"{out}: {laid_out}")
     if points is not None:

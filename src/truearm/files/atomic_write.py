@@ -1,29 +1,40 @@
-"""Files that appear whole or not at all."""
+"""Files that appear whole or not at all, on the disk, and that their reader reads."""
 
 from __future__ import annotations
 
 import os
 import stat
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import TypeVar
 
-from truearm.errors import InputError, TruearmError
+from truearm.errors import InputError, ProgramFault, TruearmError
+from truearm.files.file_lock import lock
 from truearm.files.file_reading import access_error
+
+# How the name of a file begins that is not yet whole. Its writer has it locked: without a lock, its writer was killed.
+PART = ".truearm-part-"
+
+T = TypeVar("T")
 
 
 @contextmanager
-def atomic_file(path: str | Path) -> Iterator[Path]:
+def atomic_file(path: str | Path, *, read: Callable[[Path], object] | None = None) -> Iterator[Path]:
     """Yield a path beside `path` to write to; rename it to `path` only if the block ends without an exception.
 
-    A reader never sees half a file, and an interrupted run (Ctrl-C, kill, full disk) leaves the
-    previous file. If `path` is a symbolic link, the file it points to is written.
+    A reader never sees half a file, and an interrupted run (Ctrl-C, kill, full disk, power cut) leaves the previous
+    file: the content is on the disk before the name is. What a killed run left in the folder is removed. If `path` is
+    a symbolic link, the file it points to is written. A path that another `atomic_file` yielded is written as it is:
+    it appears with that one.
 
     Parameters
     ----------
     path : path
         The file to be written. Its folder must exist.
+    read : callable, optional
+        The reader of such files: what it cannot read is not written.
 
     Yields
     ------
@@ -36,36 +47,107 @@ def atomic_file(path: str | Path) -> Iterator[Path]:
         As `check_writable`.
     TruearmError
         If the system refuses: no permission, disk full.
+    ProgramFault
+        If `read` cannot read what the block wrote; the previous file stays.
     """
     check_writable(path)
     target = Path(os.path.realpath(path))
-    beside: Path | None = None
+    if target.name.startswith(PART):
+        yield target
+        read_back(read, target)
+        return
+    handle, beside = -1, None
     try:
-        # A short prefix: a name of the longest length that a file may have stays possible.
-        handle, name = tempfile.mkstemp(prefix=f".{target.stem[:40]}-", suffix=target.suffix, dir=target.parent)
-        beside = Path(name)
-        os.close(handle)
+        _remove_abandoned(target.parent)
+        handle, beside = _new_part(target)
         yield beside
+        read_back(read, beside)
         # mkstemp makes files only their owner may read: a replaced file keeps its rights, a new one gets the umask's.
-        beside.chmod(target.stat().st_mode & 0o777 if target.exists() else 0o666 & ~_umask())
+        with beside.open("rb+") as written:
+            beside.chmod(target.stat().st_mode & 0o777 if target.exists() else 0o666 & ~_umask())
+            os.fsync(written.fileno())
+        if os.name == "nt":  # it renames no open file
+            os.close(handle)
+            handle = -1
         beside.replace(target)
+        entry_to_disk(target)
     except OSError as error:
         raise TruearmError(f"{path}: the file cannot be written ({error.strerror or error})") from error
     finally:
+        if handle >= 0:
+            os.close(handle)
         if beside is not None:
             beside.unlink(missing_ok=True)
 
 
-def check_new_form(path: str | Path, *, holds: str, ending: str = ".csv") -> None:
-    """Check, before long work, that a form to fill in can be written and overwrites no file: it may be filled in.
+def _new_part(target: Path) -> tuple[int, Path]:
+    """A new file beside another, locked."""
+    while True:
+        # Part of the name: one of the longest length that a file may have stays possible.
+        handle, name = tempfile.mkstemp(prefix=f"{PART}{target.stem[:40]}-", suffix=target.suffix, dir=target.parent)
+        # Before the lock another writer may have taken it for abandoned.
+        if lock(handle) is not False and (os.name == "nt" or os.fstat(handle).st_nlink):
+            return handle, Path(name)
+        os.close(handle)
+
+
+def _remove_abandoned(folder: Path) -> None:
+    """Remove what killed writers left in a folder."""
+    with os.scandir(folder) as entries:
+        parts = [one.path for one in entries if one.name.startswith(PART) and one.is_file(follow_symlinks=False)]
+    for part in parts:
+        with suppress(OSError):
+            if os.name == "nt":  # it removes no open file
+                os.unlink(part)
+                continue
+            handle = os.open(part, os.O_RDWR)
+            try:
+                if lock(handle):
+                    os.unlink(part)
+            finally:
+                os.close(handle)
+
+
+def read_back(read: Callable[[T], object] | None, written: T) -> None:
+    """Read what is to be kept by the reader that will read it, if there is one, before it is.
+
+    Raises
+    ------
+    ProgramFault
+        If that cannot read it.
+    """
+    if read is None:
+        return
+    try:
+        read(written)
+    except OSError:
+        raise
+    except Exception as error:
+        problem = error.problem if isinstance(error, InputError) else error
+        raise ProgramFault(f"truearm cannot read back what it wrote ({problem}). Nothing was replaced") from error
+
+
+def entry_to_disk(path: Path) -> None:
+    """Write the name of a new file to the disk, which belongs to its folder; not every system has such a step."""
+    if os.name == "posix":
+        with suppress(OSError):  # the file is there
+            folder = os.open(path.resolve().parent, os.O_RDONLY)
+            try:
+                os.fsync(folder)
+            finally:
+                os.close(folder)
+
+
+def check_new_file(path: str | Path, *, force: bool = False, endings: tuple[str, ...] = ()) -> None:
+    """Check, before long work, that a file of what people type or measure can be written, and replaces none.
 
     Parameters
     ----------
     path : path
-    holds : str
-        What people enter in such a form, in the plural: readings, points.
-    ending : str
-        Of the name.
+    force : bool
+        Whether a file that exists may be replaced.
+    endings : tuple of str
+        Of the name; any by default.
 
     Raises
     ------
@@ -73,11 +155,11 @@ def check_new_form(path: str | Path, *, holds: str, ending: str = ".csv") -> Non
         If the name has another ending, the file exists, or its folder is not writable.
     """
     path = Path(path)
-    if path.suffix != ending:
-        raise InputError(f"expected a file name that ends in {ending}, got {path.name!r}", file=path)
-    if path.exists():
-        raise InputError(f"the file exists, and {holds} may be in it", file=path, hint="choose another name")
+    if endings and path.suffix not in endings:
+        raise InputError(f"expected a file name that ends in {' or '.join(endings)}, got {path.name!r}", file=path)
     check_writable(path)
+    if path.exists() and not force:
+        raise InputError("the file exists already", file=path, hint="another name, or --force to replace it")
 
 
 def is_same_file(path: str | Path, other: str | Path) -> bool:

@@ -12,10 +12,8 @@ TAKEN = (errno.EACCES, errno.EAGAIN, errno.EDEADLK)
 LOCKED_BYTE = 2**30
 
 
-def is_locked_by_another(handle: int) -> bool:
-    """Lock an open file, unless another handle has: of another program, or of this one.
-
-    A file system without locks counts as free.
+def lock(handle: int) -> bool | None:
+    """Lock an open file: whether it is locked now; False if another handle has it, None if the system has no locks.
 
     Parameters
     ----------
@@ -33,5 +31,5 @@ def is_locked_by_another(handle: int) -> bool:
 
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:
-        return error.errno in TAKEN
-    return False
+        return False if error.errno in TAKEN else None
+    return True

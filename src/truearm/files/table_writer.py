@@ -19,7 +19,9 @@ Columns: TypeAlias = "Mapping[str, FloatArray | IntArray | NameArray]"
 
 
 @contextmanager
-def table_writer(path: str | Path, *, decimals: int | None = None) -> Iterator[Callable[[Columns], None]]:
+def table_writer(
+    path: str | Path, *, decimals: int | None = None, read: Callable[[Path], object] | None = None
+) -> Iterator[Callable[[Columns], None]]:
     """Yield a function that appends columns of one length to a table: those of the first time, or fewer.
 
     Numbers and names of columns that come no more are missing.
@@ -30,13 +32,15 @@ def table_writer(path: str | Path, *, decimals: int | None = None) -> Iterator[C
         Parquet if it ends in ``.parquet``, otherwise CSV. It appears when the block ends without an exception.
     decimals : int, optional
         Of numbers in CSV; as many as they need to come back the same by default.
+    read : callable, optional
+        As of `atomic_file`.
 
     Raises
     ------
     InputError, TruearmError
         As `atomic_file`; or if a later part has a column that the first has not.
     """
-    with atomic_file(path) as beside:
+    with atomic_file(path, read=read) as beside:
         first: Columns = {}
 
         def complete(columns: Columns) -> Columns:

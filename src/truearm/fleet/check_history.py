@@ -15,7 +15,7 @@ from truearm.fleet.database import Database
 from truearm.fleet.tables import CHECK_HEADS, CHECKS, lock_arm
 from truearm.verification.monitor.assessment import Assessment, RecalibrationAdvice, assess, describe_assessment
 from truearm.verification.monitor.history import History
-from truearm.verification.monitor.history_rows import HistoryRows, linked_rows, next_checksum
+from truearm.verification.monitor.history_rows import HistoryRows, checksum_of_new, linked_rows
 from truearm.verification.monitor.interim_check import InterimCheck, counted
 from truearm.verification.standards.dates import format_date
 
@@ -87,7 +87,7 @@ class RegisteredHistory:
             text = row(before)
             if text is None:
                 return False
-            number, checksum = len(before.rows) + 1, next_checksum(before.checksum, text)
+            number, checksum = len(before.rows) + 1, checksum_of_new(text, before)
             of = {"serial_number": self.serial_number, "sha256": checksum}
             database.execute(sql.insert(CHECKS).values(**of, number=number, record=text))
             database.execute(sql.delete(CHECK_HEADS).where(CHECK_HEADS.c.serial_number == self.serial_number))

@@ -90,7 +90,7 @@ class Fleet:
             )
         from truearm.fleet.registry import Registry  # SQLAlchemy is an extra
 
-        self.registry = Registry(parse_file(settings, _database, limit_bytes=MAX_BYTES), beside=self.folder)
+        self.registry = Registry(_read_database(settings), beside=self.folder)
 
     @classmethod
     def create(cls, folder: str | Path, *, database: str = DEFAULT_DATABASE) -> Fleet:
@@ -118,7 +118,7 @@ class Fleet:
             raise InputError("this is the folder of a fleet already", file=path)
         make_folder(path)
         Registry(database, beside=path, create=True).close()
-        with atomic_file(path / SETTINGS) as beside:
+        with atomic_file(path / SETTINGS, read=_read_database) as beside:
             beside.write_text(f"[fleet]\ndatabase = {toml_text(database)}\n", encoding="utf-8")
         return cls(path)
 
@@ -586,6 +586,10 @@ def _check_readings(serial_number: str, nominal: Arm, session: str) -> None:
     except TruearmError:
         return
     check_serial_number(serial_number, with_serial_number(nominal, readings).serial_number, session)
+
+
+def _read_database(settings: Path) -> str:
+    return parse_file(settings, _database, limit_bytes=MAX_BYTES)
 
 
 def _database(content: bytes) -> str:

@@ -14,6 +14,7 @@ from pathlib import Path
 from pydantic import TypeAdapter, ValidationError
 
 from truearm.errors import InputError, MissingTool, TruearmError
+from truearm.files.atomic_write import read_back
 from truearm.fleet.arm_list import RegisteredArm
 from truearm.fleet.certificates import RegisteredCertificate
 from truearm.fleet.fit_task import FitRow
@@ -309,6 +310,7 @@ def _record(database: sql.Connection, row: FitRow, *, in_force: bool) -> None:
     if _nominal_arm(database, row.serial_number) is None:  # removed during the fit
         return
     text = json.dumps(asdict(row))
+    read_back(_ROW.validate_json, text)
     state = database.scalar(sql.select(FITS.c.state).where(FITS.c.key == row.key))
     if state == "lost":
         database.execute(sql.update(FITS).where(FITS.c.key == row.key).values(state=row.state, row=text))

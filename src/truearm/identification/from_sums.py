@@ -22,6 +22,7 @@ from truearm.identification.judgement.day_to_day import on_another_day
 from truearm.identification.judgement.missing_terms import SUFFIX, with_missing_terms
 from truearm.identification.terms import ArmState
 from truearm.solve.effective_number import DesignEffect
+from truearm.solve.group_evidence import determined_shares
 from truearm.typing import FloatArray, IntArray
 
 
@@ -133,7 +134,7 @@ def _groups(arm: IdentificationResult, variance: FloatArray, own: IntArray) -> l
         arm.perturbed_chain.chain,
         tuple(term for term in arm.perturbed_chain.terms if not term.group.endswith(SUFFIX)),
     )
-    determined = 1 - variance / arm.prior_std[own] ** 2
+    determined = determined_shares(variance, arm.prior_std[own] ** -2.0)
     effective = dict.fromkeys((term.group for term in chain.terms), 0.0)
     for term, columns in zip(chain.terms, chain.columns, strict=True):
         effective[term.group] += float(determined[columns].sum())

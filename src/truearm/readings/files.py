@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 
 # Cells of a Parquet file before they are unpacked: a small file can hold very many equal ones.
 MAX_CELLS = 2**27
+# Cells of a session that is read back when it is written; of a longer one that would take seconds.
+READ_BACK_CELLS = 2**18
 LARGE = (
     "truearm fit, predict, evaluate, split and report read folders and larger files by parts (docs/large-sessions.md)"
 )
@@ -101,7 +103,8 @@ def write_session(
                 f"a {name} must be one line of text, got {quoted_cell(str(broken))}", file=path, column=name
             )
     columns = session_columns(session, prismatic, angle_unit)
-    with table_writer(path) as append:
+    is_short = len(columns) * len(session.angles) <= READ_BACK_CELLS
+    with table_writer(path, read=read_fields if is_short else None) as append:
         append(columns)
 
 

@@ -363,5 +363,5 @@ def write_lengths(lengths: Lengths, path: str | Path) -> None:
             if any(sign in name for sign in "\n\r\0"):
                 what = "an artefact" if column == ARTEFACT else "a seat"
                 raise InputError(f"{what} must be one line of text, got {quoted_cell(name)}", file=path, column=column)
-    with atomic_file(path) as beside:
+    with atomic_file(path, read=read_lengths) as beside:
         write_columns(beside, _columns(lengths))

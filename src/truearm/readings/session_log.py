@@ -1,10 +1,11 @@
-"""A session file that grows reading by reading: each row is on the disk before it is acknowledged."""
+"""A session file that grows reading by reading; each is on the disk within a tenth of a second."""
 
 from __future__ import annotations
 
 import csv
 import io
 import os
+import time
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -14,21 +15,23 @@ from typing import Self
 import numpy as np
 
 from truearm.errors import InputError, TruearmError
-from truearm.files.atomic_write import check_writable
+from truearm.files.atomic_write import check_writable, entry_to_disk
 from truearm.files.delimited import MAX_BYTES, escape_formula
-from truearm.files.file_lock import is_locked_by_another
+from truearm.files.file_lock import lock
 from truearm.files.file_reading import access_error, check_readable
 
 Row = Mapping[str, float | str]
+# The shortest time from one fsync to the next: a robot that reports each millisecond does not wait for the disk.
+SYNC_S = 0.1
 
 
 class SessionLog:
     """An open session file (CSV) to which readings are appended.
 
-    A row is one write, followed by fsync: after `append` has returned, neither the end of the program nor that of the
-    system loses it. A row that a power failure cut short was not acknowledged; it is removed when the file is opened
-    again (the last column is a note, so that a row with all its cells is one). The last reading is undone by truncating
-    the file at the end of the one before, which is one step too.
+    A row is one write: after `append` has returned, the end of the program does not lose it. fsync follows, so that the
+    end of the system does not either: at once, or `SYNC_S` after the one before by `settle`. A row that a power failure
+    cut short is removed when the file is opened again (the last column is a note, so that a row with all its cells is
+    one). The last reading is undone by truncating the file at the end of the one before, which is one step too.
 
     Parameters
     ----------
@@ -54,6 +57,7 @@ class SessionLog:
     def __init__(self, path: Path, columns: Sequence[str]) -> None:
         check_log_path(path)
         self.path, self.columns, self.repaired = path, tuple(columns), ""
+        self._synced_s, self._is_synced = -np.inf, True
         if path.exists():
             check_readable(path, limit_bytes=MAX_BYTES)
         # Not a temporary file that is renamed: of two programs that start at once, one would replace the other's.
@@ -73,7 +77,7 @@ class SessionLog:
     def _open(self) -> None:
         """Lock the file, and read or begin it."""
         path, header = self.path, _line(self.columns)
-        if is_locked_by_another(self._handle):
+        if lock(self._handle) is False:
             raise InputError(
                 "another program records to the file", file=path, hint="end it, or choose another file name"
             )
@@ -82,7 +86,7 @@ class SessionLog:
             os.ftruncate(self._handle, 0)
             os.lseek(self._handle, 0, os.SEEK_SET)
             os.write(self._handle, header)
-            _entry_to_disk(path)
+            entry_to_disk(path)
             content = header
         whole = content[: content.rfind(b"\n") + 1]
         lines = whole.splitlines(keepends=True)
@@ -97,7 +101,7 @@ class SessionLog:
         self._ends = [int(end) for end in np.cumsum([len(line) for line in lines])]
         if tail := content[len(whole) :]:
             self._mend(tail)
-        self._to_disk()
+        os.fsync(self._handle)
 
     def __enter__(self) -> Self:
         return self
@@ -108,11 +112,29 @@ class SessionLog:
         self.close()
 
     def close(self) -> None:
-        """Close the file."""
-        os.close(self._handle)
+        """Close the file, all of it on the disk."""
+        try:
+            if not self._is_synced:
+                os.fsync(self._handle)
+        finally:
+            os.close(self._handle)
+
+    def settle(self) -> float | None:
+        """Write to the disk what is due; the time until more is due [s], None if all is there.
+
+        Raises
+        ------
+        TruearmError
+            If the disk is full, or fails.
+        """
+        try:
+            self._to_disk()
+        except OSError as error:
+            raise TruearmError(f"{self.path}: the readings cannot be written ({error.strerror or error})") from None
+        return None if self._is_synced else max(self._synced_s + SYNC_S - time.monotonic(), 0.0)
 
     def append(self, row: Row) -> None:
-        """Append a reading; it is on the disk when this returns.
+        """Append a reading.
 
         Raises
         ------
@@ -153,6 +175,7 @@ class SessionLog:
             written = os.write(self._handle, line)
             if written < len(line):
                 raise OSError("the disk is full")
+            self._is_synced = False
             self._to_disk()
         except OSError as error:
             with suppress(OSError):
@@ -172,6 +195,7 @@ class SessionLog:
             return None
         try:
             os.ftruncate(self._handle, self._ends[-2])
+            self._is_synced = False
             self._to_disk()
         except OSError as error:
             raise TruearmError(f"{self.path}: the reading cannot be removed ({error.strerror or error})") from None
@@ -198,7 +222,9 @@ class SessionLog:
             self.repaired = "the last line was incomplete, and its reading not acknowledged; removed"
 
     def _to_disk(self) -> None:
-        os.fsync(self._handle)
+        if not self._is_synced and time.monotonic() - self._synced_s >= SYNC_S:
+            os.fsync(self._handle)
+            self._synced_s, self._is_synced = time.monotonic(), True
 
     def _check_own(self) -> None:
         """An editor that saves the file replaces it: rows would go to a file without a name."""
@@ -222,16 +248,6 @@ def check_log_path(path: Path) -> None:
     if path.suffix != ".csv":
         raise InputError(f"expected a file name that ends in .csv, got {path.name!r}", file=path)
     check_writable(path)
-
-
-def _entry_to_disk(path: Path) -> None:
-    """The name of a new file belongs to its folder; Windows has no such step."""
-    if os.name == "posix":
-        folder = os.open(path.resolve().parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
 
 
 def _cell(value: float | str) -> str:

@@ -13,7 +13,7 @@ from pathlib import Path
 from truearm.arm import Arm
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.model_file import load_model
-from truearm.errors import InputError, TruearmError
+from truearm.errors import InputError, ProgramFault, TruearmError
 from truearm.readings import Session
 from truearm.readings.anchors import LEAST_COMPARED
 from truearm.workflows.evaluate import evaluate
@@ -92,7 +92,7 @@ def _fit(said: Connection, arm: Arm, session: Session, file: Path) -> None:
     try:
         result = fit(arm, session, progress=report)
         result.save(file)
-    except TruearmError as error:
+    except (TruearmError, ProgramFault) as error:
         said.send(("failed", str(error)))
     else:
         said.send(("done", result.summary()))

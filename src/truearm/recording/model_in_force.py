@@ -11,7 +11,7 @@ import numpy as np
 from truearm.arm import Arm
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.model_file import save_model
-from truearm.errors import InputError, TruearmError
+from truearm.errors import InputError, ProgramFault, TruearmError
 from truearm.files.atomic_write import check_writable
 from truearm.number_format import format_count
 from truearm.readings import read_session
@@ -107,7 +107,7 @@ class ModelInForce:
             return Event("refused", "no model is in force yet: refit first")
         try:
             save_model(self.model, self._out)
-        except TruearmError as error:
+        except (TruearmError, ProgramFault) as error:
             return Event("refused", str(error))
         return Event("notice", f"model in {self._out}", {"file": str(self._out)})
 

@@ -29,8 +29,8 @@ def record(
 ) -> Iterator[Event]:
     """Take readings of a connected arm into a session file, which every verb reads while it grows.
 
-    A reading is the mean of the samples of a standstill, taken once until the arm moves again. It is on the disk before
-    its event comes. The columns ``note_..`` hold the number of samples, their standard deviation and the time.
+    A reading is the mean of the samples of a standstill, taken once until the arm moves again. It is in the file before
+    its event comes, and on the disk within a tenth of a second. The columns ``note_..`` hold the number of samples, their standard deviation and the time.
 
     Parameters
     ----------
@@ -118,7 +118,10 @@ def follow(recording: Recording, commands: Iterator[str] | None = None) -> Itera
         threading.Thread(target=read, args=(origin, values), name=f"truearm {origin}", daemon=True).start()
     try:
         while True:
-            origin, what = waiting.get()
+            try:
+                origin, what = waiting.get(timeout=recording.settle())
+            except queue.Empty:
+                continue
             if isinstance(what, Exception):
                 raise what
             if (origin == "arm" and what is None) or (isinstance(what, str) and what.strip() == "end"):

@@ -307,6 +307,10 @@ class Recording:
                 yield learned_event(before_mm, self._learning.uncertainty_mm)
                 yield from self._next()
 
+    def settle(self) -> float | None:
+        """See `SessionLog.settle`."""
+        return None if self._log is None else self._log.settle()
+
     def close(self) -> None:
         """Close the file, and end a fit that is under way."""
         self._in_force.close()

@@ -18,7 +18,7 @@ class Event:
     Attributes
     ----------
     kind : {"ready", "sample", "reading", "undone", "learned", "next", "enough", "model", "notice", "refused", "end"}
-        ``reading``: it is on the disk. ``learned``: how well the arm is known with it. ``next``: the pose that comes
+        ``reading``: it is in the file. ``learned``: how well the arm is known with it. ``next``: the pose that comes
         next. ``enough``: further readings would add little. ``model``: another one is in force. ``refused``: what a
         person asked for was not done.
     text : str

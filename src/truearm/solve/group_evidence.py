@@ -212,6 +212,14 @@ def _inverse_triangle(matrix: FloatArray, *, lower: bool) -> FloatArray:
     return np.asarray(dtrtri(matrix, lower=int(lower), overwrite_c=1)[0])
 
 
+def determined_shares(variance: FloatArray, precision: FloatArray) -> FloatArray:
+    """(p,) how far data rather than the prior determine parameters, 0 to 1, by posterior variance and prior precision.
+
+    Of directions that the data do not see, the rounding of the posterior leaves a variance beyond the prior's.
+    """
+    return np.asarray(np.clip(1 - variance * precision, 0.0, 1.0))
+
+
 def update_scales(
     prior: GroupedPrior, found: Posterior | LowRankPosterior, *, log_spread: float, least: float, most: float
 ) -> tuple[FloatArray, FloatArray]:
@@ -235,8 +243,8 @@ def update_scales(
     """
     active = prior.active
     share = np.zeros(len(active))
-    share[active] = 1 - found.variance[active] * prior.precision[active]
-    effective = np.maximum(prior.group_sums(share), 0.0)
+    share[active] = determined_shares(found.variance[active], prior.precision[active])
+    effective = prior.group_sums(share)
     learned = prior.learned & (prior.scale > 0)
     sizes, spread, gamma = prior.group_sums((found.x / prior.ratio) ** 2)[learned], log_spread**2, effective[learned]
     with np.errstate(divide="ignore"):  # sizes of zero: Lambert's function is zero there

@@ -17,6 +17,7 @@ from truearm.arm.rigid_motions import screw_z
 from truearm.choices import Convention
 from truearm.compensation.models.arm_check import arm_of_readings
 from truearm.errors import InputError
+from truearm.files.atomic_write import check_new_file
 from truearm.identification.circles.axes import EstimatedAxes, check_directions, estimate_axes
 from truearm.identification.circles.joint_circles import JointCircle, joint_circles
 from truearm.identification.planning.template import write_aims
@@ -288,13 +289,15 @@ def _with_u(value: float, u: float) -> str:
     return f"{value:.{decimals}f} ({u:.{decimals}f})"
 
 
-def write_circles_form(path: str | Path, n_joints: int, *, points: int = 12, span_deg: float = 60.0) -> None:
+def write_circles_form(
+    path: str | Path, n_joints: int, *, points: int = 12, span_deg: float = 60.0, force: bool = False
+) -> None:
     """Write a session file to fill in: each joint in turn at equal steps over a span, the others at zero.
 
     Parameters
     ----------
     path : path
-        Ends in ``.csv``; must be new.
+        Ends in ``.csv``; must be new, unless `force` replaces it.
     n_joints : int
     points : int
         Of each circle.
@@ -311,6 +314,7 @@ def write_circles_form(path: str | Path, n_joints: int, *, points: int = 12, spa
             f"expected 1 to 100 joints, 5 to 1000 points and a span of {LEAST_ARC_PLANNED:.0f} to 360 deg, got "
             f"{n_joints}, {points} and {span_deg:g}"
         )
+    check_new_file(path, force=force, endings=(".csv",))
     arm = Arm("unknown arm", Chain(np.tile(np.eye(4), (n_joints + 1, 1, 1)), np.zeros(3)))
     angles = np.zeros((n_joints * points, n_joints))
     notes = []

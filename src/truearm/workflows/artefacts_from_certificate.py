@@ -8,7 +8,7 @@ from pathlib import Path
 
 from truearm import __version__
 from truearm.errors import InputError
-from truearm.files.atomic_write import atomic_file, check_new_form
+from truearm.files.atomic_write import atomic_file, check_new_file
 from truearm.files.xml_signatures import Signature
 from truearm.solve.threads import one_blas_thread
 from truearm.verification.certificate.artefact_draft import ArtefactDraft, draft_artefact
@@ -18,7 +18,6 @@ from truearm.verification.certificate.dsi_quantities import clean
 from truearm.workflows.certificate import describe_signature
 from truearm.workflows.record import Record
 
-NEW_FILE = {"holds": "values", "ending": ".toml"}
 # What the file says of itself, below the certificate that it comes from.
 _HEADER = (
     "Lengths are in mm at 20 degC. Uncertainties are standard ones (k = 1). Behind each value stands its source.",
@@ -49,15 +48,15 @@ class ArtefactsFromCertificate(Record):
         """The file, TOML."""
         return self.draft.text
 
-    def save(self, path: str | Path) -> None:
-        """Write the file; one that exists is not replaced, as somebody may have filled it in.
+    def save(self, path: str | Path, *, force: bool = False) -> None:
+        """Write the file; one that exists, and that somebody may have filled in, is replaced by `force` only.
 
         Raises
         ------
         InputError
             If the file exists, its name does not end in ``.toml``, or it cannot be written.
         """
-        check_new_form(path, **NEW_FILE)
+        check_new_file(path, force=force, endings=(".toml",))
         with atomic_file(path) as beside:
             beside.write_text(self.text, encoding="utf-8")
 

@@ -20,7 +20,7 @@ from truearm.compensation.targets.correction import (
     Untrained,
     correct_targets,
 )
-from truearm.compensation.targets.manifest import Frame, Manifest, TargetsManifest, check_joints
+from truearm.compensation.targets.manifest import Frame, Manifest, TargetsManifest, check_joints, read_manifest
 from truearm.compensation.targets.pose_models import nominal_poses, reference_from_base, with_tool
 from truearm.compensation.targets.program_literals import (
     LANGUAGES,
@@ -266,7 +266,7 @@ class CorrectedTargets(Record):
         comment, content = self._content(language, fanuc_j3)
         manifest = self.manifest(language or "joint targets (csv)")
         line = TargetsManifest.for_content(manifest, comment, content).line()
-        with atomic_file(path) as beside:
+        with atomic_file(path, read=read_manifest) as beside:
             beside.write_text(f"{comment} {line}\n{content}", encoding="utf-8", newline="\n")
 
     def _content(self, language: str | None, fanuc_j3: FanucJ3 | None) -> tuple[str, str]:

@@ -91,7 +91,7 @@ def export(
     spec, fitted = FORMATS[name], to_model_of_tip(model, tip)
     if spec.holds_constants:
         check_has_kinematics(fitted.arm_, "constants need")
-    check_output(out, *input_files(model, region, source))
+    check_output(out, *input_files(model, region, source), read=read_manifest)
     given = {"region": region, "source": source, "frame": frame, "convention": convention}
     options: dict[str, Any] = {option: value for option, value in given.items() if value is not None}
     if surplus := sorted(options.keys() - set(spec.options)):

@@ -61,13 +61,13 @@ class OperatorSheetResult(PageRecord):
             return ()
         return (f"{' and '.join(self.examples)}: examples; give your own specification and artefacts",)
 
-    def save_points(self, path: str | Path, *, tip_diameter_mm: float | None = None) -> None:
+    def save_points(self, path: str | Path, *, tip_diameter_mm: float | None = None, force: bool = False) -> None:
         """Write the file of the points to measure, a row for each; `Prediction.fill` enters the coordinates.
 
         Parameters
         ----------
         path : path
-            Ends in ``.csv``; must be new.
+            Ends in ``.csv``; must be new, unless `force` replaces it.
         tip_diameter_mm : float, optional
             Diameter of the stylus tip, whose centre the model of an arm gives [mm].
 
@@ -76,7 +76,7 @@ class OperatorSheetResult(PageRecord):
         InputError
             If the file exists or cannot be written, or the diameter is that of no stylus tip.
         """
-        write_points_form(self.sheet.layout, path, tip_diameter_mm=tip_diameter_mm)
+        write_points_form(self.sheet.layout, path, tip_diameter_mm=tip_diameter_mm, force=force)
 
     def page(self) -> Page:
         """Where the artefacts are placed, from which side and in which order the points are measured."""

@@ -16,7 +16,7 @@ from truearm.compensation.models import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel, require_identified
 from truearm.compensation.models.model_file import load_model
 from truearm.errors import InputError
-from truearm.files.atomic_write import check_new_form
+from truearm.files.atomic_write import check_new_file
 from truearm.identification.planning.candidates import Candidates
 from truearm.identification.planning.check_routine import CheckRoutine, check_routine
 from truearm.identification.planning.plan import SessionPlan, plan_session, usual_places
@@ -74,13 +74,15 @@ class PlanResult(PageRecord):
         """What these poses cannot determine."""
         return self.session_plan.limitations
 
-    def save(self, path: str | Path) -> tuple[Path, ...]:
+    def save(self, path: str | Path, *, force: bool = False) -> tuple[Path, ...]:
         """Write the session file to fill in; for a bar, also the file of its lengths beside it.
 
         Parameters
         ----------
         path : path
-            Ends in ``.csv``; must be new.
+            Ends in ``.csv``.
+        force : bool
+            Replace files that exist.
 
         Returns
         -------
@@ -94,7 +96,7 @@ class PlanResult(PageRecord):
         """
         files = template_files(path, self.plan.artefact.kind)
         for file in files:
-            check_new_form(file, holds="readings")
+            check_new_file(file, force=force, endings=(".csv",))
         for file in files[1:]:
             write_bar_lengths(self.poses, file)
         write_template(self.plan.arm, self.poses, path)
@@ -295,9 +297,9 @@ class CheckPlan(Record):
 
     routine: CheckRoutine
 
-    def save(self, path: str | Path) -> tuple[Path, ...]:
+    def save(self, path: str | Path, *, force: bool = False) -> tuple[Path, ...]:
         """Write the session to fill in and, with a bar, the file of its length beside it; see `CheckRoutine.save`."""
-        return self.routine.save(path)
+        return self.routine.save(path, force=force)
 
     @property
     def artefacts(self) -> tuple[str, ...]:

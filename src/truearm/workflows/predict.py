@@ -23,6 +23,7 @@ from truearm.files.atomic_write import atomic_file
 from truearm.files.delimited import write_columns
 from truearm.readings import Session
 from truearm.readings.checks import serial_number_of
+from truearm.readings.files import open_parquet
 from truearm.readings.readings import NAMED, PAYLOAD
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import BoolArray, FloatArray, IntArray, NameArray
@@ -43,6 +44,7 @@ from truearm.workflows.sentences import SAME_DAY, agree, number_of
 if TYPE_CHECKING:
     import pandas as pd
 
+POINT_COLUMNS = ["x_mm", "y_mm", "z_mm", "sx_mm", "sy_mm", "sz_mm"]
 # Names of joint angles among the inputs of a model.
 JOINT = re.compile(r"J\d+")
 # Of millimetres in the table of points: nanometres.
@@ -222,7 +224,7 @@ class Prediction(Record):
             If the name does not end in ``.csv`` or cannot be written.
         """
         check_table_path(path)
-        with atomic_file(path) as beside:
+        with atomic_file(path, read=check_is_points_table) as beside:
             write_columns(beside, self.columns(), decimals=DECIMALS)
 
     def fill(self, path: str | Path, *, date: str | None = None, artefact_degC: float | None = None) -> int:
@@ -272,8 +274,7 @@ class Prediction(Record):
     def columns(self) -> dict[str, FloatArray | IntArray | NameArray]:
         """The columns of `to_frame`."""
         columns: dict[str, FloatArray | IntArray | NameArray]
-        columns = {f"{axis}_mm": self.points[:, i] for i, axis in enumerate("xyz")}
-        columns |= {f"s{axis}_mm": self.u_mm[:, i] for i, axis in enumerate("xyz")}
+        columns = dict(zip(POINT_COLUMNS, (*self.points.T, *self.u_mm.T), strict=True))
         columns["outside_training"] = self.outside_training.astype(np.int64)
         return columns | {name: names for name in NAMED if (names := getattr(self.session, name)) is not None}
 
@@ -338,6 +339,24 @@ class Prediction(Record):
             return np.zeros(len(self.points), bool)
         named = np.full(len(self.points), "") if self.session.session is None else self.session.session
         return ~np.isin(named, list(self.model.session_frames_))
+
+
+def check_is_points_table(path: Path) -> None:
+    """Check that a file is a table of predicted points: no session has their uncertainties without joints.
+
+    Raises
+    ------
+    InputError
+        If its first columns are others.
+    """
+    if path.suffix == ".parquet":
+        with open_parquet(path) as table:
+            names = list(table.schema_arrow.names)
+    else:
+        with path.open("rb") as file:
+            names = file.readline(1000).decode("utf-8", "replace").strip().split(",")
+    if names[:6] != POINT_COLUMNS:
+        raise InputError(f"expected the columns {', '.join(POINT_COLUMNS)}, got {', '.join(names)[:80]!a}", file=path)
 
 
 def check_table_path(path: str | Path) -> None:

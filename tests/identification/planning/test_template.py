@@ -8,7 +8,6 @@ from test_candidates import gantry
 
 from truearm.arm.catalogue import load_arm
 from truearm.errors import InputError
-from truearm.files.atomic_write import check_new_form
 from truearm.identification.planning.candidates import bar_places, seat_poses, tracker_poses
 from truearm.identification.planning.sampling import Sector
 from truearm.identification.planning.template import (
@@ -126,16 +125,3 @@ def test_places_are_numbered_in_the_order_of_the_poses_and_on_from_those_taken(s
     ]
     tracker = tracker_poses(ARM, 2, seed=0)
     assert continue_seat_numbers(tracker, ["S1"]) is tracker
-
-
-def test_what_is_there_is_never_overwritten(tmp_path, seats):
-    path = tmp_path / "plan.csv"
-    path.write_text("readings of a whole day")
-    for write in (lambda: write_template(ARM, seats, path), lambda: check_new_form(path, holds="readings")):
-        with pytest.raises(InputError, match="readings may be in it"):
-            write()
-    assert path.read_text() == "readings of a whole day"
-    with pytest.raises(InputError, match=r"ends in \.csv"):
-        check_new_form(tmp_path / "plan.xlsx", holds="readings")
-    with pytest.raises(InputError, match="does not exist"):
-        check_new_form(tmp_path / "nowhere" / "plan.csv", holds="readings")

@@ -150,7 +150,7 @@ def test_a_point_on_a_surface_needs_the_diameter_of_the_tip(layout, planned, tmp
 
 
 def test_a_form_overwrites_no_points(form, layout):
-    with pytest.raises(InputError, match="points may be in it"):
+    with pytest.raises(InputError, match="the file exists already"):
         write_points_form(layout, form)
     with pytest.raises(InputError, match=r"ends in \.csv"):
         write_points_form(layout, form.with_suffix(".txt"))

@@ -102,7 +102,7 @@ def writer(
         rigid, chain, content = file_of(request)
         tips = chain.tip_in_base(check_joints(model))
         made = content(Manifest.of(model, format, tips=tips, direction=direction, frame=request.frame, loss=rigid.loss))
-        with atomic_file(path) as beside:
+        with atomic_file(path, read=read_manifest) as beside:
             beside.write_bytes(made.encode() if isinstance(made, str) else made)
         return rigid
 

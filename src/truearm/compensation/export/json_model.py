@@ -24,7 +24,7 @@ from truearm.compensation.models.network import NetworkModel
 from truearm.compensation.models.provenance import stated_text
 from truearm.compensation.nets.perceptron import Perceptron
 from truearm.compensation.nets.scaling import MinMaxScaler
-from truearm.compensation.targets.manifest import MARKER, Manifest
+from truearm.compensation.targets.manifest import MARKER, Manifest, read_manifest
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.file_reading import read_limited
@@ -66,7 +66,7 @@ def write(model: Compensator, manifest: Manifest, path: str | Path) -> None:
             f"the model has {len(content) / 1e6:.0f} MB as JSON, and {MAX_BYTES / 1e6:.0f} MB is the limit",
             hint="keep it as a model file, or fit a model with fewer terms or units",
         )
-    with atomic_file(path) as temporary:
+    with atomic_file(path, read=read_manifest) as temporary:
         temporary.write_bytes(content)
 
 

@@ -26,7 +26,7 @@ from truearm.compensation.export.plain_model import ONE, PlainModel, plain_model
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.compensation.models.network import NetworkModel
-from truearm.compensation.targets.manifest import MARKER, Manifest
+from truearm.compensation.targets.manifest import MARKER, Manifest, read_manifest
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.extra_packages import extra_module
@@ -84,7 +84,7 @@ def write(model: Compensator, manifest: Manifest, path: str | Path) -> None:
     else:
         tip = _ChainGraph(graph, plain_model(_of_mean(model))).tip()
     content = graph.serialized(graph.node("Transpose", tip, output="tip_mm", perm=[1, 0]), model, manifest)
-    with atomic_file(path) as temporary:
+    with atomic_file(path, read=read_manifest) as temporary:
         temporary.write_bytes(content)
 
 

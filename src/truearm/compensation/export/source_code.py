@@ -114,7 +114,7 @@ def write_source(model: Compensator, manifest: Manifest, path: str | Path, langu
     parts = {"plain": plain, "training": plain.model.training_, "layout": values.layout, "values": values}
     context = RULES | origin | checks | usual | parts | _tables(plain, values, covariance) | formulas
     text = environment.get_template(language.template).render(context)
-    with atomic_file(path) as beside:
+    with atomic_file(path, read=read_manifest) as beside:
         beside.write_text(text, encoding="ascii")
 
 

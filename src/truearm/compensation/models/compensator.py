@@ -23,7 +23,6 @@ from truearm.compensation.models.arm_check import (
     with_serial_number,
 )
 from truearm.compensation.models.estimator import Regressor
-from truearm.compensation.models.model_archive import save_model
 from truearm.compensation.models.training_conditions import TrainingConditions
 from truearm.errors import InputError
 from truearm.identification.estimation.identification_result import IdentificationResult
@@ -517,7 +516,11 @@ class Compensator(Regressor, ABC):
         ------
         TruearmError
             If the model is not fitted, or larger than a model file may be.
+        ProgramFault
+            If `load_model` would refuse the file.
         """
+        from truearm.compensation.models.model_file import save_model  # it knows all models
+
         save_model(self, path)
 
     @property

@@ -35,7 +35,6 @@ from truearm.arm.arm import NOT_KEPT
 from truearm.choices import ModelKind
 from truearm.compensation.nets.training import TrainingRecord
 from truearm.errors import InputError, TruearmError
-from truearm.files.atomic_write import atomic_file
 from truearm.files.file_reading import read_limited
 from truearm.files.readable_json import readable_json
 from truearm.identification.estimation.identification_result import IdentificationResult, ReferenceFit
@@ -85,15 +84,8 @@ class SavedModel(Protocol):
         """Options of the constructor, by name."""
 
 
-def save_model(model: SavedModel, path: str | Path) -> None:
-    """Write a fitted model to one file, whole or not at all.
-
-    Parameters
-    ----------
-    model : Compensator
-        Fitted.
-    path : path
-        Any name; ``.truearm`` is usual.
+def model_bytes(model: SavedModel) -> bytes:
+    """The content of the model's file: the same for the same model.
 
     Raises
     ------
@@ -102,13 +94,6 @@ def save_model(model: SavedModel, path: str | Path) -> None:
     TruearmError
         If it is larger than a model file may be.
     """
-    content = model_bytes(model)
-    with atomic_file(path) as temporary:
-        temporary.write_bytes(content)
-
-
-def model_bytes(model: SavedModel) -> bytes:
-    """The content of the model's file: the same for the same model. Errors as in `save_model`."""
     kind = vars(type(model)).get("kind")  # a subclass of a user's own predicts by code that no file has
     if kind not in get_args(ModelKind):
         raise InputError(f"expected a model among {', '.join(get_args(ModelKind))}, got {type(model).__name__}")

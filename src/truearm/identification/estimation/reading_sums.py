@@ -23,7 +23,7 @@ from truearm.identification.estimation.residual_variance import (
 from truearm.identification.references.references import Points
 from truearm.identification.terms.state import ArmState
 from truearm.solve.effective_number import DesignEffect, block_starts, design_effect
-from truearm.solve.group_evidence import GroupedPrior, Posterior, posterior
+from truearm.solve.group_evidence import GroupedPrior, Posterior, determined_shares, posterior
 from truearm.solve.sums import Sums, joined, one_below_the_other
 from truearm.typing import FloatArray, IntArray
 
@@ -144,7 +144,7 @@ class ReadingSums(Sums):
         allows to know.
         """
         precision, root = prior_std[which] ** -2.0, independent.root
-        determined = float((1 - independent.variance * precision).sum())
+        determined = float(determined_shares(independent.variance, precision).sum())
         effect = design_effect(self.scores[:, which], independent.covariance, self.n, determined)
         alike = effect.factor * self.gram[np.ix_(which, which)]
         sizes, directions = np.linalg.eigh(root @ (effect.scatter - alike) @ root.T)

@@ -10,7 +10,7 @@ import numpy as np
 
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
-from truearm.files.atomic_write import check_new_form
+from truearm.files.atomic_write import check_new_file
 from truearm.identification.planning.candidates import ON_A_TABLE, bar_places, seat_poses
 from truearm.identification.planning.planned_readings import TIP_SPHERE
 from truearm.identification.planning.proposal import LENGTH_U_MM
@@ -60,8 +60,10 @@ class CheckRoutine:
     length_mm: float | None
     tip_sphere_mm: float | None
 
-    def save(self, path: str | Path) -> tuple[Path, ...]:
-        """Write the session to fill in and, with a bar, the file of its length beside it; both must be new.
+    def save(self, path: str | Path, *, force: bool = False) -> tuple[Path, ...]:
+        """Write the session to fill in and, with a bar, the file of its length beside it.
+
+        Both must be new, unless `force` replaces them.
 
         Raises
         ------
@@ -70,7 +72,7 @@ class CheckRoutine:
         """
         files = [Path(path), *([] if self.length_mm is None else [lengths_path(path)])]
         for file in files:
-            check_new_form(file, holds="readings")
+            check_new_file(file, force=force, endings=(".csv",))
         if self.length_mm is not None:
             write_length_rows([BAR_ENDS], self.length_mm, LENGTH_U_MM, files[1])
         diameters = np.where(self.sphere == "", "", f"{self.tip_sphere_mm}")

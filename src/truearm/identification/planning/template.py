@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from truearm.arm.arm import Arm
-from truearm.files.atomic_write import atomic_file, check_new_form
+from truearm.files.atomic_write import atomic_file
 from truearm.identification.planning.candidates import Candidates
 from truearm.identification.planning.planned_readings import AIM
 from truearm.identification.planning.proposal import LENGTH_U_MM
@@ -37,12 +37,7 @@ def write_template(arm: Arm, poses: Candidates, path: str | Path) -> None:
     poses : Candidates
         In the order of measurement.
     path : path
-        Ends in ``.csv``.
-
-    Raises
-    ------
-    InputError
-        As `check_new_form`.
+        A file that exists is replaced.
     """
     names = {} if poses.seat is None else {"seat": poses.seat}
     if poses.length_mm is not None:
@@ -67,20 +62,14 @@ def write_aims(
     angles : (n, n_joints) array
         In the order of measurement [rad, or mm].
     path : path
-        Ends in ``.csv``; must be new.
+        A file that exists is replaced.
     names : mapping of str to (n,) array of str
         Columns of names, such as ``seat``.
     notes : sequence of str
         An instruction for each reading.
     points : bool
         Whether there are columns for reference points.
-
-    Raises
-    ------
-    InputError
-        As `check_new_form`.
     """
-    check_new_form(path, holds="readings")
     joints = [f"q{number}_{unit}" for number, unit in enumerate(arm.joint_units, start=1)]
     measured = [*joints, *(("x_mm", "y_mm", "z_mm") if points else ())]
     aims = np.where(arm.chain.is_prismatic, angles, np.degrees(angles)).tolist()
@@ -93,26 +82,13 @@ def write_aims(
 
 
 def write_bar_lengths(poses: Candidates, path: str | Path) -> None:
-    """Write the length of the bar at each of its places for a fit: one artefact with one certificate.
-
-    Raises
-    ------
-    InputError
-        As `check_new_form`.
-    """
+    """Write the length of the bar at each of its places for a fit: one artefact with one certificate."""
     assert poses.length_mm is not None  # a bar has a length
     write_length_rows(bars(poses), poses.length_mm, LENGTH_U_MM, path)
 
 
 def write_length_rows(ends: Sequence[tuple[str, str]], length_mm: float, u_mm: float, path: str | Path) -> None:
-    """Write the planned length of a bar between pairs of seats, to be replaced by that of its certificate.
-
-    Raises
-    ------
-    InputError
-        As `check_new_form`.
-    """
-    check_new_form(path, holds="readings")
+    """Write the planned length of a bar between pairs of seats, to be replaced by that of its certificate."""
     note = (
         "as planned; enter length and standard uncertainty from the certificate of the bar, and its expansion if known"
     )

@@ -193,7 +193,7 @@ class TypePrior(Document):
         for name in ("gains", "constants", "held_out"):
             for one in getattr(self, name):
                 lines += ["", f"[[{name}]]", *(f"{key} = {_toml_value(value)}" for key, value in one)]
-        with atomic_file(path) as temporary:
+        with atomic_file(path, read=read_type_prior) as temporary:
             temporary.write_text("\n".join([*lines, ""]), encoding="utf-8")
 
 

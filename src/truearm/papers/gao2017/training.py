@@ -323,7 +323,7 @@ def run_training(training: Training, folder: Path, progress: ProgressCallback) -
             return found
     check_writable(file)
     result = _train(training, progress)
-    with atomic_file(file) as beside:
+    with atomic_file(file, read=lambda beside: TrainingResult.read(beside, training)) as beside:
         beside.write_text(result.model_dump_json() + "\n", encoding="utf-8", newline="\n")
     return result
 

@@ -18,7 +18,7 @@ from typing import Any
 from truearm.errors import InputError, TruearmError
 from truearm.files.atomic_write import check_writable
 from truearm.files.file_reading import access_error, check_readable
-from truearm.verification.monitor.history_rows import HistoryRows, linked_rows, next_checksum
+from truearm.verification.monitor.history_rows import HistoryRows, checksum_of_new, linked_rows
 
 # "tArm", as the four bytes of SQLite's header have it.
 APPLICATION_ID = int.from_bytes(b"tArm", "big")
@@ -172,7 +172,7 @@ class HistoryFile:
 
 
 def _insert(database: sqlite3.Connection, text: str, before: HistoryRows) -> None:
-    checksum = next_checksum(before.checksum, text)
+    checksum = checksum_of_new(text, before)
     database.execute("INSERT INTO checks (record, sha256) VALUES (?, ?)", (text, checksum))
     database.execute("INSERT OR REPLACE INTO head VALUES (1, ?, ?)", (len(before.rows) + 1, checksum))
 

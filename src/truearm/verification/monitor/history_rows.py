@@ -9,6 +9,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from hashlib import sha256
 
+from truearm.files.atomic_write import read_back
 from truearm.verification.monitor.interim_check import CheckReading, CheckValue, InterimCheck, Withdrawal
 
 _FINGERPRINT = re.compile("[0-9a-f]{64}")
@@ -72,7 +73,13 @@ def _is_same(stored: InterimCheck, check: InterimCheck) -> bool:
     return stored.session == check.session and stored.withdrawn is None
 
 
-def next_checksum(before: str, text: str) -> str:
+def checksum_of_new(text: str, before: HistoryRows) -> str:
+    """The checksum of a row to be added to others, which is read back first."""
+    read_back(lambda written: decode_row(written, before.rows), text)
+    return _next_checksum(before.checksum, text)
+
+
+def _next_checksum(before: str, text: str) -> str:
     """The checksum of a row after that of the row before; of the first row that is empty."""
     return sha256(f"{before}\n{text}".encode()).hexdigest()
 
@@ -95,7 +102,9 @@ def linked_rows(stored: Iterable[tuple[object, object, object]], head: Sequence[
     rows: list[CheckRow | WithdrawalRow] = []
     checksum = ""
     for expected, (number, text, sum_of_row) in enumerate(stored, start=1):
-        if number != expected or not isinstance(text, str) or sum_of_row != (checksum := next_checksum(checksum, text)):
+        if isinstance(text, str):
+            checksum = _next_checksum(checksum, text)
+        if number != expected or not isinstance(text, str) or sum_of_row != checksum:
             raise ValueError(f"the checksum of row {expected} does not match its content")
         try:
             rows.append(decode_row(text, rows))

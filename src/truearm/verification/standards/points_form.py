@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.errors import InputError
-from truearm.files.atomic_write import atomic_file, check_new_form
+from truearm.files.atomic_write import atomic_file, check_new_file
 from truearm.files.delimited import Sheet, check_names, escape_formula, read_columns
 from truearm.files.spreadsheet_forms import read_form
 from truearm.readings.thermal_expansion import COLDEST_DEGC, WARMEST_DEGC
@@ -48,7 +48,9 @@ LARGEST_TIP_MM = 50.0
 NEAR_MM = 20.0
 
 
-def write_points_form(layout: Sequence[Placement], path: str | Path, *, tip_diameter_mm: float | None = None) -> None:
+def write_points_form(
+    layout: Sequence[Placement], path: str | Path, *, tip_diameter_mm: float | None = None, force: bool = False
+) -> None:
     """Write the points of a layout to fill in, in the order of measuring.
 
     Coordinates, dates, temperatures and all that is stated of the arm are empty. The planned point and the direction of
@@ -58,7 +60,7 @@ def write_points_form(layout: Sequence[Placement], path: str | Path, *, tip_diam
     ----------
     layout : sequence of Placement
     path : path
-        Ends in ``.csv``; must be new, as there may be points in it.
+        Ends in ``.csv``; must be new, as there may be points in it, unless `force` replaces it.
     tip_diameter_mm : float, optional
         Of the stylus tip, where the points will be its centres [mm]; written to the points on surfaces.
 
@@ -67,7 +69,7 @@ def write_points_form(layout: Sequence[Placement], path: str | Path, *, tip_diam
     InputError
         If the file exists or cannot be written, or the diameter is that of no stylus tip.
     """
-    check_new_form(path, holds="points")
+    check_new_file(path, force=force, endings=(".csv",))
     if tip_diameter_mm is not None and not 0 <= tip_diameter_mm <= LARGEST_TIP_MM:
         raise InputError(
             f"expected the diameter of a stylus tip of 0 to {LARGEST_TIP_MM:g} mm, got {tip_diameter_mm:g}"
@@ -88,7 +90,10 @@ def write_points_form(layout: Sequence[Placement], path: str | Path, *, tip_diam
         *PLANNED,
         *FROM,
     )
-    with atomic_file(path) as beside, beside.open("w", encoding="utf-8", newline="") as out:
+    with (
+        atomic_file(path, read=read_planned_points) as beside,
+        beside.open("w", encoding="utf-8", newline="") as out,
+    ):
         writer = csv.writer(out, lineterminator="\n")
         writer.writerow(heads)
         number = 0
