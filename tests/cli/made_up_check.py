@@ -10,7 +10,6 @@ import numpy as np
 
 from truearm.arm import load_arm
 from truearm.compensation.models import KinematicModel
-from truearm.compensation.models.model_file import save_model
 from truearm.identification.planning.candidates import bar_places
 from truearm.identification.planning.sampling import measuring_poses, seat
 from truearm.identification.virtual import VirtualArm, load_preset
@@ -93,5 +92,5 @@ def write_model(folder: Path) -> Path:
     arm = virtual()
     poses = measuring_poses(arm.nominal, 150, seed=1)
     path = folder / "arm.truearm"
-    save_model(KinematicModel(arm.nominal, free=()).fit_readings(arm.measure(poses.angles, seed=1).readings), path)
+    KinematicModel(arm.nominal, free=()).fit_readings(arm.measure(poses.angles, seed=1).readings).save(path)
     return path

@@ -15,7 +15,7 @@ import pytest
 from made_up_check import ARM, LENGTHS, session, virtual, write_days, write_model
 
 from truearm.compensation.models import KinematicModel
-from truearm.compensation.models.model_file import load_model, save_model
+from truearm.compensation.models.model_file import load_model
 from truearm.compensation.models.training_conditions import fingerprint
 from truearm.readings import Session, read_lengths, read_session, write_session
 from truearm.verification.monitor import history_file
@@ -155,7 +155,7 @@ def test_a_session_of_the_history_is_recognised(truearm, folder):
 
 def test_a_new_model_starts_a_new_baseline_and_names_the_checks_that_are_not_compared(truearm, folder):
     poses = virtual().measure(session(1).angles, seed=3).readings
-    save_model(KinematicModel(virtual().nominal, free=()).fit_readings(poses), "new.truearm")
+    KinematicModel(virtual().nominal, free=()).fit_readings(poses).save("new.truearm")
     asked = ("check", "new.truearm", *arguments(26)[2:])
     ran = truearm(*asked, "--report", "new.html")
     said = re.search(
@@ -187,7 +187,7 @@ def test_a_new_model_starts_a_new_baseline_and_names_the_checks_that_are_not_com
 def test_artefacts_retired_before_a_new_model_stay_retired(truearm, folder):
     """Cone, bar and sphere were put away, two of them after a change; no check of the new model has them."""
     poses = virtual().measure(session(1).angles, seed=3).readings
-    save_model(KinematicModel(virtual().nominal, free=()).fit_readings(poses), "new.truearm")
+    KinematicModel(virtual().nominal, free=()).fit_readings(poses).save("new.truearm")
     for day, model in ((27, "arm.truearm"), (28, "new.truearm")):
         write_session(session(day).rows(session(day).seat == "bar B"), f"part{day}.csv")
         asked = ("check", model, f"part{day}.csv", "--history", "arm.sqlite", "--date", f"2026-01-{day}")
@@ -207,7 +207,7 @@ def test_artefacts_retired_before_a_new_model_stay_retired(truearm, folder):
 def test_a_history_refuses_a_model_of_another_arm(truearm, folder, snapshot):
     arm = replace(virtual().nominal, name="another")
     poses = virtual().measure(session(1).angles, seed=3).readings
-    save_model(KinematicModel(arm, free=()).fit_readings(poses), "other.truearm")
+    KinematicModel(arm, free=()).fit_readings(poses).save("other.truearm")
     before = snapshot(folder)
     ran = truearm("check", "other.truearm", *arguments(26)[2:])
     assert (ran.code, ran.out) == (2, "")
@@ -458,7 +458,7 @@ def test_wrong_files_are_refused_and_the_history_stays(truearm, folder, case, sn
 def test_training_readings_are_no_check(truearm, folder):
     write_session(virtual().measure(session(1).angles, seed=3, seat=session(1).seat).readings, "learned.csv")
     learned = read_session("learned.csv")
-    save_model(KinematicModel(virtual().nominal, free=()).fit_readings(learned), "own.truearm")
+    KinematicModel(virtual().nominal, free=()).fit_readings(learned).save("own.truearm")
     ran = truearm("check", "own.truearm", "learned.csv", "--history", "own.sqlite")
     assert ran.code == 2
     assert "the training readings of the model" in ran.err

@@ -307,7 +307,7 @@ def test_a_full_disk_leaves_what_was_there(refused, bench, truearm, writer):
     resource = pytest.importorskip("resource", reason="limits of a process are those of POSIX")
     import matplotlib.font_manager  # noqa: F401  its cache of fonts is written before
 
-    verb, out = WRITERS[writer]
+    verb, _ = WRITERS[writer]
     assert truearm(*verb).code == 0
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (1000, hard))

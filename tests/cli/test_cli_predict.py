@@ -13,7 +13,6 @@ import pytest
 
 from truearm.arm import load_arm
 from truearm.compensation.models import PhysicalModel
-from truearm.compensation.models.model_file import save_model
 from truearm.identification.virtual import PRESETS, VirtualArm
 from truearm.readings import write_session
 
@@ -28,7 +27,7 @@ def hysteretic(tmp_path_factory):
     virtual = VirtualArm.draw(arm, preset, seed=5)
     angles = arm.working + 0.8 * np.random.default_rng(6).uniform(-1, 1, (121, 6))
     readings = virtual.measure(angles, seed=7).readings.rows(slice(1, None))  # the first did not come from anywhere
-    save_model(PhysicalModel(arm, highest=1).fit_readings(readings), folder / "m.truearm")
+    PhysicalModel(arm, highest=1).fit_readings(readings).save(folder / "m.truearm")
     write_session(readings, folder / "all.csv")
     write_session(replace(readings, directions=None), folder / "none.csv")
     return folder

@@ -10,7 +10,6 @@ import pytest
 
 from truearm.arm import load_arm
 from truearm.compensation.models import KinematicModel, NominalModel
-from truearm.compensation.models.model_file import save_model
 from truearm.readings import Session, seat_errors, write_session
 
 POINT_KEYS = {
@@ -44,9 +43,9 @@ def folder(tmp_path_factory, arm, angles):
     rng = np.random.default_rng(6)
     training = arm.working + rng.uniform(-0.3, 0.3, (40, 6))
     tips = arm.chain.tip_in_base(training)
-    save_model(NominalModel(arm, free=()).fit(training, tips), folder / "nominal.truearm")
+    NominalModel(arm, free=()).fit(training, tips).save(folder / "nominal.truearm")
     off = tips + rng.normal(scale=0.5, size=tips.shape)
-    save_model(KinematicModel(arm, free=()).fit(training, off), folder / "kinematic.truearm")
+    KinematicModel(arm, free=()).fit(training, off).save(folder / "kinematic.truearm")
     return folder
 
 

@@ -27,7 +27,7 @@ def written(tmp_path):
 @pytest.fixture
 def imported(truearm, tmp_path):
     def run(*arguments):
-        truearm("import", *arguments, "--out", tmp_path / "out.csv")
+        truearm("import", *arguments, "--out", tmp_path / "out.csv", "--force")
         return read_session(tmp_path / "out.csv")
 
     return run

@@ -40,7 +40,10 @@ def test_a_plan_is_carried_out_with_its_names_and_the_length_of_the_bar(truearm,
     assert truearm("fit", plan, "--arm", "gao2017", "--out", tmp_path / "m.truearm").code == 2
     again = ("simulate", "gao2017", "--plan", plan, "--preset", "shop", "--seed", 1, "--out", out)
     refused = truearm(*again)
-    assert (refused.code, "measured.csv: the file exists already. Try: another name, or --force to replace it" in refused.err) == (
+    assert (
+        refused.code,
+        "measured.csv: the file exists already. Try: another name, or --force" in refused.err,
+    ) == (
         2,
         True,
     )

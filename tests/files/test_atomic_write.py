@@ -75,10 +75,15 @@ def test_what_its_reader_cannot_read_replaces_nothing_and_is_a_fault_of_the_prog
 
 def test_a_write_within_a_write_appears_with_it(tmp_path):
     path = tmp_path / "a.txt"
-    with pytest.raises(KeyboardInterrupt), atomic_file(path) as beside:
-        write(beside, "inner")
-        assert not path.exists()
-        raise KeyboardInterrupt
+
+    def interrupted():
+        with atomic_file(path) as beside:
+            write(beside, "inner")
+            assert not path.exists()
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
     assert not os.listdir(tmp_path)
     with atomic_file(path) as beside:
         write(beside, "inner")

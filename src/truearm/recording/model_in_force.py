@@ -10,7 +10,6 @@ import numpy as np
 
 from truearm.arm import Arm
 from truearm.compensation.models import Compensator
-from truearm.compensation.models.model_file import save_model
 from truearm.errors import InputError, ProgramFault, TruearmError
 from truearm.files.atomic_write import check_writable
 from truearm.number_format import format_count
@@ -106,7 +105,7 @@ class ModelInForce:
         if self.model is None:
             return Event("refused", "no model is in force yet: refit first")
         try:
-            save_model(self.model, self._out)
+            self.model.save(self._out)
         except (TruearmError, ProgramFault) as error:
             return Event("refused", str(error))
         return Event("notice", f"model in {self._out}", {"file": str(self._out)})

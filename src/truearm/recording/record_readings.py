@@ -30,7 +30,8 @@ def record(
     """Take readings of a connected arm into a session file, which every verb reads while it grows.
 
     A reading is the mean of the samples of a standstill, taken once until the arm moves again. It is in the file before
-    its event comes, and on the disk within a tenth of a second. The columns ``note_..`` hold the number of samples, their standard deviation and the time.
+    its event comes, and on the disk within a tenth of a second. The columns ``note_..`` hold the number of samples,
+    their standard deviation and the time.
 
     Parameters
     ----------

@@ -17,7 +17,6 @@ from truearm.compensation.models import MODELS, Compensator, HybridModel, Kinema
 from truearm.compensation.models.arm_check import WAYS_TO_AN_ARM, arm_of_readings, with_serial_number
 from truearm.compensation.models.compensator import CheckedReadings
 from truearm.compensation.models.identified_model import IdentifiedModel, to_identified
-from truearm.compensation.models.model_file import save_model
 from truearm.compensation.models.residual_inputs import follows_order
 from truearm.compensation.models.selection import (
     ModelScore,
@@ -369,7 +368,7 @@ class FitResult(Record):
 
     def save(self, path: str | Path) -> None:
         """Write the model to a file (see `load_model`)."""
-        save_model(self.model, path)
+        self.model.save(path)
 
     def summary(self) -> str:
         """The answer in one sentence: the mean error, and how it compares with the nominal arm."""

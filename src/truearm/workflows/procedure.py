@@ -13,7 +13,6 @@ from truearm.arm import Arm
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.arm_check import WAYS_TO_AN_ARM, arm_of_readings
 from truearm.compensation.models.compensator import FREE_PARTS
-from truearm.compensation.models.model_file import save_model
 from truearm.errors import InputError
 from truearm.papers.gao2017.procedure import Procedure, Row, run_procedure
 from truearm.papers.gao2017.results import MODELS
@@ -89,7 +88,7 @@ class ProcedureResult(PageRecord):
         numbers, page, model = (Path(folder) / name for name in FILES)
         write_numbers(self, numbers)
         write_page(self.page(), page)
-        save_model(self.results.network, model)
+        self.results.network.save(model)
         figures = {Path(folder) / PICTURES[number]: figure for number, figure in paper_figures(self.results).items()}
         for file, figure in figures.items():
             save_figure(figure, file)

@@ -11,7 +11,6 @@ import numpy as np
 from truearm.acceptance import acceptance_remarks, accepted_in_fit, accepts
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
-from truearm.compensation.models.model_file import save_model
 from truearm.compensation.models.refit import refit as refit_model
 from truearm.errors import InputError
 from truearm.identification.judgement.outliers import Outlier, outliers
@@ -169,7 +168,7 @@ class RefitResult(Record):
 
     def save(self, path: str | Path) -> None:
         """Write the model to a file (see `load_model`)."""
-        save_model(self.model, path)
+        self.model.save(path)
 
     def summary(self) -> str:
         """The answer in one sentence: the uncertainty in the new set-up."""

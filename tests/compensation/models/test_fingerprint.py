@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from truearm.compensation.models import KinematicModel
-from truearm.compensation.models.model_file import load_model, save_model
+from truearm.compensation.models.model_file import load_model
 from truearm.compensation.models.training_conditions import fingerprint
 from truearm.readings import Lengths, Session, read_session, write_session
 
@@ -92,6 +92,6 @@ def test_lengths_have_a_fingerprint_of_their_own(real, rng, tmp_path):
     other = Lengths(lengths.seat_a, lengths.seat_b, lengths.length_mm + 0.001, lengths.u_mm)
     assert model.lengths_fingerprint_ == fingerprint(lengths) != fingerprint(other)
     assert model.data_fingerprint_ == fingerprint(readings)
-    save_model(model, tmp_path / "m")
+    model.save(tmp_path / "m")
     assert load_model(tmp_path / "m").lengths_fingerprint_ == model.lengths_fingerprint_
     assert KinematicModel(real.arm).fit_readings(readings).lengths_fingerprint_ == ""

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from truearm.arm import load_arm
 from truearm.compensation.models import KinematicModel, NominalModel, PhysicalModel
-from truearm.compensation.models.model_file import load_model, save_model
+from truearm.compensation.models.model_file import load_model
 from truearm.errors import InputError
 from truearm.readings import Lengths, Session
 
@@ -70,7 +70,7 @@ def test_a_session_is_learned_from_or_refused(kind, examples, tmp_path):
         assert (variances > -1e-8 - 1e-9 * variances.max()).all()
         assert model.residual_std_ > 0
         assert np.isfinite(model.held_out_.deviations).all()
-        save_model(model, tmp_path / "m")
+        model.save(tmp_path / "m")
         np.testing.assert_array_equal(load_model(tmp_path / "m").predict_readings(readings), points)
 
     law()

@@ -9,7 +9,7 @@ import pytest
 
 from truearm.arm import load_arm
 from truearm.compensation.models import PhysicalModel
-from truearm.compensation.models.model_file import load_model, save_model
+from truearm.compensation.models.model_file import load_model
 from truearm.identification.terms.basis import Direction
 from truearm.identification.virtual import PRESETS, VirtualArm
 from truearm.readings import read_session, write_session
@@ -62,7 +62,7 @@ def test_a_prediction_uses_the_directions_of_its_readings(measured, model, tmp_p
     # Half way between the directions some 1e-4 rad of five joints are missing, a root of five of 0.05 mm and less.
     unknowing = np.linalg.norm(model.predict(met.readings.angles) - met.true_tips, axis=1)
     assert knowing.mean() < 0.01 < 4 * knowing.mean() < unknowing.mean()
-    save_model(model, tmp_path / "m.truearm")
+    model.save(tmp_path / "m.truearm")
     again = load_model(tmp_path / "m.truearm")
     np.testing.assert_array_equal(again.predict_readings(met.readings), model.predict_readings(met.readings))
     np.testing.assert_array_equal(again.predict(angles), model.predict(angles))

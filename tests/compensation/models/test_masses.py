@@ -13,7 +13,7 @@ import pytest
 
 from truearm.arm import LinkMasses, load_arm, read_arm, write_arm
 from truearm.compensation.models import PhysicalModel
-from truearm.compensation.models.model_file import load_model, save_model
+from truearm.compensation.models.model_file import load_model
 from truearm.errors import InputError
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.planning.prior import nominal_prior
@@ -69,7 +69,7 @@ def test_give_under_known_weight_is_found_within_its_uncertainty(model, readings
 
 
 def test_masses_and_gravity_stay_with_the_model(model, readings, wall, tmp_path):
-    save_model(model, tmp_path / "m.truearm")
+    model.save(tmp_path / "m.truearm")
     again = load_model(tmp_path / "m.truearm")
     np.testing.assert_array_equal(again.arm.masses.mass_kg, wall.masses.mass_kg)
     np.testing.assert_array_equal(again.arm.masses.centre_in_joint_mm, wall.masses.centre_in_joint_mm)
@@ -79,7 +79,7 @@ def test_masses_and_gravity_stay_with_the_model(model, readings, wall, tmp_path)
 
 
 def test_masses_that_fit_no_arm_are_refused_from_a_file(model, tmp_path):
-    save_model(model, tmp_path / "m.truearm")
+    model.save(tmp_path / "m.truearm")
     with zipfile.ZipFile(tmp_path / "m.truearm") as archive:
         files = {name: archive.read(name) for name in archive.namelist()}
     header = json.loads(files["model.json"])
@@ -105,7 +105,7 @@ def test_an_identified_arm_is_pulled_the_same_way_in_the_frame_of_the_reference(
     rng = np.random.default_rng(3)
     angles = wall.working + 0.8 * rng.uniform(-1, 1, (30, 6))
     points = wall.chain.with_reference_frame(turned).tip_in_base(angles) + rng.normal(0, 0.005, (30, 3))
-    save_model(PhysicalModel(wall, highest=1).fit_readings(Session(angles, points)), tmp_path / "m.truearm")
+    PhysicalModel(wall, highest=1).fit_readings(Session(angles, points)).save(tmp_path / "m.truearm")
     arm = identified_arm(tmp_path / "m.truearm")
     np.testing.assert_allclose(arm.gravity_direction, [0, 0, -1], atol=1e-3)  # some 0.1 mrad of the base's tilt
     here, there = (state_of(one, Session(angles)).gravity_torques for one in (wall, arm))

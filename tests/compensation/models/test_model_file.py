@@ -21,7 +21,7 @@ from truearm.arm.arm import NOT_KEPT, Arm
 from truearm.arm.chain import Chain
 from truearm.compensation.models import MODELS, KinematicModel, NetworkModel, PhysicalModel
 from truearm.compensation.models.model_archive import DTYPES, read_archive
-from truearm.compensation.models.model_file import load_model, save_model
+from truearm.compensation.models.model_file import load_model
 from truearm.compensation.models.network import TRAINERS
 from truearm.errors import InputError, TruearmError
 from truearm.identification.judgement.outliers import outliers
@@ -296,7 +296,7 @@ def test_the_file_does_not_grow_with_the_readings(arm, rng, tmp_path):
 
 def test_an_unfitted_model_is_not_saved(arm, tmp_path):
     with pytest.raises(TruearmError, match="fitted"):
-        save_model(KinematicModel(arm), tmp_path / "m")
+        KinematicModel(arm).save(tmp_path / "m")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -589,7 +589,7 @@ def test_a_physical_model_that_is_not_sound_is_refused(change, message, mixed, t
 def test_many_unknowns_are_not_written_beyond_what_is_read(mixed, tmp_path, monkeypatch):
     monkeypatch.setattr("truearm.compensation.models.model_archive.MAX_HEADER_BYTES", 10_000)
     with pytest.raises(TruearmError, match="larger than a model file may be"):
-        save_model(mixed[0], tmp_path / "m")
+        mixed[0].save(tmp_path / "m")
     assert list(tmp_path.iterdir()) == []
 
 

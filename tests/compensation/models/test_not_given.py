@@ -9,7 +9,7 @@ import pytest
 
 from truearm.arm import load_arm
 from truearm.compensation.models import KinematicModel, PhysicalModel
-from truearm.compensation.models.model_file import load_model, save_model
+from truearm.compensation.models.model_file import load_model
 from truearm.compensation.models.refit import refit
 from truearm.identification.virtual import PRESETS, VirtualArm
 from truearm.readings import Session
@@ -90,7 +90,7 @@ def test_without_a_temperature_or_load_its_training_variance_counts(tmp_path):
     angles, true, warm, load = drawn(300, 2)
     known = {"temperature_degC": warm, "columns": {"load_1_Nm": load}}
     assert model.unstated_input_covariances(Session(angles, **known)) == {}
-    save_model(model, tmp_path / "m")
+    model.save(tmp_path / "m")
     again = load_model(tmp_path / "m")
     for missing in ({"temperature_degC"}, {"columns"}, {"temperature_degC", "columns"}):
         lacking = Session(angles, **{name: value for name, value in known.items() if name not in missing})
@@ -133,7 +133,7 @@ def test_a_refitted_model_states_the_same_of_a_task(tmp_path):
     assert model.birge_ratio_ > 1.05
     new = refit(model, virtual.measure(poses(20, 2, 0.9), seed=8).readings)
     assert new.birge_ratio_ == model.birge_ratio_
-    save_model(new, tmp_path / "m")
+    new.save(tmp_path / "m")
     before, after, read = (PosteriorDistribution(each) for each in (model, new, load_model(tmp_path / "m")))
     assert after.birge_ratio == before.birge_ratio == read.birge_ratio
     # The new readings may say that more is unexplained, never less.

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from truearm.compensation.models import KinematicModel, NetworkModel, NominalModel, PhysicalModel
-from truearm.compensation.models.model_file import load_model, save_model
+from truearm.compensation.models.model_file import load_model
 from truearm.compensation.models.refit import refit
 from truearm.errors import InputError
 from truearm.identification.judgement.outliers import outliers
@@ -181,7 +181,7 @@ def test_the_file_remembers_which_readings_served(real, fitted, tmp_path):
     session = elsewhere(real, 30, rng, position=np.array([f"P{i // 3}" for i in range(30)]))
     rows = np.array([2, 3, 11, 17, 28])
     new = refit(fitted, session.rows(rows))
-    save_model(new, tmp_path / "m.truearm")
+    new.save(tmp_path / "m.truearm")
     again = load_model(tmp_path / "m.truearm")
     for model in (new, again):
         np.testing.assert_array_equal(np.flatnonzero(model.trained_on(session)), rows)
@@ -203,7 +203,7 @@ def test_more_new_readings_than_there_were_of_old(real, tmp_path):
     """Rows of the new session are numbered beyond those that the arm was learned from."""
     rng = np.random.default_rng(11)
     fitted = KinematicModel(real.arm).fit_readings(real.points(30, rng))
-    save_model(refit(fitted, elsewhere(real, 70, rng)), tmp_path / "m.truearm")
+    refit(fitted, elsewhere(real, 70, rng)).save(tmp_path / "m.truearm")
     again = load_model(tmp_path / "m.truearm")
     assert again.training_.known.n_refit == 70
     assert again.trained_on(elsewhere(real, 70, np.random.default_rng(11))).sum() in (0, 70)

@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from truearm.compensation.models import KinematicModel, NetworkModel, NominalModel, PhysicalModel
-from truearm.compensation.models.model_file import load_model, save_model
+from truearm.compensation.models.model_file import load_model
 from truearm.compensation.models.refit import refit
 from truearm.errors import InputError
 from truearm.identification.references.session_frames import (
@@ -144,7 +144,7 @@ def test_the_uncertainty_turns_with_the_frame(model, asked):
 
 
 def test_a_model_file_keeps_the_frames(model, asked, tmp_path):
-    save_model(model, tmp_path / "m.truearm")
+    model.save(tmp_path / "m.truearm")
     again = load_model(tmp_path / "m.truearm")
     assert list(again.session_frames_) == list(model.session_frames_)
     for one, other in zip(*(m.predict_readings(asked, return_cov=True) for m in (model, again)), strict=True):

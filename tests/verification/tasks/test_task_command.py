@@ -12,7 +12,6 @@ from truearm.cli import task as command
 from truearm.cli.main import run
 from truearm.cli.task import CODES, task
 from truearm.compensation.models import KinematicModel, NominalModel
-from truearm.compensation.models.model_file import save_model
 from truearm.errors import InputError
 from truearm.identification.planning.sampling.measuring import measuring_poses
 from truearm.identification.virtual import VirtualArm, load_preset
@@ -35,7 +34,7 @@ def model_file(tmp_path_factory):
     virtual = VirtualArm.draw(arm, load_preset("shop"), seed=1)
     readings = virtual.measure(measuring_poses(arm, 50, seed=1).angles, seed=1).readings
     path = tmp_path_factory.mktemp("task") / "arm.truearm"
-    save_model(KinematicModel(arm).fit_readings(readings), path)
+    KinematicModel(arm).fit_readings(readings).save(path)
     return path
 
 
@@ -240,7 +239,7 @@ def test_a_nominal_model_has_a_task_uncertainty_too(capsys, tmp_path):
     arm = load_arm("gao2017")
     virtual = VirtualArm.draw(arm, load_preset("research"), seed=1)
     readings = virtual.measure(measuring_poses(arm, 40, seed=1).angles, seed=1).readings
-    save_model(NominalModel(arm).fit_readings(readings), tmp_path / "n.truearm")
+    NominalModel(arm).fit_readings(readings).save(tmp_path / "n.truearm")
     ran(str(tmp_path / "n.truearm"), length=300.0, as_json=True)
     (length,) = json.loads(capsys.readouterr().out)["quantities"]
     assert length["u_mm"] > 0.05

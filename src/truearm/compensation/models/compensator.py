@@ -23,8 +23,10 @@ from truearm.compensation.models.arm_check import (
     with_serial_number,
 )
 from truearm.compensation.models.estimator import Regressor
+from truearm.compensation.models.model_archive import model_bytes
 from truearm.compensation.models.training_conditions import TrainingConditions
 from truearm.errors import InputError
+from truearm.files.atomic_write import atomic_file
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.residual_variance import NONE_HELD_OUT
 from truearm.identification.estimation.tip_offsets import of_one_tip
@@ -110,6 +112,8 @@ class Compensator(Regressor, ABC):
     """
 
     kind: ClassVar[str]
+    # The reader of model files, which knows all models: `model_file` sets it.
+    _load: ClassVar[Callable[[Path], object]]
     """Its name in a model file, and in the options of commands."""
 
     arm: Arm
@@ -510,18 +514,24 @@ class Compensator(Regressor, ABC):
         return new
 
     def save(self, path: str | Path) -> None:
-        """Write the fitted model to one file; `truearm.compensation.models.load_model` reads it.
+        """Write the fitted model to one file, whole or not at all; `truearm.compensation.models.load_model` reads it.
+
+        Parameters
+        ----------
+        path : path
+            Any name; ``.truearm`` is usual.
 
         Raises
         ------
-        TruearmError
-            If the model is not fitted, or larger than a model file may be.
+        InputError, TruearmError
+            If the model is not fitted, of a class of your own, or larger than a model file may be; if the file cannot
+            be written.
         ProgramFault
-            If `load_model` would refuse the file.
+            If `load_model` would refuse the file; a file of the name stays.
         """
-        from truearm.compensation.models.model_file import save_model  # it knows all models
-
-        save_model(self, path)
+        content = model_bytes(self)
+        with atomic_file(path, read=self._load) as beside:
+            beside.write_bytes(content)
 
     @property
     def n_train_(self) -> int:

@@ -10,43 +10,18 @@ from truearm.compensation.models.identified_model import KinematicModel, Nominal
 from truearm.compensation.models.model_archive import (
     Array,
     Header,
-    SavedModel,
     decode_learned,
-    model_bytes,
     read_archive,
 )
 from truearm.compensation.models.model_file_checks import check_model
 from truearm.compensation.models.network import NetworkModel
 from truearm.errors import InputError
-from truearm.files.atomic_write import atomic_file
 from truearm.identification.terms import Term
 from truearm.solve.threads import one_blas_thread
 
 MODELS: dict[str, type[Compensator]] = {
     kind.kind: kind for kind in (NominalModel, KinematicModel, PhysicalModel, NetworkModel, HybridModel)
 }
-
-
-def save_model(model: SavedModel, path: str | Path) -> None:
-    """Write a fitted model to one file, whole or not at all.
-
-    Parameters
-    ----------
-    model : Compensator
-        Fitted.
-    path : path
-        Any name; ``.truearm`` is usual.
-
-    Raises
-    ------
-    InputError, TruearmError
-        As `model_bytes`, or if the file cannot be written.
-    ProgramFault
-        If `load_model` would refuse it; a file of the name stays.
-    """
-    content = model_bytes(model)
-    with atomic_file(path, read=load_model) as beside:
-        beside.write_bytes(content)
 
 
 @one_blas_thread()
@@ -92,3 +67,6 @@ def _build(header: Header, arrays: dict[str, Array]) -> Compensator:
     model.n_features_in_ = model.arm_.n_joints
     check_model(model)
     return model
+
+
+Compensator._load = staticmethod(load_model)

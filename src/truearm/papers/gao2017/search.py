@@ -22,7 +22,7 @@ from truearm import __version__
 from truearm.arm import Arm
 from truearm.compensation.models import Compensator, NetworkModel
 from truearm.compensation.models.arm_check import arm_of_readings
-from truearm.compensation.models.model_file import load_model, save_model
+from truearm.compensation.models.model_file import load_model
 from truearm.compensation.models.network import GRADIENT_TRAINERS
 from truearm.compensation.models.training_conditions import fingerprint
 from truearm.compensation.nets.perceptron import Perceptron
@@ -329,7 +329,7 @@ class CrossValidation:
         else:
             most = setting.epochs
             network.fit_readings(train, progress=lambda e, text: self.tell(seconds * e / most, f"{note}, {text}"))
-            save_model(network, file)
+            network.save(file)
         self.done += seconds
         self.tell(0.0, note)
         return network
