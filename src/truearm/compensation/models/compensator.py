@@ -530,7 +530,7 @@ class Compensator(Regressor, ABC):
             If `load_model` would refuse the file; a file of the name stays.
         """
         content = model_bytes(self)
-        with atomic_file(path, read=self._load) as beside:
+        with atomic_file(path, read=type(self)._load) as beside:
             beside.write_bytes(content)
 
     @property
