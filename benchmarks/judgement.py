@@ -24,12 +24,13 @@ from benchmarks.held_out import IDENTIFIED, LEVEL, split, squared_lengths, squar
 from benchmarks.imperfect_readings import mistakes
 from benchmarks.imperfect_states import ARM as THERMAL_ARM
 from benchmarks.imperfect_states import EXPANSIONS, Tested, describe, mean, rms, tested, training, virtual_arm
-from benchmarks.rows import Rows, finding
+from benchmarks.rows import RowResult, Rows, Target, finding
 from truearm import datasets
 from truearm.arm import Arm, load_arm
 from truearm.choices import ModelName
 from truearm.errors import InputError
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
+from truearm.identification.judgement.change_point import rigid_motions, session_changes
 from truearm.identification.planning.sampling import STRATEGIES
 from truearm.identification.references.rounded_angles import tip_motion_mm, tip_motions
 from truearm.identification.terms import constants
@@ -362,6 +363,23 @@ def false_alarms(sessions: int = 40, real: Sequence[str] = ("ur5", "ur10-b", "ur
         changes = ta.fit(arm, datasets.load_readings(name), model="physical", limits="ignore").frame_changes
         said = "; ".join(str(one).split(" (95")[0].split(", by")[0] for one in changes) or "nothing"
         yield finding(f"{name}, physical", "reported", said, None)
+
+
+@ROWS.row("questions", "good sessions of 50 to 20,000 readings whose order is questioned", quick={"sessions": 20})
+def questions(sessions: int = 2000) -> RowResult:
+    """Residuals of a t with 4 degrees of freedom, with the weights that a robust fit gives them."""
+    rng, asked, std = np.random.default_rng(8), 0, 0.01
+    for _ in range(sessions):
+        n = int(np.exp(rng.uniform(np.log(50), np.log(20_000))))
+        angles = rng.uniform(-1, 1, (n, 6))
+        points = 500 * np.stack([np.cos(angles[:, 0]), np.sin(angles[:, 1]), angles[:, 2]], axis=1)
+        residuals = std * rng.standard_t(4, (n, 3))
+        weights = np.repeat(5 / (4 + (residuals**2).sum(axis=1, keepdims=True) / (3 * std**2)), 3, axis=1) / std**2
+        motions = {"frame": rigid_motions(points)} | {f"joint {i}": rng.uniform(-500, 500, (n, 3, 1)) for i in range(6)}
+        residuals -= (weights * residuals).sum(axis=0) / weights.sum(axis=0)
+        asked += bool(session_changes(angles, motions, residuals, weights, np.arange(n)))
+    # Four in 2,000 are expected, more than ten by chance in 3 of 1,000.
+    return RowResult(targets=[Target(f"of {sessions} sessions questioned", asked, max(1, 10 * sessions / 2000))])
 
 
 # Repeats of a pose, rounded angles ------------------------------------------------------------------------------------

@@ -11,7 +11,10 @@ from truearm.identification.judgement.change_point import (
     CLEAR_ODDS,
     NEIGHBOURS,
     SIGNIFICANCE,
+    _limit_probability,
+    _p_value,
     _Readings,
+    _whitened,
     rigid_motions,
     session_changes,
 )
@@ -44,6 +47,25 @@ def test_good_sessions_are_left_alone(n):
     # 150 sessions at 0.2 % each: three alarms or more have a probability of 0.4 %.
     assert SIGNIFICANCE == 0.002
     assert alarms <= 2
+
+
+@pytest.mark.parametrize(("freedom", "statistic", "probability"), [(1, 8.85, 0.05), (1, 12.35, 0.01)])
+def test_the_limit_has_the_published_critical_values(freedom, statistic, probability):
+    """Andrews (1993), table 1, a trimming of 0.15; his own are simulated, to 2 digits of a probability."""
+    assert _limit_probability(statistic, freedom, 0.15) == pytest.approx(probability, rel=0.1)
+
+
+@pytest.mark.parametrize("step", [0.0, 0.3])
+def test_the_limit_decides_as_random_orders_do(monkeypatch, step):
+    """Of scores with a step of so many standard deviations; 0.3 is five of the mean of each part."""
+    scores = np.random.default_rng(3).standard_normal((1200, 4))
+    scores[500:, 0] += step
+    white = [_whitened(scores - scores.mean(axis=0)), _whitened(scores[:, :1] - scores[:, :1].mean(axis=0))]
+    by_limit = _p_value(white)
+    monkeypatch.setattr(change_point, "LIMIT_READINGS", 10_000)
+    monkeypatch.setattr(change_point, "NO_DOUBT", 0.0)
+    by_orders = _p_value(white)
+    assert (by_limit is None) == (by_orders is None) == (step == 0.0)
 
 
 def test_heavy_tails_and_gross_errors_are_no_change():
