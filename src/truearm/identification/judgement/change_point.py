@@ -41,8 +41,8 @@ from truearm.typing import FloatArray, IntArray
 
 # A session of good readings is questioned once in five hundred.
 SIGNIFICANCE = 0.002
-# From so many readings on the limit holds: of Gaussian scores, and of a t with 4 degrees of freedom, false alarms are 0.4
-# to 1.3 times as frequent as stated. Fewer readings are put into random orders.
+# From so many readings on the limit holds: of Gaussian scores, and of a t with 4 degrees of freedom, false alarms are
+# 0.4 to 1.3 times as frequent as stated. Fewer readings are put into random orders.
 LIMIT_READINGS, N_ORDERS = 1000, 1999
 # Of fewer readings the limit leaves no doubt: with a t of 1.2 degrees of freedom it is too small by a factor of 20.
 NO_DOUBT = SIGNIFICANCE / 1000
