@@ -93,7 +93,8 @@ def _new_part(target: Path) -> tuple[int, Path]:
 
 def _remove_abandoned(folder: Path) -> None:
     """Remove what killed writers left in a folder."""
-    with os.scandir(folder) as entries:
+    parts = []
+    with suppress(PermissionError), os.scandir(folder) as entries:  # a folder may be writable and not readable
         parts = [one.path for one in entries if one.name.startswith(PART) and one.is_file(follow_symlinks=False)]
     for part in parts:
         with suppress(OSError):
