@@ -5,7 +5,8 @@ The page to read first. Readings are prepared once (`PreparedReadings`); then, i
 1. `place`: base and tip of the nominal arm, as far as they are free,
 2. `judge_description`: whether the readings can be of an arm like that,
 3. `estimate_without_gross_errors`: the terms offered, by evidence, without readings that are gross errors,
-4. `unexplained`: what remains at readings held out, and how it varies over the joint space,
+4. `unexplained`: what remains at readings held out, and how it varies over the joint space; `LengthScale`: whether
+   all lengths differ alike, as by a reference of a wrong size,
 5. `what_may_change`: what another day, unlearned states and the scale of the reference add to the uncertainty.
 
 Each step takes records and returns one; nothing is kept beside them. `identify_offered` and `identify_physical` go
@@ -61,6 +62,7 @@ from truearm.identification.judgement.gross_errors import (
 )
 from truearm.identification.judgement.held_out_errors import HeldOutErrors, predicted_by_refits
 from truearm.identification.judgement.joint_gains import gains_asked
+from truearm.identification.judgement.length_scale import LengthScale
 from truearm.identification.judgement.missing_terms import (
     added_covariance,
     missing_terms,
@@ -187,6 +189,8 @@ class Identification:
         Factor by which standard deviations of the posterior are raised, from the readings held out.
     residual_process : ResidualProcess or None
         What is known of the residual process; None where there is none.
+    length_scale : LengthScale or None
+        By what share all lengths differ from the drawing alike; None where the readings determine none.
     """
 
     fit: IdentificationResult
@@ -198,6 +202,7 @@ class Identification:
     unexplained: Unexplained
     birge_ratio: float
     residual_process: ResidualProcess | None
+    length_scale: LengthScale | None
 
 
 # The nominal arm -----------------------------------------------------------------------------------------------------
@@ -559,6 +564,7 @@ def _concluded(
         rest.widened(widened).of_one_reading(readings.session),
         birge,
         process,
+        LengthScale.of(fit, widened * birge**2),
     )
 
 

@@ -431,6 +431,7 @@ class FitResult(Record):
             found["residual_process"] = identified.residual_process_
             found["groups"] = identified.fit_.groups
             found["skipped_terms"] = identified.excluded_terms_
+            found["length_scale"] = identified.length_scale_
             if identified.terms:
                 found["own_terms"] = own_coefficients(identified)
             found["identifiability"] = identifiability(identified.fit_)
@@ -562,6 +563,12 @@ def _remarks(model: Compensator, session: Session, readings: PreparedReadings) -
         yield stated
     if (unusual := model.nominal_check_.remark()) is not None:
         yield unusual
+    if (
+        identified is not None
+        and identified.length_scale_
+        and (scale := identified.length_scale_.remark(model.arm)) is not None
+    ):
+        yield scale
     if isinstance(model, HybridModel) and not model.inputs_.has_temperature and _has_clock(session):
         yield (
             "The temperature follows the order of the readings: networks would learn it as a clock. It is no input of "

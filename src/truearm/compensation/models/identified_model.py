@@ -29,6 +29,7 @@ from truearm.identification.identify import (
     place_without_gross_errors,
 )
 from truearm.identification.judgement.held_out_errors import HeldOutErrors
+from truearm.identification.judgement.length_scale import LengthScale, refuse_wrong_scale
 from truearm.identification.judgement.residual_process import ResidualProcess
 from truearm.identification.references.prepared_readings import PreparedReadings
 from truearm.identification.references.rounded_angles import tip_motions
@@ -79,6 +80,9 @@ class IdentifiedModel(Compensator):
         where they are too few, and of models from older files.
     residual_process_ : ResidualProcess or None
         What is known of the residual process; None where the model has none, and had none before a transfer.
+    length_scale_ : LengthScale or None
+        By what share all lengths of the arm differ from the drawing alike; None where the readings determine none, and
+        after reading a file.
     type_prior_ : str
         Which arms the prior of its type was learned from; empty without a type prior, and of models from older files.
     refit_reading_ids_ : (k,) array
@@ -94,6 +98,7 @@ class IdentifiedModel(Compensator):
     tail_freedom_: float = float("inf")
     refit_reading_ids_: FloatArray
     residual_process_: ResidualProcess | None = None
+    length_scale_: LengthScale | None = None
     type_prior_: str = ""
 
     terms: Sequence[Term] = ()
@@ -121,6 +126,11 @@ class IdentifiedModel(Compensator):
         self.repeating_share_ = found.unexplained.repeating_share
         self.residual_process_, self.refit_reading_ids_ = found.residual_process, np.zeros(0)
         self.type_prior_ = "" if readings.prior is None else str(readings.prior)
+        self.length_scale_, before = found.length_scale, to_identified(simpler)
+        is_judged = before is not None and before.length_scale_ is not None
+        # A nominal arm that misses by more than arms do was refused, or accepted, with its scale.
+        if self.length_scale_ is not None and not is_judged and self.nominal_check_.is_plausible:
+            refuse_wrong_scale(self.length_scale_, readings.arm, readings.given, readings.lengths)
         self.keep_nominal_growth()
 
     def keep_nominal_growth(self) -> None:

@@ -39,6 +39,7 @@ from truearm.identification.judgement.description_check import (
 )
 from truearm.identification.judgement.identified_constants import IdentifiedConstants
 from truearm.identification.judgement.joint_gains import gains_asked
+from truearm.identification.judgement.length_scale import LengthScale, refuse_wrong_scale
 from truearm.identification.judgement.outliers import constraint_residuals
 from truearm.identification.judgement.reference_table import ReferenceTable
 from truearm.identification.judgement.structure import UNKNOWN, Remaining, remaining
@@ -108,6 +109,8 @@ class NominalCheck:
     of_turns : NominalCheck or None
         Of the orientations, at a distance of `LEVER_MM`, which are judged apart from points: they have a noise of their
         own. None without any.
+    length_scale : LengthScale or None
+        By what share all identified lengths differ from the drawing alike; None where that is not needed.
     """
 
     error_mm: float
@@ -117,6 +120,7 @@ class NominalCheck:
     most_noise_mm: float = np.inf
     description: DescriptionCheck | None = None
     of_turns: NominalCheck | None = None
+    length_scale: LengthScale | None = None
 
     @property
     def ratio(self) -> float:
@@ -141,10 +145,15 @@ class NominalCheck:
             return False
         if self.is_usual or self.sagging is not None:
             return True
-        left, is_mistaken = self.left, self.description is not None and bool(self.description.findings)
+        left = self.left
         has_structure = left.structure_mm > MAX_STRUCTURE * self.usual_mm and left.log_odds >= VERY_STRONG
         is_noise = left.noise_mm <= self.most_noise_mm and not has_structure
-        return is_noise and not is_mistaken and (self.identified is None or self.identified.are_credible)
+        return is_noise and not self.is_mistaken and (self.identified is None or self.identified.are_credible)
+
+    @property
+    def is_mistaken(self) -> bool:
+        """Whether a mistake in the arm file or in the readings explains them better."""
+        return self.description is not None and bool(self.description.findings)
 
     def remark(self) -> str | None:
         """What a person must know of a plausible arm; None if nothing."""
@@ -220,6 +229,7 @@ def check_nominal_arm(
         left=left,
         most_noise_mm=MAX_RATIO * check.usual_mm if hidden else most_noise(placed, state, arm.chain.reach),
         description=None if table is None else check_description(arm, table, fit.chain),
+        length_scale=LengthScale.of(fit),
     )
 
 
@@ -309,6 +319,9 @@ def refuse_implausible(check: NominalCheck, arm: Arm, readings: Session, tips: F
             if check.is_usual and check.error_mm > 0
             else "check the arm first: its points or seats do not agree either",
         )
+        return
+    if check.length_scale is not None and check.length_scale.is_contradicted(arm) and not check.is_mistaken:
+        refuse_wrong_scale(check.length_scale, arm, readings, None)
         return
     why, remedy = "", None if check.description is None else check.description.remedy(readings)
     if check.identified is not None:

@@ -38,6 +38,7 @@ from truearm.typing import FloatArray
 # whatever its size, and the unit of its lengths.
 TYPICAL_REACH_MM = 1500.0
 ANGLE_STD, LENGTH_STD = 3e-3, 3.0  # rad, mm: constants of an arm
+LENGTHS = "lengths and offsets"  # the group
 # Free parts have a prior too, wider than any workshop: on an arm with few joints a translation of the base may be
 # equivalent to one of the tip, and then the prior decides.
 FREE_BASE = (1.0, 1.0, 1.0, 1e4, 1e4, 1e4)  # rad, mm
@@ -110,9 +111,7 @@ def constants(
                 std, group = wide if turns else wide * size, part
             else:
                 std = angle_std if turns else length_std
-                group = (
-                    "joint offsets" if component == OWN_AXIS else "axis directions" if turns else "lengths and offsets"
-                )
+                group = "joint offsets" if component == OWN_AXIS else "axis directions" if turns else LENGTHS
                 if "base" in free and place == 1 and component in (OWN_AXIS, OWN_AXIS + 3):
                     group = "equivalent to a free base"
                 if "tip" in free and not turns and place == chain.n_joints:
@@ -121,7 +120,7 @@ def constants(
                     name, direction, is_along = _along_last_axis(chain, component)
                     group = "equivalent to a free tip" if is_along else group
             if std != 0:
-                learn = group in ("joint offsets", "axis directions", "lengths and offsets")
+                learn = group in ("joint offsets", "axis directions", LENGTHS)
                 terms.append(Term(name, place, direction, Constant(), group, std, learn=learn))
     return terms
 

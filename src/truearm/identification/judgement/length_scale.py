@@ -1,0 +1,153 @@
+"""The scale that all lengths of an identified arm have in common: whether the reference, not the arm, is that long.
+
+A bar typed 505 mm for 500, points of a tracker times 1.005, a board of larger squares: an arm that is larger by that
+share explains the readings without a residual, whatever the reference. What shows it are the arm's other constants:
+no workshop makes every length 1 % too long and each right to 0.01 % beside the others.
+
+The lengths that the readings determine are ``s a + e``: a are the nominal ones, s is their common scale and e, of
+standard deviation t, what the arm's lengths differ by one by one. With the readings' own information D of them (the
+posterior without its prior), in its eigenvectors, the estimates z have the variance ``1/D + t^2``; s is their
+generalised least squares estimate, and t maximises the restricted likelihood (D. A. Harville, J. Am. Stat. Assoc. 72
+(1977) 320). So u contains what lengths of such an arm scatter by: an arm of plastic may be 3 % too long.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import floor, log10
+from typing import Self
+
+import numpy as np
+
+from truearm.acceptance import contradict
+from truearm.arm.arm import Arm
+from truearm.identification.estimation.identification_result import IdentificationResult
+from truearm.identification.judgement.description_check import VERY_STRONG
+from truearm.identification.terms.catalogue import LENGTHS
+from truearm.identification.terms.thermal import link_vectors
+from truearm.readings.lengths import Lengths
+from truearm.readings.session import Session
+from truearm.typing import FloatArray, IntArray
+
+# Scatter of the lengths, in multiples of their prior standard deviation, which the evidence has scaled.
+SCATTERS = np.concatenate([[0.0], np.geomspace(1e-6, 1e2, 97)])
+# A smaller share of the prior's precision is rounding: the readings show nothing of that direction.
+LEAST_INFORMATION = 1e-3
+# Common scale that an arm may have: a UR10 has 0.0010 (u 0.0006), other real arms less, aluminium in 30 degC 0.00023.
+LEAST_SCALE = 1e-3
+# It is said from this size and so many standard uncertainties on.
+LEAST_SAID, SURE = 2e-4, 3.0
+
+
+@dataclass(frozen=True)
+class LengthScale:
+    """By what share all lengths of an arm differ from the drawing alike.
+
+    Attributes
+    ----------
+    share, u : float
+        The share [1], positive where they are longer, and its standard uncertainty, with the scatter of the lengths.
+    scatter_mm : float
+        Standard deviation of one length about the common scale [mm].
+    log_odds : float
+        Logarithm of the odds of a common scale against lengths that differ from the drawing one by one.
+    """
+
+    share: float
+    u: float
+    scatter_mm: float
+    log_odds: float
+
+    @classmethod
+    def of(cls, fit: IdentificationResult, widened: float = 1.0) -> Self | None:
+        """Estimate the common scale of an identified arm; None where the readings determine no lengths.
+
+        Parameters
+        ----------
+        fit : IdentificationResult
+            With its constants.
+        widened : float
+            Factor by which the covariance of the readings is too small.
+        """
+        known, nominal = _nominal_lengths(fit)
+        if not len(known):
+            return None
+        prior = fit.prior_std[known]
+        # In multiples of the prior standard deviation: the mean of them is the unit of the scatter.
+        precision = np.linalg.inv(fit.covariance[np.ix_(known, known)] / np.outer(prior, prior))
+        information, vectors = np.linalg.eigh(precision - np.eye(len(known)))
+        counts = information > LEAST_INFORMATION
+        information, vectors = information[counts], vectors[:, counts]
+        found = vectors.T @ (precision @ (fit.coefficients[known] / prior)) / information
+        along = vectors.T @ (nominal / prior)
+        if not along.any():
+            return None
+        weights = 1 / (widened / information[:, None] + SCATTERS**2)
+        precisions = along**2 @ weights
+        shares = (along * found) @ weights / precisions
+        one_by_one = 0.5 * (np.log(weights).sum(axis=0) - found**2 @ weights)
+        alike = one_by_one + 0.5 * (shares**2 * precisions - np.log(precisions))
+        best = int(np.argmax(alike))
+        share = float(shares[best])
+        # Before the readings a common scale is anywhere up to its size, of either sign.
+        density = np.sqrt(2 * np.pi) / (2 * max(abs(share), LEAST_SCALE))
+        log_odds = float(alike[best] - one_by_one.max() + np.log(density))
+        return cls(share, float(precisions[best] ** -0.5), float(SCATTERS[best] * prior.mean()), log_odds)
+
+    def is_contradicted(self, arm: Arm) -> bool:
+        """Whether an arm cannot have it: it is more than drawings are wrong by, and than lengths scatter by."""
+        least = max(LEAST_SCALE, arm.nominal_error_mm / arm.chain.reach)
+        return abs(self.share) > least and self.log_odds >= VERY_STRONG
+
+    def remark(self, arm: Arm) -> str | None:
+        """What a person must know of a scale that an arm may have; None if it is none by its uncertainty."""
+        is_said = abs(self.share) > max(SURE * self.u, LEAST_SAID) and not self.is_contradicted(arm)
+        return f"All {self}: the arm is warm, or the scale of the reference is off." if is_said else None
+
+    def __str__(self) -> str:
+        percent, u = (f"{100 * value:.{_decimals(100 * self.u)}f} %" for value in (abs(self.share), self.u))
+        return f"lengths of the arm are {percent} {'longer' if self.share > 0 else 'shorter'} than drawn (u {u})"
+
+
+def refuse_wrong_scale(scale: LengthScale, arm: Arm, readings: Session, lengths: Lengths | None) -> None:
+    """Refuse readings whose reference is too long or too short: by them every length of the arm is.
+
+    Raises
+    ------
+    InputError
+        With what the lengths, or the points, are by the drawing.
+    """
+    if not scale.is_contradicted(arm):
+        return
+    size, most = 1 + scale.share, float(f"{1.2 * abs(scale.share) * arm.chain.reach:.1g}")
+    problem = (
+        f"by these readings all {scale}, and beside that they differ by {scale.scatter_mm:.2g} mm: no arm is made so, "
+        "the reference is off"
+    )
+    drawing = (
+        f"or the arm, if it is one of another size; if its drawing is as inaccurate as that, add the line "
+        f"nominal_error_mm = {most:g} to the arm file, above the first table"
+    )
+    if lengths is None or readings.has_point.any():
+        hint = f"check the scale and the unit of the reference (divided by {size:.4f} it fits the drawing), {drawing}"
+        readings.contradict(problem, hint=hint)
+    else:
+        stated = float(lengths.length_mm[0])
+        hint = f"check the length: {stated:g} mm are {stated / size:.{_decimals(scale.u * stated)}f} mm by the drawing"
+        contradict(lengths.error(problem, 0, column="length_mm", hint=f"{hint}; {drawing}"))
+
+
+def _nominal_lengths(fit: IdentificationResult) -> tuple[IntArray, FloatArray]:
+    """Coefficients of the lengths that readings determine, and by what a unit of scale changes each [mm]."""
+    chain = fit.perturbed_chain
+    vectors = np.zeros((chain.chain.n_places, 3))
+    vectors[:-1], vectors[-1] = link_vectors(chain.chain), chain.chain.tip_in_flange
+    vectors[-2] = chain.chain.fixed[-1, :3, 3]  # without the tip, which has a place of its own
+    of = [(columns[0], term) for term, columns in zip(chain.terms, chain.columns, strict=True) if term.group == LENGTHS]
+    nominal = [float(vectors[term.place] @ term.direction[3:]) for _, term in of]
+    return np.array([column for column, _ in of], dtype=np.intp), np.array(nominal)
+
+
+def _decimals(u: float) -> int:
+    """Decimals of a value that show two digits of its standard uncertainty: two or three."""
+    return min(max(1 - floor(log10(u)), 2), 3)
