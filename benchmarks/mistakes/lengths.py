@@ -1,9 +1,10 @@
-"""References of a wrong size: bars, trackers, boards; and arms that are warm, printed, or hardly measured."""
+"""References of a wrong size, or of none: bars, trackers, boards, controllers; and arms that are warm, printed, rough."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 from scipy.spatial.transform import Rotation
 
 import truearm as ta
@@ -108,3 +109,16 @@ def few_readings() -> str:
 def rough_drawing() -> str:
     arm = replace(ta.load_arm("ur10"), nominal_error_mm=12.0)
     return str(ta.fit(arm, measured(scale=1.005), model="kinematic"))
+
+
+@mistake("points of the controller's own forward kinematics, to 0.01 mm", said="calculated from the angles")
+def calculated_points() -> str:
+    session = measured()
+    points = ta.load_arm("ur10").chain.tip_in_base(session.angles)
+    return fitted(Session(session.angles, np.round(points, 2)))
+
+
+@right("points of a tracker to 0.01 mm, of an arm that its maker compensated", unsaid="calculated")
+def rounded_points() -> str:
+    session = measured(preset="shop")
+    return fitted(replace(session, points=np.round(session.points, 2)))

@@ -67,3 +67,23 @@ def test_without_readings_held_out_the_nominal_arm_is_kept_and_changes_are_looke
     assert len(kept.changes) == 1
     (said,) = verb._held_out_remarks(nominal, nominal)
     assert "the nominal arm is kept, --model kinematic fits the others: measure more poses" in said
+
+
+@pytest.mark.parametrize("decimals", [2, 12])
+@pytest.mark.parametrize("model", ["nominal", "kinematic"])
+def test_points_that_a_controller_calculated_are_said_not_to_be_measured(model, decimals):
+    """To 0.01 mm, as a pendant shows them, and with all digits; measured ones are not, rounded alike."""
+    arm, measured = ta.load_arm("ur10"), ta.simulate("ur10", poses=20, seed=1, preset="shop").session
+    for points, is_said in ((arm.chain.tip_in_base(measured.angles), True), (measured.points, False)):
+        result = ta.fit(arm, Session(measured.angles, np.round(points, decimals)), model=model)
+        assert any("they are calculated from the angles" in one for one in result.remarks) == is_said
+
+
+def test_points_calculated_with_the_constants_of_the_controllers_own_arm_are_said_too():
+    """Links off by a millimetre: the nominal arm is not that near, the identified one is."""
+    arm, angles = ta.load_arm("ur10"), ta.simulate("ur10", poses=40, seed=1).session.angles
+    motions = np.zeros((arm.chain.n_places, 6))
+    motions[1:4, 3:] = np.random.default_rng(1).normal(0, 1.0, (3, 3))
+    points = np.round(arm.chain.with_motions(motions).tip_in_base(angles), 3)
+    said = [one for one in ta.fit(arm, Session(angles, points), model="kinematic").remarks if "calculated" in one]
+    assert [one.split(" arm to ")[0] for one in said] == ["The points agree with the identified"]

@@ -553,7 +553,8 @@ def _concluded(
     rest = replace(rest, variance_function=function, repeating_share=_repeating(readings, wider, rest, used))
     birge = birge_ratio(fit.references, kept.rows, rest.residual_std_mm)
     # Few residuals determine the noise only roughly.
-    widened = few_readings_factor(fit.residual_freedom(readings.references))
+    freedom = fit.residual_freedom(readings.references)
+    widened = few_readings_factor(freedom)
     return Identification(
         what_may_change(readings, fit, widened, same_every_day=same_every_day, complete=complete, missing=missing),
         excluded,
@@ -564,7 +565,7 @@ def _concluded(
         rest.widened(widened).of_one_reading(readings.session),
         birge,
         process,
-        LengthScale.of(fit, widened * birge**2),
+        LengthScale.of(fit, freedom, widened * birge**2),
     )
 
 

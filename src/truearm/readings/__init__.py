@@ -14,12 +14,13 @@ from truearm.readings.checks import (
 from truearm.readings.files import check_session_path, write_session
 from truearm.readings.lengths import Lengths, read_lengths, write_lengths
 from truearm.readings.point_errors import ErrorComparison, PointErrors, compare_errors, point_errors
-from truearm.readings.seats import SeatErrors, length_errors, seat_errors
+from truearm.readings.seats import LengthSummary, SeatErrors, length_errors, seat_errors
 from truearm.readings.session import Session, read_session
 from truearm.readings.split import hold_out, stratified_rows
 
 __all__ = [
     "ErrorComparison",
+    "LengthSummary",
     "Lengths",
     "LimitExcess",
     "PointErrors",

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TypedDict
+from dataclasses import dataclass
+from typing import Self, TypedDict
 
 import numpy as np
 import numpy.typing as npt
@@ -29,6 +30,34 @@ class SeatErrors(TypedDict):
     seat_max_mm: float
     n_in_seats: int
     seats: dict[str, OneSeat]
+
+
+@dataclass(frozen=True)
+class LengthSummary:
+    """How well an arm measures known lengths, beside the nominal arm.
+
+    Attributes
+    ----------
+    n : int
+        Number of lengths.
+    largest_mm, nominal_mm : float
+        Largest error by the arm, and by the nominal one [mm]; NaN without one.
+    is_worse : bool
+        Whether the arm's errors are larger (root mean square), by more than the lengths' expanded uncertainty.
+    """
+
+    n: int
+    largest_mm: float
+    nominal_mm: float
+    is_worse: bool
+
+    @classmethod
+    def of(cls, errors: npt.ArrayLike, nominal: npt.ArrayLike | None, u_mm: npt.ArrayLike) -> Self:
+        """Of errors (m,) of lengths by an arm and by the nominal one, and the lengths' standard uncertainties [mm]."""
+        own = np.asarray(errors, dtype=float)
+        drawn = np.full(len(own), np.nan) if nominal is None else np.asarray(nominal, dtype=float)
+        rms, drawn_rms, u = (float(np.sqrt(np.mean(np.square(one)))) for one in (own, drawn, u_mm))
+        return cls(len(own), float(np.abs(own).max()), float(np.abs(drawn).max()), rms > drawn_rms + 2 * u)
 
 
 def seat_errors(points: npt.ArrayLike, seat: npt.ArrayLike) -> SeatErrors:

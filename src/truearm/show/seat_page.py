@@ -9,6 +9,7 @@ import numpy as np
 
 from truearm.number_format import format_count, format_mm
 from truearm.pages.page import Cell, Column, LabelledValue, Page, PageVerdict, Section, Table
+from truearm.readings import LengthSummary
 from truearm.show.comparison_page import ComparedReadings, improvement_sentence
 from truearm.show.error_figures import before_after, error_distribution
 from truearm.typing import FloatArray, NameArray
@@ -31,6 +32,25 @@ class SeatComparison(ComparedReadings):
     seat: NameArray
     lengths: Sequence[tuple[str, str, float, float]]
     length_errors: Mapping[str, FloatArray]
+
+    def length_summary(self, name: str) -> LengthSummary | None:
+        """How well a model measures the known lengths, beside the first; None without any."""
+        if not self.lengths:
+            return None
+        first = next(iter(self.length_errors))
+        return LengthSummary.of(self.length_errors[name], self.length_errors[first], [u for *_, u in self.lengths])
+
+
+def seats_sentence(what: str, mean_mm: Mapping[str, float], seated: SeatComparison) -> str:
+    """The mean distance in the seats by the best model, and its lengths where they are worse than before."""
+    first, best = next(iter(mean_mm)), min(mean_mm, key=lambda name: mean_mm[name])
+    lengths = seated.length_summary(best)
+    if lengths is None or not lengths.is_worse:
+        return improvement_sentence(what, mean_mm[first], mean_mm[best])
+    return (
+        f"Lengths are off by up to {format_mm(lengths.largest_mm)}, before compensation by "
+        f"{format_mm(lengths.nominal_mm)}. {improvement_sentence(what, None, mean_mm[best])}"
+    )
 
 
 def seats_page(
@@ -55,7 +75,7 @@ def seats_page(
     return Page(
         title=title,
         subtitle=subtitle,
-        verdict=_verdict(distances, best),
+        verdict=_verdict(seated, distances, best),
         summary=_summary(seated, distances, best),
         sections=(
             seated.in_space(
@@ -76,13 +96,13 @@ def seats_page(
     )
 
 
-def _verdict(distances: Mapping[str, FloatArray], best: str) -> PageVerdict:
+def _verdict(seated: SeatComparison, distances: Mapping[str, FloatArray], best: str) -> PageVerdict:
     """How well the points of a seat agree; without a reference nobody can say how true they are."""
-    before, after = (float(distances[name].mean()) for name in (next(iter(distances)), best))
-    what = "Mean distance from the seat's mean point"
+    mean, lengths = {name: float(one.mean()) for name, one in distances.items()}, seated.length_summary(best)
+    is_better = mean[best] < next(iter(mean.values())) and not (lengths is not None and lengths.is_worse)
     return PageVerdict(
-        improvement_sentence(what, before, after),
-        "none" if after < before else "bad",
+        seats_sentence("Mean distance from the seat's mean point", mean, seated),
+        "none" if is_better else "bad",
         "This shows how well points of one seat agree. An error that shifts all of them alike does not show.",
     )
 

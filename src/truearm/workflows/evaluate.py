@@ -15,6 +15,7 @@ from truearm.compensation.models.uncertainty import UncertaintyBudget, uncertain
 from truearm.identification.judgement.outliers import Outlier
 from truearm.readings import (
     Lengths,
+    LengthSummary,
     Session,
     check_sessions,
     compare_errors,
@@ -44,7 +45,7 @@ from truearm.workflows.inputs import (
 )
 from truearm.workflows.record import Record, TextTable, format_fixed
 from truearm.workflows.regressors import AnyModelLike, RegressorLike, is_regressor, predict_points, regressor_remark
-from truearm.workflows.sentences import SAME_DAY, compare_with_nominal, format_mm, listed
+from truearm.workflows.sentences import SAME_DAY, compare_with_nominal, format_mm, listed, number_of, with_lengths
 
 if TYPE_CHECKING:
     from truearm.pages.plotting import Figure
@@ -221,7 +222,7 @@ class Evaluation(Record):
 
     def summary(self) -> str:
         """The answer in one sentence: the mean error, and how it compares with the nominal arm."""
-        own, nominal = self.errors["model"], self.errors.get("nominal")
+        own, nominal, lengths = self.errors["model"], self.errors.get("nominal"), self.length_summary
         for key, of, n in (
             ("mean_mm", "Mean error", "n"),
             ("seat_mean_mm", "Mean distance from the mean of the seat", "n_in_seats"),
@@ -229,9 +230,18 @@ class Evaluation(Record):
         ):
             if key in own:
                 compared = "" if nominal is None else compare_with_nominal(own[key], nominal[key])
-                return f"{of} {format_mm(own[key])} on {own[n]} readings{compared}."
-        largest = max(abs(one["length_error_mm"]) for one in own["lengths"])
-        return f"Largest error of {len(own['lengths'])} lengths {format_mm(largest)}."
+                return with_lengths(f"{of} {format_mm(own[key])} on {own[n]} readings", compared, lengths) + "."
+        assert lengths is not None  # nothing else is known of these readings
+        compared = compare_with_nominal(lengths.largest_mm, lengths.nominal_mm)
+        return f"Largest error of {number_of(lengths.n, 'length')} {format_mm(lengths.largest_mm)}{compared}."
+
+    @property
+    def length_summary(self) -> LengthSummary | None:
+        """How well the model measures known lengths, beside the nominal arm; None without any."""
+        if self.lengths is None or "lengths" not in self.errors["model"]:
+            return None  # without seats they say nothing
+        errors = {name: [one["length_error_mm"] for one in of["lengths"]] for name, of in self.errors.items()}
+        return LengthSummary.of(errors["model"], errors.get("nominal"), self.lengths.u_mm)
 
     def blocks(self) -> Iterator[str | TextTable]:
         """See `Record.blocks`."""

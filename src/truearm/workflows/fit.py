@@ -29,6 +29,7 @@ from truearm.compensation.models.training_conditions import LEAST_TRAVEL_MM, LEA
 from truearm.errors import InputError
 from truearm.identification.estimation.diagnostics import identifiability
 from truearm.identification.estimation.tip_offsets import describe_tips
+from truearm.identification.judgement.calculated_points import describe_calculated
 from truearm.identification.judgement.frame_changes import SessionChange, frame_changes
 from truearm.identification.judgement.gross_errors import excluded_readings
 from truearm.identification.judgement.joint_gains import describe_gains
@@ -47,19 +48,28 @@ from truearm.identification.references.reading_references import (
     surfaces_with_too_few_readings,
 )
 from truearm.identification.terms.type_prior import TypePrior, read_type_prior
-from truearm.readings import Session, compare_errors, point_errors, seat_errors
+from truearm.readings import (
+    Lengths,
+    LengthSummary,
+    Session,
+    compare_errors,
+    length_errors,
+    point_errors,
+    seat_errors,
+)
 from truearm.readings.anchors import LEAST_COMPARED, distance_errors, has_located_anchor
 from truearm.readings.distances import OFFSET_STD_MM, bars_without_certificate
 from truearm.readings.names import similar_names, single_seats
 from truearm.readings.repeats import MergedReadings, merge_repeats, readings_of_one_pose
 from truearm.solve.threads import one_blas_thread
-from truearm.typing import IntArray
+from truearm.typing import FloatArray, IntArray
 from truearm.workflows.inputs import (
     ArmLike,
     LengthsLike,
     Limits,
     SessionLike,
     check_session_fits,
+    expanded_lengths,
     has_repeated_seat,
     repeat_remarks,
     session_lengths,
@@ -69,7 +79,7 @@ from truearm.workflows.inputs import (
     within_limits,
 )
 from truearm.workflows.record import Record, TextTable, format_fixed
-from truearm.workflows.sentences import compare_with_nominal, format_mm, listed, number_of
+from truearm.workflows.sentences import compare_with_nominal, format_mm, listed, number_of, with_lengths
 
 if TYPE_CHECKING:
     from truearm.pages.plotting import Figure
@@ -185,7 +195,7 @@ def fit(
         comparison=learned.table,
         session=used,
         n_readings=len(checked.rows),
-        training=_training_errors(fitted, at),
+        training=_training_errors(fitted, at, known),
         nominal=nominal,
         outliers=_outliers(fitted, given, checked.rows[merged.first]),
         length_outliers=_length_outliers(fitted, at, readings),
@@ -194,6 +204,7 @@ def fit(
             *acceptance_remarks(accept),
             *nominal_arm.remarks,
             *(() if of_type is None else (f"Constants are expected as the type has them: {of_type}.",)),
+            *_calculated(learned.arm_model, readings),
             *_gains(fitted),
             *_scatter(learned.arm_model, readings),
             *checked.remarks,
@@ -238,6 +249,13 @@ def _checked_prior(prior: TypePrior | str | Path, arm: Arm | None, model: ModelN
         return found.without(serial_number)
     except InputError as error:
         raise error if isinstance(prior, TypePrior) else error.in_file(prior) from None
+
+
+def _calculated(model: Compensator, readings: PreparedReadings) -> tuple[str, ...]:
+    if not model.arm.has_kinematics:
+        return ()
+    said = describe_calculated(readings, model.nominal_, model.identified_arm or model.nominal_)
+    return () if said is None else (said,)
 
 
 def _gains(model: Compensator) -> tuple[str, ...]:
@@ -383,7 +401,8 @@ class FitResult(Record):
             error, nominal = self.held_out_mm
             compared = "" if self.model_name == "nominal" else compare_with_nominal(error, nominal)
             of = " of a distance" if self.model.held_out_.n_coordinates < 3 else ""
-            return f"Mean error{of} {format_mm(error)} on held-out readings{compared}{about}"
+            lengths = None if self.training is None else self.training.get("lengths")
+            return with_lengths(f"Mean error{of} {format_mm(error)} on held-out readings", compared, lengths) + about
         if self.training is not None and "mean_mm" in self.training:
             mean = self.training["mean_mm"]
             compared = "" if self.nominal is None else compare_with_nominal(mean, self.nominal.nominal_error())
@@ -448,21 +467,35 @@ class FitResult(Record):
         )
 
 
-def _training_errors(model: Compensator, at: CheckedReadings) -> Mapping[str, Any] | None:
-    """Errors of the readings that took part."""
+def _training_errors(model: Compensator, at: CheckedReadings, lengths: Lengths | None) -> Mapping[str, Any] | None:
+    """Errors of the readings that took part, and of known lengths between their seats."""
     if model.identified_arm is not None and len(excluded := excluded_readings(model.identified_arm)):
         at = at.rows(np.setdiff1d(np.arange(len(at.session)), excluded))
     session, predicted = at.session, model.predict_readings(at)
+    measured = {} if lengths is None else _training_lengths(model, at, predicted, lengths)
     if session.points is not None:
         if not model.arm.has_kinematics:
             return point_errors(predicted, session.points)
-        return compare_errors(predicted, model.predict_nominal_readings(at), session.points)
+        return {**compare_errors(predicted, model.predict_nominal_readings(at), session.points), **measured}
     if has_repeated_seat(session):
         assert session.seat is not None
-        return {name: value for name, value in seat_errors(predicted, session.seat).items() if name != "seats"}
+        of_seats = seat_errors(predicted, session.seat).items()
+        return {name: value for name, value in of_seats if name != "seats"} | measured
     if has_located_anchor(session, LEAST_COMPARED):
         return dict(list(distance_errors(predicted, session).items())[:4])
     return None
+
+
+def _training_lengths(
+    model: Compensator, at: CheckedReadings, predicted: FloatArray, lengths: Lengths
+) -> dict[str, LengthSummary]:
+    """How well a model measures the known lengths between the seats of its training readings."""
+    seat = at.session.seat
+    known = None if seat is None else expanded_lengths(lengths.within(seat), at.session)
+    if seat is None or known is None:
+        return {}
+    own, drawn = (length_errors(points, seat, known) for points in (predicted, model.predict_nominal_readings(at)))
+    return {"lengths": LengthSummary.of(own, drawn, known.u_mm)}
 
 
 def _outliers(model: Compensator, session: Session, rows: IntArray) -> tuple[Outlier, ...]:

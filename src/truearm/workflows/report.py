@@ -22,7 +22,7 @@ from truearm.show.comparison_page import (
 )
 from truearm.show.constants_section import constants_sections
 from truearm.show.identification_sections import identification_sections, identified_budgets
-from truearm.show.seat_page import SeatComparison, seats_page
+from truearm.show.seat_page import SeatComparison, seats_page, seats_sentence
 from truearm.solve.threads import one_blas_thread
 from truearm.workflows.comparison import compare_in_seats, compare_models, one_arm, page_facts
 from truearm.workflows.evaluate_large import evaluate_large
@@ -138,7 +138,10 @@ class ReportResult(PageRecord):
         what = "Mean error" if self.session.points is not None else "Mean distance from the mean of the seat"
         mean = {name: errors["mean_mm"] for name, errors in self.errors.items()}
         n = len(self.models) + len(self.regressors)
-        sentence = improvement_sentence(what, mean.get("nominal"), min(mean.values()))
+        if isinstance(self.comparison, SeatComparison):
+            sentence = seats_sentence(what, mean, self.comparison)
+        else:
+            sentence = improvement_sentence(what, mean.get("nominal"), min(mean.values()))
         yield sentence.replace("\N{NARROW NO-BREAK SPACE}", " ")  # of pages; in a terminal nobody could search for it
         heads = [_HEADS[key] for key in next(iter(self.errors.values()))]
         rows = [[name, *(f"{value:.4f}" for value in errors.values())] for name, errors in self.errors.items()]

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import floor, log10
+from math import floor, isnan, log10
+
+from truearm.readings import LengthSummary
 
 # Outliers and other details that are printed one by one; `to_dict` has all of them.
 MAX_PRINTED = 6
@@ -45,6 +47,22 @@ def compare_with_nominal(error: float, nominal: float) -> str:
     if ratio > 0.95:
         return ", no smaller than the nominal arm"
     return f", {_times(1 / ratio)} larger than the nominal arm"
+
+
+def with_lengths(sentence: str, compared: str, lengths: LengthSummary | None) -> str:
+    """A sentence without its end, how that compares with the nominal arm, and known lengths: first if they are worse.
+
+    An arm that measures lengths worse than the drawing is not better, however well its points agree with each other.
+    """
+    if lengths is None:
+        return f"{sentence}{compared}"
+    of = f"argest error of {number_of(lengths.n, 'length')} {format_mm(lengths.largest_mm)}"
+    nominal = "" if isnan(lengths.nominal_mm) else f" (nominal arm {format_mm(lengths.nominal_mm)})"
+    if lengths.is_worse:
+        return (
+            f"L{of}, worse than the nominal arm ({format_mm(lengths.nominal_mm)}); {sentence[0].lower()}{sentence[1:]}"
+        )
+    return f"{sentence}{compared}; l{of}{nominal}"
 
 
 def _times(ratio: float) -> str:

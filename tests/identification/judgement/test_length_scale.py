@@ -69,16 +69,16 @@ def test_the_estimate_is_generalised_least_squares_where_lengths_scatter_by_noth
     fit = identified(0.01, scatter_mm=0.0, u_mm=0.1)
     a = np.array([UR10.chain.fixed[t.place, :3, 3] @ t.direction[3:] for t in fit.perturbed_chain.terms])
     y = fit.coefficients * (1 + (0.1 / 2.0) ** 2)
-    flat = LengthScale.of(replace(fit, coefficients=fit.coefficients * 0 + 0.01 * a / (1 + (0.1 / 2.0) ** 2)))
+    flat = LengthScale.of(replace(fit, coefficients=0.01 * a / (1 + (0.1 / 2.0) ** 2)), 60)
     assert flat.share == pytest.approx(0.01, rel=1e-6)
     assert flat.u == pytest.approx(0.1 / np.linalg.norm(a), rel=1e-6)
-    assert abs(LengthScale.of(fit).share - a @ y / (a @ a)) < 0.5 * flat.u  # noise may look like scatter
+    assert abs(LengthScale.of(fit, 60).share - a @ y / (a @ a)) < 0.5 * flat.u  # noise may look like scatter
 
 
 @pytest.mark.parametrize("scatter_mm", [0.05, 1.0, 10.0])
 def test_a_planted_scale_lies_within_its_uncertainty(scatter_mm):
     """Of 40 arms the pulls have the variance of Student's distribution with some 8 degrees of freedom, 1.3."""
-    found = [LengthScale.of(identified(0.004, scatter_mm=scatter_mm, u_mm=0.02, seed=seed)) for seed in range(40)]
+    found = [LengthScale.of(identified(0.004, scatter_mm=scatter_mm, u_mm=0.02, seed=seed), 60) for seed in range(40)]
     pulls = np.array([(one.share - 0.004) / one.u for one in found])
     assert 0.6 < (pulls**2).mean() < 2.2  # 40 pulls: 1.3 +- 0.4 at two standard deviations
     assert np.median([one.scatter_mm for one in found]) == pytest.approx(scatter_mm, rel=0.25)
@@ -87,15 +87,22 @@ def test_a_planted_scale_lies_within_its_uncertainty(scatter_mm):
 def test_arms_whose_lengths_differ_one_by_one_are_never_contradicted():
     """Of 100 arms with lengths off by 0.1 to 30 mm one by one none has a common scale, to odds of 150."""
     for seed in range(100):
-        scale = LengthScale.of(identified(0.0, scatter_mm=10 ** (-1 + seed % 10 / 4), u_mm=0.02, seed=seed))
+        scale = LengthScale.of(identified(0.0, scatter_mm=10 ** (-1 + seed % 10 / 4), u_mm=0.02, seed=seed), 60)
         assert not scale.is_contradicted(UR10)
 
 
 def test_readings_that_show_no_length_show_no_scale():
     fit = identified(0.0, scatter_mm=0.0, u_mm=0.1)
-    assert LengthScale.of(fit.select(lambda term: term.group != LENGTHS)) is None
+    assert LengthScale.of(fit.select(lambda term: term.group != LENGTHS), 60) is None
     nothing = replace(fit, covariance=np.diag(fit.prior_std**2))
-    assert LengthScale.of(nothing) is None
+    assert LengthScale.of(nothing, 60) is None
+
+
+def test_an_arm_that_passes_through_its_readings_shows_no_scale(measured):
+    """Six readings leave no residual, and so no uncertainty of what the lengths took of the zeros."""
+    six = measured.rows(slice(6))
+    for decimals in (1, 2, 3):
+        of(replace(six, points=np.round(six.points, decimals)))
 
 
 @pytest.mark.parametrize("factor", [1.005, 0.99])

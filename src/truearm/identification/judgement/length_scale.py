@@ -22,6 +22,7 @@ import numpy as np
 from truearm.acceptance import contradict
 from truearm.arm.arm import Arm
 from truearm.identification.estimation.identification_result import IdentificationResult
+from truearm.identification.estimation.residual_variance import LEAST_FREEDOM
 from truearm.identification.judgement.description_check import VERY_STRONG
 from truearm.identification.terms.catalogue import LENGTHS
 from truearm.identification.terms.thermal import link_vectors
@@ -59,18 +60,20 @@ class LengthScale:
     log_odds: float
 
     @classmethod
-    def of(cls, fit: IdentificationResult, widened: float = 1.0) -> Self | None:
+    def of(cls, fit: IdentificationResult, freedom: float, widened: float = 1.0) -> Self | None:
         """Estimate the common scale of an identified arm; None where the readings determine no lengths.
 
         Parameters
         ----------
         fit : IdentificationResult
             With its constants.
+        freedom : float
+            Its residual freedom: an arm that passes through its readings shows no uncertainty.
         widened : float
             Factor by which the covariance of the readings is too small.
         """
         known, nominal = _nominal_lengths(fit)
-        if not len(known):
+        if not len(known) or freedom < LEAST_FREEDOM:
             return None
         prior = fit.prior_std[known]
         # In multiples of the prior standard deviation: the mean of them is the unit of the scatter.

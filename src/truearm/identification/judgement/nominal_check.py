@@ -229,7 +229,7 @@ def check_nominal_arm(
         left=left,
         most_noise_mm=MAX_RATIO * check.usual_mm if hidden else most_noise(placed, state, arm.chain.reach),
         description=None if table is None else check_description(arm, table, fit.chain),
-        length_scale=LengthScale.of(fit),
+        length_scale=LengthScale.of(fit, fit.residual_freedom(references)),
     )
 
 
