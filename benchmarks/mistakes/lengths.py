@@ -1,4 +1,4 @@
-"""References of a wrong size, or of none: bars, trackers, boards, controllers; and arms that are warm, printed, rough."""
+"""References of a wrong size, or of none: bars, trackers, boards, controllers; and arms that are warm or printed."""
 
 from __future__ import annotations
 
