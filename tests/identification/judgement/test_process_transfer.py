@@ -11,10 +11,24 @@ from truearm.arm import load_arm
 from truearm.errors import InputError
 from truearm.identification.estimation.identification import identify
 from truearm.identification.judgement.cross_validation_groups import PLACE_RADIUS, is_in_one_place
-from truearm.identification.judgement.residual_process import OF_ARM, ResidualProcess, _only_frame_uncertain
+from truearm.identification.judgement.residual_process import OF_ARM, OF_SESSION, ResidualProcess, _only_frame_uncertain
 from truearm.identification.references.references import Points
 from truearm.identification.terms import ArmState, constants
 from truearm.readings import Session
+
+PROCESS = ResidualProcess(OF_ARM, (1.0, 2.0), 1, 0.0, -3.0, 0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("owner", "improvement_mm", "is_kept"),
+    [(OF_ARM, -0.9, True), (OF_ARM, -1.1, False), (OF_SESSION, 0.9, False), (OF_SESSION, 1.1, True)],
+)
+def test_a_process_of_the_arm_is_kept_in_doubt_and_one_of_a_session_is_not(owner, improvement_mm, is_kept):
+    """By new readings that speak for or against it by some standard errors of 1 mm."""
+    assert PROCESS.is_kept
+    assert PROCESS.is_judged
+    after = replace(PROCESS, belongs_to=owner).after_transfer(improvement_mm, 1.0)
+    assert (after.is_kept, after.is_judged, after.improvement_mm) == (is_kept, True, improvement_mm)
 
 
 def test_a_frame_of_which_all_is_free_is_as_uncertain_as_the_whole_arm(rng):
@@ -44,10 +58,9 @@ def test_a_frame_of_which_all_is_free_is_as_uncertain_as_the_whole_arm(rng):
     ],
 )
 def test_a_process_that_no_fit_could_have_found_is_refused(changed):
-    process = ResidualProcess(OF_ARM, (1.0, 2.0), 1, 0.0, -3.0, 0.0, 0.0, 0.0)
-    process.check(2)
+    PROCESS.check(2)
     with pytest.raises(InputError, match="residual process"):
-        replace(process, **changed).check(2)
+        replace(PROCESS, **changed).check(2)
 
 
 @pytest.mark.parametrize(("share", "is_one_place"), [(0.9, True), (1.1, False)])
