@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from truearm.errors import InputError
-from truearm.identification.estimation.extrapolation import Extrapolation
+from truearm.identification.estimation.extrapolation import STEEPEST_GROWTH, Extrapolation
 from truearm.identification.estimation.residual_variance import VarianceFunction
 
 RANGES = np.array([[-1.0, 1.0], [0.0, 0.5], [100.0, 300.0]])
@@ -58,6 +58,11 @@ def test_ranges_that_are_none_are_refused(ranges):
 def test_a_joint_that_never_moved_has_a_range_of_one_angle():
     still = Extrapolation(np.array([[0.2, 0.2]]), SLIDES[:1], 2.0)
     np.testing.assert_allclose(still.distance(np.array([[0.2], [0.5]])), [0.0, 0.3], atol=1e-12)
+
+
+@pytest.mark.parametrize("growth", [0.0, STEEPEST_GROWTH])
+def test_the_bounds_of_a_growth_are_growths(growth):
+    assert Extrapolation(RANGES, SLIDES, growth).growth == growth
 
 
 def test_a_slide_counts_in_its_travel():
