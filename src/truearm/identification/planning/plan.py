@@ -55,7 +55,7 @@ class IdentifiedArm(Protocol):
         """State of the arm at readings."""
 
     def is_trained_on(self, readings: Session) -> bool:
-        """Whether the model was identified from some of these readings."""
+        """Whether the model was identified from most of these readings."""
 
 
 @dataclass(frozen=True, eq=False)
