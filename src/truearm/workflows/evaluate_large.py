@@ -117,7 +117,7 @@ def _sums_of(task: EvaluateTask, given: Session, part: Part, *, accept: str | No
     n_beyond = len(given) - len(allowed.rows)
     seen = np.flatnonzero(allowed.session.has_point)
     used, kept, training = without_training_readings(allowed.session.rows(seen), model)
-    is_whole, seen = len(kept) == len(seen), seen[kept]
+    seen = seen[kept]
     if not len(used):
         return EvaluationSums(len(given), n_beyond)
     if model.arm.has_kinematics:
@@ -135,7 +135,7 @@ def _sums_of(task: EvaluateTask, given: Session, part: Part, *, accept: str | No
     return EvaluationSums(
         len(given),
         n_beyond,
-        int(model.trained_on(used).sum()) if is_whole else 0,
+        int(model.trained_on(used).sum()),
         errors,
         budget.n_covered,
         budget.n_covered_99,

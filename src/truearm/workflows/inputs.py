@@ -430,13 +430,13 @@ def without_training_readings(session: Session, *models: Compensator) -> tuple[S
     Returns
     -------
     session : Session
-        The others; all readings if there are none to compare with, or a model knows but a sample of its training.
+        The others, and those of a fit of which the model knows a sample; all if there are none to compare with.
     rows : (n,) array of int
         Their rows in `session`.
     remarks : tuple of str
     """
-    known = np.any([model.trained_on(session) for model in models if model.training_.readings_per_known == 1], axis=0)
-    if np.all(known) or not np.any(known) or not _is_compared_as(session, others := session.rows(~known)):
+    known = np.any([one.training_.all_among(session, one.arm_.chain.is_prismatic) for one in models], axis=0)
+    if known.all() or not known.any() or not _is_compared_as(session, others := session.rows(~known)):
         return session, np.arange(len(session)), ()
     n = int(known.sum())
     are = agree(n, "are")

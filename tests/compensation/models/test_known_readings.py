@@ -86,3 +86,8 @@ def test_what_a_sample_knows_is_said_of_all():
     said = str(ta.evaluate(model, many.rows(np.arange(350))))
     assert "about 350 of 350 are training readings of the model (its file knows 500 of 700)" in said
     assert len(model.training_.known.numbers) == 500
+    there = replace(many, points=many.points + [100.0, 0, 0])
+    moved = ta.refit(model, there, n_readings=20).model
+    found = ta.evaluate(moved, there)
+    assert (found.n_training, found.errors["model"]["n"]) == (20, 680)
+    assert "training readings of the model (its" not in str(found)

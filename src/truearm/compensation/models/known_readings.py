@@ -65,6 +65,11 @@ class KnownReadings:
         """How many readings of the fit are kept."""
         return len(self.numbers) - self.n_refit
 
+    @property
+    def of_refits(self) -> KnownReadings:
+        """Those of transfers alone."""
+        return KnownReadings(self.numbers[self.n_of_fit :], self.n_refit)
+
     def among(self, readings: Session, prismatic: BoolArray) -> BoolArray:
         """(n,) which readings are known, as they are or as one of the repeats that the fit merged into their mean."""
         slides = np.concatenate([prismatic, np.ones(N_OF_REFERENCE, dtype=bool)])

@@ -274,6 +274,12 @@ class TrainingConditions:
             return np.full(len(readings), self.fingerprint == fingerprint(readings))
         return self.known.among(readings, prismatic)
 
+    def all_among(self, readings: Session, prismatic: BoolArray) -> BoolArray:
+        """(n,) the same, of a fit of which but a sample is known those of transfers alone."""
+        if self.known is None or self.readings_per_known == 1:
+            return self.among(readings, prismatic)
+        return self.known.of_refits.among(readings, prismatic)
+
     @property
     def readings_per_known(self) -> float:
         """Readings of the fit for each that can be recognised: 1 where all of them are kept."""
