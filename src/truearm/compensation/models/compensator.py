@@ -500,6 +500,10 @@ class Compensator(Regressor, ABC):
         """
         return self.training_.among(with_read_angles(self.arm_, readings), self.arm_.chain.is_prismatic)
 
+    def skipped_in_tests(self, readings: Session) -> BoolArray:
+        """(n,) The same, of a fit of which but a sample is known those of refits alone."""
+        return self.training_.all_among(with_read_angles(self.arm_, readings), self.arm_.chain.is_prismatic)
+
     def is_trained_on(self, readings: Session) -> bool:
         """Whether the model was fitted or refitted to most of these readings."""
         return self.training_.readings_per_known * float(self.trained_on(readings).mean()) > MOST_KNOWN
