@@ -124,11 +124,11 @@ def refuse_wrong_scale(scale: LengthScale, arm: Arm, readings: Session, lengths:
         return
     size, most = 1 + scale.share, float(f"{1.2 * abs(scale.share) * arm.chain.reach:.1g}")
     problem = (
-        f"by these readings all {scale}, and beside that they differ by {scale.scatter_mm:.2g} mm: no arm is made so, "
-        "the reference is off"
+        f"by these readings all {scale}, and beside that they differ by {scale.scatter_mm:.2g} mm: no arm is made so: "
+        "the reference is off, or they are of another arm"
     )
     drawing = (
-        f"or the arm, if it is one of another size; if its drawing is as inaccurate as that, add the line "
+        f"or whether the arm is another one; if its drawing is as inaccurate as that, add the line "
         f"nominal_error_mm = {most:g} to the arm file, above the first table"
     )
     if lengths is None or readings.has_point.any():
