@@ -233,3 +233,44 @@ def test_a_result_as_found_that_is_changed_is_named():
     (said,) = contradictions(replace(made, as_found=(changed, *others)))
     assert "is 0.9098 mm" in said
     assert said.endswith("by the decision rule fail; it states pass")
+
+
+def test_days_of_artefacts_plan_and_receipt_are_recomputed():
+    """The made-up arm was received on 2 November, measured on the 3rd, its certificate issued on the 5th."""
+    first, *others = WHOLE.equipment
+
+    def dated(days):
+        return replace(WHOLE, equipment=(replace(first, description=days), *others))
+
+    day = WHOLE.end
+    check_consistency(dated(f"Calibrated on {day}, certificate valid until {day}."))
+    check_consistency(dated("Calibrated, as its certificate says."))
+    (said,) = contradictions(dated(f"Calibrated on {day.replace(day=4)}, certificate valid until {day.replace(2030)}."))
+    assert said == "sphere ball was calibrated on 2026-11-04, after the last points were measured on 2026-11-03"
+    (said,) = contradictions(dated("Valid from 2024-01-01 to 2026-11-02"))
+    assert said == "the certificate of sphere ball expired on 2026-11-02, before points were measured"
+    about = WHOLE.about.model_copy(update={"received": day.replace(day=4)})
+    (said,) = contradictions(replace(WHOLE, about=about))
+    assert said == "the arm was received on 2026-11-04, after points were measured on 2026-11-03"
+    _, plan, *_ = WHOLE.methods
+    late = replace(plan, description=plan.description.replace(f"on {day}.", "on 2026-11-06."))
+    (said,) = contradictions(replace(WHOLE, methods=(WHOLE.methods[0], late, *WHOLE.methods[2:])))
+    assert said == "issued on 2026-11-05, before the test plan was confirmed on 2026-11-06"
+
+
+@pytest.mark.parametrize(
+    "wording",
+    [
+        "Of the arm we say that it is not conform. Two values lie outside.",
+        "Decision on conformity: not conform.",
+        "The arm does not conform to its specification. Other arms conform.",
+        "Two values exceed their limits.",
+        "Whether it is conform: not conform",
+    ],
+)
+def test_other_words_of_another_version_are_no_contradiction(wording):
+    name = WHOLE.title.removeprefix("Verification: ")
+    for text in (wording, f"{name}: {wording}"):
+        check_consistency(with_statement(WHOLE, "decision", lambda _, text=text: text))
+    open_ = replace(WHOLE, equipment=(replace(WHOLE.equipment[0], accreditation=None), *WHOLE.equipment[1:]))
+    check_consistency(with_statement(open_, "traceability", lambda _: "Traceability of the ball could not be shown."))

@@ -14,6 +14,7 @@ from made_up_outcome import CONFIRMED, DAY, RECALLED, ROWS, about, certificate, 
 
 from truearm.errors import InputError, TruearmError
 from truearm.files.x509_certificates import Signer
+from truearm.files.xml_references import BrokenSignature
 from truearm.show.certificate_page import CONFORMITY_WORDS, certificate_page
 from truearm.verification.certificate import dcc_reader as module
 from truearm.verification.certificate.administrative_data import xml_text as one_line
@@ -27,7 +28,7 @@ from truearm.verification.certificate.certificate import (
     conformity_of,
 )
 from truearm.verification.certificate.dcc import checked_dcc, dcc
-from truearm.verification.certificate.dcc_reader import parse_dcc, read_dcc
+from truearm.verification.certificate.dcc_reader import parse_dcc, parse_dcc_file, read_dcc
 from truearm.verification.certificate.statements import Statement
 from truearm.verification.standards.decision import (
     DECISION_RULES,
@@ -677,3 +678,26 @@ def test_whatever_element_is_missing_empty_or_double_the_reader_refuses_or_reads
             child.text = text
     assert parse_dcc(ET.tostring(root)) == small
     assert refused > 50
+
+
+@pytest.mark.parametrize(
+    ("time", "said"),
+    [
+        ("2026-02-10T09:00:00Z", "made on 2026-02-10, before what it signs was measured on 2026-11-03"),
+        ("2026-11-03T09:00:00Z", "made on 2026-11-03, before what it signs was issued on 2026-11-05"),
+        ("2026-11-04T10:00:00Z", None),  # already the 5th, 14 hours east of Greenwich
+        ("2026-11-06T09:00:00+02:00", None),
+    ],
+)
+def test_what_is_signed_was_measured_and_issued_before(time, said):
+    """A key that has expired signs only with its clock set back."""
+    pytest.importorskip("signxml", reason="pip install truearm[sign] verifies")
+    from made_up_signers import advanced, certified, curve_key
+
+    key = curve_key()
+    signed = advanced(certified(key), key, content=dcc(certificate()).rstrip(), time=time)
+    if said is None:
+        assert parse_dcc_file(signed).signature.answer == "good"
+    else:
+        with pytest.raises(BrokenSignature, match=f"signature is broken: by its own time it was {said}"):
+            parse_dcc_file(signed)

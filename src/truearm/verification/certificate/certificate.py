@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import datetime
+import re
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from decimal import Decimal
 from math import isfinite
@@ -165,6 +167,15 @@ class Certificate:
     def reservation(self) -> str | None:
         """Why the certificate is not for conformity decisions; None if it is."""
         return next(iter(self.texts("reservation")), None)
+
+
+def days_in(text: str) -> tuple[datetime.date, ...]:
+    """The days that a text of a certificate states, in their order."""
+    found = []
+    for day in re.findall(r"\b\d{4}-\d\d-\d\d\b", text, re.ASCII):
+        with suppress(ValueError):  # such as 2026-02-30
+            found.append(datetime.date.fromisoformat(day))
+    return tuple(found)
 
 
 def are_traceable(equipment: Sequence[Equipment]) -> bool:

@@ -5,6 +5,7 @@ Written values are rounded. A statement contradicts the numbers only if no value
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from decimal import Decimal
 from itertools import product
@@ -20,20 +21,29 @@ from truearm.verification.certificate.certificate import (
     CONFORMITY_VERDICTS,
     DECISION_RULE,
     DEGREES_OF_FREEDOM,
+    LISTED_ENTRIES,
     TITLE,
     Certificate,
     StatedList,
     StatedQuantity,
     StatedResult,
     conformity,
+    days_in,
     overall_conformity,
 )
-from truearm.verification.certificate.statements import NOT_SHOWN
 from truearm.verification.standards.asme_b89_4_22 import DEVIATION_STATISTICS
 from truearm.verification.standards.decision import COVERAGE_PROBABILITY, DecisionRule, Verdict, decide
 from truearm.verification.standards.verification_text import RULE_STANDARDS
 
 _REMEDY = "do not use this certificate; ask the laboratory that issued it"
+# What a decision calls its verdict, and traceability that is not shown, in the words of any version.
+_VERDICT = re.compile(r"\b(?:not conform|undecided|not decided|(?<!not )conform)")
+_VERDICT_WORDS = {
+    Verdict.CONFORM: {"conform"},
+    Verdict.UNDECIDED: {"undecided", "not decided"},
+    Verdict.NOT_CONFORM: {"not conform"},
+}
+_NOT_SHOWN = re.compile(r"\bnot (?:be |been )?shown\b")
 _DOF = np.arange(1.0, 2000.0)
 _LARGEST = "Volumetric.Max"
 # By how many times its size the rounding of each deviation moves what ASME B89.4.22 computes from all of them.
@@ -44,8 +54,9 @@ def check_consistency(certificate: Certificate) -> None:
     """Check that a certificate does not contradict itself.
 
     Recomputed are the conformity of each value from value, U, limit and decision rule; the decision from those of all
-    values, with its sentence; test values from the individual results, of which they are the worst; U and k from the
-    budget, and its sum; and whether traceability is shown of all artefacts. Days follow each other.
+    values, with what its sentence says; test values from the individual results, of which they are the worst; U and k from the
+    budget, and its sum; whether traceability is shown of all artefacts; and the order of the days, also of the
+    artefacts' calibrations. Wording is that of the version which wrote the certificate, and contradicts nothing.
 
     Raises
     ------
@@ -72,6 +83,19 @@ def _days(certificate: Certificate) -> Iterator[str]:
         yield f"measured from {certificate.begin} to {certificate.end}"
     if certificate.issued < certificate.end:
         yield f"issued on {certificate.issued}, before the last points were measured on {certificate.end}"
+    received = certificate.about.received
+    if received is not None and received > certificate.begin:
+        yield f"the arm was received on {received}, after points were measured on {certificate.begin}"
+    for method in certificate.methods:
+        about_plan = method.description.partition(LISTED_ENTRIES)[0].partition(" confirmed against ")[2]
+        if (confirmed := days_in(about_plan)) and certificate.issued < confirmed[-1]:
+            yield f"issued on {certificate.issued}, before the test plan was confirmed on {confirmed[-1]}"
+    for one in certificate.equipment:
+        days = days_in(one.description)
+        if days and days[0] > certificate.end:
+            yield f"{one.name} was calibrated on {days[0]}, after the last points were measured on {certificate.end}"
+        if len(days) > 1 and days[-1] < certificate.begin:
+            yield f"the certificate of {one.name} expired on {days[-1]}, before points were measured"
 
 
 def _verdicts(certificate: Certificate) -> Iterator[str]:
@@ -123,12 +147,15 @@ def _decision(certificate: Certificate) -> Iterator[str]:
     overall = overall_conformity([one.conformity for one in certificate.results if one.limit is not None])
     if overall != certificate.conformity:
         yield f"by its values the decision is {overall or 'none'}; it states {certificate.conformity or 'none'}"
-    name = f"{certificate.title.removeprefix(TITLE)}: "
     verdict = CONFORMITY_VERDICTS[overall] if overall else Verdict.UNDECIDED
     for text in certificate.texts("decision"):
-        if not text.startswith(f"{name}{verdict.value}."):
-            said = text.removeprefix(name).partition(".")[0]
-            yield f"by its values the arm is {verdict.value!r}; the decision says {said[:80]!r}"
+        # The wording is that of the version that wrote it: the first sentence that names a verdict names this one.
+        sentences = text.removeprefix(certificate.title.removeprefix(TITLE)).lstrip(": ").split(". ")
+        said, named = next(
+            ((one, words) for one in sentences if (words := set(_VERDICT.findall(one.casefold())))), ("", set())
+        )
+        if named and not named & _VERDICT_WORDS[verdict]:
+            yield f"by its values the arm is {verdict.value!r}; the decision says {said.removesuffix('.')[:80]!r}"
 
 
 def _individual(certificate: Certificate) -> Iterator[str]:
@@ -189,7 +216,7 @@ def _uncertainties(certificate: Certificate) -> Iterator[str]:
 
 def _traceability(certificate: Certificate) -> Iterator[str]:
     for text in certificate.texts("traceability"):
-        if (NOT_SHOWN in text) == certificate.is_traceable:
+        if (_NOT_SHOWN.search(text) is not None) == certificate.is_traceable:
             shown = "" if certificate.is_traceable else "not "
             yield f"by its artefacts traceability is {shown}shown of all; it says {text[:200]!r}"
 

@@ -19,8 +19,8 @@ from pydantic import ValidationError
 from truearm.errors import InputError
 from truearm.files.file_reading import read_limited
 from truearm.files.pdf_attachments import attached_xml, is_pdf
-from truearm.files.xml_references import UnverifiedSignature
-from truearm.files.xml_signatures import GOOD, NOT_VERIFIABLE, Signature, verified_content
+from truearm.files.xml_references import BrokenSignature, UnverifiedSignature
+from truearm.files.xml_signatures import BROKEN, GOOD, NOT_VERIFIABLE, Signature, verified_content
 from truearm.verification.certificate.administrative_data import NOTES, AdministrativeData, xml_text
 from truearm.verification.certificate.calibration_certificate import (
     SPACES,
@@ -45,6 +45,7 @@ from truearm.verification.certificate.statements import Statement
 SCHEMA_VERSION = "3.3.0"
 LANGUAGE = "en"  # of all texts
 MAX_BYTES = 10_000_000
+FARTHEST_EAST = datetime.timedelta(hours=14)  # of UTC: the latest day that it is anywhere
 
 UNITS = {"mm": r"\milli\metre", "degC": r"\degreecelsius", "1": r"\one"}
 # Reference types and names of the conditions.
@@ -146,6 +147,7 @@ def parse_dcc_file(content: bytes, *, trusted: str | Path | None = None) -> Cert
         if signature is None:
             raise
         raise InputError(f"{error.problem}. {signature.describe()}".removesuffix("."), hint=error.hint) from None
+    _check_signed_after(signature, certificate)
     day = certificate.issued or certificate.end  # the day of issue is optional in a DCC
     if signature is not None and signature.answer == GOOD and not signature.covers(day):
         stated = f"was issued on {day}" if day is not None else "states neither a day of issue nor of measurement"
@@ -155,6 +157,20 @@ def parse_dcc_file(content: bytes, *, trusted: str | Path | None = None) -> Cert
             raise UnverifiedSignature(f"the signature is {NOT_VERIFIABLE}: {problem}", hint=hint)
         signature = Signature(NOT_VERIFIABLE, problem)
     return CertificateFile(certificate, signature)
+
+
+def _check_signed_after(signature: Signature | None, certificate: Certificate | CalibrationCertificate) -> None:
+    """Nobody signs what is not yet measured: a time before that is set back, to when the key was valid."""
+    if signature is None or signature.signed_at is None:
+        return
+    signed = (signature.signed_at + FARTHEST_EAST).astimezone(datetime.UTC).date()
+    for what, day in (("measured", certificate.end), ("issued", certificate.issued)):
+        if day is not None and signed < day:
+            raise BrokenSignature(
+                f"the signature is {BROKEN}: by its own time it was made on {signature.signed_at:%Y-%m-%d}, before what "
+                f"it signs was {what} on {day}",
+                hint="do not use this file, ask its issuer for the original",
+            )
 
 
 def _own(certificate: Certificate | CalibrationCertificate) -> Certificate:
