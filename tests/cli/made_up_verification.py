@@ -129,6 +129,7 @@ class Made:
                     start = np.array([-400.0, 100, 0]) + 50 * self.rng.normal(size=3)
                     direction = self.rng.normal(size=3)
                     direction /= np.linalg.norm(direction)
+                    start -= length / 2 * direction  # within the arm's reach, whatever the direction
                     for repeat in (1, 2, 3):
                         keys = {"length": f"{length:.0f}", "position": position, "repeat": repeat}
                         grown = length * (1 + 1e-6 * (self.degC - 20))
@@ -148,8 +149,8 @@ class Made:
             direction = self.rng.normal(size=3)
             direction /= np.linalg.norm(direction)
             keys = {"length": f"{length:.0f}", "position": i + 1}
-            self.add("volumetric", "bar", [0, 0, 0], end="A", **keys)
-            self.add("volumetric", "bar", length * direction, end="B", **keys)
+            for end, side in (("A", -0.5), ("B", 0.5)):
+                self.add("volumetric", "bar", side * length * direction, end=end, **keys)
         return self
 
     def text(self, serial_number=None, **origin):

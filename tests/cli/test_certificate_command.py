@@ -398,6 +398,19 @@ def test_a_certificate_that_is_not_for_signatures_signs_nothing(truearm, bench, 
     assert snapshot(bench) == there
 
 
+def test_every_form_states_the_measuring_range_and_the_serial_numbers_of_the_artefacts(truearm, bench):
+    points = Path("points.csv").read_text().replace("\n", ",\n").replace(",\n", ",artefact_serial_number\n", 1)
+    Path("points.csv").write_text(points.replace(",\nprobing,ball", ",Q-4\nprobing,ball"))
+    assert truearm(*ALL).code == 0
+    made = read_dcc("certificate.xml")
+    assert {one.name: one.serial_number for one in made.equipment} == {"sphere ball": "Q-4", "bar bar": None}
+    said = "The limits are those of measuring arm 2.5 m (its data sheet), with a measuring range of 2500 mm."
+    assert made.texts("rated conditions")[0].startswith(said)
+    page = Path("certificate.html").read_text()
+    for part in (said, "sphere ball, serial number Q-4, diameter", "bar bar, serial number not stated, length 1700"):
+        assert part in page
+
+
 def test_limits_that_nothing_was_tested_for_are_named(truearm, bench):
     Path("my-plan.toml").write_text(confirm(plan_text("iso10360-12").partition("[articulation")[0]))
     made = Made().iso()
@@ -476,6 +489,12 @@ def test_the_template_names_what_is_to_be_filled_in(truearm, bench):
         ("about.toml", "issued = 2026-11-05", "issued = 2027-11-05", "issued: the date 2027-11-05 is in the future"),
         ("about.toml", 'serial_number = "10017"', "serial_number = 10017", "item.serial_number: "),
         ("about.toml", 'place = "laboratory"', 'place = "moon"', "place: "),
+        (
+            "about.toml",
+            "[40.0, 55.0]",
+            "[0.40, 0.55]",
+            "relative_humidity_percent: 0.4 to 0.55 % is drier than any room",
+        ),
         ("about.toml", "[item]", "[arm]", "unknown key arm. Try: use one of number"),
         ("about.toml", "[19.6, 20.4]", "[20.4, 19.6]", "temperature_degC: expected the lowest and the highest"),
         ("artefacts.toml", "expires = 2028-01-15", "expires = 2026-11-01", "expired on 2026-11-01"),

@@ -171,7 +171,7 @@ def test_conditions_are_stated_with_the_points(truearm, bench):
     assert "the specification states no rated conditions" in truearm(*options()).out
     Path("points.csv").write_text("\n".join([f"{head},humidity_percent", *(row + ",170" for row in rows)]) + "\n")
     refused = truearm(*options())
-    assert (refused.code, "expected humidity_percent from 0 to 100, got 170" in refused.err) == (2, True)
+    assert (refused.code, "expected humidity_percent from 2 to 100, got 170" in refused.err) == (2, True)
 
 
 def test_simple_acceptance_hides_no_value_far_beyond_its_limit(truearm, bench):
@@ -387,6 +387,18 @@ POINTS = {
         ["line 2, column 'date': the date 2027-11-03 is in the future. Try: write year, month, day"],
     ),
     "too early": (lambda text: text.replace("2026", "2025"), ["calibrated on 2026-01-15, after points were measured"]),
+    "eight months": (
+        lambda text: text.replace("uni,bar,2026-11-03", "uni,bar,2026-03-03"),
+        ["points of one test were measured on 2026-03-03 and on 2026-11-03, 245 days apart", "--accept REASON"],
+    ),
+    "humidity as a share": (
+        lambda text: text.replace("\n", ",0.40\n").replace("0.40", "humidity_percent", 1),
+        ["line 2, column 'humidity_percent': expected humidity_percent from 2 to 100, got 0.4"],
+    ),
+    "tip in m": (
+        lambda text: text.replace("\n", ",0.01\n").replace("0.01", "tip_diameter_mm", 1),
+        ["0, or the diameter of a stylus tip from 0.1 to 50 mm, got 0.01. Try: write it in mm: 6 for a ball"],
+    ),
     "no date": (first("uni", "2026-11-03", ""), ["column 'date'", "needs 'date', got an empty cell"]),
     "odd date": (lambda text: text.replace("2026-11-03", "3/11/2026"), ["a date, got '3/11/2026'", "Try: write"]),
     "no temperature": (first("probing", ",20.0", ","), ["column 'artefact_degC'", "needs the temperature"]),
@@ -577,6 +589,39 @@ def test_most_points_of_a_seat_the_same_are_refused(truearm, bench, n):
     assert "Try: measure the position again; if the coordinates are rounded, write them with more digits" in ran.err
 
 
+@pytest.mark.parametrize("range_mm", [250, 1600])
+def test_an_arm_reaches_no_farther_than_its_measuring_range(truearm, bench, range_mm):
+    """It measured a bar of 1700 mm; makers who round 1.7 m to 1.65 are believed."""
+    Path("mpe.toml").write_text(MPE.replace("2500", str(range_mm)))
+    ran = truearm(*options())
+    assert (ran.code, ran.out) == (2, "")
+    assert f"mm apart, more than the measuring range of {range_mm} mm. Try: correct measuring_range_mm" in ran.err
+    said = truearm(*options(), "--accept", "leapfrog, in one frame", "--json")
+    assert any("Accepted (leapfrog, in one frame): test '" in one for one in json.loads(said.out)["remarks"])
+
+
+def test_thermometers_are_uncertain(truearm, bench):
+    for degC, code in ((20.0, 0), (24.0, 2)):
+        Path("points.csv").write_text(Made(degC=degC).iso().text())
+        Path("artefacts.toml").write_text(ARTEFACTS.replace("u_temperature_K = 0.5", "u_temperature_K = 0.0"))
+        ran = truearm(*options())
+        assert ran.code == code, ran
+    assert "u_temperature_K = 0 of 'bar', measured more than 1 K from 20 degC" in ran.err
+
+
+def test_every_form_states_the_measuring_range_and_the_serial_numbers_of_the_artefacts(truearm, bench):
+    Path("artefacts.toml").write_text(ARTEFACTS.replace('name = "bar"', 'name = "bar"\nserial_number = "B-77"'))
+    ran = truearm(*options(), "--report", "page.html")
+    assert "measuring arm 2.5 m, measuring range 2500 mm" in ran.out.splitlines()[1]
+    assert "Artefacts: ball, serial number not stated; bar, serial number B-77." in ran.out
+    found = json.loads(truearm(*options(), "--json").out)
+    assert found["measuring_range_mm"] == 2500
+    assert [(one["name"], one["serial_number"]) for one in found["artefacts"]] == [("ball", None), ("bar", "B-77")]
+    page = html.unescape(Path("page.html").read_text())
+    assert "its data sheet, for a measuring range of 2500 mm." in page
+    assert "bar, serial number B-77, length 1700" in page
+
+
 def test_bars_too_short_for_the_arm_are_refused_in_the_volumetric_test(truearm, bench):
     """1700 mm are 68 % of 2500 mm, 60 % of 2833 mm: enough up to there."""
     Path("points.csv").write_text(Made().asme().text())
@@ -765,7 +810,7 @@ def test_an_empty_file_is_printed_to_fill_in(truearm, bench, kind, key):
 def test_the_points_state_the_arm_that_measured_them(truearm, bench):
     Path("points.csv").write_text(Made().iso().text("10017"))
     ran = truearm(*options(), "--report", "page.html")
-    assert ran.out.splitlines()[1].endswith("measuring arm 2.5 m, serial number 10017")
+    assert ran.out.splitlines()[1].endswith("measuring range 2500 mm, serial number 10017")
     assert "10017" in Path("page.html").read_text()
     assert json.loads(truearm(*options(), "--json").out)["serial_number"] == "10017"
     first, _, last = Made().iso().text("10017").rpartition("10017")

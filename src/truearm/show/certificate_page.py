@@ -252,10 +252,11 @@ def _traceability(certificate: Certificate) -> Section:
     for one in certificate.equipment:
         issuer = f"{one.issued_by}, accreditation {one.accreditation or 'not stated'}"
         names = (one.certificate, issuer, one.description)
+        name = f"{one.name}, serial number {one.serial_number or 'not stated'}"
         if not one.quantities:
-            cells.append((one.name, None, None, *names))
+            cells.append((name, None, None, *names))
         for quantity in one.quantities:
-            size = f"{one.name}, {quantity.name}"
+            size = f"{name}, {quantity.name}"
             cells.append((size, _number(quantity), _uncertainty(quantity), *names))
     columns = Column.of("artefact", "calibrated [mm]", "u (k = 1) [mm]", "certificate", "issued by", "dates")
     table = Table(columns, tuple(cells), "Artefacts and their certificates.")

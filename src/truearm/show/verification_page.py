@@ -45,7 +45,8 @@ def verification_page(verification: Verification, *, facts: Sequence[tuple[str, 
     nearest_label = f"of its limit, value and uncertainty together: {nearest.name}"
     return Page(
         title=f"{verification.specification.name}: {verification.conclusion.value}",
-        subtitle=f"{verification.plan.heading}. Limits: {verification.specification.source}.",
+        subtitle=f"{verification.plan.heading}. Limits: {verification.specification.source}, for a measuring range of "
+        f"{verification.specification.measuring_range_mm:g} mm.",
         summary=(
             LabelledValue(nearest_label, format_percent(share_of_limit(nearest)), state=_state(nearest, verification)),
             LabelledValue("values with a limit", len(verification.rows_with_limit)),
@@ -130,10 +131,12 @@ def _artefacts(verification: Verification) -> Section:
     for one in verification.used_artefacts:
         dates = (one.certificate, str(one.date), str(one.expires))
         if not (sizes := verification.sizes(one)):
-            cells.append((f"{one.name}, {one.kind}", None, None, *dates))
+            cells.append((f"{verification.describe_artefact(one)}, {one.kind}", None, None, *dates))
         for name, size, u in sizes:
             what = one.kind if one.kind == "sphere" else name
-            cells.append((f"{one.name}, {what}", RoundedNumber(size, u), RoundedNumber(u, u), *dates))
+            cells.append(
+                (f"{verification.describe_artefact(one)}, {what}", RoundedNumber(size, u), RoundedNumber(u, u), *dates)
+            )
     columns = Column.of(
         "artefact", "calibrated at 20 °C [mm]", "u (k = 1) [mm]", "certificate", "calibrated on", "valid until"
     )

@@ -127,8 +127,13 @@ class VerificationResult(PageRecord):
         else:
             yield f"{self.verdict.value}: {describe_unmet(self.verification) if unrated else _ANSWERS[self.verdict]}"
         unit = f", serial number {self.serial_number}" if self.serial_number else ""
-        yield f"{self.verification.plan.heading}: {self.verification.specification.name}{unit}"
+        specification = self.verification.specification
+        measuring_range = f"measuring range {specification.measuring_range_mm:g} mm"
+        yield f"{self.verification.plan.heading}: {specification.name}, {measuring_range}{unit}"
         yield self.verification.measured.origin.describe()
+        yield (
+            "Artefacts: " + "; ".join(map(self.verification.describe_artefact, self.verification.used_artefacts)) + "."
+        )
         yield TextTable(
             ["test", "value [mm]", "U [mm]", "limit [mm]", "verdict", "where"], map(self._cells, self.rows), (0, 4, 5)
         )
@@ -168,6 +173,11 @@ class VerificationResult(PageRecord):
                 for one in of.plan.entries(of.measured.tests)
             ],
             "specification": of.specification.name,
+            "measuring_range_mm": of.specification.measuring_range_mm,
+            "artefacts": [
+                {"name": one.name, "serial_number": of.serial_number(one), "certificate": one.certificate}
+                for one in of.used_artefacts
+            ],
             "serial_number": self.serial_number or None,
             "coordinates": of.measured.origin.to_json(),
             "rule": of.rule,
@@ -214,7 +224,8 @@ def verify(
         Decision rule, by default that of the plan. ``simple`` ignores the uncertainty where it is at most a quarter of
         the limit.
     accept : str, optional
-        Why lengths that fit another bar better are right all the same; a remark states it.
+        Why what is contradicted is right all the same: lengths that fit another bar better, points beyond the measuring
+        range or months apart, a thermometer without uncertainty. A remark states it.
 
     Returns
     -------

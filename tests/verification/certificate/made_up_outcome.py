@@ -36,7 +36,9 @@ DATED = {
 }
 GROWING = {"expansion_per_K": 1e-6, "u_expansion_per_K": 1e-7, "u_temperature_K": 0.5}
 ARTEFACTS = Artefacts(
-    spheres=[{"name": "ball", "diameter_mm": 25.0004, "u_diameter_mm": 0.0002, **DATED, **GROWING}],
+    spheres=[
+        {"name": "ball", "serial_number": "Q-4", "diameter_mm": 25.0004, "u_diameter_mm": 0.0002, **DATED, **GROWING}
+    ],
     bars=[{"name": "bar", "lengths": [{"name": "900", "length_mm": 900.003, "u_mm": 0.0005}], **DATED, **GROWING}],
     seats=[{"name": "cone", **DATED}],
 )

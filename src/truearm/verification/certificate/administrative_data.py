@@ -18,6 +18,7 @@ from truearm.errors import FaultCollector, InputError
 from truearm.files.toml_documents import Document, Real, read_document
 from truearm.printable_text import printable
 from truearm.verification.standards.dates import check_past
+from truearm.verification.standards.measured_points import LEAST_HUMIDITY_PERCENT
 
 # The greatest difference between an artefact, after some hours in a room, and its air [K].
 MOST_K_FROM_ROOM = 3.0
@@ -270,7 +271,8 @@ class AdministrativeData(Document):
     ) -> None:
         """Check that the data fit the measurement; all contradictions are raised at once.
 
-        Another serial number and other temperatures may be accepted (`truearm.accepting`); an order of dates may not.
+        Another serial number, other temperatures and a room too dry may be accepted (`truearm.accepting`); an order of
+        dates may not.
 
         Parameters
         ----------
@@ -307,6 +309,10 @@ class AdministrativeData(Document):
         if confirmed is not None and self.issued < confirmed:
             problem = f"issued on {self.issued}, before the numbers of the test plan were confirmed on {confirmed}"
             faults.append((problem, "correct the date issued, or date under [confirmation] of the plan"))
+        humidity = self.conditions.relative_humidity_percent
+        if humidity is not None and humidity[1] < LEAST_HUMIDITY_PERCENT:
+            problem = f"relative_humidity_percent: {humidity[0]:g} to {humidity[1]:g} % is drier than any room"
+            judged.append((problem, "write it in per cent: [40.0, 55.0] for shares of 0.40 to 0.55"))
         coldest, warmest = artefact_degC or (low, high)
         if coldest < low - MOST_K_FROM_ROOM or warmest > high + MOST_K_FROM_ROOM:
             problem = f"the room was at {low:g} to {high:g} degC, artefacts at {coldest:g} to {warmest:g} degC"

@@ -95,7 +95,7 @@ class Method:
 
 @dataclass(frozen=True)
 class Equipment:
-    """An artefact: its certificate, the laboratory that issued it with its accreditation, and the calibrated sizes."""
+    """An artefact: its certificate, who issued it with which accreditation, the calibrated sizes, the serial number."""
 
     name: str
     description: str
@@ -103,6 +103,7 @@ class Equipment:
     quantities: tuple[StatedQuantity, ...]
     issued_by: str
     accreditation: str | None = None
+    serial_number: str | None = None
 
 
 @dataclass(frozen=True)
@@ -488,6 +489,7 @@ def _equipment(one: Artefact, verification: Verification) -> Equipment:
         ),
         xml_text(one.issued_by or ""),  # `check_artefacts` asks for it
         None if one.issuer_accreditation is None else xml_text(one.issuer_accreditation),
+        None if (number := verification.serial_number(one)) is None else xml_text(number),
     )
 
 

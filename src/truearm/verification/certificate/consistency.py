@@ -54,8 +54,8 @@ def check_consistency(certificate: Certificate) -> None:
     """Check that a certificate does not contradict itself.
 
     Recomputed are the conformity of each value from value, U, limit and decision rule; the decision from those of all
-    values, with what its sentence says; test values from the individual results, of which they are the worst; U and k from the
-    budget, and its sum; whether traceability is shown of all artefacts; and the order of the days, also of the
+    values, with what its sentence says; test values from the individual results, of which they are the worst; U and k
+    from the budget, and its sum; whether traceability is shown of all artefacts; and the order of the days, also of the
     artefacts' calibrations. Wording is that of the version which wrote the certificate, and contradicts nothing.
 
     Raises

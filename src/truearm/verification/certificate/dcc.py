@@ -39,6 +39,7 @@ from truearm.verification.certificate.dcc_reader import (
     NOTE,
     REPLACES,
     SCHEMA_VERSION,
+    SERIAL_NUMBER,
     SITE,
     STATEMENTS,
     STYLUS,
@@ -153,6 +154,8 @@ def _measured(parent: Element, certificate: Certificate) -> None:
         _text(one, "name", equipment.name)
         _text(one, "description", equipment.description)
         known = _in(one, "identifications")
+        if equipment.serial_number is not None:
+            _identification(known, "manufacturer", equipment.serial_number, "serial number", SERIAL_NUMBER)
         _identification(known, "other", equipment.certificate, "certificate", CERTIFICATE)
         _identification(known, "other", equipment.issued_by, "laboratory that issued the certificate", ISSUER)
         if equipment.accreditation is not None:

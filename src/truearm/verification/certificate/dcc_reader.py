@@ -62,6 +62,7 @@ CONDITIONS = {
 }
 LIMIT = "truearm_limit"
 CERTIFICATE, ISSUER, ACCREDITATION = "truearm_certificate", "truearm_issuingLaboratory", "truearm_issuerAccreditation"
+SERIAL_NUMBER = "truearm_serialNumber"  # of an artefact
 # What the laboratory states in its own words.
 SITE, REPLACES, NOTE = "truearm_placeOfMeasurement", "truearm_reasonOfChange", "truearm_note_{}"
 ADJUSTMENT, AS_FOUND = "truearm_adjustment", "truearm_asFound"
@@ -167,8 +168,8 @@ def _check_signed_after(signature: Signature | None, certificate: Certificate | 
     for what, day in (("measured", certificate.end), ("issued", certificate.issued)):
         if day is not None and signed < day:
             raise BrokenSignature(
-                f"the signature is {BROKEN}: by its own time it was made on {signature.signed_at:%Y-%m-%d}, before what "
-                f"it signs was {what} on {day}",
+                f"the signature is {BROKEN}: by its own time it was made on {signature.signed_at:%Y-%m-%d}, before "
+                f"what it signs was {what} on {day}",
                 hint="do not use this file, ask its issuer for the original",
             )
 
@@ -226,6 +227,7 @@ def _equipment_of(administrative: Element, measured: Element) -> tuple[Equipment
             tuple(map(_quantity_of, _all(one, "measuringEquipmentQuantities/measuringEquipmentQuantity", some=False))),
             _text(_one(one, number.format(ISSUER))),
             _maybe(one, number.format(ACCREDITATION)),
+            _maybe(one, number.format(SERIAL_NUMBER)),
         )
         for one in _all(measured, "measuringEquipments/measuringEquipment")
     )

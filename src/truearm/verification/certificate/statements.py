@@ -97,11 +97,13 @@ def _limits_of_use(about: AdministrativeData, verification: Verification) -> str
 
 
 def _rated_conditions(verification: Verification) -> dict[str, str]:
-    """The conditions that the limits are rated for and those of the measurement, if the specification states any."""
-    if not verification.conditions:
-        return {}
-    listed = "; ".join(map(str, verification.conditions))
-    return {"rated conditions": f"Conditions of the measurement, and those that the limits are rated for: {listed}."}
+    """The arm and the range that the limits are of, the conditions that they are rated for, and those measured."""
+    limits = verification.specification
+    of_range = f"with a measuring range of {limits.measuring_range_mm:g} mm"
+    said = f"The limits are those of {limits.name} ({limits.source}), {of_range}."
+    if listed := "; ".join(map(str, verification.conditions)):
+        said += f" Conditions of the measurement, and those that the limits are rated for: {listed}."
+    return {"rated conditions": said}
 
 
 def _reproduction(about: AdministrativeData) -> str:

@@ -52,6 +52,11 @@ class Evaluation:
     def rows_of(self, name: str, test: PlannedTest) -> list[ConformityResult]:
         """Evaluate one test; return its test values with their verdicts."""
         groups = self.measured.tests[name]
+        rows = self._rows_of(name, groups, test)
+        self._checks.check_in_range(name, groups)
+        return rows
+
+    def _rows_of(self, name: str, groups: Sequence[PointGroup], test: PlannedTest) -> list[ConformityResult]:
         if isinstance(test, Probing | EffectiveDiameter):
             return self._sizes(name, groups, test)
         if isinstance(test, Articulation):

@@ -52,6 +52,11 @@ FARTHEST_MM = 1e6
 
 POINT = ("x_mm", "y_mm", "z_mm")
 TEMPERATURE, TIP = "artefact_degC", "tip_diameter_mm"
+# The smallest balls of styli, and the largest tips in use [mm]; 0: the points are compensated.
+SMALLEST_TIP_MM, LARGEST_TIP_MM = 0.1, 50.0
+TIP_SIZES = f"0, or the diameter of a stylus tip from {SMALLEST_TIP_MM:g} to {LARGEST_TIP_MM:g} mm"
+# No room where people measure is drier: 0.40 is a share.
+LEAST_HUMIDITY_PERCENT = 2.0
 # Conditions of the measurement that a specification may rate, in any row of a group: words and unit, and the least and
 # the largest possible value; others are in another unit.
 CONDITIONS: Mapping[str, tuple[str, str, float, float]] = {
@@ -59,7 +64,7 @@ CONDITIONS: Mapping[str, tuple[str, str, float, float]] = {
     "air_K_per_h": ("change of the air's temperature", "K/h", 0.0, 100.0),
     "air_K_per_m": ("gradient of the air's temperature", "K/m", 0.0, 100.0),
     "warm_up_min": ("warm-up time", "min", 0.0, 1e5),
-    "humidity_percent": ("relative humidity", "%", 0.0, 100.0),
+    "humidity_percent": ("relative humidity", "%", LEAST_HUMIDITY_PERCENT, 100.0),
 }
 # The greatest number of names in a message.
 MOST_NAMED = 12
@@ -76,6 +81,11 @@ def join_names(names: Sequence[str], separator: str = ", ") -> str:
     """Join names to a list; of many, the first ones and the number of the others."""
     more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
     return separator.join(names[:MOST_NAMED]) + more
+
+
+def is_tip_diameter(diameter_mm: FloatArray) -> BoolArray:
+    """Whether diameters are 0 or those of stylus tips."""
+    return (diameter_mm == 0) | ((diameter_mm >= SMALLEST_TIP_MM) & (diameter_mm <= LARGEST_TIP_MM))
 
 
 @dataclass(frozen=True, eq=False)
@@ -360,11 +370,13 @@ def _group(columns: _Columns, test: str, identity: tuple[str, ...], rows: list[i
         "convert from Fahrenheit: (F - 32) / 1.8",
     )
     tip = np.nan_to_num(columns.numbers[TIP][rows])
+    no_tip, in_mm = (f"expected {TIP_SIZES}, got ", ""), "write it in mm: 6 for a ball of 6 mm"
+    columns.refuse(~is_tip_diameter(tip), rows, TIP, no_tip, in_mm)
     columns.refuse(
-        np.asarray(tip != tip[0] if np.ptp(tip) else tip < 0),
+        tip != tip[0],
         rows,
         TIP,
-        f"expected one tip diameter of 0 or more for the group, got {tip.min():g} to {tip.max():g} mm",
+        f"expected one tip diameter for the group, got {tip.min():g} to {tip.max():g} mm",
         "write the same diameter in all rows of the group",
     )
     points = np.column_stack([columns.numbers[name][rows] for name in POINT])

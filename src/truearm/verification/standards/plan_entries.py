@@ -28,6 +28,13 @@ _PLACE = re.compile(
     r"agreement|contract|order|offer|no)s?\W{0,4}(?:no\W{0,4})?(?:\d|[A-Z]\b)",
     re.IGNORECASE,
 )
+# Words of somebody who did not read the text, or not yet; and clause 0, which no text has.
+_UNREAD = re.compile(
+    r"\b(?:recall\w*|memory|remember\w*|to ?do|tb[acd]|fixme|guess\w*|placeholder|dummy|unknown|unsure|not sure|maybe|"
+    r"perhaps|probably|presumably|hearsay|look up|not (?:yet )?(?:read|seen|checked|confirmed|compared))\b|\?|x{3,}",
+    re.IGNORECASE,
+)
+_NOWHERE = re.compile(r"(?<![\w.])0+(?:\.0+)*(?!\w|\.\d)")
 
 
 class PlanEntry(Document, Generic[V]):
@@ -93,9 +100,10 @@ class StatedEntry:
         """Why a confirmed entry does not say where it was read; None if it does."""
         if not self.source.strip():
             return "its source is empty"
-        if "recalled" in self.source.casefold():
-            return "its source still says recalled"
-        return None if _PLACE.search(_DESIGNATION.sub("", self.source)) else "its source names no clause"
+        if unread := _UNREAD.search(self.source):
+            return f"its source still says {unread[0].casefold()}"
+        place = _NOWHERE.sub("", _DESIGNATION.sub("", self.source))
+        return None if _PLACE.search(place) else "its source names no clause"
 
 
 def stated_entries(table: Document, key: str) -> Iterator[StatedEntry]:

@@ -9,10 +9,12 @@ from typing import TypeVar
 
 import numpy as np
 
+from truearm.acceptance import contradict
 from truearm.errors import InputError
 from truearm.files.delimited import quoted_cell
+from truearm.readings.thermal_expansion import REFERENCE_DEGC
 from truearm.typing import FloatArray
-from truearm.verification.standards.artefacts import Artefact, Artefacts
+from truearm.verification.standards.artefacts import Artefact, Artefacts, CalibratedBar, CalibratedSphere
 from truearm.verification.standards.measurands import LengthMeasurement, SphereMeasurement, check_spread
 from truearm.verification.standards.measured_points import (
     ENDS,
@@ -22,6 +24,7 @@ from truearm.verification.standards.measured_points import (
     PointGroup,
     join_names,
 )
+from truearm.verification.standards.specification import MEASURING_RANGE
 from truearm.verification.standards.verification_plan import Articulation, EffectiveDiameter, Probing
 
 A = TypeVar("A", bound=Artefact)
@@ -30,6 +33,10 @@ A = TypeVar("A", bound=Artefact)
 SAME_SHARE = 0.05
 # Two positions of a seat, or of both ends of a bar, that are nearer than this are the same [mm]: chosen here.
 SAME_PLACE_MM = 10.0
+# Makers round the measuring range, often to 0.1 m: points this much farther apart do not contradict it.
+RANGE_MARGIN = 1.03
+# A thermometer without an uncertainty contradicts nothing while thermal expansion is corrected over less [K].
+MOST_K_EXACT = 1.0
 # Runs of a length at one position whose ends are farther apart are at two positions [mm]: a ball or face is smaller.
 MOVED_MM = 50.0
 
@@ -133,6 +140,26 @@ class PointChecks:
                 hint="use a longer bar, or correct longest_share in the plan by your copy of the standard",
             )
 
+    def check_in_range(self, name: str, groups: Sequence[PointGroup]) -> None:
+        """Check that the places of a test fit into the measuring range: an arm does not reach farther."""
+        places = np.array([group.points.mean(axis=0) for group in groups])
+        most = RANGE_MARGIN * self.measuring_range_mm
+        if np.linalg.norm(np.ptp(places, axis=0)) <= most:  # the diagonal of the box around them
+            return
+        for group, place in zip(groups, places, strict=True):
+            away = np.linalg.norm(places - place, axis=1)
+            if away.max() > most:
+                other = groups[int(away.argmax())]
+                contradict(
+                    self.measured.error(
+                        f"test {name!r}, {' and '.join(dict.fromkeys((group.where, other.where)))}: points that are "
+                        f"{away.max():.5g} mm apart, more than the measuring range of {self.measuring_range_mm:g} mm",
+                        group,
+                        hint=f"correct measuring_range_mm of the specification: {MEASURING_RANGE}",
+                    )
+                )
+                return
+
     def check_bars_apart(self, name: str, groups: Sequence[PointGroup]) -> None:
         """Check that each position of a length is a different one."""
         for members in split_groups(groups, "artefact", "length").values():
@@ -226,6 +253,13 @@ class PointChecks:
             artefact.check_valid(group.date)
         except InputError as error:
             raise self.measured.error(error.problem, group, hint=error.hint) from None
+        if isinstance(artefact, CalibratedSphere | CalibratedBar) and artefact.expansion_per_K:
+            keys = [one for one in ("u_temperature_K", "u_expansion_per_K") if not getattr(artefact, one)]
+            if keys and abs(group.degC - REFERENCE_DEGC) > MOST_K_EXACT:  # never of NaN, where it needs none
+                away = f"measured more than {MOST_K_EXACT:g} K from 20 degC"
+                problem = f"{' = 0, '.join(keys)} = 0 of {artefact.name!r}, {away}"
+                hint = "enter what the thermometer and the expansion coefficient are uncertain by: 0.3 K, 1e-6 per K"
+                contradict(self.measured.error(problem, group, hint=hint))
         if group.serial_number and artefact.serial_number is None:
             said = (
                 f"the serial number {group.serial_number!r} that the points state of {artefact.name!r} was not "

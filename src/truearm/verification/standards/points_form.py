@@ -34,6 +34,8 @@ from truearm.verification.standards.measured_points import (
     SIZE_TESTS,
     TEMPERATURE,
     TIP,
+    TIP_SIZES,
+    is_tip_diameter,
 )
 
 KEYS = OPTIONAL_COLUMNS[:5]
@@ -42,8 +44,6 @@ PLANNED, FROM = ("note_x_mm", "note_y_mm", "note_z_mm"), ("note_from_x", "note_f
 
 # Tests whose points are on a surface: the centre of the tip is half its diameter away from it.
 ON_SURFACES = ("probing", "articulation", "effective_diameter", "bi")
-# The largest stylus tips in use [mm].
-LARGEST_TIP_MM = 50.0
 # A point taken by hand is about this near to the planned one; a wrong row is farther where it matters [mm].
 NEAR_MM = 20.0
 
@@ -70,10 +70,8 @@ def write_points_form(
         If the file exists or cannot be written, or the diameter is that of no stylus tip.
     """
     check_new_file(path, force=force, endings=(".csv",))
-    if tip_diameter_mm is not None and not 0 <= tip_diameter_mm <= LARGEST_TIP_MM:
-        raise InputError(
-            f"expected the diameter of a stylus tip of 0 to {LARGEST_TIP_MM:g} mm, got {tip_diameter_mm:g}"
-        )
+    if tip_diameter_mm is not None and not is_tip_diameter(np.array(tip_diameter_mm)):
+        raise InputError(f"expected {TIP_SIZES}, got {tip_diameter_mm:g}", hint="write it in mm: 6 for a ball of 6 mm")
     heads = (
         "test",
         "artefact",

@@ -34,8 +34,8 @@ SYMBOLS: Mapping[str, tuple[str, float]] = {
     "Volumetric.2RMS": ("volumetric", 60.0),
 }
 
-# Smaller numbers are in another unit: limits [um], K [mm/um] (1 is a millimetre per metre), measuring range [mm].
-LEAST_UM = 0.5
+# Other numbers are in another unit: limits [um], K [mm/um] (1 is a millimetre per metre), measuring range [mm].
+LEAST_UM, MOST_UM = 0.5, 10_000.0
 LEAST_K = 1.0
 LEAST_RANGE_MM = 100.0
 
@@ -72,9 +72,10 @@ class Limit(Document):
                 "expected B_um, or A_um and K_mm_per_um, or all three; got none", hint="add the limit in um"
             )
         for name, given in (("A_um", self.A_um), ("B_um", self.B_um)):
-            if given is not None and 0 < given < LEAST_UM:
+            if given is not None and given and not LEAST_UM <= given <= MOST_UM:
+                size = "small" if given < LEAST_UM else "large"
                 raise InputError(
-                    f"expected {name} in micrometres, got {given:g}, too small for any arm",
+                    f"expected {name} in micrometres, got {given:g}, too {size} for any arm",
                     hint="write 15 for 0.015 mm",
                 )
         if self.K_mm_per_um is not None and self.K_mm_per_um < LEAST_K:
@@ -136,9 +137,15 @@ class Specification(Document):
     @field_validator("rated_conditions")
     @classmethod
     def _known_conditions(cls, given: dict[str, RatedRange]) -> dict[str, RatedRange]:
-        for name in given:
+        for name, rated in given.items():
             if name not in CONDITIONS:
                 raise InputError(f"unknown condition {name!r:.80}", hint=f"use one of {', '.join(CONDITIONS)}")
+            _, unit, least, most = CONDITIONS[name]
+            if (rated.max is not None and rated.max < least) or (rated.min is not None and rated.min > most):
+                raise InputError(
+                    f"{name} is {rated.describe(unit)}: no measurement is, from {least:g} to {most:g} {unit}",
+                    hint="check the unit, which is in the name",
+                )
         return given
 
     @field_validator("measuring_range_mm")

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import isnan
 
+from truearm.acceptance import contradict
 from truearm.errors import InputError
 from truearm.verification.standards.artefacts import Artefact, Artefacts, CalibratedBar, CalibratedSphere
 from truearm.verification.standards.coordinate_origin import NO_ARM, VIRTUAL_SERIAL
@@ -29,6 +30,9 @@ from truearm.verification.standards.rated_conditions import (
 )
 from truearm.verification.standards.specification import SYMBOLS, Specification
 from truearm.verification.standards.verification_plan import CHECK_STANDARD, VerificationPlan
+
+# Chosen here: an arm that is tested over a longer time may have been used, moved or adjusted between [d].
+MOST_DAYS = 92
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,6 +129,15 @@ class Verification:
         names = {group.artefact for group in self.groups}
         return tuple(one for one in self.artefacts.all if one.name in names)
 
+    def describe_artefact(self, artefact: Artefact) -> str:
+        """An artefact with its serial number, by its file or by the points."""
+        return f"{artefact.name}, serial number {self.serial_number(artefact) or 'not stated'}"
+
+    def serial_number(self, artefact: Artefact) -> str | None:
+        """The serial number of an artefact, by its file or by the points; None if neither states it."""
+        measured = (group.serial_number for group in self.groups if group.artefact == artefact.name)
+        return artefact.serial_number or next(filter(None, measured), None)
+
     def sizes(self, artefact: Artefact) -> list[tuple[str, float, float]]:
         """Return the measured ones of an artefact's calibrated sizes: what it is, value and u at 20 degC [mm]."""
         if isinstance(artefact, CalibratedSphere):
@@ -189,6 +202,7 @@ def verify(
             raise measured.error(
                 f"the plan {plan.name!r} has no test {name!r}", groups[0], hint=f"use one of {', '.join(plan.tests)}"
             )
+    _check_one_campaign(measured)
     rule = rule or plan.decision_rule.value
     evaluation = Evaluation(measured, artefacts, specification, rule)
     rows: list[ConformityResult] = []
@@ -215,6 +229,16 @@ def verify(
     return Verification(
         tuple(rows), verdict, tuple(remarks), measured, plan, artefacts, specification, rule, plan_sha256
     )
+
+
+def _check_one_campaign(measured: MeasuredPoints) -> None:
+    """Check that the points were measured within some weeks: a test is of the arm in one state."""
+    groups = sorted(_groups(measured), key=lambda group: group.date)
+    first, last = groups[0], groups[-1]
+    if (days := (last.date - first.date).days) > MOST_DAYS:
+        problem = f"points of one test were measured on {first.date} and on {last.date}, {days} days apart"
+        hint = "correct the date that is mistyped, or measure the arm again as it is now"
+        contradict(measured.error(problem, last, hint=hint))
 
 
 def _verdict(rows: Sequence[ConformityResult], specification: Specification) -> Verdict:

@@ -30,7 +30,8 @@ def describe_decision(verification: Verification) -> str:
     """Describe the decision: whether the arm conforms, and which values decide."""
     rows, specification = verification.rows_with_limit, verification.specification
     by = {one: [row for row in rows if row.verdict is one] for one in Verdict}
-    parts = [f"{specification.name}: {verification.conclusion.value}. Limits: {specification.source}."]
+    limits = f"Limits: {specification.source}, for a measuring range of {specification.measuring_range_mm:g} mm"
+    parts = [f"{specification.name}: {verification.conclusion.value}. {limits}."]
     if verification.gap is not None:
         beyond = f"; outside: {_list_rows(by[Verdict.NOT_CONFORM])}" if by[Verdict.NOT_CONFORM] else ""
         return " ".join([*parts, f"{capitalize(verification.gap)}.", f"{_count_within(verification)}{beyond}."])
