@@ -139,8 +139,8 @@ def test_a_budget_stands_once_with_its_degrees_of_freedom_and_k():
 def test_only_the_artefacts_that_were_touched_are_listed():
     lines = table(verification_page(outcome([row(0.01)])), "Artefacts")
     assert lines == [
-        ["ball, sphere", "25.00040", "0.00020", "K-1", "2026-11-03", "2028-11-03"],
-        ["bar, length 900", "900.00300", "0.00050", "K-1", "2026-11-03", "2028-11-03"],
+        ["ball, serial number not stated, sphere", "25.00040", "0.00020", "K-1", "2026-11-03", "2028-11-03"],
+        ["bar, serial number not stated, length 900", "900.00300", "0.00050", "K-1", "2026-11-03", "2028-11-03"],
     ]
 
 

@@ -85,7 +85,7 @@ def join_names(names: Sequence[str], separator: str = ", ") -> str:
 
 def is_tip_diameter(diameter_mm: FloatArray) -> BoolArray:
     """Whether diameters are 0 or those of stylus tips."""
-    return (diameter_mm == 0) | ((diameter_mm >= SMALLEST_TIP_MM) & (diameter_mm <= LARGEST_TIP_MM))
+    return np.asarray((diameter_mm == 0) | ((diameter_mm >= SMALLEST_TIP_MM) & (diameter_mm <= LARGEST_TIP_MM)))
 
 
 @dataclass(frozen=True, eq=False)
