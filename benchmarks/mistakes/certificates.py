@@ -229,6 +229,15 @@ def other_words() -> str:
     )
 
 
+@right("traceability in the words of a version that asked for no accreditation", unsaid=CONTRADICTED)
+def other_words_of_traceability() -> str:
+    return read_changed(
+        ("(?s)<dcc:identification refType=.truearm_issuerAccreditation.*?</dcc:identification>", ""),
+        ("<dcc:traceable>true</dcc:traceable>", ""),
+        ("Metrological traceability to the SI units is established by", "Traceability to the SI units rests on"),
+    )
+
+
 @right("an artefact's days in the words of another version", unsaid=CONTRADICTED)
 def other_words_of_days() -> str:
     return read_changed(("Calibrated on (2026-01-01), certificate valid until ", r"Certificate of \1, expires "))

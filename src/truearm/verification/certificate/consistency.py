@@ -31,6 +31,7 @@ from truearm.verification.certificate.certificate import (
     days_in,
     overall_conformity,
 )
+from truearm.verification.certificate.statements import ESTABLISHED
 from truearm.verification.standards.asme_b89_4_22 import DEVIATION_STATISTICS
 from truearm.verification.standards.decision import COVERAGE_PROBABILITY, DecisionRule, Verdict, decide
 from truearm.verification.standards.verification_text import RULE_STANDARDS
@@ -216,7 +217,9 @@ def _uncertainties(certificate: Certificate) -> Iterator[str]:
 
 def _traceability(certificate: Certificate) -> Iterator[str]:
     for text in certificate.texts("traceability"):
-        if (_NOT_SHOWN.search(text) is not None) == certificate.is_traceable:
+        denied = _NOT_SHOWN.search(text) is not None
+        claimed = ESTABLISHED in text and not denied  # versions before the accreditation of issuers say "rests on"
+        if denied if certificate.is_traceable else claimed:
             shown = "" if certificate.is_traceable else "not "
             yield f"by its artefacts traceability is {shown}shown of all; it says {text[:200]!r}"
 

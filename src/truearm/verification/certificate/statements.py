@@ -18,7 +18,7 @@ from truearm.verification.standards.verification_text import (
 )
 
 NOT_FOR_CONFORMITY = Verdict.NOT_FOR_DECISIONS.value
-NOT_SHOWN = " It is not shown of "  # traceability, of an artefact
+ESTABLISHED = "Metrological traceability to the SI units is established by the calibration of "
 
 
 @dataclass(frozen=True)
@@ -166,5 +166,5 @@ def _traceability(verification: Verification) -> str:
             missing.append(f"{one.name} (not stated: {gap})")
     said = "No metrological traceability to the SI units is shown."
     if shown:
-        said = f"Metrological traceability to the SI units is established by the calibration of {'; '.join(shown)}."
-    return f"{said}{NOT_SHOWN}{'; '.join(missing)}." if missing else said
+        said = f"{ESTABLISHED}{'; '.join(shown)}."
+    return f"{said} It is not shown of {'; '.join(missing)}." if missing else said
