@@ -1,0 +1,97 @@
+"""Speed against an earlier commit: the same calls of both, in turns, as ratios of CPU time.
+
+Each change compared with the one before hides what they add up to, so the reference stays where it is. The source of
+the commit is unpacked beside this one and run by the same Python with the packages that are installed. Only names of
+`truearm` that both have are called.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tarfile
+from collections.abc import Iterator
+from io import BytesIO
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from benchmarks.rows import BLAS_THREADS, ROOT, Rows, scratch
+from truearm import datasets
+
+ROWS = Rows()
+REFERENCE = "6f465a7"  # of 25 November 2026
+
+
+class Work(NamedTuple):
+    """Statements that prepare, a call that is timed, and the ratio to reach."""
+
+    prepare: str
+    call: str
+    target: float
+
+
+READ = "s = ta.read_session('{all}'); some = ta.read_session('{some}'); ta.fit('ur10', some, model='kinematic')"
+SOME, MODEL = "ta.read_session('{thousand}')", "m = ta.fit('ur10', some, model='{model}').model; q = s.angles[:5000]"
+WORKS = {
+    "physical fit of UR10-A": Work(READ, "ta.fit('ur10', s, model='physical')", 0.5),
+    "physical fit of 1,000 of its readings": Work(f"{READ}; s = {SOME}", "ta.fit('ur10', s, model='physical')", 0.5),
+    "auto of 200": Work(READ, "ta.fit('ur10', some)", 0.7),
+    "nominal fit of UR10-A": Work(READ, "ta.fit('ur10', s, model='nominal')", 0.7),
+    "kinematic fit of UR10-A": Work(READ, "ta.fit('ur10', s, model='kinematic')", 0.8),
+    "one point with covariance, kinematic, 200 times": Work(
+        f"{READ}; {MODEL}".replace("{model}", "kinematic"),
+        "[m.predict(q[i : i + 1], return_cov=True) for i in range(200)]",
+        0.6,
+    ),
+    "5,000 points with covariance, kinematic": Work(
+        f"{READ}; {MODEL}".replace("{model}", "kinematic"), "m.predict(q, return_cov=True)", 1.0
+    ),
+    "5,000 points with covariance, physical": Work(
+        f"{READ}; {MODEL}".replace("{model}", "physical"), "m.predict(q, return_cov=True)", 0.6
+    ),
+}
+TIMED = "import time, truearm as ta; {prepare}; begun = time.process_time(); {call}; print(time.process_time() - begun)"
+
+
+@ROWS.row("turns", quick={"only": "nominal", "turns": 1})
+def turns(commit: str = REFERENCE, turns: int = 3, only: str = "") -> Iterator[dict[str, Any]]:
+    """CPU seconds of the same calls now and at a commit: the shortest of some turns of each, and their ratio."""
+    sources = {"then": unpacked(commit), "now": ROOT / "src"}
+    files = sessions()
+    for what, work in WORKS.items():
+        if only not in what:
+            continue
+        prepare = work.prepare.format(**files)
+        seconds: dict[str, list[float]] = {name: [] for name in sources}
+        for _ in range(turns):
+            for name, source in sources.items():
+                seconds[name].append(cpu_seconds(TIMED.format(prepare=prepare, call=work.call), source))
+        then, now = min(seconds["then"]), min(seconds["now"])
+        is_met = "met" if now / then <= work.target else "missed"
+        yield {"": what, "then [s]": then, "now [s]": now, "ratio": now / then, "target": work.target, " ": is_met}
+
+
+def sessions() -> dict[str, Path]:
+    """Session files of UR10-A: all of it, a thousand and two hundred of its readings."""
+    whole = datasets.load_readings("ur10-a")
+    found = {}
+    for name, n in {"all": len(whole), "thousand": 1000, "some": 200}.items():
+        found[name] = scratch() / f"{name}.csv"
+        whole.rows(range(0, len(whole), len(whole) // n)).save(found[name])
+    return found
+
+
+def unpacked(commit: str) -> Path:
+    """The folder with the package as it was at a commit."""
+    packed = subprocess.run(["git", "archive", commit, "src"], cwd=ROOT, stdout=subprocess.PIPE, check=True).stdout
+    with tarfile.open(fileobj=BytesIO(packed)) as files:
+        files.extractall(scratch() / commit, filter="data")
+    return scratch() / commit / "src"
+
+
+def cpu_seconds(code: str, source: Path) -> float:
+    """What a program prints last, run with one BLAS thread and the package of that folder."""
+    environment = os.environ | dict.fromkeys(BLAS_THREADS, "1") | {"PYTHONPATH": str(source)}
+    ran = subprocess.run([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, check=True, env=environment)
+    return float(ran.stdout.split()[-1])
