@@ -9,11 +9,13 @@ import re
 from hashlib import sha256
 from pathlib import Path
 
+import numpy as np
 import pytest
 from made_up_certificate import CONFIRMED_PLAN, confirm
 from made_up_verification import ARTEFACTS, MPE, Made
 
 from truearm.verification.standards.measured_points import KEY_COLUMNS, OPTIONAL_COLUMNS, REQUIRED_COLUMNS, SIZE_TESTS
+from truearm.verification.standards.positions import about_z
 from truearm.verification.standards.verification_plan import plan_text
 
 PAGE = Path(__file__).parents[2] / "docs" / "verification.md"
@@ -281,11 +283,11 @@ def one_less(phrase):
 
 
 def again(text, phrase, instead):
-    """The lines that hold a phrase, once more and a little off, with another instead."""
-    for line in text.splitlines(keepends=True):
+    """The lines that hold a phrase, once more and each a little off, with another instead."""
+    for i, line in enumerate(text.splitlines(keepends=True)):
         if phrase in line:
             cells = line.replace(phrase, instead).split(",")
-            cells[8] = repr(float(cells[8]) + 0.001)
+            cells[8] = repr(float(cells[8]) + 0.001 * (1 + i % 3))
             yield ",".join(cells)
 
 
@@ -329,17 +331,45 @@ def on_a_cap(text):
 
 
 def nudged(change):
-    """As changed, and all points 1 to 9 um off on their own."""
+    """As changed, and all points some um off on their own."""
 
     def both(text):
+        rng = np.random.default_rng(3)
         rows = [line.split(",") for line in change(text).splitlines()]
-        for i, row in enumerate(rows[1:]):
-            row[8:11] = [
-                repr(float(cell) + 1e-3 * (1 + (i * k) % 9)) for k, cell in zip((1, 2, 4), row[8:11], strict=True)
-            ]
+        for row in rows[1:]:
+            row[8:11] = [repr(float(cell) + 0.003 * rng.normal()) for cell in row[8:11]]
         return "\n".join(",".join(row) for row in rows) + "\n"
 
     return both
+
+
+def carried(text, test, column, *, turned_deg=0.0, scatter_mm=0.0, each=()):
+    """The points of the first position or repeat in place of those of all others, moved and turned.
+
+    Each measurement (those that differ in the columns `each`) is moved on its own, by 60 mm and more.
+    """
+    rng = np.random.default_rng(7)
+    rows = [line.split(",") for line in text.splitlines()]
+    inside = [row for row in rows if row[0] == test]
+    first = inside[0][column]
+    told = lambda row: (row[1], *(row[i] for i in range(3, 8) if i != column))  # noqa: E731
+    of: dict[tuple[str, ...], list[np.ndarray]] = {}
+    for row in inside:
+        if row[column] == first:
+            of.setdefault(told(row), []).append(np.array(row[8:11], float))
+    moves: dict[tuple[str, ...], tuple[np.ndarray, np.ndarray]] = {}
+    for row in inside:
+        if row[column] == first:
+            continue
+        key = (row[column], *(row[i] for i in each))
+        if key not in moves:
+            turn = about_z(turned_deg * len(moves) + turned_deg)
+            moves[key] = turn, (np.array([60.0, 7, 3]) * (1 + len(moves)) if column == 3 else np.array([5.0, 0, 0]))
+        turn, by = moves[key]
+        used = of[told(row)].pop(0)
+        of[told(row)].append(used)
+        row[8:11] = (f"{value:.6f}" for value in turn @ used + by + scatter_mm * rng.normal(size=3))
+    return "\n".join(",".join(row) for row in rows) + "\n"
 
 
 # The second sphere's place where the first is, and the second place of a length.
@@ -434,6 +464,26 @@ POINTS = {
     ),
     "a bar's place copied": (SECOND_BAR, ["position 2, repeat 1 has the same coordinates as length 150, position 1"]),
     "a bar not moved": (nudged(SECOND_BAR), ["length 150, position 2, repeat 1 are", "apart: one position, not two"]),
+    "a second sphere moved and turned": (
+        lambda text: carried(text, "probing", 3, turned_deg=20),
+        ["position 2 has its points to each other to 20 nm as position 1: a copy", "--accept REASON"],
+    ),
+    "groups moved with 1 nm of noise": (
+        lambda text: carried(text, "articulation", 3, scatter_mm=1e-6),
+        ["position 2, group A has its points to each other to 20 nm as position 1, group A: a copy"],
+    ),
+    "repeats moved by 5 mm": (
+        lambda text: carried(text, "uni", 5),
+        ["length 150, position 1, repeat 2 has its points to each other to 20 nm as length 150, position 1, repeat 1"],
+    ),
+    "repeats turned": (
+        lambda text: carried(text, "uni", 5, turned_deg=0.5, scatter_mm=1e-6),
+        ["has 5 lengths to 20 nm as position", "a copy"],
+    ),
+    "positions turned": (
+        lambda text: carried(text, "uni", 3, turned_deg=25.3, each=(4, 5)),
+        ["position 2, repeat 1 has 5 lengths to 20 nm as position 1, repeat 1: a copy"],
+    ),
     "a group copied": (
         copied("articulation", (3, 7), ("1", "A"), [("1", "D")]),
         ["position 1, group D has the same coordinates as position 1, group A: a copy"],

@@ -104,10 +104,10 @@ MEASURED = count()
 def outcome(rows=ROWS, *, rule="iso14253-1:2013", degC=20.5, plan=None, plan_sha256=None):
     """A verification with these rows."""
 
-    measured_mm = next(MEASURED)  # no two verifications have the same points
+    rng = np.random.default_rng(next(MEASURED))  # no two verifications have the same points
 
     def group(artefact, **keys):
-        return PointGroup(artefact, keys, np.full((5, 3), measured_mm), degC, 0.0, DAY, (2,))
+        return PointGroup(artefact, keys, rng.normal(size=(5, 3)), degC, 0.0, DAY, (2,))
 
     groups = {
         "probing": (group("ball", position="1"),),

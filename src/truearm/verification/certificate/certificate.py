@@ -11,13 +11,14 @@ from decimal import Decimal
 from math import isfinite
 
 from truearm import __version__
+from truearm.acceptance import contradict
 from truearm.errors import InputError
 from truearm.verification.certificate.administrative_data import AdministrativeData, xml_text
 from truearm.verification.certificate.statements import Statement, make_statements, traceability_gap
 from truearm.verification.standards.artefacts import Artefact
 from truearm.verification.standards.coordinate_origin import NO_ARM
+from truearm.verification.standards.copied_points import find_copy
 from truearm.verification.standards.decision import COVERAGE_PROBABILITY, Budget, ConformityResult, Verdict
-from truearm.verification.standards.measured_points import MeasuredPoints, PointGroup
 from truearm.verification.standards.verification import Verification
 from truearm.verification.standards.verification_plan import PLANS, is_confirmed, load_verification_plan
 from truearm.verification.standards.verification_text import RULE_STANDARDS, describe_rule
@@ -302,35 +303,25 @@ def check_as_found(about: AdministrativeData, verification: Verification, as_fou
 
 
 def check_no_copies(verification: Verification, as_found: Verification | None) -> None:
-    """Check that no measurement as found has the coordinates of one as left: noise does not repeat.
+    """Check that no measurement as found is a copy of one as left, moved or not: noise does not repeat.
 
     Raises
     ------
-    InputError
-        If one has.
+    Contradiction
+        If one is.
     """
     if as_found is None or as_found.measured.file is None:  # points that a program calculated are not checked
         return
-    left = {coordinates: where for coordinates, (_, where) in _measurements(verification.measured).items()}
-    for coordinates, (group, where) in _measurements(as_found.measured).items():
-        if coordinates in left:
-            raise as_found.measured.error(
-                f"points as found: {where} has the same coordinates as {left[coordinates]} as left: a copy",
-                group,
-                hint="give the points that were measured before the work",
+    for test, groups in as_found.measured.tests.items():
+        left = verification.measured.tests.get(test, ())
+        if left and (found := find_copy(groups, left)) is not None:
+            contradict(
+                as_found.measured.error(
+                    f"points as found: test {test!r}, {found[1]} as left: a copy",
+                    found[0],
+                    hint="give the points that were measured before the work",
+                )
             )
-
-
-def _measurements(measured: MeasuredPoints) -> dict[bytes, tuple[PointGroup, str]]:
-    """The measurements of all tests by their coordinates, both ends of a length together."""
-    found: dict[tuple[str, str, str], list[PointGroup]] = {}
-    for test, groups in measured.tests.items():
-        for group in groups:
-            found.setdefault((test, group.artefact, group.where), []).append(group)
-    return {
-        b" ".join((one.points + 0.0).tobytes() for one in groups): (groups[0], f"test {test!r}, {where}")
-        for (test, _, where), groups in found.items()
-    }
 
 
 def check_plan(verification: Verification) -> None:

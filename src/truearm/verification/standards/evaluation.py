@@ -74,7 +74,7 @@ class Evaluation:
         key, planned = ("position", test.positions) if isinstance(test, Probing) else ("repeat", test.repeats)
         self._checks.check_positions(name, groups, key, planned.value)
         spheres = [self._checks.sphere(name, group, test) for group in groups]
-        self._checks.check_no_copies(name, [[group] for group in groups])
+        self._checks.check_no_copies(name, groups)
         if isinstance(test, Probing):
             self._checks.check_apart(name, groups, sphere_centres(spheres), spheres[0].sphere.diameter_mm)
             size = iso10360_12.p_size(spheres, self.specification, rule=self.rule)
@@ -105,7 +105,7 @@ class Evaluation:
                         hint="measure all groups of a position on one sphere that stays in place",
                     )
             measured.append(spheres)
-        self._checks.check_no_copies(name, [[group] for group in groups])
+        self._checks.check_no_copies(name, groups)
         firsts = [members[0] for members in positions.values()]
         self._checks.check_apart(
             name, firsts, sphere_centres([one[0] for one in measured]), measured[0][0].sphere.diameter_mm
@@ -124,7 +124,7 @@ class Evaluation:
             self._checks.check_not_frozen(name, group)
             seat = self._checks.artefact(self._checks.artefacts.seat, group)
             seats.append(asme_b89_4_22.SeatPoints(seat, group.points, group.where))
-        self._checks.check_no_copies(name, [[group] for group in groups])
+        self._checks.check_no_copies(name, groups)
         self._checks.check_apart(
             name, groups, np.array([[group.points.mean(axis=0)] for group in groups]), SAME_PLACE_MM
         )

@@ -15,6 +15,7 @@ from truearm.files.delimited import quoted_cell
 from truearm.readings.thermal_expansion import REFERENCE_DEGC
 from truearm.typing import FloatArray
 from truearm.verification.standards.artefacts import Artefact, Artefacts, CalibratedBar, CalibratedSphere
+from truearm.verification.standards.copied_points import find_copy
 from truearm.verification.standards.measurands import LengthMeasurement, SphereMeasurement, check_spread
 from truearm.verification.standards.measured_points import (
     ENDS,
@@ -80,7 +81,7 @@ class PointChecks:
 
     def lengths(self, name: str, groups: Sequence[PointGroup]) -> list[tuple[LengthMeasurement, PointGroup]]:
         """Return the measured lengths, each with the group of its end A."""
-        pairs, ends_of_pairs = [], []
+        pairs = []
         for members in split_groups(groups, "artefact", *(key for key in KEY_COLUMNS[name] if key != "end")).values():
             ends = {group.keys["end"]: group for group in members}
             if len(ends) != 2:
@@ -122,8 +123,7 @@ class PointChecks:
                 )
             self._check_plausible(name, start, distance, one.length.length_mm)
             pairs.append((one, start))
-            ends_of_pairs.append((start, end))
-        self.check_no_copies(name, ends_of_pairs)
+        self.check_no_copies(name, groups)
         return pairs
 
     def check_long_enough(
@@ -196,19 +196,18 @@ class PointChecks:
                 f"{join_names(turned, '; ')}"
             )
 
-    def check_no_copies(self, name: str, measurements: Iterable[Sequence[PointGroup]]) -> None:
-        """Check that no two measurements have the same coordinates to the last bit: noise does not repeat."""
+    def check_no_copies(self, name: str, groups: Sequence[PointGroup]) -> None:
+        """Check that no measurement is a copy of another one, moved or not."""
         if self.measured.file is None:
             return
-        seen: dict[bytes, PointGroup] = {}
-        for groups in measurements:
-            first = seen.setdefault(b" ".join((group.points + 0.0).tobytes() for group in groups), groups[0])
-            if first is not groups[0]:
-                raise self.measured.error(
-                    f"test {name!r}: {groups[0].where} has the same coordinates as {first.where}: a copy",
-                    groups[0],
+        if (found := find_copy(groups)) is not None:
+            contradict(
+                self.measured.error(
+                    f"test {name!r}: {found[1]}: a copy",
+                    found[0],
                     hint="measure it again; if the coordinates are rounded, write them with more digits",
                 )
+            )
 
     def check_not_frozen(self, name: str, group: PointGroup) -> None:
         """Check that most points in a seat are not the same point.
