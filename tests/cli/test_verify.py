@@ -15,7 +15,7 @@ from made_up_certificate import CONFIRMED_PLAN, confirm
 from made_up_verification import ARTEFACTS, MPE, Made
 
 from truearm.verification.standards.measured_points import KEY_COLUMNS, OPTIONAL_COLUMNS, REQUIRED_COLUMNS, SIZE_TESTS
-from truearm.verification.standards.positions import about_z
+from truearm.verification.standards.positions import about_z, hemisphere
 from truearm.verification.standards.verification_plan import plan_text
 
 PAGE = Path(__file__).parents[2] / "docs" / "verification.md"
@@ -54,8 +54,8 @@ def test_a_good_arm_conforms(truearm, bench):
     assert "after ISO 10360-12:2016: measuring arm 2.5 m" in ran.out.splitlines()[1]
     # Where each number and formula stands, by the word of who looked it up.
     assert (
-        "where it stands, uni: lengths = 5, positions = 7, repeats = 3, longest_share = 0.66, tolerated_sets = 0, "
-        in ran.out
+        "where it stands, uni: lengths = 5, positions = 7, directions = 4, repeats = 3, "
+        "longest_share = 0.66, tolerated_sets = 0, " in ran.out
     )
     assert "where it stands, decision: decision_rule: iso14253-1:2017, guard_band: 1.645 u, " in ran.out
     entries = json.loads(truearm(*options(), "--json").out)["plan_entries"]
@@ -69,9 +69,10 @@ def test_without_confirmed_numbers_there_is_one_word_everywhere(truearm, bench, 
     Path("points.csv").write_text(Made(too_large=too_large).iso().text())
     ran = truearm(*options("iso10360-12"), "--report", "page.html")
     assert (ran.code, ran.err) == (3, "")
-    first = "Not for conformity decisions: 23 entries are not confirmed against ISO 10360-12:2016 in the test plan"
+    first = "Not for conformity decisions: 26 entries are not confirmed against ISO 10360-12:2016 in the test plan"
     assert ran.out.startswith(first)
-    assert "plan, probing: not confirmed, check against your copy of the standard: points = 25," in ran.out
+    probing = "plan, probing: not confirmed, check against your copy of the standard: points = 25, pattern: evenly over"
+    assert probing in ran.out
     assert "plan, decision: not confirmed, check against your copy of the standard: decision_rule: iso1" in ran.out
     assert ran.out.splitlines()[-2].startswith("Next: compare the plan with your copy")
     found = json.loads(truearm(*options("iso10360-12"), "--json").out)
@@ -330,6 +331,48 @@ def on_a_cap(text):
     return "\n".join(",".join(row) for row in rows) + "\n"
 
 
+def placed(test, *, seats=None, along=None, apart_mm=11.0):
+    """The seats at other places along x; or the positions of the bars all along one direction, so far apart."""
+
+    def change(text):
+        rng = np.random.default_rng(5)
+        rows = [line.split(",") for line in text.splitlines()]
+        inside = [row for row in rows if row[0] == test]
+        names = list(dict.fromkeys(row[3] for row in inside))
+        for row in inside:
+            at, noise = names.index(row[3]), 0.001 * rng.normal(size=3)
+            if seats is None:
+                point = [apart_mm * at - 400, 0, 0] + (row[6] == "B") * float(row[4]) * np.array(along)
+            else:
+                point = np.array([seats[at], 0.0, 0.0])
+            row[8:11] = (f"{value:.5f}" for value in point + noise)
+        return "\n".join(",".join(row) for row in rows) + "\n"
+
+    return change
+
+
+def in_patches(points):
+    """The points of the first position of the probing test at these places on its ball."""
+
+    def change(text):
+        rng = np.random.default_rng(6)
+        rows = [line.split(",") for line in text.splitlines()]
+        inside = [row for row in rows if row[0] == "probing" and row[3] == "1"]
+        for row, normal in zip(inside, points, strict=True):
+            row[8:11] = (f"{x:.5f}" for x in [500, 0, 200] + 12.5 * normal + 0.001 * rng.normal(size=3))
+        return "\n".join(",".join(row) for row in rows) + "\n"
+
+    return change
+
+
+def cap(n, half_deg, lean_deg=0.0):
+    """Unit vectors spread over a cap about a pole that leans towards x."""
+    z, turn = np.linspace(1, np.cos(np.radians(half_deg)), n), 2.4 * np.arange(n)
+    level, lean = np.sqrt(1 - z * z), np.radians(lean_deg)
+    x, y = level * np.cos(turn), level * np.sin(turn)
+    return np.column_stack([x * np.cos(lean) + z * np.sin(lean), y, z * np.cos(lean) - x * np.sin(lean)])
+
+
 def nudged(change):
     """As changed, and all points some um off on their own."""
 
@@ -493,6 +536,14 @@ POINTS = {
         ["length 450, position 4, repeat 2: an end is 80 mm away from its place in the first run", "Try: keep the bar"],
     ),
     "points on a cap": (on_a_cap, ["test 'probing', position 1: the points lie so close together on the ball"]),
+    "most points about the pole": (
+        in_patches(np.concatenate([cap(21, 2), hemisphere(5)[1:]])),
+        ["position 1: the points leave most of the ball untouched", "13 deg in the pattern of the plan"],
+    ),
+    "all bars along y": (
+        placed("uni", along=(0, 1, 0), apart_mm=15),
+        ["length 150: the plan asks for 4 directions of the bar, 30 deg apart or more; at its 7 positions it had 1"],
+    ),
     "flat": (lambda text: re.sub(r"(?m)^(probing.*,)[^,]*(,20.0)$", r"\g<1>0.0\2", text), ["in one plane"]),
 }
 
@@ -672,6 +723,26 @@ def test_every_form_states_the_measuring_range_and_the_serial_numbers_of_the_art
     assert "bar, serial number B-77, length 1700" in page
 
 
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (placed("volumetric", along=(1, 0, 0)), "length 900: the plan asks for 4 directions of the bar, 30 deg apart"),
+        (placed("single_point", seats=(600, 611, 622)), "two positions are 22 mm apart, the plan asks for 750 mm or"),
+        (placed("single_point", seats=(200, 600, 951)), None),
+    ],
+)
+def test_a_layout_that_the_plan_does_not_ask_for_is_refused(truearm, bench, change, said):
+    """Another one is a plan of one's own, which its results say."""
+    Path("points.csv").write_text(change(Made().asme().text()))
+    ran = truearm(*options("asme.toml"))
+    assert (ran.code, said is None or said in ran.err) == (0 if said is None else 2, True), ran
+    own = Path("asme.toml").read_text().replace("directions = { value = 4", "directions = { value = 1")
+    Path("asme.toml").write_text(own.replace("spread_share = { value = 0.3", "spread_share = { value = 0"))
+    ran = truearm(*options("asme.toml"))
+    assert ", own plan: measuring arm 2.5 m" in ran.out.splitlines()[1]
+    assert "own plan, different from truearm's plan after ASME B89.4.22-2004: directions = 1 (4)" in ran.out
+
+
 def test_bars_too_short_for_the_arm_are_refused_in_the_volumetric_test(truearm, bench):
     """1700 mm are 68 % of 2500 mm, 60 % of 2833 mm: enough up to there."""
     Path("points.csv").write_text(Made().asme().text())
@@ -818,7 +889,7 @@ def test_the_page_tells_what_to_do_with_one_ball_bar(truearm, bench):
     ran = truearm(*(option.replace("artefacts.toml", "mine.toml") for option in options("my-plan.toml")))
     assert ran.code == 3, ran
     assert "E_Uni, 900" in ran.out
-    assert "lengths = 1, positions = 7, repeats = 3, longest_share = 0.36" in ran.out
+    assert "lengths = 1, positions = 7, directions = 4, repeats = 3, longest_share = 0.36" in ran.out
     Path("my-plan.toml").write_text(confirm(Path("my-plan.toml").read_text()))
     ran = truearm(*(option.replace("artefacts.toml", "mine.toml") for option in options("my-plan.toml")))
     assert ran.code == 0, ran

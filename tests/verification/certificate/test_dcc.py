@@ -256,7 +256,7 @@ def test_the_rule_is_named_by_its_edition_or_not_at_all():
 def test_a_plan_of_the_user_is_stated_with_its_digest_and_numbers():
     shipped = MARKED.methods[1].description
     assert shipped.startswith("Test plan iso10360-12 of truearm")
-    assert "where they stand: probing: points = 25 (not confirmed), smallest_sphere_mm = 10 (not confirmed)" in shipped
+    assert "where they stand: probing: points = 25 (not confirmed), pattern: evenly over half" in shipped
     assert "; uni: lengths = 5 (not confirmed)," in shipped
     assert "; decision: decision_rule: iso14253-1:2017 (not confirmed), guard_band: 1.645 u" in shipped
     assert "articulation" not in shipped  # no points
@@ -276,7 +276,7 @@ def test_a_plan_of_the_user_is_stated_with_its_digest_and_numbers():
 
 
 def test_without_confirmed_numbers_there_is_no_certificate_or_one_without_conformity():
-    with pytest.raises(InputError, match=r"certificate: 17 entries are not confirmed against .* in .*: prob"):
+    with pytest.raises(InputError, match=r"certificate: 19 entries are not confirmed against .* in .*: prob"):
         certificate(made=outcome(plan=RECALLED))
     assert MARKED.reservation is not None
     assert MARKED.reservation.startswith("Not for conformity decisions: ")
@@ -504,7 +504,7 @@ def test_results_as_found_need_an_adjustment_after_them():
     after = outcome()
     with pytest.raises(
         InputError,
-        match=r"^points.csv, line 2: points as found: .* has the same coordinates as test .* as left: a copy",
+        match=r"^points.csv, line 2: points as found: .* has the same coordinates as position 1 as left: a copy",
     ):
         certificate(made=after, as_found=replace(before, measured=after.measured))
 

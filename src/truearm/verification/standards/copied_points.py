@@ -52,7 +52,7 @@ def find_copy(groups: Sequence[PointGroup], before: Sequence[PointGroup] | None 
         if n != sum(len(group.points) for group in other[1]) or (n == 2 and one[0][:2] != other[0][:2]):
             continue
         points = [np.concatenate([group.points for group in each[1]]) for each in (one, other)]
-        if same := np.array_equal(*points):
+        if same := np.array_equal(points[0], points[1]):
             numbers = 3 * n
         else:
             numbers = 3 if n == 2 else 3 * n - 6
@@ -83,7 +83,7 @@ def _pairs(
 def _shape(points: FloatArray) -> FloatArray:
     """What a moved copy has in common: the vector of two points; of more, their distances, which turning keeps too."""
     if len(points) == 2:
-        return points[1] - points[0]
+        return np.asarray(points[1] - points[0])
     first, second = np.triu_indices(len(points), 1)
     return np.asarray(np.linalg.norm(points[first] - points[second], axis=1))
 

@@ -128,6 +128,7 @@ class Evaluation:
         self._checks.check_apart(
             name, groups, np.array([[group.points.mean(axis=0)] for group in groups]), SAME_PLACE_MM
         )
+        self._checks.check_seats_spread(name, groups, test.spread_share.value)
         rows = asme_b89_4_22.single_point(seats, self.specification, rule=self.rule)
         if self._suspect(rows):
             self.remarks.extend(blunders.in_seats(name, groups))
@@ -154,7 +155,7 @@ class Evaluation:
                         at[0],
                         hint="measure the missing repeats, and number them 1, 2, ..",
                     )
-        self._checks.check_bars_apart(name, groups)
+        self._checks.check_bars_apart(name, groups, test.directions.value)
         self._checks.check_bars_stay(name, pairs)
         self._checks.check_long_enough(name, lengths, groups[0], test.longest_share.value)
         self._check_bars_not_exchanged("E_Uni" if name == "uni" else "E_Bi", pairs, opposite=name == "bi")
@@ -172,7 +173,7 @@ class Evaluation:
             name, groups[0], "lengths", split_groups(groups, "artefact", "length"), test.lengths.value
         )
         self._checks.check_count(name, groups[0], "measured lengths", len(pairs), test.positions.value)
-        self._checks.check_bars_apart(name, groups)
+        self._checks.check_bars_apart(name, groups, test.directions.value)
         self._checks.check_long_enough(name, [one for one, _ in pairs], groups[0], test.longest_share.value)
         self._check_bars_not_exchanged("Volumetric.Max", pairs, opposite=False)
         rows = asme_b89_4_22.volumetric([one for one, _ in pairs], self.specification, rule=self.rule)

@@ -26,7 +26,7 @@ from truearm.verification.standards.decision import (
     assess_conformity,
     worst_result,
 )
-from truearm.verification.standards.positions import hemisphere
+from truearm.verification.standards.positions import frame_about, hemisphere
 from truearm.verification.standards.propagation import ErrorSource, drawn_budget, in_each, linear_budget, value_range
 from truearm.verification.standards.specification import Specification
 
@@ -35,6 +35,9 @@ LEAST_ON_BALL = 5
 # Chosen here: points that determine a ball this many times less accurately than points all over its half are refused,
 # such as points evenly over a cap that ends nearer to its pole than 55 to 60 deg.
 LOOSEST = 3.0
+# Chosen here: so many times farther from the nearest point than in the planned pattern lies the half of the ball where
+# points leave holes. Points anywhere on it: 1.2; to 60 deg from the pole only: 1.1; in three patches of 10 deg: 2.
+SPARSEST = 1.5
 # Of the angle between the normal of a face and a length, 20 deg: a larger one belongs to another face.
 LEAST_COSINE = 0.94
 
@@ -69,6 +72,43 @@ def check_spread(points: FloatArray, planned: int) -> None:
             f"uncertain than from points all over its half",
             hint="measure points all over the accessible half of the ball, from the pole to the equator",
         )
+
+
+def check_pattern(points: FloatArray, centre: FloatArray, planned: int) -> None:
+    """Check that points lie as evenly over half of a ball as the planned pattern.
+
+    The angle from a direction to the nearest point, in the mean over the half about the mean point, is compared with
+    that of the planned number of points evenly over half of the ball.
+
+    Parameters
+    ----------
+    points : (n, 3) array
+        [mm]
+    centre : (3,) array
+        Of the ball [mm].
+    planned : int
+        The planned number of points.
+
+    Raises
+    ------
+    InputError
+        If it is `SPARSEST` times as large, or larger.
+    """
+    away, even = _mean_hole_deg(points - centre), _mean_hole_deg(hemisphere(planned))
+    if away > SPARSEST * even:
+        raise InputError(
+            f"the points leave most of the ball untouched: half of it is {away:.2g} deg from the nearest point in the "
+            f"mean, {even:.2g} deg in the pattern of the plan",
+            hint="measure points evenly over half of the ball, or change pattern in the plan if your contract says so",
+        )
+
+
+def _mean_hole_deg(points: FloatArray) -> float:
+    """The angle to the nearest of some points about the origin, in the mean over the half about their mean [deg]."""
+    normals = points / np.linalg.norm(points, axis=1, keepdims=True)
+    middle = normals.mean(axis=0)
+    half = hemisphere(400) @ frame_about(middle / max(float(np.linalg.norm(middle)), 1e-9)).T
+    return float(np.degrees(np.arccos(np.clip((half @ normals.T).max(axis=1), -1.0, 1.0)).mean()))
 
 
 def _end_point(points: FloatArray) -> FloatArray:

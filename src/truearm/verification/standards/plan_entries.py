@@ -7,9 +7,9 @@ implements: the name states what is calculated, so that it can be compared with 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, Generic, Literal, TypeVar, get_args, get_origin
+from typing import Annotated, Any, ClassVar, Generic, Literal, TypeVar, get_args, get_origin
 
 from pydantic import AfterValidator, Field, model_validator
 
@@ -46,17 +46,21 @@ class PlanEntry(Document, Generic[V]):
 
 
 class WithFormulas(Document):
-    """A table whose formulas are added, not confirmed, where a plan of an earlier version has none."""
+    """A table whose formulas and newer numbers are added, not confirmed, to a plan of an earlier version."""
+
+    numbers_of_earlier_plans: ClassVar[Mapping[str, float]] = {}
 
     @model_validator(mode="before")
     @classmethod
     def _formulas_of_earlier_plans(cls, given: Any) -> Any:
         if not isinstance(given, dict):
             return given
+        named = {name: _formula_names(field.annotation)[:1] for name, field in cls.model_fields.items()}
+        values = {**{name: names[0] for name, names in named.items() if names}, **cls.numbers_of_earlier_plans}
         added = {
-            name: {"value": names[0], "confirmed": False, "source": NOT_IN_PLAN}
-            for name, field in cls.model_fields.items()
-            if name not in given and (names := _formula_names(field.annotation))
+            name: {"value": value, "confirmed": False, "source": NOT_IN_PLAN}
+            for name, value in values.items()
+            if name not in given
         }
         return {**given, **added}
 

@@ -16,7 +16,7 @@ from truearm.readings.thermal_expansion import REFERENCE_DEGC
 from truearm.typing import FloatArray
 from truearm.verification.standards.artefacts import Artefact, Artefacts, CalibratedBar, CalibratedSphere
 from truearm.verification.standards.copied_points import find_copy
-from truearm.verification.standards.measurands import LengthMeasurement, SphereMeasurement, check_spread
+from truearm.verification.standards.measurands import LengthMeasurement, SphereMeasurement, check_pattern, check_spread
 from truearm.verification.standards.measured_points import (
     ENDS,
     KEY_COLUMNS,
@@ -26,7 +26,7 @@ from truearm.verification.standards.measured_points import (
     join_names,
 )
 from truearm.verification.standards.specification import MEASURING_RANGE
-from truearm.verification.standards.verification_plan import Articulation, EffectiveDiameter, Probing
+from truearm.verification.standards.verification_plan import EVEN, Articulation, EffectiveDiameter, Probing
 
 A = TypeVar("A", bound=Artefact)
 
@@ -38,6 +38,8 @@ SAME_PLACE_MM = 10.0
 RANGE_MARGIN = 1.03
 # A thermometer without an uncertainty contradicts nothing while thermal expansion is corrected over less [K].
 MOST_K_EXACT = 1.0
+# Directions of a bar at two positions that are nearer than this are one [deg]: chosen here.
+ANOTHER_DIRECTION_DEG = 30.0
 # Runs of a length at one position whose ends are farther apart are at two positions [mm]: a ball or face is smaller.
 MOVED_MM = 50.0
 
@@ -72,6 +74,8 @@ class PointChecks:
         try:
             check_spread(group.points, test.points.value)
             diameter = measured.diameter_mm
+            if test.pattern.value == EVEN:
+                check_pattern(group.points, measured.fit.centre, test.points.value)
         except InputError as error:
             raise self.measured.error(
                 f"test {name!r}, {group.where}: {error.problem}", group, hint=error.hint
@@ -160,8 +164,8 @@ class PointChecks:
                 )
                 return
 
-    def check_bars_apart(self, name: str, groups: Sequence[PointGroup]) -> None:
-        """Check that each position of a length is a different one."""
+    def check_bars_apart(self, name: str, groups: Sequence[PointGroup], directions: int) -> None:
+        """Check that each position of a length is a different one, and that its directions are as many as planned."""
         for members in split_groups(groups, "artefact", "length").values():
             positions = list(split_groups(members, "position").values())
             places = np.array(
@@ -171,6 +175,29 @@ class PointChecks:
                 ]
             )
             self.check_apart(name, [at[0] for at in positions], places, SAME_PLACE_MM)
+            along = places[:, 1] - places[:, 0]
+            n, planned = _count_directions(along), min(directions, len(positions))
+            if n < planned:
+                raise self.measured.error(
+                    f"test {name!r}, length {members[0].keys['length']}: the plan asks for {planned} directions of the "
+                    f"bar, {ANOTHER_DIRECTION_DEG:g} deg apart or more; at its {len(positions)} positions it had {n}",
+                    members[0],
+                    hint="place the bar along, across, upright and obliquely, or correct directions in the plan by "
+                    "your copy of the standard",
+                )
+
+    def check_seats_spread(self, name: str, groups: Sequence[PointGroup], share: float) -> None:
+        """Check that the seats are spread over the planned share of the measuring range."""
+        at = np.array([group.points.mean(axis=0) for group in groups])
+        spread, needed = float(np.linalg.norm(at[:, None] - at, axis=2).max()), share * self.measuring_range_mm
+        if len(at) > 1 and spread < needed:
+            raise self.measured.error(
+                f"test {name!r}: the farthest two positions are {spread:.4g} mm apart, the plan asks for {needed:.4g} "
+                f"mm or more, {share:.0%} of the measuring range",
+                groups[0],
+                hint="measure near, in the middle and far in the reach, or correct spread_share in the plan by your "
+                "copy of the standard",
+            )
 
     def check_bars_stay(self, name: str, pairs: Sequence[tuple[LengthMeasurement, PointGroup]]) -> None:
         """Check that a length does not move between runs; remark runs with exchanged ends."""
@@ -338,3 +365,12 @@ def split_groups(groups: Iterable[PointGroup], *keys: str) -> dict[str | tuple[s
         values = tuple(group.artefact if key == "artefact" else group.keys[key] for key in keys)
         by_key.setdefault(values[0] if len(values) == 1 else values, []).append(group)
     return by_key
+
+
+def _count_directions(along: FloatArray) -> int:
+    """Number of directions (n, 3), either way, that are `ANOTHER_DIRECTION_DEG` apart: always the farthest one next."""
+    cosines = np.abs((units := along / np.linalg.norm(along, axis=1, keepdims=True)) @ units.T)
+    nearest, n = cosines[0], 1
+    while (far := int(nearest.argmin())) >= 0 and nearest[far] <= np.cos(np.radians(ANOTHER_DIRECTION_DEG)):
+        nearest, n = np.maximum(nearest, cosines[far]), n + 1
+    return n

@@ -13,7 +13,7 @@ from collections.abc import Collection, Iterator
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
@@ -71,8 +71,13 @@ class PlannedTest(WithFormulas):
     clause: Name
 
 
+# The pattern of points on a sphere that is checked.
+EVEN: Literal["evenly over half of the sphere"] = "evenly over half of the sphere"
+
+
 class _OnSphere(PlannedTest):
     points: Count
+    pattern: PlanEntry[Literal["evenly over half of the sphere", "as the operator chose"]]
     smallest_sphere_mm: Size
     largest_sphere_mm: Size
 
@@ -108,11 +113,15 @@ class LengthTest(PlannedTest):
     """E_Uni and E_Bi: lengths at positions, each repeated.
 
     In up to `tolerated_sets` sets (one length at one position) one value may exceed its limit, if none does when
-    the set is measured again: the rule of ISO 10360-2; 0 switches it off.
+    the set is measured again: the rule of ISO 10360-2; 0 switches it off. Of the directions of each length, as many
+    as planned are 30 degrees and more apart.
     """
+
+    numbers_of_earlier_plans: ClassVar = {"directions": 4}
 
     lengths: Count
     positions: Count
+    directions: Count
     repeats: Count
     longest_share: Share
     tolerated_sets: Tolerated
@@ -127,19 +136,28 @@ class EffectiveDiameter(_OnSphere):
 
 
 class SinglePoint(PlannedTest):
-    """Single-point articulation: points in a seat, one position in each zone of the reach."""
+    """Single-point articulation: points in a seat, one position in each zone of the reach.
+
+    The nearest and the farthest seat are a share of the measuring range apart.
+    """
+
+    numbers_of_earlier_plans: ClassVar = {"spread_share": 0.3}
 
     points: Count
     positions: Count
+    spread_share: Share
     largest: PlanEntry[Literal["largest distance from the mean"]]
     twice_s: PlanEntry[Literal["2 s, divisor n - 1"]]
 
 
 class Volumetric(PlannedTest):
-    """Volumetric performance: lengths at several positions in all."""
+    """Volumetric performance: lengths at several positions in all, in several directions each."""
+
+    numbers_of_earlier_plans: ClassVar = {"directions": 4}
 
     lengths: Count
     positions: Count
+    directions: Count
     longest_share: Share
     largest: PlanEntry[Literal["largest |measured - calibrated length|"]]
     twice_s: PlanEntry[Literal["2 s about the mean, divisor n - 1"]]
