@@ -118,6 +118,25 @@ def test_points_taken_by_hand_in_another_frame_are_at_their_places(form, planned
     assert fill_points_form(form, by_hand, day=DAY) == len(planned)
 
 
+def test_artefacts_in_exchanged_places_are_told_by_the_positions_of_their_points(form, planned, layout):
+    """Two seats, or two bars of one length, measured in the order of another plan; all a hand's breadth off."""
+    rng = np.random.default_rng(4)
+    starts = np.cumsum([0, *(len(one.points) for one in layout)])
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    places = [(one.test, one.keys.get("length"), one.keys.get("position")) for one in layout]
+    by = {place: 25 * rng.normal(size=3) for place in places}  # the artefacts' places [mm]
+    each = [planned[a:b] + by[place] for a, b, place in zip(starts, starts[1:], places, strict=False)]
+    seats = [i for i, one in enumerate(layout) if one.test == "single_point"]
+    bars = [i for i, one in enumerate(layout) if one.test == "volumetric" and one.keys["length"] == "1700"]
+    for pairs in ([(seats[0], seats[2])], [(bars[0], bars[4]), (bars[1], bars[5])]):
+        swapped = list(each)
+        for i, j in pairs:
+            swapped[i], swapped[j] = each[j], each[i]
+        with pytest.raises(InputError, match=r"and where the plan has .* exchanged with .*Try: bring the"):
+            fill_points_form(form, np.concatenate(swapped) @ turn, day=DAY)
+    fill_points_form(form, np.concatenate(each) @ turn, day=DAY)
+
+
 def test_a_form_saved_with_semicolons_and_decimal_commas_is_filled_alike(form, planned):
     lines = form.read_text(encoding="utf-8").splitlines()
     assert '"' not in "".join(lines)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import datetime
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -46,6 +46,9 @@ PLANNED, FROM = ("note_x_mm", "note_y_mm", "note_z_mm"), ("note_from_x", "note_f
 ON_SURFACES = ("probing", "articulation", "effective_diameter", "bi")
 # A point taken by hand is about this near to the planned one; a wrong row is farther where it matters [mm].
 NEAR_MM = 20.0
+# Artefacts stand some centimetres from their planned places. Where one is farther away than this, as seen from the
+# others, and so many times nearer to the place of another one of its kind, the two are exchanged: chosen here.
+AWAY_MM, NEARER = 100.0, 3.0
 
 
 def write_points_form(
@@ -306,6 +309,7 @@ class _Form:
             raise self.mismatch(points, rows)
         if (first := self.first_elsewhere(points, rows)) is not None:
             raise self.elsewhere(int(rows[first]), first + 1)
+        self._check_not_exchanged(points, rows)
         self._check_tips(rows)
         return rows
 
@@ -400,6 +404,54 @@ class _Form:
                 bad.append(group[int(np.argmax(wrong))])
         return min(bad, default=None)
 
+    def _check_not_exchanged(self, points: FloatArray, rows: IntArray) -> None:
+        """Refuse points of an artefact that lie where the plan has another one of its kind: by them it is that one.
+
+        Distances to the other artefacts are the same in all frames; those to the origin count too, where they fit: a
+        few artefacts in a line may look the same from both sides.
+        """
+        planned = self._planned(rows)
+        if planned is None:
+            return
+        places: dict[tuple[str, ...], list[int]] = {}
+        for at, row in enumerate(rows.tolist()):
+            named = (self.cell(row, name) for name in ("test", "artefact", "length", "position"))
+            places.setdefault(tuple(named), []).append(at)
+        names = list(places)
+        for origin in (False, True):
+            seen, aimed = (self._seen_from(each, rows, places, origin=origin) for each in (points, planned))
+            for i, one in enumerate(names):
+                kind = [j for j, other in enumerate(names) if other[0] == one[0]]
+                off = {
+                    j: _median_off(seen[i], aimed[j], i, j) for j in kind if len(places[names[j]]) == len(places[one])
+                }
+                nearest = min(off, key=lambda j: off[j])
+                if off[i] > AWAY_MM > off[nearest] and NEARER * off[nearest] < off[i]:
+                    here, there = (int(rows[places[name][0]]) for name in (one, names[nearest]))
+                    raise self.sheet.error(
+                        f"reading {places[one][0] + 1} and those of its place are {off[i]:.3g} mm away from it, as "
+                        f"seen from the other artefacts, and where the plan has {self._where(there)}: exchanged with "
+                        f"{self._where(here)}",
+                        here,
+                        hint="bring the readings into the order of the file; if the artefacts stood elsewhere than "
+                        "planned, correct note_x_mm, note_y_mm and note_z_mm",
+                    )
+
+    def _seen_from(
+        self, points: FloatArray, rows: IntArray, places: Mapping[tuple[str, ...], list[int]], *, origin: bool
+    ) -> FloatArray:
+        """Distances of both ends of each place (twice its middle if it has none) to all middles, (n, m, 2) [mm]."""
+        at = []
+        for inside in places.values():
+            of = [points[[i for i in inside if self.cell(int(rows[i]), "end") != end]] for end in "BA"]
+            at.append([(one if len(one) else points[inside]).mean(axis=0) for one in of])
+        ends = np.array(at)
+        middles = ends.mean(axis=1)
+        if origin:
+            middles = np.concatenate([middles, np.zeros((1, 3))])
+        # The nearest first: a bar turned end for end is in the same place.
+        return np.sort(np.linalg.norm(ends[:, None] - middles[None, :, None], axis=3), axis=2)
+
     def elsewhere(self, row: int, reading: int) -> InputError:
         """The error of a point that is not where the plan puts it."""
         return self.sheet.error(
@@ -450,6 +502,15 @@ class _Form:
             writer = csv.writer(out, delimiter=self.sheet.separator, lineterminator="\n")
             writer.writerow(self.names)
             writer.writerows(self.cells)
+
+
+def _median_off(seen: FloatArray, aimed: FloatArray, i: int, j: int) -> float:
+    """How far a place i is from the planned place j, as seen from most others (m, 2), of up to four from all [mm]."""
+    others = np.setdiff1d(np.arange(len(seen)), [i, j])
+    if len(others) < 2:  # one distance agrees by chance
+        return np.inf
+    off = np.abs(seen[others] - aimed[others]).max(axis=1)
+    return float(np.median(off) if len(others) > 4 else off.max())
 
 
 def _distances(points: FloatArray) -> FloatArray:
