@@ -56,6 +56,15 @@ def two_moves() -> bool:
     return holds_at_24_degC(0.05 * ((TIME > 0.33) + 1.0 * (TIME > 0.66)))
 
 
+@mistake("a reference that drifted by 0.1 mm in a warming room, used where it stood at first")
+def where_it_stood() -> bool:
+    arm, session = warming(0.1 * TIME, np.linspace(19.0, 19.8, POSES))
+    then = Session(session.angles, temperature_degC=np.full(POSES, 19.4))
+    points, covariance = ta.PhysicalModel(arm).fit_readings(session).predict_readings(then, return_cov=True)
+    off = points - arm.chain.tip_in_base(session.angles) * (1 - STEEL_PER_K * 0.6) + [0.03, 0.04, 0.0]
+    return bool((np.einsum("ni,nij,nj->n", off, np.linalg.inv(covariance), off) < 7.815).mean() >= 0.9)
+
+
 @mistake("a reference that drifts by 0.1 mm in a warming room: said", said="The base or the reference drifts")
 def drift_is_said() -> str:
     arm, session = warming(0.1 * TIME, np.linspace(19.0, 19.8, POSES))

@@ -10,7 +10,7 @@ from truearm.arm import load_arm
 from truearm.identification.estimation.identification_result import IdentificationResult, TermGroupResult
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.judgement.expansion_prior import _likelihood, _mixture, with_material_prior
-from truearm.identification.judgement.thermal_lag import LinkHistory
+from truearm.identification.judgement.thermal_lag import N_DRIFTS, LinkHistory
 from truearm.identification.terms import ArmState, Constant, Term
 from truearm.identification.terms.basis import Temperature
 from truearm.identification.terms.thermal import MATERIALS, UNKNOWN_MATERIAL, Material
@@ -19,7 +19,8 @@ from truearm.identification.terms.thermal import MATERIALS, UNKNOWN_MATERIAL, Ma
 def mixture(information, right, shares):
     """Of what training shows, of the expansion, and of constants at links of 21 degC."""
     n = len(right)
-    return _mixture([LinkHistory(information, right, np.eye(n), 21.0, share) for share in shares])
+    still = np.zeros((0, 1 + n)), np.zeros((n, N_DRIFTS))
+    return _mixture([LinkHistory(information, right, np.eye(n), *still, 21.0, share) for share in shares])
 
 
 def test_without_information_growth_has_the_prior_of_an_unknown_material():
@@ -55,7 +56,8 @@ def test_the_mixture_is_the_integral_over_the_growth_of_one_link():
 def test_links_of_other_time_constants_leave_the_expansion_as_open_as_their_shares():
     """Exact readings of a growth a c with a relative scatter of 0.2 of a: of c, not of what is shown, 0.2 remain."""
     information = np.eye(1) / 1e-9**2
-    history = LinkHistory(information, information @ [10e-6], np.eye(1), 20.0, share=0.5, slack=0.2)
+    still = np.zeros((0, 2)), np.zeros((1, N_DRIFTS))
+    history = LinkHistory(information, information @ [10e-6], np.eye(1), *still, 20.0, share=0.5, slack=0.2)
     growth = _mixture([history])
     np.testing.assert_allclose(growth.mean[:2], [10e-6, 20e-6 / 1.04], rtol=1e-3)
     metal = np.sqrt(MATERIALS[1].covariance(1)[0, 0])

@@ -36,7 +36,13 @@ from scipy.linalg import block_diag
 
 from truearm.identification.estimation.identification_result import IdentificationResult, TermGroupResult
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
-from truearm.identification.judgement.thermal_lag import TIME_CONSTANTS, LinkHistory, link_histories, most_lag_K
+from truearm.identification.judgement.thermal_lag import (
+    N_DRIFTS,
+    TIME_CONSTANTS,
+    LinkHistory,
+    link_histories,
+    most_lag_K,
+)
 from truearm.identification.terms.basis import Constant, Temperature
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
@@ -108,7 +114,8 @@ def with_material_prior(fit: IdentificationResult, state: ArmState, *, widened: 
     else:
         gain = np.asarray(np.linalg.solve(of_growth, fit.covariance[np.ix_(grows, others)]).T)
         information, right = _likelihood(of_growth / widened, fit.coefficients[grows], fit.prior_std[grows])
-        histories = [LinkHistory(information, right, gain, mean)]
+        none = np.zeros((0, 1 + len(grows))), np.zeros((len(others), N_DRIFTS))
+        histories = [LinkHistory(information, right, gain, *none, mean)]
     gain = histories[0].gain  # with the temperatures and terms by which the arm was identified
     if by_points and lags:
         u_K = 0.0
@@ -231,7 +238,7 @@ def _mixture(histories: Sequence[LinkHistory], widened: float = 1.0) -> _Moments
     slack. Both are sums of independent causes, of which the readings determine some.
     """
     n = len(histories[0].right)
-    logs, means, causes, roots, rests, above, determined = [], [], [], [], [], [], []
+    logs, means, causes, roots, rests, drifts, above, determined = [], [], [], [], [], [], [], []
     for material, history in product(MATERIALS, histories):
         prior = material.covariance(n)
         half = np.linalg.cholesky(prior + history.slack**2 * np.diag(prior.diagonal()))
@@ -244,6 +251,8 @@ def _mixture(histories: Sequence[LinkHistory], widened: float = 1.0) -> _Moments
         means.append(causes[-1] @ inverse @ right)
         roots.append(inverse)
         rests.append(np.kron([[1.0, -warmer], [-warmer, warmer**2]], prior - grown @ grown.T))
+        drift = (history.drift @ [1.0, *(shown @ inverse @ right)]).reshape(-1, N_DRIFTS)
+        drifts.append(history.as_others @ drift.T @ drift @ history.as_others.T)
         above.append(warmer)
         determined.append(n - np.trace(inverse))
     weight = np.exp(np.array(logs) - max(logs))
@@ -253,4 +262,5 @@ def _mixture(histories: Sequence[LinkHistory], widened: float = 1.0) -> _Moments
     weighed = [w * by_cause @ root for w, by_cause, root in zip(weight, causes, roots, strict=True)]
     covariance = scatter.T @ scatter + np.hstack(weighed) @ np.hstack(causes).T
     covariance[-2 * n :, -2 * n :] += np.tensordot(weight, rests, axes=1)
+    covariance[: -2 * n, : -2 * n] += np.tensordot(weight, drifts, axes=1)
     return _Moments(centre, covariance, REFERENCE_DEGC + float(weight @ above), float(weight @ determined))

@@ -17,7 +17,8 @@ of the mixture in `truearm.identification.judgement.expansion_prior`, which weig
 The base, the tip or the reference may drift while the room warms, and over the poses of a session that is nearly what
 growth does: 0.1 mm in 0.8 K would be 5 times the growth of aluminium. So where the temperature follows the order of the
 readings, motions of base and tip along slow functions of time stand beside x: those of a random walk (M. Loeve,
-"Probability Theory", vol. 2, 4th ed., 1978, section 37.5), of one of several sizes, each a hypothesis too.
+"Probability Theory", vol. 2, 4th ed., 1978, section 37.5), of one of several sizes, each a hypothesis too. x is the arm
+at their mean; on another day base and tip are as far from it as they were during the readings, root mean square.
 """
 
 from __future__ import annotations
@@ -63,6 +64,10 @@ class LinkHistory(NamedTuple):
         The information times the growth of greatest likelihood [K].
     gain : (n_others, n_links) array
         Change of the other coefficients by growth.
+    drift : (9 n_courses, 1 + n_links) array
+        Of base and tip beside it, root mean square over the readings: without growth [mm], and by growth [mm K].
+    as_others : (n_others, 9) array
+        Change of the other coefficients that moves base and tip by as much [1/mm].
     mean_degC : float
         Mean temperature of the links.
     share : float
@@ -76,6 +81,8 @@ class LinkHistory(NamedTuple):
     information: FloatArray
     right: FloatArray
     gain: FloatArray
+    drift: FloatArray
+    as_others: FloatArray
     mean_degC: float
     share: float = 1.0
     slack: float = 0.0
@@ -123,15 +130,20 @@ def link_histories(
     assert degC is not None
     temperatures = np.column_stack([degC, lagging_temperatures(degC, time_constants, state.session)])
     courses = drift_courses(len(state), state.session)
-    follows = _explained(degC, courses) > FOLLOWING_SHARE
-    gram, right = _normal_equations(
-        fit, state, grows, others, temperatures - temperatures.mean(axis=0), courses if follows else courses[:, :0]
-    )
+    if follows := _explained(degC, courses) > FOLLOWING_SHARE:
+        motions = np.column_stack([courses, np.ones(len(courses))])
+    else:
+        courses = motions = courses[:, :0]
+    gram, right = _normal_equations(fit, state, grows, others, temperatures - temperatures.mean(axis=0), motions)
     n, links, m = len(others), len(grows), len(grows) * temperatures.shape[1]
     root = _root(gram[:n, :n], fit.prior_std[others])
-    half, along = root @ gram[:n, n:], root @ right[:n]
-    rest, pulls, gains = gram[n:, n:] - half.T @ half, right[n:] - half.T @ along, -root.T @ half  # of growth, of drift
+    as_others = root.T @ (root @ gram[:n, len(gram) - N_DRIFTS :]) if follows else np.zeros((n, N_DRIFTS))
+    inner = slice(n, n + m + N_DRIFTS * courses.shape[1])
+    half, along = root @ gram[:n, inner], root @ right[:n]
+    # Of growth, of drift.
+    rest, pulls, gains = gram[inner, inner] - half.T @ half, right[inner] - half.T @ along, -root.T @ half
     slacks = [0.0, *(_slack(degC, tau, state.session) for tau in time_constants)]
+    rms = np.repeat(np.sqrt((courses**2).mean(axis=0)), N_DRIFTS)[:, None]
     found = []
     for size in DRIFTS_MM * relative_size(fit.chain) if follows else [0.0]:
         whitened = size**2 * rest[m:, m:] + np.eye(len(rest) - m)
@@ -141,7 +153,9 @@ def link_histories(
         log_evidence = float(pulls[m:] @ drift[:, -1] - np.linalg.slogdet(whitened)[1]) / 2
         for i, (slack, mean) in enumerate(zip(slacks, temperatures.mean(axis=0).tolist(), strict=True)):
             own = slice(links * i, links * (i + 1))
-            found.append(LinkHistory(reduced[own, own], left[own], gain[:, own], mean, 1.0, slack, log_evidence))
+            moved = -rms * np.column_stack([drift[:, -1], drift[:, own]])
+            known = reduced[own, own], left[own], gain[:, own], moved, as_others, mean
+            found.append(LinkHistory(*known, slack=slack, log_evidence=log_evidence))
     return found
 
 
@@ -184,7 +198,8 @@ def _normal_equations(
     """Gram matrix and right side by the other coefficients, growth with temperatures about a mean, and drifts.
 
     The first of the temperatures (n, k) are those by which the arm was identified. Drifts along courses (n, c) are
-    rotations and translations of the base and translations of the tip, each of about a millimetre at the tip.
+    rotations and translations of the base and translations of the tip, each of about a millimetre at the tip. The last
+    course is constant: motions of base and tip as a whole.
     """
     points = fit.references[0]
     n, links = len(others), len(grows)
