@@ -66,4 +66,6 @@ def test_nothing_else_puts_them_inside(model, session):
     angles = session.angles.copy()
     angles[:, 4] += np.pi / 2
     angles[:, 1] += 0.7
-    assert "check the unit, order and sign of the angles" in str(ta.predict(model, ta.Session(angles)))
+    assert "poses are outside the trained range: the model was not fitted to such poses" in str(
+        ta.predict(model, ta.Session(angles))
+    )

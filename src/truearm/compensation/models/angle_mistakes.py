@@ -35,7 +35,7 @@ def doubt_about_angles(training: TrainingConditions, angles: FloatArray, prismat
     found = [(1 - training.poses_outside(q, prismatic).mean(), what) for what, q in _interpretations(some, prismatic)]
     share, what = max(found, key=lambda one: one[0])
     if share < MOST:
-        return (f"{said}: check the unit, order and sign of the angles. The model was not fitted to such poses.",)
+        return (f"{said}: the model was not fitted to such poses.",)
     return (f"{said}, and {share:.0%} would be inside if {what}.",)
 
 
