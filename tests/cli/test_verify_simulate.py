@@ -54,7 +54,7 @@ def test_files_of_ones_own_are_used(truearm, tmp_path):
 
 
 def test_a_model_takes_the_test_too(truearm, made):
-    """Far outside the box of its training a model errs as the nominal arm may: by some millimetres, and by something."""
+    """Far outside the box of its training a model errs as the nominal arm may, by millimetres, and by something."""
     found = json.loads(truearm("verify", "--simulate", made / "kinematic.truearm", "--arms", 3, "--json").out)
     assert found["arm"] == "gao2017"
     assert all(0 < row["median"] < 3 for row in found["rows"])
