@@ -133,6 +133,24 @@ def predicted_a_turn_on() -> str:
     return str(ta.predict(model(), ta.Session(turned)))
 
 
+# A sign that the tip hardly shows -----------------------------------------------------------------------------------
+
+
+def fitted_with_j6(sign: int, strategy: str) -> str:
+    session = ta.simulate("ur10", poses=40, strategy=strategy, seed=1, arm_seed=4).session
+    return str(ta.fit("ur10", replace(session, angles=session.angles * [1, 1, 1, 1, 1, sign]), model="kinematic"))
+
+
+@mistake("the sign of J6, whose axis meets the tip of a UR10", said="J6 seems to turn the other way")
+def reversed_at_the_tip() -> str:
+    return fitted_with_j6(-1, "box")
+
+
+@right("a UR10 that turned J6, whose axis meets the tip, all around", unsaid="the other way|sign of J6")
+def shown_at_the_tip() -> str:
+    return fitted_with_j6(1, "uniform")
+
+
 # Temperatures and loads ----------------------------------------------------------------------------------------------
 
 

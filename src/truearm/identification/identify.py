@@ -62,6 +62,7 @@ from truearm.identification.judgement.gross_errors import (
 )
 from truearm.identification.judgement.held_out_errors import HeldOutErrors, predicted_by_refits
 from truearm.identification.judgement.joint_gains import gains_asked
+from truearm.identification.judgement.joint_signs import unshown_signs, with_unshown_signs
 from truearm.identification.judgement.length_scale import LengthScale
 from truearm.identification.judgement.missing_terms import (
     added_covariance,
@@ -555,8 +556,13 @@ def _concluded(
     # Few residuals determine the noise only roughly.
     freedom = fit.residual_freedom(readings.references)
     widened = few_readings_factor(freedom)
+    signs = []
+    if not same_every_day:
+        rigid = constants(readings.state.chain, free=readings.free)
+        signs = unshown_signs(fit, readings.state, readings.references, rigid)
+    whole = what_may_change(readings, fit, widened, same_every_day=same_every_day, complete=complete, missing=missing)
     return Identification(
-        what_may_change(readings, fit, widened, same_every_day=same_every_day, complete=complete, missing=missing),
+        with_unshown_signs(whole, signs),
         excluded,
         kept,
         held_out.select(is_excluded),

@@ -33,6 +33,7 @@ from truearm.identification.judgement.calculated_points import describe_calculat
 from truearm.identification.judgement.frame_changes import SessionChange, frame_changes
 from truearm.identification.judgement.gross_errors import excluded_readings
 from truearm.identification.judgement.joint_gains import describe_gains
+from truearm.identification.judgement.joint_signs import describe_signs
 from truearm.identification.judgement.outliers import Outlier, length_outliers, outliers
 from truearm.identification.judgement.stated_uncertainty import (
     as_stated,
@@ -205,7 +206,7 @@ def fit(
             *nominal_arm.remarks,
             *(() if of_type is None else (f"Constants are expected as the type has them: {of_type}.",)),
             *_calculated(learned.arm_model, readings),
-            *_gains(fitted),
+            *_of_joints(fitted),
             *_scatter(learned.arm_model, readings),
             *checked.remarks,
             *length_remarks,
@@ -258,9 +259,12 @@ def _calculated(model: Compensator, readings: PreparedReadings) -> tuple[str, ..
     return () if said is None else (said,)
 
 
-def _gains(model: Compensator) -> tuple[str, ...]:
-    said = None if model.identified_arm is None else describe_gains(model.identified_arm)
-    return () if said is None else (said,)
+def _of_joints(model: Compensator) -> tuple[str, ...]:
+    fit = model.identified_arm
+    if fit is None:
+        return ()
+    gains = describe_gains(fit)
+    return (*(() if gains is None else (gains,)), *describe_signs(fit))
 
 
 def _learn(

@@ -1,0 +1,160 @@
+"""Whether readings show the sign of a joint whose axis passes through the tip or near it.
+
+Such a joint hardly moves the tip, so that an arm with its angle q reversed may explain the readings as well, with
+constants that differ a little. The two are compared by the restricted likelihood of the residuals that the constants do
+not affect, each with its own noise, as equally likely before. Unless the stated sign is clearly the better one, what
+lies between the two enters the uncertainty and is not corrected: with probability p the constants differ by their
+change, and the tip, at r from the axis in the frame of the joint, is at ``Rot(-2 q) r``. That is one cause of second
+moment p. It hardly moves the tip where readings are, and by up to 2 r elsewhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import block_diag
+from scipy.special import expit
+
+from truearm.identification.estimation.identification import linearised_about, select_evenly
+from truearm.identification.estimation.identification_result import IdentificationResult, TermGroupResult
+from truearm.identification.estimation.perturbed_chain import PerturbedChain
+from truearm.identification.judgement.structure import contrasts
+from truearm.identification.references.references import Reference
+from truearm.identification.terms import ArmState, Expression, Formula, Term
+from truearm.identification.terms.catalogue import LENGTH_STD, relative_size
+from truearm.typing import FloatArray
+
+GROUP, ALONG = "signs of joints", ", along the offset"
+# Joints that move by less stand still, and need no sign [rad].
+LEAST_TURN = np.radians(1.0)
+# Root mean square by which a reversed sign moves the tip, in multiples of the usual error of a length, beyond which
+# constants do not take it up: the nominal arm then misses the readings.
+MOST_MOTION = 3.0
+# Residuals that count as independent: what a model lacks depends on the pose, and does not average away. By all 280 of
+# a Barrett WAM, whose cables stretch, the wrong sign of J7 would have odds of 1800 to 1; by these 15 to 1.
+MOST_INDEPENDENT = 100
+# Readings by which the offset of the tip is judged.
+FEW = 1000
+# Standard deviation of the noise; no arm repeats better [mm].
+LEAST_NOISE_MM = 1e-3
+# Odds of the reversed sign from which it is in the uncertainty, and the highest that are stated.
+LEAST_ODDS, MOST_ODDS = 1 / 20, 1000.0
+
+
+class UnshownSign(NamedTuple):
+    """A joint that may be reversed: the changes of the coefficients of a fit by term, and the terms beside them."""
+
+    changes: dict[Term, FloatArray]
+    terms: tuple[Term, Term]
+
+
+def unshown_signs(
+    fit: IdentificationResult, state: ArmState, references: Sequence[Reference], constants: Sequence[Term]
+) -> list[UnshownSign]:
+    """The joints of which the readings do not show the sign, and whose sign moves the tip by more than they scatter.
+
+    Parameters
+    ----------
+    fit : IdentificationResult
+    state : ArmState
+        Of the readings.
+    references : sequence of Reference
+        Those of the identification.
+    constants : sequence of Term
+        All constants of the arm, with those of the free parts.
+    """
+    most, stated = MOST_MOTION * LENGTH_STD * relative_size(fit.chain), None
+    some = state.rows(select_evenly(np.arange(len(state)), min(FEW, len(state))))
+    offsets = _offsets(fit, some)
+    found = []
+    for joint in np.flatnonzero(~state.chain.is_prismatic).tolist():
+        angles = some.joint_angles[:, joint]
+        moved = 2 * np.sin(angles - angles.mean())[:, None] * offsets[:, joint]
+        if np.ptp(angles) < LEAST_TURN or np.sqrt((moved**2).sum(axis=1).mean()) > most:
+            continue
+        stated = stated or contrasts(fit, state, references, constants, [])
+        turned, freedom = _reversed(state, joint), max(stated.freedom, 1)
+        variances = [
+            max(one.squares / freedom, LEAST_NOISE_MM**2)
+            for one in (stated, contrasts(fit, turned, references, constants, []))
+        ]
+        log_odds = 0.5 * min(stated.freedom, MOST_INDEPENDENT) * float(np.log(variances[0] / variances[1]))
+        if log_odds < np.log(LEAST_ODDS):
+            continue
+        other = linearised_about(fit, fit, turned, references)
+        offset = _offsets(other, _reversed(some, joint))[:, joint].mean(axis=0)
+        std = float(np.sqrt(expit(min(log_odds, np.log(MOST_ODDS)))))
+        if 2 * std * np.linalg.norm(offset) > np.sqrt(min(variances)):
+            change, chain = other.coefficients - fit.coefficients, fit.perturbed_chain
+            changes = {term: change[columns] for term, columns in zip(chain.terms, chain.columns, strict=True)}
+            found.append(UnshownSign(changes, _terms(joint + 1, offset, std)))
+    return found
+
+
+def with_unshown_signs(fit: IdentificationResult, signs: Sequence[UnshownSign]) -> IdentificationResult:
+    """The fit, which may have other terms beside those of the readings by now, with both signs in its covariances."""
+    for sign in signs:
+        chain = fit.perturbed_chain
+        changes = [sign.changes.get(term, np.zeros(term.n_coefficients)) for term in chain.terms]
+        stds = np.concatenate([term.prior_stds for term in sign.terms])
+        cause = stds[0] * np.concatenate([*changes, np.ones(2)])
+        cov, same = (
+            None if one is None else block_diag(one, np.zeros((2, 2))) + np.outer(cause, cause)
+            for one in (fit.covariance, fit.repeatability_covariance)
+        )
+        assert cov is not None
+        fit = replace(
+            fit,
+            perturbed_chain=PerturbedChain(chain.chain, (*chain.terms, *sign.terms)),
+            coefficients=np.concatenate([fit.coefficients, np.zeros(2)]),
+            covariance=cov,
+            repeatability_covariance=same,
+            prior_std=np.concatenate([fit.prior_std, stds]),
+            groups=(*fit.groups, TermGroupResult(f"{GROUP}, not learned", 2, 0.0, 1.0)),
+        )
+    return fit
+
+
+def describe_signs(fit: IdentificationResult) -> list[str]:
+    """A sentence for each joint whose sign the readings do not show."""
+    said = []
+    for term in fit.perturbed_chain.terms:
+        if term.group == GROUP and term.name.endswith(ALONG):
+            joint, variance = term.name.split()[0], float(term.prior_stds[0] ** 2)
+            odds = variance / (1 - variance)
+            what = f"The sign of {joint} is not shown by these readings (odds of the reversed one "
+            what += f"{odds:.2g} to 1)" if odds > 1 else f"1 to {1 / odds:.2g})"
+            if odds * LEAST_ODDS > 1:
+                what = f"{joint} seems to turn the other way (odds {odds:.0f} to 1)"
+            said.append(
+                f"{what}: it hardly moves the tip, and the uncertainty contains both signs. Turn it by hand and "
+                "compare its sign with the drawing, or measure with a tip farther from its axis, or with "
+                f"{joint} turned further."
+            )
+    return said
+
+
+def _terms(joint: int, offset: FloatArray, std: float) -> tuple[Term, Term]:
+    """``Rot(-2 q) r - r`` of the offset r (2,) [mm], for coefficients of 1."""
+    (x, y), twice = offset.tolist(), 2 * Expression.angle(joint)
+    return (
+        Term(f"J{joint} reversed{ALONG}", joint, (0.0, 0.0, 0.0, x, y, 0.0), Formula((twice.cos() - 1,)), GROUP, std),
+        Term(f"J{joint} reversed, across it", joint, (0.0, 0.0, 0.0, y, -x, 0.0), Formula((twice.sin(),)), GROUP, std),
+    )
+
+
+def _offsets(fit: IdentificationResult, state: ArmState) -> FloatArray:
+    """(n, n_joints, 2) offset of the tip from the axes of the joints, along x and y of their places [mm]."""
+    by_motion = fit.chain.tip_derivatives(state.angles).motion_jacobian[:, 1:-1]
+    along, across = (np.einsum("njc,njc->nj", by_motion[:, :, 2], by_motion[:, :, axis]) for axis in (4, 3))
+    return np.stack([along, -across], axis=-1)  # z x (p - o) = x e_y - y e_x
+
+
+def _reversed(state: ArmState, joint: int) -> ArmState:
+    """The readings with the angle of a joint, counted from 0, reversed."""
+    by_joints = state.joint_angles.copy()
+    by_joints[:, joint] *= -1
+    return replace(state, angles=state.chain.by_encoders(by_joints))
