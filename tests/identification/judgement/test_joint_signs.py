@@ -45,7 +45,7 @@ def test_a_reversed_joint_whose_axis_meets_the_tip_is_said():
 
 
 def test_the_uncertainty_contains_both_signs_where_no_readings_are():
-    """Trained in a box and used anywhere: without the other sign the error is 1.9 times the uncertainty."""
+    """Trained in a box and used anywhere: without the other sign the error is 2.1 times the uncertainty."""
     test = reversed_j6(simulated("uniform", seed=2, poses=200))
     model = fitted(is_reversed=True).model
     assert signs(model)
