@@ -16,7 +16,7 @@ through 3 to 5 with the terms of the kinematic and the physical model; `identify
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import NamedTuple, TypeAlias
 
@@ -78,7 +78,12 @@ from truearm.identification.judgement.nominal_check import (
 )
 from truearm.identification.judgement.outer_regions import growing_outside
 from truearm.identification.judgement.reference_table import reference_table
-from truearm.identification.judgement.repeating_residuals import UNKNOWN_SHARE, of_one_reading, repeating_share
+from truearm.identification.judgement.repeating_residuals import (
+    UNKNOWN_SHARE,
+    Repeating,
+    of_one_reading,
+    repeating_residuals,
+)
 from truearm.identification.judgement.residual_process import (
     ResidualProcess,
     add_residual_process,
@@ -98,7 +103,16 @@ from truearm.identification.references.reading_references import (
 from truearm.identification.references.references import Reference
 from truearm.identification.references.session_frames import places_the_frame, session_frame_terms
 from truearm.identification.references.tips import further_tip_terms
-from truearm.identification.terms import ArmState, Constant, InSession, SkippedTerm, Term, candidate_terms, constants
+from truearm.identification.terms import (
+    ArmState,
+    Constant,
+    InSession,
+    SkippedTerm,
+    Term,
+    candidate_terms,
+    constants,
+    directions,
+)
 from truearm.identification.terms.basis import Temperature
 from truearm.identification.terms.catalogue import JOINT_COMPLIANCE, unlearned_terms
 from truearm.readings.checks import check_scale
@@ -149,12 +163,15 @@ class Unexplained:
         Degrees of freedom of the tails of the held-out deviations; infinite where they are too few.
     repeating_share : float
         Share of the residual variance that is the same at the same pose; 1/2 where it is not known.
+    hysteresis_std : (n_joints,) array
+        See `Repeating`; empty where it was not estimated.
     """
 
     residual_std_mm: float
     variance_function: VarianceFunction
     tail_freedom: float
     repeating_share: float = UNKNOWN_SHARE
+    hysteresis_std: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def widened(self, factor: float) -> Unexplained:
         """With `factor` times the variance."""
@@ -551,7 +568,9 @@ def _concluded(
     function = growing_outside(
         rest.variance_function, rest.residual_std_mm**2, fit, readings.state, readings.references, used, added
     )
-    rest = replace(rest, variance_function=function, repeating_share=_repeating(readings, wider, rest, used))
+    rest = replace(rest, variance_function=function)
+    share, hysteresis_std = _repeating(readings, wider, rest, used)
+    rest = replace(rest, repeating_share=share, hysteresis_std=hysteresis_std)
     birge = birge_ratio(fit.references, kept.rows, rest.residual_std_mm)
     # Few residuals determine the noise only roughly.
     freedom = fit.residual_freedom(readings.references)
@@ -575,8 +594,8 @@ def _concluded(
     )
 
 
-def _repeating(readings: PreparedReadings, fit: IdentificationResult, rest: Unexplained, used: BoolArray) -> float:
-    """Share of the residual variance that is the same at the same pose, by the readings with points."""
+def _repeating(readings: PreparedReadings, fit: IdentificationResult, rest: Unexplained, used: BoolArray) -> Repeating:
+    """What of the residuals comes back, by the readings with points."""
     session = readings.session
     rows = np.flatnonzero(used & session.has_point)
     if session.points is None or session.point_std is None:
@@ -585,7 +604,8 @@ def _repeating(readings: PreparedReadings, fit: IdentificationResult, rest: Unex
         point_variance = (session.point_std[rows] ** 2).mean(axis=1)
     points = np.zeros((0, 3)) if session.points is None else session.points[rows]
     variance = rest.residual_std_mm**2 * rest.variance_function.share(session.angles[rows])
-    return repeating_share(fit, readings.state.rows(rows), points, point_variance, variance)
+    moved = directions(session.angles) if session.directions is None else session.directions
+    return repeating_residuals(fit, readings.state.rows(rows), moved[rows], points, point_variance, variance)
 
 
 def _as_refitted(

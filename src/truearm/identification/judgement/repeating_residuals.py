@@ -7,14 +7,22 @@ therefore white noise and a Gaussian process that is a sum of functions of one j
 C. E. Rasmussen, "Additive Gaussian processes", NIPS 2011). Every share of the process is as likely before the
 readings; its mean by their marginal likelihood is what is stated. Where poses were read several times, the scatter of
 the repeats is measured instead.
+
+Residuals also turn with the direction in which a joint reached its angle (hysteresis, backlash), and come back wherever
+the part makes the joint turn around: of a bore at the same two sides. Where the model has no terms for it, each joint's
+last movement is taken from the order of the readings, and every share of the residual variance that it explains is as
+likely before them. An order that says nothing shows none.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 
 from truearm.arm.chain import Chain
 from truearm.identification.estimation.identification_result import IdentificationResult
+from truearm.identification.terms.basis import Direction
 from truearm.identification.terms.state import ArmState
 from truearm.readings.readings import Readings
 from truearm.readings.repeats import LEAST_REPEATED
@@ -33,10 +41,31 @@ MOST_READINGS, LEAST_READINGS = 120, 20
 _SHARES = np.linspace(0.0, 1.0, 11)
 
 
-def repeating_share(
-    fit: IdentificationResult, state: ArmState, points: FloatArray, point_variance: FloatArray, variance: FloatArray
-) -> float:
-    """Share of the residual variance that is the same at the same pose, 0 to 1; 1/2 where too few readings tell.
+class Repeating(NamedTuple):
+    """What of the residuals comes back.
+
+    Attributes
+    ----------
+    share : float
+        Share of the residual variance that is the same at the same pose, 0 to 1; 1/2 where too few readings tell.
+    hysteresis_std : (n_joints,) array
+        Standard deviation of each joint's rotation, or travel, by the direction of its last movement, that the model
+        does not correct [rad or mm]; 0 where too few readings tell.
+    """
+
+    share: float
+    hysteresis_std: FloatArray
+
+
+def repeating_residuals(
+    fit: IdentificationResult,
+    state: ArmState,
+    directions: FloatArray,
+    points: FloatArray,
+    point_variance: FloatArray,
+    variance: FloatArray,
+) -> Repeating:
+    """Estimate what of the residuals comes back at the same pose, and in the same direction of movement.
 
     Parameters
     ----------
@@ -44,13 +73,16 @@ def repeating_share(
         With the priors of its terms.
     state : ArmState
         Of n readings.
+    directions : (n, n_joints) array
+        Of the last movement of each joint, -1 to 1.
     points : (n, 3) array
         Their reference points [mm].
     point_variance, variance : (n,) array
         Of a coordinate of them, by the reference, and by what the arm leaves unexplained [mm^2].
     """
+    unknown = Repeating(UNKNOWN_SHARE, np.zeros(fit.chain.n_joints))
     if len(points) < LEAST_READINGS:
-        return UNKNOWN_SHARE
+        return unknown
     rows = np.linspace(0, len(points) - 1, min(len(points), MOST_READINGS)).astype(int)
     at, n = state.rows(rows), 3 * len(rows)
     pieces = [columns for _, _, columns in fit.perturbed_chain.derivatives(at, fit.coefficients)]
@@ -59,11 +91,41 @@ def repeating_share(
     known = (J * fit.prior_std**2) @ J.T + np.diag(np.repeat(point_variance[rows], 3))
     std = np.sqrt(np.repeat(variance[rows], 3))
     process = std[:, None] * joint_process(fit.chain, at.angles).reshape(n, n) * std
-    evidence = np.array([_log_likelihood(y, known + s * process + (1 - s) * np.diag(std**2)) for s in _SHARES])
+    covariances = [known + s * process + (1 - s) * np.diag(std**2) for s in _SHARES]
+    evidence = np.array([_log_likelihood(y, one) for one in covariances])
     if not np.isfinite(evidence).any():
-        return UNKNOWN_SHARE
+        return unknown
+    share = float(_SHARES @ _weights(evidence))
+    if any(isinstance(basis, Direction) for basis in fit.perturbed_chain.input_bases(at)):
+        return unknown._replace(share=share)
+    turns = directions[rows][:, :, None] * radians(fit.chain)[:, None] * own_motions(fit.chain, at.angles)
+    D = turns.transpose(0, 2, 1).reshape(n, -1)
+    of_joint = _hysteresis_variance(y, D, covariances[int(evidence.argmax())], float((std**2).mean()))
+    return Repeating(share, radians(fit.chain) * np.sqrt(of_joint))
+
+
+def _hysteresis_variance(y: FloatArray, D: FloatArray, covariance: FloatArray, variance: float) -> FloatArray:
+    """(n_joints,) mean square of the coefficients of D (n, n_joints) in y (n,), of one prior variance for all.
+
+    By every share of the residual variance (mm^2), with its weight. The residual variance contains what D explains: the
+    mean square is stated rather too large.
+    """
+    factor = np.linalg.cholesky(covariance)
+    white = np.linalg.solve(factor, np.column_stack([D, y]))
+    values, vectors = np.linalg.eigh(white[:, :-1].T @ white[:, :-1])
+    along = vectors.T @ (white[:, :-1].T @ white[:, -1])
+    # Small shares matter, as what turns with the direction is not averaged away.
+    prior = _SHARES[:, None] ** 2 * variance * len(D) / max(float((D**2).sum()), np.finfo(float).tiny)
+    shrunk = prior / (1 + prior * np.maximum(values, 0.0))
+    evidence = (along**2 * shrunk - np.log1p(prior * np.maximum(values, 0.0))).sum(axis=1) / 2
+    mean = (shrunk * along) @ vectors.T
+    return np.asarray(_weights(evidence) @ (mean**2 + shrunk @ (vectors**2).T))
+
+
+def _weights(evidence: FloatArray) -> FloatArray:
+    """Probabilities by the logarithms of the evidence, all as likely before."""
     weight = np.exp(evidence - evidence.max())
-    return float(_SHARES @ weight / weight.sum())
+    return np.asarray(weight / weight.sum())
 
 
 def of_one_reading(variance: float, share: float, readings: Readings) -> tuple[float, float]:
@@ -95,14 +157,18 @@ def unit_displacements(chain: Chain, angles: FloatArray) -> FloatArray:
     First by each joint along its own coordinate, all alike, then along each axis: `JOINT_VARIANCE_SHARE` of the
     variance and the rest. In every pose a coordinate has the variance 1 mm^2, the mean of the three.
     """
-    along_z = np.where(chain.is_prismatic, 5, 2)
-    motion_jacobian = chain.tip_derivatives(angles).motion_jacobian[:, np.arange(chain.n_joints) + 1, along_z]
-    by_joints = radians(chain)[:, None] * motion_jacobian
+    by_joints = radians(chain)[:, None] * own_motions(chain, angles)
     size = np.sqrt((by_joints**2).sum(axis=(1, 2), keepdims=True) / 3)
     # No joint moves a tip that is on the axes of all joints.
     by_joints = np.sqrt(JOINT_VARIANCE_SHARE) * by_joints / np.where(size > 0, size, 1.0)
     even = np.broadcast_to(np.sqrt(1 - JOINT_VARIANCE_SHARE) * np.eye(3), (len(angles), 3, 3))
     return np.concatenate([by_joints, even], axis=1)
+
+
+def own_motions(chain: Chain, angles: FloatArray) -> FloatArray:
+    """(n, n_joints, 3) displacement of the tip by each joint along its own coordinate at poses [mm/rad or mm/mm]."""
+    along_z = np.where(chain.is_prismatic, 5, 2)
+    return chain.tip_derivatives(angles).motion_jacobian[:, np.arange(chain.n_joints) + 1, along_z]
 
 
 def radians(chain: Chain) -> FloatArray:
