@@ -9,8 +9,13 @@ import numpy as np
 import truearm as ta
 from benchmarks.mistakes import mistake, right
 from benchmarks.uncertainty import SHARE_OF_PRIOR, drawn, topology
+from truearm.identification.planning.sampling.measuring import measuring_poses
+from truearm.identification.terms import directions
+from truearm.identification.virtual.presets import ARCSEC
 from truearm.readings import Session
 from truearm.typing import FloatArray
+from truearm.verification.tasks.feature_postures import feature_postures, middle_of
+from truearm.verification.tasks.features import UP, circle
 
 STEEL_PER_K = 11.5e-6
 POSES, NOISE_MM = 80, 0.01
@@ -106,3 +111,19 @@ def swinging_room() -> bool:
 def scara_alone() -> str:
     nominal = topology("SCARA")
     return str(ta.fit(nominal, drawn(nominal, POSES, 1, SHARE_OF_PRIOR)[0], model="kinematic"))
+
+
+@mistake("a bore touched from its middle by an arm that lags by 6 arcsec, without directions")
+def lagging_bore() -> bool:
+    arm = ta.load_arm("gao2017")
+    rng, lag = np.random.default_rng(0), 6 * ARCSEC * np.array([1.0, 1, -1, 1, -1, 1])
+    poses = measuring_poses(arm, POSES, seed=0).angles
+    points = arm.chain.tip_in_base(poses) + NOISE_MM * rng.standard_normal((POSES, 3))
+    model = ta.KinematicModel(arm).fit_readings(Session(poses - lag * directions(poses), points))
+    middle, _ = middle_of(arm)
+    touched = feature_postures(arm, circle(middle, UP, 40.0), 1, seed=1)[0]
+    own_axes = arm.chain.tip_derivatives(touched).motion_jacobian[:, 1:-1, 2].transpose(0, 2, 1)
+    from_middle = np.linalg.pinv(own_axes) @ (arm.chain.tip_in_base(touched) - middle)[:, :, None]
+    bore = Session(touched - lag * np.sign(from_middle[:, :, 0]))
+    diameter = ta.measure(model, bore, "circle", n_arms=100).features[0].quantities[0]
+    return abs(diameter.value - 40.0) <= diameter.expanded

@@ -163,7 +163,7 @@ class Unexplained:
         Degrees of freedom of the tails of the held-out deviations; infinite where they are too few.
     repeating_share : float
         Share of the residual variance that is the same at the same pose; 1/2 where it is not known.
-    hysteresis_std : (n_joints,) array
+    hysteresis : (2, n_joints) array
         See `Repeating`; empty where it was not estimated.
     """
 
@@ -171,7 +171,7 @@ class Unexplained:
     variance_function: VarianceFunction
     tail_freedom: float
     repeating_share: float = UNKNOWN_SHARE
-    hysteresis_std: FloatArray = field(default_factory=lambda: np.zeros(0))
+    hysteresis: FloatArray = field(default_factory=lambda: np.zeros((2, 0)))
 
     def widened(self, factor: float) -> Unexplained:
         """With `factor` times the variance."""
@@ -569,8 +569,8 @@ def _concluded(
         rest.variance_function, rest.residual_std_mm**2, fit, readings.state, readings.references, used, added
     )
     rest = replace(rest, variance_function=function)
-    share, hysteresis_std = _repeating(readings, wider, rest, used)
-    rest = replace(rest, repeating_share=share, hysteresis_std=hysteresis_std)
+    share, hysteresis = _repeating(readings, wider, rest, used)
+    rest = replace(rest, repeating_share=share, hysteresis=hysteresis)
     birge = birge_ratio(fit.references, kept.rows, rest.residual_std_mm)
     # Few residuals determine the noise only roughly.
     freedom = fit.residual_freedom(readings.references)

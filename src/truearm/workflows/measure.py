@@ -115,13 +115,7 @@ def measure(
     groups, unnamed = _by_seat(readings)
     readings = _with_known_directions(_in_one_frame(readings))
     directed = readings.directions is not None
-    errors = PosteriorDistribution(
-        fitted,
-        repeatability_mm,
-        directions_given=directed,
-        readings=readings,
-        features=() if feature == "length" else tuple(groups.values()),
-    )
+    errors = PosteriorDistribution(fitted, repeatability_mm, directions_given=directed, readings=readings)
     try:
         found = measure_features(
             errors,

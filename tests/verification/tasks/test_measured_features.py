@@ -1,7 +1,8 @@
 """Features measured with a virtual arm: planted sizes are found within U; what does not fit is refused."""
 
+import copy
 import json
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,7 +13,10 @@ import truearm as ta
 from truearm.cli.main import run
 from truearm.errors import InputError
 from truearm.identification.planning.sampling.measuring import measuring_poses
+from truearm.identification.terms import directions
 from truearm.identification.virtual import VirtualArm, load_preset
+from truearm.identification.virtual.presets import ARCSEC
+from truearm.readings.session import Session
 from truearm.verification.shapes.plane import fit_plane
 from truearm.verification.shapes.sphere import fit_sphere
 from truearm.verification.tasks.feature_postures import feature_postures, middle_of
@@ -85,14 +89,14 @@ def test_values_are_those_of_the_compensated_points_and_the_tip_is_compensated(m
     assert narrowed.quantities[0].value == pytest.approx(plain.quantities[0].value + 5.0, abs=1e-9)
 
 
+@dataclass(frozen=True)
 class Errors:
     """Errors of arms that are known in advance: a motion of all points, of standard deviation one."""
 
     R_base_reference = np.eye(3)
-    repeatability_mm = 0.0
-
-    def __init__(self, motion):
-        self.motion = motion
+    motion: np.ndarray
+    repeatability_mm: float = 0.0
+    approach: np.ndarray | None = None
 
     def draw(self, seed):
         return SimpleNamespace(
@@ -180,6 +184,26 @@ def test_scatter_that_the_arm_explains_is_not_counted_twice(rng):
         for errors in (Scattering(np.zeros((n, 3))), Errors(np.zeros((n, 3))))
     ]
     assert u[0] == pytest.approx(u[1], rel=0.25)  # each is that of one scatter of 0.01 mm; twice would be 1.41
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_u_of_a_bore_contains_hysteresis_that_the_order_of_the_training_shows(virtual, side):
+    """Joints lag by 4 arcsec, at 0.8 m 0.016 mm, which no number of points averages."""
+    arm = virtual.nominal
+    lag = 4 * ARCSEC * np.array([1.0, 1, -1, 1, -1, 1])
+    rng, learned = np.random.default_rng(2), measuring_poses(arm, 60, seed=2).angles
+    points = arm.chain.tip_in_base(learned) + 0.005 * rng.standard_normal((60, 3))
+    lagging = ta.KinematicModel(arm).fit_readings(Session(learned - lag * directions(learned), points=points))
+    middle, _ = middle_of(arm)
+    touched = feature_postures(arm, circle(middle, UP, 40.0), 1, seed=1)[0]
+    own_axes = arm.chain.tip_derivatives(touched).motion_jacobian[:, 1:-1, 2].transpose(0, 2, 1)
+    from_middle = np.linalg.pinv(own_axes) @ (arm.chain.tip_in_base(touched) - middle)[:, :, None]
+    angles = touched - side * lag * np.sign(from_middle[:, :, 0])
+    diameter = ta.measure(lagging, Session(angles), "circle", n_arms=200).features[0].quantities[0]
+    without = copy.copy(lagging)
+    without.hysteresis_ = np.zeros((2, 0))
+    narrow = ta.measure(without, Session(angles), "circle", n_arms=200).features[0].quantities[0]
+    assert narrow.expanded < abs(diameter.value - 40.0) <= diameter.expanded
 
 
 def test_single_points_scatter_as_the_model_or_the_repeatability_says(model, touch, virtual):

@@ -83,9 +83,10 @@ class IdentifiedModel(Compensator):
     length_scale_ : LengthScale or None
         By what share all lengths of the arm differ from the drawing alike; None where the readings determine none, and
         after reading a file.
-    hysteresis_std_ : (n_joints,) array
-        Standard deviation of what each joint turns, or slides, by the direction of its last movement and the model does
-        not correct [rad or mm] (`truearm.identification.judgement.repeating_residuals`); empty of older files.
+    hysteresis_ : (2, n_joints) array
+        Mean and standard deviation of what each joint turns, or slides, by the direction of its last movement and the
+        model does not correct [rad or mm] (`truearm.identification.judgement.repeating_residuals`); empty of older
+        files.
     type_prior_ : str
         Which arms the prior of its type was learned from; empty without a type prior, and of models from older files.
     refit_reading_ids_ : (k,) array
@@ -102,7 +103,7 @@ class IdentifiedModel(Compensator):
     refit_reading_ids_: FloatArray
     residual_process_: ResidualProcess | None = None
     length_scale_: LengthScale | None = None
-    hysteresis_std_: FloatArray = np.zeros(0)
+    hysteresis_: FloatArray = np.zeros((2, 0))
     type_prior_: str = ""
 
     terms: Sequence[Term] = ()
@@ -128,7 +129,7 @@ class IdentifiedModel(Compensator):
         self.variance_function_ = found.unexplained.variance_function
         self.tail_freedom_ = found.unexplained.tail_freedom
         self.repeating_share_ = found.unexplained.repeating_share
-        self.hysteresis_std_ = found.unexplained.hysteresis_std
+        self.hysteresis_ = found.unexplained.hysteresis
         self.residual_process_, self.refit_reading_ids_ = found.residual_process, np.zeros(0)
         self.type_prior_ = "" if readings.prior is None else str(readings.prior)
         self.length_scale_, before = found.length_scale, to_identified(simpler)

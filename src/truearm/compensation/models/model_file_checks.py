@@ -55,10 +55,8 @@ def check_model(model: Compensator) -> None:
             raise InputError("expected a Birge ratio of 1 or more")
         if not 0 <= model.repeating_share_ <= 1:
             raise InputError("expected a share of 0 to 1 of the residual variance that repeats at the same pose")
-        if len(model.hysteresis_std_):
-            _check_shape("hysteresis_std_", model.hysteresis_std_, (n_joints,))
-        if not (model.hysteresis_std_ >= 0).all():
-            raise InputError("expected a hysteresis of 0 or more of each joint")
+        if model.hysteresis_.size:
+            _check_shape("hysteresis_", model.hysteresis_, (2, n_joints))
         _check_process(model, n_joints)
         _check_shape("refit_reading_ids_", model.refit_reading_ids_, (len(model.refit_reading_ids_),))
     if isinstance(model, NetworkModel):

@@ -48,13 +48,13 @@ class Repeating(NamedTuple):
     ----------
     share : float
         Share of the residual variance that is the same at the same pose, 0 to 1; 1/2 where too few readings tell.
-    hysteresis_std : (n_joints,) array
-        Standard deviation of each joint's rotation, or travel, by the direction of its last movement, that the model
-        does not correct [rad or mm]; 0 where too few readings tell.
+    hysteresis : (2, n_joints) array
+        Mean and standard deviation of each joint's rotation, or travel, by the direction of its last movement, that the
+        model does not correct [rad or mm]; 0 where too few readings tell.
     """
 
     share: float
-    hysteresis_std: FloatArray
+    hysteresis: FloatArray
 
 
 def repeating_residuals(
@@ -80,7 +80,7 @@ def repeating_residuals(
     point_variance, variance : (n,) array
         Of a coordinate of them, by the reference, and by what the arm leaves unexplained [mm^2].
     """
-    unknown = Repeating(UNKNOWN_SHARE, np.zeros(fit.chain.n_joints))
+    unknown = Repeating(UNKNOWN_SHARE, np.zeros((2, fit.chain.n_joints)))
     if len(points) < LEAST_READINGS:
         return unknown
     rows = np.linspace(0, len(points) - 1, min(len(points), MOST_READINGS)).astype(int)
@@ -100,26 +100,34 @@ def repeating_residuals(
         return unknown._replace(share=share)
     turns = directions[rows][:, :, None] * radians(fit.chain)[:, None] * own_motions(fit.chain, at.angles)
     D = turns.transpose(0, 2, 1).reshape(n, -1)
-    of_joint = _hysteresis_variance(y, D, covariances[int(evidence.argmax())], float((std**2).mean()))
-    return Repeating(share, radians(fit.chain) * np.sqrt(of_joint))
+    freedom = max(n - sum(group.effective for group in fit.groups), 1.0)
+    found = _hysteresis(y, D, covariances[int(evidence.argmax())], float((std**2).mean()), freedom)
+    return Repeating(share, radians(fit.chain) * found)
 
 
-def _hysteresis_variance(y: FloatArray, D: FloatArray, covariance: FloatArray, variance: float) -> FloatArray:
-    """(n_joints,) mean square of the coefficients of D (n, n_joints) in y (n,), of one prior variance for all.
+def _hysteresis(
+    y: FloatArray, D: FloatArray, covariance: FloatArray, variance: float, freedom: float
+) -> FloatArray:
+    """(2, n_joints) mean and standard deviation of the coefficients of D (n, n_joints) in y (n,).
 
-    By every share of the residual variance (mm^2), with its weight. The residual variance contains what D explains: the
-    mean square is stated rather too large.
+    Of one prior variance for all, by every share of the residual variance (mm^2), with its weight. The rest of that
+    variance, of so many degrees of freedom, remains.
     """
     factor = np.linalg.cholesky(covariance)
     white = np.linalg.solve(factor, np.column_stack([D, y]))
     values, vectors = np.linalg.eigh(white[:, :-1].T @ white[:, :-1])
     along = vectors.T @ (white[:, :-1].T @ white[:, -1])
     # Small shares matter, as what turns with the direction is not averaged away.
-    prior = _SHARES[:, None] ** 2 * variance * len(D) / max(float((D**2).sum()), np.finfo(float).tiny)
-    shrunk = prior / (1 + prior * np.maximum(values, 0.0))
-    evidence = (along**2 * shrunk - np.log1p(prior * np.maximum(values, 0.0))).sum(axis=1) / 2
-    mean = (shrunk * along) @ vectors.T
-    return np.asarray(_weights(evidence) @ (mean**2 + shrunk @ (vectors**2).T))
+    share = _SHARES[:-1, None] ** 2
+    prior = share * variance * len(D) / max(float((D**2).sum()), np.finfo(float).tiny)
+    values, along = np.maximum(values, 0.0) / (1 - share), along / (1 - share)
+    shrunk = prior / (1 + prior * values)
+    evidence = (along**2 * shrunk - np.log1p(prior * values)).sum(axis=1) / 2
+    rest = 1 - share[:, 0]
+    evidence -= (freedom * np.log(rest) + white[:, -1] @ white[:, -1] / rest) / 2
+    each, weights = (shrunk * along) @ vectors.T, _weights(evidence)
+    mean = weights @ each
+    return np.stack([mean, np.sqrt(weights @ ((each - mean) ** 2 + shrunk @ (vectors**2).T))])
 
 
 def _weights(evidence: FloatArray) -> FloatArray:

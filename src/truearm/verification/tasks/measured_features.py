@@ -8,7 +8,7 @@ What all points share then cancels out as it does in the measurement: errors of 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -183,6 +183,10 @@ def measure_features(
     shapes = [_fit(kind, points[part]) for part in rows]
     roots = [covariance_factor(shape.covariance).T for shape in shapes]
     given = [shape.parameters for shape in shapes]
+    approach = np.zeros(points.shape)
+    for part, one in zip(rows, given, strict=True):
+        approach[part] = _approach(kind, points[part], one, points.mean(axis=0)) @ errors.R_base_reference.T
+    errors = replace(errors, approach=approach)
     measured = _values(kind, given, given, tip_diameter_mm)
     if sized and (small := measured[:: len(QUANTITIES[kind])][: len(rows)] <= 0).any():
         name = list(groups)[int(small.argmax())]
@@ -214,6 +218,15 @@ def measure_features(
             parameters = [one[i] + off[which] for one, off in zip(drawn, scatter, strict=True)]
             values[i] = _values(kind, parameters, given, tip_diameter_mm)
     return _features(kind, groups, shapes, measured, draws.std(axis=0, ddof=1), wide)
+
+
+def _approach(kind: str, points: FloatArray, parameters: FloatArray, middle: FloatArray) -> FloatArray:
+    """(n, 3) direction in which a tip touches points: along the normal of the shape, of ends away from the middle."""
+    if kind == "plane":
+        return np.broadcast_to(parameters[3:6], points.shape)
+    away = points - (middle if kind == "length" else parameters[:3])
+    axis = parameters[3:6] if kind in ("circle", "cylinder", "cone") else np.zeros(3)
+    return np.asarray(away - np.outer(away @ axis, axis))
 
 
 def _unexplained_scatter(seen: FloatArray, with_arms: FloatArray) -> FloatArray:

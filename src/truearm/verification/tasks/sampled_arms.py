@@ -22,7 +22,7 @@ from truearm.compensation.models.identified_model import IdentifiedModel, requir
 from truearm.errors import InputError
 from truearm.identification.estimation.propagation import direction_effects
 from truearm.identification.judgement.repeating_residuals import ORDER, own_motions, radians, unit_displacements
-from truearm.identification.terms.basis import Basis, directions
+from truearm.identification.terms.basis import Basis
 from truearm.identification.terms.kernel import InducedProcess
 from truearm.identification.terms.state import ArmState
 from truearm.identification.virtual.arm import VirtualArm
@@ -32,7 +32,7 @@ from truearm.identification.virtual.state import hand_forces, mean_hand_force, v
 from truearm.readings.session import Session
 from truearm.readings.thermal_expansion import REFERENCE_DEGC
 from truearm.solve.square_roots import covariance_factor
-from truearm.typing import FloatArray, IntArray
+from truearm.typing import FloatArray
 
 # First words of the streams, different from those of an arm's own errors.
 _SESSION, _POSTERIOR = 3, 4
@@ -204,10 +204,9 @@ class PosteriorDistribution:
 
     Both vary with the pose by the model's variance function (`variance_function_`).
 
-    Hysteresis is systematic too: each joint reaches the points of one side of a feature in the same direction, which is
-    not known, and the compensation assumes the mean of both. The tip moved from point to point or to each from the
-    middle of the feature, as likely, or the other way round. With ``directions_given`` what is identified of it is
-    compensated. What is not (`hysteresis_std_`) is drawn once per arm.
+    Hysteresis is systematic too: each joint reaches the points of one side of a feature in the same direction, those of
+    the other side in the opposite one, and the compensation assumes the mean of both. With ``directions_given`` what is
+    identified of it is compensated. What is not (`hysteresis_`) is drawn once per arm.
 
     Parameters
     ----------
@@ -221,8 +220,8 @@ class PosteriorDistribution:
     readings : Session, optional
         Readings at whose poses and in whose conditions arms are drawn, in place of the mean ones; with the directions
         of all joints if they are given.
-    features : tuple of array of int
-        Rows of the points of each feature; all are of one if none is stated.
+    approach : (n, 3) array, optional
+        Direction in the arm's base frame in which the tip reaches each point, in place of that from their middle.
 
     Raises
     ------
@@ -235,7 +234,7 @@ class PosteriorDistribution:
     repeatability_mm: float | None = None
     directions_given: bool = False
     readings: Session | None = None
-    features: tuple[IntArray, ...] = ()
+    approach: FloatArray | None = None
 
     def __post_init__(self) -> None:
         model = require_identified(
@@ -288,9 +287,10 @@ class PosteriorDistribution:
         shift = self.birge_ratio * self._root.T @ rng.standard_normal(len(fit.coefficients))
         field = PoseField.of_joints(self.arm.chain, rng)
         of_processes = [PoseField.draw(self.arm.chain, _process_order(term.basis), rng) for term, _ in fit.processes]
-        first, other_way = np.where(rng.random((2, self.arm.n_joints)) < 0.5, -1.0, 1.0)
-        lag, from_middle = rng.standard_normal(self.arm.n_joints), bool(rng.random() < 0.5)
-        return PosteriorSample(self, shift, field, tuple(of_processes), first, other_way, lag, from_middle)
+        other_way = rng.random() < 0.5
+        mean, std = self.uncorrected_hysteresis
+        lag = mean + std * rng.standard_normal(self.arm.n_joints)
+        return PosteriorSample(self, shift, field, tuple(of_processes), lag, -1.0 if other_way else 1.0)
 
     def state(self, angles: FloatArray) -> ArmState:
         """State at poses (n, n_joints) [rad], otherwise that of `readings`, or the mean one of the training readings.
@@ -312,26 +312,28 @@ class PosteriorDistribution:
 
         return self._cache.get("hysteresis", angles, compute)
 
-    def from_middle(self, angles: FloatArray) -> FloatArray:
-        """(n, n_joints) direction in which each joint reaches poses (n, n_joints) from the middle of their feature."""
+    def directions(self, angles: FloatArray) -> FloatArray:
+        """(n, n_joints) direction in which each joint reaches poses (n, n_joints), by the smallest move of all."""
 
         def compute() -> FloatArray:
-            out = np.zeros(angles.shape)
-            for rows in self.features or (np.arange(len(angles)),):
-                out[rows] = np.sign(angles[rows] - angles[rows].mean(axis=0))
-            return out
+            chain, along = self.arm.chain, self.approach
+            if along is None:
+                tips = chain.tip_in_base(angles)
+                along = tips - tips.mean(axis=0)
+            moves = np.linalg.pinv((radians(chain)[:, None] * self.own_motions(angles)).transpose(0, 2, 1))
+            return np.asarray(np.sign((moves @ along[:, :, None])[:, :, 0]))
 
-        return self._cache.get("from middle", angles, compute)
+        return self._cache.get("directions", angles, compute)
 
-    def lags(self, angles: FloatArray) -> FloatArray:
-        """(n_joints, n, 3) standard errors at poses (n, n_joints) by hysteresis that the model does not correct [mm]."""
+    @property
+    def uncorrected_hysteresis(self) -> FloatArray:
+        """(2, n_joints) mean and standard deviation of what the model does not correct [rad or mm]."""
+        known = self.identified.hysteresis_
+        return known if known.size else np.zeros((2, self.arm.n_joints))
 
-        def compute() -> FloatArray:
-            std = self.identified.hysteresis_std_
-            std = std if len(std) else np.zeros(self.arm.n_joints)
-            return np.asarray(std[:, None, None] * own_motions(self.arm.chain, angles).transpose(1, 0, 2))
-
-        return self._cache.get("lags", angles, compute)
+    def own_motions(self, angles: FloatArray) -> FloatArray:
+        """(n, n_joints, 3) displacement by each joint along its own coordinate at poses (n, n_joints) [mm/rad, or 1]."""
+        return self._cache.get("own motions", angles, lambda: own_motions(self.arm.chain, angles))
 
     def scatter_std(self, angles: FloatArray) -> FloatArray:
         """(n, 1) standard deviation of the random error of a coordinate at poses (n, n_joints) [mm].
@@ -340,7 +342,8 @@ class PosteriorDistribution:
         """
         variance = (self.random_std_mm * self.relative_std(angles)) ** 2
         if self.repeatability_mm is None:
-            variance = variance - (self.lags(angles) ** 2).sum(axis=0).mean(axis=1, keepdims=True)
+            square = (self.uncorrected_hysteresis**2).sum(axis=0)
+            variance = variance - ((self.own_motions(angles) ** 2).mean(axis=2) @ square)[:, None]
         return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
     def relative_std(self, angles: FloatArray) -> FloatArray:
@@ -428,23 +431,18 @@ class PosteriorSample:
     of_processes : tuple of PoseField
         By process what it does between its inducing points, in units of `PosteriorDistribution.unspanned`: as large as
         stated at every pose, and as smooth as the process.
-    first, other_way : (n_joints,) array
-        Direction of each joint at the points before its first movement; -1 where its directions are opposite to those
-        assumed.
     lag : (n_joints,) array
-        Hysteresis that the model does not correct, in units of `PosteriorDistribution.lags`.
-    from_middle : bool
-        Whether the tip moved to each point from the middle of its feature, not from point to point.
+        Hysteresis that the model does not correct [rad or mm].
+    side : float
+        1, or -1 where all joints move opposite to `PosteriorDistribution.directions`.
     """
 
     errors: PosteriorDistribution
     shift: FloatArray
     field: PoseField
     of_processes: tuple[PoseField, ...]
-    first: FloatArray
-    other_way: FloatArray
     lag: FloatArray
-    from_middle: bool
+    side: float
 
     def systematic(self, angles: FloatArray) -> FloatArray:
         """See `ArmSample`."""
@@ -452,10 +450,9 @@ class PosteriorSample:
         of_field: FloatArray = np.einsum("nki,nk->ni", self.errors.displacements(angles), self.field.at(angles))
         for unspanned, field in zip(self.errors.unspanned(angles), self.of_processes, strict=True):
             of_field = of_field + unspanned * field.at(angles)
-        moved = self.errors.from_middle(angles) if self.from_middle else directions(angles)
-        moved = self.other_way * np.where(moved != 0, moved, self.first)
-        effects = self.errors.hysteresis(angles) + self.lag[:, None, None] * self.errors.lags(angles)
-        return of_terms + of_field - np.einsum("kni,nk->ni", effects, moved)
+        effects = self.errors.hysteresis(angles).transpose(1, 0, 2) + self.lag[:, None] * self.errors.own_motions(angles)
+        of_direction = (self.side * self.errors.directions(angles))[:, None] @ effects
+        return np.asarray(of_terms + of_field - of_direction[:, 0])
 
     def random(self, angles: FloatArray, rng: np.random.Generator) -> FloatArray:
         """See `ArmSample`."""
