@@ -105,9 +105,7 @@ def repeating_residuals(
     return Repeating(share, radians(fit.chain) * found)
 
 
-def _hysteresis(
-    y: FloatArray, D: FloatArray, covariance: FloatArray, variance: float, freedom: float
-) -> FloatArray:
+def _hysteresis(y: FloatArray, D: FloatArray, covariance: FloatArray, variance: float, freedom: float) -> FloatArray:
     """(2, n_joints) mean and standard deviation of the coefficients of D (n, n_joints) in y (n,).
 
     Of one prior variance for all, by every share of the residual variance (mm^2), with its weight. The rest of that
@@ -125,6 +123,7 @@ def _hysteresis(
     evidence = (along**2 * shrunk - np.log1p(prior * values)).sum(axis=1) / 2
     rest = 1 - share[:, 0]
     evidence -= (freedom * np.log(rest) + white[:, -1] @ white[:, -1] / rest) / 2
+    evidence[0] += np.log(len(rest))  # none is as likely as any
     each, weights = (shrunk * along) @ vectors.T, _weights(evidence)
     mean = weights @ each
     return np.stack([mean, np.sqrt(weights @ ((each - mean) ** 2 + shrunk @ (vectors**2).T))])

@@ -332,7 +332,7 @@ class PosteriorDistribution:
         return known if known.size else np.zeros((2, self.arm.n_joints))
 
     def own_motions(self, angles: FloatArray) -> FloatArray:
-        """(n, n_joints, 3) displacement by each joint along its own coordinate at poses (n, n_joints) [mm/rad, or 1]."""
+        """(n, n_joints, 3) displacement by each joint along its own coordinate at poses [mm/rad or mm/mm]."""
         return self._cache.get("own motions", angles, lambda: own_motions(self.arm.chain, angles))
 
     def scatter_std(self, angles: FloatArray) -> FloatArray:
@@ -450,7 +450,9 @@ class PosteriorSample:
         of_field: FloatArray = np.einsum("nki,nk->ni", self.errors.displacements(angles), self.field.at(angles))
         for unspanned, field in zip(self.errors.unspanned(angles), self.of_processes, strict=True):
             of_field = of_field + unspanned * field.at(angles)
-        effects = self.errors.hysteresis(angles).transpose(1, 0, 2) + self.lag[:, None] * self.errors.own_motions(angles)
+        effects = self.errors.hysteresis(angles).transpose(1, 0, 2) + self.lag[:, None] * self.errors.own_motions(
+            angles
+        )
         of_direction = (self.side * self.errors.directions(angles))[:, None] @ effects
         return np.asarray(of_terms + of_field - of_direction[:, 0])
 
