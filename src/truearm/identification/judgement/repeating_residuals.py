@@ -108,8 +108,8 @@ def repeating_residuals(
 def _hysteresis(y: FloatArray, D: FloatArray, covariance: FloatArray, variance: float, freedom: float) -> FloatArray:
     """(2, n_joints) mean and standard deviation of the coefficients of D (n, n_joints) in y (n,).
 
-    Of one prior variance for all, by every share of the residual variance (mm^2), with its weight. The rest of that
-    variance, of so many degrees of freedom, remains.
+    Of one prior variance for all, by every share of the residual variance (mm^2), with its weight; the rest of it
+    remains. `freedom` is the number of degrees of freedom of the residuals.
     """
     factor = np.linalg.cholesky(covariance)
     white = np.linalg.solve(factor, np.column_stack([D, y]))

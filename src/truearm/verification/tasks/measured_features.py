@@ -184,8 +184,8 @@ def measure_features(
     roots = [covariance_factor(shape.covariance).T for shape in shapes]
     given = [shape.parameters for shape in shapes]
     approach = np.zeros(points.shape)
-    for part, one in zip(rows, given, strict=True):
-        approach[part] = _approach(kind, points[part], one, points.mean(axis=0)) @ errors.R_base_reference.T
+    for part, at in zip(rows, given, strict=True):
+        approach[part] = _approach(kind, points[part], at, points.mean(axis=0)) @ errors.R_base_reference.T
     errors = replace(errors, approach=approach)
     measured = _values(kind, given, given, tip_diameter_mm)
     if sized and (small := measured[:: len(QUANTITIES[kind])][: len(rows)] <= 0).any():
