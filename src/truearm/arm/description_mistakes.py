@@ -250,7 +250,7 @@ def _of_pairs(arm: Arm) -> Iterator[Mistake]:
             matrix = np.eye(n)
             matrix[i + 1, i] = factor
             says = f"angle of J{i + 2} {word} J{i + 1} (coupled joints)"
-            yield Mistake(says, _of_stated_angles(matrix), f"coupling {i}", i + 1)
+            yield Mistake(says, _of_stated_angles(matrix), f"coupling {i}", i)
 
 
 def _of_all_angles(arm: Arm) -> Iterator[Mistake]:

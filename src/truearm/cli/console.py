@@ -97,7 +97,7 @@ def progress(what: str, total: int | None = None) -> Iterator[Callable[[int, str
 
     bar = Bar(
         SpinnerColumn(),
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(bar_width=None),
         TimeElapsedColumn(),
         TextColumn("" if total is None else "left"),
@@ -107,5 +107,5 @@ def progress(what: str, total: int | None = None) -> Iterator[Callable[[int, str
         expand=True,
     )
     with bar:
-        task = bar.add_task(what, total=total, note="")
+        task = bar.add_task(printable(what), total=total, note="")
         yield lambda done, note: bar.update(task, completed=done, note=printable(note))

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+import platform
 import stat
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TypeVar
+from zlib import crc32
 
 from truearm.errors import InputError, ProgramFault, TruearmError
 from truearm.files.file_lock import lock
@@ -59,7 +61,7 @@ def atomic_file(path: str | Path, *, read: Callable[[Path], object] | None = Non
     handle, beside = -1, None
     try:
         _remove_abandoned(target.parent)
-        handle, beside = _new_part(target)
+        handle, beside = _new_part(target, Path(path).suffix)
         yield beside
         read_back(read, beside)
         # mkstemp makes files only their owner may read: a replaced file keeps its rights, a new one gets the umask's.
@@ -80,22 +82,30 @@ def atomic_file(path: str | Path, *, read: Callable[[Path], object] | None = Non
             beside.unlink(missing_ok=True)
 
 
-def _new_part(target: Path) -> tuple[int, Path]:
-    """A new file beside another, locked."""
-    while True:
+def _own_parts() -> str:
+    """How the names of parts of this computer begin: a lock of another one may not be seen here."""
+    return f"{PART}{crc32(platform.node().encode()):08x}-"
+
+
+def _new_part(target: Path, suffix: str) -> tuple[int, Path]:
+    """A new file beside another, locked; where the system refuses locks, or has none, as it is."""
+    for is_last in (False,) * 9 + (True,):
         # Part of the name: one of the longest length that a file may have stays possible.
-        handle, name = tempfile.mkstemp(prefix=f"{PART}{target.stem[:40]}-", suffix=target.suffix, dir=target.parent)
-        # Before the lock another writer may have taken it for abandoned.
-        if lock(handle) is not False and (os.name == "nt" or os.fstat(handle).st_nlink):
-            return handle, Path(name)
+        handle, name = tempfile.mkstemp(prefix=f"{_own_parts()}{target.stem[:40]}-", suffix=suffix, dir=target.parent)
+        # Before the lock another writer may have taken it for abandoned. On Windows an open file is not removed, and
+        # its lock would be one on bytes, which a large file reaches.
+        if is_last or os.name == "nt" or (lock(handle) is not False and os.fstat(handle).st_nlink):
+            break
         os.close(handle)
+        Path(name).unlink(missing_ok=True)
+    return handle, Path(name)
 
 
 def _remove_abandoned(folder: Path) -> None:
     """Remove what killed writers left in a folder."""
-    parts = []
+    parts, own = [], _own_parts()
     with suppress(PermissionError), os.scandir(folder) as entries:  # a folder may be writable and not readable
-        parts = [one.path for one in entries if one.name.startswith(PART) and one.is_file(follow_symlinks=False)]
+        parts = [one.path for one in entries if one.name.startswith(own) and one.is_file(follow_symlinks=False)]
     for part in parts:
         with suppress(OSError):
             if os.name == "nt":  # it removes no open file

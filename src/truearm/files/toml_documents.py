@@ -23,7 +23,9 @@ MAX_BYTES = 1_000_000
 AS_TOML = "write dates as 2026-01-15, decimals with a point, true or false, and text in quotes"
 MOST_KEYS = 20  # in one message
 # A key of more than 32 parts: Python's parser takes time and memory with the square of their number.
-_DEEP_KEY = re.compile(r"""(?<![\w"'.-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){32}""", re.ASCII)
+_DEEP_KEY = re.compile(
+    r"""(?<![\w"'.-])(?:(?:[\w-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){32}""", re.ASCII
+)
 
 Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0)]

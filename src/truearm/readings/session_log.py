@@ -116,6 +116,8 @@ class SessionLog:
         try:
             if not self._is_synced:
                 os.fsync(self._handle)
+        except OSError as error:
+            raise TruearmError(f"{self.path}: the readings cannot be written ({error.strerror or error})") from None
         finally:
             os.close(self._handle)
 
@@ -195,12 +197,13 @@ class SessionLog:
             return None
         try:
             os.ftruncate(self._handle, self._ends[-2])
+            self._ends.pop()
+            removed = self.rows.pop()
             self._is_synced = False
             self._to_disk()
         except OSError as error:
             raise TruearmError(f"{self.path}: the reading cannot be removed ({error.strerror or error})") from None
-        self._ends.pop()
-        return self.rows.pop()
+        return removed
 
     def _row(self, line: bytes, number: int) -> dict[str, str]:
         cells = _cells(line)

@@ -14,6 +14,7 @@ from truearm.arm import Arm
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.identified_model import to_identified
 from truearm.errors import InputError
+from truearm.identification.judgement.joint_signs import without_unshown_signs
 from truearm.identification.planning.candidates import seat_poses, tracker_poses, volume_poses
 from truearm.identification.planning.exchange import DesignProblem, DOptimality, IOptimality, decreases, greedy
 from truearm.identification.planning.factors import moment_matrix
@@ -79,7 +80,7 @@ class Learning:
         else:
             self._arm, self._prior = identified_prior(
                 self._model.arm_,
-                self._model.fit_,
+                without_unshown_signs(self._model.fit_)[0],
                 noise_mm=self._model.residual_std_,
                 state=lambda angles: self._state(Session(angles)),
             )

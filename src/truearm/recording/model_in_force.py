@@ -122,6 +122,6 @@ def _n_known(model: Compensator, readings: Path) -> int:
     n = model.training_.n_readings
     with suppress(InputError):  # no file yet, or none that can be read
         session = read_session(readings)
-        if n <= len(session) and model.trained_on(session.rows(np.arange(n))).all():
+        if n <= len(session) and model.is_trained_on(session.rows(np.arange(n))):
             return n
     return 0

@@ -210,7 +210,7 @@ class Recording:
         self._was_pressed = sample.is_button_pressed
         yield from self._stream(sample)
         if not self._standstill.is_still:
-            self._still_since_s, self._said = sample.time_s, ""
+            self._still_since_s, self._said, self._question = sample.time_s, "", ""
             self._point.forget()
         elif self._asked or (self._on == "still" and self._standstill.is_new):
             problem = "" if self._asked else self._unlikely(self._standstill.mean_rad)

@@ -28,12 +28,12 @@ class Repeats:
         self._moves = Counter[int]()
 
     def __call__(self, content: object, *stamps: object) -> bool:
-        """Whether all stamps and the content are the same, or one stamp is that counts; one not stated is false."""
+        """Whether the content is the same, and all stamps or one that counts are; one not stated is false."""
         moved = {i for i, (now, before) in enumerate(zip(stamps, self._last, strict=False)) if now != before}
-        is_same = any(stamps) and not moved and (content, stamps) == (self._content, self._last)
+        is_same, stands = content == self._content, any(stamps) and not moved and stamps == self._last
         self._content, self._last = content, stamps
         self._moves.update(moved)
-        return is_same or any(number >= CLOCK_MOVES for i, number in self._moves.items() if i not in moved)
+        return is_same and (stands or any(n >= CLOCK_MOVES for i, n in self._moves.items() if i not in moved))
 
 
 def samples_in(

@@ -23,6 +23,7 @@ from truearm.identification.estimation.reading_sums import ReadingSums
 from truearm.identification.from_sums import Iterate, identified, improved, of_the_model_itself, without_part
 from truearm.identification.judgement.gross_errors import LEAST_READINGS, gross_error_limit
 from truearm.identification.judgement.held_out_errors import HeldOutErrors
+from truearm.identification.judgement.joint_signs import with_unshown_signs, without_unshown_signs
 from truearm.identification.references.reading_references import references_of
 from truearm.identification.references.references import Points
 from truearm.readings import Session
@@ -233,7 +234,7 @@ def _by_all_readings(
     executor: Executor | None,
     progress: Callable[[int, str], None] | None,
 ) -> LargeFit:
-    arm = of_sample.fit_
+    arm, signs = without_unshown_signs(of_sample.fit_)
     # The first pass is never the last: the missing terms, most of the work, are summed from the second on.
     first, later = (sent_model(of_sample, fit) for fit in (of_the_model_itself(arm), arm))
     gross = gross_error_limit(arm, of_sample.held_out_.and_also(of_sample.held_out_gross_))
@@ -258,7 +259,7 @@ def _by_all_readings(
     errors = scale_errors(found.session, is_frame_free="base" in of_sample.free_)
     same = of_sample.kind == "nominal"
     whole, effect = identified(arm, at, total.sums, sample=sample.state, scale_errors=errors, same_every_day=same)
-    whole = replace(whole, converged=following.is_settled, rounds=n_pass)
+    whole = replace(with_unshown_signs(whole, signs), converged=following.is_settled, rounds=n_pass)
     new = copy.copy(of_sample)
     new.fit_, new.training_ = whole, total.inputs.conditions(of_sample.training_)
     if same:

@@ -232,6 +232,8 @@ def _refuse_another_arm(
     a worn one most: it differs from itself by less than from the drawing. What the readings scatter by about the `new`
     arm is of their instrument, and counts for neither.
     """
+    if not any(one.kind in COMPARED for one in placed.references):
+        return
     readings, as_known = set_up.readings, copy.copy(known)
     as_known.tips_ = new.tips_
     variance = np.trace(sum(as_known.covariance_parts(readings)), axis1=1, axis2=2) / 3

@@ -19,6 +19,7 @@ from truearm.identification.judgement.thermal_lag import TIME_CONSTANTS, lagging
 from truearm.readings.checks import LIMIT_TOLERANCE, MAX_SKIPPED_SHARE
 from truearm.readings.lengths import Lengths
 from truearm.readings.readings import DIRECTION, LOAD, PAYLOAD
+from truearm.readings.repeats import merge_repeats
 from truearm.readings.rounding import LEAST_VALUES, MOST_OFF
 from truearm.readings.session import Session
 from truearm.readings.thermal_expansion import REFERENCE_DEGC, UNSTATED_U_K
@@ -271,7 +272,8 @@ class TrainingConditions:
     def among(self, readings: Session, prismatic: BoolArray) -> BoolArray:
         """(n,) which readings the model was fitted to; of older files all, if they are the very same, or none."""
         if self.known is None:
-            return np.full(len(readings), self.fingerprint == fingerprint(readings))
+            same = self.fingerprint in (fingerprint(readings), fingerprint(merge_repeats(readings).readings))
+            return np.full(len(readings), same)
         return self.known.among(readings, prismatic)
 
     def all_among(self, readings: Session, prismatic: BoolArray) -> BoolArray:

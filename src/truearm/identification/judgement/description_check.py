@@ -184,8 +184,11 @@ def check_description(arm: Arm, table: ReferenceTable, identified: Chain | None 
         With the constants that explain the readings best. A mistake must then be a better explanation than an arm that
         is described rightly and differs from its drawing by these constants: joint zeros that are off by degrees.
     """
-    least = np.where(arm.chain.is_prismatic, LEAST_TRAVEL, LEAST_TURN)
-    moved = np.ptp(table.angles, axis=0) >= least
+    least, stated = np.where(arm.chain.is_prismatic, LEAST_TRAVEL, LEAST_TURN), Interpretation.stated(arm)
+
+    def moves(joint: int, one: Interpretation) -> bool:
+        return bool(np.ptp(one.angles(table.angles)[:, joint]) >= least[joint])
+
     mistakes = [
         one
         for one in likely_mistakes(
@@ -195,9 +198,9 @@ def check_description(arm: Arm, table: ReferenceTable, identified: Chain | None 
             base_is_known="base" not in table.free,
         )
         if (one.subject != "rows" or len(table.points or table.seats) > 1)
-        and (one.shown_by is None or moved[one.shown_by])
+        # In a wrong unit a joint may only look still.
+        and (one.shown_by is None or any(moves(one.shown_by, each) for each in (stated, one.mend(stated))))
     ]
-    stated = Interpretation.stated(arm)
     as_stated = _Hypothesis((), stated)
     single = [_Hypothesis((one,), one.mend(stated)) for one in mistakes]
     judged = _judged([as_stated, *single], table, len(mistakes))

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -27,7 +28,7 @@ from truearm.identification.terms import ArmState, Expression, Formula, Term
 from truearm.identification.terms.catalogue import LENGTH_STD, relative_size
 from truearm.typing import FloatArray
 
-GROUP, ALONG = "signs of joints", ", along the offset"
+GROUP, ALONG = "signs of joints, not learned", ", along the offset"
 # Joints that move by less stand still, and need no sign [rad].
 LEAST_TURN = np.radians(1.0)
 # Root mean square by which a reversed sign moves the tip, in multiples of the usual error of a length, beyond which
@@ -113,9 +114,22 @@ def with_unshown_signs(fit: IdentificationResult, signs: Sequence[UnshownSign]) 
             covariance=cov,
             repeatability_covariance=same,
             prior_std=np.concatenate([fit.prior_std, stds]),
-            groups=(*fit.groups, TermGroupResult(f"{GROUP}, not learned", 2, 0.0, 1.0)),
+            groups=(*fit.groups, TermGroupResult(GROUP, 2, 0.0, 1.0)),
         )
     return fit
+
+
+def without_unshown_signs(fit: IdentificationResult) -> tuple[IdentificationResult, list[UnshownSign]]:
+    """The fit without the terms of signs, and what `with_unshown_signs` puts back."""
+    chain, signs = fit.perturbed_chain, []
+    terms = list(zip(chain.terms, chain.columns, strict=True))
+    for (along, (column,)), (across, _) in pairwise([one for one in terms if one[0].group == GROUP]):
+        if along.name.endswith(ALONG):
+            change = fit.covariance[:, column] / fit.covariance[column, column]
+            changes = {term: change[columns] for term, columns in terms if term.group != GROUP}
+            signs.append(UnshownSign(changes, (along, across)))
+    groups = tuple(group for group in fit.groups if group.name != GROUP)
+    return replace(fit.select(lambda term: term.group != GROUP), groups=groups), signs
 
 
 def describe_signs(fit: IdentificationResult) -> list[str]:

@@ -14,7 +14,7 @@ generalised least squares estimate, and t maximises the restricted likelihood (D
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import floor, log10
+from math import ceil, floor, log10
 from typing import Self
 
 import numpy as np
@@ -122,14 +122,15 @@ def refuse_wrong_scale(scale: LengthScale, arm: Arm, readings: Session, lengths:
     """
     if not scale.is_contradicted(arm):
         return
-    size, most = 1 + scale.share, float(f"{1.2 * abs(scale.share) * arm.chain.reach:.1g}")
+    size, most = 1 + scale.share, 1.2 * abs(scale.share) * arm.chain.reach
+    digit = 10.0 ** floor(log10(most))
     problem = (
         f"by these readings all {scale}, and beside that they differ by {scale.scatter_mm:.2g} mm: no arm is made so: "
         "the reference is off, or they are of another arm"
     )
     drawing = (
         f"or whether the arm is another one; if its drawing is as inaccurate as that, add the line "
-        f"nominal_error_mm = {most:g} to the arm file, above the first table"
+        f"nominal_error_mm = {ceil(most / digit) * digit:g} to the arm file, above the first table"
     )
     if lengths is None or readings.has_point.any():
         hint = f"check the scale and the unit of the reference (divided by {size:.4f} it fits the drawing), {drawing}"

@@ -207,7 +207,7 @@ def _normal_equations(
     right = np.zeros(len(gram))
     rows_of_all = state.rows(points.rows)
     one_kelvin = replace(rows_of_all, temperature_degC=np.full(len(points.rows), REFERENCE_DEGC + 1))
-    drifts = np.zeros((0, 3, len(points.rows)))
+    both = np.zeros((0, 3, len(points.rows)))
     if courses.shape[1]:
         of_base, of_tip = (
             fit.perturbed_chain.motion_derivatives(rows_of_all, fit.coefficients, place)
@@ -215,11 +215,11 @@ def _normal_equations(
         )
         of_base[:, :3] /= fit.chain.reach or 1.0
         both = np.concatenate([of_base, of_tip[:, 3:]], axis=1).transpose(1, 2, 0)
-        drifts = (courses[points.rows].T[:, None, None] * both).reshape(-1, 3, len(points.rows))
     for rows, _, columns in fit.perturbed_chain.derivatives(one_kelvin, fit.coefficients):
         warmer = kelvin[points.rows[rows]]
         by_growth = columns[grows] * warmer.T[:, None, None]
-        design = np.concatenate([columns[others], *by_growth, drifts[:, :, rows]]) * points.weights[:, rows]
+        drifts = [course * both[:, :, rows] for course in courses[points.rows[rows]].T]
+        design = np.concatenate([columns[others], *by_growth, *drifts]) * points.weights[:, rows]
         design = design.reshape(len(design), -1)
         left = (points.residuals * points.weights)[:, rows].ravel()
         left = left - design[:n].T @ fit.coefficients[others] - design[n : n + links].T @ fit.coefficients[grows]
