@@ -111,7 +111,8 @@ def test_seats_and_lengths_alone(truearm, shop, tmp_path):
     assert list(rows) == ["nominal", "kinematic", "physical"]
     (kept,) = [name for name, row in rows.items() if row.endswith("selected")]
     assert lines[0].startswith("Mean error 0.0")
-    assert lines[0].endswith(f" smaller than the nominal arm ({kept} model of gao2017, 60 readings).")
+    assert " smaller than the nominal arm; largest error of 3 lengths 0.0" in lines[0]
+    assert lines[0].endswith(f" ({kept} model of gao2017, 60 readings).")
     assert lines[5].startswith("training error, distance from the mean of the seat: mean 0.0")
     assert any(line.startswith("residual standard deviation: ") for line in lines)
     assert "keeps its nominal size" not in ran.out
@@ -149,6 +150,7 @@ def test_without_a_length_the_arm_keeps_its_nominal_size_and_a_remark_says_so(tr
         "fit_seconds",
         "n_readings",
         "n_poses",
+        "length_scale",
         "held_out",
         "training",
     } | {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -93,7 +94,7 @@ def seen_at_the_end(err: str) -> list[str]:
 @pytest.fixture
 def slow_fit(made, tmp_path):
     """A training that takes minutes, with what was there before."""
-    (tmp_path / "net.truearm").write_text("before")
+    shutil.copy(made / "network.truearm", tmp_path / "net.truearm")
     # 6-12-3 on 300 readings; the goal is out of reach and validation never stops it so early.
     return ["fit", made / "train.csv", "--arm", "gao2017", "--model", "network", "--hidden", "12,12,12"], tmp_path
 
@@ -101,6 +102,7 @@ def slow_fit(made, tmp_path):
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupted_fit_leaves_only_what_was_there(slow_fit, number):
     arguments, folder = slow_fit
+    before = (folder / "net.truearm").read_bytes()
     # Bayesian regularisation: no validation stop ends it before the signal comes.
     run = Watched(*arguments, "--trainer", "trainbr", "--epochs", 1_000_000, "--out", "net.truearm", folder=folder)
     run.wait_for(b"epoch 2")
@@ -111,7 +113,7 @@ def test_an_interrupted_fit_leaves_only_what_was_there(slow_fit, number):
     assert seen_at_the_end(err) == (["truearm: interrupted"] if number == signal.SIGINT else [])
     assert err.rindex("\x1b[?25h") > err.rindex("\x1b[?25l")  # the cursor is seen again
     assert sorted(p.name for p in folder.iterdir()) == ["net.truearm"]
-    assert (folder / "net.truearm").read_text() == "before"
+    assert (folder / "net.truearm").read_bytes() == before
 
 
 def test_an_interrupted_demo_leaves_no_folder(tmp_path):
@@ -138,13 +140,15 @@ def test_interrupted_in_the_middle_of_a_file(truearm, made, tmp_path, monkeypatc
         path.write_text("half a fi")
         raise KeyboardInterrupt
 
+    predict = ("predict", made / "kinematic.truearm", made / "angles.csv", "--out", tmp_path / "p.csv")
+    assert truearm(*predict).code == 0
+    before = (tmp_path / "p.csv").read_bytes()
     monkeypatch.setattr("truearm.workflows.predict.write_columns", stop)
-    (tmp_path / "p.csv").write_text("before")
-    ran = truearm("predict", made / "kinematic.truearm", made / "angles.csv", "--out", tmp_path / "p.csv")
+    ran = truearm(*predict)
     assert ran.code == 130
     assert ran.err == "truearm: interrupted\n"
     assert [p.name for p in tmp_path.iterdir()] == ["p.csv"]
-    assert (tmp_path / "p.csv").read_text() == "before"
+    assert (tmp_path / "p.csv").read_bytes() == before
 
 
 @pytest.fixture

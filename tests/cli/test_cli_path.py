@@ -186,7 +186,7 @@ def test_fit_tells_its_training_error_as_json_too(truearm, made, tmp_path):
     out = tmp_path / "k.truearm"
     arguments = ["fit", made / "train.csv", "--arm", "gao2017", "--model", "kinematic", "--out", out]
     told = json.loads(truearm(*arguments, "--json").out)
-    identified = {"residual_std_mm", "residual_process", "groups", "skipped_terms", "identifiability"}
+    identified = {"residual_std_mm", "residual_process", "groups", "skipped_terms", "identifiability", "length_scale"}
     assert set(told) == FIT_KEYS | identified
     assert (told["model"], told["file"]) == ("kinematic", str(out))
     assert set(told["training"]) == ERROR_KEYS
