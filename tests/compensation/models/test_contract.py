@@ -21,6 +21,7 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import FunctionTransformer
 from sklearn.utils.estimator_checks import estimator_checks_generator
 
+from truearm.acceptance import accepting
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.compensation.models import MODELS, HybridModel, KinematicModel, NetworkModel, NominalModel, PhysicalModel
@@ -53,10 +54,10 @@ class _AnyShape:
         wide[:, : given.shape[1]] = given
         wide += 1e-3 * np.sin(np.arange(wide.size)).reshape(wide.shape)  # a network refuses a constant coordinate
         asked, self.arm = self.arm, zigzag(angles.shape[1])
-        # Random tables are of no arm, and the unit of their numbers is not judged.
+        # Random tables are of no arm: the unit of their numbers is not judged, and the size that they show accepted.
         unjudged = mock.patch("truearm.compensation.models.compensator.judge_description", return_value=UNCHECKED)
         try:
-            with unjudged:
+            with unjudged, accepting("a random table"):
                 super().fit(angles, wide, sample_weight)
         finally:
             self.arm = asked

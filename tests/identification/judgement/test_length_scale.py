@@ -91,6 +91,20 @@ def test_arms_whose_lengths_differ_one_by_one_are_never_contradicted():
         assert not scale.is_contradicted(UR10)
 
 
+def test_lengths_known_to_rounding_leave_those_that_are_not_known_as_they_are():
+    """Sums of lengths known to 1e-12 to 1e3 of their prior, as points that are calculated show them."""
+    fit = identified(0.0, scatter_mm=0.3, u_mm=1e-9)
+    n = len(fit.coefficients)
+    directions, _ = np.linalg.qr(np.random.default_rng(1).normal(size=(n, n)))
+    information = np.logspace(-6, 13, n)  # in units of the prior, 2 mm
+    to_posterior = (directions * information / (1 + information)) @ directions.T
+    fit = replace(fit, coefficients=to_posterior @ fit.coefficients, covariance=4.0 * (np.eye(n) - to_posterior))
+    scale = LengthScale.of(fit, 60)
+    assert not scale.is_contradicted(UR10)
+    assert abs(scale.share) < 3 * scale.u < 0.01
+    assert scale.scatter_mm == pytest.approx(0.3, rel=0.5)  # of a dozen that are known
+
+
 def test_readings_that_show_no_length_show_no_scale():
     fit = identified(0.0, scatter_mm=0.0, u_mm=0.1)
     assert LengthScale.of(fit.select(lambda term: term.group != LENGTHS), 60) is None

@@ -32,8 +32,8 @@ from truearm.typing import FloatArray, IntArray
 
 # Scatter of the lengths, in multiples of their prior standard deviation, which the evidence has scaled.
 SCATTERS = np.concatenate([[0.0], np.geomspace(1e-6, 1e2, 97)])
-# A smaller share of the prior's precision is rounding: the readings show nothing of that direction.
-LEAST_INFORMATION = 1e-3
+# A smaller share of the prior's variance is rounding: the readings show nothing of that direction.
+LEAST_LEARNED = 1e-3
 # Common scale that an arm may have: a UR10 has 0.0010 (u 0.0006), other real arms less, aluminium in 30 degC 0.00023.
 LEAST_SCALE = 1e-3
 # It is said from this size and so many standard uncertainties on.
@@ -76,12 +76,14 @@ class LengthScale:
         if not len(known) or freedom < LEAST_FREEDOM:
             return None
         prior = fit.prior_std[known]
-        # In multiples of the prior standard deviation: the mean of them is the unit of the scatter.
-        precision = np.linalg.inv(fit.covariance[np.ix_(known, known)] / np.outer(prior, prior))
-        information, vectors = np.linalg.eigh(precision - np.eye(len(known)))
-        counts = information > LEAST_INFORMATION
-        information, vectors = information[counts], vectors[:, counts]
-        found = vectors.T @ (precision @ (fit.coefficients[known] / prior)) / information
+        # In multiples of the prior standard deviation: the mean of them is the unit of the scatter. Of the covariance
+        # itself, not of its inverse, whose rounding is that of the lengths known best.
+        variances, vectors = np.linalg.eigh(fit.covariance[np.ix_(known, known)] / np.outer(prior, prior))
+        learned = 1 - variances
+        counts = learned > LEAST_LEARNED
+        learned, variances, vectors = learned[counts], variances[counts], vectors[:, counts]
+        information = learned / np.maximum(variances, np.finfo(float).eps)
+        found = vectors.T @ (fit.coefficients[known] / prior) / learned
         along = vectors.T @ (nominal / prior)
         if not along.any():
             return None
