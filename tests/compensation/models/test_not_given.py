@@ -111,19 +111,33 @@ def test_a_model_without_such_terms_misses_nothing(real):
     assert model.unstated_input_covariances(Session(real.arm.working[None])) == {}
 
 
-def test_hysteresis_is_random_in_a_task_unless_directions_are_given(hysteretic):
+def test_hysteresis_turns_with_the_side_of_a_feature_in_a_task_unless_directions_are_given(hysteretic):
     _, model = hysteretic
-    angles = poses(20, 4)
-    told, untold = (PosteriorDistribution(model, 0.0, directions_given=given).draw(1) for given in (True, False))
-    assert not told.random(angles, np.random.default_rng(1)).any()
-    drawn = np.array([untold.random(angles, np.random.default_rng(seed)) for seed in range(800)])
-    expected = model.unstated_input_covariances(Session(angles))["directions of movement"]
-    found = np.einsum("sni,snj->nij", drawn, drawn) / len(drawn)
-    # Covariances of 800 draws: 5 % a standard deviation. The base is as drawn: the frames are nearly parallel.
-    assert np.abs(found - expected).max() < 0.25 * np.trace(expected, axis1=1, axis2=2).max()
-    assert np.trace(found, axis1=1, axis2=2).mean() == pytest.approx(
-        np.trace(expected, axis1=1, axis2=2).mean(), rel=0.05
+    assert not model.hysteresis_.any()  # it has terms
+    angles, up = poses(20, 4), np.tile([0.0, 0.0, 1.0], (20, 1))
+    told, from_below, from_above = (
+        PosteriorDistribution(model, 0.0, directions_given=given, approach=side * up)
+        for given, side in ((True, 1), (False, 1), (False, -1))
     )
+    assert not told.hysteresis(angles).any()
+    # As much by each joint as `predict` states of one reading. The base is as drawn: the frames are nearly parallel.
+    each = from_below.hysteresis(angles)
+    expected = model.unstated_input_covariances(Session(angles))["directions of movement"]
+    found = np.einsum("jni,jnk->nik", each, each)
+    assert np.abs(found - expected).max() < 0.01 * np.trace(expected, axis1=1, axis2=2).max()
+    # The same at every point of an arm that is reached from one side, and the opposite from the other side.
+    expected = np.einsum("nj,jni->ni", from_below.directions(angles), each)
+    assert np.linalg.norm(expected, axis=1).max() > 0.1  # mm
+    signs = []
+    for seed in range(40):
+        samples = [errors.draw(seed) for errors in (told, from_below, from_above)]
+        assert not any(one.random(angles, np.random.default_rng(seed)).any() for one in samples)
+        _, below, above = (one.systematic(angles) for one in samples)
+        half = (below - above) / 2
+        signs.append(np.sign((half * expected).sum()))
+        np.testing.assert_allclose(half, signs[-1] * expected, atol=1e-9)
+    # Which of the two is not known: 20 of 40, and three standard deviations.
+    assert abs(sum(signs)) < 20
 
 
 def test_a_refitted_model_states_the_same_of_a_task(tmp_path):

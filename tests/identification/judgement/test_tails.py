@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import zipfile
+
 import numpy as np
 import pytest
 from scipy.stats import chi2
@@ -72,7 +75,16 @@ def test_tails_are_kept_in_the_file_and_files_without_them_are_gaussian(tmp_path
     model.save(tmp_path / "arm.truearm")
     read = load_model(tmp_path / "arm.truearm")
     assert read.ellipsoid_factor(0.99) == model.ellipsoid_factor(0.99) > np.sqrt(chi2.ppf(0.99, 3))
-    model.tail_freedom_ = 1.0
-    model.save(tmp_path / "bad.truearm")
+    for name, change in (("bad", {"tail_freedom_": 1.0}), ("before", {})):
+        with zipfile.ZipFile(tmp_path / "arm.truearm") as archive:
+            files = {entry: archive.read(entry) for entry in archive.namelist()}
+        header = json.loads(files["model.json"])
+        del header["learned"]["tail_freedom_"]
+        header["learned"] |= change
+        files["model.json"] = json.dumps(header).encode()
+        with zipfile.ZipFile(tmp_path / f"{name}.truearm", "w") as archive:
+            for entry, data in files.items():
+                archive.writestr(entry, data)
     with pytest.raises(InputError, match="degrees of freedom of the tails"):
         load_model(tmp_path / "bad.truearm")
+    assert load_model(tmp_path / "before.truearm").ellipsoid_factor(0.99) == pytest.approx(np.sqrt(chi2.ppf(0.99, 3)))

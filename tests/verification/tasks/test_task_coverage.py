@@ -3,6 +3,7 @@
 A small version of ``python -m benchmarks uncertainty tasks``. No repeatability is given: nothing is known to be random.
 """
 
+import copy
 from dataclasses import replace
 
 import numpy as np
@@ -23,6 +24,7 @@ from truearm.verification.tasks.task import simulate_measurements
 ARM = load_arm("gao2017")
 MIDDLE, ACROSS = middle_of(ARM)
 N_ARMS, N_POSTURES = 8, 25
+FACING = plane(MIDDLE, np.cross(ACROSS, UP), 200.0)
 
 
 @pytest.fixture(scope="module")
@@ -75,8 +77,9 @@ def test_intervals_of_two_points_hold_what_they_say(identified, length):
         (length_at(MIDDLE, ACROSS, 500.0, points=40), 0.6),
         (sphere(MIDDLE, 25.0), 0.75),
         (plane(MIDDLE, UP, 200.0), 0.75),
-        # Towards the arm joints hardly move a tip: drawn alike in all directions, this was stated a third too large.
-        (plane(MIDDLE, np.cross(ACROSS, UP), 200.0), 0.8),
+        # Up to 37 % of these postures are 0.6 rad or more outside the trained range of an arm, where the drawing's
+        # error is stated and hardly made.
+        (FACING, 0.75),
     ],
     ids=["length of 40 points", "ball", "plate lying", "plate facing"],
 )
@@ -88,6 +91,19 @@ def test_errors_of_many_points_are_no_larger_than_stated(identified, feature, le
     _, within, times = shares(identified, feature, 150)
     assert within > 0.95 - 2 * np.hypot(0.015, 0.018)
     assert least < times < 1.25
+
+
+def test_without_the_drawings_error_outside_the_trained_range_a_plate_facing_is_stated_closer(identified):
+    """Towards the arm joints hardly move a tip: drawn alike in all directions, this was stated a third too large."""
+    seen = []
+    for virtual, model in identified:
+        other, function = copy.copy(model), model.variance_function_
+        assert function.beyond.nominal > 0
+        other.variance_function_ = replace(function, beyond=replace(function.beyond, nominal=0.0))
+        seen.append((virtual, other))
+    _, within, times = shares(seen, FACING, 150)
+    assert within > 0.95 - 2 * np.hypot(0.015, 0.018)
+    assert 0.8 < times < 1.25
 
 
 @pytest.mark.parametrize("kind", ["length", "cylinder"])
