@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from multiprocessing.reduction import ForkingPickler
 
 import numpy as np
 import pytest
@@ -67,6 +68,15 @@ def test_numbers_for_inputs_are_the_values_there(make_state, expression):
     fixed = expression.with_inputs({"direction": 1.0, "column": 2.0})
     assert not {one.operation for one in fixed.inputs} & {"direction", "column"}
     np.testing.assert_allclose(fixed.values(state), expression.values(state), rtol=1e-12, atol=1e-9)
+
+
+@settings(max_examples=60, deadline=None)
+@given(expressions)
+def test_an_expression_goes_to_another_process(expression):
+    assert len(expression.inputs) >= len({one.operation for one in expression.inputs})  # an input is one of its own
+    sent = ForkingPickler.loads(ForkingPickler.dumps(expression))
+    assert sent == expression
+    assert sent.inputs == expression.inputs
 
 
 def test_numbers_are_folded():

@@ -204,6 +204,10 @@ class Expression:
         if self.n_parts > MOST_PARTS or self._depth > DEEPEST:
             raise InputError(f"expected an expression of at most {MOST_PARTS} parts, {DEEPEST} deep")
 
+    def __getstate__(self) -> dict[str, Any]:
+        """The fields alone: an input is among its own `inputs`, a set that no other process could fill before it."""
+        return {"operation": self.operation, "arguments": self.arguments}
+
     # Inputs ----------------------------------------------------------------------------------------------------------
 
     @classmethod
