@@ -114,9 +114,8 @@ def with_unshown_signs(fit: IdentificationResult, signs: Sequence[UnshownSign]) 
             covariance=cov,
             repeatability_covariance=same,
             prior_std=np.concatenate([fit.prior_std, stds]),
-            groups=(*fit.groups, TermGroupResult(GROUP, 2, 0.0, 1.0)),
         )
-    return fit
+    return replace(fit, groups=(*fit.groups, TermGroupResult(GROUP, 2 * len(signs), 0.0, 1.0))) if signs else fit
 
 
 def without_unshown_signs(fit: IdentificationResult) -> tuple[IdentificationResult, list[UnshownSign]]:
