@@ -9,7 +9,7 @@ from pathlib import Path
 import truearm as ta
 from benchmarks.mistakes import mistake, right, seen
 from benchmarks.rows import scratch
-from truearm.files.atomic_write import PART, atomic_file
+from truearm.files.atomic_write import PART, _own_parts, atomic_file
 
 _NUMBERS = itertools.count(1)
 
@@ -88,7 +88,7 @@ def export_over_urdf() -> str:
 
 @mistake("a writer that was killed leaves a hidden file")
 def hidden_file() -> bool:
-    left = made() / f"{PART}left-12345678.csv"
+    left = made() / f"{_own_parts()}left-12345678.csv"
     left.write_text("half")
     with atomic_file(made() / "whole.csv") as beside:
         beside.write_text("whole")

@@ -60,6 +60,8 @@ N_LAGS = 12
 LEAST_VALUE = 1e-9
 # Smaller shares of a prior's precision are rounding.
 ROUNDING = 1e-9
+# Smaller shares of the evidence are no part of the second moment of a drift.
+LEAST_WEIGHT = 1e-9
 
 
 class _Moments(NamedTuple):
@@ -252,7 +254,7 @@ def _mixture(histories: Sequence[LinkHistory], widened: float = 1.0) -> _Moments
         roots.append(inverse)
         rests.append(np.kron([[1.0, -warmer], [-warmer, warmer**2]], prior - grown @ grown.T))
         drift = (history.drift @ [1.0, *(shown @ inverse @ right)]).reshape(-1, N_DRIFTS)
-        drifts.append(history.as_others @ drift.T @ drift @ history.as_others.T)
+        drifts.append((history.as_others, drift))
         above.append(warmer)
         determined.append(n - np.trace(inverse))
     weight = np.exp(np.array(logs) - max(logs))
@@ -262,5 +264,8 @@ def _mixture(histories: Sequence[LinkHistory], widened: float = 1.0) -> _Moments
     weighed = [w * by_cause @ root for w, by_cause, root in zip(weight, causes, roots, strict=True)]
     covariance = scatter.T @ scatter + np.hstack(weighed) @ np.hstack(causes).T
     covariance[-2 * n :, -2 * n :] += np.tensordot(weight, rests, axes=1)
-    covariance[: -2 * n, : -2 * n] += np.tensordot(weight, drifts, axes=1)
+    # Of few columns each: their products only once, and of those that have any weight.
+    likely = [np.sqrt(w) * to @ drift.T for w, (to, drift) in zip(weight, drifts, strict=True) if w > LEAST_WEIGHT]
+    by_drift = np.hstack(likely)
+    covariance[: -2 * n, : -2 * n] += by_drift @ by_drift.T
     return _Moments(centre, covariance, REFERENCE_DEGC + float(weight @ above), float(weight @ determined))
