@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 
 from truearm.compensation.models import NetworkModel, NominalModel
-from truearm.papers.gao2017 import training_plan as gao2017_training_plan
+from truearm.papers.gao2017 import training_plan
 from truearm.papers.gao2017.tables import TABLES
 from truearm.readings.files import write_session
 from truearm.workflows.reproduce import reproduce
@@ -23,18 +23,18 @@ def small(monkeypatch):
         row = rows[-1]
         monkeypatch.setitem(TABLES, table, (replace(row, n_train=150, hidden=(4,) * len(row.hidden), mean_mm=150.0),))
     effort = replace(
-        gao2017_training_plan.FULL_EFFORT,
+        training_plan.FULL_EFFORT,
         epochs=5,
         varpro_epochs={2: 3, 3: 3, 4: 3},
         starts=((math.inf, 1),),
         starts_by_row={},
     )
-    monkeypatch.setattr(gao2017_training_plan, "FULL_EFFORT", effort)
+    monkeypatch.setattr(training_plan, "FULL_EFFORT", effort)
     monkeypatch.setattr("truearm.papers.gao2017.final_test.N_OUTSIDE", 20)
     # Their fits take seconds, and what they do is tested elsewhere.
     for model in ("HybridModel", "PhysicalModel"):
         monkeypatch.setattr(f"truearm.papers.gao2017.final_test.{model}", NominalModel)
-    monkeypatch.setattr(gao2017_training_plan, "QUICK_EFFORT", replace(effort, quick=True, starts=((1e-9, 1),)))
+    monkeypatch.setattr(training_plan, "QUICK_EFFORT", replace(effort, quick=True, starts=((1e-9, 1),)))
 
 
 def test_a_table_is_printed_and_written_with_its_page(truearm, small, tmp_path):
@@ -90,6 +90,19 @@ def test_json_is_what_the_file_holds(truearm, small, tmp_path):
     assert found == json.loads((tmp_path / "table-3.json").read_text())
     assert found["quick"]
     assert len(found["skipped"]) == 2
+
+
+def test_a_quick_run_says_of_how_many_rows(truearm, small, tmp_path, monkeypatch):
+    table, (row,) = 2, TABLES[2]
+    monkeypatch.setitem(TABLES, table, (replace(row, row=1), replace(row, row=2, hidden=(40, 40))))
+    slow = training_plan.training_of(table, TABLES[table][1], "trainlm", training_plan.QUICK_EFFORT, seed=0)
+    limit = slow.estimated_seconds / 3
+    effort = replace(training_plan.QUICK_EFFORT, starts=((limit, 1),))
+    monkeypatch.setattr(training_plan, "QUICK_EFFORT", effort)
+    ran = truearm("reproduce", "gao2017", "--table", table, "--quick", "--out", tmp_path)
+    assert "trainlm ran 1 of 2 rows, without Table 2 row 2." in ran.out.splitlines()[1]
+    whole = truearm("reproduce", "gao2017", "--table", table, "--out", tmp_path)
+    assert "without" not in whole.out
 
 
 @pytest.mark.parametrize("number", [1, 6])

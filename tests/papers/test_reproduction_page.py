@@ -145,13 +145,13 @@ def test_the_page_is_well_formed_and_needs_no_other_file(page):
 
 def test_the_verdict_counts_the_rows_and_trainings_that_were_cut_make_it_doubtful(page, results):
     assert page.verdict.state == "good"
-    sentence = "The paper's accuracy is reached or surpassed in 27 of 27 table rows with trainlm and in 25 of 25 table"
+    sentence = "The paper's accuracy is reached or surpassed in 27 of 27 judged table rows with trainlm and in 25"
     assert page.verdict.sentence.startswith(sentence)
     rows = list(results.tables[4])
     missed = replace(rows[0], verdict=rows[0].verdict | {"varpro": "not reached"})
     page = reproduction_page(only(with_table(results, 4, [missed, *rows[1:]]), "tables.4"))
     assert page.verdict.state == "doubtful"
-    assert "3 of 4 table rows with varpro" in page.verdict.sentence
+    assert "3 of 4 judged table rows with varpro" in page.verdict.sentence
     longest = rows[2]
     runs = [replace(run, stop=TIME_OVER) for run in longest.results["varpro"].runs]
     of_row = longest.results | {"varpro": TrainerResult.of("varpro", runs, time_limit_s=9.0)}
@@ -345,6 +345,8 @@ def test_a_skipped_row_keeps_its_place(results):
     assert accuracy.rows[0][-1] == "skipped"
     assert "of 3 rows with varpro" in section(page, "Table 4").text
     assert "3 rows of 4 were run" in section(page, "In short").text
+    for trainer in none:
+        assert f"{trainer} ran 3 of 4 rows, without Table 4 row 1." in page.verdict.detail
 
 
 def test_a_single_start_has_no_range():

@@ -3,13 +3,25 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from truearm.compensation.models import NominalModel
-from truearm.papers.gao2017.training_plan import EXPERIMENT
-from truearm.workflows.demo import HALF_WIDTH_DEG, PAPER_NOMINAL_MM, QUICK_SETTINGS, Settings, experiment
+from truearm.pages.html import render
+from truearm.papers.gao2017.tables import N_FINAL_TEST, TABLES
+from truearm.papers.gao2017.training import FINAL_TEST_STREAM, run_training
+from truearm.papers.gao2017.training_plan import EXPERIMENT, FULL_EFFORT, training_of
+from truearm.workflows.demo import (
+    HALF_WIDTH_DEG,
+    PAPER_NOMINAL_MM,
+    PAPER_TRAINER_MM,
+    QUICK_SETTINGS,
+    DemoResult,
+    Settings,
+    experiment,
+)
 
 SMALL = Settings(n_train=400, n_test=200, hidden=(8, 8), epochs=30)
 
@@ -69,7 +81,9 @@ def test_the_kinematic_models_uncertainty_covers_what_it_can_know(small):
 
 def test_the_summary_is_json_with_the_promised_keys(small):
     summary = json.loads(json.dumps(small.summary(), allow_nan=False))
-    assert set(summary) == {"arm", "seed", "noise_floor", "models"}
+    trainers = {"network_trainer", "network_by_papers_trainer"}
+    assert set(summary) == {"arm", "seed", "noise_floor", "models"} | trainers
+    assert summary["network_trainer"]["name"] == "varpro"
     assert (summary["arm"], summary["seed"]) == ("gao2017", 3)
     errors = {
         "mean_mm", "rms_mm", "p95_mm", "max_mm", "mean_abs_coordinate_mm", "max_abs_coordinate_mm",
@@ -105,6 +119,23 @@ def test_progress_tells_every_epoch():
     )
     assert [done for done, _ in told] == list(range(6))
     assert "mm" in told[-1][1]
+
+
+def test_the_result_says_which_trainer_it_has_on_the_page_too(small):
+    result = DemoResult(small, quick=True)
+    assert "The trainer is not the paper's: varpro" in str(result)
+    assert "The trainer is not the paper's: varpro" in render(result.page()).replace("&#39;", "'")
+
+
+@pytest.mark.slow
+@pytest.mark.weekly
+def test_the_papers_trainer_leaves_what_the_demo_states(tmp_path):
+    """To the printed digit: the same poses, start weights and arithmetic; one minute of training."""
+    complete = replace(FULL_EFFORT, time_limit_s=None)
+    training = training_of(4, TABLES[4][-1], "trainlm", complete, seed=0)
+    errors = run_training(training, tmp_path, lambda *_: None).errors(N_FINAL_TEST, FINAL_TEST_STREAM)
+    found = errors.mean(), errors.max()
+    assert tuple(f"{value:.4f}" for value in found) == tuple(f"{value:.4f}" for value in PAPER_TRAINER_MM)
 
 
 @pytest.mark.slow

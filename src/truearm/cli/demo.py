@@ -20,8 +20,8 @@ def demo(
     """See an arm's error before and after compensation.
 
     Repeats the founding paper's experiment on a virtual measuring arm: 3000 poses in a box of joint angles train a
-    network (the paper's 30-30) and identify a kinematic model; both are tested on 200 further poses of the box, and on
-    200 poses of everyday measuring, far outside it.
+    network (the paper's 30-30, by another trainer than the paper's) and identify models of the arm; all are tested on
+    200 further poses of the box, and on 200 poses of everyday measuring, far outside it.
     """
     from truearm.workflows.demo import FILES, demo_epochs
     from truearm.workflows.demo import demo as run_demo

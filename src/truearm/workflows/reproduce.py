@@ -76,11 +76,15 @@ class ReproductionResult(PageRecord):
 
     def blocks(self) -> Iterator[str | TextTable]:
         """See `Record`."""
+        from truearm.papers.gao2017.table_sections import describe_skipped_rows
+
         results = self.results
         verdicts = [verdict for row in results.rows() for verdict in row.verdicts.values()]
         counts = {verdict: verdicts.count(verdict) for verdict in dict.fromkeys(verdicts)}
         if verdicts:
             yield f"{len(verdicts)} trainings: " + ", ".join(f"{n} {verdict}" for verdict, n in counts.items())
+            if skipped := describe_skipped_rows(results.tables):
+                yield skipped
             n_cut = sum(one.n_cut for row in results.rows() for name in row.verdicts if (one := row.results[name]))
             if n_cut:
                 yield f"The time limit ended {n_cut} starts before a stop of their own; their rows are marked (cut)."

@@ -28,7 +28,14 @@ from truearm.papers.gao2017.network_drawing import network_layers
 from truearm.papers.gao2017.phrases import COMMAND, MissingPart, as_count, format_degrees, mark_cut, with_figure_number
 from truearm.papers.gao2017.results import METHODS, ArmPose, Predictions, Reproduction
 from truearm.papers.gao2017.table_figure import STYLES
-from truearm.papers.gao2017.table_sections import count_cut, count_verdicts, describe_accuracy, speedups, table_section
+from truearm.papers.gao2017.table_sections import (
+    count_cut,
+    count_verdicts,
+    describe_accuracy,
+    describe_skipped_rows,
+    speedups,
+    table_section,
+)
 from truearm.papers.gao2017.tables import TABLE_1
 from truearm.papers.gao2017.training import ARM
 from truearm.show.arm_drawing import arm_figure, frame_figure
@@ -104,7 +111,7 @@ def _summary(results: Reproduction) -> tuple[LabelledValue, ...]:
             if not good + verdicts["not reached"]:  # a quick run has rows that nothing can be said of
                 continue
             value = f"{good} of {good + verdicts['not reached']}"
-            label = f"table rows reproduced or better, {method}"
+            label = f"judged table rows reproduced or better, {method}"
             judged = [
                 row for row in results.rows() if row.verdicts.get(method) in ("reproduced", "better", "not reached")
             ]
@@ -128,7 +135,7 @@ def _page_verdict(results: Reproduction) -> PageVerdict | None:
     judged = {name: count_verdicts(results.rows(), name) for name in METHODS}
     shares = {name: (counts["reproduced"] + counts["better"], counts["not reached"]) for name, counts in judged.items()}
     parts = [
-        f"{good} of {format_count(good + missed, 'table row')} with {name}"
+        f"{good} of {format_count(good + missed, 'judged table row')} with {name}"
         for name, (good, missed) in shares.items()
         if good + missed
     ]
@@ -136,11 +143,8 @@ def _page_verdict(results: Reproduction) -> PageVerdict | None:
         return None
     n_cut = sum(count_cut(results.rows(), name) for name in METHODS)
     missed = sum(missed for _, missed in shares.values())
-    detail = (
-        f"The time limit cut trainings of {format_count(n_cut, 'row')}: what they would have reached is not known."
-        if n_cut
-        else ""
-    )
+    cut = f"The time limit cut trainings of {format_count(n_cut, 'row')}: what they would have reached is not known."
+    detail = " ".join(part for part in (describe_skipped_rows(results.tables), cut if n_cut else "") if part)
     sentence = f"The paper's accuracy is reached or surpassed in {' and in '.join(parts)}."
     return PageVerdict(sentence, "doubtful" if missed or n_cut else "good", detail)
 

@@ -250,6 +250,25 @@ def count_verdicts(rows: Iterable[RowResult], name: Method) -> Counter[str]:
     return Counter(row.verdicts[name] for row in rows if name in row.verdicts)
 
 
+def describe_skipped_rows(tables: Mapping[int, Sequence[RowResult] | None]) -> str:
+    """How many rows of the tables each trainer ran, and which were skipped; empty if all were run."""
+    n_rows = sum(len(rows or ()) for rows in tables.values())
+    sentences = []
+    for name in METHODS:
+        skipped = {number: [row for row in rows or () if row.results[name] is None] for number, rows in tables.items()}
+        n_skipped = sum(map(len, skipped.values()))
+        if not n_skipped:
+            continue
+        parts = [
+            f"Table {number} {format_row_numbers(row.paper.row for row in rows)}"
+            for number, rows in skipped.items()
+            if rows
+        ]
+        run = f"{n_rows - n_skipped} of {format_count(n_rows, 'row')}"
+        sentences.append(f"{name} ran {run}, without {', '.join(parts)}.")
+    return " ".join(sentences)
+
+
 def describe_accuracy(rows: Sequence[RowResult]) -> str:
     """In how many rows each trainer reaches the paper's accuracy; empty if none was run."""
     counts = {name: as_accurate(rows, name) for name in METHODS}
