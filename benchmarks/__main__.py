@@ -1,4 +1,4 @@
-"""Run a benchmark: ``python -m benchmarks [NAME [ROW ...]] [--list] [--json] [--quick] [options of the rows]``.
+"""Run a benchmark: ``python -m benchmarks [NAME [ROW ...]] [--list] [--json] [--quick] [--keep] [options]``.
 
 Without a name it lists the benchmarks; ``python -m benchmarks NAME --list`` lists rows and options.
 """
@@ -17,7 +17,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from benchmarks.rows import SCRATCH, Row, RowResult, Rows, Target, machine, run_row
+from benchmarks.figures import keep
+from benchmarks.rows import SCRATCH, Row, RowResult, Rows, machine, run_row
 
 
 def benchmarks() -> dict[str, str]:
@@ -43,6 +44,9 @@ def parser_of(name: str, rows: Rows) -> argparse.ArgumentParser:
     parser.add_argument("--list", action="store_true", help="list the rows with their options")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.add_argument("--quick", action="store_true", help="the smallest sizes, which show that it runs")
+    parser.add_argument(
+        "--keep", action="store_true", help="keep what is printed in docs/figures, for the guide's pages"
+    )
     for option, default in {option: value for row in rows.values() for option, value in row.options.items()}.items():
         parser.add_argument(f"--{option.replace('_', '-')}", default=argparse.SUPPRESS, **option_type(default))
     return parser
@@ -68,6 +72,9 @@ def main(arguments: list[str] | None = None) -> None:
     parser = parser_of(name, rows)
     options = vars(parser.parse_args(rest))
     chosen, as_json, quick = options.pop("rows"), options.pop("json"), options.pop("quick")
+    keeps = options.pop("keep")
+    if keeps and quick:
+        parser.error("figures of the smallest sizes are not kept: either --keep or --quick")
     if unknown := [one for one in chosen if one not in rows]:
         parser.error(f"expected rows among {', '.join(rows)}, got {', '.join(unknown)}")
     if options.pop("list"):
@@ -82,7 +89,6 @@ def main(arguments: list[str] | None = None) -> None:
     if not as_json:
         print(", ".join(f"{what} {value}" for what, value in about.items()), flush=True)
     done: dict[str, Any] = {}
-    targets: list[Target] = []
     with tempfile.TemporaryDirectory() as folder:
         os.environ[SCRATCH] = folder
         for one, row in chosen.items():
@@ -90,11 +96,14 @@ def main(arguments: list[str] | None = None) -> None:
             begun, cpu = time.perf_counter(), time.process_time()
             found = run_row(name, one, given)
             seconds = {"seconds": time.perf_counter() - begun, "cpu_seconds": time.process_time() - cpu}
-            done[one] = {"options": given, **seconds, "table": found.table, "notes": found.notes}
-            targets += found.targets
+            judged = [asdict(target) | {"met": target.met} for target in found.targets]
+            done[one] = {"what": row.what, "command": command_of(name, one, row, given), "options": given, **seconds}
+            done[one] |= {"table": found.table, "targets": judged, "notes": found.notes}
+            if keeps:  # at once, since a later row may be stopped
+                keep(name, {one: json.loads(json.dumps(done[one], default=plain))})
             if not as_json:
                 print_row(one, row, given, found, seconds)
-    judged = [asdict(target) | {"met": target.met} for target in targets]
+    judged = [target for found in done.values() for target in found["targets"]]
     if as_json:
         print(json.dumps({"machine": about, "rows": done, "targets": judged}, indent=2, default=plain, allow_nan=False))
     elif judged:
@@ -120,6 +129,12 @@ def print_row(name: str, row: Row, options: dict[str, Any], found: RowResult, se
     for note in found.notes:
         print(note)
     print(f"{seconds['seconds']:.1f} s, {seconds['cpu_seconds']:.1f} s of CPU time here", flush=True)
+
+
+def command_of(name: str, one: str, row: Row, given: dict[str, Any]) -> str:
+    """The command that measures a row with these options."""
+    changed = {option: value for option, value in given.items() if value != row.options[option]}
+    return f"python -m benchmarks {name} {one} {format_options(changed)}".rstrip()
 
 
 def format_options(options: dict[str, Any]) -> str:

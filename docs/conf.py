@@ -11,11 +11,12 @@ from typing import Any
 
 from pygments.lexers.special import TextLexer
 from sphinx.highlighting import lexers
+from sphinx.util import logging
 
 import truearm
 
 HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE))  # site_pictures.py
+sys.path[:0] = [str(HERE), str(HERE.parent)]  # site_pictures.py, benchmarks
 # Figures are drawn without a display, and every example runs with the same number of BLAS threads.
 os.environ.setdefault("MPLBACKEND", "Agg")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -166,7 +167,19 @@ def write_references(app: object, config: object) -> None:
     write_front_page(HERE / "_static" / "front")
 
 
+def log_stale_figures(app: object) -> None:
+    """Mark in the log of the build the figures whose code has changed since they were measured."""
+    from benchmarks.figures import stale
+
+    del app
+    for one in stale():
+        logging.getLogger(__name__).info(
+            "figures of `%(benchmark)s %(row)s`, measured at %(commit)s: changed since are %(changed since)s", one
+        )
+
+
 def setup(app: Any) -> None:
     """Have what the program writes written before Sphinx reads its sources."""
     app.connect("config-inited", write_references)
+    app.connect("builder-inited", log_stale_figures)
     app.connect("autodoc-skip-member", skip_foreign)

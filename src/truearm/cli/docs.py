@@ -52,7 +52,8 @@ def docs(
     elif open_page:
         typer.launch(rendered_page(pages[name]).as_uri())
     else:
-        print_line(pages[name].read_text(encoding="utf-8").rstrip())
+        text = pages[name].read_text(encoding="utf-8")
+        print_line(re.sub(r"<!-- .*? -->\n?", "", text).rstrip())  # marks of where a figure comes from
 
 
 def guide_pages() -> dict[str, Path]:
