@@ -8,13 +8,13 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from worker_tasks import begun_before, killed_always, killed_once, process_of, slow, square, touched
 
 import truearm as ta
 from truearm.errors import InputError, TruearmError
@@ -22,37 +22,6 @@ from truearm.fleet import executors
 from truearm.fleet.executors import Dask, Processes, chosen_executor
 from truearm.solve.executor import AHEAD, Serial, WorkerLost, results_in_order
 from truearm.workflows.evaluate_large import evaluate_large
-
-
-def square(x: float) -> float:
-    return x * x
-
-
-def killed_once(task: tuple[int, str]) -> int:
-    """Ends its process the first time, as the system does that runs out of memory."""
-    number, mark = task
-    if mark and not Path(mark).exists():
-        Path(mark).touch()
-        os.kill(os.getpid(), signal.SIGKILL)
-    return number
-
-
-def killed_always(number: int) -> int:
-    if number == 2:
-        time.sleep(1)  # as a fit would take; a worker that dies while it starts is another matter
-        os.kill(os.getpid(), signal.SIGKILL)
-    return number
-
-
-def slow(number: int) -> int:
-    time.sleep(0.2)
-    return number
-
-
-def touched(path: str) -> None:
-    """Leaves a trace."""
-    Path(path).touch()
-
 
 needs_kill = pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="this system has no SIGKILL")
 
@@ -77,10 +46,6 @@ def test_every_task_has_its_result(n):
     executor = Processes(n) if n else Serial()
     assert by_number(executor, square, [1.0, 2.0, 3.0]) == [1.0, 4.0, 9.0]
     assert by_number(executor, square, []) == []
-
-
-def process_of(_: object) -> int:
-    return os.getpid()
 
 
 @needs_kill
@@ -114,17 +79,6 @@ def test_results_that_nobody_wants_any_more_are_not_computed(tmp_path):
     next(results)
     results.close()  # as Ctrl-C does
     assert 1 <= len(list(tmp_path.iterdir())) <= 3
-
-
-def begun_before(task: tuple[int, str]) -> int:
-    """The first task lasts until the others stop beginning; how many have is in the folder."""
-    number, folder = task
-    Path(folder, str(number)).touch()
-    seen = -1
-    while number == 0 and (now := len(list(Path(folder).iterdir()))) > seen:
-        seen = now
-        time.sleep(0.5)
-    return seen if number == 0 else number
 
 
 def test_behind_a_slow_task_a_few_results_wait_and_not_all(tmp_path):
