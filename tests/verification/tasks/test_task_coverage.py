@@ -64,7 +64,7 @@ def test_intervals_of_two_points_hold_what_they_say(identified, length):
 
     A binomial share of 200 has 1.5 %; the coverages of single arms scatter by about 5 %, the mean of eight by 1.8 %.
     """
-    inside, _, times = shares(identified, length_at(MIDDLE, ACROSS, length), 400)
+    inside, _, times = shares(identified, length_at(MIDDLE, ACROSS, length), 200)
     assert inside > 0.95 - 3 * np.hypot(0.015, 0.018)
     # Nor are they too wide: errors are as large as the standard uncertainty.
     assert 0.75 < times < 1.25
@@ -88,7 +88,7 @@ def test_errors_of_many_points_are_no_larger_than_stated(identified, feature, le
 
     U is what 95 % of the errors do not exceed, and no longer the farther end of an interval, which held more.
     """
-    _, within, times = shares(identified, feature, 150)
+    _, within, times = shares(identified, feature, 100)
     assert within > 0.95 - 2 * np.hypot(0.015, 0.018)
     assert least < times < 1.25
 
@@ -101,7 +101,7 @@ def test_without_the_drawings_error_outside_the_trained_range_a_plate_facing_is_
         assert function.beyond.nominal > 0
         other.variance_function_ = replace(function, beyond=replace(function.beyond, nominal=0.0))
         seen.append((virtual, other))
-    _, within, times = shares(seen, FACING, 150)
+    _, within, times = shares(seen, FACING, 100)
     assert within > 0.95 - 2 * np.hypot(0.015, 0.018)
     assert 0.8 < times < 1.25
 
