@@ -6,7 +6,8 @@ the day and the machine. Two marks in a page take from there, and `pages` fills 
     <!-- figures: exports urdf; columns: format, mean_mm -->    a table, up to <!-- end -->
     0.377<!-- exports urdf > exported URDF > mean_mm --> mm     a number: first cell of its row, column
 
-A number keeps the decimals that it has in the page. Without a row a table has all rows of the benchmark.
+A number keeps the decimals that it has in the page. Without a row a table has all rows of the benchmark; the name
+`targets` gives the targets of all. Rows whose `code` is empty were typed before figures were kept.
 """
 
 from __future__ import annotations
@@ -45,7 +46,9 @@ def keep(benchmark: str, done: dict[str, dict[str, Any]]) -> None:
     }
     kept |= {row: about | found for row, found in done.items()}
     KEPT.mkdir(exist_ok=True)
-    file.write_text(json.dumps(rounded(kept), indent=1, sort_keys=True, ensure_ascii=False) + "\n", encoding="utf-8")
+    file.write_text(
+        json.dumps(rounded(dict(sorted(kept.items()))), indent=1, ensure_ascii=False) + "\n", encoding="utf-8"
+    )
 
 
 def git(*arguments: str) -> str:
@@ -70,6 +73,8 @@ def hash_of(path: Path) -> str:
 
 def changed(entry: dict[str, Any]) -> list[str]:
     """What has changed of the code since a row was measured."""
+    if not entry["code"]:
+        return ["not recorded"]
     places = {name: SOURCE / name if (SOURCE / name).exists() else ROOT / "benchmarks" / name for name in entry["code"]}
     return [name for name, place in places.items() if not place.exists() or hash_of(place) != entry["code"][name]]
 
@@ -102,7 +107,7 @@ def targets_of(entry: dict[str, Any]) -> list[dict[str, Any]]:
     return [
         {
             "number": one["what"],
-            "target": f"{signs[one['good']]} {one['limit']:g}",
+            "target": one["limit"] if isinstance(one["limit"], str) else f"{signs[one['good']]} {one['limit']:g}",
             "reached": one["reached"],
             "": "met" if one["met"] else "missed",
         }
@@ -122,7 +127,7 @@ def labels_of(row: dict[str, Any]) -> set[str]:
 
 
 def number(benchmark: str, row: str, label: str, column: str) -> float:
-    """A number that is kept.
+    """A number that is kept; of a text the first one in it.
 
     Raises
     ------
@@ -133,34 +138,37 @@ def number(benchmark: str, row: str, label: str, column: str) -> float:
     lines = [line for line in [*entry["table"], *targets_of(entry)] if label in labels_of(line) and column in line]
     if len(lines) != 1:
         raise LookupError(f"{len(lines)} lines {label!r} with {column!r} in {benchmark} {row}")
-    return float(lines[0][column])
+    cell = lines[0][column]
+    found = re.search(r"-?\d+(\.\d+)?(e-?\d+)?", str(cell))
+    if found is None:
+        raise LookupError(f"no number in {cell!r}, {label!r} of {benchmark} {row}")
+    return float(found[0])
 
 
 def markdown(benchmark: str, row: str | None, columns: str | None) -> str:
     """A row's table, with the command and when it was measured; of all rows of the benchmark without a row."""
-    parts = []
-    for (name, one), entry in kept_rows().items():
-        if name != benchmark or (row is not None and one != row):
-            continue
-        heading = "" if row is not None else f"**{entry['what']}**\n\n"
-        chosen = (
-            columns.split(", ") if columns else list(dict.fromkeys(key for line in table_of(entry) for key in line))
-        )
-        cells = [
-            chosen,
-            ["---"] * len(chosen),
-            *([shown(line.get(key, "")) for key in chosen] for line in table_of(entry)),
-        ]
-        lines = "\n".join("| " + " | ".join(line) + " |" for line in cells)
-        judged = [
-            "; ".join(f"{t['number']}: {shown(t['reached'])} ({t['target']}): {t['']}" for t in targets_of(entry))
-        ]
-        notes = [*(judged if entry["table"] and entry["targets"] else []), *entry["notes"]]
-        source = f"`{entry['command']}`, commit {entry['commit']}, {entry['day']}, {where(entry)}."
-        parts.append("\n\n".join([f"{heading}{lines}", *notes, source]))
-    if not parts:
+    if benchmark == "targets":
+        judged = [line | {"command": f"`{row['command']}`"} for row in kept_rows().values() for line in targets_of(row)]
+        return table_text(judged)
+    chosen = [entry for (name, one), entry in kept_rows().items() if name == benchmark and row in (None, one)]
+    if not chosen:
         raise LookupError(f"no figures of {benchmark} {row or ''} are kept")
+    parts = []
+    for entry in chosen:
+        heading = [] if row else [f"**{entry['what']}**"]
+        judged = targets_of(entry) if entry["table"] else []
+        verdicts = [f"{t['number']}: {shown(t['reached'])} ({t['target']}): {t['']}." for t in judged]
+        source = f"`{entry['command']}`, commit {entry['commit']}, {entry['day']}, {where(entry)}."
+        lines = table_text(table_of(entry), columns.split(", ") if columns else None)
+        parts += [*heading, lines, *verdicts, *entry["notes"], source]
     return "\n\n".join(parts)
+
+
+def table_text(lines: list[dict[str, Any]], columns: list[str] | None = None) -> str:
+    """A table of a page, with all its columns by default."""
+    columns = columns or list(dict.fromkeys(key for line in lines for key in line))
+    cells = [columns, ["---"] * len(columns), *([shown(line.get(key, "")) for key in columns] for line in lines)]
+    return "\n".join("| " + " | ".join(line) + " |" for line in cells)
 
 
 def shown(value: Any) -> str:
@@ -173,9 +181,9 @@ def shown(value: Any) -> str:
 def where(entry: dict[str, Any]) -> str:
     """The machine of a row."""
     about = entry["machine"]
-    return (
-        f"{about['cpu']}, {about['cores']} cores, Python {about['python']}, load {about.get('busy cores before', '?')}"
-    )
+    cores = f", {about['cores']} cores, Python {about['python']}" if "cores" in about else ""
+    load = f", load {about['busy cores before']}" if "busy cores before" in about else ""
+    return f"{about['cpu']}{cores}{load}"
 
 
 def filled(page: str) -> str:
@@ -223,7 +231,7 @@ def again(seconds: float = 120.0) -> RowResult:
     """Measure rows again that took less than some CPU seconds; numbers that differ by more than their scatter."""
     table, n = [], 0
     for (benchmark, row), entry in kept_rows().items():
-        if entry["cpu_seconds"] > seconds:
+        if entry["cpu_seconds"] is None or entry["cpu_seconds"] > seconds:
             continue
         found = rounded(list(run_row(benchmark, row, entry["options"]).table))
         n += 1

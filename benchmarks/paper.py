@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from time import process_time
 from typing import Any
 
 import numpy as np
 
-from benchmarks.rows import RowResult, Rows, Target, machine
+from benchmarks.rows import RowResult, Rows, Target, machine, scratch
 from truearm.arm import load_arm
 from truearm.compensation.models import Compensator, HybridModel, KinematicModel, PhysicalModel
 from truearm.compensation.nets.nguyen_widrow import nguyen_widrow
@@ -33,6 +35,8 @@ from truearm.papers.gao2017.training_plan import EXPERIMENT, FULL_EFFORT, SIMULA
 from truearm.readings import Session
 from truearm.typing import FloatArray
 from truearm.workflows.demo import PAPER_NETWORK_MM, PAPER_NOMINAL_MM, PAPER_SETTINGS, experiment
+from truearm.workflows.record import TextTable
+from truearm.workflows.reproduce import reproduce
 
 ROWS = Rows()
 
@@ -248,6 +252,21 @@ def research_arm() -> VirtualArm:
 def in_box(n: int, *, seed: int, half_width_deg: float = EXPERIMENT.half_width_deg) -> FloatArray:
     """Angles (n, 6) [rad] in the box of the experiment."""
     return box(ARM, n, seed=seed, half_width=np.radians(half_width_deg)).angles
+
+
+def reproduced(part: int | None, *, quick: bool = False) -> Iterator[dict[str, Any]]:
+    """A table of the paper beside the reproduction, every training to its own stop; the final test without a number."""
+    found = reproduce(table=part or 4, quick=quick, time_limit=math.inf, folder=scratch())
+    tables = [block for block in found.blocks() if isinstance(block, TextTable)]
+    chosen = tables[0] if part else tables[-1]
+    yield from (dict(zip(chosen.columns, line, strict=True)) for line in chosen.rows)
+
+
+for name, part in {"table-2": 2, "table-3": 3, "table-4": 4, "final-test": None}.items():
+    what = f"table {part} of the paper" if part else "the final test of the paper"
+    ROWS.row(name, f"{what}: absolute error of a coordinate [mm]", quick={"quick": True}, is_long=True)(
+        partial(reproduced, part)
+    )
 
 
 @ROWS.row("conditions", quick={"train": 100, "epochs": 3})
