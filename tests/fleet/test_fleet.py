@@ -12,6 +12,7 @@ import pandas as pd
 import pytest
 
 import truearm as ta
+from frame_laws import check_frame
 from truearm.cli.main import run
 from truearm.errors import InputError
 from truearm.fleet import fit_task
@@ -56,6 +57,8 @@ def test_a_run_fits_what_changed_and_nothing_twice(fleet, sessions):
     assert fleet.add_all(arms_of(sessions, 0, 1)) == 2
     first = fleet.run()
     assert (first.n_fitted, first.failures, first.unchanged) == (2, (), ())
+    assert check_frame(first, 2)["held_out_mm"].tolist() == [row.held_out_mm for row in first.rows]
+    check_frame(fleet.status(), 2)
     again = fleet.run()
     assert (again.rows, len(again.unchanged)) == ((), 2)
     assert again.summary() == "Nothing to fit: 2 arms are unchanged."

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import truearm as ta
+from frame_laws import check_frame
 from truearm.errors import InputError
 from truearm.fleet.type_prior import ArmTask, LearnedTypePrior, arm_equations, learned_from, linearised_arm
 from truearm.identification.judgement.type_gain import TypeEstimate
@@ -123,6 +124,7 @@ def test_a_fleet_learns_from_its_files_whoever_computes(as_built, tmp_path):
         fleet.type_prior()
     fleet.run()
     serial = fleet.type_prior("ur10")
+    check_frame(serial, len(serial.prior.constants))
     assert serial.prior.arms == ("virtual-shop-0", "virtual-shop-1", "virtual-shop-2")
     (tmp_path / "2.csv").write_text("q1_deg\n1\n")
     with pytest.raises(InputError, match="got 2"):

@@ -8,11 +8,13 @@ import pytest
 from made_up_reproduction import made_up_results
 
 from browser import shown_height
+from frame_laws import check_frame
 from html_outline import HOSTILE, Outline
 from truearm.pages.html import render
 from truearm.papers.gao2017.phrases import range_cell
 from truearm.papers.gao2017.reproduction_page import paper_figure, reproduction_page
 from truearm.papers.gao2017.results import TIME_OVER, Claims, FigureData, TrainerResult
+from truearm.workflows.reproduce import ReproductionResult
 
 PARTS = {
     "figures.arm": ("The arm (Figures 1 and 2)", "--figure 1"),
@@ -347,6 +349,14 @@ def test_a_skipped_row_keeps_its_place(results):
     assert "3 rows of 4 were run" in section(page, "In short").text
     for trainer in none:
         assert f"{trainer} ran 3 of 4 rows, without Table 4 row 1." in page.verdict.detail
+
+
+def test_the_tables_are_a_data_frame(results):
+    rows = [row for rows in results.tables.values() for row in rows]
+    frame = check_frame(
+        ReproductionResult(results, ()), sum(one is not None for row in rows for one in row.results.values())
+    )
+    assert set(frame["table"]) == {2, 3, 4}
 
 
 def test_a_single_start_has_no_range():

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 from truearm.fleet.fit_task import FitRow
-from truearm.workflows.record import Record, TextTable
+from truearm.workflows.record import TableRecord, TextTable, columns_of
 from truearm.workflows.sentences import agree, number_of
 
 # Failures that are printed.
@@ -14,7 +15,7 @@ MAX_ROWS = 20
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FleetRun(Record):
+class FleetRun(TableRecord):
     """What a run did.
 
     Attributes
@@ -61,6 +62,10 @@ class FleetRun(Record):
             yield f"{row.serial_number}: {row.outcome}"
         if (more := len(self.failures) - MAX_ROWS) > 0:
             yield f"{number_of(more, 'more failure')}: truearm fleet status"
+
+    def columns(self) -> dict[str, list[Any]]:
+        """A row for each fit of this run; ``seconds`` is its duration."""
+        return columns_of(self.rows)
 
     def _json(self) -> object:
         return {

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from statistics import median
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from truearm.fleet.arm_list import RegisteredArm
 from truearm.fleet.certificates import RegisteredCertificate
@@ -17,7 +17,7 @@ from truearm.number_format import RoundedNumber
 from truearm.show.fleet_page import ArmState, What, arm_history_page, fixed, fleet_page, worst_of
 from truearm.verification.monitor.assessment import RecalibrationAdvice
 from truearm.workflows.outputs import PageRecord, version_row
-from truearm.workflows.record import TextTable, format_fixed
+from truearm.workflows.record import TableRecord, TextTable, columns_of, format_fixed
 from truearm.workflows.sentences import number_of
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ MAX_ROWS = 20
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FleetStatus(PageRecord):
+class FleetStatus(TableRecord, PageRecord):
     """The state of every arm of a fleet.
 
     Attributes
@@ -75,6 +75,10 @@ class FleetStatus(PageRecord):
     def page(self) -> Page:
         """See `PageRecord.page`."""
         return fleet_page(self.arms, summary=self.summary(), facts=(("database", self.place), version_row()))
+
+    def columns(self) -> dict[str, list[Any]]:
+        """A row for each arm, worst first; ``of_type`` is a ratio, ``_u`` counts standard uncertainties."""
+        return columns_of(self.arms)
 
     def _json(self) -> object:
         return {"summary": self.summary(), "database": self.place, "arms": self.arms}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -34,7 +34,7 @@ from truearm.readings.repeats import merge_repeats
 from truearm.solve.executor import Executor, WorkerLost
 from truearm.solve.threads import one_blas_thread
 from truearm.workflows.inputs import within_limits
-from truearm.workflows.record import Record, TextTable, format_fixed
+from truearm.workflows.record import TableRecord, TextTable, columns_of, format_fixed
 from truearm.workflows.sentences import number_of
 
 # A mean is said to differ from the nominal arm by more than this many of its standard uncertainties.
@@ -78,7 +78,7 @@ def linearised_arm(arm: Arm, session: Session, lengths: Lengths | None = None) -
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LearnedTypePrior(Record):
+class LearnedTypePrior(TableRecord):
     """What the arms of a type have in common, and whether that helps the next one.
 
     Attributes
@@ -151,6 +151,12 @@ class LearnedTypePrior(Record):
             yield "Constants of the type that differ most from the nominal arm:"
             yield TextTable(("constant", "mean", "u", "scatter", ""), map(_row, clear[:MAX_ROWS]), left_aligned=(0, 4))
         yield from self.remarks
+
+    def columns(self) -> dict[str, list[Any]]:
+        """A row for each constant of the type: its difference from the nominal arm, in its ``unit`` (rad or mm)."""
+        return columns_of(
+            {**one.model_dump(), "unit": "mm" if "translation" in one.name else "rad"} for one in self.prior.constants
+        )
 
     def _json(self) -> object:
         return {

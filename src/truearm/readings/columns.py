@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
@@ -182,6 +182,16 @@ def fields_of_frame(frame: pd.DataFrame, *, file: Path | None = None, n_joints: 
     numbers = [frame_numbers(frame[c], c, file=file, optional=c in columns.optional) for c in columns.numbers]
     words = [frame_words(frame[c], c, file=file) for c in columns.words]
     return fields_of_columns(columns, np.stack(numbers, axis=1), words, file=file, lines=None)
+
+
+def data_frame(columns: Mapping[str, Any]) -> pd.DataFrame:
+    """A DataFrame with these columns; words are str objects, as pandas reads them from a file."""
+    import pandas as pd
+
+    return pd.DataFrame({
+        name: values.tolist() if getattr(getattr(values, "dtype", None), "kind", "") == "U" else values
+        for name, values in columns.items()
+    })  # fmt: skip
 
 
 def session_columns(

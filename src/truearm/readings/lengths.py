@@ -197,9 +197,9 @@ class Lengths:
 
     def to_frame(self) -> pd.DataFrame:
         """Return a data frame with the columns of the file of lengths; ``Lengths.from_frame`` reads it back."""
-        import pandas as pd
+        from truearm.readings.columns import data_frame
 
-        return pd.DataFrame({n: v.tolist() if v.dtype.kind == "U" else v for n, v in _columns(self).items()})
+        return data_frame(_columns(self))
 
     def called(self, row: int) -> str:
         """Name row `row` (counted from 0) in messages: ``line 3``, without a file ``length 2``."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from truearm.readings.columns import fields_of_frame, session_columns
+from truearm.readings.columns import data_frame, fields_of_frame, session_columns
 from truearm.readings.files import read_fields, write_session
 from truearm.readings.readings import Readings
 from truearm.readings.split import SplitBy
@@ -174,10 +174,7 @@ class Session(Readings):
         >>> list(ta.Session([[0.1, 0.2]], seat=["A"]).to_frame().columns)
         ['q1_deg', 'q2_deg', 'seat']
         """
-        import pandas as pd
-
-        columns = session_columns(self)
-        return pd.DataFrame({n: v.tolist() if v.dtype.kind == "U" else v for n, v in columns.items()})
+        return data_frame(session_columns(self))
 
     def save(self, path: str | Path) -> None:
         """Write the session file, ``.csv`` or ``.parquet``; `read_session` reads it back.

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from math import degrees
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,14 +19,14 @@ from truearm.sources.connections import FORMS
 from truearm.sources.first_look import first_look
 from truearm.sources.source_names import KINDS
 from truearm.workflows.inputs import to_arm
-from truearm.workflows.record import Record, TextTable
+from truearm.workflows.record import Record, TableRecord, TextTable, columns_of
 
 SHOWN = 10
 MOST_SAMPLES = 100_000
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SourceList(Record):
+class SourceList(TableRecord):
     """The kinds of sources.
 
     Attributes
@@ -52,13 +53,18 @@ class SourceList(Record):
         yield f"CONNECTION: {FORMS}."
         yield "Next: truearm sources --try SOURCE"
 
+    def columns(self) -> dict[str, list[Any]]:
+        """A row for each kind of source."""
+        return columns_of(self._kinds())
+
+    def _kinds(self) -> list[dict[str, str]]:
+        return [
+            {"kind": kind.name, "form": kind.form, "title": kind.title, "missing": self.missing[kind.name]}
+            for kind in KINDS
+        ]
+
     def _json(self) -> object:
-        return {
-            "sources": [
-                {"kind": kind.name, "form": kind.form, "title": kind.title, "missing": self.missing[kind.name]}
-                for kind in KINDS
-            ]
-        }
+        return {"sources": self._kinds()}
 
 
 def list_sources() -> SourceList:

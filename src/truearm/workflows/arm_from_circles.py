@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -26,7 +27,7 @@ from truearm.readings.checks import serial_number_of
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 from truearm.workflows.inputs import SessionLike, to_session, unfilled_remarks
-from truearm.workflows.record import Record, TextTable, format_fixed
+from truearm.workflows.record import TableRecord, TextTable, format_fixed
 from truearm.workflows.sentences import format_mm, number_of
 
 # Round values that drawings have: of angles multiples of 90 deg, of lengths 0. They are named within so many standard
@@ -167,7 +168,7 @@ def _judge_gains(session: Session, estimated: EstimatedAxes) -> Iterator[str]:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CircleArm(Record):
+class CircleArm(TableRecord):
     """An arm measured by the circles of its joints.
 
     Attributes
@@ -262,6 +263,11 @@ class CircleArm(Record):
             std = format_fixed(circle.residual_std_mm)
             rows.append((f"J{circle.joint + 1}", str(len(circle.rows)), travel, radius, std))
         return TextTable(("circle", "points", "travel", "radius mm", "scatter mm"), rows)
+
+    def columns(self) -> dict[str, Any]:
+        """A row for each joint: its constants and their standard uncertainties, 0 of what is a convention."""
+        u = {f"u_{name}": values for name, values in self._u_columns().items()}
+        return {"joint": list(self.arm.joint_names), **self.table.columns(), **u}
 
     def _json(self) -> object:
         n = self.arm.n_joints

@@ -6,7 +6,7 @@ import datetime
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -52,7 +52,7 @@ from truearm.workflows.inputs import (
     to_session,
 )
 from truearm.workflows.outputs import PageRecord, arm_row, check_output_is_not_input, input_files, version_row
-from truearm.workflows.record import TextTable, format_fixed
+from truearm.workflows.record import TableRecord, TextTable, columns_of, format_fixed
 from truearm.workflows.sentences import agree, number_of
 from truearm.workflows.verify import SpecificationLike, to_specification
 
@@ -63,7 +63,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CheckResult(PageRecord):
+class CheckResult(TableRecord, PageRecord):
     """An interim check beside the earlier checks of the model, and whether it is time to recalibrate.
 
     Attributes
@@ -186,6 +186,10 @@ class CheckResult(PageRecord):
             yield describe_correlations(self.assessment)
         yield from self.remarks
         yield describe_next_step(self.assessment)
+
+    def columns(self) -> dict[str, list[Any]]:
+        """A row for each value that is charted, with its last check."""
+        return columns_of(map(_trend_json, self.assessment.trends))
 
     def _json(self) -> object:
         record, assessment = self.record, self.assessment

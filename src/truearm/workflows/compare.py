@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from math import degrees
 from pathlib import Path
+from typing import Any
 
 from truearm.acceptance import accepted_in_fit
 from truearm.compensation.export.constants_change import FALSE_ALARM, ArmChange, ConstantChange, constants_change
@@ -16,7 +17,7 @@ from truearm.errors import InputError
 from truearm.readings.readings import PAYLOAD
 from truearm.solve.threads import one_blas_thread
 from truearm.workflows.inputs import ModelLike, to_model_of_tip
-from truearm.workflows.record import Record, TextTable, format_fixed, to_plain
+from truearm.workflows.record import TableRecord, TextTable, columns_of, format_fixed, to_plain
 from truearm.workflows.sentences import format_mm, number_of
 
 # Share by which mean payloads differ before it is said.
@@ -124,7 +125,7 @@ def _remarks(old: IdentifiedModel, new: IdentifiedModel, change: ArmChange) -> I
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ModelChange(Record):
+class ModelChange(TableRecord):
     """What has changed between two models of one arm.
 
     Attributes
@@ -208,6 +209,15 @@ class ModelChange(Record):
             shifts = ", ".join(format_fixed(value, 3, sign=True) for value in moved)
             yield f"Tip: {shifts} mm (x, y, z of the flange) from the old one; another tip is no change."
 
+    def columns(self) -> dict[str, list[Any]]:
+        """A row for each constant compared, from base to tip, in its ``unit`` (rad or mm)."""
+        return columns_of(self._constants_json())
+
+    def _constants_json(self) -> list[dict[str, Any]]:
+        return [
+            {**to_plain(one), "expanded_uncertainty": one.U, "is_changed": one.is_changed} for one in self.constants
+        ]
+
     def _json(self) -> object:
         """Angles in rad, lengths in mm."""
         return {
@@ -215,9 +225,7 @@ class ModelChange(Record):
             "arm": self.new.arm_.name,
             "n_constants": len(self.constants),
             "n_changed": len(self.changed),
-            "constants": [
-                {**to_plain(one), "expanded_uncertainty": one.U, "is_changed": one.is_changed} for one in self.constants
-            ],
+            "constants": self._constants_json(),
             "displacement": {
                 **to_plain(self.change.displacement),
                 "is_significant": self.change.displacement.is_significant,

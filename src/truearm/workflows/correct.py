@@ -40,7 +40,7 @@ from truearm.solve.threads import one_blas_thread
 from truearm.typing import BoolArray, FloatArray
 from truearm.workflows.inputs import ModelLike, is_model_file, to_model_of_tip
 from truearm.workflows.predict import check_table_path
-from truearm.workflows.record import Record, format_fixed
+from truearm.workflows.record import TableRecord, format_fixed
 from truearm.workflows.sentences import format_mm, listed
 
 if TYPE_CHECKING:
@@ -166,7 +166,7 @@ def _checked_tool(tool: Sequence[float]) -> FloatArray:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CorrectedTargets(Record):
+class CorrectedTargets(TableRecord):
     """Corrected joints of targets, with the reasons of those that were refused.
 
     Attributes
@@ -211,10 +211,8 @@ class CorrectedTargets(Record):
         """(n,) standard uncertainty of a coordinate of the tip, root mean square of x, y, z [mm]."""
         return np.asarray(np.sqrt(np.trace(self.correction.covariances, axis1=1, axis2=2) / 3))
 
-    def to_frame(self) -> pd.DataFrame:
-        """A DataFrame, one row a target: the columns of the input with the corrected joints, and figures of each."""
-        import pandas as pd
-
+    def columns(self) -> dict[str, object]:
+        """One row a target: the columns of the input with the corrected joints, and figures of each."""
         done = self.correction
         columns: dict[str, object] = {}
         units = [unit_of(name) for name in self._joint_columns]
@@ -239,7 +237,7 @@ class CorrectedTargets(Record):
         columns["condition"] = done.condition
         columns["inside_training"] = (~done.outside).astype(int)
         columns["u_mm"] = self.u_mm
-        return pd.DataFrame(columns)
+        return columns
 
     def save(self, path: str | Path, *, language: str | None = None, fanuc_j3: FanucJ3 | None = None) -> None:
         """Write the targets: a table, or a program's literals; both say the direction and carry check poses.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 from truearm.arm.arm import Arm
 from truearm.arm.description_mistakes import mended_arm
@@ -14,7 +15,7 @@ from truearm.readings import Lengths, read_lengths
 from truearm.readings.checks import check_angles
 from truearm.solve.threads import one_blas_thread
 from truearm.workflows.inputs import ArmLike, LengthsLike, SessionLike, to_arm, to_free_parts, to_session
-from truearm.workflows.record import Record, TextTable
+from truearm.workflows.record import TableRecord, TextTable, columns_of
 from truearm.workflows.sentences import format_mm
 
 # Below this, errors of the constants move no reading against the others: rounding [mm].
@@ -83,7 +84,7 @@ def diagnose(
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Diagnosis(Record):
+class Diagnosis(TableRecord):
     """What explains the readings of an arm that contradict its description.
 
     Attributes
@@ -148,9 +149,7 @@ class Diagnosis(Record):
         yield from self.arm.remarks
         if len(check.findings) > 1:
             yield f"These readings do not tell {len(check.findings)} mistakes apart: look at the arm for each of them."
-        explain = [*check.findings, *(() if check.sagging is None else (check.sagging,))]
-        rows = [("as stated", check.stated), *((str(one), one) for one in explain)]
-        rows += [(str(one), one) for one in check.others[:N_OTHERS]] if not check.stated.is_usual else []
+        rows = self._interpretations()
         yield TextTable(
             ("what is wrong", "error mm", "usual mm", ""),
             [(name, f"{one.error_mm:.3g}", f"{one.usual_mm:.2g}", self._verdict(one)) for name, one in rows],
@@ -174,6 +173,26 @@ class Diagnosis(Record):
         return (
             f"those with {what}, of one session and tip, and with such "
             "readings before and after them: a shift of the references by one row is tried too"
+        )
+
+    def _interpretations(self) -> list[tuple[str, Explanation]]:
+        """The arm as stated, what explains the readings, and other interpretations where it is contradicted."""
+        check = self.check
+        others = () if check.stated.is_usual else check.others[:N_OTHERS]
+        explain = (*check.findings, *(() if check.sagging is None else (check.sagging,)), *others)
+        return [("as stated", check.stated), *((str(one), one) for one in explain)]
+
+    def columns(self) -> dict[str, list[Any]]:
+        """A row for the arm as stated and for each interpretation beside it; ``log_odds`` are against it as stated."""
+        return columns_of(
+            {
+                "interpretation": name,
+                "error_mm": one.error_mm,
+                "usual_mm": one.usual_mm,
+                "log_odds": one.log_odds,
+                "verdict": self._verdict(one),
+            }
+            for name, one in self._interpretations()
         )
 
     def _verdict(self, one: Explanation) -> str:

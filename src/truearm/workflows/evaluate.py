@@ -43,7 +43,7 @@ from truearm.workflows.inputs import (
     within_limits,
     without_training_readings,
 )
-from truearm.workflows.record import Record, TextTable, format_fixed
+from truearm.workflows.record import TableRecord, TextTable, columns_of, format_fixed
 from truearm.workflows.regressors import AnyModelLike, RegressorLike, is_regressor, predict_points, regressor_remark
 from truearm.workflows.sentences import SAME_DAY, compare_with_nominal, format_mm, listed, number_of, with_lengths
 
@@ -161,7 +161,7 @@ def evaluate(
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Evaluation(Record):
+class Evaluation(TableRecord):
     """Errors of a model and of the nominal arm on the readings of a session.
 
     Attributes
@@ -268,6 +268,10 @@ class Evaluation(Record):
             yield self._lengths_table()
         yield from listed("outlier", self.outliers, "readings")
         yield from self.remarks
+
+    def columns(self) -> dict[str, list[Any]]:
+        """A row for the nominal arm, where it is compared, and one for the model: their errors."""
+        return columns_of({"arm": name} | dict(one) for name, one in self.errors.items())
 
     def _json(self) -> object:
         """The model's errors by their names, and those of the nominal arm under ``nominal``."""

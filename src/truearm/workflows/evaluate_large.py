@@ -34,7 +34,7 @@ from truearm.workflows.inputs import (
     without_training_readings,
 )
 from truearm.workflows.pass_over_parts import PartTask, allowed_in_part, joined_remarks, pass_over_parts
-from truearm.workflows.record import Record, TextTable, format_fixed
+from truearm.workflows.record import TableRecord, TextTable, columns_of, format_fixed
 from truearm.workflows.sentences import compare_with_nominal, describe_effective_number, format_mm, listed
 
 # Outliers of a part, and of all, that are kept: the largest.
@@ -224,7 +224,7 @@ def evaluate_large(
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LargeEvaluation(Record):
+class LargeEvaluation(TableRecord):
     """Errors of a model and of the nominal arm on the reference points of a large session.
 
     Attributes
@@ -291,6 +291,10 @@ class LargeEvaluation(Record):
                 f"{n} of them are in {file.name}: it may be in other units than the other files, or of another arm. "
                 "Try: fit it alone"
             )
+
+    def columns(self) -> dict[str, list[Any]]:
+        """A row for the nominal arm, where it is compared, and one for the model: their errors."""
+        return columns_of({"arm": name} | dict(one) for name, one in self.errors.items())
 
     def _json(self) -> object:
         errors, own = self.errors, self.sums.errors["model"]

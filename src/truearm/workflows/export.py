@@ -20,7 +20,7 @@ from truearm.readings.readings import PAYLOAD
 from truearm.solve.threads import one_blas_thread
 from truearm.workflows.inputs import ModelLike, SessionLike, to_model_of_tip, to_session
 from truearm.workflows.outputs import check_output, input_files
-from truearm.workflows.record import Record, TextTable, format_fixed
+from truearm.workflows.record import Record, TableRecord, TextTable, columns_of, format_fixed
 
 Verdict = Literal["agrees", "not verified", "differs"]
 
@@ -214,7 +214,7 @@ def check_export(model: ModelLike, file: str | Path, *, tip: str | None = None) 
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ExportCheck(Record):
+class ExportCheck(TableRecord):
     """What the check of an exported file found.
 
     Attributes
@@ -255,6 +255,10 @@ class ExportCheck(Record):
 
     def _those(self, outcome: str) -> str:
         return ", ".join(finding.what for finding in self.findings if finding.outcome == outcome)
+
+    def columns(self) -> dict[str, list[Any]]:
+        """A row for each comparison."""
+        return columns_of(self.findings)
 
     def _json(self) -> object:
         origin = {"format": self.manifest.format, "direction": self.manifest.direction}

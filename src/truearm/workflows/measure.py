@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from math import isfinite
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 
@@ -30,7 +30,7 @@ from truearm.workflows.inputs import (
     payload_remarks,
     to_model_and_session,
 )
-from truearm.workflows.record import Record, TextTable, format_fixed
+from truearm.workflows.record import TableRecord, TextTable, columns_of, format_fixed
 from truearm.workflows.sentences import number_of
 
 # Components of a normal are no lengths: one of 0.0001 is 0.1 mm over a metre.
@@ -160,7 +160,7 @@ def _in_one_frame(readings: Session) -> Session:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class MeasuredFeatures(Record):
+class MeasuredFeatures(TableRecord):
     """Features of a part with their uncertainties.
 
     Attributes
@@ -205,9 +205,28 @@ class MeasuredFeatures(Record):
         yield "Coordinates are those of the tip's centre. The temperature of the part is not taken into account."
         yield from self.remarks
 
+    def columns(self) -> dict[str, list[Any]]:
+        """A row for each quantity of each feature, in its ``unit``; u and U (95 %) are in the same."""
+        return columns_of(
+            {"kind": of.kind, "name": of.name, "n_points": of.n_points, "quantity": name, "unit": unit} | numbers
+            for of in self.features
+            for name, unit, numbers in _quantities(of)
+        )
+
     def _json(self) -> object:
         named = self._named("features", "tip_diameter_mm", "repeatability_mm", "n_arms", "seed")
         return {**named, "model_trained_on": self.model.data_fingerprint_, "remarks": self.remarks}
+
+
+def _quantities(feature: MeasuredFeature) -> Iterator[tuple[str, str, dict[str, float | None]]]:
+    """Name, unit and numbers of the quantities of a feature, its form among them; a direction has no unit."""
+    for of in feature.quantities:
+        name, _, unit = of.name.rpartition("_")
+        known = unit in ("mm", "deg")
+        numbers: dict[str, float | None] = {"value": of.value, "u": of.u, "expanded_uncertainty": of.expanded}
+        yield name if known else of.name, unit if known else "", numbers
+    if feature.form_mm is not None:
+        yield "form", "mm", {"value": feature.form_mm, "u": None, "expanded_uncertainty": None}
 
 
 def _called(feature: MeasuredFeature) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import degrees
 from pathlib import Path
-from typing import TYPE_CHECKING, get_args
+from typing import TYPE_CHECKING, Any, get_args
 from zipfile import is_zipfile
 
 from truearm.acceptance import acceptance_remarks, accepted_in_fit, accepts
@@ -25,10 +25,12 @@ from truearm.identification.planning.sampling.surroundings import surroundings_o
 from truearm.identification.planning.sampling.workspace import sector_of
 from truearm.identification.planning.template import lengths_path, write_bar_lengths, write_template
 from truearm.identification.planning.tour import mean_joint_move
+from truearm.readings import Session
+from truearm.readings.columns import session_columns
 from truearm.solve.threads import one_blas_thread
 from truearm.workflows.inputs import SessionLike, to_arm, to_model_of_tip, to_session, within_limits
 from truearm.workflows.outputs import PageRecord, arm_row, input_files, version_row
-from truearm.workflows.record import Record, TextTable
+from truearm.workflows.record import TableRecord, TextTable
 
 if TYPE_CHECKING:
     from truearm.pages.page import Page
@@ -36,7 +38,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PlanResult(PageRecord):
+class PlanResult(TableRecord, PageRecord):
     """Poses to measure next, and the uncertainty that they lead to.
 
     Attributes
@@ -137,6 +139,12 @@ class PlanResult(PageRecord):
         numbers = ((name, one.rms_mm[-1], degrees(one.mean_move)) for name, one in self.plan.proposals.items())
         rows = ((name, f"{u:.4g}", f"{move:.0f}", "chosen" * (name == planned.strategy)) for name, u, move in numbers)
         yield TextTable(["strategy", "after [mm]", "move [deg]", ""], rows)
+
+    def columns(self) -> dict[str, Any]:
+        """The poses in the order of measuring, in the columns of a session file: angles to aim at, and seats."""
+        poses = self.poses
+        planned = Session(poses.angles, seat=poses.seat)
+        return session_columns(planned, prismatic=self.plan.arm.chain.is_prismatic)
 
     def _json(self) -> object:
         return {**self.session_plan.to_dict(), "accepted": self.accepted}
@@ -287,7 +295,7 @@ def arm_or_model(arm: Arm | Compensator | str | Path) -> tuple[Arm | IdentifiedM
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CheckPlan(Record):
+class CheckPlan(TableRecord):
     """The poses of an interim check.
 
     Attributes
@@ -311,6 +319,12 @@ class CheckPlan(Record):
         """See `Record`."""
         yield f"Interim check of {len(self.routine.angles)} readings: {', '.join(self.artefacts)}."
         yield _mean_move(self._mean_move_deg)
+
+    def columns(self) -> dict[str, Any]:
+        """The poses in the order of measuring, in the columns of a session file, with what to touch."""
+        of = self.routine
+        angles = session_columns(Session(of.angles), prismatic=of.arm.chain.is_prismatic)
+        return {**angles, "seat": of.seat, "sphere": of.sphere, "instruction": of.notes}
 
     def _json(self) -> object:
         return {

@@ -6,7 +6,6 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -38,11 +37,8 @@ from truearm.workflows.inputs import (
     payload_remarks,
     to_model_and_session,
 )
-from truearm.workflows.record import Record, format_fixed
+from truearm.workflows.record import TableRecord, format_fixed
 from truearm.workflows.sentences import SAME_DAY, agree, number_of
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 POINT_COLUMNS = ["x_mm", "y_mm", "z_mm", "sx_mm", "sy_mm", "sz_mm"]
 # Names of joint angles among the inputs of a model.
@@ -145,7 +141,7 @@ def _uncertainties_outside(
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Prediction(Record):
+class Prediction(TableRecord):
     """Predicted points of the readings of a session.
 
     Attributes
@@ -209,12 +205,6 @@ class Prediction(Record):
         none = np.zeros(len(self.points), bool)
         return np.asarray(np.logical_or.reduce([none, *self.inputs_outside.values()]))
 
-    def to_frame(self) -> pd.DataFrame:
-        """A DataFrame: x_mm, y_mm, z_mm, their standard uncertainties sx_mm .. sz_mm, outside_training, names."""
-        import pandas as pd
-
-        return pd.DataFrame({n: v.tolist() if v.dtype.kind == "U" else v for n, v in self.columns().items()})
-
     def save(self, path: str | Path) -> None:
         """Write the table of `to_frame` as CSV, to the nanometre.
 
@@ -272,7 +262,7 @@ class Prediction(Record):
         )
 
     def columns(self) -> dict[str, FloatArray | IntArray | NameArray]:
-        """The columns of `to_frame`."""
+        """The columns of `to_frame`: x_mm .. z_mm, standard uncertainties sx_mm .. sz_mm, outside_training, names."""
         columns: dict[str, FloatArray | IntArray | NameArray]
         columns = dict(zip(POINT_COLUMNS, (*self.points.T, *self.u_mm.T), strict=True))
         columns["outside_training"] = self.outside_training.astype(np.int64)

@@ -21,7 +21,7 @@ from truearm.readings import Session
 from truearm.workflows.fit import fit
 from truearm.workflows.inputs import ArmLike, SessionLike, to_arm, to_session, within_limits
 from truearm.workflows.outputs import PageRecord, check_folder, check_output_is_not_input, input_files, write_numbers
-from truearm.workflows.record import TextTable, format_fixed
+from truearm.workflows.record import TableRecord, TextTable, columns_of, format_fixed, to_plain
 
 if TYPE_CHECKING:
     from truearm.pages.page import Page
@@ -35,7 +35,7 @@ NO_ARM = (
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ProcedureResult(PageRecord):
+class ProcedureResult(TableRecord, PageRecord):
     """The paper's procedure on readings of one's own: the network chosen, and what models of the arm reach beside it.
 
     Attributes
@@ -113,6 +113,13 @@ class ProcedureResult(PageRecord):
 
     def _remarks(self) -> tuple[str, ...]:
         return (*self.results.remarks(), *self.remarks)
+
+    def columns(self) -> dict[str, list[Any]]:
+        """A row for each model: absolute errors of a coordinate on the test readings."""
+        return columns_of(
+            {"model": name, **to_plain(one), "two_sigma_mm": one.two_sigma_mm}
+            for name, one in self.results.errors.items()
+        )
 
     def _json(self) -> object:
         numbers = {name: value for name, value in vars(self.results).items() if name != "network"}

@@ -17,6 +17,8 @@ from truearm.errors import InputError
 from truearm.printable_text import printable
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from truearm.pages.plotting import Figure
 
 
@@ -137,6 +139,31 @@ class Record(ABC):
         if (figure := self.figure()) is not None:
             parts.append(figure._repr_html_())
         return "".join(parts)
+
+
+class TableRecord(Record):
+    """A result that is a table: `to_frame` returns it as a DataFrame."""
+
+    @abstractmethod
+    def columns(self) -> Mapping[str, Any]:
+        """The columns of `to_frame` by name, each with one value a row.
+
+        The name of a quantity ends in its unit (``u_mm``); where the rows differ in theirs, a column ``unit`` has it.
+        """
+
+    def to_frame(self) -> pd.DataFrame:
+        """The result as a DataFrame; the names of its columns state the units."""
+        from truearm.readings.columns import data_frame
+
+        return data_frame(self.columns())
+
+
+def columns_of(rows: Iterable[Any]) -> dict[str, list[Any]]:
+    """The columns of rows, each a mapping or a dataclass; lists and mappings in a row are no cells and have none."""
+    plain = [to_plain(row) for row in rows]
+    names = dict.fromkeys(name for row in plain for name in row)
+    nested = {name for row in plain for name, value in row.items() if isinstance(value, list | dict)}
+    return {name: [row.get(name) for row in plain] for name in names if name not in nested}
 
 
 def to_plain(value: Any) -> Any:

@@ -17,7 +17,7 @@ from truearm.solve.threads import one_blas_thread
 from truearm.workflows.inputs import ArmLike, SessionLike, to_free_parts
 from truearm.workflows.outputs import PageRecord, check_folder, write_numbers
 from truearm.workflows.procedure import ProcedureResult, follow_procedure
-from truearm.workflows.record import TextTable
+from truearm.workflows.record import TableRecord, TextTable, columns_of
 
 if TYPE_CHECKING:
     from truearm.pages.page import Page
@@ -27,7 +27,7 @@ TABLE_HEADS = {2: "Table 2, simulation 1", 3: "Table 3, simulation 2", 4: "Table
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ReproductionResult(PageRecord):
+class ReproductionResult(TableRecord, PageRecord):
     """The tables and figures of a paper beside their reproduction.
 
     Attributes
@@ -104,6 +104,29 @@ class ReproductionResult(PageRecord):
             yield ""
         for part in results.skipped:
             yield f"skipped: {part}"
+
+    def columns(self) -> dict[str, list[Any]]:
+        """A row for each row of the paper's tables and each trainer that ran: median over the starts."""
+        return columns_of(
+            {
+                "table": number,
+                "row": row.paper.row,
+                "network": "-".join(map(str, row.paper.hidden)),
+                "trainer": one.trainer,
+                "mean_mm": one.median["mean_many_mm"],
+                "max_mm": one.median["max_many_mm"],
+                "paper_mean_mm": row.paper.mean_mm,
+                "ratio": row.ratio[method],
+                "epochs": one.median["epochs"],
+                "time_s": one.median["seconds"],
+                "n_starts": len(one.runs),
+                "verdict": row.verdict[method],
+            }
+            for number, rows in self.results.tables.items()
+            for row in rows or ()
+            for method, one in row.results.items()
+            if one is not None
+        )
 
     def _json(self) -> object:
         return self.results

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil, floor
 from pathlib import Path
+from typing import Any
 
 from truearm.compensation.models import Compensator
 from truearm.identification.virtual.presets import Preset
@@ -20,7 +21,7 @@ from truearm.verification.tasks import simulated_verification as simulation
 from truearm.verification.tasks.posed_test import PosedTest, pose_test
 from truearm.verification.tasks.sampled_arms import ArmDistribution
 from truearm.workflows.inputs import ArmLike
-from truearm.workflows.record import Record, TextTable
+from truearm.workflows.record import TableRecord, TextTable, columns_of
 from truearm.workflows.task import to_arm_distribution
 from truearm.workflows.verify import (
     ArtefactsLike,
@@ -33,7 +34,7 @@ from truearm.workflows.verify import (
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SimulatedVerification(Record):
+class SimulatedVerification(TableRecord):
     """What virtual arms obtain in the test of a standard.
 
     Attributes
@@ -120,6 +121,10 @@ class SimulatedVerification(Record):
             f"{floor(100 * all_conform)} % or more of all such arms"
         )
         yield from self.remarks
+
+    def columns(self) -> dict[str, list[Any]]:
+        """A row for each test value, in its ``unit``: its distribution over the arms, and shares of the verdicts."""
+        return columns_of(self.rows)
 
     def _json(self) -> object:
         return {

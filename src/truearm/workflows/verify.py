@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from hashlib import file_digest
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from truearm.acceptance import accepted, accepts
 from truearm.solve.threads import one_blas_thread
@@ -35,7 +35,7 @@ from truearm.verification.standards.verification_text import (
     verdict_sentence,
 )
 from truearm.workflows.outputs import PageRecord, version_row
-from truearm.workflows.record import TextTable, format_fixed
+from truearm.workflows.record import TableRecord, TextTable, columns_of, format_fixed
 
 if TYPE_CHECKING:
     from truearm.pages.page import Page
@@ -54,7 +54,7 @@ _ANSWERS = {
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class VerificationResult(PageRecord):
+class VerificationResult(TableRecord, PageRecord):
     """The test values of an arm with their uncertainties, limits and verdicts.
 
     Attributes
@@ -161,6 +161,10 @@ class VerificationResult(PageRecord):
             return [row.label, f"{row.value:g}", "", limit, verdict, row.where]
         value = format_fixed(row.value, sign=True)
         return [row.label, value, f"{row.uncertainty:.4f}", limit, verdict, row.where]
+
+    def columns(self) -> dict[str, list[Any]]:
+        """A row for each test value, in its ``unit`` (mm, or none for a count)."""
+        return columns_of(_row_json(row, self.verification.describe_row(row)) for row in self.rows)
 
     def _json(self) -> object:
         of = self.verification
