@@ -20,12 +20,11 @@ from types import FrameType
 from typing import Any
 
 import truearm as ta
-from benchmarks.rows import RowResult, Rows, Target
+from benchmarks.rows import ROOT, RowResult, Rows, Target
 from truearm.compensation.models.compensator import Compensator
 from truearm.readings.readings import Readings
 
 HOUSE = Path(ta.__file__).parent
-CHECKOUT = HOUSE.parents[1]
 ROWS = Rows()
 GUARDS = ("_check_session", "check_angles", "skip_beyond_limits", "state_of", "references_of", "Readings.__post_init__")
 MOST_IMPORTS, LONG_FUNCTION = 18, 60
@@ -52,8 +51,16 @@ class Source:
 
 
 def sources(folder: Path) -> dict[str, Source]:
-    """The Python files of a folder by module name."""
+    """The Python files of a folder by module name.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there are none: of nothing no size is small.
+    """
     names = {path: ".".join(path.relative_to(folder.parent).with_suffix("").parts) for path in folder.rglob("*.py")}
+    if not names:
+        raise FileNotFoundError(f"expected Python files in {folder}, there are none: run this in a checkout")
     return {name.removesuffix(".__init__"): Source(path) for path, name in sorted(names.items())}
 
 
@@ -116,7 +123,7 @@ def sizes() -> RowResult:
         for one in arrows[name]
         if ".identification.estimation." in one
     ]
-    tests, benchmarks = sources(CHECKOUT / "tests"), sources(CHECKOUT / "benchmarks")
+    tests, benchmarks = sources(ROOT / "tests"), sources(ROOT / "benchmarks")
     counts = {
         "code lines": (sum(s.code for s in files.values()), 40000),
         "all lines": (sum(s.lines for s in files.values()), 63000),

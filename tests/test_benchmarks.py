@@ -114,6 +114,17 @@ def test_every_mutation_is_another_program(command):
         compile(changed, "mutant", "exec")
 
 
+def test_sizes_of_no_source_are_an_error(command, tmp_path, monkeypatch):
+    """Nothing counted is no small size."""
+    house = importlib.import_module("benchmarks.house")
+    assert house.sources(CHECKOUT / "tests")
+    with pytest.raises(FileNotFoundError, match="expected Python files in"):
+        house.sources(tmp_path)
+    monkeypatch.setattr(house, "ROOT", tmp_path)
+    with pytest.raises(FileNotFoundError, match="tests"):
+        house.sizes()
+
+
 def test_a_run_states_the_machine_rows_and_targets(command, capsys):
     """As one JSON object."""
     command.main(["arm_files", "ur-angles", "--json"])

@@ -15,7 +15,9 @@ CHECKOUT = Path(__file__).resolve().parents[2]
 def test_docs_lists_every_page_of_the_guide(truearm):
     ran = truearm("docs")
     assert ran.code == 0
-    listed = {line.split()[0] for line in ran.out.splitlines()[1:]}
+    *lines, how = ran.out.splitlines()[1:]
+    listed = {line.split()[0] for line in lines}
+    assert how.startswith("truearm docs TOPIC prints a page; truearm docs guide ")
     assert listed == set(guide_pages())
     assert {"session-file", "arm-file", "glossary", "start/technician"} <= listed
 
@@ -35,6 +37,14 @@ def test_docs_prints_a_page_by_the_name_that_messages_give(truearm, topic):
     ran = truearm("docs", topic)
     assert ran.code == 0
     assert ran.out.startswith("# The arm file\n")
+
+
+def test_docs_prints_the_front_page_without_the_layout_of_the_site(truearm):
+    ran = truearm("docs", "guide")
+    assert ran.code == 0
+    assert ran.out.startswith("# Guide\n")
+    assert "| identify the arm |" in ran.out
+    assert "toctree" not in ran.out
 
 
 def test_docs_refuses_an_unknown_topic_and_names_the_nearest(truearm):

@@ -19,11 +19,13 @@ from truearm.cli.console import print_line
 from truearm.errors import InputError
 
 # What a search for a topic leaves out: pages that only lay out the site.
-LAYOUT_PAGES = ("index", "start/index", "guide", "files", "reference", "changelog", "api", "commands")
+LAYOUT_PAGES = ("index", "start/index", "files", "reference", "changelog", "api", "commands")
 
 
 def docs(
-    topic: Annotated[str | None, Argument(metavar="[TOPIC]", help="Name of a page; all are listed without.")] = None,
+    topic: Annotated[
+        str | None, Argument(metavar="[TOPIC]", help="Name of a page, guide for the first; all are listed without.")
+    ] = None,
     open_page: Annotated[bool, Option("--open", help="Open the page in the browser instead.")] = False,
     run: Annotated[
         Path | None, Option("--run", metavar="FOLDER", help="Run the page's commands there, on its files, instead.")
@@ -31,7 +33,8 @@ def docs(
 ) -> None:
     """Print a page of the guide.
 
-    Without a topic, the pages are listed. Messages of other commands name them, for example docs/session-file.md.
+    Without a topic, the pages are listed; the page guide says which of them answers which question. Messages of other
+    commands name them, for example docs/session-file.md.
 
     --run writes the files that the page shows into a folder, and runs its commands there with what they print.
     first-certificate goes from an empty folder to a certificate; example-data then adds what other pages need.
@@ -42,6 +45,7 @@ def docs(
     if topic is None:
         rows = [[name, title_of(page)] for name, page in pages.items()]
         print_line(str(TextTable(["topic", "page"], rows, left_aligned=(0, 1))))
+        print_line("truearm docs TOPIC prints a page; truearm docs guide says which page answers which question.")
         return
     name = topic.removeprefix("docs/").removesuffix(".md")
     if name not in pages:
@@ -52,8 +56,13 @@ def docs(
     elif open_page:
         typer.launch(rendered_page(pages[name]).as_uri())
     else:
-        text = pages[name].read_text(encoding="utf-8")
-        print_line(re.sub(r"<!-- .*? -->\n?", "", text).rstrip())  # marks of where a figure comes from
+        print_line(text_of(pages[name]).rstrip())
+
+
+def text_of(page: Path) -> str:
+    """A page without what only the site needs: lists of pages, and marks of where a figure comes from."""
+    text = re.sub(r"^```\{toctree\}\n.*?^```\n?", "", page.read_text(encoding="utf-8"), flags=re.M | re.S)
+    return re.sub(r"<!-- .*? -->\n?", "", text)
 
 
 def guide_pages() -> dict[str, Path]:
@@ -119,7 +128,7 @@ def rendered_page(page: Path) -> Path:
     from rich.markdown import Markdown
 
     console = Console(record=True, width=110, file=io.StringIO())
-    console.print(Markdown(page.read_text(encoding="utf-8")))
+    console.print(Markdown(text_of(page)))
     out = Path(tempfile.mkdtemp(prefix="truearm-docs-")) / f"{page.stem}.html"
     out.write_text(console.export_html(), encoding="utf-8")
     return out
