@@ -357,7 +357,8 @@ def false_alarms(sessions: int = 40, real: Sequence[str] = ("ur5", "ur10-b", "ur
             ).session
             alarms += bool(ta.fit(name, good, model="kinematic").frame_changes)
             n += 1
-    yield finding("good sessions of 100 readings", "1 in 500", f"{alarms} of {n}", alarms <= max(1, 4 * n / 500))
+    # Of 360 sessions a rate of 1 in 500 gives more than 2 in one of 30 runs.
+    yield finding("good sessions of 100 readings", "1 in 500", f"{alarms} of {n}", alarms <= max(1, 2 * n / 360))
     for name in real:
         arm = replace(load_arm(datasets.DATASETS[name].arm), lower=None, upper=None)
         changes = ta.fit(arm, datasets.load_readings(name), model="physical", limits="ignore").frame_changes
