@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.held_out import MODELS
 from benchmarks.rows import RowResult, Rows
 from truearm import datasets
 from truearm.arm import load_arm
@@ -41,18 +42,20 @@ def series() -> dict[str, Fitted]:
 
 @ROWS.row("fits")
 def fits() -> RowResult:
-    """The two fits."""
+    """Mean errors of held-out readings, by position [mm]."""
     table = []
     for name, (model, readings) in series().items():
         held = model.held_out_
+        simpler = {label: MODELS[label](load_arm("ur10")).fit_readings(readings) for label in ("nominal", "kinematic")}
         table.append({
             "series": name,
             "readings": len(readings),
-            "fit [s]": model.fit_seconds_,
-            "held out [mm]": f"{held.mean_mm:.4f} +- {held.standard_error_mm:.4f}",
-            "unexplained [mm]": model.residual_std_,
-            "far off": len(outliers(model.fit_)),
-            "settled": model.fit_.converged,
+            "nominal arm [mm]": simpler["nominal"].held_out_.mean_mm,
+            "all constants [mm]": simpler["kinematic"].held_out_.mean_mm,
+            "all terms [mm]": held.mean_mm,
+            "standard error [mm]": held.standard_error_mm,
+            "residual standard deviation [mm]": model.residual_std_,
+            "outliers": len(outliers(model.fit_)),
         })  # fmt: skip
     return RowResult(table)
 
@@ -84,14 +87,14 @@ def of_joints(figure: str | None = None) -> RowResult:
         row: dict[str, Any] = {"joint": f"J{joint}"}
         for name, (model, readings) in series().items():
             found = curve(model, joint, readings.angles[:, joint - 1])
-            row[f"{name}, rms"] = f"{found.rms * ARCSEC:.0f}" if found.is_significant else "-"
+            row[f"rms {name} [arcsec]"] = round(found.rms * ARCSEC) if found.is_significant else None
         if len(angles) >= LEAST_SHARED:
             both = [joint_error(model.fit_, joint, angles, mean_at=angles) for model, _ in series().values()]
             apart = (both[1].error - both[0].error) * ARCSEC
-            row["shared [deg]"] = f"{np.degrees(np.diff(angles).min() * len(angles)):.0f}"
-            row["correlation"] = f"{np.corrcoef(both[0].error, both[1].error)[0, 1]:.2f}"
-            row["apart, rms"] = f"{np.sqrt((apart**2).mean()):.0f}"
-            row["expected"] = f"{np.sqrt(np.mean([b.std**2 for b in both], axis=1).sum()) * ARCSEC:.0f}"
+            row["both determine it over [deg]"] = round(np.degrees(np.diff(angles).min() * len(angles)))
+            row["correlation"] = round(np.corrcoef(both[0].error, both[1].error)[0, 1], 2)
+            row["rms difference [arcsec]"] = round(np.sqrt((apart**2).mean()))
+            row["expected rms [arcsec]"] = round(np.sqrt(np.mean([b.std**2 for b in both], axis=1).sum()) * ARCSEC)
         table.append(row)
     if figure:
         draw(series(), Path(figure))
@@ -116,18 +119,15 @@ def of_orders() -> RowResult:
 
 @ROWS.row("groups")
 def of_groups() -> RowResult:
-    """Groups of terms: determined, size of the motions, what they do to the tip [mm]."""
+    """Groups of terms that move the tip: coefficients determined, and what they do to the tip [mm, rms]."""
     table: dict[str, dict[str, Any]] = {}
     for name, (model, readings) in series().items():
         for effect in effects(model.fit_, state_of(model.arm, readings)):
-            row = table.setdefault(effect.group, {"group of terms": effect.group})
-            if effect.determined < 0.5:
+            if effect.determined < 0.5 or effect.tip_mm is None:
                 continue
-            turning, shifting, tip = effect.rotation_rad, effect.shift_mm, effect.tip_mm
-            size = f"{turning * ARCSEC:.1f} arcsec" if turning is not None else ""
-            row[f"{name}, determined"] = f"{effect.determined:.0f} of {effect.offered}"
-            row[f"{name}, size"] = f"{shifting:.4f} mm" if shifting is not None else size
-            row[f"{name}, at the tip"] = "-" if tip is None else f"{tip:.3f}"
+            row = table.setdefault(effect.group, {"group of terms": effect.group})
+            row[f"determined {name}"] = f"{effect.determined:.0f} of {effect.offered}"
+            row[f"at the tip {name} [mm]"] = round(effect.tip_mm, 3)
     return RowResult(list(table.values()))
 
 
