@@ -16,10 +16,10 @@ import truearm as ta
 from benchmarks.rows import RowResult, Rows, Target, scratch
 from truearm.fleet import fit_task, fleet
 from truearm.fleet.drift import constant_drifts
-from truearm.fleet.executors import Processes
 from truearm.fleet.fit_task import FitRow
 from truearm.pages.html import write_page
 from truearm.show.fleet_page import ArmState, What, fleet_page
+from truearm.solve.executors import Processes
 
 ROWS = Rows()
 STATES: tuple[What, ...] = ("in force", "in force", "in force", "due", "failed", "recalibrate", "to be fitted")

@@ -12,6 +12,7 @@ from __future__ import annotations
 import ast
 import re
 import sys
+import tomllib
 from collections import Counter, defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass, field, is_dataclass
@@ -89,6 +90,84 @@ def floors(arrows: dict[str, set[str]]) -> dict[str, int]:
     for name in arrows:
         of(name)
     return floor
+
+
+def plan() -> dict[str, Any]:
+    """The wings and the budgets of `house.toml`."""
+    return tomllib.loads((ROOT / "house.toml").read_text(encoding="utf-8"))
+
+
+def wing_of(module: str, wings: dict[str, list[str]]) -> str | None:
+    """The wing that a module belongs to; None for one of the core."""
+    inner = module.removeprefix("truearm.")
+    found = [wing for wing, places in wings.items() for one in places if f"{inner}.".startswith(f"{one}.")]
+    return found[0] if found else None
+
+
+def room_of(module: str, wings: dict[str, list[str]]) -> str:
+    """Where the lines of a module count: its wing, or its folder in the core."""
+    inner = module.removeprefix("truearm").strip(".").split(".")
+    return wing_of(module, wings) or ".".join(inner[:-1][:2]) or "doors"
+
+
+def names_across(files: dict[str, Source], wings: dict[str, list[str]], *, back: bool = False) -> dict[str, set[str]]:
+    """Names of the core that wings import, by module; with `back` names of wings that the core imports, by importer."""
+    found: dict[str, set[str]] = defaultdict(set)
+    for name, source in files.items():
+        here = wing_of(name, wings)
+        for node in ast.walk(source.tree):
+            if not isinstance(node, ast.ImportFrom) or not (node.module or "").startswith("truearm"):
+                continue
+            for alias in node.names:
+                whole = f"{node.module}.{alias.name}"
+                there = wing_of(whole if whole in files else str(node.module), wings)
+                if back and here is None and there is not None:
+                    found[name].add(whole)
+                if not back and here is not None and there is None:
+                    found[str(node.module)].add(alias.name)
+    return found
+
+
+def doors(files: dict[str, Source]) -> dict[str, Source]:
+    """Files but those that list everything: the package itself and the table of commands."""
+    return {name: source for name, source in files.items() if name not in ("truearm", "truearm.cli.main")}
+
+
+@ROWS.row("wall")
+def wall() -> RowResult:
+    """The core and the wings: lines of code and files, and what crosses the wall."""
+    files, wings = sources(HOUSE), plan()["wings"]
+    rooms: dict[str, list[int]] = defaultdict(lambda: [0, 0])
+    for name, source in files.items():
+        for room in (wing_of(name, wings) or "core", "together"):
+            rooms[room][0] += source.code
+            rooms[room][1] += 1
+    across = names_across(doors(files), wings)
+    back = names_across(doors(files), wings, back=True)
+    table = [{"part": room, "code lines": lines, "files": n} for room, (lines, n) in sorted(rooms.items())]
+    return RowResult(
+        table,
+        [
+            Target("code lines of the core", rooms["core"][0], 22000),
+            Target("files of the core", rooms["core"][1], 195),
+            Target("code lines in all", rooms["together"][0], 57000),
+            Target("files in all", rooms["together"][1], 400),
+            Target("names of the core that wings import", sum(map(len, across.values())), 170),
+            Target("names of wings that the core imports", sum(map(len, back.values())), 0),
+        ],
+    )
+
+
+@ROWS.row("across")
+def across() -> RowResult:
+    """Names of the core that wings import, and names of wings that the core imports, by module."""
+    files, wings = doors(sources(HOUSE)), plan()["wings"]
+    rows = [
+        {"module": module.removeprefix("truearm."), "names": ", ".join(sorted(names)), "": way}
+        for way, back in (("the core imports", True), ("wings import", False))
+        for module, names in sorted(names_across(files, wings, back=back).items())
+    ]
+    return RowResult(rows)
 
 
 @ROWS.row("sizes")

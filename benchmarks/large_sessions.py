@@ -20,12 +20,12 @@ import truearm as ta
 from benchmarks.cost import exponent
 from benchmarks.rows import RowResult, Rows, Target, own_process, peak_bytes, scratch
 from truearm.files.table_writer import table_writer
-from truearm.fleet.executors import Processes
 from truearm.identification.from_sums import Iterate
 from truearm.readings import Session
 from truearm.readings.columns import session_columns
 from truearm.readings.large_sessions import LargeSession
 from truearm.solve.executor import Executor, Serial
+from truearm.solve.executors import Processes
 from truearm.workflows import fit_large as fitting
 from truearm.workflows.evaluate_large import evaluate_large
 from truearm.workflows.fit_large import fit_large

@@ -41,5 +41,5 @@ def rng() -> np.random.Generator:
 def _dates_of_tests_have_come():
     """A day on which the made-up points have been measured, whatever the clock of this machine shows."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("truearm.verification.standards.dates.now", lambda: datetime.datetime(2026, 12, 1, 12, 0))
+        patch.setattr("truearm.files.dates.now", lambda: datetime.datetime(2026, 12, 1, 12, 0))
         yield

@@ -151,7 +151,7 @@ def test_readings_of_two_arms_are_filled_in_with_the_reason(tmp_path):
     ta.operator_sheet(few).save_points(tmp_path / "points.csv", tip_diameter_mm=6)
     lines = (tmp_path / "points.csv").read_text().splitlines(keepends=True)
     (tmp_path / "points.csv").write_text("".join(lines[:3]))
-    assert prediction.fill(tmp_path / "points.csv", artefact_degC=20) == 2
+    assert ta.fill_points(prediction, tmp_path / "points.csv", artefact_degC=20) == 2
     assert WHY in (tmp_path / "points.csv").read_text()
 
 
@@ -177,7 +177,7 @@ def test_points_of_an_accepted_arm_say_so_in_their_verification(tmp_path):
     )
     arm = replace(ta.load_arm("measuring7"), serial_number="2")
     model = ta.fit(arm, replace(ta.simulate("measuring7", poses=30).session, serial_number=None), model="nominal").model
-    ta.predict(model, made.session, accept=WHY).fill(tmp_path / "points.csv", artefact_degC=20)
+    ta.fill_points(ta.predict(model, made.session, accept=WHY), tmp_path / "points.csv", artefact_degC=20)
     (said,) = ta.read_points(tmp_path / "points.csv").accepted
     assert said.startswith(f"Accepted ({WHY}): the readings are of the arm with serial number")
     simulated = ta.simulate_verification("perfect", n_arms=1)

@@ -75,6 +75,51 @@ def test_imports_point_down():
     assert " 0 broken" in ran.stdout
 
 
+@pytest.fixture(scope="module")
+def counts():
+    """The counts of `python -m benchmarks house`, and the plan of the house."""
+    readable(CHECKOUT / "house.toml")
+    if not (CHECKOUT / "benchmarks").is_dir():
+        pytest.skip("benchmarks are not beside the tests")
+    sys.path.insert(0, str(CHECKOUT))
+    try:
+        return importlib.import_module("benchmarks.house")
+    finally:
+        sys.path.remove(str(CHECKOUT))
+
+
+def test_no_room_outgrows_its_budget(counts):
+    """Lines of code and files; raising a budget is a line of the commit that needs it."""
+    plan, files = counts.plan(), counts.sources(HOUSE)
+    held = {room: [0, 0] for room in plan["budgets"]}
+    for name, source in files.items():
+        room = counts.room_of(name, plan["wings"])
+        assert room in held, f"{room} has no budget in house.toml"
+        held[room][0] += source.code
+        held[room][1] += 1
+    for room, (lines, n) in held.items():
+        assert n > 0, f"{room} holds nothing"
+        most_lines, most_files = plan["budgets"][room]
+        assert lines <= most_lines, f"{room}: {lines} lines of code"
+        assert n <= most_files, f"{room}: {n} files"
+
+
+def test_the_core_imports_no_wing_and_few_of_its_names_cross_the_wall(counts):
+    """But for what `house.toml` says is asked late."""
+    plan, files = counts.plan(), counts.doors(counts.sources(HOUSE))
+    for places in plan["wings"].values():
+        for place in places:
+            there = HOUSE.joinpath(*place.split("."))
+            assert there.is_dir() or there.with_suffix(".py").is_file(), place
+    back = {name.removeprefix("truearm.") for name in counts.names_across(files, plan["wings"], back=True)}
+    assert back == set(plan["wall"]["late"])
+    assert sum(map(len, counts.names_across(files, plan["wings"]).values())) <= plan["wall"]["names"]
+    for late in plan["wall"]["late"]:
+        tree = ast.parse((HOUSE.joinpath(*late.split(".")).with_suffix(".py")).read_text(encoding="utf-8"))
+        early = {node.module or "" for node in tree.body if isinstance(node, ast.ImportFrom)}
+        assert not {one for one in early if counts.wing_of(one, plan["wings"])}, late
+
+
 def test_the_command_line_starts_without_the_heavy_packages():
     """Help and messages come at once: NumPy and its like are imported by the verb that needs them."""
     listed = "import truearm.cli.main as m, sys; m.make_app(); print(*sys.modules)"

@@ -42,6 +42,7 @@ _HOMES = {
     "truearm.workflows.evaluate_large": ("LargeEvaluation", "evaluate_large"),
     "truearm.workflows.export": ("ExportCheck", "ExportResult", "check_export", "export"),
     "truearm.workflows.fetch": ("PublishedReadings", "fetch"),
+    "truearm.workflows.fill_points": ("fill_points",),
     "truearm.workflows.fit": ("FitResult", "fit"),
     "truearm.workflows.fit_large": ("LargeFit", "fit_large"),
     "truearm.workflows.measure": ("MeasuredFeatures", "measure"),

@@ -73,6 +73,7 @@ from truearm.workflows.export import check_export as check_export
 from truearm.workflows.export import export as export
 from truearm.workflows.fetch import PublishedReadings as PublishedReadings
 from truearm.workflows.fetch import fetch as fetch
+from truearm.workflows.fill_points import fill_points as fill_points
 from truearm.workflows.fit import FitResult as FitResult
 from truearm.workflows.fit import fit as fit
 from truearm.workflows.measure import MeasuredFeatures as MeasuredFeatures

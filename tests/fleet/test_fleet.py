@@ -18,13 +18,13 @@ from truearm.errors import InputError
 from truearm.fleet import fit_task
 from truearm.fleet import fleet as module
 from truearm.fleet.arm_list import RegisteredArm, read_arm_list
-from truearm.fleet.executors import Processes
 from truearm.fleet.fit_task import FitRow
 from truearm.fleet.fleet import Fleet
 from truearm.fleet.fleet_run import FleetRun
 from truearm.fleet.registry import Registry
 from truearm.fleet.results import write_results
 from truearm.solve.executor import WorkerLost
+from truearm.solve.executors import Processes
 
 pytest.importorskip("sqlalchemy", reason="a fleet is an extra: pip install 'truearm[fleet]'")
 

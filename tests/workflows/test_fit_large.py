@@ -10,10 +10,10 @@ from truearm.compensation.models.input_ranges import InputRanges
 from truearm.compensation.models.training_conditions import TrainingConditions
 from truearm.errors import Contradiction, InputError
 from truearm.files.table_writer import table_writer
-from truearm.fleet.executors import Processes
 from truearm.identification.judgement.gross_errors import gross_error_limit
 from truearm.readings import large_sessions as module
 from truearm.readings.columns import session_columns
+from truearm.solve.executors import Processes
 from truearm.workflows.fit_large import fit_large
 
 N, PART = 24 * 1024, 4 * 1024

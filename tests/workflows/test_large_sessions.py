@@ -10,10 +10,10 @@ import pytest
 import truearm as ta
 from truearm.cli.main import run
 from truearm.errors import InputError
-from truearm.fleet.executors import Processes
 from truearm.readings import large_sessions, read_session
 from truearm.readings.large_sessions import LargeSession, is_large
 from truearm.solve.executor import Serial
+from truearm.solve.executors import Processes
 from truearm.workflows.evaluate_large import evaluate_large
 from truearm.workflows.predict_large import predict_large
 

@@ -86,7 +86,7 @@ def test_the_points_of_a_verification_state_the_unit_of_the_model(tmp_path):
     bare = replace(angles, serial_number=None)
     model = ta.fit("measuring7", readings(1), model="nominal").model
     (tmp_path / "again.csv").write_bytes((tmp_path / "points.csv").read_bytes())
-    ta.predict(model, bare).fill(tmp_path / "points.csv", artefact_degC=20)
+    ta.fill_points(ta.predict(model, bare), tmp_path / "points.csv", artefact_degC=20)
     measured = ta.read_points(tmp_path / "points.csv")
     assert measured.serial_number == "virtual-shop-1"
     model.save(tmp_path / "m.truearm")  # the same model gives the same file
@@ -97,7 +97,7 @@ def test_the_points_of_a_verification_state_the_unit_of_the_model(tmp_path):
     )
     form_of_file = tmp_path / "of-file.csv"
     form_of_file.write_bytes((tmp_path / "again.csv").read_bytes())
-    ta.predict(tmp_path / "m.truearm", bare).fill(form_of_file, artefact_degC=20)
+    ta.fill_points(ta.predict(tmp_path / "m.truearm", bare), form_of_file, artefact_degC=20)
     origin = ta.read_points(form_of_file).origin
     assert (origin.model, origin.model_sha256) == ("m.truearm (nominal)", digest)
     form = (tmp_path / "again.csv").read_text().splitlines()
@@ -106,7 +106,7 @@ def test_the_points_of_a_verification_state_the_unit_of_the_model(tmp_path):
     first[at] = "virtual-shop-2"
     (tmp_path / "again.csv").write_text("\n".join([form[0], ",".join(first), *form[2:]]) + "\n")
     with pytest.raises(InputError, match=r"line 2.*'virtual-shop-2', the model is of 'virtual-shop-1'"):
-        ta.predict(model, bare).fill(tmp_path / "again.csv", artefact_degC=20)
+        ta.fill_points(ta.predict(model, bare), tmp_path / "again.csv", artefact_degC=20)
 
 
 def test_the_description_of_an_arm_names_its_unit():

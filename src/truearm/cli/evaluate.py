@@ -63,7 +63,7 @@ def evaluate(
     from truearm.workflows.evaluate import evaluate as evaluate_model
 
     if is_large(session):
-        from truearm.fleet.executors import chosen_executor  # no small session waits for these
+        from truearm.solve.executors import chosen_executor  # no small session waits for these
         from truearm.workflows.evaluate_large import evaluate_large
 
         refuse_typed(context, ("lengths",), "does not apply to large sessions")

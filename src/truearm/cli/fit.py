@@ -152,7 +152,7 @@ def fit(
         options |= {"model": model, "free": parts, "limits": limits, "prior": prior, "accept": accept}
         options["progress"] = report
         if large:
-            from truearm.fleet.executors import chosen_executor  # no small session waits for these
+            from truearm.solve.executors import chosen_executor  # no small session waits for these
             from truearm.workflows.fit_large import fit_large
 
             of_large = fit_large(arm, session, executor=chosen_executor(workers, scheduler), **options)

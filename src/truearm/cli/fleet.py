@@ -215,8 +215,8 @@ def run(
     interrupted run is continued by the same command. One arm's failure stops no other; a failed or worse fit replaces
     no model in force. Results are the same whoever computes. Exit code 1: some arms failed, now or before.
     """
-    from truearm.fleet.executors import chosen_executor
     from truearm.fleet.fleet import Fleet
+    from truearm.solve.executors import chosen_executor
 
     executor = chosen_executor(workers, scheduler)
     opened = Fleet(folder)
@@ -275,8 +275,8 @@ def prior(
     readings of all arms with a model in force. Each arm is held out and predicted from 10 and from 20 of its readings;
     the file is written only if the others help. Exit code 1: they do not, and nothing is written.
     """
-    from truearm.fleet.executors import chosen_executor
     from truearm.fleet.fleet import Fleet
+    from truearm.solve.executors import chosen_executor
 
     check_new_output(into, force=force)
     executor, opened = chosen_executor(workers, scheduler), Fleet(folder)

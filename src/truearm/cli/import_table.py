@@ -260,9 +260,9 @@ def _fill(
     serial_number: str,
 ) -> None:
     """Fill in points to measure, and print the ranges of the coordinates."""
+    from truearm.files.dates import now, parse_moment
     from truearm.readings.foreign.tables import as_tables, import_points
     from truearm.verification.standards.coordinate_origin import ARM_SOFTWARE, CoordinateOrigin
-    from truearm.verification.standards.dates import now, parse_moment
     from truearm.verification.standards.points_form import fill_points_form
     from truearm.workflows.record import TextTable
 

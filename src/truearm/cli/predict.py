@@ -82,14 +82,16 @@ def predict(
             prediction.save(out)
         if into is not None:
             check_output_is_not_input(into, model, session)
-            prediction.fill(into, date=date, artefact_degC=artefact_temperature)
+            from truearm.workflows.fill_points import fill_points  # takes longer than ten predictions
+
+            fill_points(prediction, into, date=date, artefact_degC=artefact_temperature)
     print_record(prediction, as_json=as_json, files={"points": out if into is None else into})
 
 
 def _predict_large(
     model: Path, session: Path, out: Path, workers: int | None, scheduler: str | None, *, as_json: bool, **options: Any
 ) -> None:
-    from truearm.fleet.executors import chosen_executor  # no small session waits for these
+    from truearm.solve.executors import chosen_executor  # no small session waits for these
     from truearm.workflows.predict import check_is_points_table
     from truearm.workflows.predict_large import predict_large
 

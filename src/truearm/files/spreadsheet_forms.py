@@ -12,7 +12,7 @@ from pathlib import Path
 
 from truearm.files.delimited import MAX_BYTES, Sheet, as_utf8, first_line, quoted_cell, split_line
 from truearm.files.file_reading import read_limited
-from truearm.files.tables.text_encoding import CHINESE, WINDOWS, recognise_encoding
+from truearm.files.text_encoding import CHINESE, WINDOWS, recognise_encoding
 
 # Comma first: it is the separator of the files that truearm writes.
 SEPARATORS = ",;\t"

@@ -11,13 +11,13 @@ import sqlalchemy as sql
 from pydantic import TypeAdapter, ValidationError
 
 from truearm.errors import InputError
+from truearm.files.dates import format_date
 from truearm.fleet.database import Database
 from truearm.fleet.tables import CHECK_HEADS, CHECKS, lock_arm
 from truearm.verification.monitor.assessment import Assessment, RecalibrationAdvice, assess, describe_assessment
 from truearm.verification.monitor.history import History
 from truearm.verification.monitor.history_rows import HistoryRows, checksum_of_new, linked_rows
 from truearm.verification.monitor.interim_check import InterimCheck, counted
-from truearm.verification.standards.dates import format_date
 
 
 @dataclass(frozen=True)

@@ -92,7 +92,6 @@ from truearm.identification.judgement.residual_process import (
 )
 from truearm.identification.judgement.stated_uncertainty import check_stated_uncertainty
 from truearm.identification.judgement.tails import tail_freedom
-from truearm.identification.planning.sampling import uniform
 from truearm.identification.references.prepared_readings import MIN_ROWS, PreparedReadings
 from truearm.identification.references.reading_references import (
     roughly_aligned_chain,
@@ -103,6 +102,7 @@ from truearm.identification.references.reading_references import (
 from truearm.identification.references.references import Reference
 from truearm.identification.references.session_frames import places_the_frame, session_frame_terms
 from truearm.identification.references.tips import further_tip_terms
+from truearm.identification.sampling import uniform
 from truearm.identification.terms import (
     ArmState,
     Constant,

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Drawing
 
+from truearm.files.dates import format_date
 from truearm.number_format import RoundedNumber, capitalize, format_count
 from truearm.pages.page import Cell, Column, LabelledValue, Page, PageVerdict, Section, State, Table
 from truearm.pages.palette import FAINT, INK, LIMIT, NAVY, ORANGE
@@ -27,7 +28,6 @@ from truearm.verification.monitor.assessment import (
 from truearm.verification.monitor.control_chart import MIN_BASELINE_CHECKS, MIN_LIMIT_VALUES, ControlChart
 from truearm.verification.monitor.expected_values import U_OF_STATED
 from truearm.verification.monitor.interim_check import InterimCheck, counted
-from truearm.verification.standards.dates import format_date
 
 _MOST_ROWS = 60
 _MOST_TICKS = 4

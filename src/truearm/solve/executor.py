@@ -1,6 +1,6 @@
 """Who computes many tasks: the interface between sums, or fits of many arms, and their engine.
 
-Here is the engine that needs nothing, one task after the other in this process; `truearm.fleet.executors` has processes
+Here is the engine that needs nothing, one task after the other in this process; `truearm.solve.executors` has processes
 and Dask clusters. All give the same results.
 """
 

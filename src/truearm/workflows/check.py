@@ -14,6 +14,7 @@ from truearm.acceptance import acceptance_remarks, accepted_in_fit, accepting, a
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.arm_check import with_serial_number
 from truearm.errors import InputError
+from truearm.files.dates import format_date, now, parse_moment
 from truearm.readings import Lengths, Session, check_sessions
 from truearm.solve.threads import one_blas_thread
 from truearm.verification.monitor.assessment import (
@@ -39,7 +40,6 @@ from truearm.verification.monitor.interim_check import (
     single_reading_remarks,
 )
 from truearm.verification.monitor.recorded_check import RecordedCheck, record_check
-from truearm.verification.standards.dates import format_date, now, parse_moment
 from truearm.verification.tasks.model_check import check_of_model
 from truearm.workflows.inputs import (
     LengthsLike,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -46,9 +46,6 @@ from truearm.workflows.inputs import (
 from truearm.workflows.record import TableRecord, TextTable, columns_of, format_fixed
 from truearm.workflows.regressors import AnyModelLike, RegressorLike, is_regressor, predict_points, regressor_remark
 from truearm.workflows.sentences import SAME_DAY, compare_with_nominal, format_mm, listed, number_of, with_lengths
-
-if TYPE_CHECKING:
-    from truearm.pages.plotting import Figure
 
 
 @one_blas_thread()
@@ -280,18 +277,11 @@ class Evaluation(TableRecord):
         same = self.repeatability_budget
         return {"summary": self.summary(), **errors, **others, "repeatability_coverage": same and same.coverage}
 
-    def figure(self) -> Figure | None:
-        """Distribution of the distances from the reference points."""
-        from truearm.show.error_figures import error_distribution
-
-        if self.session.points is None:
-            return None
+    def _errors_mm(self) -> Mapping[str, FloatArray]:
+        if (points := self.session.points) is None:
+            return {}
         there = self.session.has_point
-        distances = {
-            name: np.linalg.norm((points - self.session.points)[there], axis=1)
-            for name, points in self.predicted.items()
-        }
-        return error_distribution(distances)
+        return {name: np.linalg.norm((at - points)[there], axis=1) for name, at in self.predicted.items()}
 
     def _on_the_day(self, budget: UncertaintyBudget) -> str:
         """The coverage under repeatability conditions, and which conditions apply."""

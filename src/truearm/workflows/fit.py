@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -81,9 +81,6 @@ from truearm.workflows.inputs import (
 )
 from truearm.workflows.record import Record, TextTable, format_fixed
 from truearm.workflows.sentences import compare_with_nominal, format_mm, listed, number_of, with_lengths
-
-if TYPE_CHECKING:
-    from truearm.pages.plotting import Figure
 
 # With fewer readings the training error of a kinematic model says little: it determines some 27 constants.
 FEW_READINGS = 50
@@ -460,15 +457,10 @@ class FitResult(Record):
             found["identifiability"] = identifiability(identified.fit_)
         return found
 
-    def figure(self) -> Figure | None:
-        """Distribution of the errors on held-out readings, of the model and of the nominal arm."""
-        from truearm.show.error_figures import error_distribution
-
+    def _errors_mm(self) -> Mapping[str, FloatArray]:
         if self.held_out_mm is None or self.nominal is None or self.model_name == "nominal":
-            return None
-        return error_distribution(
-            {"nominal": self.nominal.held_out_.errors_mm, self.model_name: self.model.held_out_.errors_mm}
-        )
+            return {}
+        return {"nominal": self.nominal.held_out_.errors_mm, self.model_name: self.model.held_out_.errors_mm}
 
 
 def _training_errors(model: Compensator, at: CheckedReadings, lengths: Lengths | None) -> Mapping[str, Any] | None:

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from truearm import __version__
 from truearm.acceptance import Acceptance, acceptance_remarks, accepted, accepts
 from truearm.choices import Conditions
 from truearm.compensation.models import Compensator
@@ -26,7 +25,6 @@ from truearm.readings.files import open_parquet
 from truearm.readings.readings import NAMED, PAYLOAD
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import BoolArray, FloatArray, IntArray, NameArray
-from truearm.verification.standards.dates import now, parse_moment
 from truearm.workflows.inputs import (
     ModelLike,
     SessionLike,
@@ -216,50 +214,6 @@ class Prediction(TableRecord):
         check_table_path(path)
         with atomic_file(path, read=check_is_points_table) as beside:
             write_columns(beside, self.columns(), decimals=DECIMALS)
-
-    def fill(self, path: str | Path, *, date: str | None = None, artefact_degC: float | None = None) -> int:
-        """Enter the points into a file of points to measure, in the order of the readings (see `operator_sheet`).
-
-        Entered too are the serial number of the arm, if the model or the session states it, what was accepted, and
-        where the coordinates come from: version of truearm, model, SHA-256 of its file, readings outside its range.
-
-        Parameters
-        ----------
-        path : path
-            Its rows without coordinates are filled in, all or none.
-        date : str, optional
-            Day of the measurement, such as ``2026-11-03``, where none is stated; today by default.
-        artefact_degC : float, optional
-            Temperature of the artefacts [degC], where a test needs one and none is stated.
-
-        Returns
-        -------
-        int
-            Number of rows filled in.
-
-        Raises
-        ------
-        InputError
-            If there are more or fewer readings than rows without coordinates, a tip diameter is missing, the rows state
-            the serial number of another arm, points have another origin, or the date or the temperature is
-            implausible.
-        """
-        from truearm.verification.standards.coordinate_origin import PROGRAM, CoordinateOrigin
-        from truearm.verification.standards.points_form import fill_points_form  # takes longer than ten predictions
-
-        moment = now() if date is None else parse_moment(date)
-        said = " ".join(map(str, self.accepted))
-        digest = self.model_sha256 or model_file_fingerprint(self.model)
-        return fill_points_form(
-            path,
-            self.points,
-            day=moment.date(),
-            artefact_degC=artefact_degC,
-            serial_number=self.serial_number,
-            accepted=said,
-            origin=CoordinateOrigin(f"{PROGRAM} {__version__}", self.model_name or self.model.kind, digest),
-            outside=self.outside_training,
-        )
 
     def columns(self) -> dict[str, FloatArray | IntArray | NameArray]:
         """The columns of `to_frame`: x_mm .. z_mm, standard uncertainties sx_mm .. sz_mm, outside_training, names."""

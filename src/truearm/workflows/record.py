@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from truearm.pages.plotting import Figure
+    from truearm.typing import FloatArray
 
 
 # Sentences and tables that a notebook shows; those for experts come after them and are folded.
@@ -98,8 +99,16 @@ class Record(ABC):
         return {name: getattr(self, name) for name in names}
 
     def figure(self) -> Figure | None:
-        """The figure that a notebook shows below the text; none by default."""
-        return None
+        """The figure that a notebook shows below the text, of the errors that the result has; none by default."""
+        if not (errors := self._errors_mm()):
+            return None
+        from truearm.pages.error_figures import error_distribution
+
+        return error_distribution(errors)
+
+    def _errors_mm(self) -> Mapping[str, FloatArray]:
+        """The errors of each model that the figure shows, distances [mm]."""
+        return {}
 
     def save_figure(self, path: str | Path) -> None:
         """Write the figure as a file for a text or a talk.

@@ -14,7 +14,6 @@ from truearm.arm.chain import Chain
 from truearm.errors import InputError
 from truearm.identification.planning.sampling import STRATEGIES, Sector, box, measuring_poses, seat, uniform
 from truearm.identification.planning.sampling.measuring import END_STOP_MARGIN_RAD, FROM_ABOVE, surface_normals
-from truearm.identification.planning.sampling.seat import farthest_points
 from truearm.identification.planning.sampling.workspace import (
     azimuth_of,
     draw_points,
@@ -22,6 +21,7 @@ from truearm.identification.planning.sampling.workspace import (
     stance,
     within_cone,
 )
+from truearm.identification.sampling import farthest_points
 
 
 def limited(low_deg: float = -30.0, high_deg: float = 10.0, working_deg: float = 0.0) -> Arm:

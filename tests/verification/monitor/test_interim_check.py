@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from truearm.errors import InputError
+from truearm.files.dates import format_date
 from truearm.readings import Lengths
 from truearm.readings.thermal_expansion import ARTEFACT_U_K
 from truearm.verification.monitor.assessment import (
@@ -35,7 +36,6 @@ from truearm.verification.monitor.interim_check import (
     interim_deviations,
     interim_values,
 )
-from truearm.verification.standards.dates import format_date
 from truearm.verification.standards.specification import Specification
 
 POLES = np.concatenate([np.eye(3), -np.eye(3)])

@@ -24,7 +24,7 @@ from truearm.files.tables.separators import (
     stands_between_wide_blanks,
 )
 from truearm.files.tables.table import Table, TableForm
-from truearm.files.tables.text_encoding import recognise_encoding
+from truearm.files.text_encoding import recognise_encoding
 
 _COMMENT = re.compile(r"\s*(?:#(?!N/A|DIV)|%|//|!)+")
 _SEPARATOR_LINE = re.compile(r"\"?sep=(.)\"?\s*", re.IGNORECASE)

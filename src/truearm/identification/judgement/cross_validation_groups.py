@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from truearm.arm.chain import Chain
-from truearm.identification.planning.sampling.seat import farthest_points
+from truearm.identification.sampling import farthest_points
 from truearm.identification.terms import ArmState
 from truearm.readings.checks import has_reference
 from truearm.readings.repeats import readings_of_one_pose

@@ -23,14 +23,12 @@ from truearm.identification.planning.sampling.measuring import (
     inner_limits,
     measuring_poses,
 )
-from truearm.identification.planning.sampling.poses import checked_count, checked_seed, joint_travel_limits
 from truearm.identification.planning.sampling.seat import (
     CONE_RAD,
     NOT_REACHED,
     SEAT_SECTOR,
     TOO_FEW,
     checked_points,
-    farthest_points,
     reach_in_seats,
 )
 from truearm.identification.planning.sampling.surroundings import Surroundings
@@ -42,6 +40,7 @@ from truearm.identification.planning.sampling.workspace import (
     is_above_table,
     stance,
 )
+from truearm.identification.sampling import checked_count, checked_seed, farthest_points, joint_travel_limits
 from truearm.typing import BoolArray, FloatArray, IntArray, NameArray
 
 NO_ROOM = "bar not inside the volume"

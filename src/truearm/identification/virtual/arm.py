@@ -10,7 +10,7 @@ import numpy.typing as npt
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
-from truearm.identification.planning.sampling.poses import checked_seed
+from truearm.identification.sampling import checked_seed
 from truearm.identification.terms import ArmState, directions
 from truearm.identification.terms.thermal import link_temperatures
 from truearm.identification.virtual.constrained import constrain_geometry

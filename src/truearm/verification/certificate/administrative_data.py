@@ -15,9 +15,9 @@ from pydantic import AfterValidator, Field, ValidationInfo, field_validator
 
 from truearm.acceptance import contradict
 from truearm.errors import FaultCollector, InputError
+from truearm.files.dates import check_past
 from truearm.files.toml_documents import Document, Real, read_document
 from truearm.printable_text import printable
-from truearm.verification.standards.dates import check_past
 from truearm.verification.standards.measured_points import LEAST_HUMIDITY_PERCENT
 
 # The greatest difference between an artefact, after some hours in a room, and its air [K].

@@ -10,6 +10,7 @@ from enum import StrEnum
 import numpy as np
 
 from truearm.errors import InputError
+from truearm.files.dates import format_date
 from truearm.typing import IntArray
 from truearm.verification.monitor.control_chart import (
     CHECKS_NEEDED,
@@ -24,7 +25,6 @@ from truearm.verification.monitor.control_chart import (
 )
 from truearm.verification.monitor.interim_check import CHECK_QUANTITIES, CheckValue, InterimCheck
 from truearm.verification.monitor.whole_check import LEAST_READINGS, SEEN, WholeCheck, whole_check
-from truearm.verification.standards.dates import format_date
 from truearm.verification.standards.decision import Verdict, decide
 from truearm.verification.standards.specification import Specification
 

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Protocol
 
 from truearm.errors import InputError
+from truearm.files.dates import format_date
 from truearm.files.file_reading import check_readable
 from truearm.verification.monitor.assessment import Assessment, assess, describe_assessment, is_measured
 from truearm.verification.monitor.history_file import MAX_BYTES, HistoryFile
@@ -29,7 +30,6 @@ from truearm.verification.monitor.history_rows import (
     is_name,
 )
 from truearm.verification.monitor.interim_check import InterimCheck, Withdrawal, counted
-from truearm.verification.standards.dates import format_date
 from truearm.verification.standards.specification import Specification
 
 

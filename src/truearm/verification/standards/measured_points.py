@@ -16,6 +16,7 @@ from typing import TypeVar
 import numpy as np
 
 from truearm.errors import InputError
+from truearm.files.dates import parse_day
 from truearm.files.delimited import Sheet, check_names, quoted_cell, read_columns
 from truearm.files.spreadsheet_forms import read_form
 from truearm.files.toml_documents import reject_control_characters
@@ -27,7 +28,6 @@ from truearm.verification.standards.coordinate_origin import (
     CoordinateOrigin,
     origin_of_cells,
 )
-from truearm.verification.standards.dates import parse_day
 
 T = TypeVar("T")
 

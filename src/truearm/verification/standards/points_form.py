@@ -13,13 +13,13 @@ import numpy.typing as npt
 
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file, check_new_file
+from truearm.files.dates import check_past
 from truearm.files.delimited import Sheet, check_names, escape_formula, read_columns
 from truearm.files.spreadsheet_forms import read_form
 from truearm.readings.thermal_expansion import COLDEST_DEGC, WARMEST_DEGC
 from truearm.typing import BoolArray, FloatArray, IntArray
 from truearm.verification.standards.coordinate_origin import FROM as ORIGIN
 from truearm.verification.standards.coordinate_origin import NOT_STATED, OUTSIDE, CoordinateOrigin
-from truearm.verification.standards.dates import check_past
 from truearm.verification.standards.layout import Placement
 from truearm.verification.standards.measured_points import (
     ACCEPTED,

@@ -18,8 +18,8 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from truearm.errors import InputError
+from truearm.files.dates import check_past
 from truearm.files.toml_documents import Document, Name, NotNegative, Positive, parse_toml, read_document
-from truearm.verification.standards.dates import check_past
 from truearm.verification.standards.decision import DECISION_RULES, DecisionRule
 from truearm.verification.standards.plan_entries import (
     NOT_IN_PLAN,

@@ -11,8 +11,8 @@ import numpy as np
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
 from truearm.identification.planning.sampling.measuring import check_five_rotary_joints, inner_limits, postures, reach
-from truearm.identification.planning.sampling.seat import farthest_points
 from truearm.identification.planning.sampling.workspace import azimuth_of, stance, within_cone
+from truearm.identification.sampling import farthest_points
 from truearm.typing import BoolArray, FloatArray, IntArray
 from truearm.verification.standards.artefacts import Artefacts, example_artefacts
 from truearm.verification.standards.layout import Placement, lay_out_tests

@@ -15,7 +15,6 @@ import numpy as np
 from truearm.arm.arm import Arm
 from truearm.arm.inverse_kinematics import solve_inverse_kinematics
 from truearm.errors import InputError
-from truearm.identification.planning.sampling.poses import Poses, checked_count, checked_seed
 from truearm.identification.planning.sampling.workspace import (
     Sector,
     Stance,
@@ -25,6 +24,7 @@ from truearm.identification.planning.sampling.workspace import (
     stance,
     within_cone,
 )
+from truearm.identification.sampling import Poses, checked_count, checked_seed
 from truearm.typing import BoolArray, FloatArray, NameArray
 
 END_STOP_MARGIN_RAD = float(np.radians(2.0))

@@ -17,7 +17,6 @@ from truearm.identification.planning.sampling.measuring import (
     postures,
     reach,
 )
-from truearm.identification.planning.sampling.poses import Poses, checked_count, checked_seed
 from truearm.identification.planning.sampling.workspace import (
     Sector,
     Stance,
@@ -26,7 +25,8 @@ from truearm.identification.planning.sampling.workspace import (
     stance,
     within_cone,
 )
-from truearm.typing import FloatArray, IntArray, NameArray
+from truearm.identification.sampling import Poses, checked_count, checked_seed, farthest_points
+from truearm.typing import FloatArray, NameArray
 
 SEAT_SECTOR = Sector(near=0.35, far=0.75, low=-0.25, high=0.25, half_angle_deg=60.0)
 """Seats are on the table or on posts, where the arm has room to turn about them."""
@@ -87,16 +87,6 @@ def seat(arm: Arm, n: int, *, seed: int, seats: int | npt.ArrayLike = 3) -> Pose
         if len(held) == n_seats:
             return _in_order(held, rejected)
     raise InputError(f"arm {arm.name!r} reaches only {len(held)} of {n_seats} seats in enough postures")
-
-
-def farthest_points(angles: FloatArray, n: int) -> IntArray:
-    """Choose n rows, each the farthest from those before it; the first is the farthest from the mean."""
-    chosen = [int(np.linalg.norm(angles - angles.mean(axis=0), axis=1).argmax())]
-    nearest = np.full(len(angles), np.inf)
-    while len(chosen) < n:
-        nearest = np.minimum(nearest, np.linalg.norm(angles - angles[chosen[-1]], axis=1))
-        chosen.append(int(nearest.argmax()))
-    return np.array(chosen)
 
 
 def _postures_in(

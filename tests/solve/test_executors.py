@@ -18,9 +18,9 @@ from worker_tasks import begun_before, killed_always, killed_once, process_of, s
 
 import truearm as ta
 from truearm.errors import InputError, TruearmError
-from truearm.fleet import executors
-from truearm.fleet.executors import Dask, Processes, chosen_executor
+from truearm.solve import executors
 from truearm.solve.executor import AHEAD, Serial, WorkerLost, results_in_order
+from truearm.solve.executors import Dask, Processes, chosen_executor
 from truearm.workflows.evaluate_large import evaluate_large
 
 needs_kill = pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="this system has no SIGKILL")
@@ -214,4 +214,4 @@ def test_only_the_room_of_fleets_knows_dask():
     names = "(?:dask|distributed|joblib)"
     importing = re.compile(rf"^\s*(?:import|from) {names}\b|_module\(\"{names}\b", flags=re.MULTILINE)
     found = [path for path in package.rglob("*.py") if importing.search(path.read_text(encoding="utf-8"))]
-    assert [path.relative_to(package).as_posix() for path in found] == ["fleet/executors.py"]
+    assert [path.relative_to(package).as_posix() for path in found] == ["solve/executors.py"]

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
-from truearm.typing import FloatArray, NameArray
+from truearm.typing import FloatArray, IntArray, NameArray
 
 HALF_WIDTH_RAD = float(np.radians(20.0))
 """Box of the experiment of Gao et al. 2017, inferred: their network has the stated error in a box of this size."""
@@ -141,6 +141,16 @@ def uniform(arm: Arm, n: int, *, seed: int, sobol: bool = False, slides: FloatAr
         If a number is out of bounds, or a prismatic joint has no limits and none are stated.
     """
     return Poses(_between(*joint_travel_limits(arm, slides=slides), n, seed=seed, sobol=sobol))
+
+
+def farthest_points(angles: FloatArray, n: int) -> IntArray:
+    """Choose n rows, each the farthest from those before it; the first is the farthest from the mean."""
+    chosen = [int(np.linalg.norm(angles - angles.mean(axis=0), axis=1).argmax())]
+    nearest = np.full(len(angles), np.inf)
+    while len(chosen) < n:
+        nearest = np.minimum(nearest, np.linalg.norm(angles - angles[chosen[-1]], axis=1))
+        chosen.append(int(nearest.argmax()))
+    return np.array(chosen)
 
 
 def _between(lower: FloatArray, upper: FloatArray, n: int, *, seed: int, sobol: bool) -> FloatArray:

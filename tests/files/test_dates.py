@@ -7,7 +7,7 @@ import datetime
 import pytest
 
 from truearm.errors import InputError
-from truearm.verification.standards import dates
+from truearm.files import dates
 
 
 def test_a_day_is_past_within_a_day_of_now(monkeypatch):
