@@ -24,9 +24,16 @@ def model(session):
     return ta.fit("ur10", session, model="kinematic").model
 
 
+@pytest.fixture(scope="module")
+def urdf(model, tmp_path_factory):
+    path = tmp_path_factory.mktemp("exported") / "arm.urdf"
+    ta.export(model, path)
+    return path.read_bytes()
+
+
 @pytest.fixture
-def exported(model, tmp_path):
-    ta.export(model, tmp_path / "arm.urdf")
+def exported(urdf, tmp_path):
+    (tmp_path / "arm.urdf").write_bytes(urdf)
     return tmp_path / "arm.urdf"
 
 

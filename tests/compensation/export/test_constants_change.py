@@ -214,9 +214,8 @@ def test_both_rigid_arms_are_of_the_same_poses(monkeypatch, old, new):
     assert np.array_equal(*seen)
 
 
-@pytest.mark.slow
 def test_an_unchanged_arm_alarms_in_few_cases():
-    """12 pairs at 5 %: more than 3 alarms have a probability of 0.2 %."""
-    found = [constants_change(model_of(OLD, 100 + pair), model_of(OLD, 200 + pair)) for pair in range(12)]
-    assert sum(any(one.is_changed for one in each.constants) for each in found) <= 3
-    assert sum(each.displacement.is_significant for each in found) <= 3
+    """6 pairs at 5 %: more than 2 alarms have a probability of 0.2 %."""
+    found = [constants_change(model_of(OLD, 100 + pair), model_of(OLD, 200 + pair)) for pair in range(6)]
+    assert sum(any(one.is_changed for one in each.constants) for each in found) <= 2
+    assert sum(each.displacement.is_significant for each in found) <= 2
