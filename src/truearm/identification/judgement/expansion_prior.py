@@ -27,12 +27,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import block_diag
+from scipy.linalg import block_diag, solve_triangular
 
 from truearm.identification.estimation.identification_result import IdentificationResult, TermGroupResult
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
@@ -60,20 +61,63 @@ N_LAGS = 12
 LEAST_VALUE = 1e-9
 # Smaller shares of a prior's precision are rounding.
 ROUNDING = 1e-9
-# Smaller shares of the evidence are no part of the second moment of a drift.
+# Hypotheses of a smaller share of the evidence are no part of the mixture.
 LEAST_WEIGHT = 1e-9
 
 
-class _Moments(NamedTuple):
-    """Mean and covariance of a mixture, its mean temperature of the links [degC], and number of determined growths.
+class _Hypothesis(NamedTuple):
+    """A material and a history of the links, with their weight by evidence.
 
-    Of the changes of the other coefficients, of the growth c of each link, and of ``-c (temperature - 20 degC)``.
+    `causes` (q, n) are what independent causes do: to the other coefficients, to the growth c of each link, and to
+    ``-c (temperature - 20 degC)``; the readings left them the mean (n,) and the covariance (n, n). `rest` is the
+    covariance of the latter two that no reading shows, `drift` (n_others, k) what causes of variance one do beside.
     """
 
+    weight: float
+    causes: FloatArray
     mean: FloatArray
     covariance: FloatArray
-    mean_degC: float
-    effective: float
+    rest: FloatArray
+    drift: FloatArray
+    warmer: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Mixture:
+    """Moments over hypotheses, of what their causes do."""
+
+    hypotheses: list[_Hypothesis]
+
+    def average(self, values: Sequence[float] | Sequence[FloatArray]) -> FloatArray:
+        """Of values of each hypothesis, by its weight."""
+        return np.asarray(np.tensordot([one.weight for one in self.hypotheses], np.asarray(values), axes=1))
+
+    @property
+    def mean(self) -> FloatArray:
+        """(q,) of all."""
+        return self.average([one.causes @ one.mean for one in self.hypotheses])
+
+    @property
+    def mean_degC(self) -> float:
+        """Mean temperature of the links."""
+        return REFERENCE_DEGC + float(self.average([one.warmer for one in self.hypotheses]))
+
+    @property
+    def effective(self) -> float:
+        """Number of determined growths."""
+        return float(self.average([len(one.mean) - np.trace(one.covariance) for one in self.hypotheses]))
+
+    @cached_property
+    def covariance(self) -> FloatArray:
+        """(q, q) of all: a product of few columns, once."""
+        found, mean, n = self.hypotheses, self.mean, len(self.hypotheses[0].mean)
+        scatter = np.array([np.sqrt(one.weight) * (one.causes @ one.mean - mean) for one in found])
+        weighed = np.hstack([one.weight * one.causes @ one.covariance for one in found])
+        covariance = scatter.T @ scatter + weighed @ np.hstack([one.causes for one in found]).T
+        covariance[-2 * n :, -2 * n :] += self.average([one.rest for one in found])
+        by_drift = np.hstack([np.sqrt(one.weight) * one.drift for one in found])
+        covariance[: -2 * n, : -2 * n] += by_drift @ by_drift.T
+        return np.asarray(covariance)
 
 
 def at_mean_temperature(state: ArmState) -> ArmState:
@@ -82,7 +126,9 @@ def at_mean_temperature(state: ArmState) -> ArmState:
     return state if degC is None else replace(state, temperature_degC=degC - degC.mean() + REFERENCE_DEGC)
 
 
-def with_material_prior(fit: IdentificationResult, state: ArmState, *, widened: float = 1.0) -> IdentificationResult:
+def with_material_prior(
+    fit: IdentificationResult, state: ArmState, identified: IdentificationResult, *, widened: float = 1.0
+) -> IdentificationResult:
     """Exchange the prior of the thermal expansion.
 
     A covariance that was widened widens what the readings say of the growth, and not its prior; the estimates are those
@@ -94,6 +140,8 @@ def with_material_prior(fit: IdentificationResult, state: ArmState, *, widened: 
         Identified from the state of `at_mean_temperature`.
     state : ArmState
         Of the readings, with their true temperatures.
+    identified : IdentificationResult
+        The same with the covariance that the readings left, and perhaps with further terms.
     widened : float
         Factor by which the covariance of `fit` was widened.
 
@@ -112,7 +160,8 @@ def with_material_prior(fit: IdentificationResult, state: ArmState, *, widened: 
     mean, spread = float(state.temperature_degC.mean()), float(state.temperature_degC.std())
     by_points, lags, u_K = [part.kind for part in fit.references] == ["point"], lag_K > LAG_K, min(lag_K, spread)
     if by_points:
-        histories = link_histories(fit, state, grows, others, TIME_CONSTANTS if lags else np.zeros(0))
+        covariance = _if_others_were_known(identified, fit.perturbed_chain.terms)
+        histories = link_histories(fit, state, grows, others, covariance, TIME_CONSTANTS if lags else np.zeros(0))
     else:
         gain = np.asarray(np.linalg.solve(of_growth, fit.covariance[np.ix_(grows, others)]).T)
         information, right = _likelihood(of_growth / widened, fit.coefficients[grows], fit.prior_std[grows])
@@ -123,7 +172,8 @@ def with_material_prior(fit: IdentificationResult, state: ArmState, *, widened: 
         u_K = 0.0
     else:
         histories = [one for each in histories for one in _shown_in_part(each, lag_K / spread)]
-    new, wide = _mixture(histories), _mixture(histories, widened)
+    new = _mixture(histories)
+    wide = new if widened == 1 else _mixture(histories, widened)
     # Beside the coefficients, constants that take the lengths to 20 degC.
     order = np.concatenate([others, grows, p + np.arange(len(grows))])
     x, covariance = np.empty(len(order)), np.empty((len(order), len(order)))
@@ -224,6 +274,20 @@ def _coefficients_of_growth(chain: PerturbedChain) -> tuple[IntArray, list[Term]
     return np.array([column for _, column in grows], dtype=np.intp), [term for term, _ in grows]
 
 
+def _if_others_were_known(fit: IdentificationResult, terms: Sequence[Term]) -> FloatArray:
+    """Covariance of the coefficients of some terms but growth, if all other coefficients of a fit were known."""
+    chain, kept = fit.perturbed_chain, set(terms)
+    is_own = np.repeat(
+        np.array([term in kept and not isinstance(term.basis, Temperature) for term in chain.terms]),
+        [term.n_coefficients for term in chain.terms],
+    )
+    own, rest = np.flatnonzero(is_own), np.flatnonzero(~is_own)
+    inner = (fit.covariance / np.outer(fit.prior_std, fit.prior_std))[np.ix_(rest, rest)]
+    across = fit.covariance[np.ix_(rest, own)] / fit.prior_std[rest, None]
+    half = solve_triangular(np.linalg.cholesky(inner), across, lower=True, check_finite=False)
+    return np.asarray(fit.covariance[np.ix_(own, own)] - half.T @ half)
+
+
 def _likelihood(covariance: FloatArray, x: FloatArray, prior_std: FloatArray) -> tuple[FloatArray, FloatArray]:
     """What the readings alone say of the growth x: information matrix L [K^2] and L x [K]."""
     values, vectors = np.linalg.eigh(covariance / np.outer(prior_std, prior_std))
@@ -233,39 +297,37 @@ def _likelihood(covariance: FloatArray, x: FloatArray, prior_std: FloatArray) ->
     return information, (by_prior / values) @ (vectors.T @ (x / prior_std))
 
 
-def _mixture(histories: Sequence[LinkHistory], widened: float = 1.0) -> _Moments:
-    """Moments over materials and histories, weighed by their evidence.
+def _mixture(histories: Sequence[LinkHistory], widened: float = 1.0) -> _Mixture:
+    """The hypotheses of materials and histories, weighed by their evidence.
 
     Where links changed by a share a of a history, training shows ``a c`` of the expansion c, of each link with some
     slack. Both are sums of independent causes, of which the readings determine some.
     """
-    n = len(histories[0].right)
-    logs, means, causes, roots, rests, drifts, above, determined = [], [], [], [], [], [], [], []
+    n, logs = len(histories[0].right), []
+    found: list[tuple[FloatArray, FloatArray, FloatArray, FloatArray, LinkHistory]] = []
     for material, history in product(MATERIALS, histories):
         prior = material.covariance(n)
-        half = np.linalg.cholesky(prior + history.slack**2 * np.diag(prior.diagonal()))
-        shown, grown = history.share * half, np.linalg.solve(half, prior).T
+        half = np.asarray(np.linalg.cholesky(prior + history.slack**2 * np.diag(prior.diagonal())))
+        shown = history.share * half
         matrix = shown.T @ history.information @ shown / widened + np.eye(n)
-        inverse, right = np.linalg.inv(matrix), shown.T @ history.right / widened
-        warmer = history.mean_degC - REFERENCE_DEGC
+        inverse, right = np.asarray(np.linalg.inv(matrix)), shown.T @ history.right / widened
         logs.append(history.log_evidence + 0.5 * (right @ inverse @ right - np.linalg.slogdet(matrix)[1]))
-        causes.append(np.vstack([history.gain @ shown, grown, -warmer * grown]))
-        means.append(causes[-1] @ inverse @ right)
-        roots.append(inverse)
-        rests.append(np.kron([[1.0, -warmer], [-warmer, warmer**2]], prior - grown @ grown.T))
-        drift = (history.drift @ [1.0, *(shown @ inverse @ right)]).reshape(-1, N_DRIFTS)
-        drifts.append((history.as_others, drift))
-        above.append(warmer)
-        determined.append(n - np.trace(inverse))
-    weight = np.exp(np.array(logs) - max(logs))
-    weight /= weight.sum()
-    centre = weight @ np.array(means)
-    scatter = (np.array(means) - centre) * np.sqrt(weight)[:, None]
-    weighed = [w * by_cause @ root for w, by_cause, root in zip(weight, causes, roots, strict=True)]
-    covariance = scatter.T @ scatter + np.hstack(weighed) @ np.hstack(causes).T
-    covariance[-2 * n :, -2 * n :] += np.tensordot(weight, rests, axes=1)
-    # Of few columns each: their products only once, and of those that have any weight.
-    likely = [np.sqrt(w) * to @ drift.T for w, (to, drift) in zip(weight, drifts, strict=True) if w > LEAST_WEIGHT]
-    by_drift = np.hstack(likely)
-    covariance[: -2 * n, : -2 * n] += by_drift @ by_drift.T
-    return _Moments(centre, covariance, REFERENCE_DEGC + float(weight @ above), float(weight @ determined))
+        found.append((prior, half, inverse, inverse @ right, history))
+    weights = np.exp(np.array(logs) - max(logs))
+    weights /= weights.sum()
+    likely = np.flatnonzero(weights > LEAST_WEIGHT).tolist()
+    return _Mixture([_hypothesis(float(weights[i]), *found[i]) for i in likely])
+
+
+def _hypothesis(
+    weight: float, prior: FloatArray, half: FloatArray, covariance: FloatArray, mean: FloatArray, history: LinkHistory
+) -> _Hypothesis:
+    shown, grown, warmer = (
+        history.share * half,
+        np.asarray(np.linalg.solve(half, prior)).T,
+        history.mean_degC - REFERENCE_DEGC,
+    )
+    causes = np.vstack([history.gain @ shown, grown, -warmer * grown])
+    rest = np.kron([[1.0, -warmer], [-warmer, warmer**2]], prior - grown @ grown.T)
+    drift = history.as_others @ (history.drift @ [1.0, *(shown @ mean)]).reshape(-1, N_DRIFTS).T
+    return _Hypothesis(weight, causes, mean, covariance, rest, drift, warmer)
