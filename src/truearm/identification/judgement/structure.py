@@ -10,7 +10,8 @@ Am. Stat. Assoc. 72 (1977) 320), so that nothing which the constants took is cou
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -18,9 +19,9 @@ import numpy as np
 from truearm.identification.estimation.identification import initial_problem
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.linearisation import eliminate_unknowns, linearised
-from truearm.identification.estimation.perturbed_chain import PerturbedChain
+from truearm.identification.estimation.perturbed_chain import PerturbedChain, chunks
 from truearm.identification.references.references import Reference
-from truearm.identification.terms import ArmState, Harmonics, Term
+from truearm.identification.terms import ArmState, Expression, Formula, Harmonics, Term
 from truearm.identification.terms.catalogue import ANGLE_STD, LENGTH_STD, relative_size
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
@@ -117,31 +118,48 @@ def contrasts(
     features: Sequence[Term],
 ) -> Contrasts:
     """Residuals of an arm by the coefficients of features; other parameters are those of `remaining`."""
-    fitted = fit.perturbed_chain
-    known = dict(zip(fitted.terms, fitted.columns, strict=True))
-    terms = (*known, *(term for term in absorbed if term not in known))
-    chain = PerturbedChain(fitted.chain, (*terms, *features))
+    known = dict(zip(fit.perturbed_chain.terms, fit.perturbed_chain.columns, strict=True))
+    motions, state = _known_motions(fit, state, set(absorbed))
+    # What is identified from these readings first, then the features, then what is known from others.
+    chain = PerturbedChain(fit.perturbed_chain.chain, (*absorbed, *features, *motions))
     problem, _ = initial_problem(chain, state, references)
-    coefficients = [fit.coefficients[known[t]] if t in known else np.zeros(t.n_coefficients) for t in chain.terms]
+    before = [fit.coefficients[known[t]] if t in known else np.zeros(t.n_coefficients) for t in (*absorbed, *features)]
     unknowns = [value for one in fit.references for value in one.unknowns.values()]
-    x = np.concatenate([*coefficients, unknowns])
+    x = np.concatenate([*before, np.ones(len(motions)), unknowns])
     # Excluded readings and gross errors say nothing of the pose.
     weights = [np.sqrt(one.robust_weight) * np.ones_like(one.residuals) for one in fit.references]
-    # What is identified from these readings first, then the features, then what is known from others.
-    identified = np.repeat([term in absorbed for term in terms], [term.n_coefficients for term in terms])
-    n_absorbed, n_terms = int(identified.sum()), len(identified)
+    n_absorbed, n_features = (sum(term.n_coefficients for term in some) for some in (absorbed, features))
     with one_blas_thread():
         parts, whole = linearised(problem, x, weights)
         reduced = eliminate_unknowns(parts, whole, x)
-        others = np.arange(n_terms, len(reduced.gram))
-        of_use = np.concatenate([np.flatnonzero(identified), others])
+        of_use = np.r_[: n_absorbed + n_features, chain.n_coefficients : len(reduced.gram)]
         gram, slope, rank, gain = _without(reduced.gram[np.ix_(of_use, of_use)], reduced.gradient[of_use], n_absorbed)
-        n_features = chain.n_coefficients - n_terms
         gram, slope = gram[:n_features, :n_features], slope[:n_features]
     # A reading counts by its weight, as residual and as reading.
     n = max(round(sum(float(one.sum()) for one in weights)) - rank - round(reduced.n_determined), 0)
     squares = 2 * whole.cost - reduced.gain - gain
     return Contrasts(gram, slope, squares, n, sum(float(one[0].sum()) for one in weights))
+
+
+def _known_motions(fit: IdentificationResult, state: ArmState, absorbed: Set[Term]) -> tuple[list[Term], ArmState]:
+    """Terms of coefficient 1 that move each place as all terms do that are not absorbed, and a state with their values.
+
+    No derivatives by them are needed, of which a physical model has more than a thousand.
+    """
+    chain = fit.perturbed_chain
+    x = np.where(fit.columns_of(lambda term: term not in absorbed), fit.coefficients, 0.0)
+    if not x.any():
+        return [], state
+    motions = np.zeros((chain.chain.n_places, 6, len(state)))
+    for rows in chunks(len(state)):
+        motions[..., rows] = chain.motions(x, chain.values(state.rows(rows)))
+    terms, columns = [], dict(state.columns)
+    for place, axis in np.argwhere(motions.any(axis=2)).tolist():
+        name = f"known motion {axis} at {place}"
+        direction, basis = tuple(float(axis == one) for one in range(6)), Formula((Expression.column(name),))
+        terms.append(Term(name, place, direction, basis, "known motions", 1.0))
+        columns[name] = motions[place, axis]
+    return terms, replace(state, columns=columns)
 
 
 def pose_features(n_joints: int, size: float) -> list[Term]:
