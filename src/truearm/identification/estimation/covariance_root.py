@@ -19,6 +19,7 @@ section 7.3.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations_with_replacement, pairwise
@@ -132,7 +133,7 @@ class CovarianceRoot:
         except LinAlgError:
             return None
         inverse = dtrtri(lower, lower=1, overwrite_c=1)[0]
-        return replace(self, factor=(inverse.T[::-1, ::-1] / scale[::-1, None]).T)
+        return replace(self, factor=np.ascontiguousarray((inverse.T[::-1, ::-1] / scale[::-1, None]).T))
 
     def shift(self, whole: Self, gradient: FloatArray, least: float) -> FloatArray:
         """(n_coefficients,) the change of the coefficients where data of a gradient are taken back.
@@ -154,18 +155,7 @@ class CovarianceRoot:
             moved = self.factor @ solve_triangular(whole.factor, found, check_finite=False)
             return np.asarray(solve_triangular(whole.factor, self.factor.T @ moved, trans="T", check_finite=False))
 
-        p, k = self.factor.shape[1], FEWEST
-        while 4 * k <= p:
-            found = np.linalg.qr(np.random.default_rng(0).normal(size=(p, k)))[0]
-            for _ in range(ROUNDS):
-                times = ratio_times(found)
-                values, vectors = np.linalg.eigh(found.T @ times)
-                ritz, found = found @ vectors, np.linalg.qr(times)[0]
-            if 1 / values[0] > FARTHER * least:
-                return 1 / values, ritz
-            k *= 2
-        values, vectors = np.linalg.eigh(ratio_times(np.eye(p)))
-        return 1 / values, vectors
+        return least_shares(ratio_times, len(self.order), least)
 
     def times(self, along_sites: FloatArray, values: FloatArray) -> FloatArray:
         """``F J^T``: displacements by each cause.
@@ -286,3 +276,24 @@ class CovarianceRoot:
             series = site.series if site is not None and len(site.columns) == len(coefficients) else None
             parts.append(_Part(coefficients, sites, as_slice(row_of[coefficients]), columns, series))
         return parts
+
+
+def least_shares(
+    inverse_times: Callable[[FloatArray], FloatArray], n: int, least: float
+) -> tuple[FloatArray, FloatArray]:
+    """Eigenvalues (k,) of a matrix (n, n), all below `least` and some more, and their directions (n, k).
+
+    By what its inverse times some directions is.
+    """
+    k = FEWEST
+    while 4 * k <= n:
+        found = np.linalg.qr(np.random.default_rng(0).normal(size=(n, k)))[0]
+        for _ in range(ROUNDS):
+            times = inverse_times(found)
+            values, vectors = np.linalg.eigh(found.T @ times)
+            ritz, found = found @ vectors, np.linalg.qr(times)[0]
+        if 1 / values[0] > FARTHER * least:
+            return 1 / values, ritz
+        k *= 2
+    values, vectors = np.linalg.eigh(inverse_times(np.eye(n)))
+    return 1 / values, vectors

@@ -32,10 +32,11 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import eigh
+from scipy.linalg.lapack import dpotrf, dpotri
 from scipy.sparse import csr_array, hstack, vstack
 
 from truearm.identification.estimation import perturbed_chain
-from truearm.identification.estimation.covariance_root import CovarianceRoot
+from truearm.identification.estimation.covariance_root import CovarianceRoot, least_shares
 from truearm.identification.estimation.identification import initial_problem, select_evenly
 from truearm.identification.estimation.identification_result import IdentificationResult, ReferenceFit
 from truearm.identification.estimation.linearisation import UNKNOWN_STD, eliminate_unknowns
@@ -538,7 +539,18 @@ class _Minimum:
             few = list(pieces())
             pieces = partial(iter, few)
             A = np.hstack([np.concatenate([piece.spread for piece in few]), of.spread])
-            shares, vectors = np.linalg.eigh(A @ A.T)
+            S = A @ A.T
+            if own is None and not of.n_touches and (inverse := _inverse_of_rest(S)) is not None:
+                share, directions = least_shares(inverse.__matmul__, n, LEAST_FREEDOM)
+                too_far = 1 / share - 1 - (1 - share) / np.maximum(share, LEAST_FREEDOM)
+                white = inverse @ r - directions @ (too_far * (directions.T @ r))
+                for piece, at in _placed(iter(few)):
+                    part, m = self.parts[piece.which], len(piece.rows)
+                    of_reading = np.arange(at.start, at.stop).reshape(m, -1)
+                    blocks = inverse[of_reading[:, :, None], of_reading[:, None]] - np.eye(of_reading.shape[1])
+                    yield _held_out(part, piece.rows, white[of_reading], blocks, np.ones(m), group)
+                return
+            shares, vectors = np.linalg.eigh(S)
             determined = vectors * np.sqrt(np.maximum(shares, 0))
             along, mean = determined.T @ r, np.zeros((0, n)) if own is None else own.T @ determined
         else:
@@ -573,6 +585,15 @@ class _Minimum:
             half = half.reshape(len(piece.rows), part.weights.shape[1], -1)
             blocks = half @ half.transpose(0, 2, 1)
             yield _held_out(part, piece.rows, white.reshape(len(piece.rows), -1), blocks, freedom, group)
+
+
+def _inverse_of_rest(S: FloatArray) -> FloatArray | None:
+    """``(I - S)^-1``; None where an eigenvalue of I - S is rounding."""
+    lower, info = dpotrf((np.eye(len(S)) - S).T, lower=1, overwrite_a=1)
+    if info or (lower.diagonal() ** 2).min() < ROUNDING:
+        return None
+    half = np.tril(dpotri(lower, lower=1, overwrite_c=1)[0])
+    return np.asarray(half + np.tril(half, -1).T)
 
 
 def _positive_weights(part: ReferenceFit) -> FloatArray:

@@ -19,6 +19,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from truearm.arm.chain import Chain
 from truearm.identification.estimation.identification_result import IdentificationResult
@@ -112,7 +113,7 @@ def _hysteresis(y: FloatArray, D: FloatArray, covariance: FloatArray, variance: 
     remains. `freedom` is the number of degrees of freedom of the residuals.
     """
     factor = np.linalg.cholesky(covariance)
-    white = np.linalg.solve(factor, np.column_stack([D, y]))
+    white = solve_triangular(factor, np.column_stack([D, y]), lower=True, check_finite=False)
     values, vectors = np.linalg.eigh(white[:, :-1].T @ white[:, :-1])
     along = vectors.T @ (white[:, :-1].T @ white[:, -1])
     # Small shares matter, as what turns with the direction is not averaged away.
@@ -189,5 +190,5 @@ def _log_likelihood(y: FloatArray, covariance: FloatArray) -> float:
         factor = np.linalg.cholesky(covariance)
     except np.linalg.LinAlgError:
         return -np.inf
-    white = np.linalg.solve(factor, y)
+    white = solve_triangular(factor, y, lower=True, check_finite=False)
     return float(-np.log(factor.diagonal()).sum() - white @ white / 2)
