@@ -205,6 +205,46 @@ class _Readings:
         """Weights of products of residuals of each axis: of their differences from those at like poses."""
         return [csr_array(self.contrast.T @ (column[:, None] * self.contrast)) for column in self.weights.T]
 
+    @cached_property
+    def later(self) -> list[csr_array]:
+        """The precisions of each reading with later ones."""
+        return [triu(one, 1, format="csr") for one in self.precisions]
+
+    @cached_property
+    def own_products(self) -> dict[str, FloatArray]:
+        """(n, k, k) by kind products of the motions of each reading with their own and all later ones, weighed."""
+        found = {what: np.zeros((len(of), of.shape[2], of.shape[2])) for what, of in self.motions.items()}
+        for what, motions in self.motions.items():
+            for axis, (precision, later) in enumerate(zip(self.precisions, self.later, strict=True)):
+                own = motions[:, axis]
+                with_later = own[:, :, None] * (later @ own)[:, None, :]
+                found[what] += precision.diagonal()[:, None, None] * own[:, :, None] * own[:, None, :]
+                found[what] += with_later + with_later.transpose(0, 2, 1)
+        return found
+
+    @cached_property
+    def _smooth(self) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+        """Cubic functions of each joint and distances from some poses, (n, p), and their weighed factors Q and R.
+
+        None where too few readings would determine them.
+        """
+        z = _standardized(self.angles)
+        smooth = np.hstack([np.ones((len(z), 1)), z, z**2, z**3])
+        n_centres = min(len(z) // READINGS_PER_FUNCTION, MAX_FUNCTIONS) - smooth.shape[1]
+        if n_centres < 0:
+            return None
+        centres = z[np.linspace(0, len(z) - 1, n_centres, dtype=int)]
+        smooth = np.hstack([smooth, cdist(z, centres)])
+        return smooth, *np.linalg.qr(np.sqrt(self.weights.mean(axis=1))[:, None] * smooth)
+
+    def less_smooth(self, residuals: FloatArray) -> FloatArray:
+        """Residuals less what is smooth in the joints."""
+        if self._smooth is None:
+            return residuals
+        smooth, q, r = self._smooth
+        along = q.T @ (np.sqrt(self.weights.mean(axis=1))[:, None] * residuals)
+        return np.asarray(residuals - smooth @ np.linalg.lstsq(r, along, rcond=1e-9)[0])
+
     def weighed(self, columns: FloatArray) -> FloatArray:
         """(n, 3, p) columns times their weights."""
         return np.stack([one @ columns[:, axis] for axis, one in enumerate(self.precisions)], axis=1)
@@ -260,8 +300,10 @@ def _margin(n: int) -> int:
 def _significance(at: _Readings, residuals: FloatArray) -> float | None:
     """P-value of the clearest step of any kind; None if it is not significant."""
     p_values = []
-    # As they are, and without what is smooth in the joints: each alone leaves some errors of the pose.
-    for some in (residuals, _less_smooth(residuals, at.weights, at.angles)):
+    # As they are, and without what is smooth in the joints: each alone leaves some errors of the pose. One that is not
+    # significant decides; of few readings the second, which is so more often, spares random orders of the first.
+    for is_smooth_left in (True, False) if len(residuals) >= LIMIT_READINGS else (False, True):
+        some = residuals if is_smooth_left else at.less_smooth(residuals)
         scores = [np.einsum("nij,ni->nj", motions, at.weights * some) for motions in at.motions.values()]
         whitened = [_whitened(_less_those_of_like_poses(one, at.nearest)) for one in scores]
         p_value = _p_value([white for white in whitened if white.shape[1]])
@@ -329,23 +371,6 @@ def _clearness(statistic: float, freedom: int) -> float:
 def _standardized(angles: FloatArray) -> FloatArray:
     scatter = angles.std(axis=0)
     return np.asarray((angles - angles.mean(axis=0)) / np.where(scatter > 0, scatter, 1.0))
-
-
-def _less_smooth(residuals: FloatArray, weights: FloatArray, angles: FloatArray) -> FloatArray:
-    """Residuals less a cubic function of each joint and a sum of distances from some poses.
-
-    As they are where too few readings would determine the functions.
-    """
-    z = _standardized(angles)
-    smooth = np.hstack([np.ones((len(z), 1)), z, z**2, z**3])
-    n_centres = min(len(z) // READINGS_PER_FUNCTION, MAX_FUNCTIONS) - smooth.shape[1]
-    if n_centres < 0:
-        return residuals
-    centres = z[np.linspace(0, len(z) - 1, n_centres, dtype=int)]
-    smooth = np.hstack([smooth, cdist(z, centres)])
-    root = np.sqrt(weights.mean(axis=1))[:, None]
-    fitted = np.linalg.lstsq(root * smooth, root * residuals, rcond=1e-9)[0]
-    return np.asarray(residuals - smooth @ fitted)
 
 
 def _less_those_of_like_poses(scores: FloatArray, nearest: IntArray) -> FloatArray:
@@ -465,7 +490,7 @@ def _log_likelihoods(at: _Readings, others: list[_Course], margin: int, *, steps
             sums = [
                 np.cumsum(one[::-1], axis=0)[::-1][margin : n - margin + 1]
                 for one in (
-                    _own_products(at, motions),
+                    at.own_products[what],
                     np.einsum("nip,niq->npq", motions, weighed),
                     np.einsum("nip,ni->np", motions, towards_all),
                 )
@@ -486,18 +511,6 @@ def _log_likelihoods(at: _Readings, others: list[_Course], margin: int, *, steps
         what: -freedom / 2 * np.log(of / square) - at.motions[what].shape[2] / 2 * np.log(n) - steps * np.log(n)
         for what, of in found.items()
     }
-
-
-def _own_products(at: _Readings, motions: FloatArray) -> FloatArray:
-    """(n, k, k) products of the motions of each reading with their own and with those of all later ones, weighed."""
-    out = np.zeros((len(motions), motions.shape[2], motions.shape[2]))
-    for axis, precision in enumerate(at.precisions):
-        own = motions[:, axis]
-        later = triu(precision, 1, format="csr") @ own
-        with_later = own[:, :, None] * later[:, None, :]
-        out += precision.diagonal()[:, None, None] * own[:, :, None] * own[:, None, :]
-        out += with_later + with_later.transpose(0, 2, 1)
-    return out
 
 
 def _log_likelihood(at: _Readings, courses: list[_Course], best: list[_Course]) -> float:
