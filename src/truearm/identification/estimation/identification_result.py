@@ -172,7 +172,7 @@ class IdentificationResult:
         """(n, 3, 3) covariance of tips [mm^2] by that of the coefficients, to first order."""
         out = np.empty((len(state), 3, 3))
         for rows, _, along_sites, values in self.perturbed_chain.site_derivatives(state, self.coefficients):
-            out[rows] = self._root.covariances(along_sites, values, state.rows(rows).joint_angles)
+            out[rows] = self.covariance_root.covariances(along_sites, values, state.rows(rows).joint_angles)
         return out + self.unspanned_covariance(state)
 
     def expected_square_error(self, state: ArmState) -> float:
@@ -189,9 +189,9 @@ class IdentificationResult:
 
         The sum of their products is `tip_covariance`, and those between two readings are the covariance of their tips.
         """
-        out = np.zeros((self._root.n_rows, len(state), 3))
+        out = np.zeros((self.covariance_root.n_rows, len(state), 3))
         for rows, _, along_sites, values in self.perturbed_chain.site_derivatives(state, self.coefficients):
-            out[:, rows] = self._root.times(along_sites, values).transpose(1, 2, 0)
+            out[:, rows] = self.covariance_root.times(along_sites, values).transpose(1, 2, 0)
         return np.concatenate([out, self.unspanned_displacements(state)])
 
     def unspanned_covariance(self, state: ArmState) -> FloatArray:
@@ -220,6 +220,6 @@ class IdentificationResult:
         return [(term, float(self.prior_std[columns[-1]])) for term, columns in pairs if term.basis.is_approximate]
 
     @cached_property
-    def _root(self) -> CovarianceRoot:
+    def covariance_root(self) -> CovarianceRoot:
         """F with ``F^T F`` the covariance of the coefficients that are uncertain."""
         return CovarianceRoot.of(self.covariance, self.perturbed_chain)

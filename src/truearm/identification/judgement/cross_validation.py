@@ -341,7 +341,7 @@ class _Minimum:
                     _is_judged(part, fit.references, kinds),
                 )
             )
-        root = CovarianceRoot.of(fit.covariance, fit.perturbed_chain)
+        root = fit.covariance_root
         return cls(problem, x, root, slope, root.times_matrix(slope.T), found)
 
     def judging(self, region: BoolArray, most: int) -> _Minimum:
