@@ -68,6 +68,7 @@ def test_quick_sizes_are_options_of_their_rows(command):
     for name in command.benchmarks():
         for row_name, row in importlib.import_module(f"benchmarks.{name}").ROWS.items():
             assert set(row.quick) <= set(row.options), f"{name} {row_name}"
+            assert not {f"--{option}" for option in row.options} & COMMON, f"{name} {row_name}"
             assert row.what, f"{name} {row_name}"
 
 
