@@ -81,7 +81,11 @@ def _killed_once(out: Path, after: int, later_s: float) -> int:
     return acknowledged
 
 
-@ROWS.row("kills", "kill -9 at random moments while readings are taken: acknowledged readings that are not in the file")
+@ROWS.row(
+    "kills",
+    "kill -9 at random moments while readings are taken: acknowledged readings that are not in the file",
+    quick={"n": 3},
+)
 def kills(n: int = 50) -> RowResult:
     """Each kill continues the file of the one before."""
     moments, lost, more, acknowledged = random.Random(1), 0, 0, 0
@@ -103,7 +107,11 @@ def kills(n: int = 50) -> RowResult:
     return RowResult([row], targets)
 
 
-@ROWS.row("tip", "corrected tip of a sample with its covariance, physical model of 200 readings, 99 % of samples")
+@ROWS.row(
+    "tip",
+    "corrected tip of a sample with its covariance, physical model of 200 readings, 99 % of samples",
+    quick={"n": 20, "readings": 60},
+)
 def tip(n: int = 500, readings: int = 200) -> RowResult:
     """CPU time of one thread, with the directions of movement known as a connected arm shows them, and unknown."""
     session = ta.simulate("ur10", poses=readings, seed=1).session
@@ -302,7 +310,11 @@ def day(hours: float = 8.0) -> RowResult:
     )
 
 
-@ROWS.row("learn", "what a reading adds, and which of 200 poses comes next, 200 readings, physical model")
+@ROWS.row(
+    "learn",
+    "what a reading adds, and which of 200 poses comes next, 200 readings, physical model",
+    quick={"n": 3, "readings": 60},
+)
 def learn(n: int = 20, readings: int = 200) -> RowResult:
     """CPU time of one thread after a reading: the update, and the choice of the next pose with the look ahead."""
     session = ta.simulate("ur10", poses=readings + n, seed=1).session
@@ -393,7 +405,11 @@ def _course(
     return np.array(said)
 
 
-@ROWS.row("guided", "readings to the same uncertainty, the next pose ranked against a technician's own choice")
+@ROWS.row(
+    "guided",
+    "readings to the same uncertainty, the next pose ranked against a technician's own choice",
+    quick={"seeds": 1, "readings": 12},
+)
 def guided(seeds: int = 20, readings: int = 60, arm_name: str = "ur10") -> RowResult:
     """Virtual arms of the preset research under a tracker; the technician stops after some readings.
 

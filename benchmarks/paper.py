@@ -104,15 +104,17 @@ TABLE_ROW = TABLES[4][-1]
 PICTURE = Path(__file__).parents[1] / "docs" / "experiment_box.png"
 
 
-def training_in(half_width_deg: float, method: Method, *, seed: int) -> Training:
+def training_in(half_width_deg: float, method: Method, *, seed: int, most_epochs: int = FULL_EFFORT.epochs) -> Training:
     """Row 4 of Table 4 in a box."""
-    complete = replace(FULL_EFFORT, time_limit_s=None)
+    varpro_epochs = {table: min(epochs, most_epochs) for table, epochs in FULL_EFFORT.varpro_epochs.items()}
+    complete = replace(FULL_EFFORT, time_limit_s=None, epochs=most_epochs, varpro_epochs=varpro_epochs)
     return replace(training_of(4, TABLE_ROW, method, complete, seed=seed), source=Source(half_width_deg, virtual=True))
 
 
-def run_in(half_width_deg: float, method: Method, *, seed: int, folder: Path) -> BoxRun:
+def run_in(half_width_deg: float, method: Method, *, seed: int, folder: Path, most_epochs: int) -> BoxRun:
     """Train, or read what was trained."""
-    result = run_training(training_in(half_width_deg, method, seed=seed), folder, lambda *_: None)
+    training = training_in(half_width_deg, method, seed=seed, most_epochs=most_epochs)
+    result = run_training(training, folder, lambda *_: None)
     errors = result.errors(N_EVALUATION_POSES, EVALUATION_STREAM)
     return BoxRun(
         half_width_deg,
@@ -146,12 +148,13 @@ def key(run: BoxRun) -> tuple[float, str, int]:
     return run.half_width_deg, run.method, run.seed
 
 
-@ROWS.row("box", is_long=True)
+@ROWS.row("box", quick={"widths": (13.0, 15.0), "most_epochs": 3}, is_long=True)
 def of_box(
     widths: tuple[float, ...] = (10.0, 13.0, 15.0, 20.0, 25.0),
     seeds: int = 1,
     folder: str = "truearm-gao2017/runs",
     kept: bool = False,
+    most_epochs: int = FULL_EFFORT.epochs,
 ) -> RowResult:
     """The experiment against its box: error and stop of row 4 of Table 4, by half-width [deg].
 
@@ -162,7 +165,7 @@ def of_box(
     """
     Path(folder).mkdir(parents=True, exist_ok=True)
     runs = [
-        run_in(width, method, seed=seed, folder=Path(folder))
+        run_in(width, method, seed=seed, folder=Path(folder), most_epochs=most_epochs)
         for width in widths
         for method in METHODS
         for seed in range(seeds)

@@ -6,7 +6,9 @@ import ast
 import importlib
 import itertools
 import json
+import os
 import re
+import subprocess
 import sys
 from pathlib import Path
 
@@ -18,6 +20,13 @@ PAGES += [page for page in (CHECKOUT / "docs").rglob("*.md") if "_build" not in 
 PAGES += [file for folder in ("src", "tests", "benchmarks") for file in (CHECKOUT / folder).rglob("*.py")]
 PAGES += list((CHECKOUT / "src").rglob("*.json"))
 COMMON = {"--list", "--json", "--quick"}
+# Rows that no test runs.
+NOT_RUN = {
+    ("figures", "pages"): "writes the pages of the checkout",
+    ("figures", "again"): "measures all other rows",
+    ("speed", "fit-physical-100000"): "has no smaller form but fit-physical-1000",
+    ("speed", "fit-physical-1000000"): "has no smaller form but fit-physical-1000",
+}
 
 
 @pytest.fixture
@@ -140,3 +149,42 @@ def test_an_option_that_no_chosen_row_has_is_refused(command, capsys):
     with pytest.raises(SystemExit):
         command.main(["arm_files", "ur-angles", "--arms", "3"])
     assert "none of the rows ur-angles has the option --arms" in capsys.readouterr().err
+
+
+def pytest_generate_tests(metafunc):
+    """All rows of all benchmarks, where the weekly tests are asked for: to import them all takes seconds."""
+    if "every_row" not in metafunc.fixturenames:
+        return
+    is_asked = "weekly" in metafunc.config.option.markexpr and "not weekly" not in metafunc.config.option.markexpr
+    rows = []
+    if is_asked and (CHECKOUT / "benchmarks").is_dir():
+        sys.path.insert(0, str(CHECKOUT))
+        known = importlib.import_module("benchmarks.__main__").benchmarks()
+        rows = [(name, row) for name in known for row in importlib.import_module(f"benchmarks.{name}").ROWS]
+    metafunc.parametrize("every_row", rows, ids=" ".join)
+
+
+@pytest.mark.slow
+@pytest.mark.weekly
+def test_every_row_runs_in_its_smallest_form(every_row, tmp_path):
+    """In a process of its own, as the command is typed; without a peer library or a data set it is skipped."""
+    name, row = every_row
+    if every_row in NOT_RUN:
+        pytest.skip(NOT_RUN[every_row])
+    paths = [str(CHECKOUT), str(CHECKOUT / "src"), os.environ.get("PYTHONPATH", "")]
+    ran = subprocess.run(
+        [sys.executable, "-m", "benchmarks", name, row, "--quick", "--json"],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,  # some write files
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))},
+    )
+    missing = re.search(r"No module named '(?!truearm|benchmarks)([\w.]+)'", ran.stderr)
+    if ran.returncode and missing:
+        pytest.skip(f"needs {missing[1]}, which is not installed")
+    if ran.returncode and (unavailable := re.search(r".*data set.*not available.*", ran.stderr)):
+        pytest.skip(unavailable[0])
+    assert ran.returncode == 0, ran.stderr[-2000:]
+    found = json.loads(ran.stdout)
+    done = found["rows"][row]
+    assert done["table"] or done["notes"] or found["targets"]
