@@ -13,5 +13,5 @@ for requirement in [
         for one in project["optional-dependencies"][extra]
     ),
 ]:
-    if bounded := re.fullmatch(r"([\w-]+)>=([\w.]+)", requirement):
-        print(f"{bounded[1]}=={bounded[2]}")
+    if bounded := re.fullmatch(r"([\w-]+)>=([\w.]+)(;.*)?", requirement):
+        print(f"{bounded[1]}=={bounded[2]}{bounded[3] or ''}")

@@ -39,7 +39,7 @@ def test_the_build_backend_answers_before_hatchling_is_installed():
 
 def test_the_conda_recipe_has_the_dependencies_of_the_project():
     recipe = yaml.safe_load((ROOT / "packaging/conda/recipe.yaml").read_text(encoding="utf-8"))
-    named = [re.fullmatch(r"([\w-]+)(>=[\d.]+)", dependency).groups() for dependency in PROJECT["dependencies"]]
+    named = [re.fullmatch(r"([\w-]+)(>=[\d.]+)(?:;.*)?", dependency).groups() for dependency in PROJECT["dependencies"]]
     assert recipe["requirements"]["run"][1:] == [f"{CONDA_NAMES.get(name, name)} {least}" for name, least in named]
     assert PROJECT["requires-python"] == f">={recipe['context']['python_min']}"
     (entry,) = recipe["build"]["python"]["entry_points"]

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from truearm.solve import trigonometric_sums
 from truearm.solve.trigonometric_sums import Multiples, bilinear_form, is_cheaper, weighted_products
 
 orders = st.sets(st.integers(1, 90), min_size=1, max_size=40).map(lambda found: np.array(sorted(found)))
@@ -57,3 +58,9 @@ def test_few_values_and_few_orders_are_products_of_matrices():
     assert not is_cheaper(12_000, few, few)
     # A gap in the orders costs a grid, and saves no product.
     assert not is_cheaper(12_000, np.array([1, 1000]), np.array([2, 999]))
+
+
+def test_without_finufft_all_sums_are_products_of_matrices(monkeypatch: pytest.MonkeyPatch):
+    """As on Linux on ARM, for which it has no wheels; fits are the same (`test_transformed_fit`)."""
+    monkeypatch.setattr(trigonometric_sums, "has_transforms", lambda: False)
+    assert not is_cheaper(12_000, np.arange(1, 111), np.arange(1, 111))

@@ -18,6 +18,8 @@ A. H. Barnett, J. F. Magland, L. af Klinteberg, "A parallel nonuniform fast Four
 from __future__ import annotations
 
 import math
+from functools import cache
+from importlib.util import find_spec
 from typing import NamedTuple
 
 import numpy as np
@@ -48,11 +50,19 @@ class Multiples(NamedTuple):
     orders: IntArray
 
 
+@cache
+def has_transforms() -> bool:
+    """Whether finufft is installed: it has no wheels for Linux on ARM."""
+    return find_spec("finufft") is not None
+
+
 def is_cheaper(m: int, one: IntArray, other: IntArray | None = None) -> bool:
     """Whether a transform of m values costs less than products of matrices, for orders of two angles, or of one.
 
-    By counted operations.
+    By counted operations; where there are no transforms, products are the only way.
     """
+    if not has_transforms():
+        return False
     second = one if other is None else other
     products = 8 * m * len(one) * len(second)
     if other is None:
