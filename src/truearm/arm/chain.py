@@ -20,15 +20,22 @@ flange's axes, as a tool is turned on its flange, and does not move the tip.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from truearm.arm.rigid_motions import apply_motions, cos_sin, rotations, rotations_and_jacobians, turn_matrices
+from truearm.arm.rigid_motions import (
+    apply_motions,
+    cos_sin,
+    cross_matrix,
+    rotations,
+    rotations_and_jacobians,
+    turn_matrices,
+)
 from truearm.arm.rigid_motions import exponential_derivative as exponential_derivative
 from truearm.errors import InputError
 from truearm.typing import BoolArray, FloatArray
@@ -492,35 +499,77 @@ class Chain:
         finite: tuple[FloatArray, FloatArray] | None = None,
     ) -> tuple[FloatArray, FloatArray]:
         """Tips and derivatives; `finite` are the rotations of the motions, if the caller has them."""
-        turns = cos_sin(q)
         turned_by, jacobians = None, None
         if motions is not None:
             turned_by, jacobians = finite or _turned_by_with_jacobians(motions)
-        tip_in_place = dict(self._outward(q, turns, motions, turned_by))
-        pieces: Iterable[_Piece] = ((place, R, tip_in_place[place]) for place, R in self._inward(turns, turned_by))
         if q.shape[1] <= FEW:
-            pieces = _in_one_pass(pieces)
-        for place, R, tip in pieces:
-            moved = out[place]
-            tip = tip if motions is None else tip - motions[place][..., 3:, :]
-            x, y, z = (tip[..., k, None, :] for k in range(3))
-            axes = np.swapaxes(R, -3, -2)  # (3 axes, 3 components, m)
+            return self._small_motions_of_few(q, out, motions, turned_by, jacobians), out
+        turns = cos_sin(q)
+        tip_in_place = dict(self._outward(q, turns, motions, turned_by))
+        for place, R in self._inward(turns, turned_by):
+            tip, moved = tip_in_place[place], out[place]
+            tip = tip if motions is None else tip - motions[place, 3:]
+            x, y, z = tip[:, None]
+            axes = np.swapaxes(R, 0, 1)  # (3 axes, 3 components, m)
             # z x (p - o) with p - o = R (x, y, z): a combination of the two other axes.
-            np.multiply(y, axes[..., 2, :, :], out=moved[..., 0, :, :])
-            moved[..., 0, :, :] -= z * axes[..., 1, :, :]
-            np.multiply(z, axes[..., 0, :, :], out=moved[..., 1, :, :])
-            moved[..., 1, :, :] -= x * axes[..., 2, :, :]
-            np.multiply(x, axes[..., 1, :, :], out=moved[..., 2, :, :])
-            moved[..., 2, :, :] -= y * axes[..., 0, :, :]
-            moved[..., 3:, :, :] = axes
+            np.multiply(y, axes[2], out=moved[0])
+            moved[0] -= z * axes[1]
+            np.multiply(z, axes[0], out=moved[1])
+            moved[1] -= x * axes[2]
+            np.multiply(x, axes[1], out=moved[2])
+            moved[2] -= y * axes[0]
+            moved[3:] = axes
             if jacobians is not None:
-                moved[..., :3, :, :] = _by_rotation_vector(moved[..., :3, :, :], jacobians[place])
-        R = R.reshape(-1, *R.shape[-3:])[-1]
+                moved[:3] = _by_rotation_vector(moved[:3], jacobians[place])
         if turned_by is not None:
             R = _product(R, turned_by[-2])
         out[-1, :3] = 0.0
         out[-1, 3:] = np.matmul(self.fixed[-1, :3, :3].T, R).transpose(1, 0, 2)
         return tip_in_place[-1], out
+
+    def _small_motions_of_few(
+        self,
+        q: FloatArray,
+        out: FloatArray,
+        motions: FloatArray | None,
+        turned_by: FloatArray | None,
+        jacobians: FloatArray | None,
+    ) -> FloatArray:
+        """The tips, and the derivatives into `out`, by matrices of all places: the number of operations counts."""
+        (n, m), slides = q.shape, self.is_prismatic
+        steps = np.zeros((n, m, 4, 4))
+        steps[..., range(4), range(4)] = 1.0
+        cos, sin = cos_sin(q)
+        steps[..., 0, 0] = steps[..., 1, 1] = cos
+        steps[..., 0, 1], steps[..., 1, 0] = -sin, sin
+        if slides.any():
+            steps[slides, :, :2, :2] = np.eye(2)
+            steps[slides, :, 2, 3] = q[slides]
+        steps[1:] = self.fixed[1:-1, None] @ steps[1:]
+        last, tip = self.fixed[-1], self.tip_in_flange
+        if motions is not None:
+            assert turned_by is not None
+            finite = np.zeros((n + 1, motions.shape[2], 4, 4))
+            finite[..., :3, :3] = turned_by[:-1].transpose(0, 3, 1, 2)
+            finite[..., :3, 3] = motions[:-1, 3:].transpose(0, 2, 1)
+            finite[..., 3, 3] = 1.0
+            steps, last, tip = finite[:-1] @ steps, finite[-1] @ last, tip + motions[-1, 3:].T
+        frames = np.empty((n + 1, m, 4, 4))
+        frames[0] = self.fixed[0]
+        for place, step in enumerate(steps):
+            np.matmul(frames[place], step, out=frames[place + 1])
+        flange = frames[-1] @ last
+        R, axes_of_flange = frames[..., :3, :3], flange[:, :3, :3]
+        tips = (axes_of_flange @ tip[..., None])[..., 0] + flange[:, :3, 3]
+        arm = frames[..., :3, 3] - tips
+        if motions is not None:
+            arm = arm + (R @ finite[..., :3, 3:])[..., 0]
+        turns = cross_matrix(arm) @ R  # z x (p - o), for all three axes
+        if jacobians is not None:
+            turns = turns @ jacobians[:-1].transpose(0, 3, 1, 2)
+        out[:-1, :3], out[:-1, 3:] = turns.transpose(0, 3, 2, 1), R.transpose(0, 3, 2, 1)
+        out[-1, :3], out[-1, 3:] = 0.0, axes_of_flange.transpose(2, 1, 0)
+        return np.asarray(tips.T)
 
     def _checked(self, angles: npt.ArrayLike) -> FloatArray:
         angles = np.asarray(angles, dtype=float)
@@ -567,16 +616,6 @@ def _by_place(matrices: FloatArray, motions: FloatArray) -> FloatArray:
     """Matrices (n_places, 3, 3, m) from those (3, 3, n_places m) of one pass."""
     n_places, _, m = motions.shape
     return matrices.reshape(3, 3, n_places, m).transpose(2, 0, 1, 3)
-
-
-# Of one place or of several: the places, the axes of their frames, and the tip in each.
-_Piece: TypeAlias = tuple[int | slice, FloatArray, FloatArray]
-
-
-def _in_one_pass(pieces: Iterable[_Piece]) -> Iterator[_Piece]:
-    """The places from the base on as one piece."""
-    places, frames, tips = zip(*pieces, strict=True)
-    yield slice(len(places)), np.stack(frames), np.stack(tips)
 
 
 def _product(R: FloatArray, turned: FloatArray) -> FloatArray:

@@ -272,16 +272,18 @@ class IdentifiedModel(Compensator):
     def _unstated_input_effects(self, at: CheckedReadings) -> dict[str, FloatArray]:
         """By input (k, n, 3) displacements by k independent causes of variance one [mm]."""
         fit, training, readings, state = self.fit_, self.training_, at.session, at.state
-        effects = {"directions of movement": direction_effects(fit, state)}
-        if readings.temperature_degC is None and training.temperature_degC is not None:
-            assert state.temperature_degC is not None  # the mean in training
-            std = training.temperature_degC.std
-            low, high = (state.at_temperature(state.temperature_degC + sign * std) for sign in (-1, 1))
-            effects["temperature"] = half_tip_difference(fit, low, high)[None]
-        for name in sorted(training.columns.keys() - readings.columns.keys()):
-            values, std = state.columns[name], training.columns[name].std
-            low, high = (replace(state, columns={**state.columns, name: values + sign * std}) for sign in (-1, 1))
-            effects[name] = half_tip_difference(fit, low, high)[None]
+        effects: dict[str, FloatArray] = {}
+        if fit.perturbed_chain.input_bases(state):
+            effects["directions of movement"] = direction_effects(fit, state)
+            if readings.temperature_degC is None and training.temperature_degC is not None:
+                assert state.temperature_degC is not None  # the mean in training
+                std = training.temperature_degC.std
+                low, high = (state.at_temperature(state.temperature_degC + sign * std) for sign in (-1, 1))
+                effects["temperature"] = half_tip_difference(fit, low, high)[None]
+            for name in sorted(training.columns.keys() - readings.columns.keys()):
+                values, std = state.columns[name], training.columns[name].std
+                low, high = (replace(state, columns={**state.columns, name: values + sign * std}) for sign in (-1, 1))
+                effects[name] = half_tip_difference(fit, low, high)[None]
         if (rounded := training.is_rounded(state.angles)).any():
             assert training.angle_std is not None
             effects[ROUNDED] = rounded[:, None] * tip_motions(fit.chain, state.angles, training.angle_std)

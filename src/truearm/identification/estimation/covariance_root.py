@@ -173,15 +173,20 @@ class CovarianceRoot:
         """
         _, k, m = along_sites.shape
         narrow, *wide = self._parts
-        out = np.zeros((k, self.n_rows, m))
+        out = np.empty((k, self.n_rows, m))
         height, of_narrow = len(narrow.columns), values[narrow.functions]
-        for own, along in zip(out, along_sites.swapaxes(0, 1), strict=True):
-            by_narrow = along[narrow.sites] * of_narrow
+        out[:, height:] = 0.0
+        if m <= FEW:  # all coordinates at once: the number of operations counts
+            columns = along_sites[narrow.sites] * of_narrow[:, None]
+            by_all = narrow.columns.dot(columns.reshape(len(columns), k * m))
+            out[:, :height] = by_all.reshape(height, k, m).swapaxes(0, 1)
+        for coordinate in range(k if m > FEW else 0):
+            along, by_narrow = along_sites[:, coordinate], out[coordinate, :height]
             if self.is_triangle:  # in place, with half the multiplications; both count by columns, and are transposed
-                by_narrow = dtrmm(1.0, narrow.columns.T, by_narrow.T, side=1, lower=1, overwrite_b=1).T
+                np.multiply(along[narrow.sites], of_narrow, out=by_narrow)
+                dtrmm(1.0, narrow.columns.T, by_narrow.T, side=1, lower=1, overwrite_b=1)
             else:
-                by_narrow = narrow.columns @ by_narrow
-            own[:height] = by_narrow
+                np.matmul(narrow.columns, along[narrow.sites] * of_narrow, out=by_narrow)
         for part in wide:
             by_function = part.columns @ values[part.functions]
             for own, along in zip(out, along_sites[part.sites[0]], strict=True):

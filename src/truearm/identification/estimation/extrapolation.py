@@ -10,6 +10,7 @@ model holds farther out than held-out regions of them reach; there it becomes at
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -54,26 +55,33 @@ class Extrapolation:
         if not 0 <= self.nominal < np.inf:
             raise InputError("expected a growth to the residual variance of the nominal arm of 0 or more")
 
-    @property
+    @cached_property
     def unit(self) -> FloatArray:
         """(n_joints,) what a distance of 1 is [rad, or mm of a sliding joint]."""
-        travel = np.maximum(np.ptp(self.ranges, axis=1), LEAST_TRAVEL_MM)
+        travel = np.maximum(self._span, LEAST_TRAVEL_MM)
         return np.asarray(np.where(self.is_prismatic, travel, 1.0))
+
+    @cached_property
+    def _span(self) -> FloatArray:
+        return np.asarray(np.ptp(self.ranges, axis=1))
 
     def distance(self, angles: FloatArray) -> FloatArray:
         """(n,) how far angles (n, n_joints) are outside: the root of the joints' squares [rad, or ranges].
 
         A revolute joint that is counted on by a full turn is where it was.
         """
-        lower, span = self.ranges[:, 0], np.ptp(self.ranges, axis=1)
-        above = angles - lower
+        above, span = angles - self.ranges[:, 0], self._span
         turned = np.mod(above, 2 * np.pi)
-        turning = np.where(turned > span, np.minimum(turned - span, 2 * np.pi - turned), 0.0)
-        sliding = np.maximum(np.maximum(above - span, -above), 0.0) / self.unit
-        return np.asarray(np.linalg.norm(np.where(self.is_prismatic, sliding, turning), axis=1))
+        off = np.where(turned > span, np.minimum(turned - span, 2 * np.pi - turned), 0.0)
+        if self.is_prismatic.any():
+            sliding = np.maximum(np.maximum(above - span, -above), 0.0) / self.unit
+            off = np.where(self.is_prismatic, sliding, off)
+        return np.asarray(np.sqrt((off * off).sum(axis=1)))
 
     def factor(self, angles: FloatArray) -> FloatArray:
         """(n,) the residual variance over that inside; 1 inside."""
         distance = self.distance(angles)
+        if not distance.any():
+            return np.ones(len(angles))
         not_seen = np.clip((distance - SEEN) / (NOT_SEEN - SEEN), 0.0, 1.0)
         return np.asarray(1.0 + self.growth * distance + self.nominal * not_seen)

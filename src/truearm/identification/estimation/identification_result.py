@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
 from truearm.arm.chain import Chain
+from truearm.identification.estimation.composed_arm import ComposedArm
 from truearm.identification.estimation.covariance_root import CovarianceRoot
-from truearm.identification.estimation.perturbed_chain import PerturbedChain
+from truearm.identification.estimation.perturbed_chain import PerturbedChain, SiteDerivatives
 from truearm.identification.references.references import Reference
+from truearm.identification.terms.basis import Harmonics
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
 from truearm.typing import BoolArray, FloatArray, IntArray
@@ -170,9 +172,9 @@ class IdentificationResult:
 
     def tip_covariance(self, state: ArmState) -> FloatArray:
         """(n, 3, 3) covariance of tips [mm^2] by that of the coefficients, to first order."""
-        out = np.empty((len(state), 3, 3))
-        for rows, _, along_sites, values in self.perturbed_chain.site_derivatives(state, self.coefficients):
-            out[rows] = self.covariance_root.covariances(along_sites, values, state.rows(rows).joint_angles)
+        (derivatives, root), out = self._uncertain, np.empty((len(state), 3, 3))
+        for rows, _, along_sites, values in derivatives(state):
+            out[rows] = root.covariances(along_sites, values, state.joint_angles[rows])
         return out + self.unspanned_covariance(state)
 
     def expected_square_error(self, state: ArmState) -> float:
@@ -189,9 +191,10 @@ class IdentificationResult:
 
         The sum of their products is `tip_covariance`, and those between two readings are the covariance of their tips.
         """
-        out = np.zeros((self.covariance_root.n_rows, len(state), 3))
-        for rows, _, along_sites, values in self.perturbed_chain.site_derivatives(state, self.coefficients):
-            out[:, rows] = self.covariance_root.times(along_sites, values).transpose(1, 2, 0)
+        derivatives, root = self._uncertain
+        out = np.zeros((root.n_rows, len(state), 3))
+        for rows, _, along_sites, values in derivatives(state):
+            out[:, rows] = root.times(along_sites, values).transpose(1, 2, 0)
         return np.concatenate([out, self.unspanned_displacements(state)])
 
     def unspanned_covariance(self, state: ArmState) -> FloatArray:
@@ -223,3 +226,17 @@ class IdentificationResult:
     def covariance_root(self) -> CovarianceRoot:
         """F with ``F^T F`` the covariance of the coefficients that are uncertain."""
         return CovarianceRoot.of(self.covariance, self.perturbed_chain)
+
+    @cached_property
+    def _uncertain(self) -> tuple[Callable[[ArmState], SiteDerivatives], CovarianceRoot]:
+        """The derivatives of tips along sites (`PerturbedChain.site_derivatives`), and F with ``F^T F`` the covariance.
+
+        Of an arm with constant motions without the terms that move tips as others do.
+        """
+        if not self.perturbed_chain.is_constant(self.coefficients):
+            derivatives = partial(self.perturbed_chain.site_derivatives, x=self.coefficients)
+            return derivatives, self.covariance_root
+        composed, covariance = ComposedArm.of(self.perturbed_chain, self.coefficients), self.covariance
+        if any(isinstance(term.basis, Harmonics) for term in self.perturbed_chain.terms):
+            composed, covariance = composed.without_repeated(covariance)
+        return composed.site_derivatives, CovarianceRoot.of(covariance, composed.perturbed_chain)

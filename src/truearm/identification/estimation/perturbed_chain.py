@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -15,12 +15,16 @@ from truearm.identification.terms.basis import Basis, Constant, Harmonics
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
 from truearm.readings.readings import PAYLOAD
-from truearm.typing import FloatArray, IntArray
+from truearm.typing import BoolArray, FloatArray, IntArray
 
 CHUNK = 1024  # readings of a chunk: their narrow Jacobian stays in the cache of a core
 FEW = 64  # readings up to which the number of array operations counts, not their length
 MOST_NARROW = 24  # functions of a site up to which they are cheaper as columns of a Jacobian than by themselves
 POSE_CHUNK = 4096  # poses have no wide Jacobian: fewer calls are worth more
+
+
+# By chunks of readings: which, tips, their derivatives along the sites, and values of the basis functions.
+SiteDerivatives: TypeAlias = Iterator[tuple[slice, FloatArray, FloatArray, FloatArray]]
 
 
 class HarmonicSeries(NamedTuple):
@@ -85,8 +89,12 @@ class PerturbedChain:
     @cached_property
     def _varying(self) -> IntArray:
         """Coefficients of the terms that are no constants."""
-        varying = [not isinstance(term.basis, Constant) for term in self.terms]
-        return np.flatnonzero(np.repeat(np.array(varying, bool), [term.n_coefficients for term in self.terms]))
+        return np.flatnonzero(~self.of_basis(Constant))
+
+    def of_basis(self, *kinds: type[Basis]) -> BoolArray:
+        """(n_coefficients,) which coefficients are of terms with a basis of these kinds."""
+        are_meant = [isinstance(term.basis, kinds) for term in self.terms]
+        return np.repeat(np.array(are_meant, bool), [term.n_coefficients for term in self.terms])
 
     def is_constant(self, x: FloatArray) -> bool:
         """Whether the motions with coefficients `x` are the same at every reading."""
@@ -185,13 +193,17 @@ class PerturbedChain:
 
         return self.chain.pose_jacobians(state.angles, derivatives)
 
-    def with_constants(self, x: FloatArray) -> Chain:
-        """The chain with the constant terms composed, without the others."""
+    def constant_motions(self, x: FloatArray) -> FloatArray:
+        """(n_places, 6) motions [rad, mm] by the constant terms, without the others."""
         motions = np.zeros((self.chain.n_places, 6))
         for term, columns in zip(self.terms, self.columns, strict=True):
             if isinstance(term.basis, Constant):
                 motions[term.place] += x[columns[0]] * np.array(term.direction)
-        return self.chain.with_motions(motions)
+        return motions
+
+    def with_constants(self, x: FloatArray) -> Chain:
+        """The chain with the constant terms composed, without the others."""
+        return self.chain.with_motions(self.constant_motions(x))
 
     def tips(self, state: ArmState, x: FloatArray) -> FloatArray:
         """(n, 3) tips [mm] at the readings of a state."""
@@ -217,9 +229,7 @@ class PerturbedChain:
         for rows, tips, along_sites, values in self.site_derivatives(state, x):
             yield rows, tips, self.by_coefficient(along_sites, values)
 
-    def site_derivatives(
-        self, state: ArmState, x: FloatArray
-    ) -> Iterator[tuple[slice, FloatArray, FloatArray, FloatArray]]:
+    def site_derivatives(self, state: ArmState, x: FloatArray) -> SiteDerivatives:
         """Yield the factors of the derivatives by chunks of readings.
 
         They are tips (3, m) [mm], their derivatives (n_sites, 3, m) along the sites, and the values (n_functions, m) of
@@ -388,10 +398,10 @@ def _dense_series(bases: list[Harmonics]) -> list[Harmonics]:
     return found if 2 * len(orders) > MOST_NARROW else []
 
 
-def moved_chain(chain: Chain, state: ArmState, motions: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Tips (3, m) [mm] and their derivatives (n_places, 6, 3, m) by the motions' components."""
-    chunk = max(len(state), 1)
-    _, tips, motion_jacobian = next(chain.tip_derivatives_by_chunk(state.angles, lambda _: motions, chunk=chunk))
+def moved_chain(chain: Chain, state: ArmState, motions: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
+    """Tips (3, m) [mm] and their derivatives (n_places, 6, 3, m) by the components of motions, or by small ones."""
+    chunk, given = max(len(state), 1), None if motions is None else lambda _: motions
+    _, tips, motion_jacobian = next(chain.tip_derivatives_by_chunk(state.angles, given, chunk=chunk))
     return tips, motion_jacobian
 
 

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
-from functools import cache
+from functools import cache, cached_property
 from typing import Self
 
 import numpy as np
@@ -323,11 +323,15 @@ class VarianceFunction:
         zeros = np.zeros(n_joints)
         return cls(zeros, np.ones(n_joints), zeros, zeros)
 
+    @cached_property
+    def _coefficients(self) -> FloatArray:
+        return np.concatenate([self.slope, self.curvature])
+
     def share(self, angles: npt.ArrayLike) -> FloatArray:
         """(n,) shares at angles (n, n_joints) [rad, or mm]; at least 1 far from the readings of the estimation."""
         angles = np.asarray(angles, dtype=float)
         features = _features(angles, self.centre, self.spread)
-        share = np.exp(features @ np.concatenate([self.slope, self.curvature])) / self.mean
+        share = np.exp(features @ self._coefficients) / self.mean
         beyond = (np.abs(angles - self.centre) > BEYOND * self.spread).any(axis=1)
         share = np.where(beyond, np.maximum(share, 1.0), share)
         return np.asarray(share if self.beyond is None else share * self.beyond.factor(angles))
@@ -371,8 +375,8 @@ def fit_variance_function(held_out: HeldOutReadings, angles: FloatArray) -> Vari
 
 
 def _features(angles: FloatArray, centre: FloatArray, spread: FloatArray) -> FloatArray:
-    z = np.clip((angles - centre) / spread, -FARTHEST, FARTHEST)
-    return np.hstack([z, z**2 - 1])
+    z = np.minimum(np.maximum((angles - centre) / spread, -FARTHEST), FARTHEST)
+    return np.concatenate([z, z**2 - 1], axis=1)
 
 
 def _posterior(

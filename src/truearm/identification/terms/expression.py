@@ -55,7 +55,7 @@ def of_joint(by_joint: FloatArray, joint: int) -> FloatArray:
     return np.ascontiguousarray(by_joint[:, joint - 1])
 
 
-def _torque(state: ArmState, torques: FloatArray, joint: int, axis: int) -> FloatArray:
+def torque_about(state: ArmState, torques: FloatArray, joint: int, axis: int) -> FloatArray:
     """(n,) torque about an axis of a joint's place; joint 0: of joint 1 on the base, about the axes of place 0."""
     if joint > 0:
         of_joint(state.angles, joint)  # which refuses a joint beyond the last
@@ -71,7 +71,7 @@ def _torque(state: ArmState, torques: FloatArray, joint: int, axis: int) -> Floa
 def _payload_torque(state: ArmState, joint: int, axis: int, from_kg: float) -> FloatArray:
     if PAYLOAD not in state.columns:
         raise InputError("expected readings with a payload, got none", column=PAYLOAD)
-    per_kg = _torque(state, state.loads_per_kg.torque_in_joint, joint, axis)
+    per_kg = torque_about(state, state.loads_per_kg.torque_in_joint, joint, axis)
     return np.asarray((state.columns[PAYLOAD] - from_kg) * per_kg)
 
 
@@ -128,7 +128,7 @@ INPUTS: Mapping[str, Input] = {
     "gravity torque": Input(
         (_PLACE, _AXIS),
         "gravity torque about {axis} of {place}",
-        lambda state, *at: _torque(state, state.gravity_torques, *at),
+        lambda state, *at: torque_about(state, state.gravity_torques, *at),
         False,
     ),
     "payload torque": Input(

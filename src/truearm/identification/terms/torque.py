@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 
 from truearm.identification.terms.basis import AxisNumber, Basis, JointOrBase, Number, register_basis
-from truearm.identification.terms.expression import Expression, of_joint
+from truearm.identification.terms.expression import Expression, of_joint, torque_about
 from truearm.identification.terms.state import ArmState
 from truearm.typing import FloatArray
 
@@ -47,7 +47,7 @@ class GravityTorque(Basis):
                 of_joint(state.angles, last)  # which refuses it
             found: FloatArray = state.gravity_torques.reshape(len(state), -1).T[places]
             for row, basis in on_base:
-                found[row] = basis.values(state)[0]
+                found[row] = torque_about(state, state.gravity_torques, basis.joint, basis.axis)
             return found
 
         return values
