@@ -13,9 +13,11 @@ import truearm as ta
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.compensation.models.model_file import load_model
+from truearm.recording import learning
+from truearm.recording.record_readings import record
 from truearm.solve.threads import one_blas_thread
 
-# One downloads, the others read devices: what corrects their samples is a door of its own.
+# One downloads, the others read devices: what corrects their samples is a door of its own, what learns from them too.
 NOT_CALCULATING = {"fetch", "list_sources", "record", "try_source"}
 VERBS = [
     name
@@ -109,4 +111,24 @@ def test_a_model_fits_and_predicts_with_one_thread_and_leaves_the_setting(monkey
     model = ta.NominalModel(ta.load_arm("ur10")).fit_readings(session)
     model.predict(session.angles)
     assert seen == [{1}]
+    assert blas_threads() == {2}
+
+
+def test_a_recording_learns_and_chooses_poses_with_one_thread_and_leaves_the_setting(monkeypatch, tmp_path):
+    seen = []
+
+    def watched(function):
+        def call(*given, **options):
+            seen.append((function.__name__, *blas_threads()))
+            return function(*given, **options)
+
+        return call
+
+    for name in ("updated_estimate", "moment_matrix", "decreases"):
+        monkeypatch.setattr(f"truearm.recording.learning.{name}", watched(getattr(learning, name)))
+    ta.simulate("ur10", poses=3).save(tmp_path / "session.csv")
+    source = f"replay:{tmp_path / 'session.csv'}@max"
+    events = [event.kind for event in record(source, tmp_path / "out.csv", arm="ur10", rank=True)]
+    assert events.count("learned") == 2
+    assert set(seen) == {("updated_estimate", 1), ("moment_matrix", 1), ("decreases", 1)}
     assert blas_threads() == {2}

@@ -26,6 +26,7 @@ from truearm.identification.planning.sequential_update import Estimate, held_rea
 from truearm.identification.terms import ArmState
 from truearm.readings import Session, read_session
 from truearm.recording.recording_event import Event
+from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray, NameArray
 
 # Square of a residual over its covariance, of three degrees of freedom: one right reading in 65,000 has more.
@@ -69,6 +70,7 @@ class Learning:
         If the arm takes too few of the poses at which its later use is judged.
     """
 
+    @one_blas_thread()
     def __init__(
         self, arm: Arm, model: Compensator | None = None, *, trained_on: int = 0, has_points: bool = True
     ) -> None:

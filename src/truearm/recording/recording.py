@@ -30,6 +30,7 @@ from truearm.recording.model_in_force import ModelInForce
 from truearm.recording.poses_to_measure import PosesToMeasure
 from truearm.recording.recording_event import Event
 from truearm.recording.reference_point import TYPED, ReferencePoint, typed_numbers
+from truearm.solve.threads import one_blas_thread
 from truearm.sources import Sample, Source, StandstillRule, open_source
 from truearm.sources.standstill import Standstill, TakenReading
 from truearm.typing import FloatArray
@@ -545,7 +546,8 @@ class Recording:
             self._learning.forget()
             return
         try:
-            yield from self._learning.learn_file(self.out)
+            with one_blas_thread():
+                yield from self._learning.learn_file(self.out)
         except InputError as error:
             yield Event("notice", f"what the readings say of the arm is not known: {error}")
 
@@ -556,7 +558,8 @@ class Recording:
         assert self._log is not None
         assert self.sample is not None  # the file is opened at the first
         done = {row.get("note_pose", "") for row in self._log.rows}
-        yield from self._poses.choose(done, self._learning, self._seat_now(), self.sample.joint_angles_rad)
+        with one_blas_thread():
+            yield from self._poses.choose(done, self._learning, self._seat_now(), self.sample.joint_angles_rad)
         yield self._poses.event(None if self.aim_rad is None else self.displayed(self.aim_rad), self.units)
 
 
