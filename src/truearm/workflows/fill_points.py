@@ -6,12 +6,14 @@ from pathlib import Path
 
 from truearm import __version__
 from truearm.files.dates import now, parse_moment
+from truearm.solve.threads import one_blas_thread
 from truearm.verification.standards.coordinate_origin import PROGRAM, CoordinateOrigin
 from truearm.verification.standards.points_form import fill_points_form
 from truearm.workflows.inputs import model_file_fingerprint
 from truearm.workflows.predict import Prediction
 
 
+@one_blas_thread()
 def fill_points(
     prediction: Prediction, path: str | Path, *, date: str | None = None, artefact_degC: float | None = None
 ) -> int:
