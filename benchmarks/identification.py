@@ -249,7 +249,7 @@ def transfer(seeds: int = 5) -> RowResult:
             f"{TRANSFER_ROWS} random rows of B, {seeds} draws, mean / p95 / max [mm] (max: largest of all). Flagged"
             f" by the model itself: a joint alone away from where A has readings, {np.mean(shares):.0%} of the rows."
         ),
-        "Left out: lines 534, 856 and 857 of B, whose points were taken at a neighbouring pose.",
+        "Not tested: lines 534, 856 and 857 of B, whose points were taken at a neighbouring pose.",
     ]
     return RowResult(table, targets, notes)
 
