@@ -239,7 +239,9 @@ def again(seconds: float = 120.0) -> RowResult:
             line = {"row": f"{benchmark} {row}", "line": str(next(iter(old.values())))}
             different = [column for column in old if differs(column, old[column], new.get(column))]
             table += [line | {"column": one, "kept": old[one], "now": new.get(one)} for one in different]
-    return RowResult(table, [Target(f"numbers of {n} rows that differ by more than their scatter", len(table), 0)])
+    return RowResult(
+        table, [Target(f"numbers of {n} rows that differ by more than their scatter", len(table) if n else None, 0)]
+    )
 
 
 def differs(column: str, old: Any, new: Any) -> bool:
