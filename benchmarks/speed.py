@@ -7,11 +7,13 @@ that several rows need are fitted once and shared as files. Seconds of imports c
 from __future__ import annotations
 
 import os
+import re
 import resource
 import subprocess
 import sys
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -75,14 +77,10 @@ def load_seconds() -> float:
 
 def whole_process_seconds(*command: str | Path) -> float:
     """CPU seconds of a command of truearm, imports included; a first run compiles the files, as an installer does."""
-    environment = os.environ | {"PYTHONPYCACHEPREFIX": str(scratch() / "compiled")}
-    environment.pop("PYTHONDONTWRITEBYTECODE", None)
 
     def run() -> float:
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        subprocess.run(
-            [sys.executable, "-m", "truearm", *command], env=environment, stdout=subprocess.DEVNULL, check=True
-        )
+        run_compiled("-m", "truearm", *command)
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
         return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
@@ -90,13 +88,45 @@ def whole_process_seconds(*command: str | Path) -> float:
     return run()
 
 
-def fit_process_seconds() -> float:
-    """CPU seconds of `truearm fit` of a kinematic model."""
+def run_compiled(*arguments: str | Path) -> str:
+    """What Python with some arguments writes to its standard error; it keeps what it compiles."""
+    environment = os.environ | {"PYTHONPYCACHEPREFIX": str(scratch() / "compiled")}
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)
+    command, pipe = [sys.executable, *arguments], subprocess.PIPE
+    ran = subprocess.run(command, env=environment, stdout=subprocess.DEVNULL, stderr=pipe, text=True, check=True)
+    return ran.stderr
+
+
+def fit_of_fifty() -> tuple[str | Path, ...]:
+    """The arguments of `truearm fit` of a kinematic model of 50 readings, which are written."""
     session = scratch() / "fifty.csv"
     ur10_readings(50).save(session)
-    return whole_process_seconds(
-        "fit", session, "--arm", "ur10", "--model", "kinematic", "--out", scratch() / "fifty.truearm"
-    )
+    return "fit", session, "--arm", "ur10", "--model", "kinematic", "--out", scratch() / "fifty.truearm"
+
+
+def fit_process_seconds() -> float:
+    """CPU seconds of `truearm fit` of a kinematic model."""
+    return whole_process_seconds(*fit_of_fifty())
+
+
+@ROWS.row("start-up", "truearm fit, 50 readings, kinematic, whole process: what takes longest to import")
+def start_up(packages: int = 12) -> RowResult:
+    """Shares of the time of all imports by package, each without what it imports; those of SciPy and ours in parts."""
+    command = fit_of_fifty()
+    seconds = whole_process_seconds(*command)
+    times, counts = Counter[str](), Counter[str]()
+    for line in run_compiled("-X", "importtime", "-m", "truearm", *command).splitlines():
+        if found := re.match(r"import time: +(\d+) \| +\d+ \| +(\S+)", line):
+            parts = found[2].split(".")
+            name = ".".join(parts[: 2 if parts[0] in ("scipy", "truearm") else 1])
+            times[name] += int(found[1])
+            counts[name] += 1
+    total = sum(times.values())
+    table = [
+        {"package": name, "modules": counts[name], "share [%]": 100 * time_us / total}
+        for name, time_us in times.most_common(packages)
+    ]
+    return RowResult(table, [Target("CPU time of the whole process [s]", seconds, 0.6)])
 
 
 def predict_process_seconds() -> float:
@@ -163,7 +193,7 @@ for _name, _what, _unit, _target, _measure in (
     ("plan-threads", OWN, "s", 4.0, plan_seconds),
     ("load", "load_model of a physical model", "s", 0.5, load_seconds),
     ("load-threads", OWN, "s", 0.5, load_seconds),
-    ("fit-process", "truearm fit, 50 readings, kinematic, whole process", "s", 0.7, fit_process_seconds),
+    ("fit-process", "truearm fit, 50 readings, kinematic, whole process", "s", 0.6, fit_process_seconds),
     ("predict-process", "truearm predict, 10 readings, whole process", "s", 0.5, predict_process_seconds),
     ("reading-kinematic", "one reading, kinematic", "ms", 0.1, lambda: one_reading_ms("kinematic")),
     ("reading-physical", "one reading, physical", "ms", 0.3, lambda: one_reading_ms("physical")),
