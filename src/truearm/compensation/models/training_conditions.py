@@ -347,10 +347,10 @@ class TrainingConditions:
 
         Consecutive readings are near each other: what every `STRIDE`-th one keeps from the sample decides most others.
         """
-        far, limit = np.zeros(len(angles), dtype=bool), self._usual(prismatic)
-        if self.angle_sample is None or np.isinf(limit) or angles.shape[1] < 2:
+        far, (tree, limit) = np.zeros(len(angles), dtype=bool), self._sample_of(prismatic)
+        if tree is None or np.isinf(limit) or angles.shape[1] < 2:
             return far
-        tree, around = cKDTree(self._around(self.angle_sample, prismatic)), self._around(angles, prismatic)
+        around = self._around(angles, prismatic)
         probe = np.arange(len(angles)) // STRIDE
         distance = np.asarray(tree.query(around[::STRIDE])[0])[probe]
         moved = np.linalg.norm(around - around[::STRIDE][probe], axis=1)
@@ -358,6 +358,18 @@ class TrainingConditions:
         open_ = np.flatnonzero(~far & (distance + moved > limit))
         far[open_] = tree.query(around[open_], distance_upper_bound=limit)[0] > limit
         return far
+
+    def _sample_of(self, prismatic: BoolArray) -> tuple[cKDTree | None, float]:
+        """Where the training poses of the sample are, and the distance that they keep; prepared once."""
+        known, key = self._samples, prismatic.tobytes()
+        if key not in known:
+            sample = self.angle_sample
+            known[key] = None if sample is None else cKDTree(self._around(sample, prismatic)), self._usual(prismatic)
+        return known[key]
+
+    @cached_property
+    def _samples(self) -> dict[bytes, tuple[cKDTree | None, float]]:
+        return {}
 
     def _usual(self, prismatic: BoolArray) -> float:
         """The distance from the nearest other one that 99 of 100 training poses of the sample keep; infinite of few."""

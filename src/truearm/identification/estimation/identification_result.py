@@ -236,7 +236,8 @@ class IdentificationResult:
         if not self.perturbed_chain.is_constant(self.coefficients):
             derivatives = partial(self.perturbed_chain.site_derivatives, x=self.coefficients)
             return derivatives, self.covariance_root
-        composed, covariance = ComposedArm.of(self.perturbed_chain, self.coefficients), self.covariance
-        if any(isinstance(term.basis, Harmonics) for term in self.perturbed_chain.terms):
-            composed, covariance = composed.without_repeated(covariance)
+        composed = ComposedArm.of(self.perturbed_chain, self.coefficients)
+        if not any(isinstance(term.basis, Harmonics) for term in self.perturbed_chain.terms):
+            return composed.site_derivatives, self.covariance_root
+        composed, covariance = composed.without_repeated(self.covariance)
         return composed.site_derivatives, CovarianceRoot.of(covariance, composed.perturbed_chain)
