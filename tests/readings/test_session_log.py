@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+from dataclasses import fields
 
+import numpy as np
 import pytest
 
 from truearm.errors import InputError, TruearmError
-from truearm.readings import read_session
+from truearm.readings import read_session, session_log
 from truearm.readings.session_log import SessionLog
 
 COLUMNS = ("q1_deg", "q2_deg", "seat", "note_time")
@@ -21,6 +23,66 @@ def test_the_file_is_a_session_after_every_reading(tmp_path):
             log.append({**ROW, "seat": "cone, left" if n == 2 else "=A1"})
             assert len(read_session(path)) == n
     assert read_session(path).seat.tolist() == ["=A1", "cone, left", "=A1"]
+
+
+def outcome(session):
+    """All fields of a session, or why it is none."""
+    try:
+        found = session()
+    except InputError as error:
+        return str(error)
+    return {field.name: getattr(found, field.name) for field in fields(found)}
+
+
+def test_what_is_read_reading_by_reading_is_the_session_of_the_file(tmp_path):
+    """Also without a point or a temperature at first or later, and after an undone reading and a seat that is named."""
+    path = tmp_path / "session.csv"
+    columns = ("q1_deg", "q2_mm", "x_mm", "y_mm", "z_mm", "seat", "temperature_degC", "payload_kg", "note_time")
+    point = {"x_mm": 1.5, "y_mm": 0.1 + 0.2, "z_mm": -1e-7}
+    own = [{}, {}, point, {"seat": "B, left"}, {**point, "seat": "=A1"}, {}, {"temperature_degC": 21.5}, {}]
+    warm = {"temperature_degC": 20.25, "payload_kg": 2.5}
+    with SessionLog(path, columns) as log:
+        for n, more in enumerate(own):
+            log.append({"q1_deg": n / 7, "q2_mm": -n * 1e3, **({} if n == 5 else warm), **more})
+            found, expected = outcome(log.session), outcome(lambda: read_session(path))
+            if n == 5:
+                assert found == expected  # why it is no session
+                log.undo()
+            elif n == 2:
+                log.name_seat("late")
+            found, expected = outcome(log.session), outcome(lambda: read_session(path))
+            np.testing.assert_equal(found, expected)
+
+
+def test_a_reading_is_read_once(tmp_path, monkeypatch):
+    lines = []
+
+    def form_of(data, path, plain=session_log.form_of):
+        lines.append(data.count(b"\n"))
+        return plain(data, path)
+
+    monkeypatch.setattr(session_log, "form_of", form_of)
+    monkeypatch.setattr(
+        session_log, "read_session", lambda path, plain=read_session: lines.append("all") or plain(path)
+    )
+    with SessionLog(tmp_path / "session.csv", COLUMNS) as log:
+        for _ in range(4):
+            log.append(ROW)
+            log.session()
+    assert lines == ["all", 2, 2, 2]  # the header, and one reading
+
+
+def test_a_file_that_a_person_changed_is_read_whole(tmp_path):
+    path = tmp_path / "session.csv"
+    with SessionLog(path, COLUMNS) as log:
+        log.append(ROW)
+        log.session()
+        whole = path.read_text()
+        path.write_text(whole + "what is this\n")
+        with pytest.raises(InputError, match="line 3"):
+            log.session()
+        path.write_text(whole)
+        assert len(log.session()) == 1
 
 
 def test_a_file_is_continued(tmp_path):

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from itertools import accumulate, pairwise
 from pathlib import Path
 from typing import Any, cast
@@ -331,12 +331,12 @@ def joined_sessions(sessions: list[Session]) -> Session:
     first = sessions[0]
     if len(sessions) == 1:
         return first
-    fields: dict[str, Any] = {}
-    for name in vars(first):
+    joined: dict[str, Any] = {}
+    for name in (field.name for field in fields(first)):
         values = [getattr(one, name) for one in sessions]
         if (known := next((value for value in values if isinstance(value, np.ndarray)), None)) is not None:
             nothing = "" if known.dtype.kind == "U" else np.nan  # where no reading of a part has a point
-            fields[name] = np.concatenate(
+            joined[name] = np.concatenate(
                 [
                     np.full((len(one), *known.shape[1:]), nothing) if value is None else value
                     for one, value in zip(sessions, values, strict=True)
@@ -344,7 +344,7 @@ def joined_sessions(sessions: list[Session]) -> Session:
             )
     columns = {name: np.concatenate([one.columns[name] for one in sessions]) for name in first.columns}
     unfilled = tuple(seat for one in sessions for seat in one.unfilled)
-    return replace(first, **fields, columns=columns, unfilled=unfilled)
+    return replace(first, **joined, columns=columns, unfilled=unfilled)
 
 
 def session_files(path: Path) -> list[Path]:

@@ -8,6 +8,7 @@ import os
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -19,6 +20,10 @@ from truearm.files.atomic_write import check_writable, entry_to_disk
 from truearm.files.delimited import MAX_BYTES, escape_formula
 from truearm.files.file_lock import lock
 from truearm.files.file_reading import access_error, check_readable
+from truearm.files.spreadsheet_forms import form_of
+from truearm.readings.files import fields_of_sheet
+from truearm.readings.large_sessions import joined_sessions
+from truearm.readings.session import Session, read_session
 
 Row = Mapping[str, float | str]
 # The shortest time from one fsync to the next: a robot that reports each millisecond does not wait for the disk.
@@ -58,6 +63,7 @@ class SessionLog:
         check_log_path(path)
         self.path, self.columns, self.repaired = path, tuple(columns), ""
         self._synced_s, self._is_synced = -np.inf, True
+        self._read: Session | None = None
         if path.exists():
             check_readable(path, limit_bytes=MAX_BYTES)
         # Not a temporary file that is renamed: of two programs that start at once, one would replace the other's.
@@ -163,6 +169,7 @@ class SessionLog:
             raise
         self._ends[-1] = start + len(_line(cells))
         self.rows[-1] = dict(zip(self.columns, cells, strict=True))
+        self._read = None
 
     def _append(self, cells: Sequence[str]) -> None:
         line = _line(cells)
@@ -198,12 +205,33 @@ class SessionLog:
         try:
             os.ftruncate(self._handle, self._ends[-2])
             self._ends.pop()
-            removed = self.rows.pop()
+            removed, self._read = self.rows.pop(), None
             self._is_synced = False
             self._to_disk()
         except OSError as error:
             raise TruearmError(f"{self.path}: the reading cannot be removed ({error.strerror or error})") from None
         return removed
+
+    def session(self) -> Session:
+        """The readings in the file, as `read_session` gives them; those since the last call are read alone.
+
+        Raises
+        ------
+        InputError
+            As `read_session`.
+        """
+        known, self._read = self._read if self._is_own() else None, None
+        lines = [] if known is None else [_line(row.values()) for row in self.rows[len(known) :]]
+        if known is None:
+            found = read_session(self.path)
+        elif lines:
+            sheet = form_of(_line(self.columns) + b"".join(lines), self.path)
+            new = replace(sheet, data_line=len(known) + 1, first_line=len(known) + 2)
+            found = joined_sessions([known, Session(**fields_of_sheet(new))])
+        else:
+            found = known
+        self._read = found if self._is_own() else None
+        return found
 
     def _row(self, line: bytes, number: int) -> dict[str, str]:
         cells = _cells(line)
@@ -231,13 +259,16 @@ class SessionLog:
 
     def _check_own(self) -> None:
         """An editor that saves the file replaces it: rows would go to a file without a name."""
+        if not self._is_own():
+            raise TruearmError(f"{self.path}: another program changed the file while it grew. Record to another file")
+
+    def _is_own(self) -> bool:
+        """Whether the file is as this log has written it."""
         own = os.fstat(self._handle)
         try:
-            is_same = os.path.samestat(own, os.stat(self.path)) and own.st_size == self._ends[-1]
+            return os.path.samestat(own, os.stat(self.path)) and own.st_size == self._ends[-1]
         except FileNotFoundError:
-            is_same = False
-        if not is_same:
-            raise TruearmError(f"{self.path}: another program changed the file while it grew. Record to another file")
+            return False
 
 
 def check_log_path(path: Path) -> None:

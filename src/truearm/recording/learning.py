@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from contextlib import suppress
 from functools import cached_property
 from math import isclose, sqrt
-from pathlib import Path
 
 import numpy as np
 
@@ -24,7 +23,7 @@ from truearm.identification.planning.prior import identified_prior, nominal_prio
 from truearm.identification.planning.proposal import VOLUME_POSES
 from truearm.identification.planning.sequential_update import Estimate, held_readings, updated_estimate
 from truearm.identification.terms import ArmState
-from truearm.readings import Session, read_session
+from truearm.readings import Session
 from truearm.recording.recording_event import Event
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray, NameArray
@@ -108,10 +107,6 @@ class Learning:
         """Know what was known before the readings."""
         self.estimate = self._before
         self._n_seen, self._trained_on, self._doubted = 0, 0, list[int]()
-
-    def learn_file(self, path: Path) -> Iterator[Event]:
-        """Take in the session in a file, as `learn`."""
-        yield from self.learn(read_session(path))
 
     def learn(self, session: Session) -> Iterator[Event]:
         """Take in a session that has grown by a reading, or lost its last.

@@ -542,12 +542,12 @@ class Recording:
         """What the readings of the file say of the arm, or why that cannot be said: to undo one may mend it."""
         if self._learning is None:
             return
-        if not self.n_readings:
+        if self._log is None or not self.n_readings:
             self._learning.forget()
             return
         try:
             with one_blas_thread():
-                yield from self._learning.learn_file(self.out)
+                yield from self._learning.learn(self._log.session())
         except InputError as error:
             yield Event("notice", f"what the readings say of the arm is not known: {error}")
 

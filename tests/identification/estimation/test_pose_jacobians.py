@@ -73,3 +73,14 @@ def test_slopes_of_harmonics_are_their_difference_quotients():
     assert joint == 2
     np.testing.assert_allclose(slopes.T @ basis.values(state), (after - before) / (2 * STEP), atol=1e-5)
     assert GravityTorque(1, 0).joint_slope(weights[:1]) is None
+
+
+def test_an_arm_in_another_frame_is_one_that_is_made_there():
+    """What was prepared of its terms is of use in every frame."""
+    chain, x, state = case(gravity=True)
+    frame = np.eye(4)
+    frame[:3, :3], frame[:3, 3] = Rotation.from_rotvec([0.3, -1.0, 2.0]).as_matrix(), [100.0, -2e3, 5.0]
+    made = PerturbedChain(chain.chain.with_reference_frame(frame), chain.terms)
+    for found, expected in zip(chain.in_frame(frame).derivatives(state, x), made.derivatives(state, x), strict=True):
+        for one, other in zip(found, expected, strict=True):
+            np.testing.assert_array_equal(one, other)

@@ -75,6 +75,13 @@ class PerturbedChain:
         """The fields without what is prepared from them: functions cannot be pickled, nor sent to another process."""
         return {"chain": self.chain, "terms": self.terms}
 
+    def in_frame(self, T_reference_base: FloatArray) -> PerturbedChain:
+        """The same terms on the chain in another frame (`Chain.with_reference_frame`), and what is prepared of them."""
+        new = PerturbedChain(self.chain.with_reference_frame(T_reference_base), self.terms)
+        prepared = [name for name, value in vars(PerturbedChain).items() if isinstance(value, cached_property)]
+        vars(new).update({name: getattr(self, name) for name in prepared})
+        return new
+
     @cached_property
     def n_coefficients(self) -> int:
         """Number of coefficients of all terms."""

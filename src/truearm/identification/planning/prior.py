@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -74,6 +75,10 @@ class Prior:
 
     def with_frame(self) -> Prior:
         """Add a free base, for a reference frame in an unknown position; its terms come last."""
+        return self._with_frame
+
+    @cached_property
+    def _with_frame(self) -> Prior:
         chain = self.perturbed_chain.chain
         base = base_terms(chain)
         p, q = self.perturbed_chain.n_coefficients, len(base)

@@ -200,10 +200,9 @@ def _placed(prior: Prior, terms: FloatArray, readings: Session, state: ArmState)
     seen = readings.has_point
     if readings.points is None or not seen.any():
         return prior
-    chain = prior.perturbed_chain
-    T = align(chain.tips(state.rows(seen), terms), readings.points[seen])
-    there = PerturbedChain(chain.chain.with_reference_frame(T), chain.terms)
-    return replace(prior, perturbed_chain=there).with_frame()
+    T = align(prior.perturbed_chain.tips(state.rows(seen), terms), readings.points[seen])
+    framed = prior.with_frame()
+    return replace(framed, perturbed_chain=framed.perturbed_chain.in_frame(T))
 
 
 def _by_placing(rows: FloatArray, precision: FloatArray, n_terms: int) -> FloatArray:
