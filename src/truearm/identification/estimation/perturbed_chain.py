@@ -254,12 +254,11 @@ class PerturbedChain:
             directions, places = self._of_site
             return np.asarray(np.einsum("sd,sdcm->scm", directions, by_motion[places]))
         out = np.empty((len(self.sites), *by_motion.shape[2:]))
-        for own, site in zip(out, self.sites, strict=True):
+        for own, (place, (first, *others)) in zip(out, self._axes, strict=True):
             # Nearly all directions are an axis: a sum of six components takes ten times as long.
-            first, *others = np.flatnonzero(site.direction)
-            np.multiply(by_motion[site.place, first], site.direction[first], out=own)
-            for axis in others:
-                own += by_motion[site.place, axis] * site.direction[axis]
+            np.multiply(by_motion[place, first[0]], first[1], out=own)
+            for axis, component in others:
+                own += by_motion[place, axis] * component
         return out
 
     def by_coefficient(self, along_sites: FloatArray, values: FloatArray) -> FloatArray:
@@ -327,6 +326,14 @@ class PerturbedChain:
         """Directions (n_sites, 6) and places (n_sites,) of the sites."""
         directions = np.array([site.direction for site in self.sites]).reshape(-1, 6)
         return directions, np.array([site.place for site in self.sites], dtype=np.intp)
+
+    @cached_property
+    def _axes(self) -> list[tuple[int, list[tuple[int, float]]]]:
+        """Of each site its place, and the components of its direction that are not zero."""
+        return [
+            (site.place, [(axis, component) for axis, component in enumerate(site.direction.tolist()) if component])
+            for site in self.sites
+        ]
 
     @cached_property
     def of_coefficient(self) -> tuple[IntArray, IntArray]:

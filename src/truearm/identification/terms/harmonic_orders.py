@@ -51,7 +51,7 @@ def count_apart(values: FloatArray, apart: float) -> int:
     """Count sorted values; values closer than `apart` to the first of them count as one."""
     n = at = 0
     while at < len(values):
-        n, at = n + 1, int(np.searchsorted(values, values[at] + apart, side="right"))
+        n, at = n + 1, int(values.searchsorted(values[at] + apart, side="right"))
     return n
 
 
