@@ -538,9 +538,9 @@ class Chain:
         """The tips, and the derivatives into `out`, by matrices of all places: the number of operations counts."""
         (n, m), slides = q.shape, self.is_prismatic
         steps = np.zeros((n, m, 4, 4))
-        steps[..., range(4), range(4)] = 1.0
         cos, sin = cos_sin(q)
         steps[..., 0, 0] = steps[..., 1, 1] = cos
+        steps[..., 2, 2] = steps[..., 3, 3] = 1.0
         steps[..., 0, 1], steps[..., 1, 0] = -sin, sin
         if slides.any():
             steps[slides, :, :2, :2] = np.eye(2)
