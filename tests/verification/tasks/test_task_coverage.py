@@ -108,12 +108,12 @@ def test_without_the_drawings_error_outside_the_trained_range_a_plate_facing_is_
 
 @pytest.mark.parametrize("kind", ["length", "cylinder"])
 def test_u_is_that_of_brute_force(kind):
-    """A small version of ``python -m benchmarks uncertainty brute``: 15 %, and a standard error of 400 arms."""
+    """A small version of ``python -m benchmarks uncertainty brute``: 15 %, and a standard error of 200 arms."""
     arm, shop = load_arm("measuring7"), load_preset("shop")
     feature = place_feature(kind, 100.0, arm)
-    stated = simulate_measurements(PresetDistribution(arm, shop), feature, n_arms=400)
-    errors = brute_force_errors([feature], [stated.angles], arm, shop, 400)
-    assert stated.estimates[0].expanded_mm == pytest.approx(expanded_uncertainty(errors)[0], rel=0.2)
+    stated = simulate_measurements(PresetDistribution(arm, shop), feature, n_arms=200)
+    errors = brute_force_errors([feature], [stated.angles], arm, shop, 200)
+    assert stated.estimates[0].expanded_mm == pytest.approx(expanded_uncertainty(errors)[0], rel=0.22)
 
 
 def test_u_holds_95_percent_of_errors_of_any_distribution():
