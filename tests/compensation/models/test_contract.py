@@ -88,11 +88,10 @@ class HybridOfAnyShape(_AnyShape, HybridModel):
         return NominalOfAnyShape(self.arm, free=self.free)
 
 
-# As quick as they can be, for what is checked is the protocol; the kinematic model also as it is by default.
+# As quick as they can be, for what is checked is the protocol; the kinematic model as it is by default.
 MEMBERS = [
     NominalOfAnyShape(zigzag(2), free=("base",)),
     KinematicOfAnyShape(zigzag(2), free=("base",)),
-    KinematicOfAnyShape(zigzag(2), free=("base",), robust=False),
     PhysicalOfAnyShape(zigzag(2), free=("base",), highest=2, residual=False, robust=False),
     NetworkOfAnyShape(zigzag(2), free=("base",), hidden=(2,), epochs=3),
     HybridOfAnyShape(zigzag(2), free=("base",), arm_model="nominal", hidden=(2,), epochs=2, n_members=2),
