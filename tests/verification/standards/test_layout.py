@@ -149,8 +149,9 @@ def least_apart(layout, test, step_mm=None):
 def test_no_two_positions_of_a_length_are_one_place(name, test, positions, n, reach_mm, share, shoulder_mm):
     """Nor when an operator goes by the sheet, which rounds x, y and z to 10 mm."""
     changed = {"lengths": n, "positions": positions}
-    if "longest_share" in type(getattr(load_verification_plan(name), test)).model_fields:
-        changed["longest_share"] = 0.0
+    shares = {"shortest_share": 0.0, "shortest_most_share": 1.0, "longest_share": 0.0, "longest_most_share": 1.0}
+    fields = type(getattr(load_verification_plan(name), test)).model_fields
+    changed |= {key: share for key, share in shares.items() if key in fields}
     artefacts = bar_of(*(share * reach_mm * np.linspace(1.0, 0.2, n)))
     layout = lay_out_tests(edited(name, **{test: changed}), artefacts, 2 * reach_mm, shoulder_mm=shoulder_mm)
     assert len({one.keys["position"] for one in layout if one.test == test}) == positions
@@ -292,7 +293,7 @@ def without(kind, **changes):
         ("iso10360-12", without("spheres"), "'probing' needs a sphere of 10 to 51 mm"),
         ("iso10360-12", without("bars"), "'uni' needs 5 calibrated lengths, the file of artefacts has 0"),
         ("asme-b89.4.22", without("seats"), "'single_point' needs a seat"),
-        ("iso10360-12", example_artefacts(1000.0), "needs a length of 1650 mm or more, 66% of the measuring range"),
+        ("iso10360-12", example_artefacts(1000.0), "asks for 1650 mm or more, 66% of the measuring range"),
     ],
 )
 def test_artefacts_that_do_not_serve_are_refused(plan, artefacts, problem):

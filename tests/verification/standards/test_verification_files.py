@@ -130,6 +130,8 @@ def test_a_plan_of_an_earlier_version_is_read_with_what_it_lacks_not_confirmed(t
         "error =",
         "pattern =",
         "directions =",
+        "shortest_most_share =",
+        "gap_ratio =",
     )
     old = [one for one in lines if not one.startswith((*new, "location ="))]
     title = next(i for i, one in enumerate(old) if one.startswith("standard ="))
@@ -140,7 +142,8 @@ def test_a_plan_of_an_earlier_version_is_read_with_what_it_lacks_not_confirmed(t
     plan = load_verification_plan(tmp_path / "old.toml")
     assert (plan.decision_rule.value, plan.guard_band.value) == ("iso14253-1:2013", "U on both sides of the limit")
     formulas = {one.key for one in plan.entries() if isinstance(one.value, str)}
-    numbers = {"probing.points", "uni.directions", "bi.directions"}
+    added = ("directions", "shortest_most_share", "gap_ratio")
+    numbers = {"probing.points", *(f"{test}.{key}" for test in ("uni", "bi") for key in added)}
     assert {one.key for one in plan.unconfirmed()} == {*formulas, *numbers}
     assert not plan.is_own
     assert "probing.points" in plan.confirmation_gap({"probing"})

@@ -14,12 +14,17 @@ from truearm import __version__
 from truearm.acceptance import contradict
 from truearm.errors import InputError
 from truearm.verification.certificate.administrative_data import AdministrativeData, xml_text
-from truearm.verification.certificate.statements import Statement, make_statements, traceability_gap
+from truearm.verification.certificate.statements import (
+    Statement,
+    make_statements,
+    traceability_gap,
+    used_artefacts,
+)
 from truearm.verification.standards.artefacts import Artefact
 from truearm.verification.standards.coordinate_origin import NO_ARM
 from truearm.verification.standards.copied_points import find_copy
 from truearm.verification.standards.decision import COVERAGE_PROBABILITY, Budget, ConformityResult, Verdict
-from truearm.verification.standards.verification import Verification
+from truearm.verification.standards.verification import MOST_DAYS, Verification
 from truearm.verification.standards.verification_plan import PLANS, is_confirmed, load_verification_plan
 from truearm.verification.standards.verification_text import RULE_STANDARDS, describe_rule
 
@@ -234,7 +239,7 @@ def make_certificate(
         statements=make_statements(about, verification, gap, as_found=as_found),
         conformity=overall_conformity([conformity_of(row) for row in verification.rows_with_limit]) if stated else None,
         methods=_methods(verification, stated=stated),
-        equipment=tuple(_equipment(one, verification) for one in verification.used_artefacts),
+        equipment=tuple(_equipment(one, of) for one, of in used_artefacts(verification, as_found)),
         artefact_degC=None if degC is None else (_to(degC[0], 2), _to(degC[1], 2)),
         results=tuple(_result(row, stated) for row in verification.rows),
         as_found=() if as_found is None else tuple(_result(row, as_found.gap is None) for row in as_found.rows),
@@ -285,7 +290,10 @@ def check_as_found(about: AdministrativeData, verification: Verification, as_fou
     Raises
     ------
     InputError
-        If `about` states none, or they were measured after the others.
+        If `about` states none, they were measured after the others, or were tested by another plan, rule or limits than
+        those that the certificate states.
+    Contradiction
+        If they were measured more than `MOST_DAYS` before.
     """
     if as_found is None:
         return
@@ -300,6 +308,15 @@ def check_as_found(about: AdministrativeData, verification: Verification, as_fou
             f"points as found were measured on {last}, after the first points as left on {first}",
             hint="exchange the two files of points, or correct their dates",
         )
+    for what in ("plan", "rule", "specification"):
+        if getattr(as_found, what) != getattr(verification, what):
+            raise InputError(
+                f"the results as found were tested by another {what} than those as left, and a certificate states one",
+                hint="verify both by the same files",
+            )
+    if (days := (first - min(one.date for one in as_found.groups)).days) > MOST_DAYS:
+        problem = f"points as found were measured {days} days before those as left: the arm was used between"
+        contradict(as_found.measured.error(problem, hint="give the points that were measured before the work"))
 
 
 def check_no_copies(verification: Verification, as_found: Verification | None) -> None:

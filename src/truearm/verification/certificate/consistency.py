@@ -32,6 +32,7 @@ from truearm.verification.certificate.certificate import (
     overall_conformity,
 )
 from truearm.verification.certificate.statements import ESTABLISHED
+from truearm.verification.certificate.word_consistency import word_contradictions
 from truearm.verification.standards.asme_b89_4_22 import DEVIATION_STATISTICS
 from truearm.verification.standards.decision import COVERAGE_PROBABILITY, DecisionRule, Verdict, decide
 from truearm.verification.standards.verification_text import RULE_STANDARDS
@@ -56,8 +57,9 @@ def check_consistency(certificate: Certificate) -> None:
 
     Recomputed are the conformity of each value from value, U, limit and decision rule; the decision from those of all
     values, with what its sentence says; test values from the individual results, of which they are the worst; U and k
-    from the budget, and its sum; whether traceability is shown of all artefacts; and the order of the days, also of the
-    artefacts' calibrations. Wording is that of the version which wrote the certificate, and contradicts nothing.
+    from the budget, and its sum; whether traceability is shown of all artefacts; the order of the days, also of the
+    artefacts' calibrations; and what its sentences say of the same things. Wording is that of the version which wrote
+    the certificate, and contradicts nothing.
 
     Raises
     ------
@@ -73,6 +75,7 @@ def check_consistency(certificate: Certificate) -> None:
         *_uncertainties(certificate),
         *_budgets(certificate),
         *_traceability(certificate),
+        *word_contradictions(certificate),
     ):
         with found.collect():
             raise InputError(f"the certificate contradicts itself: {problem}", hint=_REMEDY)
@@ -89,13 +92,20 @@ def _days(certificate: Certificate) -> Iterator[str]:
         yield f"the arm was received on {received}, after points were measured on {certificate.begin}"
     for method in certificate.methods:
         about_plan = method.description.partition(LISTED_ENTRIES)[0].partition(" confirmed against ")[2]
-        if (confirmed := days_in(about_plan)) and certificate.issued < confirmed[-1]:
+        if not (confirmed := days_in(about_plan)):
+            continue
+        if certificate.issued < confirmed[-1]:
             yield f"issued on {certificate.issued}, before the test plan was confirmed on {confirmed[-1]}"
+        year = re.search(r"\b(?:19|20)\d\d$", about_plan.partition(" by ")[0])
+        if year is not None and confirmed[-1].year < int(year[0]):
+            yield f"the test plan was confirmed on {confirmed[-1]}, before its standard was published"
     for one in certificate.equipment:
         days = days_in(one.description)
         if days and days[0] > certificate.end:
             yield f"{one.name} was calibrated on {days[0]}, after the last points were measured on {certificate.end}"
-        if len(days) > 1 and days[-1] < certificate.begin:
+        if len(days) > 1 and days[-1] < days[0]:
+            yield f"the certificate of {one.name} expired on {days[-1]}, before its calibration on {days[0]}"
+        elif len(days) > 1 and days[-1] < certificate.begin:
             yield f"the certificate of {one.name} expired on {days[-1]}, before points were measured"
 
 
@@ -187,18 +197,23 @@ def _worse(quantity: StatedQuantity, lists: list[StatedList]) -> StatedQuantity 
     """An individual result that is worse than the test value: as uncertain, with the same limit, and larger."""
     if quantity.expanded is None:
         return None
-    # A limit may depend on the length, which stands before the position.
-    test = quantity.name.rpartition(", ")[0]
+    test = _before_place(quantity.name)
     alike = [
         one
         for listed in lists
         for one in listed.quantities
-        if f"{listed.name}, {one.name}".rpartition(", ")[0] == test
+        if _before_place(f"{listed.name}, {one.name}") == test
         and (one.expanded, one.factor) == (quantity.expanded, quantity.factor)
     ]
     worst = max(alike, key=lambda one: abs(one.value), default=quantity)
     rounding = _half_digit(worst.value) + _half_digit(quantity.value) + 2 * _half_digit(quantity.expanded)
     return worst if float(abs(worst.value) - abs(quantity.value)) > rounding else None
+
+
+def _before_place(name: str) -> str:
+    """The test of a value, and its length, on which a limit may depend: what stands before position and run."""
+    place = re.search(r", (?:position|repeat) ", name)
+    return name.rpartition(", ")[0] if place is None else name[: place.start()]
 
 
 def _uncertainties(certificate: Certificate) -> Iterator[str]:

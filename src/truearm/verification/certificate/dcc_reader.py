@@ -161,9 +161,14 @@ def parse_dcc_file(content: bytes, *, trusted: str | Path | None = None) -> Cert
 
 
 def _check_signed_after(signature: Signature | None, certificate: Certificate | CalibrationCertificate) -> None:
-    """Nobody signs what is not yet measured: a time before that is set back, to when the key was valid."""
+    """Nobody signs what is not yet measured, nor tomorrow: such a time was set, to when the key is valid."""
     if signature is None or signature.signed_at is None:
         return
+    if signature.signed_at > datetime.datetime.now(datetime.UTC) + datetime.timedelta(days=1):  # clocks differ by less
+        raise BrokenSignature(
+            f"the signature is {BROKEN}: by its own time it was made on {signature.signed_at:%Y-%m-%d}, in the future",
+            hint="do not use this file, ask its issuer for the original; or set the clock of this computer",
+        )
     signed = (signature.signed_at + FARTHEST_EAST).astimezone(datetime.UTC).date()
     for what, day in (("measured", certificate.end), ("issued", certificate.issued)):
         if day is not None and signed < day:
@@ -280,6 +285,10 @@ def _about(administrative: Element, core: Element, measured: Element) -> Adminis
         "adjustment": _adjustment_of(measured),
         "notes": {key: _own_words(administrative, NOTE.format(key)) for key in NOTES},
     }
+    if (country := _text(_one(core, "countryCodeISO3166_1"))) != fields["laboratory"]["country"]:
+        raise InputError(
+            f"issued in the country {country!r:.80}, by a laboratory of {fields['laboratory']['country']!r:.80}"
+        )
     try:
         return AdministrativeData.model_validate(fields)
     except ValidationError as error:
@@ -369,6 +378,8 @@ def _overall_of(root: Element, administrative: Element) -> str | None:
 
 def _result_of(element: Element) -> StatedResult:
     quantity = _one(element, "data/quantity")
+    if (name := _content(element, "name")) != (own := _content(quantity, "name")):
+        raise InputError(f"a result is named {name!r:.80}, and its value {own!r:.80}")
     if not _all(quantity, "measurementMetaData", some=False):
         return StatedResult(_quantity_of(quantity), None, None)
     statement = _one(quantity, "measurementMetaData/metaData")

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from truearm.acceptance import accepted
 from truearm.number_format import capitalize
 from truearm.verification.certificate.administrative_data import AdministrativeData, xml_text
+from truearm.verification.standards.artefacts import Artefact
 from truearm.verification.standards.decision import Verdict
 from truearm.verification.standards.verification import Verification
 from truearm.verification.standards.verification_text import (
@@ -51,7 +52,7 @@ def make_statements(
         "coordinates": verification.measured.origin.describe(),
         **_adjustment(about, as_found),
         "uncertainty": _UNCERTAINTY,
-        "traceability": _traceability(verification),
+        "traceability": _traceability(verification, as_found),
         **_rated_conditions(verification),
         "limits of use": _limits_of_use(about, verification),
         "item": f"The results relate only to the item with serial number {about.item.serial_number}.",
@@ -154,10 +155,18 @@ def _is_name(text: str | None) -> bool:
 _NO_NAMES = ("none", "no", "nobody", "na", "n/a", "unknown", "tbd", "missing")
 
 
-def _traceability(verification: Verification) -> str:
+def used_artefacts(verification: Verification, as_found: Verification | None) -> list[tuple[Artefact, Verification]]:
+    """The artefacts of the results, and those of results as found that were others, each with where it was used."""
+    used = [(one, verification) for one in verification.used_artefacts]
+    if as_found is not None:
+        used += [(one, as_found) for one in as_found.used_artefacts if one not in verification.used_artefacts]
+    return used
+
+
+def _traceability(verification: Verification, as_found: Verification | None) -> str:
     """Which artefacts carry the traceability, and which do not (ISO/IEC 17025:2017, 7.8.4.1 c)."""
     shown, missing = [], []
-    for one in verification.used_artefacts:
+    for one, _ in used_artefacts(verification, as_found):
         by = f"{one.name} by certificate {one.certificate} of {one.issued_by}"
         gap = traceability_gap(one.certificate, one.issued_by, one.issuer_accreditation)
         if gap is None:

@@ -1,14 +1,16 @@
 """Measurements that are copies of others, as they stand or moved and turned: noise does not repeat.
 
 How points lie to each other is the same wherever a copy is moved. Two measurements whose distances agree far below the
-noise of any arm are one measurement. A length between two points has one distance only, which agrees by chance: there
-the vector between its ends counts, and the lengths of a whole position or run, which a turned copy keeps too.
+noise of any arm are one measurement, in whatever order its points stand. A length between two points has one distance
+only, which agrees by chance: there the vector between its ends counts, and the lengths of a whole position or run,
+which a turned copy keeps too. A run that is the mean of two others was not measured either.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from itertools import combinations, product
+from itertools import combinations, permutations, product
+from math import lgamma, log
 from typing import TypeAlias
 
 import numpy as np
@@ -51,16 +53,30 @@ def find_copy(groups: Sequence[PointGroup], before: Sequence[PointGroup] | None 
         n = sum(len(group.points) for group in one[1])
         if n != sum(len(group.points) for group in other[1]) or (n == 2 and one[0][:2] != other[0][:2]):
             continue
-        points = [np.concatenate([group.points for group in each[1]]) for each in (one, other)]
-        if same := np.array_equal(points[0], points[1]):
-            numbers = 3 * n
-        else:
-            numbers = 3 if n == 2 else 3 * n - 6
-        if chance**numbers < CHANCE and (same or _agree(_shape(points[0]), _shape(points[1]))):
-            how = "has the same coordinates as" if same else "has its points to each other to 20 nm as"
+        if (how := _how_copied(_points(one), _points(other), chance)) is not None:
             return one[1][0], f"{one[1][0].where} {how} {other[1][0].where}"
+    if before is None and (found := _mean_of_two(later, chance)) is not None:
+        return found
     if groups and "end" in groups[0].keys:
         return _copied_lengths(later, earlier, chance)
+    return None
+
+
+def find_shared(groups: Sequence[PointGroup], before: Sequence[PointGroup]) -> _Copy:
+    """Return the first measurement of a test that is one of another test of the campaign, or points of it.
+
+    Lengths are compared as in `find_copy`; groups on a ball or in a seat by their coordinates.
+    """
+    if groups and before and "end" in groups[0].keys and "end" in before[0].keys:
+        return find_copy(groups, before)
+    chance = _chance_of_one([*groups, *before])
+    for one in groups:
+        for other in before:
+            if one.artefact != other.artefact:
+                continue
+            shared = int((one.points[:, None] == other.points).all(axis=2).any(axis=1).sum())
+            if 2 * shared > len(one.points) and chance ** (3 * shared) < CHANCE:
+                return one, f"{one.where} has {shared} points with the same coordinates as {other.where}"
     return None
 
 
@@ -80,6 +96,47 @@ def _pairs(
     return ((one, other) for other, one in combinations(later, 2))
 
 
+def _points(one: _Measurement) -> FloatArray:
+    return np.concatenate([group.points for group in one[1]])
+
+
+def _how_copied(points: FloatArray, others: FloatArray, chance: float) -> str | None:
+    """In what two measurements of as many points agree beyond chance: a phrase; None if they do not."""
+    n = len(points)
+    if np.array_equal(points, others):
+        return "has the same coordinates as" if chance ** (3 * n) < CHANCE else None
+    numbers = 3 if n == 2 else 3 * n - 6
+    if not chance**numbers < CHANCE:
+        return None
+    shape, other = _shape(points), _shape(others)
+    if _agree(shape, other):
+        return "has its points to each other to 20 nm as"
+    # By chance they agree in one of n! orders.
+    if n > 2 and numbers * log(chance) + lgamma(n + 1) < log(CHANCE) and _agree_in_some_order(points, others):
+        return "has its points, in another order, to each other to 20 nm as"
+    return None
+
+
+def _mean_of_two(measured: list[_Measurement], chance: float) -> _Copy:
+    """The first run that is the mean of two others at its place, moved or not."""
+    runs: dict[_Keys, list[_Measurement]] = {}
+    for one in measured:
+        if "repeat" in one[1][0].keys:
+            of_group = one[1][0].keys
+            place = (one[0][0], *(value for key, value in of_group.items() if key not in ("repeat", "end")))
+            runs.setdefault(place, []).append(one)
+    for at in runs.values():
+        for one, first, second in permutations(at, 3):
+            sizes = {len(_points(each)) for each in (one, first, second)}
+            if first[0] > second[0] or len(sizes) > 1 or not chance ** (3 * sizes.pop() - 3) < CHANCE:
+                continue
+            own, *both = (each - each.mean(axis=0) for each in map(_points, (one, first, second)))
+            if _agree(own, (both[0] + both[1]) / 2):
+                of = " and ".join(each[1][0].where for each in (first, second))
+                return one[1][0], f"{one[1][0].where} is to 20 nm the mean of {of}"
+    return None
+
+
 def _shape(points: FloatArray) -> FloatArray:
     """What a moved copy has in common: the vector of two points; of more, their distances, which turning keeps too."""
     if len(points) == 2:
@@ -90,6 +147,16 @@ def _shape(points: FloatArray) -> FloatArray:
 
 def _agree(one: FloatArray, other: FloatArray) -> bool:
     return bool(np.sqrt(np.mean((one - other) ** 2)) <= AGREE_MM)
+
+
+def _agree_in_some_order(points: FloatArray, others: FloatArray) -> bool:
+    """Whether points lie to each other as others do, each matched with that whose distances are most like its own."""
+    one, other = (np.linalg.norm(each[:, None] - each, axis=2) for each in (points, others))
+    own, theirs = (np.sort(each, axis=1) for each in (one, other))
+    if not _agree(np.sort(own, axis=None), np.sort(theirs, axis=None)):
+        return False
+    match = ((own[:, None] - theirs) ** 2).sum(axis=2).argmin(axis=1)
+    return len(set(match.tolist())) == len(match) and _agree(one, other[np.ix_(match, match)])
 
 
 def _chance_of_one(groups: Sequence[PointGroup]) -> float:

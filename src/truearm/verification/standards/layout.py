@@ -11,6 +11,7 @@ import numpy as np
 from truearm.errors import InputError
 from truearm.typing import FloatArray
 from truearm.verification.standards.artefacts import Artefacts, CalibratedBar, CalibratedLength, CalibratedSphere
+from truearm.verification.standards.length_shares import length_fault
 from truearm.verification.standards.positions import (
     SEAT_HEIGHT,
     SEATS,
@@ -145,13 +146,6 @@ def select_lengths(
             hint="add them under [[bars]]" + (f", or {_fewer(name, test, pool, measuring_range_mm)}" if pool else ""),
         )
     longest = pool[-1][1].length_mm
-    least = test.longest_share.value * measuring_range_mm
-    if longest < least:
-        raise InputError(
-            f"test {name!r} needs a length of {least:.5g} mm or more, {test.longest_share.value:.0%} of the "
-            f"measuring range; the longest in the file of artefacts is {longest:.5g} mm",
-            hint="use a longer bar, or correct longest_share in the plan by your copy of the standard",
-        )
     wanted = np.linspace(longest, pool[0][1].length_mm, n)  # the longest is compulsory: it comes first
     if isinstance(test, Volumetric) and n == len(ZONES):
         wanted = reach * np.mean(ZONES, axis=1)
@@ -159,7 +153,10 @@ def select_lengths(
     for want in wanted:
         free = [i for i in range(len(pool)) if i not in chosen]
         chosen.append(min(free, key=lambda i: abs(pool[i][1].length_mm - want)))
-    return tuple(pool[i] for i in sorted(chosen))
+    selected = tuple(pool[i] for i in sorted(chosen))
+    if fault := length_fault(name, test, [length.length_mm for _, length in selected], measuring_range_mm):
+        raise InputError(fault[0], hint=fault[1])
+    return selected
 
 
 def _fewer(

@@ -38,6 +38,9 @@ LOOSEST = 3.0
 # Chosen here: so many times farther from the nearest point than in the planned pattern lies the half of the ball where
 # points leave holes. Points anywhere on it: 1.2; to 60 deg from the pole only: 1.1; in three patches of 10 deg: 2.
 SPARSEST = 1.5
+# Chosen here: so many of the planned points lie apart from each other, by this share of the distance that they have if
+# they lie evenly. Points anywhere on the half: 94 %; half of them within 2 deg of the pole: half.
+LEAST_APART, APART = 0.7, 0.2
 # Of the angle between the normal of a face and a length, 20 deg: a larger one belongs to another face.
 LEAST_COSINE = 0.94
 
@@ -78,7 +81,7 @@ def check_pattern(points: FloatArray, centre: FloatArray, planned: int) -> None:
     """Check that points lie as evenly over half of a ball as the planned pattern.
 
     The angle from a direction to the nearest point, in the mean over the half about the mean point, is compared with
-    that of the planned number of points evenly over half of the ball.
+    that of the planned number of points evenly over half of the ball; and points beside each other count as one.
 
     Parameters
     ----------
@@ -92,7 +95,7 @@ def check_pattern(points: FloatArray, centre: FloatArray, planned: int) -> None:
     Raises
     ------
     InputError
-        If it is `SPARSEST` times as large, or larger.
+        If it is `SPARSEST` times as large, or larger; or fewer than `LEAST_APART` of the points lie apart.
     """
     away, even = _mean_hole_deg(points - centre), _mean_hole_deg(hemisphere(planned))
     if away > SPARSEST * even:
@@ -101,6 +104,24 @@ def check_pattern(points: FloatArray, centre: FloatArray, planned: int) -> None:
             f"mean, {even:.2g} deg in the pattern of the plan",
             hint="measure points evenly over half of the ball, or change pattern in the plan if your contract says so",
         )
+    apart_deg = APART * float(np.degrees(np.sqrt(2 * np.pi / planned)))
+    if (n := _count_apart(points - centre, apart_deg)) < LEAST_APART * planned:
+        raise InputError(
+            f"{n} of {planned} points are apart from each other, by {apart_deg:.2g} deg or more: points beside each "
+            "other show one place of the ball",
+            hint="measure points evenly over half of the ball, or change pattern in the plan if your contract says so",
+        )
+
+
+def _count_apart(points: FloatArray, apart_deg: float) -> int:
+    """Number of points about the origin that are so far apart, each taken if none of those before is nearer."""
+    normals = points / np.linalg.norm(points, axis=1, keepdims=True)
+    cosines, most = normals @ normals.T, np.cos(np.radians(apart_deg))
+    taken: list[int] = []
+    for i in range(len(normals)):
+        if not taken or cosines[i, taken].max() <= most:
+            taken.append(i)
+    return len(taken)
 
 
 def _mean_hole_deg(points: FloatArray) -> float:

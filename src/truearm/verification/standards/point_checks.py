@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, field
+from itertools import takewhile
 from math import isnan
 from typing import TypeVar
 
@@ -15,7 +16,8 @@ from truearm.files.delimited import quoted_cell
 from truearm.readings.thermal_expansion import REFERENCE_DEGC
 from truearm.typing import FloatArray
 from truearm.verification.standards.artefacts import Artefact, Artefacts, CalibratedBar, CalibratedSphere
-from truearm.verification.standards.copied_points import find_copy
+from truearm.verification.standards.copied_points import find_copy, find_shared
+from truearm.verification.standards.length_shares import length_fault
 from truearm.verification.standards.measurands import LengthMeasurement, SphereMeasurement, check_pattern, check_spread
 from truearm.verification.standards.measured_points import (
     ENDS,
@@ -26,7 +28,14 @@ from truearm.verification.standards.measured_points import (
     join_names,
 )
 from truearm.verification.standards.specification import MEASURING_RANGE
-from truearm.verification.standards.verification_plan import EVEN, Articulation, EffectiveDiameter, Probing
+from truearm.verification.standards.verification_plan import (
+    EVEN,
+    Articulation,
+    EffectiveDiameter,
+    LengthTest,
+    Probing,
+    Volumetric,
+)
 
 A = TypeVar("A", bound=Artefact)
 
@@ -130,19 +139,13 @@ class PointChecks:
         self.check_no_copies(name, groups)
         return pairs
 
-    def check_long_enough(
-        self, name: str, lengths: Sequence[LengthMeasurement], group: PointGroup, share: float
+    def check_sizes(
+        self, name: str, test: LengthTest | Volumetric, lengths: Sequence[LengthMeasurement], group: PointGroup
     ) -> None:
-        """Check that the longest length covers the planned share of the measuring range."""
-        longest = max(one.length.length_mm for one in lengths)
-        needed = share * self.measuring_range_mm
-        if longest < needed:
-            raise self.measured.error(
-                f"test {name!r}: the longest length is {longest:.5g} mm, the plan asks for {needed:.5g} mm or more, "
-                f"{share:.0%} of the measuring range",
-                group,
-                hint="use a longer bar, or correct longest_share in the plan by your copy of the standard",
-            )
+        """Check that the sizes of the lengths are the planned shares of the measuring range."""
+        sizes = {(one.bar.name, one.length.name): one.length.length_mm for one in lengths}
+        if fault := length_fault(name, test, list(sizes.values()), self.measuring_range_mm):
+            raise self.measured.error(fault[0], group, hint=fault[1])
 
     def check_in_range(self, name: str, groups: Sequence[PointGroup]) -> None:
         """Check that the places of a test fit into the measuring range: an arm does not reach farther."""
@@ -176,11 +179,10 @@ class PointChecks:
             )
             self.check_apart(name, [at[0] for at in positions], places, SAME_PLACE_MM)
             along = places[:, 1] - places[:, 0]
-            n, planned = _count_directions(along), min(directions, len(positions))
-            if n < planned:
+            if (n := _count_directions(along)) < directions:
                 raise self.measured.error(
-                    f"test {name!r}, length {members[0].keys['length']}: the plan asks for {planned} directions of the "
-                    f"bar, {ANOTHER_DIRECTION_DEG:g} deg apart or more; at its {len(positions)} positions it had {n}",
+                    f"test {name!r}, length {members[0].keys['length']}: the plan asks for {directions} directions "
+                    f"of the bar, {ANOTHER_DIRECTION_DEG:g} deg apart or more; its {len(positions)} positions had {n}",
                     members[0],
                     hint="place the bar along, across, upright and obliquely, or correct directions in the plan by "
                     "your copy of the standard",
@@ -224,10 +226,14 @@ class PointChecks:
             )
 
     def check_no_copies(self, name: str, groups: Sequence[PointGroup]) -> None:
-        """Check that no measurement is a copy of another one, moved or not."""
+        """Check that no measurement is a copy of another one, moved or not, nor one of another test."""
         if self.measured.file is None:
             return
-        if (found := find_copy(groups)) is not None:
+        found = find_copy(groups)
+        for other in takewhile(lambda one: one != name, self.measured.tests):
+            if found is None and (found := find_shared(groups, self.measured.tests[other])) is not None:
+                found = found[0], f"{found[1]} of test {other!r}"
+        if found is not None:
             contradict(
                 self.measured.error(
                     f"test {name!r}: {found[1]}: a copy",

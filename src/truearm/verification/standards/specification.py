@@ -15,6 +15,7 @@ from pydantic import Field, field_validator, model_validator
 
 from truearm.errors import InputError
 from truearm.files.toml_documents import Document, Name, NotNegative, Positive, read_document
+from truearm.verification.standards.claimed_texts import check_no_verdict
 from truearm.verification.standards.measured_points import CONDITIONS
 from truearm.verification.standards.rated_conditions import RatedRange
 
@@ -147,6 +148,11 @@ class Specification(Document):
                     hint="check the unit, which is in the name",
                 )
         return given
+
+    @field_validator("name")
+    @classmethod
+    def _claims_nothing(cls, name: str) -> str:
+        return check_no_verdict(name)
 
     @field_validator("measuring_range_mm")
     @classmethod

@@ -20,6 +20,7 @@ from pydantic import AfterValidator, Field, field_validator, model_validator
 from truearm.errors import InputError
 from truearm.files.dates import check_past
 from truearm.files.toml_documents import Document, Name, NotNegative, Positive, parse_toml, read_document
+from truearm.verification.standards.claimed_texts import check_no_verdict, named_standards
 from truearm.verification.standards.decision import DECISION_RULES, DecisionRule
 from truearm.verification.standards.plan_entries import (
     NOT_IN_PLAN,
@@ -41,7 +42,7 @@ def _at_most_whole(share: float) -> float:
 
 Count = PlanEntry[Annotated[int, Field(strict=True, ge=1, le=1000)]]
 Tolerated = PlanEntry[Annotated[int, Field(strict=True, ge=0, le=1000)]]
-Size = PlanEntry[Positive]  # [mm]
+Size = PlanEntry[Positive]  # [mm], or a ratio
 Share = PlanEntry[Annotated[NotNegative, AfterValidator(_at_most_whole)]]  # of a length; 0.66 is 66 %
 
 GuardBand = Literal[
@@ -114,16 +115,19 @@ class LengthTest(PlannedTest):
 
     In up to `tolerated_sets` sets (one length at one position) one value may exceed its limit, if none does when
     the set is measured again: the rule of ISO 10360-2; 0 switches it off. Of the directions of each length, as many
-    as planned are 30 degrees and more apart.
+    as planned are 30 degrees and more apart. The longest length is `longest_share` of the measuring range or more, the
+    shortest `shortest_most_share` or less; the widest gap between two of them is `gap_ratio` times the mean or less.
     """
 
-    numbers_of_earlier_plans: ClassVar = {"directions": 4}
+    numbers_of_earlier_plans: ClassVar = {"directions": 4, "shortest_most_share": 0.2, "gap_ratio": 2.0}
 
     lengths: Count
     positions: Count
     directions: Count
     repeats: Count
     longest_share: Share
+    shortest_most_share: Share
+    gap_ratio: Size
     tolerated_sets: Tolerated
     error: PlanEntry[Literal["measured - calibrated length"]]
 
@@ -151,14 +155,25 @@ class SinglePoint(PlannedTest):
 
 
 class Volumetric(PlannedTest):
-    """Volumetric performance: lengths at several positions in all, in several directions each."""
+    """Volumetric performance: lengths at several positions in all, in several directions each.
 
-    numbers_of_earlier_plans: ClassVar = {"directions": 4}
+    The longest and the shortest length each lie in a zone, from a share of the measuring range to another.
+    """
+
+    numbers_of_earlier_plans: ClassVar = {
+        "directions": 4,
+        "shortest_share": 0.25,
+        "shortest_most_share": 0.375,
+        "longest_most_share": 0.75,
+    }
 
     lengths: Count
     positions: Count
     directions: Count
+    shortest_share: Share
+    shortest_most_share: Share
     longest_share: Share
+    longest_most_share: Share
     largest: PlanEntry[Literal["largest |measured - calibrated length|"]]
     twice_s: PlanEntry[Literal["2 s about the mean, divisor n - 1"]]
     twice_rms: PlanEntry[Literal["2 RMS, divisor n"]]
@@ -259,6 +274,22 @@ class VerificationPlan(Document):
                 f"{', '.join(keys)}: confirmed = true, but {fault}",
                 hint=f'type where it stands in {self.standard}, such as source = "clause 6.2.3" (an agreement: its '
                 "number), or set confirmed = false",
+            )
+        return self
+
+    @field_validator("title")
+    @classmethod
+    def _claims_nothing(cls, title: str) -> str:
+        return check_no_verdict(title)
+
+    @model_validator(mode="after")
+    def _names_its_own_standard(self) -> Self:
+        others = [one for one in named_standards(self.title) if one not in self.standard]
+        if others:
+            raise InputError(
+                f"title: expected what is tested, got {self.title!r:.80}, which names {others[0]!r:.40}; the plan is "
+                f"after {self.standard!r:.80}",
+                hint="name a standard under standard only",
             )
         return self
 

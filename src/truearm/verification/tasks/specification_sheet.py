@@ -208,12 +208,13 @@ def _perfect(plan: VerificationPlan, range_mm: float) -> Artefacts:
     lengths = [0.5 * float(np.mean(zone)) for zone in ZONES]
     if plan.uni is not None:
         n, longest = plan.uni.lengths.value, plan.uni.longest_share.value
-        lengths = [float(share) for share in np.linspace(longest / n, longest, n)]
+        shortest = min(longest / n, plan.uni.shortest_most_share.value * (1 - 1e-8))
+        lengths = [float(share) for share in np.linspace(shortest, longest, n)]
     day = datetime.date(2000, 1, 1)
     seat = {"certificate": "none", "date": day, "expires": day.replace(year=9999), "form_mm": 0.0, "u_fixture_mm": 0.0}
     constant = {**seat, "expansion_per_K": 0.0, "u_expansion_per_K": 0.0, "u_temperature_K": 0.0}
     certified = [
-        # Slightly longer than the plan's share, so that rounding does not make it too short.
+        # Slightly longer than the plan's share, so that rounding does not make it too short or long.
         {"name": f"{i}", "length_mm": share * range_mm * (1 + 1e-9), "u_mm": 1e-9}
         for i, share in enumerate(lengths)
     ]
