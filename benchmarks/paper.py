@@ -272,8 +272,12 @@ def in_box(n: int, *, seed: int, half_width_deg: float = EXPERIMENT.half_width_d
 
 
 def reproduced(part: int | None, *, smallest: bool = False) -> Iterator[dict[str, Any]]:
-    """A table of the paper beside the reproduction, every training to its own stop; the final test without a number."""
-    found = reproduce(table=part or 4, quick=smallest, time_limit=math.inf, folder=scratch())
+    """A table of the paper beside the reproduction, every training to its own stop; the final test without a number.
+
+    The smallest form stops each training after a second.
+    """
+    limit_s = 1.0 if smallest else math.inf  # CPU time of a training
+    found = reproduce(table=part or 4, quick=smallest, time_limit=limit_s, folder=scratch())
     tables = [block for block in found.blocks() if isinstance(block, TextTable)]
     chosen = tables[0] if part else tables[-1]
     yield from (dict(zip(chosen.columns, line, strict=True)) for line in chosen.rows)
