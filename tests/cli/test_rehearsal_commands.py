@@ -151,12 +151,19 @@ def test_predict_writes_a_table_or_fills_in_points(truearm, made, options, says)
     assert says in ran.err
 
 
+@pytest.fixture(scope="module")
+def points_to_measure(truearm, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("sheet")
+    sheet = ("--sheet", "asme-b89.4.22", "--out", folder / "sheet.html")
+    assert truearm("verify", *sheet, "--points", folder / "points.csv", "--tip-diameter", 0).code == 0
+    return (folder / "points.csv").read_bytes()
+
+
 @pytest.fixture
-def form(truearm, tmp_path):
+def form(points_to_measure, tmp_path):
     """Points to measure, and the export of a metrology program that took them 0.1 mm beside their planned places."""
     points, export = tmp_path / "points.csv", tmp_path / "export.txt"
-    sheet = ("--sheet", "asme-b89.4.22", "--out", tmp_path / "sheet.html")
-    assert truearm("verify", *sheet, "--points", points, "--tip-diameter", 0).code == 0
+    points.write_bytes(points_to_measure)
     with points.open(encoding="utf-8", newline="") as file:
         planned = np.array([[float(row[f"note_{axis}_mm"]) for axis in "xyz"] for row in csv.DictReader(file)])
     taken = planned + 0.1 * np.random.default_rng(0).standard_normal(planned.shape)
