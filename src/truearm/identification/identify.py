@@ -118,6 +118,7 @@ from truearm.identification.terms.catalogue import JOINT_COMPLIANCE, unlearned_t
 from truearm.readings.checks import check_scale
 from truearm.readings.reference_uncertainty import scale_errors
 from truearm.readings.session import Session
+from truearm.solve.threads import one_blas_thread
 from truearm.typing import BoolArray, FloatArray
 
 # Share of the error at held-out readings of one place that all terms together may leave: with three quarters of its
@@ -203,13 +204,19 @@ class Identification:
         Likewise distances, where `held_out` are points or seats; empty where it is of distances itself.
     held_out_errors : HeldOutErrors or None
         Their errors in short; None where no readings could be held out.
-    unexplained : Unexplained
+    judge : callable
+        Works `unexplained` out.
+    tail_freedom : float
+        See `Unexplained`.
     birge_ratio : float
         Factor by which standard deviations of the posterior are raised, from the readings held out.
     residual_process : ResidualProcess or None
         What is known of the residual process; None where there is none.
     length_scale : LengthScale or None
         By what share all lengths differ from the drawing alike; None where the readings determine none.
+    unexplained : callable
+        Works out what the arm leaves unexplained, which only an arm that is kept needs: outer regions of the readings
+        are held out for it.
     """
 
     fit: IdentificationResult
@@ -218,10 +225,11 @@ class Identification:
     held_out_gross: HeldOutReadings
     held_out_distances: HeldOutReadings
     held_out_errors: HeldOutErrors | None
-    unexplained: Unexplained
+    tail_freedom: float
     birge_ratio: float
     residual_process: ResidualProcess | None
     length_scale: LengthScale | None
+    unexplained: Callable[[], Unexplained]
 
 
 # The nominal arm -----------------------------------------------------------------------------------------------------
@@ -567,16 +575,21 @@ def _concluded(
     rest = unexplained(missing or fit, known, readings.session.angles)
     used = np.ones(len(readings.session), dtype=bool)
     used[excluded_readings(fit)] = False
-    function = growing_outside(
-        rest.variance_function, rest.residual_std_mm**2, fit, readings.state, readings.references, used, added
-    )
-    rest = replace(rest, variance_function=function)
-    share, hysteresis = _repeating(readings, wider, rest, used)
-    rest = replace(rest, repeating_share=share, hysteresis=hysteresis)
     birge = birge_ratio(fit.references, kept.rows, rest.residual_std_mm)
     # Few residuals determine the noise only roughly.
     freedom = fit.residual_freedom(readings.references)
     widened = few_readings_factor(freedom)
+
+    @one_blas_thread()
+    def judged() -> Unexplained:
+        function = growing_outside(
+            rest.variance_function, rest.residual_std_mm**2, fit, readings.state, readings.references, used, added
+        )
+        grown = replace(rest, variance_function=function)
+        share, hysteresis = _repeating(readings, wider, grown, used)
+        whole = replace(grown, repeating_share=share, hysteresis=hysteresis)
+        return whole.widened(widened).of_one_reading(readings.session)
+
     signs = []
     if not same_every_day:
         rigid = constants(readings.state.chain, free=readings.free)
@@ -589,10 +602,11 @@ def _concluded(
         held_out.select(is_excluded),
         distances,
         HeldOutErrors.of(kept, n_excluded=int(is_excluded.sum())),
-        rest.widened(widened).of_one_reading(readings.session),
+        rest.tail_freedom,
         birge,
         process,
         LengthScale.of(fit, freedom, widened * birge**2),
+        judged,
     )
 
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Self, cast
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from truearm.identification.identify import (
     Found,
     Identification,
     Progress,
+    Unexplained,
     identify_nominal,
     identify_offered,
     identify_physical,
@@ -30,6 +32,7 @@ from truearm.identification.identify import (
 )
 from truearm.identification.judgement.held_out_errors import HeldOutErrors
 from truearm.identification.judgement.length_scale import LengthScale, refuse_wrong_scale
+from truearm.identification.judgement.repeating_residuals import UNKNOWN_SHARE
 from truearm.identification.judgement.residual_process import ResidualProcess
 from truearm.identification.references.prepared_readings import PreparedReadings
 from truearm.identification.references.rounded_angles import tip_motions
@@ -43,6 +46,7 @@ from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 
 ROUNDED = "rounding of the angles"
+JUDGED_LATE = ("residual_std_", "variance_function_", "repeating_share_", "hysteresis_")
 # Fits of weighted points after the first: the noise changes by some per cent in the first of them.
 WEIGHT_ROUNDS = 2
 # Standard uncertainty of a point that states none [mm]: a session states one of every point, or of none.
@@ -96,14 +100,11 @@ class IdentifiedModel(Compensator):
     fit_: IdentificationResult
     excluded_terms_: tuple[SkippedTerm, ...]
     held_out_errors_: HeldOutErrors | None
-    residual_std_: float
-    variance_function_: VarianceFunction
     birge_ratio_: float
     tail_freedom_: float = float("inf")
     refit_reading_ids_: FloatArray
     residual_process_: ResidualProcess | None = None
     length_scale_: LengthScale | None = None
-    hysteresis_: FloatArray = np.zeros((2, 0))
     type_prior_: str = ""
 
     terms: Sequence[Term] = ()
@@ -125,11 +126,9 @@ class IdentifiedModel(Compensator):
         self.held_out_, self.held_out_gross_ = found.held_out, found.held_out_gross
         self.held_out_distances_ = found.held_out_distances
         self.held_out_errors_, self.birge_ratio_ = found.held_out_errors, found.birge_ratio
-        self.residual_std_ = found.unexplained.residual_std_mm
-        self.variance_function_ = found.unexplained.variance_function
-        self.tail_freedom_ = found.unexplained.tail_freedom
-        self.repeating_share_ = found.unexplained.repeating_share
-        self.hysteresis_ = found.unexplained.hysteresis
+        self.tail_freedom_, self._unexplained = found.tail_freedom, found.unexplained
+        for name in JUDGED_LATE:  # of an earlier fit
+            vars(self).pop(name, None)
         self.residual_process_, self.refit_reading_ids_ = found.residual_process, np.zeros(0)
         self.type_prior_ = "" if readings.prior is None else str(readings.prior)
         self.length_scale_, before = found.length_scale, to_identified(simpler)
@@ -137,14 +136,50 @@ class IdentifiedModel(Compensator):
         # A nominal arm that misses by more than arms do was refused, or accepted, with its scale.
         if self.length_scale_ is not None and not is_judged and self.nominal_check_.is_plausible:
             refuse_wrong_scale(self.length_scale_, readings.arm, readings.given, readings.lengths)
-        self.keep_nominal_growth()
 
-    def keep_nominal_growth(self) -> None:
-        """Let the residual variance grow to that of the nominal arm, far outside the trained range."""
-        function, nominal_std = self.variance_function_, self.nominal_.references[0].noise_std
-        if function.beyond is not None and self.residual_std_ > 0:
-            share = max((nominal_std / self.residual_std_) ** 2 - 1, 0.0)
-            self.variance_function_ = replace(function, beyond=replace(function.beyond, nominal=share))
+    def with_nominal_growth(self, function: VarianceFunction, residual_std_mm: float) -> VarianceFunction:
+        """A variance function that grows to the variance of the nominal arm, far outside the trained range."""
+        if function.beyond is None or not residual_std_mm > 0:
+            return function
+        share = max((self.nominal_.references[0].noise_std / residual_std_mm) ** 2 - 1, 0.0)
+        return replace(function, beyond=replace(function.beyond, nominal=share))
+
+    def _judged(self, name: str, default: Any = None) -> Any:
+        """What only a model that is kept needs: worked out when it is first asked for."""
+        if (unexplained := vars(self).pop("_unexplained", None)) is not None:
+            found: Unexplained = unexplained()
+            function = self.with_nominal_growth(found.variance_function, found.residual_std_mm)
+            values = (found.residual_std_mm, function, found.repeating_share, found.hysteresis)
+            vars(self).update(zip(JUDGED_LATE, values, strict=True))
+        if name not in vars(self) and default is None:
+            raise AttributeError(f"{type(self).__name__} has no {name}: it is not fitted")
+        return vars(self).get(name, default)
+
+    @cached_property
+    def residual_std_(self) -> float:
+        """See the class."""
+        return float(self._judged("residual_std_"))
+
+    @cached_property
+    def variance_function_(self) -> VarianceFunction:
+        """See the class."""
+        return cast("VarianceFunction", self._judged("variance_function_"))
+
+    @cached_property
+    def repeating_share_(self) -> float:  # type: ignore[override]
+        """See `Compensator`."""
+        return float(self._judged("repeating_share_", UNKNOWN_SHARE))
+
+    @cached_property
+    def hysteresis_(self) -> FloatArray:
+        """See the class."""
+        return cast("FloatArray", self._judged("hysteresis_", np.zeros((2, 0))))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All of it, also what was not asked for yet."""
+        if "_unexplained" in vars(self):
+            self._judged("residual_std_")
+        return vars(self).copy()
 
     def _check_options(self) -> None:
         super()._check_options()

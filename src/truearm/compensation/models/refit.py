@@ -126,7 +126,7 @@ def refit(
         new.residual_std_ = float(np.sqrt(unexplained**2 + averaged))
     new.free_, new.tips_ = free, tip_names(readings) if is_new_tip else known.tips_
     _refuse_another_arm(known, placed, new, set_up)
-    new.keep_nominal_growth()
+    new.variance_function_ = new.with_nominal_growth(new.variance_function_, new.residual_std_)
     new.held_out_, new.held_out_gross_, new.held_out_distances_ = NONE_HELD_OUT, NONE_HELD_OUT, NONE_HELD_OUT
     new.held_out_errors_ = None
     new.accepted_ = accepted(known.accepted_)

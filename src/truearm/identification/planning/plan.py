@@ -49,7 +49,10 @@ class IdentifiedArm(Protocol):
 
     arm_: Arm
     fit_: IdentificationResult
-    residual_std_: float
+
+    @property
+    def residual_std_(self) -> float:
+        """Standard deviation of a coordinate that the model does not explain [mm]."""
 
     def state(self, readings: Session) -> ArmState:
         """State of the arm at readings."""
