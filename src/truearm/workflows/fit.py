@@ -186,7 +186,7 @@ def fit(
         nominal.learn(readings)
         readings = readings._replace(prior=of_type)
         learned = _learn(chosen, nominal, readings, progress=progress, **options)
-    fitted = learned.model
+    fitted = learned.model.judged()
     at = fitted.at(used)
     return FitResult(
         model=fitted,

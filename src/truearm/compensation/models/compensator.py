@@ -204,7 +204,11 @@ class Compensator(Regressor, ABC):
         """
         check_readings_of(self._checked_arm(), readings)
         merged = merge_repeats(readings).readings
-        return self.learn(self.prepare(merged, lengths), progress=progress, nominal=nominal)
+        return self.learn(self.prepare(merged, lengths), progress=progress, nominal=nominal).judged()
+
+    def judged(self) -> Self:
+        """Itself, with all worked out that `learn` leaves until it is asked for: only a model that is kept needs it."""
+        return self
 
     def prepare(self, readings: Session, lengths: Lengths | None = None) -> PreparedReadings:
         """Readings whose angles were checked (`check_readings_of`), prepared to `learn` from; see `fit_readings`."""

@@ -144,7 +144,7 @@ class IdentifiedModel(Compensator):
         share = max((self.nominal_.references[0].noise_std / residual_std_mm) ** 2 - 1, 0.0)
         return replace(function, beyond=replace(function.beyond, nominal=share))
 
-    def _judged(self, name: str, default: Any = None) -> Any:
+    def _late(self, name: str, default: Any = None) -> Any:
         """What only a model that is kept needs: worked out when it is first asked for."""
         if (unexplained := vars(self).pop("_unexplained", None)) is not None:
             found: Unexplained = unexplained()
@@ -158,28 +158,31 @@ class IdentifiedModel(Compensator):
     @cached_property
     def residual_std_(self) -> float:
         """See the class."""
-        return float(self._judged("residual_std_"))
+        return float(self._late("residual_std_"))
 
     @cached_property
     def variance_function_(self) -> VarianceFunction:
         """See the class."""
-        return cast("VarianceFunction", self._judged("variance_function_"))
+        return cast("VarianceFunction", self._late("variance_function_"))
 
     @cached_property
     def repeating_share_(self) -> float:  # type: ignore[override]
         """See `Compensator`."""
-        return float(self._judged("repeating_share_", UNKNOWN_SHARE))
+        return float(self._late("repeating_share_", UNKNOWN_SHARE))
 
     @cached_property
     def hysteresis_(self) -> FloatArray:
         """See the class."""
-        return cast("FloatArray", self._judged("hysteresis_", np.zeros((2, 0))))
+        return cast("FloatArray", self._late("hysteresis_", np.zeros((2, 0))))
+
+    def judged(self) -> Self:
+        """See `Compensator`."""
+        self._late("residual_std_", 0.0)
+        return self
 
     def __getstate__(self) -> dict[str, Any]:
-        """All of it, also what was not asked for yet."""
-        if "_unexplained" in vars(self):
-            self._judged("residual_std_")
-        return vars(self).copy()
+        """Without what works out the rest, which no other process needs."""
+        return vars(self.judged()).copy()
 
     def _check_options(self) -> None:
         super()._check_options()
