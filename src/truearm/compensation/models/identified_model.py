@@ -5,9 +5,8 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar, Self, cast
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -51,6 +50,28 @@ JUDGED_LATE = ("residual_std_", "variance_function_", "repeating_share_", "hyste
 WEIGHT_ROUNDS = 2
 # Standard uncertainty of a point that states none [mm]: a session states one of every point, or of none.
 LEAST_STD_MM = 1e-6
+
+
+class _Late:
+    """An attribute that `IdentifiedModel.judged` sets once it is asked for: only a model that is kept needs it."""
+
+    def __init__(self, default: object) -> None:
+        self._default = default
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+
+    def __get__(self, model: IdentifiedModel | None, owner: type) -> object:
+        if model is not None and self._name in vars(model.judged()):
+            return vars(model)[self._name]
+        if self._default is None:
+            raise AttributeError(f"{owner.__name__} has no {self._name}: it is not fitted")
+        return self._default
+
+
+def late(default: object = None) -> Any:
+    """Such an attribute, with its value in a model from an older file."""
+    return _Late(default)
 
 
 class IdentifiedModel(Compensator):
@@ -100,11 +121,15 @@ class IdentifiedModel(Compensator):
     fit_: IdentificationResult
     excluded_terms_: tuple[SkippedTerm, ...]
     held_out_errors_: HeldOutErrors | None
+    residual_std_: float = late()
+    variance_function_: VarianceFunction = late()
     birge_ratio_: float
     tail_freedom_: float = float("inf")
     refit_reading_ids_: FloatArray
     residual_process_: ResidualProcess | None = None
     length_scale_: LengthScale | None = None
+    hysteresis_: FloatArray = late(np.zeros((2, 0)))
+    repeating_share_: float = late(UNKNOWN_SHARE)
     type_prior_: str = ""
 
     terms: Sequence[Term] = ()
@@ -144,40 +169,13 @@ class IdentifiedModel(Compensator):
         share = max((self.nominal_.references[0].noise_std / residual_std_mm) ** 2 - 1, 0.0)
         return replace(function, beyond=replace(function.beyond, nominal=share))
 
-    def _late(self, name: str, default: Any = None) -> Any:
-        """What only a model that is kept needs: worked out when it is first asked for."""
+    def judged(self) -> Self:
+        """See `Compensator`."""
         if (unexplained := vars(self).pop("_unexplained", None)) is not None:
             found: Unexplained = unexplained()
             function = self.with_nominal_growth(found.variance_function, found.residual_std_mm)
-            values = (found.residual_std_mm, function, found.repeating_share, found.hysteresis)
-            vars(self).update(zip(JUDGED_LATE, values, strict=True))
-        if name not in vars(self) and default is None:
-            raise AttributeError(f"{type(self).__name__} has no {name}: it is not fitted")
-        return vars(self).get(name, default)
-
-    @cached_property
-    def residual_std_(self) -> float:
-        """See the class."""
-        return float(self._late("residual_std_"))
-
-    @cached_property
-    def variance_function_(self) -> VarianceFunction:
-        """See the class."""
-        return cast("VarianceFunction", self._late("variance_function_"))
-
-    @cached_property
-    def repeating_share_(self) -> float:  # type: ignore[override]
-        """See `Compensator`."""
-        return float(self._late("repeating_share_", UNKNOWN_SHARE))
-
-    @cached_property
-    def hysteresis_(self) -> FloatArray:
-        """See the class."""
-        return cast("FloatArray", self._late("hysteresis_", np.zeros((2, 0))))
-
-    def judged(self) -> Self:
-        """See `Compensator`."""
-        self._late("residual_std_", 0.0)
+            self.residual_std_, self.variance_function_ = found.residual_std_mm, function
+            self.repeating_share_, self.hysteresis_ = found.repeating_share, found.hysteresis
         return self
 
     def __getstate__(self) -> dict[str, Any]:

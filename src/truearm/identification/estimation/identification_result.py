@@ -131,6 +131,8 @@ class IdentificationResult:
     def select(self, is_meant: Callable[[Term], bool]) -> IdentificationResult:
         """The same with some of the terms; the others are integrated out."""
         kept = self.columns_of(is_meant)
+        if kept.all():
+            return self
         return replace(
             self,
             perturbed_chain=PerturbedChain(

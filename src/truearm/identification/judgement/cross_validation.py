@@ -25,7 +25,7 @@ R. T. Birge, "The calculation of errors by the method of least squares", Phys. R
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from itertools import chain, compress, pairwise
 from typing import NamedTuple
@@ -68,6 +68,8 @@ LEAST_TOUCHES: dict[str, int] = {touched.kind: touched.least for touched in (Dis
 # Derivatives in memory at once, some ten megabytes, and the most readings of them.
 MOST_DERIVATIVES = 1_200_000
 MOST_READINGS = perturbed_chain.CHUNK
+# Residuals a coefficient up to which the root of S is kept: some tens of megabytes.
+MOST_SPREAD = 3
 # Readings whose covariances are computed together, of a large group.
 MOST_JUDGED = 2 * MOST_READINGS
 # The readings of a group: for each of its references the rows.
@@ -128,7 +130,7 @@ def cross_validate_regions(
         return [NONE_HELD_OUT for _ in regions]
     found = []
     with one_blas_thread():
-        minimum = _Minimum.of(fit, state, references, kinds) if regions else None
+        minimum = _Minimum.of(fit, state, references, kinds).spread_once() if regions else None
         for region in regions:
             assert minimum is not None
             own = minimum.judging(region, most)
@@ -285,7 +287,7 @@ class _Minimum:
     """The linearisation at the minimum.
 
     With the root F of the coefficients' covariance, ``F^T F``; unknowns move by minus `slope` (u, p) times them.
-    `of_slope` (r, u) is ``F @ slope^T``.
+    `of_slope` (r, u) is ``F @ slope^T``. `spreads` are those of all readings, by the number of the reference.
     """
 
     problem: SmallMotionProblem
@@ -294,6 +296,7 @@ class _Minimum:
     slope: FloatArray
     of_slope: FloatArray
     parts: list[_Whitened]
+    spreads: dict[int, FloatArray] = field(default_factory=dict)
 
     @property
     def chunk(self) -> int:
@@ -343,6 +346,14 @@ class _Minimum:
             )
         root = fit.covariance_root
         return cls(problem, x, root, slope, root.times_matrix(slope.T), found)
+
+    def spread_once(self) -> _Minimum:
+        """The same with the root of S of all readings, where these are few: for groups that overlap."""
+        if sum(part.residuals.size for part in self.parts) > MOST_SPREAD * self.root.n_rows:
+            return self
+        return replace(
+            self, spreads={i: self._spread(i, np.arange(len(p.residuals))) for i, p in enumerate(self.parts)}
+        )
 
     def judging(self, region: BoolArray, most: int) -> _Minimum:
         """The same, where of the readings of a region (n,) no more than `most` are judged, evenly selected."""
@@ -428,6 +439,8 @@ class _Minimum:
     def _spread(self, which: int, rows: IntArray) -> FloatArray:
         """(m k, r) the coefficients' part of the root of S, of some readings of a reference."""
         part = self.parts[which]
+        if which in self.spreads:
+            return self.spreads[which][_residuals_of(rows, part)]
         by_root = self.root.times(*self.problem.site_derivatives(which, rows, part.linear, self.x))
         k, r, m = by_root.shape
         spread = by_root.transpose(2, 0, 1).reshape(m * k, r)

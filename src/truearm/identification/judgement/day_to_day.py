@@ -82,7 +82,8 @@ def on_another_day(fit: IdentificationResult) -> IdentificationResult:
         return float((np.multiply(of_joint, term.direction) ** 2).sum()) if moves else 0.0
 
     added = [added_variance(term) for term in terms]
-    covariance = fit.covariance + np.diag(np.repeat(added, [term.n_coefficients for term in terms]))
+    covariance = fit.covariance.copy()
+    covariance.flat[:: len(covariance) + 1] += np.repeat(added, [term.n_coefficients for term in terms])
     return replace(fit, covariance=covariance, repeatability_covariance=fit.covariance).select(
         lambda term: term.group != GROUP
     )

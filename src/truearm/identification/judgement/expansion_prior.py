@@ -28,7 +28,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from itertools import product
 from typing import NamedTuple
 
@@ -107,9 +106,9 @@ class _Mixture:
         """Number of determined growths."""
         return float(self.average([len(one.mean) - np.trace(one.covariance) for one in self.hypotheses]))
 
-    @cached_property
+    @property
     def covariance(self) -> FloatArray:
-        """(q, q) of all: a product of few columns, once."""
+        """(q, q) of all: a product of few columns."""
         found, mean, n = self.hypotheses, self.mean, len(self.hypotheses[0].mean)
         scatter = np.array([np.sqrt(one.weight) * (one.causes @ one.mean - mean) for one in found])
         weighed = np.hstack([one.weight * one.causes @ one.covariance for one in found])
@@ -157,7 +156,7 @@ def with_material_prior(
     others, p = np.setdiff1d(np.arange(len(fit.coefficients)), grows), len(fit.coefficients)
     of_growth = fit.covariance[np.ix_(grows, grows)]
     lag_K = max(LAG_K, most_lag_K(state.temperature_degC, state.session))
-    mean, spread = float(state.temperature_degC.mean()), float(state.temperature_degC.std())
+    mean_degC, spread = float(state.temperature_degC.mean()), float(state.temperature_degC.std())
     by_points, lags, u_K = [part.kind for part in fit.references] == ["point"], lag_K > LAG_K, min(lag_K, spread)
     if by_points:
         covariance = _if_others_were_known(identified, fit.perturbed_chain.terms)
@@ -166,7 +165,7 @@ def with_material_prior(
         gain = np.asarray(np.linalg.solve(of_growth, fit.covariance[np.ix_(grows, others)]).T)
         information, right = _likelihood(of_growth / widened, fit.coefficients[grows], fit.prior_std[grows])
         none = np.zeros((0, 1 + len(grows))), np.zeros((len(others), N_DRIFTS))
-        histories = [LinkHistory(information, right, gain, *none, mean)]
+        histories = [LinkHistory(information, right, gain, *none, mean_degC)]
     gain = histories[0].gain  # with the temperatures and terms by which the arm was identified
     if by_points and lags:
         u_K = 0.0
@@ -174,14 +173,13 @@ def with_material_prior(
         histories = [one for each in histories for one in _shown_in_part(each, lag_K / spread)]
     new = _mixture(histories)
     wide = new if widened == 1 else _mixture(histories, widened)
-    # Beside the coefficients, constants that take the lengths to 20 degC.
-    order = np.concatenate([others, grows, p + np.arange(len(grows))])
-    x, covariance = np.empty(len(order)), np.empty((len(order), len(order)))
-    x[order], covariance[np.ix_(order, order)] = new.mean, wide.covariance
-    x[others] += fit.coefficients[others] - gain @ fit.coefficients[grows]
-    covariance[np.ix_(others, others)] += fit.covariance[np.ix_(others, others)] - gain @ of_growth @ gain.T
-    covariance[p:, p:] += u_K**2 * (covariance[np.ix_(grows, grows)] + np.outer(x[grows], x[grows]))
-    covariance = (covariance + covariance.T) / 2
+    # The others, growth, and constants that take the lengths to 20 degC.
+    n, mean, covariance = len(others), new.mean, wide.covariance
+    mean[:n] += fit.coefficients[others] - gain @ fit.coefficients[grows]
+    covariance[:n, :n] += fit.covariance[np.ix_(others, others)] - gain @ of_growth @ gain.T
+    covariance[p:, p:] += u_K**2 * (covariance[n:p, n:p] + np.outer(mean[n:p], mean[n:p]))
+    order = np.argsort(np.concatenate([others, grows, p + np.arange(len(grows))]))
+    x, covariance = mean[order], (covariance + covariance.T)[np.ix_(order, order)] / 2
     prior_std = fit.prior_std.copy()
     prior_std[grows] = np.sqrt(UNKNOWN_MATERIAL.covariance(len(grows)).diagonal())
     groups = tuple(
@@ -189,7 +187,7 @@ def with_material_prior(
     )
     exchanged = replace(fit, coefficients=x[:p], prior_std=prior_std, groups=groups)
     of_constants = np.hypot(new.mean_degC - REFERENCE_DEGC, u_K) * prior_std[grows]
-    warmer = np.full(len(grows), float(state.temperature_degC.mean()) - REFERENCE_DEGC)
+    warmer = np.full(len(grows), mean_degC - REFERENCE_DEGC)
     same = None if (before := fit.repeatability_covariance) is None else _with_constants(before, grows, warmer)
     return _extended(exchanged, _constants(terms), x[p:], of_constants, covariance, same)
 

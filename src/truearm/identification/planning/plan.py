@@ -49,10 +49,7 @@ class IdentifiedArm(Protocol):
 
     arm_: Arm
     fit_: IdentificationResult
-
-    @property
-    def residual_std_(self) -> float:
-        """Standard deviation of a coordinate that the model does not explain [mm]."""
+    residual_std_: float
 
     def state(self, readings: Session) -> ArmState:
         """State of the arm at readings."""
