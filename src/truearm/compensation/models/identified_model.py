@@ -255,7 +255,7 @@ class IdentifiedModel(Compensator):
             self.nominal_ = placed.fit
             self._fit(data, placed, None, no_progress)
             self._keep_rounding(data)
-        return self
+        return self.judged()
 
     def _has_thermal_terms(self) -> bool:
         return any(isinstance(term.basis, Temperature) for term in self.fit_.perturbed_chain.terms)
