@@ -692,7 +692,11 @@ def kinds(arm: str = "ur10") -> Iterator[dict[str, str]]:
         **{f"{kind}s": (on_surfaces(kind, virtual, 60), None) for kind in ("sphere", "plane", "line")},
     }
     for seen, (session, lengths) in sets.items():
-        found = ta.fit(arm, session, lengths=lengths)
+        try:
+            found = ta.fit(arm, session, lengths=lengths)
+        except InputError as refusal:
+            yield finding(seen, "a model, no worse than nominal", f"refused: {refusal.problem}", False)
+            continue
         own, nominal = found.held_out_mm or (np.nan, np.nan)
         now = f"{found.model_name}: {own:.4f} mm held out, nominal {nominal:.4f}"
         yield finding(seen, "a model, no worse than nominal", now, own <= nominal)
