@@ -81,14 +81,14 @@ class ComposedArm:
     def without_repeated(self, covariance: FloatArray) -> tuple[Self, FloatArray]:
         """The arm with fewer of its terms, and a covariance of their coefficients: tips have the same covariance.
 
-        Coefficients of functions of nothing but the joint angles are compared. Those that are left out have a variance
-        of zero, and their terms are left out where they have no other.
+        Coefficients of functions of nothing but the joint angles are compared. Those that are omitted have a variance
+        of zero; terms of omitted coefficients alone are omitted too.
         """
         compared, derivatives = self._derivatives_at_poses()
         uncertain = covariance.diagonal()[compared] > 0
         compared, derivatives = compared[uncertain], derivatives[uncertain]
         size = np.maximum(np.linalg.norm(derivatives, axis=1), LEAST_MM)
-        # Constants and harmonics are the quickest to evaluate: others are left out first, as if they were short.
+        # Constants and harmonics are the quickest to evaluate: others are omitted first, as if they were short.
         size[~self.perturbed_chain.of_basis(Constant, Harmonics)[compared]] *= LATER
         R, order = qr((derivatives / size[:, None]).T, mode="r", pivoting=True, check_finite=False)
         n = int(np.count_nonzero(np.abs(R.diagonal()) > INDEPENDENT))
