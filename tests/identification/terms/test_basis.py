@@ -312,3 +312,10 @@ def flat_chain() -> Chain:
     along = np.eye(4)
     along[0, 3] = 300.0
     return Chain(np.stack([np.eye(4), along, along]), [0, 0, 0])
+
+
+@pytest.mark.parametrize("joint", range(6))
+@pytest.mark.parametrize("axis", range(3))
+def test_gravity_torques_are_those_of_their_expressions(make_state, joint, axis):
+    basis, state = GravityTorque(joint, axis), make_state()
+    np.testing.assert_array_equal(basis.values(state), [one.values(state) for one in basis.expressions()])

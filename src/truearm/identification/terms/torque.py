@@ -35,6 +35,10 @@ class GravityTorque(Basis):
         """One function."""
         return (Expression.gravity_torque(self.joint, self.axis),)
 
+    def values(self, state: ArmState) -> FloatArray:
+        """(1, n) torques, without the way through their expression."""
+        return torque_about(state, state.gravity_torques, self.joint, self.axis)[None]
+
     @classmethod
     def together(cls, bases: Sequence[Self]) -> Callable[[ArmState], FloatArray]:
         """Torques of all joints from the loads at once."""
@@ -47,7 +51,7 @@ class GravityTorque(Basis):
                 of_joint(state.angles, last)  # which refuses it
             found: FloatArray = state.gravity_torques.reshape(len(state), -1).T[places]
             for row, basis in on_base:
-                found[row] = torque_about(state, state.gravity_torques, basis.joint, basis.axis)
+                found[row] = basis.values(state)[0]
             return found
 
         return values
