@@ -134,7 +134,7 @@ WORKSPACE_POSES = 200
 MAX_TRIMMED_SHARE = 0.5
 
 Progress: TypeAlias = Callable[[int, str], None]
-Complete: TypeAlias = Callable[[IdentificationResult, ArmState, IdentificationResult, float], IdentificationResult]
+Complete: TypeAlias = Callable[[IdentificationResult, ArmState, float], IdentificationResult]
 
 
 class Found(NamedTuple):
@@ -536,7 +536,6 @@ def what_may_change(
     `widened` is the factor by which the covariance was raised for few readings; `complete` adds states that no reading
     had; `missing` is the arm with the terms that the model does not have.
     """
-    identified = fit
     errors = scale_errors(readings.session, is_frame_free="base" in readings.free)
     scale = response_to_point_errors(fit, readings.state, errors)
     if missing is not None:
@@ -546,7 +545,7 @@ def what_may_change(
     if not same_every_day:
         fit = on_another_day(fit)
     if complete is not None:
-        fit = complete(fit, state_of(readings.arm, readings.session), identified, widened)
+        fit = complete(fit, state_of(readings.arm, readings.session), widened)
     return with_shared_error(fit, scale)
 
 
@@ -638,11 +637,9 @@ def _as_refitted(
     return predicted_by_refits(held_out, fit, kinds, identified, len(readings.session), freedom=freedom)
 
 
-def _with_all_states(
-    fit: IdentificationResult, state: ArmState, identified: IdentificationResult, widened: float
-) -> IdentificationResult:
+def _with_all_states(fit: IdentificationResult, state: ArmState, widened: float) -> IdentificationResult:
     """The result at true temperatures, with what the readings left open of the terms of the physical model."""
-    fit = with_material_prior(fit, state, identified, widened=widened)
+    fit = with_material_prior(fit, state, widened=widened)
     return with_unlearned_terms(fit, unlearned_terms(state))
 
 

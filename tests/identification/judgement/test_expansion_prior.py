@@ -105,10 +105,10 @@ def test_a_widened_covariance_moves_no_estimate():
     drifting = ArmState(load_arm("gao2017").chain, np.zeros((11, 6)), temperature_degC=np.linspace(17, 27, 11))
     # Steps of two kelvin: links have settled.
     state = replace(drifting, temperature_degC=np.r_[17:28:2, 18:27:2].astype(float))
-    found = with_material_prior(fit, state, fit)
-    behind = with_material_prior(fit, drifting, fit)  # links may be 3 K behind
+    found = with_material_prior(fit, state)
+    behind = with_material_prior(fit, drifting)  # links may be 3 K behind
     assert (behind.covariance.diagonal()[:2] > 1.5 * found.covariance.diagonal()[:2]).all()
-    wide = with_material_prior(replace(fit, covariance=1.4 * covariance), state, fit, widened=1.4)
+    wide = with_material_prior(replace(fit, covariance=1.4 * covariance), state, widened=1.4)
     np.testing.assert_allclose(wide.coefficients, found.coefficients, rtol=1e-12)
     assert wide.groups == found.groups
     share = wide.covariance.diagonal() / found.covariance.diagonal()

@@ -8,24 +8,12 @@ from scipy.stats import chi2
 
 from truearm.arm import load_arm
 from truearm.compensation.models import KinematicModel, PhysicalModel
-from truearm.identification.estimation.identification import identify
-from truearm.identification.judgement.expansion_prior import LAG_K, at_mean_temperature
-from truearm.identification.judgement.thermal_lag import (
-    DRIFTS_MM,
-    TIME_CONSTANTS,
-    drift_courses,
-    lagging_temperatures,
-    link_histories,
-    most_lag_K,
-)
-from truearm.identification.references.references import Points
-from truearm.identification.terms import ArmState, candidate_terms
+from truearm.identification.judgement.expansion_prior import LAG_K
+from truearm.identification.judgement.thermal_lag import TIME_CONSTANTS, lagging_temperatures, most_lag_K
 from truearm.identification.terms.basis import Temperature
-from truearm.identification.terms.catalogue import relative_size
 from truearm.identification.terms.thermal import MATERIALS
 from truearm.identification.virtual import VirtualArm, load_preset
 from truearm.readings import Session
-from truearm.readings.thermal_expansion import REFERENCE_DEGC
 
 EXPANSION_PER_K = 23e-6
 DRIFT = np.linspace(20.0, 26.0, 120)
@@ -84,43 +72,6 @@ def test_the_expansion_of_links_that_lag_is_recovered_within_its_uncertainty(vir
     grows = [k[0] for term, k in zip(chain.terms, chain.columns, strict=True) if isinstance(term.basis, Temperature)]
     off = model.fit_.coefficients[grows] - EXPANSION_PER_K
     assert (np.abs(off) < 3 * np.sqrt(model.fit_.covariance.diagonal()[grows])).all()
-
-
-def test_what_readings_say_of_growth_is_the_same_by_the_normal_equations_of_all_coefficients(readings):
-    """By each size of a drift: to 1e-4 of the largest, as the covariance is of the round before the last step."""
-    state = at_mean_temperature(ArmState(load_arm("gao2017").chain, readings.angles, temperature_degC=DRIFT))
-    terms, _ = candidate_terms(state, free=("base", "tip"), highest=2)
-    points = Points(np.arange(len(DRIFT)), readings.points, np.zeros((len(DRIFT), 3)))
-    fit = identify(state.chain, state, terms, [points], robust=False)
-    chain, part, kelvin = fit.perturbed_chain, fit.references[0], DRIFT - DRIFT.mean()
-    is_growth = np.repeat(
-        [isinstance(t.basis, Temperature) for t in chain.terms], [t.n_coefficients for t in chain.terms]
-    )
-    grows, others = np.flatnonzero(is_growth), np.flatnonzero(~is_growth)
-    inner = fit.covariance[np.ix_(grows, grows)]
-    gain = np.linalg.solve(inner, fit.covariance[np.ix_(grows, others)])
-    known = fit.covariance[np.ix_(others, others)] - gain.T @ inner @ gain
-    found = link_histories(fit, replace(state, temperature_degC=DRIFT), grows, others, known, np.zeros(0))
-    warmer = replace(state, temperature_degC=np.full(len(DRIFT), REFERENCE_DEGC + 1))
-    columns = np.concatenate([one for _, _, one in chain.derivatives(warmer, fit.coefficients)], axis=2)
-    base, tip = (chain.motion_derivatives(state, fit.coefficients, place) for place in (0, 7))
-    moved = np.concatenate([base[:, :3] / fit.chain.reach, base[:, 3:], tip[:, 3:]], axis=1).transpose(1, 2, 0)
-    drifts = np.concatenate([course * moved for course in drift_courses(len(DRIFT)).T])
-    J, U, D = (
-        (one * part.weights).reshape(len(one), -1).T for one in (columns[others], columns[grows] * kelvin, drifts)
-    )
-    y = (part.residuals * part.weights).ravel() - J @ fit.coefficients[others] - U @ fit.coefficients[grows]
-    for history, size in zip(found, DRIFTS_MM * relative_size(fit.chain), strict=True):
-        A = np.hstack([J, size * D])
-        prior = np.r_[fit.prior_std[others] ** -2.0, np.ones(D.shape[1])]
-        solved = np.linalg.solve(A.T @ A + np.diag(prior), A.T @ np.column_stack([U, y]))
-        rest = np.column_stack([U, y]) - A @ solved
-        for own, plain in (
-            (history.information, U.T @ rest[:, :-1]),
-            (history.right, -U.T @ rest[:, -1]),
-            (history.gain, -solved[: len(others), :-1]),
-        ):
-            np.testing.assert_allclose(own, plain, rtol=0, atol=1e-4 * np.abs(plain).max())
 
 
 def drifting(moved_mm, *, n=80):

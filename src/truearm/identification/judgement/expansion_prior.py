@@ -32,7 +32,7 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import block_diag, solve_triangular
+from scipy.linalg import block_diag
 
 from truearm.identification.estimation.identification_result import IdentificationResult, TermGroupResult
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
@@ -125,9 +125,7 @@ def at_mean_temperature(state: ArmState) -> ArmState:
     return state if degC is None else replace(state, temperature_degC=degC - degC.mean() + REFERENCE_DEGC)
 
 
-def with_material_prior(
-    fit: IdentificationResult, state: ArmState, identified: IdentificationResult, *, widened: float = 1.0
-) -> IdentificationResult:
+def with_material_prior(fit: IdentificationResult, state: ArmState, *, widened: float = 1.0) -> IdentificationResult:
     """Exchange the prior of the thermal expansion.
 
     A covariance that was widened widens what the readings say of the growth, and not its prior; the estimates are those
@@ -139,8 +137,6 @@ def with_material_prior(
         Identified from the state of `at_mean_temperature`.
     state : ArmState
         Of the readings, with their true temperatures.
-    identified : IdentificationResult
-        The same with the covariance that the readings left, and perhaps with further terms.
     widened : float
         Factor by which the covariance of `fit` was widened.
 
@@ -159,8 +155,7 @@ def with_material_prior(
     mean_degC, spread = float(state.temperature_degC.mean()), float(state.temperature_degC.std())
     by_points, lags, u_K = [part.kind for part in fit.references] == ["point"], lag_K > LAG_K, min(lag_K, spread)
     if by_points:
-        covariance = _if_others_were_known(identified, fit.perturbed_chain.terms)
-        histories = link_histories(fit, state, grows, others, covariance, TIME_CONSTANTS if lags else np.zeros(0))
+        histories = link_histories(fit, state, grows, others, TIME_CONSTANTS if lags else np.zeros(0))
     else:
         gain = np.asarray(np.linalg.solve(of_growth, fit.covariance[np.ix_(grows, others)]).T)
         information, right = _likelihood(of_growth / widened, fit.coefficients[grows], fit.prior_std[grows])
@@ -270,20 +265,6 @@ def _coefficients_of_growth(chain: PerturbedChain) -> tuple[IntArray, list[Term]
     pairs = zip(chain.terms, chain.columns, strict=True)
     grows = [(term, columns[0]) for term, columns in pairs if isinstance(term.basis, Temperature)]
     return np.array([column for _, column in grows], dtype=np.intp), [term for term, _ in grows]
-
-
-def _if_others_were_known(fit: IdentificationResult, terms: Sequence[Term]) -> FloatArray:
-    """Covariance of the coefficients of some terms but growth, if all other coefficients of a fit were known."""
-    chain, kept = fit.perturbed_chain, set(terms)
-    is_own = np.repeat(
-        np.array([term in kept and not isinstance(term.basis, Temperature) for term in chain.terms]),
-        [term.n_coefficients for term in chain.terms],
-    )
-    own, rest = np.flatnonzero(is_own), np.flatnonzero(~is_own)
-    inner = (fit.covariance / np.outer(fit.prior_std, fit.prior_std))[np.ix_(rest, rest)]
-    across = fit.covariance[np.ix_(rest, own)] / fit.prior_std[rest, None]
-    half = solve_triangular(np.linalg.cholesky(inner), across, lower=True, check_finite=False)
-    return np.asarray(fit.covariance[np.ix_(own, own)] - half.T @ half)
 
 
 def _likelihood(covariance: FloatArray, x: FloatArray, prior_std: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -12,8 +12,7 @@ one kelvin, the growth c by a history L of temperatures is seen with
     information  U_L^T M U_L,  right side  -U_L^T M y,   M = I - J H^-1 J^T,  H = J^T J + P,  y = r - J x - U_T c_T,
 
 where U_L is U times ``L - mean(L)``; the other coefficients follow by ``-H^-1 J^T U_L c``. Each history is a hypothesis
-of the mixture in `truearm.identification.judgement.expansion_prior`, which weighs it by its evidence. H^-1 is what
-identification left as their covariance, if the growth were known.
+of the mixture in `truearm.identification.judgement.expansion_prior`, which weighs it by its evidence.
 
 The base, the tip or the reference may drift while the room warms, and over the poses of a session that is nearly what
 growth does: 0.1 mm in 0.8 K would be 5 times the growth of aluminium. So where the temperature follows the order of the
@@ -50,6 +49,8 @@ HALF_PERIODS = np.arange(1, 5)
 # The temperature follows the order if these courses explain more than this share of its variance.
 FOLLOWING_SHARE = 0.1
 N_DRIFTS = 9
+# Smaller shares of the variance of a coefficient alone are rounding: only the prior determines such directions.
+SQUARED_ROUNDING = 1e-13
 
 
 class LinkHistory(NamedTuple):
@@ -110,12 +111,7 @@ def most_lag_K(temperature_degC: FloatArray, session: NameArray | None = None) -
 
 
 def link_histories(
-    fit: IdentificationResult,
-    state: ArmState,
-    grows: IntArray,
-    others: IntArray,
-    covariance: FloatArray,
-    time_constants: FloatArray,
+    fit: IdentificationResult, state: ArmState, grows: IntArray, others: IntArray, time_constants: FloatArray
 ) -> list[LinkHistory]:
     """Histories of links that are as warm as the thermometer says, and of each time constant, by the size of a drift.
 
@@ -127,8 +123,6 @@ def link_histories(
         Of its readings, with their true temperatures.
     grows, others : int arrays
         The coefficients of the thermal terms and all others.
-    covariance : (n_others, n_others) array
-        Of the others, if the growth were known.
     time_constants : (k,) array
         Of links that may lag, in readings.
     """
@@ -140,15 +134,14 @@ def link_histories(
         motions = np.column_stack([courses, np.ones(len(courses))])
     else:
         courses = motions = courses[:, :0]
-    kelvin = temperatures - temperatures.mean(axis=0)
-    across, gram = _normal_equations(fit, state, grows, others, kelvin, motions)
-    gains = -covariance @ across
-    rest = gram + across.T @ gains
-    # Of growth, then of drift.
-    links, m = len(grows), len(grows) * kelvin.shape[1]
-    n_inner = m + N_DRIFTS * courses.shape[1]
-    as_others = -gains[:, n_inner:-1] if follows else np.zeros((len(others), N_DRIFTS))
-    rest, pulls, gains = rest[:n_inner, :n_inner], rest[:n_inner, -1], gains[:, :n_inner]
+    gram, right = _normal_equations(fit, state, grows, others, temperatures - temperatures.mean(axis=0), motions)
+    n, links, m = len(others), len(grows), len(grows) * temperatures.shape[1]
+    root = _root(gram[:n, :n], fit.prior_std[others])
+    as_others = root.T @ (root @ gram[:n, len(gram) - N_DRIFTS :]) if follows else np.zeros((n, N_DRIFTS))
+    inner = slice(n, n + m + N_DRIFTS * courses.shape[1])
+    half, along = root @ gram[:n, inner], root @ right[:n]
+    # Of growth, of drift.
+    rest, pulls, gains = gram[inner, inner] - half.T @ half, right[inner] - half.T @ along, -root.T @ half
     slacks = [0.0, *(_slack(degC, tau, state.session) for tau in time_constants)]
     rms = np.repeat(np.sqrt((courses**2).mean(axis=0)), N_DRIFTS)[:, None]
     found = []
@@ -164,6 +157,15 @@ def link_histories(
             known = reduced[own, own], left[own], gain[:, own], moved, as_others, mean
             found.append(LinkHistory(*known, slack=slack, log_evidence=log_evidence))
     return found
+
+
+def _root(gram: FloatArray, prior_std: FloatArray) -> FloatArray:
+    """F (r, n) with ``F^T F`` the inverse of a Gram matrix with a prior, of the directions that the readings show."""
+    matrix = gram + np.diag(prior_std**-2.0)
+    scale = np.sqrt(matrix.diagonal())
+    values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
+    shown = values > SQUARED_ROUNDING
+    return np.asarray((vectors[:, shown] / np.sqrt(values[shown])).T / scale)
 
 
 def drift_courses(n: int, session: NameArray | None = None) -> FloatArray:
@@ -193,16 +195,16 @@ def _normal_equations(
     kelvin: FloatArray,
     courses: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """What readings have in common with the derivatives by the other coefficients, and with each other.
+    """Gram matrix and right side by the other coefficients, growth with temperatures about a mean, and drifts.
 
-    Of growth with temperatures about a mean, of drifts, and last of the residuals, one beside the other. The first of
-    the temperatures (n, k) are those by which the arm was identified. Drifts along courses (n, c) are rotations and
-    translations of the base and translations of the tip, each of about a millimetre at the tip. The last course is
-    constant: motions of base and tip as a whole.
+    The first of the temperatures (n, k) are those by which the arm was identified. Drifts along courses (n, c) are
+    rotations and translations of the base and translations of the tip, each of about a millimetre at the tip. The last
+    course is constant: motions of base and tip as a whole.
     """
     points = fit.references[0]
-    n_columns = len(grows) * kelvin.shape[1] + N_DRIFTS * courses.shape[1] + 1
-    across, gram = np.zeros((len(others), n_columns)), np.zeros((n_columns, n_columns))
+    n, links = len(others), len(grows)
+    gram = np.zeros((n + links * kelvin.shape[1] + N_DRIFTS * courses.shape[1],) * 2)
+    right = np.zeros(len(gram))
     rows_of_all = state.rows(points.rows)
     one_kelvin = replace(rows_of_all, temperature_degC=np.full(len(points.rows), REFERENCE_DEGC + 1))
     both = np.zeros((0, 3, len(points.rows)))
@@ -217,14 +219,13 @@ def _normal_equations(
         warmer = kelvin[points.rows[rows]]
         by_growth = columns[grows] * warmer.T[:, None, None]
         drifts = [course * both[:, :, rows] for course in courses[points.rows[rows]].T]
-        weights = points.weights[:, rows]
-        by_others = (columns[others] * weights).reshape(len(others), -1)
-        beside = np.concatenate([*by_growth, *drifts, points.residuals[None, :, rows]]) * weights
-        beside = beside.reshape(n_columns, -1)
-        beside[-1] -= fit.coefficients[others] @ by_others + fit.coefficients[grows] @ beside[: len(grows)]
-        across += by_others @ beside.T
-        gram += beside @ beside.T
-    return across, gram
+        design = np.concatenate([columns[others], *by_growth, *drifts]) * points.weights[:, rows]
+        design = design.reshape(len(design), -1)
+        left = (points.residuals * points.weights)[:, rows].ravel()
+        left = left - design[:n].T @ fit.coefficients[others] - design[n : n + links].T @ fit.coefficients[grows]
+        gram += design @ design.T
+        right += design @ left
+    return gram, right
 
 
 def _shares(degC: FloatArray, links_degC: FloatArray) -> FloatArray:
