@@ -163,7 +163,11 @@ def across() -> RowResult:
     """Names of the core that wings import, and names of wings that the core imports, by module."""
     files, wings = doors(sources(HOUSE)), plan()["wings"]
     rows = [
-        {"module": module.removeprefix("truearm."), "names": ", ".join(sorted(names)), "": way}
+        {
+            "module": module.removeprefix("truearm."),
+            "names": ", ".join(sorted(name.removeprefix("truearm.") for name in names)),
+            "": way,
+        }
         for way, back in (("the core imports", True), ("wings import", False))
         for module, names in sorted(names_across(files, wings, back=back).items())
     ]
