@@ -63,7 +63,7 @@ from truearm.identification.judgement.gross_errors import (
 from truearm.identification.judgement.held_out_errors import HeldOutErrors, predicted_by_refits
 from truearm.identification.judgement.joint_gains import gains_asked
 from truearm.identification.judgement.joint_signs import unshown_signs, with_unshown_signs
-from truearm.identification.judgement.length_scale import LengthScale
+from truearm.identification.judgement.length_scale import LengthScale, reference_scale_variance
 from truearm.identification.judgement.missing_terms import (
     added_covariance,
     missing_terms,
@@ -593,6 +593,7 @@ def _concluded(
     if not same_every_day:
         rigid = constants(readings.state.chain, free=readings.free)
         signs = unshown_signs(fit, readings.state, readings.references, rigid)
+    reference_variance = reference_scale_variance(fit, readings.references)
     whole = what_may_change(readings, fit, widened, same_every_day=same_every_day, complete=complete, missing=missing)
     return Identification(
         with_unshown_signs(whole, signs),
@@ -604,7 +605,7 @@ def _concluded(
         rest.tail_freedom,
         birge,
         process,
-        LengthScale.of(fit, freedom, widened * birge**2),
+        LengthScale.of(fit, freedom, widened * birge**2, reference_variance=reference_variance),
         judged,
     )
 

@@ -13,7 +13,7 @@ from truearm.arm import load_arm
 from truearm.errors import InputError
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
-from truearm.identification.judgement.length_scale import LEAST_SCALE, LengthScale
+from truearm.identification.judgement.length_scale import LEAST_SCALE, LengthScale, reference_scale_variance
 from truearm.identification.terms import constants
 from truearm.identification.terms.catalogue import LENGTHS
 
@@ -110,6 +110,34 @@ def test_readings_that_show_no_length_show_no_scale():
     assert LengthScale.of(fit.select(lambda term: term.group != LENGTHS), 60) is None
     nothing = replace(fit, covariance=np.diag(fit.prior_std**2))
     assert LengthScale.of(nothing, 60) is None
+
+
+def test_seats_and_surfaces_without_a_known_length_show_no_scale(bar):
+    """The size of the arm stays that of the drawing, and nothing contradicts it."""
+    session, _ = bar
+    assert of(session, arm=load_arm("measuring7")).length_scale_ is None
+
+
+def test_the_ends_of_a_length_are_as_uncertain_as_a_residual(bar):
+    """By hand: `sqrt(2) s / L` of the longest one, which widens u and leaves the estimate."""
+    session, lengths = bar
+    model = ta.KinematicModel(load_arm("measuring7"))
+    seats, fit = model.prepare(session, lengths).references, model.fit_readings(session, lengths=lengths).fit_
+    noise = np.hypot(fit.references[0].noise_std, fit.references[0].std).max()
+    variance = reference_scale_variance(fit, seats)
+    assert variance == pytest.approx(2 * (noise / lengths.length_mm.max()) ** 2, rel=1e-9)
+    scale = LengthScale.of(identified(0.004, scatter_mm=0.0, u_mm=0.1), 60)
+    wider = LengthScale.of(identified(0.004, scatter_mm=0.0, u_mm=0.1), 60, reference_variance=1e-6)
+    assert wider.share == pytest.approx(scale.share, abs=scale.u)
+    assert wider.u > max(scale.u, 1e-3)
+    assert wider.log_odds < scale.log_odds
+
+
+def test_a_reference_that_shows_less_than_any_arm_has_leaves_the_odds():
+    """A length that is uncertain by a quarter of itself: odds below those of chance, whatever the share."""
+    for share in (0.0, 0.002, 0.02):
+        fit = identified(share, scatter_mm=0.0, u_mm=0.1)
+        assert LengthScale.of(fit, 60, reference_variance=0.25**2).log_odds < 0.1
 
 
 def test_an_arm_that_passes_through_its_readings_shows_no_scale(measured):

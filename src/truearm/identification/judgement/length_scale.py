@@ -9,10 +9,15 @@ standard deviation t, what the arm's lengths differ by one by one. With the read
 posterior without its prior), in its eigenvectors, the estimates z have the variance ``1/D + t^2``; s is their
 generalised least squares estimate, and t maximises the restricted likelihood (D. A. Harville, J. Am. Stat. Assoc. 72
 (1977) 320). So u contains what lengths of such an arm scatter by: an arm of plastic may be 3 % too long.
+
+Seats and surfaces without a known length show no scale. With known lengths it hangs on the places of their ends, and
+errors of the arm that its constants do not explain are not averaged at one place: each end is as uncertain as the
+residuals, so that a length of 50 mm shows little of an arm of a metre.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import ceil, floor, log10
 from typing import Self
@@ -22,8 +27,10 @@ import numpy as np
 from truearm.acceptance import contradict
 from truearm.arm.arm import Arm
 from truearm.identification.estimation.identification_result import IdentificationResult
+from truearm.identification.estimation.problem import ABSOLUTE
 from truearm.identification.estimation.residual_variance import LEAST_FREEDOM
 from truearm.identification.judgement.description_check import VERY_STRONG
+from truearm.identification.references.references import Reference
 from truearm.identification.terms.catalogue import LENGTHS
 from truearm.identification.terms.thermal import link_vectors
 from truearm.readings.lengths import Lengths
@@ -60,7 +67,9 @@ class LengthScale:
     log_odds: float
 
     @classmethod
-    def of(cls, fit: IdentificationResult, freedom: float, widened: float = 1.0) -> Self | None:
+    def of(
+        cls, fit: IdentificationResult, freedom: float, widened: float = 1.0, *, reference_variance: float = 0.0
+    ) -> Self | None:
         """Estimate the common scale of an identified arm; None where the readings determine no lengths.
 
         Parameters
@@ -71,9 +80,11 @@ class LengthScale:
             Its residual freedom: an arm that passes through its readings shows no uncertainty.
         widened : float
             Factor by which the covariance of the readings is too small.
+        reference_variance : float
+            Of the scale of the reference [1], from `reference_scale_variance`.
         """
         known, nominal = _nominal_lengths(fit)
-        if not len(known) or freedom < LEAST_FREEDOM:
+        if not len(known) or freedom < LEAST_FREEDOM or np.isinf(reference_variance):
             return None
         prior = fit.prior_std[known]
         # In multiples of the prior standard deviation: the mean of them is the unit of the scatter. Of the covariance
@@ -90,14 +101,17 @@ class LengthScale:
         weights = 1 / (widened / information[:, None] + SCATTERS**2)
         precisions = along**2 @ weights
         shares = (along * found) @ weights / precisions
+        precisions = 1 / (1 / precisions + reference_variance)
         one_by_one = 0.5 * (np.log(weights).sum(axis=0) - found**2 @ weights)
         alike = one_by_one + 0.5 * (shares**2 * precisions - np.log(precisions))
         best = int(np.argmax(alike))
         share = float(shares[best])
-        # Before the readings a common scale is anywhere up to its size, of either sign.
-        density = np.sqrt(2 * np.pi) / (2 * max(abs(share), LEAST_SCALE))
-        log_odds = float(alike[best] - one_by_one.max() + np.log(density))
-        return cls(share, float(precisions[best] ** -0.5), float(SCATTERS[best] * prior.mean()), log_odds)
+        # Before the readings a common scale is anywhere up to its size, of either sign; readings that show less of it
+        # than that leave the odds as they were.
+        u, size = precisions[best] ** -0.5, max(abs(share), LEAST_SCALE)
+        occam = min(float(np.log(np.sqrt(2 * np.pi) * u / (2 * size))), 0.0)
+        log_odds = float(one_by_one[best] - one_by_one.max() + 0.5 * (share / u) ** 2) + occam
+        return cls(share, float(u), float(SCATTERS[best] * prior.mean()), log_odds)
 
     def is_contradicted(self, arm: Arm) -> bool:
         """Whether an arm cannot have it: it is more than drawings are wrong by, and than lengths scatter by."""
@@ -112,6 +126,22 @@ class LengthScale:
     def __str__(self) -> str:
         percent, u = (f"{100 * value:.{_decimals(100 * self.u)}f} %" for value in (abs(self.share), self.u))
         return f"lengths of the arm are {percent} {'longer' if self.share > 0 else 'shorter'} than drawn (u {u})"
+
+
+def reference_scale_variance(fit: IdentificationResult, references: Sequence[Reference]) -> float:
+    """Variance of the scale that references have [1]: zero for points and distances, infinite without known lengths.
+
+    Of lengths and radii that of the longest: its ends are each as uncertain as one residual, and other lengths at the
+    same places have the same errors.
+    """
+    if any(reference.kind in ABSOLUTE for reference in references):
+        return 0.0
+    longest = 0.0
+    for reference, found in zip(references, fit.references, strict=True):
+        known = reference.constraints(np.array(list(found.unknowns.values())))
+        longest = longest if known is None else max(longest, float(known.values[:, 1].max()))
+    noise = max(float(np.hypot(one.noise_std, one.std).max(initial=0.0)) for one in fit.references)
+    return 2 * (noise / longest) ** 2 if longest else float("inf")
 
 
 def refuse_wrong_scale(scale: LengthScale, arm: Arm, readings: Session, lengths: Lengths | None) -> None:

@@ -39,7 +39,7 @@ from truearm.identification.judgement.description_check import (
 )
 from truearm.identification.judgement.identified_constants import IdentifiedConstants
 from truearm.identification.judgement.joint_gains import gains_asked
-from truearm.identification.judgement.length_scale import LengthScale, refuse_wrong_scale
+from truearm.identification.judgement.length_scale import LengthScale, reference_scale_variance, refuse_wrong_scale
 from truearm.identification.judgement.outliers import constraint_residuals
 from truearm.identification.judgement.reference_table import ReferenceTable
 from truearm.identification.judgement.structure import UNKNOWN, Remaining, remaining
@@ -221,6 +221,7 @@ def check_nominal_arm(
     if check.is_usual:
         return check
     left = left_by(_of_kind(fit, references, turns=False)[0], state, points, constants)
+    freedom, variance = fit.residual_freedom(references), reference_scale_variance(fit, references)
     # What a joint does of which the angle is not read looks like noise.
     hidden = not np.ptp(state.angles, axis=0).all()
     return replace(
@@ -229,7 +230,7 @@ def check_nominal_arm(
         left=left,
         most_noise_mm=MAX_RATIO * check.usual_mm if hidden else most_noise(placed, state, arm.chain.reach),
         description=None if table is None else check_description(arm, table, fit.chain),
-        length_scale=LengthScale.of(fit, fit.residual_freedom(references)),
+        length_scale=LengthScale.of(fit, freedom, reference_variance=variance),
     )
 
 
