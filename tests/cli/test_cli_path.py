@@ -341,7 +341,8 @@ def test_the_demo_writes_a_page_and_a_summary(truearm, tmp_path, monkeypatch):
     assert (ran.code, ran.err) == (0, "")
     assert sorted(p.name for p in out.iterdir()) == ["before_after.png", "report.html", "summary.json"]
     summary = json.loads((out / "summary.json").read_text())
-    assert set(summary) == {"arm", "seed", "noise_floor", "models"}
+    trainers = {"network_trainer", "network_by_papers_trainer"}
+    assert set(summary) == {"arm", "seed", "noise_floor", "models"} | trainers
     assert (summary["arm"], summary["seed"]) == ("gao2017", 3)
     assert set(summary["models"]) == {"nominal", "network", "kinematic", "hybrid", "physical"}
     for errors in summary["models"].values():

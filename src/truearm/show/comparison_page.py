@@ -9,9 +9,9 @@ import numpy as np
 
 from truearm.compensation.models.uncertainty import COVERAGE_FACTOR, LEVEL, UncertaintyBudget
 from truearm.number_format import format_count, format_mm, format_percent, format_uncertainty
-from truearm.pages.error_figures import before_after, coordinates_by_reading, error_distribution, errors_by_reading
 from truearm.pages.page import Column, LabelledValue, Page, PageVerdict, Section, State, Table
 from truearm.pages.scene import Mechanism
+from truearm.show.error_figures import before_after, coordinates_by_reading, error_distribution, errors_by_reading
 from truearm.show.joint_figures import error_against_joint, joint_ranges
 from truearm.show.readings_scene import readings_scene
 from truearm.show.workspace_figures import error_in_workspace, workspace

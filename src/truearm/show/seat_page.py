@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from truearm.number_format import format_count, format_mm
-from truearm.pages.error_figures import before_after, error_distribution
 from truearm.pages.page import Cell, Column, LabelledValue, Page, PageVerdict, Section, Table
 from truearm.readings import LengthSummary
 from truearm.show.comparison_page import ComparedReadings, improvement_sentence
+from truearm.show.error_figures import before_after, error_distribution
 from truearm.typing import FloatArray, NameArray
 
 

@@ -32,7 +32,6 @@ from truearm.compensation.models.uncertainty import uncertainty_budget
 from truearm.files.atomic_write import atomic_file
 from truearm.identification.planning.sampling import Poses, box, measuring_poses
 from truearm.identification.virtual import Measurement, VirtualArm, load_preset
-from truearm.pages.error_figures import before_after
 from truearm.pages.html import render
 from truearm.pages.page import Page, Section
 from truearm.pages.plotting import save_figure
@@ -43,6 +42,7 @@ from truearm.show.comparison_page import (
     error_table,
     improvement_sentence,
 )
+from truearm.show.error_figures import before_after
 from truearm.workflows.comparison import compare_models, page_facts
 from truearm.workflows.outputs import check_folder
 from truearm.workflows.record import Record, TextTable, format_fixed

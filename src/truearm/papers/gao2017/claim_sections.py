@@ -14,7 +14,6 @@ from truearm.number_format import (
     format_mm,
     format_percent,
 )
-from truearm.pages.error_figures import coordinates_by_reading, errors_by_reading
 from truearm.pages.page import Cell, Column, Section, Table
 from truearm.pages.plotting import Figure, join_phrases
 from truearm.papers.gao2017.claim_figures import (
@@ -46,6 +45,7 @@ from truearm.papers.gao2017.results import (
 )
 from truearm.papers.gao2017.table_figure import STYLES
 from truearm.papers.gao2017.tables import TABLES, ModelErrors
+from truearm.show.error_figures import coordinates_by_reading, errors_by_reading
 from truearm.typing import FloatArray
 
 # The final test ------------------------------------------------------------------------------------------------------

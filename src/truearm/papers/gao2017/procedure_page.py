@@ -8,13 +8,13 @@ import numpy as np
 
 from truearm import __version__
 from truearm.number_format import format_count
-from truearm.pages.error_figures import coordinates_by_reading, errors_by_reading
 from truearm.pages.page import Column, LabelledValue, Page, PageVerdict, Section, State, Table
 from truearm.pages.plotting import Figure
 from truearm.papers.gao2017.claim_figures import share_figure
 from truearm.papers.gao2017.network_drawing import network_layers
 from truearm.papers.gao2017.procedure import Procedure
 from truearm.papers.gao2017.table_figure import STYLES
+from truearm.show.error_figures import coordinates_by_reading, errors_by_reading
 
 
 def procedure_page(results: Procedure, *, arm: str | None, remarks: tuple[str, ...]) -> Page:

@@ -11,7 +11,6 @@ import numpy as np
 
 from truearm.arm import load_arm
 from truearm.number_format import format_count, format_in_text
-from truearm.pages.error_figures import coordinates_by_reading, errors_by_reading
 from truearm.pages.page import Cell, Column, LabelledValue, Page, PageVerdict, Section, Table
 from truearm.pages.plotting import Figure
 from truearm.pages.scene import PointCloud, PointColumn, Scene
@@ -41,6 +40,7 @@ from truearm.papers.gao2017.tables import TABLE_1
 from truearm.papers.gao2017.training import ARM
 from truearm.show.arm_drawing import arm_figure, frame_figure
 from truearm.show.arm_scene import arm_mechanism
+from truearm.show.error_figures import coordinates_by_reading, errors_by_reading
 from truearm.show.workspace_figures import error_in_workspace
 from truearm.typing import FloatArray
 

@@ -11,8 +11,8 @@ from matplotlib.colors import to_hex
 from matplotlib.image import imread
 
 from truearm.errors import InputError
-from truearm.pages import error_figures as figures
 from truearm.pages.plotting import Style, save_figure, styles_of, svg_element
+from truearm.show import error_figures as figures
 from truearm.show import joint_figures
 from truearm.show.joint_figures import running_median
 from truearm.show.workspace_figures import error_in_workspace, workspace
