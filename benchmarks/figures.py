@@ -18,7 +18,9 @@ import json
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -58,9 +60,12 @@ def git(*arguments: str) -> str:
 
 
 def code_of(benchmark: str) -> dict[str, str]:
-    """Hash of each room of the source that is loaded (of all, if commands ran elsewhere), and of the benchmark."""
+    """Hash of each room of the source that is loaded (of all, where rows have processes of their own), and its own."""
     loaded = {name.split(".")[1] for name in sys.modules if name.startswith("truearm.")}
-    rooms = [room for room in sorted(SOURCE.iterdir()) if room.name in loaded or not loaded]
+    own_processes = {row.threads for row in import_module(f"benchmarks.{benchmark}").ROWS.values()} != {"as here"}
+    rooms = [
+        room for room in sorted(SOURCE.iterdir()) if room.stem in loaded or (own_processes and room.stem[0] != "_")
+    ]
     own = [file for file in (ROOT / "benchmarks" / f"{benchmark}.py", ROOT / "benchmarks" / benchmark) if file.exists()]
     return {path.name: hash_of(path) for path in [*rooms, *own]}
 
@@ -228,20 +233,32 @@ def stale() -> Iterator[dict[str, Any]]:
 
 @ROWS.row("again", "short rows measured again, against what is kept", is_long=True)
 def again(seconds: float = 120.0) -> RowResult:
-    """Measure rows again that took less than some CPU seconds; numbers that differ by more than their scatter."""
+    """Measure rows again that took less than some seconds; numbers that differ by more than their scatter."""
     table, n = [], 0
     for (benchmark, row), entry in kept_rows().items():
-        if entry["cpu_seconds"] is None or entry["cpu_seconds"] > seconds:
+        if entry["seconds"] is None or entry["seconds"] > seconds:
             continue
-        found = rounded(list(run_row(benchmark, row, entry["options"]).table))
+        found = run_row(benchmark, row, entry["options"])
+        olds, news = (
+            rounded(numbered(*one)) for one in ((entry["table"], entry["targets"]), (found.table, found.targets))
+        )
         n += 1
-        for old, new in zip(entry["table"], found, strict=False):
-            line = {"row": f"{benchmark} {row}", "line": str(next(iter(old.values())))}
+        name = {"row": f"{benchmark} {row}"}
+        if len(olds) != len(news):
+            table.append(name | {"line": "all", "column": "lines", "kept": len(olds), "now": len(news)})
+        for old, new in zip(olds, news, strict=False):
+            line = name | {"line": str(next(iter(old.values())))}
             different = [column for column in old if differs(column, old[column], new.get(column))]
             table += [line | {"column": one, "kept": old[one], "now": new.get(one)} for one in different]
     return RowResult(
         table, [Target(f"numbers of {n} rows that differ by more than their scatter", len(table) if n else None, 0)]
     )
+
+
+def numbered(table: Sequence[dict[str, Any]], targets: Sequence[dict[str, Any] | Target]) -> list[dict[str, Any]]:
+    """The lines of a table, and what was reached of each target, by the name that says its unit."""
+    plain = [asdict(one) if isinstance(one, Target) else one for one in targets]
+    return [*table, *({"number": one["what"], one["what"]: one["reached"]} for one in plain)]
 
 
 def differs(column: str, old: Any, new: Any) -> bool:

@@ -123,7 +123,7 @@ def test_the_ends_of_a_length_are_as_uncertain_as_a_residual(bar):
     session, lengths = bar
     model = ta.KinematicModel(load_arm("measuring7"))
     seats, fit = model.prepare(session, lengths).references, model.fit_readings(session, lengths=lengths).fit_
-    noise = np.hypot(fit.references[0].noise_std, fit.references[0].std).max()
+    noise = np.sqrt(fit.references[0].noise_std ** 2 + np.mean(fit.references[0].std ** 2))
     variance = reference_scale_variance(fit, seats)
     assert variance == pytest.approx(2 * (noise / lengths.length_mm.max()) ** 2, rel=1e-9)
     scale = LengthScale.of(identified(0.004, scatter_mm=0.0, u_mm=0.1), 60)

@@ -301,11 +301,8 @@ def _mixture(histories: Sequence[LinkHistory], widened: float = 1.0) -> _Mixture
 def _hypothesis(
     weight: float, prior: FloatArray, half: FloatArray, covariance: FloatArray, mean: FloatArray, history: LinkHistory
 ) -> _Hypothesis:
-    shown, grown, warmer = (
-        history.share * half,
-        np.asarray(np.linalg.solve(half, prior)).T,
-        history.mean_degC - REFERENCE_DEGC,
-    )
+    shown, grown = history.share * half, np.asarray(np.linalg.solve(half, prior)).T
+    warmer = history.mean_degC - REFERENCE_DEGC
     causes = np.vstack([history.gain @ shown, grown, -warmer * grown])
     rest = np.kron([[1.0, -warmer], [-warmer, warmer**2]], prior - grown @ grown.T)
     drift = history.as_others @ (history.drift @ [1.0, *(shown @ mean)]).reshape(-1, N_DRIFTS).T

@@ -136,12 +136,13 @@ def reference_scale_variance(fit: IdentificationResult, references: Sequence[Ref
     """
     if any(reference.kind in ABSOLUTE for reference in references):
         return 0.0
-    longest = 0.0
+    variances = []
     for reference, found in zip(references, fit.references, strict=True):
         known = reference.constraints(np.array(list(found.unknowns.values())))
-        longest = longest if known is None else max(longest, float(known.values[:, 1].max()))
-    noise = max(float(np.hypot(one.noise_std, one.std).max(initial=0.0)) for one in fit.references)
-    return 2 * (noise / longest) ** 2 if longest else float("inf")
+        if known is not None:
+            noise = found.noise_std**2 + float(np.mean(found.std**2))
+            variances.append(2 * noise / float(known.values[:, 1].max()) ** 2)
+    return min(variances, default=float("inf"))
 
 
 def refuse_wrong_scale(scale: LengthScale, arm: Arm, readings: Session, lengths: Lengths | None) -> None:
