@@ -19,12 +19,11 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from truearm.errors import InputError
+from truearm.readings import Lengths, Session
 from truearm.readings.columns import AngleUnit
 from truearm.readings.foreign.joint_scale import JointScale
 from truearm.readings.foreign.table_columns import TableColumns
 from truearm.readings.foreign.tables import import_table
-from truearm.readings.lengths import Lengths
-from truearm.readings.session import Session
 
 Source = Literal["ipa_ur10_leica", "tsinghua_ur5_wam", "mukca_ball_socket"]
 MukcaRobot: TypeAlias = Literal["panda_1", "panda_2", "panda_3", "dinova_1"]

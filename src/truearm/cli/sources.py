@@ -32,7 +32,7 @@ def sources(
     move, units by the size of the angles, and with --arm signs and zeros by the limits of the joints. Without a sample
     the exit code is 1.
     """
-    from truearm.arm.arm_files import write_arm
+    from truearm.arm import write_arm
     from truearm.recording.sources import list_sources, try_source
     from truearm.sources.source_names import read_source_arm
 

@@ -18,7 +18,8 @@ from truearm.arm.catalogue import arm_path
 from truearm.choices import ModelName
 from truearm.compensation.export.constants_table import constants_table
 from truearm.compensation.export.rigid_arm import best_rigid_arm
-from truearm.compensation.models.identified_model import IdentifiedModel, to_identified
+from truearm.compensation.models import IdentifiedModel
+from truearm.compensation.models.identified_model import to_identified
 from truearm.errors import InputError, MissingTool, TruearmError
 from truearm.fleet.stored_files import content_sha256, local_copy
 from truearm.identification.terms.type_prior import read_type_prior

@@ -15,9 +15,8 @@ from urllib.parse import quote
 from truearm.arm import Arm, load_arm
 from truearm.arm.catalogue import arm_path
 from truearm.choices import ModelName
-from truearm.compensation.models import Compensator
+from truearm.compensation.models import Compensator, load_model
 from truearm.compensation.models.arm_check import with_serial_number
-from truearm.compensation.models.model_file import load_model
 from truearm.errors import InputError, TruearmError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.delimited import MAX_NAME
@@ -33,7 +32,7 @@ from truearm.fleet.stored_files import FileHashes, check_stored, is_url
 from truearm.fleet.type_prior import LearnedTypePrior, learn_type_prior
 from truearm.identification.terms.type_prior import kinematics_sha256, read_type_prior
 from truearm.pages.html import write_page
-from truearm.readings.session import read_session
+from truearm.readings import read_session
 from truearm.solve.executor import Executor, Serial, WorkerLost
 from truearm.verification.monitor.history import History
 from truearm.workflows.check import CheckResult, check

@@ -28,8 +28,7 @@ from truearm.identification.terms.type_prior import (
     kinematics_sha256,
     type_constants,
 )
-from truearm.readings import Session, read_session
-from truearm.readings.lengths import Lengths
+from truearm.readings import Lengths, Session, read_session
 from truearm.readings.repeats import merge_repeats
 from truearm.solve.executor import Executor, WorkerLost
 from truearm.solve.threads import one_blas_thread

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from truearm.arm.arm import Arm
-from truearm.compensation.models.compensator import Compensator
+from truearm.arm import Arm
+from truearm.compensation.models import Compensator
 from truearm.compensation.models.identified_model import to_identified
 from truearm.errors import InputError
 from truearm.typing import FloatArray

@@ -11,8 +11,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 from truearm.arm import Arm
-from truearm.compensation.models import Compensator
-from truearm.compensation.models.model_file import load_model
+from truearm.compensation.models import Compensator, load_model
 from truearm.errors import InputError, ProgramFault, TruearmError
 from truearm.readings import Session
 from truearm.readings.anchors import LEAST_COMPARED

@@ -20,9 +20,9 @@ from truearm.files.delimited import MAX_NAME, escape_formula
 from truearm.identification.planning.planned_readings import PlannedReadings, read_planned
 from truearm.identification.terms.type_prior import kinematics_sha256
 from truearm.number_format import format_count
+from truearm.readings import Session
 from truearm.readings.checks import check_temperature
 from truearm.readings.readings import DIRECTION, LOAD
-from truearm.readings.session import Session
 from truearm.readings.session_log import SessionLog, check_log_path
 from truearm.recording.corrected_tip import CorrectedTip, corrected_tip
 from truearm.recording.learning import Learning, learned_event

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from truearm.arm.arm import Arm
-from truearm.arm.denavit_hartenberg import DHTable
+from truearm.arm import Arm, DHTable
 from truearm.arm.rigid_motions import xyz_rpy_from_frame
 from truearm.number_format import RoundedNumber, format_count, format_in_text, format_mm, format_number
 from truearm.pages.page import Column, Page, PageVerdict, Section, Table

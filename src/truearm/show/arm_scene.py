@@ -7,8 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from truearm.arm.arm import Arm
-from truearm.arm.chain import Chain
+from truearm.arm import Arm, Chain
 from truearm.pages.scene import Mechanism, PointColumn
 from truearm.typing import FloatArray
 

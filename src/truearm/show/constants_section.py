@@ -6,8 +6,7 @@ from collections.abc import Mapping
 
 from truearm.compensation.export.constants_table import NOMINAL, ArmConstant, ConstantsTable, constants_table
 from truearm.compensation.export.rigid_arm import best_rigid_arm
-from truearm.compensation.models import Compensator
-from truearm.compensation.models.identified_model import IdentifiedModel, NominalModel
+from truearm.compensation.models import Compensator, IdentifiedModel, NominalModel
 from truearm.compensation.targets.manifest import ExportLoss
 from truearm.number_format import RoundedNumber, format_number
 from truearm.pages.page import Cell, Column, Section, Table

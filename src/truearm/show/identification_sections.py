@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from truearm.compensation.models.compensator import Compensator
-from truearm.compensation.models.identified_model import IdentifiedModel, to_identified
+from truearm.compensation.models import Compensator, IdentifiedModel
+from truearm.compensation.models.identified_model import to_identified
 from truearm.compensation.models.uncertainty import (
     COVERAGE_FACTOR,
     ELLIPSOID_FACTOR,

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from truearm.arm.arm import Arm
+from truearm.arm import Arm
 from truearm.identification.planning.candidates import Candidates
 from truearm.identification.planning.sampling.workspace import joint_origins, stance
 from truearm.identification.planning.template import notes

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from truearm.compensation.models.compensator import Compensator
+from truearm.compensation.models import Compensator
 from truearm.compensation.models.identified_model import to_identified
 from truearm.identification.references.tips import tip_names
 from truearm.pages.plotting import Figure

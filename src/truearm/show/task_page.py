@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from matplotlib.figure import Figure as Drawing
 
-from truearm.arm.arm import Arm
+from truearm.arm import Arm
 from truearm.number_format import RoundedNumber, capitalize, format_count, format_mm
 from truearm.pages.page import Column, LabelledValue, Page, PageVerdict, Section, State, Table
 from truearm.pages.palette import LIMIT, NAVY, ORANGE

@@ -7,7 +7,7 @@ from math import degrees, radians
 
 import numpy as np
 
-from truearm.arm.arm import Arm
+from truearm.arm import Arm
 from truearm.sources.sample import Sample
 from truearm.sources.standstill import LEAST_SAMPLES, StandstillRule
 from truearm.typing import BoolArray, FloatArray

@@ -7,8 +7,8 @@ from math import pi
 
 import numpy as np
 
-from truearm.arm.arm import Arm
-from truearm.arm.denavit_hartenberg import DHTable, motion_across
+from truearm.arm import Arm, DHTable
+from truearm.arm.denavit_hartenberg import motion_across
 from truearm.arm.rigid_motions import screw_z
 from truearm.errors import InputError, TruearmError
 from truearm.sources.connections import Connection, connector

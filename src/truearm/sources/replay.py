@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from truearm.errors import InputError
+from truearm.readings import Session, read_session
 from truearm.readings.columns import unit_of
-from truearm.readings.session import Session, read_session
 from truearm.sources.poses_in_turn import poses_in_turn
 from truearm.sources.sample import Notice, Sample, Source, Stream
 

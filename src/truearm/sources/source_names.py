@@ -6,8 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from truearm.arm.arm import Arm
-from truearm.arm.catalogue import load_arm
+from truearm.arm import Arm, load_arm
 from truearm.errors import InputError
 from truearm.sources.abb_egm import abb_egm
 from truearm.sources.dynamixel import dynamixel

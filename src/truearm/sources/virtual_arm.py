@@ -8,7 +8,7 @@ from math import radians
 
 import numpy as np
 
-from truearm.arm.arm import Arm
+from truearm.arm import Arm
 from truearm.sources.poses_in_turn import RATE_HZ, clock, poses_in_turn
 from truearm.sources.sample import Sample, Source, Stream
 from truearm.typing import FloatArray

@@ -10,10 +10,8 @@ from typing import Any
 import numpy as np
 
 from truearm.acceptance import acceptance_remarks, accepts
-from truearm.arm import Arm, DHTable, write_arm
-from truearm.arm.chain import Chain
+from truearm.arm import Arm, Chain, DHTable, drawn_table, nearest_table, write_arm
 from truearm.arm.denavit_hartenberg import COLUMNS
-from truearm.arm.nearest_table import drawn_table, nearest_table
 from truearm.arm.rigid_motions import screw_z
 from truearm.choices import Convention
 from truearm.compensation.models.arm_check import arm_of_readings

@@ -11,7 +11,8 @@ from typing import Any
 from truearm.acceptance import accepted_in_fit
 from truearm.compensation.export.constants_change import FALSE_ALARM, ArmChange, ConstantChange, constants_change
 from truearm.compensation.export.rigid_arm import same_chain
-from truearm.compensation.models.identified_model import IdentifiedModel, require_identified
+from truearm.compensation.models import IdentifiedModel
+from truearm.compensation.models.identified_model import require_identified
 from truearm.compensation.models.training_conditions import TEMPERATURE_TOLERANCE_K
 from truearm.errors import InputError
 from truearm.readings.readings import PAYLOAD

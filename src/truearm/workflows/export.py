@@ -15,7 +15,7 @@ from truearm.compensation.models import Compensator
 from truearm.compensation.models.arm_check import check_has_kinematics
 from truearm.compensation.targets.manifest import Manifest, read_manifest
 from truearm.errors import InputError
-from truearm.readings.checks import check_angles
+from truearm.readings import check_angles
 from truearm.readings.readings import PAYLOAD
 from truearm.solve.threads import one_blas_thread
 from truearm.workflows.inputs import ModelLike, SessionLike, to_model_of_tip, to_session

@@ -12,9 +12,8 @@ from zipfile import is_zipfile
 from truearm.acceptance import acceptance_remarks, accepted_in_fit, accepts
 from truearm.arm import Arm
 from truearm.choices import ArtefactKind, Strategy, Terms
-from truearm.compensation.models import Compensator
-from truearm.compensation.models.identified_model import IdentifiedModel, require_identified
-from truearm.compensation.models.model_file import load_model
+from truearm.compensation.models import Compensator, IdentifiedModel, load_model
+from truearm.compensation.models.identified_model import require_identified
 from truearm.errors import InputError
 from truearm.files.atomic_write import check_new_file
 from truearm.identification.planning.candidates import Candidates

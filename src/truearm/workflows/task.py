@@ -14,8 +14,7 @@ import numpy.typing as npt
 from truearm.arm import Arm
 from truearm.arm.catalogue import known_name
 from truearm.choices import Conditions, FeatureKind
-from truearm.compensation.models import Compensator
-from truearm.compensation.models.model_file import load_model
+from truearm.compensation.models import Compensator, load_model
 from truearm.errors import InputError
 from truearm.identification.virtual.presets import PRESETS, Preset, load_preset
 from truearm.solve.threads import one_blas_thread

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.compensation.export.source_code import Language, joints_of_file, run_tool, write_source
-from truearm.compensation.models.compensator import Compensator
+from truearm.compensation.models import Compensator
 from truearm.compensation.targets.manifest import Manifest
 from truearm.errors import InputError
 from truearm.typing import FloatArray

@@ -10,8 +10,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from truearm.arm.chain import Chain
-from truearm.arm.denavit_hartenberg import Convention, DHTable
+from truearm.arm import Chain, DHTable
+from truearm.arm.denavit_hartenberg import Convention
 from truearm.compensation.export.constants_file import ConstantsFile, ConstantsRequest, reader, writer
 from truearm.compensation.export.constants_table import NOMINAL, ArmConstant, ConstantsTable
 from truearm.compensation.targets.manifest import Manifest

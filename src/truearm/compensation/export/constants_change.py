@@ -14,13 +14,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.special import ndtri
 
-from truearm.arm.chain import Chain
+from truearm.arm import Chain
 from truearm.compensation.export.constants_table import NOMINAL, ConstantsTable, Unit, constants_table
 from truearm.compensation.export.rigid_arm import best_rigid_arm
+from truearm.compensation.models import IdentifiedModel
 from truearm.compensation.models.compensator import FREE_PARTS
-from truearm.compensation.models.identified_model import IdentifiedModel
 from truearm.errors import InputError
-from truearm.readings.session import Session
+from truearm.readings import Session
 from truearm.solve.distributions import chi2_quantile
 from truearm.typing import FloatArray
 

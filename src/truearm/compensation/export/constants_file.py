@@ -9,13 +9,12 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy.typing as npt
 
-from truearm.arm.arm import Arm
-from truearm.arm.chain import Chain
+from truearm.arm import Arm, Chain
 from truearm.arm.denavit_hartenberg import Convention
 from truearm.compensation.export.constants_table import ConstantsTable, constants_table
 from truearm.compensation.export.rigid_arm import RigidArm, best_rigid_arm
+from truearm.compensation.models import Compensator
 from truearm.compensation.models.arm_check import check_not_coupled
-from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.targets.manifest import Direction, Frame, Manifest, check_joints, read_manifest
 from truearm.files.atomic_write import atomic_file
 from truearm.files.file_reading import parse_file

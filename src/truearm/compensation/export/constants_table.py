@@ -16,17 +16,17 @@ from typing import Literal, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from truearm.arm.chain import Chain
-from truearm.arm.denavit_hartenberg import Convention, DHTable
-from truearm.arm.nearest_table import NEARLY_PARALLEL, ON_ONE_LINE_MM, drawn_convention, drawn_table, nearest_table
+from truearm.arm import Chain, DHTable, drawn_table, nearest_table
+from truearm.arm.denavit_hartenberg import Convention
+from truearm.arm.nearest_table import NEARLY_PARALLEL, ON_ONE_LINE_MM, drawn_convention
 from truearm.compensation.export.rigid_arm import RigidArm
-from truearm.compensation.models.compensator import FREE_PARTS, Compensator
+from truearm.compensation.models import Compensator
+from truearm.compensation.models.compensator import FREE_PARTS
 from truearm.compensation.models.identified_model import to_identified
 from truearm.identification.estimation.diagnostics import UNIDENTIFIABLE_SHARE
 from truearm.identification.estimation.identification_result import IdentificationResult
-from truearm.identification.terms import ArmState
-from truearm.identification.terms.kernel import InducedProcess
-from truearm.readings.session import Session
+from truearm.identification.terms import ArmState, InducedProcess
+from truearm.readings import Session
 from truearm.typing import FloatArray
 
 Unit = Literal["rad", "mm"]

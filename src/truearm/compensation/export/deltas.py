@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model, model_validator
 
-from truearm.arm.chain import Chain
-from truearm.arm.denavit_hartenberg import Convention, DHTable
+from truearm.arm import Chain, DHTable
+from truearm.arm.denavit_hartenberg import Convention
 from truearm.arm.urdf_tree import MM_PER_M
 from truearm.compensation.export.constants import FORMULAS, ROUNDING, after_comments
 from truearm.compensation.export.constants_file import ConstantsFile, ConstantsRequest, reader, writer

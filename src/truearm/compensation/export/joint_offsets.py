@@ -13,8 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from truearm.arm.chain import Chain
-from truearm.arm.denavit_hartenberg import DHTable
+from truearm.arm import Chain, DHTable
 from truearm.arm.rigid_motions import frame_from_xyz_rpy, screw_z, xyz_rpy_from_frame
 from truearm.arm.urdf_tree import MM_PER_M
 from truearm.compensation.export.constants_file import ConstantsFile, ConstantsRequest, reader, writer

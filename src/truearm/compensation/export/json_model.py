@@ -12,15 +12,12 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import ValidationError
 
-from truearm.arm.chain import Chain
-from truearm.arm.masses import LinkMasses
-from truearm.arm.nearest_table import drawn_convention, drawn_table
+from truearm.arm import Chain, drawn_table
+from truearm.arm.nearest_table import drawn_convention
 from truearm.compensation.export import json_document as form
 from truearm.compensation.export.plain_model import expressions_of, loaded_links
+from truearm.compensation.models import Compensator, IdentifiedModel, NetworkModel
 from truearm.compensation.models.arm_check import check_not_coupled
-from truearm.compensation.models.compensator import Compensator
-from truearm.compensation.models.identified_model import IdentifiedModel
-from truearm.compensation.models.network import NetworkModel
 from truearm.compensation.models.provenance import stated_text
 from truearm.compensation.nets.perceptron import Perceptron
 from truearm.compensation.nets.scaling import MinMaxScaler
@@ -30,10 +27,17 @@ from truearm.files.atomic_write import atomic_file
 from truearm.files.file_reading import read_limited
 from truearm.files.readable_json import readable_json
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
-from truearm.identification.terms import ArmState, Basis, Expression, Formula, Term
+from truearm.identification.terms import (
+    ArmState,
+    Basis,
+    Expression,
+    Formula,
+    LinkMasses,
+    PayloadTorque,
+    Term,
+    uniform_links,
+)
 from truearm.identification.terms.basis import check_parts
-from truearm.identification.terms.gravity import uniform_links
-from truearm.identification.terms.torque import PayloadTorque
 from truearm.readings.readings import PAYLOAD
 from truearm.typing import FloatArray
 

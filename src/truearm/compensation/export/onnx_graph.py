@@ -21,18 +21,15 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm import __version__
-from truearm.arm.chain import Chain
+from truearm.arm import Chain
 from truearm.compensation.export.plain_model import ONE, PlainModel, plain_model
-from truearm.compensation.models.compensator import Compensator
-from truearm.compensation.models.identified_model import IdentifiedModel
-from truearm.compensation.models.network import NetworkModel
+from truearm.compensation.models import Compensator, IdentifiedModel, NetworkModel
 from truearm.compensation.targets.manifest import MARKER, Manifest, read_manifest
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.extra_packages import extra_module
 from truearm.files.file_reading import read_limited
-from truearm.identification.terms import Expression
-from truearm.identification.terms.thermal import link_vectors
+from truearm.identification.terms import Expression, link_vectors
 from truearm.readings.thermal_expansion import REFERENCE_DEGC
 from truearm.typing import FloatArray
 

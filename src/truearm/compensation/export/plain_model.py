@@ -11,17 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from truearm.arm.chain import Chain
-from truearm.arm.masses import LinkMasses
+from truearm.arm import Chain
+from truearm.compensation.models import Compensator, IdentifiedModel
 from truearm.compensation.models.arm_check import check_not_coupled
-from truearm.compensation.models.compensator import Compensator
-from truearm.compensation.models.identified_model import IdentifiedModel, require_identified
+from truearm.compensation.models.identified_model import require_identified
 from truearm.errors import InputError
-from truearm.identification.terms import Basis, Expression, Temperature, Term
-from truearm.identification.terms.gravity import uniform_links
-from truearm.identification.terms.thermal import link_vectors
+from truearm.identification.terms import Basis, Expression, LinkMasses, Temperature, Term, link_vectors, uniform_links
+from truearm.readings import Session
 from truearm.readings.readings import PAYLOAD
-from truearm.readings.session import Session
 from truearm.solve.square_roots import covariance_factor
 from truearm.typing import FloatArray, IntArray
 

@@ -19,7 +19,7 @@ from scipy.sparse.linalg import lsqr
 
 from truearm.compensation.export.plain_model import PlainModel
 from truearm.compensation.export.value_tables import CovarianceRows, Run, ValueLayout, runs_of
-from truearm.compensation.models.identified_model import IdentifiedModel
+from truearm.compensation.models import IdentifiedModel
 from truearm.compensation.models.training_conditions import InputRange
 from truearm.identification.terms import ArmState
 from truearm.typing import BoolArray, FloatArray, IntArray

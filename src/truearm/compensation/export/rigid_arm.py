@@ -15,9 +15,9 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.acceptance import contradict
-from truearm.arm.arm import Arm
-from truearm.arm.chain import Chain
-from truearm.compensation.models.compensator import FREE_PARTS, Compensator
+from truearm.arm import Arm, Chain
+from truearm.compensation.models import Compensator
+from truearm.compensation.models.compensator import FREE_PARTS
 from truearm.compensation.models.provenance import stated_text
 from truearm.compensation.targets.manifest import ExportLoss
 from truearm.errors import InputError
@@ -28,7 +28,7 @@ from truearm.identification.references.prepared_readings import MIN_ROWS
 from truearm.identification.references.reading_references import roughly_aligned_chain
 from truearm.identification.references.references import Points
 from truearm.identification.terms import ArmState, Term, constants
-from truearm.readings.session import Session
+from truearm.readings import Session
 from truearm.typing import FloatArray
 
 # More poses of a region change the constants by less than they are worth (UR10: 500 poses 0.38, 8000 poses 0.37 mm).

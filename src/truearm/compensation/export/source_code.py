@@ -14,11 +14,11 @@ import jinja2
 import numpy as np
 import numpy.typing as npt
 
-from truearm.arm.chain import Chain
+from truearm.arm import Chain
 from truearm.compensation.export.plain_model import PlainModel, plain_model
 from truearm.compensation.export.reduced_covariance import ReducedCovariance, reduced_covariance
 from truearm.compensation.export.value_tables import ValueLayout, ValueTables
-from truearm.compensation.models.compensator import Compensator
+from truearm.compensation.models import Compensator
 from truearm.compensation.models.training_conditions import MOST_TURNS, TEMPERATURE_TOLERANCE_K
 from truearm.compensation.targets.configuration import MAX_CONDITION
 from truearm.compensation.targets.correction import CORRECTION_STEPS, MAX_CORRECTION, usual_change
@@ -27,8 +27,8 @@ from truearm.compensation.targets.manifest import Manifest, read_manifest
 from truearm.errors import InputError, MissingTool
 from truearm.files.atomic_write import atomic_file
 from truearm.identification.estimation.extrapolation import LEAST_TRAVEL_MM, NOT_SEEN, SEEN
-from truearm.identification.terms import Expression
-from truearm.identification.terms.thermal import UNKNOWN_MATERIAL, link_vectors
+from truearm.identification.terms import Expression, link_vectors
+from truearm.identification.terms.thermal import UNKNOWN_MATERIAL
 from truearm.readings.checks import LIMIT_TOLERANCE, MAX_ANGLE
 from truearm.readings.readings import COLDEST_DEGC, LARGEST_LOAD, WARMEST_DEGC
 from truearm.readings.thermal_expansion import REFERENCE_DEGC

@@ -13,20 +13,19 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.acceptance import contradict
-from truearm.arm.arm import Arm
+from truearm.arm import Arm, read_ur_kinematics
 from truearm.arm.ur_kinematics import (
     JOINTS,
     LINKS,
     MAX_BYTES,
     parse_ur_kinematics,
-    read_ur_kinematics,
     ur_hash,
     ur_kinematics_text,
 )
 from truearm.arm.urdf_tree import MM_PER_M
 from truearm.compensation.export.constants_file import ConstantsFile, ConstantsRequest, writer
 from truearm.compensation.export.rigid_arm import RigidArm
-from truearm.compensation.models.compensator import Compensator
+from truearm.compensation.models import Compensator
 from truearm.compensation.targets.manifest import Manifest
 from truearm.errors import InputError
 from truearm.files.file_reading import read_limited

@@ -15,10 +15,16 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from truearm.arm.arm import Arm
+from truearm.arm import Arm, read_urdf
 from truearm.arm.catalogue import split_links
 from truearm.arm.rigid_motions import xyz_rpy_from_frame
-from truearm.arm.urdf import MAX_BYTES, arm_of_joints, free_name, read_urdf, spaced, urdf_bytes
+from truearm.arm.urdf import (
+    MAX_BYTES,
+    arm_of_joints,
+    free_name,
+    spaced,
+    urdf_bytes,
+)
 from truearm.arm.urdf_ends import find_ends
 from truearm.arm.urdf_tree import MM_PER_M, UrdfJoint, UrdfTree, axis_rotation, origin_of
 from truearm.compensation.export.constants_file import ConstantsFile, ConstantsRequest, writer

@@ -15,8 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from truearm.compensation.export.plain_model import ONE, PlainModel
-from truearm.identification.terms import Expression
-from truearm.identification.terms.thermal import link_vectors
+from truearm.identification.terms import Expression, link_vectors
 from truearm.typing import FloatArray, IntArray
 
 

@@ -12,8 +12,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from truearm.arm.chain import Pose
-from truearm.arm.inverse_kinematics import InverseKinematicsResult
+from truearm.arm import InverseKinematicsResult, Pose
 from truearm.compensation.targets.inverse import PoseTask, scaled_jacobian, solve_poses, turn_between
 from truearm.typing import BoolArray, FloatArray
 

@@ -14,11 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from truearm.arm.chain import Pose
-from truearm.arm.inverse_kinematics import InverseKinematicsResult
+from truearm.arm import InverseKinematicsResult, Pose
 from truearm.choices import TargetDirection
 from truearm.choices import Untrained as Untrained
-from truearm.compensation.models.compensator import Compensator
+from truearm.compensation.models import Compensator
 from truearm.compensation.models.training_conditions import TOGETHER
 from truearm.compensation.targets.configuration import MAX_CONDITION, follow, keeps_configuration
 from truearm.compensation.targets.inverse import (
@@ -33,8 +32,8 @@ from truearm.compensation.targets.manifest import Frame, check_joints
 from truearm.compensation.targets.pose_models import PoseModel, nominal_poses, poses_of, reference_from_base
 from truearm.compensation.targets.targets import Targets
 from truearm.errors import InputError
+from truearm.readings import Session
 from truearm.readings.checks import LIMIT_TOLERANCE
-from truearm.readings.session import Session
 from truearm.typing import BoolArray, FloatArray, IntArray
 
 # Joints of fewer are too few for a position and an orientation.

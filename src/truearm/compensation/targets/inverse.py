@@ -17,8 +17,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from truearm.arm.chain import Pose
-from truearm.arm.inverse_kinematics import InverseKinematicsResult, within_longest_step
+from truearm.arm import InverseKinematicsResult, Pose
+from truearm.arm.inverse_kinematics import within_longest_step
 from truearm.compensation.targets.pose_models import PoseModel
 from truearm.solve import MarquardtDamping, RowsResult, levenberg_marquardt_by_row
 from truearm.typing import BoolArray, FloatArray, IntArray

@@ -13,13 +13,14 @@ from typing import Protocol
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from truearm.arm.chain import Chain, Pose
-from truearm.compensation.models.compensator import CheckedReadings, Compensator
+from truearm.arm import Chain, Pose
+from truearm.compensation.models import Compensator
+from truearm.compensation.models.compensator import CheckedReadings
 from truearm.compensation.models.identified_model import require_identified, to_identified
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.terms import ArmState
-from truearm.readings.session import Session
+from truearm.readings import Session
 from truearm.typing import FloatArray, IntArray
 
 

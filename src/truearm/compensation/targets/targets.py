@@ -10,10 +10,10 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from truearm.arm.arm import Arm
+from truearm.arm import Arm
 from truearm.errors import InputError
-from truearm.readings.checks import MAX_ANGLE, check_angles, skip_beyond_limits
-from truearm.readings.session import Session
+from truearm.readings import Session, check_angles, skip_beyond_limits
+from truearm.readings.checks import MAX_ANGLE
 from truearm.typing import FloatArray, NameArray
 
 Kind = Literal["joints", "poses", "positions"]

@@ -16,13 +16,12 @@ from typing import Self
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from truearm.arm.chain import Chain
+from truearm.arm import Chain
 from truearm.arm.nearest_table import NEARLY_PARALLEL
 from truearm.arm.rigid_motions import rotation_from_z_to, screw_z
 from truearm.identification.circles.joint_circles import JointCircle
-from truearm.readings.session import Session
-from truearm.solve.least_squares import gauss_newton
-from truearm.solve.least_squares_problem import DenseProblem
+from truearm.readings import Session
+from truearm.solve import DenseProblem, gauss_newton
 from truearm.typing import BoolArray, FloatArray
 
 # An axis that is more uncertain than this describes no arm [rad].

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from truearm.readings.session import Session
+from truearm.readings import Session
 from truearm.typing import BoolArray, FloatArray, IntArray
 
 # Others within these of each other stand still: robots hold 0.01 deg, a hand that turns one hinge of a measuring arm

@@ -15,8 +15,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from truearm.arm.arm import Arm
-from truearm.arm.inverse_kinematics import solve_inverse_kinematics
+from truearm.arm import Arm, solve_inverse_kinematics
 from truearm.errors import InputError
 from truearm.identification.planning.sampling.measuring import (
     check_five_rotary_joints,

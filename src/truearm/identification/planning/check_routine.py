@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from truearm.arm.arm import Arm
+from truearm.arm import Arm
 from truearm.errors import InputError
 from truearm.files.atomic_write import check_new_file
 from truearm.identification.planning.candidates import ON_A_TABLE, bar_places, seat_poses

@@ -24,7 +24,7 @@ from math import log, radians
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from truearm.arm.arm import Arm
+from truearm.arm import Arm
 from truearm.identification.planning.candidates import Candidates, NearbyPoses
 from truearm.identification.planning.exchange import DesignProblem
 from truearm.identification.planning.tour import joint_moves, mean_joint_move, order_of_few_moves

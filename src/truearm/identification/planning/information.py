@@ -9,7 +9,7 @@ from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.planning.candidates import Candidates
 from truearm.identification.planning.exchange import DesignProblem
 from truearm.identification.planning.factors import moment_matrix, project_out, stack_factors
-from truearm.identification.terms.state import ArmState
+from truearm.identification.terms import ArmState
 from truearm.readings.lengths import PLACE_U_MM
 from truearm.typing import FloatArray, IntArray
 

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from truearm.arm.arm import Arm
+from truearm.arm import Arm
 from truearm.choices import Strategy
 from truearm.errors import InputError
 from truearm.identification.estimation.identification_result import IdentificationResult
@@ -29,10 +29,9 @@ from truearm.identification.planning.proposal import (
 from truearm.identification.planning.sampling.surroundings import Surroundings
 from truearm.identification.planning.sampling.workspace import Sector
 from truearm.identification.planning.template import continue_seat_numbers
+from truearm.identification.terms import ArmState
 from truearm.identification.terms.harmonic_orders import LEAST_PHASE
-from truearm.identification.terms.state import ArmState
-from truearm.readings.checks import check_angles, skip_beyond_limits
-from truearm.readings.session import Session
+from truearm.readings import Session, check_angles, skip_beyond_limits
 from truearm.typing import FloatArray
 
 NOISE_MM = 0.02

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from truearm.arm.arm import Arm
+from truearm.arm import Arm
 from truearm.files.delimited import Sheet, read_columns
 from truearm.files.spreadsheet_forms import read_form
 from truearm.typing import BoolArray, FloatArray, NameArray

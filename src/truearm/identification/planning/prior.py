@@ -8,8 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from truearm.arm.arm import Arm
-from truearm.arm.inverse_kinematics import solve_inverse_kinematics
+from truearm.arm import Arm, solve_inverse_kinematics
 from truearm.choices import Terms as Terms
 from truearm.errors import InputError
 from truearm.identification.estimation.identification_result import IdentificationResult
@@ -17,13 +16,10 @@ from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.planning.factors import project_out
 from truearm.identification.planning.information import tip_jacobian
 from truearm.identification.references.alignment import rigid_motions
-from truearm.identification.terms.basis import Constant, InSession
-from truearm.identification.terms.catalogue import base_terms, constants, gravity, own_axis, wobble
+from truearm.identification.terms import ArmState, Constant, InSession, Term, base_terms, constants
+from truearm.identification.terms.catalogue import gravity, own_axis, wobble
 from truearm.identification.terms.linear_axis import linear_axis
-from truearm.identification.terms.state import ArmState
-from truearm.identification.terms.term import Term
-from truearm.readings.checks import check_sessions
-from truearm.readings.session import Session
+from truearm.readings import Session, check_sessions
 from truearm.typing import FloatArray
 
 HIGHEST_ORDER = 4

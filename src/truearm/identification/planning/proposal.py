@@ -10,7 +10,7 @@ from typing import Any, get_args
 
 import numpy as np
 
-from truearm.arm.arm import Arm
+from truearm.arm import Arm
 from truearm.choices import ArtefactKind, Strategy
 from truearm.errors import InputError
 from truearm.identification.planning.candidates import (

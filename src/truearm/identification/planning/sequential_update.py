@@ -36,8 +36,8 @@ from truearm.identification.planning.exchange import DesignProblem
 from truearm.identification.planning.information import SEAT_STD_MM, tip_jacobian
 from truearm.identification.planning.prior import Prior
 from truearm.identification.references.alignment import align
-from truearm.identification.terms.state import ArmState
-from truearm.readings.session import Session
+from truearm.identification.terms import ArmState
+from truearm.readings import Session
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import BoolArray, FloatArray, NameArray
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from truearm.arm.arm import Arm
+from truearm.arm import Arm
 from truearm.files.atomic_write import atomic_file
 from truearm.identification.planning.candidates import Candidates
 from truearm.identification.planning.planned_readings import AIM

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from truearm.arm.arm import Arm
+from truearm.arm import Arm
 from truearm.typing import FloatArray, IntArray, NameArray
 
 # Smallest gain of a change, as a share of the path: rounding must not go on for ever.

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from truearm.arm.arm import Arm
+from truearm.arm import Arm
 from truearm.errors import InputError
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.sampling import checked_seed
@@ -26,8 +26,7 @@ from truearm.identification.virtual.state import (
     virtual_state,
     with_force,
 )
-from truearm.readings.point_errors import PointErrors, point_errors
-from truearm.readings.session import Session
+from truearm.readings import PointErrors, Session, point_errors
 from truearm.typing import FloatArray
 
 SETTLING_STEPS = 12

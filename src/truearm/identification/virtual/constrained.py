@@ -11,7 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from truearm.arm.arm import Arm
+from truearm.arm import Arm
 from truearm.errors import InputError
 from truearm.identification.virtual.error_model import SystematicErrors, draw_geometry, error_model, geometry_stream
 from truearm.identification.virtual.presets import Preset

@@ -16,13 +16,17 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import factorial2
 
-from truearm.arm.arm import Arm
-from truearm.arm.chain import Chain
+from truearm.arm import Arm, Chain
 from truearm.errors import InputError
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
-from truearm.identification.terms import Basis, Column, GravityTorque, Harmonics, Term, link_vectors
+from truearm.identification.terms import Basis, Column, GravityTorque, Harmonics, Term, constants, link_vectors
 from truearm.identification.terms.basis import AXES
-from truearm.identification.terms.catalogue import constants, gravity, hysteresis, thermal, wobble
+from truearm.identification.terms.catalogue import (
+    gravity,
+    hysteresis,
+    thermal,
+    wobble,
+)
 from truearm.identification.virtual.bases import CableDrag, CageHarmonics, GearErrors, GravityForce, Slack, Spots, beam
 from truearm.identification.virtual.presets import ARCSEC, Preset
 from truearm.identification.virtual.state import base_motion_column, force_column, link_masses, random_stream

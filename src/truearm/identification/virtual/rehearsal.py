@@ -7,14 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from truearm.arm.chain import Chain
+from truearm.arm import Chain
 from truearm.errors import InputError
 from truearm.identification.planning.planned_readings import PlannedReadings
 from truearm.identification.planning.template import lengths_path
 from truearm.identification.virtual.arm import Measurement, VirtualArm
 from truearm.identification.virtual.state import random_stream
-from truearm.readings.lengths import Lengths, read_lengths
-from truearm.readings.session import Session
+from truearm.readings import Lengths, Session, read_lengths
 from truearm.typing import FloatArray, NameArray
 
 # A plan whose aims in one seat are farther apart is of another arm [mm]: angles are rounded to 0.1 deg.

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from truearm.arm.arm import Arm
+from truearm.arm import Arm
 from truearm.errors import InputError
 from truearm.identification.planning.candidates import bar_places
 from truearm.identification.planning.sampling import STRATEGIES, Poses, seat
-from truearm.readings.lengths import Lengths
+from truearm.readings import Lengths
 
 # Standard uncertainty that the certificate of a bar states for its length [mm].
 BAR_U_MM = 0.005

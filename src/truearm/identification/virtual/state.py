@@ -8,10 +8,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import dawsn
 
-from truearm.arm.arm import Arm
-from truearm.arm.masses import LinkMasses
+from truearm.arm import Arm
 from truearm.errors import InputError
-from truearm.identification.terms import ArmState, uniform_links
+from truearm.identification.terms import ArmState, LinkMasses, uniform_links
 from truearm.identification.terms.basis import AXES
 from truearm.identification.terms.gravity import STANDARD_GRAVITY
 from truearm.identification.virtual.presets import ARCSEC, Preset

@@ -17,7 +17,7 @@ from truearm.number_format import format_number
 from truearm.papers.gao2017.results import MODELS
 from truearm.papers.gao2017.search import CoordinateErrors, CrossValidation, SearchGrid, SettingResult
 from truearm.papers.gao2017.training import ProgressCallback
-from truearm.readings.session import Session
+from truearm.readings import Session
 from truearm.typing import FloatArray
 
 SIMPLEST_FIRST = ("nominal", "kinematic", "physical", "hybrid", "network")

@@ -20,9 +20,8 @@ import numpy as np
 
 from truearm import __version__
 from truearm.arm import Arm
-from truearm.compensation.models import Compensator, NetworkModel
+from truearm.compensation.models import Compensator, NetworkModel, load_model
 from truearm.compensation.models.arm_check import arm_of_readings
-from truearm.compensation.models.model_file import load_model
 from truearm.compensation.models.network import GRADIENT_TRAINERS
 from truearm.compensation.models.training_conditions import fingerprint
 from truearm.compensation.nets.perceptron import Perceptron
@@ -31,7 +30,7 @@ from truearm.identification.judgement.cross_validation_groups import cross_valid
 from truearm.number_format import format_number
 from truearm.papers.gao2017.tables import FINAL_TEST
 from truearm.papers.gao2017.training import RECIPE, ProgressCallback
-from truearm.readings.session import Session
+from truearm.readings import Session
 from truearm.typing import FloatArray, IntArray
 
 LEVELS_MM = tuple(FINAL_TEST["network"].over_mm)

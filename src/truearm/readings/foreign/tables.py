@@ -15,7 +15,7 @@ from truearm.errors import InputError
 from truearm.files.delimited import quoted_cell
 from truearm.files.tables.reading import read_table
 from truearm.files.tables.table import Table, TableForm, listed
-from truearm.readings.checks import has_reference
+from truearm.readings import Session, has_reference
 from truearm.readings.foreign.column_units import (
     PointUnit,
     length_unit,
@@ -41,7 +41,6 @@ from truearm.readings.foreign.program_columns import ProgramColumns, recognise_p
 from truearm.readings.foreign.table_columns import OTHER_NAMES, TableColumns
 from truearm.readings.names import similar_names
 from truearm.readings.readings import ANCHOR_DISTANCE, DIRECTION, LOAD, SHARED_UNCERTAINTIES, SPHERE_DISTANCE
-from truearm.readings.session import Session
 from truearm.typing import BoolArray, FloatArray, NameArray
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from truearm.acceptance import contradict
 from truearm.errors import InputError
-from truearm.readings.lengths import Lengths
+from truearm.readings import Lengths
 from truearm.readings.thermal_expansion import thermal_expansion_at
 from truearm.typing import FloatArray, IntArray, NameArray
 from truearm.verification.monitor.control_chart import FALSE_ALARMS

@@ -8,7 +8,7 @@ from typing import get_args
 import numpy as np
 import numpy.typing as npt
 
-from truearm.arm.arm import Arm
+from truearm.arm import Arm
 from truearm.choices import FeatureKind
 from truearm.errors import InputError
 from truearm.identification.planning.sampling.measuring import (

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from truearm.arm.arm import Arm
+from truearm.arm import Arm
 from truearm.errors import InputError
 from truearm.identification.planning.sampling.measuring import check_five_rotary_joints, inner_limits, postures, reach
 from truearm.identification.planning.sampling.workspace import azimuth_of, stance, within_cone

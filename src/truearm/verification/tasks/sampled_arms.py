@@ -15,21 +15,18 @@ from typing import Protocol
 
 import numpy as np
 
-from truearm.arm.arm import Arm
-from truearm.arm.chain import Chain
-from truearm.compensation.models.compensator import Compensator
-from truearm.compensation.models.identified_model import IdentifiedModel, require_identified, to_identified
+from truearm.arm import Arm, Chain
+from truearm.compensation.models import Compensator, IdentifiedModel
+from truearm.compensation.models.identified_model import require_identified, to_identified
 from truearm.errors import InputError
 from truearm.identification.estimation.propagation import direction_effects
 from truearm.identification.judgement.repeating_residuals import ORDER, own_motions, radians, unit_displacements
-from truearm.identification.terms.basis import Basis
-from truearm.identification.terms.kernel import InducedProcess
-from truearm.identification.terms.state import ArmState
+from truearm.identification.terms import ArmState, Basis, InducedProcess
 from truearm.identification.virtual.arm import VirtualArm
 from truearm.identification.virtual.error_model import error_model, tip_compliance
 from truearm.identification.virtual.presets import ARCSEC, Preset
 from truearm.identification.virtual.state import hand_forces, mean_hand_force, virtual_state
-from truearm.readings.session import Session
+from truearm.readings import Session
 from truearm.readings.thermal_expansion import REFERENCE_DEGC
 from truearm.solve.square_roots import covariance_factor
 from truearm.typing import FloatArray

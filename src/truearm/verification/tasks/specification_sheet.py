@@ -32,7 +32,7 @@ from functools import cached_property
 
 import numpy as np
 
-from truearm.arm.arm import Arm
+from truearm.arm import Arm
 from truearm.errors import InputError
 from truearm.identification.planning.sampling.workspace import stance
 from truearm.identification.virtual.error_model import (

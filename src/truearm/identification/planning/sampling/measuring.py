@@ -12,8 +12,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from truearm.arm.arm import Arm
-from truearm.arm.inverse_kinematics import solve_inverse_kinematics
+from truearm.arm import Arm, solve_inverse_kinematics
 from truearm.errors import InputError
 from truearm.identification.planning.sampling.workspace import (
     Sector,

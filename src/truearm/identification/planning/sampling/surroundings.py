@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from truearm.arm.chain import Chain
+from truearm.arm import Chain
 from truearm.errors import InputError
 from truearm.identification.planning.sampling.workspace import joint_origins
 from truearm.typing import BoolArray, FloatArray

@@ -8,8 +8,7 @@ from math import isfinite
 
 import numpy as np
 
-from truearm.arm.arm import Arm
-from truearm.arm.chain import Chain
+from truearm.arm import Arm, Chain
 from truearm.errors import InputError
 from truearm.identification.terms import link_vectors
 from truearm.typing import BoolArray, FloatArray
