@@ -36,6 +36,7 @@ from truearm.identification.estimation.perturbed_chain import (
     HarmonicSeries,
     PerturbedChain,
     as_slice,
+    chunks,
 )
 from truearm.solve.square_roots import covariance_factor, unit_diagonal
 from truearm.solve.trigonometric_sums import Multiples, bilinear_form, is_cheaper
@@ -48,6 +49,8 @@ FEWEST, ROUNDS, FARTHER = 32, 4, 3.0
 # Share of the variance by each coefficient alone, summed, that may remain of it with their covariances: below it their
 # sum has lost ten digits of sixteen.
 LEAST_SHARE = 1e-10
+# Readings whose products stay in the cache of a core, of some 200 coefficients.
+PIECE = 192
 
 
 class _Part(NamedTuple):
@@ -169,28 +172,24 @@ class CovarianceRoot:
 
         Returns
         -------
-        (k, n_rows, m) array
+        (n_rows, k, m) array
         """
         _, k, m = along_sites.shape
         narrow, *wide = self._parts
-        out = np.empty((k, self.n_rows, m))
-        height, of_narrow = len(narrow.columns), values[narrow.functions]
-        out[:, height:] = 0.0
-        if m <= FEW:  # all coordinates at once: the number of operations counts
-            columns = along_sites[narrow.sites] * of_narrow[:, None]
-            by_all = narrow.columns.dot(columns.reshape(len(columns), k * m))
-            out[:, :height] = by_all.reshape(height, k, m).swapaxes(0, 1)
-        for coordinate in range(k if m > FEW else 0):
-            along, by_narrow = along_sites[:, coordinate], out[coordinate, :height]
-            if self.is_triangle:  # in place, with half the multiplications; both count by columns, and are transposed
-                np.multiply(along[narrow.sites], of_narrow, out=by_narrow)
-                dtrmm(1.0, narrow.columns.T, by_narrow.T, side=1, lower=1, overwrite_b=1)
-            else:
-                np.matmul(narrow.columns, along[narrow.sites] * of_narrow, out=by_narrow)
+        columns = along_sites[narrow.sites]
+        columns *= values[narrow.functions, None]
+        flat = columns.reshape(len(columns), k * m)
+        if m > FEW and self.is_triangle:  # in place, with half the multiplications: both count by columns
+            found = dtrmm(1.0, narrow.columns.T, flat.T, side=1, lower=1, overwrite_b=1).T
+        else:
+            found = narrow.columns.dot(flat)
+        out = found.reshape(-1, k, m)
+        if wide:
+            out = np.concatenate([out, np.zeros((self.n_rows - len(out), k, m))])
         for part in wide:
             by_function = part.columns @ values[part.functions]
-            for own, along in zip(out, along_sites[part.sites[0]], strict=True):
-                own[: len(by_function)] += along * by_function
+            for coordinate, along in enumerate(along_sites[part.sites[0]]):
+                out[: len(by_function), coordinate] += along * by_function
         return out
 
     def covariances(self, along_sites: FloatArray, values: FloatArray, angles: FloatArray) -> FloatArray:
@@ -237,12 +236,15 @@ class CovarianceRoot:
 
     def _squared(self, along_sites: FloatArray, values: FloatArray) -> FloatArray:
         """The same as sums of squares, which are not negative for an arm known to rounding."""
-        spread = self.times(along_sites, values)
-        if spread.shape[2] == 1:
-            return np.asarray(spread[:, :, 0].dot(spread[:, :, 0].T))[None]  # a tenth of the time of `einsum`
-        out = np.empty((spread.shape[2], len(spread), len(spread)))
-        for i, j in combinations_with_replacement(range(len(spread)), 2):
-            out[:, i, j] = out[:, j, i] = np.einsum("pn,pn->n", spread[i], spread[j])
+        _, k, m = along_sites.shape
+        if m == 1:
+            spread = self.times(along_sites, values)[:, :, 0]
+            return np.asarray(spread.T.dot(spread))[None]  # a tenth of the time of `einsum`
+        out = np.empty((m, k, k))
+        for rows in chunks(m, PIECE):
+            spread = self.times(along_sites[..., rows], values[:, rows])
+            for i, j in combinations_with_replacement(range(k), 2):
+                out[rows, i, j] = out[rows, j, i] = np.einsum("pn,pn->n", spread[:, i], spread[:, j])
         return out
 
     def _shared(self, o: int, n: int, values: FloatArray, angles: FloatArray) -> FloatArray:

@@ -196,7 +196,7 @@ class IdentificationResult:
         derivatives, root = self._uncertain
         out = np.zeros((root.n_rows, len(state), 3))
         for rows, _, along_sites, values in derivatives(state):
-            out[:, rows] = root.times(along_sites, values).transpose(1, 2, 0)
+            out[:, rows] = root.times(along_sites, values).transpose(0, 2, 1)
         return np.concatenate([out, self.unspanned_displacements(state)])
 
     def unspanned_covariance(self, state: ArmState) -> FloatArray:

@@ -442,8 +442,7 @@ class _Minimum:
         if which in self.spreads:
             return self.spreads[which][_residuals_of(rows, part)]
         by_root = self.root.times(*self.problem.site_derivatives(which, rows, part.linear, self.x))
-        k, r, m = by_root.shape
-        spread = by_root.transpose(2, 0, 1).reshape(m * k, r)
+        spread = by_root.transpose(2, 1, 0).reshape(-1, len(by_root))
         if part.linear.unknown.size:
             spread = spread - part.by_unknown[_residuals_of(rows, part)] @ self.of_slope.T
         return spread
@@ -490,7 +489,7 @@ class _Minimum:
         for own, (start, stop) in zip(
             spread, pairwise(np.searchsorted(groups, np.arange(n + 1)).tolist()), strict=True
         ):
-            own[:, :, : stop - start] = by_root[:, :, start:stop].transpose(1, 0, 2)
+            own[:, :, : stop - start] = by_root[:, :, start:stop]
         residuals = np.zeros((n, k, most))
         residuals[groups, :, place] = self.parts[which].residuals[rows]
         return _Stack(rows, groups, place, spread.reshape(n, r, -1), residuals.reshape(n, -1), (k, most))
