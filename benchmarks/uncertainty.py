@@ -17,7 +17,7 @@ from benchmarks.rows import RowResult, Rows, Target, finding
 from truearm import datasets
 from truearm.arm import Arm, load_arm
 from truearm.arm.denavit_hartenberg import chain_from_dh
-from truearm.choices import Conditions, FeatureKind
+from truearm.choices import Conditions
 from truearm.compensation.models import PhysicalModel
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.identified_model import IdentifiedModel
@@ -32,6 +32,7 @@ from truearm.identification.virtual.presets import Preset
 from truearm.identification.virtual.state import mean_hand_force
 from truearm.readings import Session
 from truearm.typing import BoolArray, FloatArray
+from truearm.verification import FeatureKind
 from truearm.verification.tasks.estimate import expanded_uncertainty
 from truearm.verification.tasks.feature_postures import feature_postures, middle_of, place_feature
 from truearm.verification.tasks.features import UP, Feature, circle, length_at, plane, sphere

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from truearm.errors import InputError, TruearmError
-from truearm.readings import read_session, session_log
-from truearm.readings.session_log import SessionLog
+from truearm.readings import read_session
+from truearm.recording import session_log
+from truearm.recording.session_log import SessionLog
 
 COLUMNS = ("q1_deg", "q2_deg", "seat", "note_time")
 ROW = {"q1_deg": 0.1, "q2_deg": -2.5, "seat": "A", "note_time": "now"}
@@ -236,7 +237,7 @@ class Disk:
 
     def __init__(self, monkeypatch):
         self.s, self.sizes, fsync = 0.0, [], os.fsync
-        monkeypatch.setattr("truearm.readings.session_log.time.monotonic", lambda: self.s)
+        monkeypatch.setattr("truearm.recording.session_log.time.monotonic", lambda: self.s)
 
         def synced(handle):
             self.sizes.append(os.fstat(handle).st_size)

@@ -9,14 +9,10 @@ import typer
 from typer import Argument, Option
 
 from truearm.choices import Convention
-from truearm.cli.console import (
-    check_new_output,
-    check_page_path,
-    print_line,
-    print_record,
-)
+from truearm.cli.console import print_line, print_record
 from truearm.cli.options import ARM_HELP, AcceptOption, Force, Json, free_parts, refuse_typed
 from truearm.errors import InputError
+from truearm.workflows.outputs import check_new_output, check_page_path
 
 
 def arms(

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer import Argument, Option
 
-from truearm.cli.console import check_output_is_not_input, check_page_path, print_record, progress
+from truearm.cli.console import print_record, progress
 from truearm.cli.options import AcceptOption, Json, LengthsFile, ModelFile, refuse_typed
 from truearm.errors import InputError
+from truearm.workflows.outputs import check_output_is_not_input, check_page_path
 
 if TYPE_CHECKING:
     from truearm.workflows.check import CheckResult, WithdrawalResult

@@ -13,12 +13,6 @@ from typing import Any
 import typer
 
 from truearm.printable_text import printable
-from truearm.workflows.outputs import check_folder as check_folder
-from truearm.workflows.outputs import check_model_output as check_model_output
-from truearm.workflows.outputs import check_new_output as check_new_output
-from truearm.workflows.outputs import check_output as check_output
-from truearm.workflows.outputs import check_output_is_not_input as check_output_is_not_input
-from truearm.workflows.outputs import check_page_path as check_page_path
 from truearm.workflows.record import Record
 
 

@@ -9,10 +9,17 @@ from typing import Annotated
 import typer
 from typer import Argument, Option
 
-from truearm.choices import FanucJ3, Frame, RobotLanguage, TargetDirection, Untrained
-from truearm.cli.console import check_output as check_file
 from truearm.cli.console import print_line, print_record, progress
-from truearm.cli.options import ConditionsOption, Json, ModelFile, TipName, numbers_of
+from truearm.cli.options import (
+    ConditionsOption,
+    Json,
+    ModelFile,
+    numbers_of,
+)
+from truearm.compensation.targets import FanucJ3, Frame, RobotLanguage, TargetDirection, Untrained
+from truearm.workflows.outputs import check_output as check_file
+
+TipName = Annotated[str | None, Option(help="Name of the tip, of a model with several.")]
 
 
 def correct(

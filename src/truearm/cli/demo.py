@@ -7,8 +7,9 @@ from typing import Annotated
 
 from typer import Option
 
-from truearm.cli.console import check_folder, print_json, print_line, progress
+from truearm.cli.console import print_json, print_line, progress
 from truearm.cli.options import Json
+from truearm.workflows.outputs import check_folder
 
 
 def demo(

@@ -8,9 +8,12 @@ from typing import Annotated
 import typer
 from typer import Option
 
-from truearm.choices import Convention, ExportFormat, Frame
+from truearm.choices import Convention
 from truearm.cli.console import print_record, progress
-from truearm.cli.options import AcceptOption, Json, ModelFile, TipName
+from truearm.cli.correct import TipName
+from truearm.cli.options import AcceptOption, Json, ModelFile
+from truearm.compensation.export import ExportFormat
+from truearm.compensation.targets import Frame
 from truearm.errors import InputError
 
 

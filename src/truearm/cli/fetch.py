@@ -7,8 +7,9 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-from truearm.cli.console import check_new_output, print_line, print_record, progress
+from truearm.cli.console import print_line, print_record, progress
 from truearm.cli.options import Force
+from truearm.workflows.outputs import check_new_output
 
 
 def fetch(

@@ -10,7 +10,7 @@ import typer
 from typer import Argument, Option
 
 from truearm.choices import ModelName, Trainer
-from truearm.cli.console import check_model_output, check_new_output, print_record, progress
+from truearm.cli.console import print_record, progress
 from truearm.cli.options import (
     ARM_HELP,
     LARGE_ONLY,
@@ -27,6 +27,7 @@ from truearm.cli.options import (
     refuse_typed,
 )
 from truearm.errors import InputError
+from truearm.workflows.outputs import check_model_output, check_new_output
 
 if TYPE_CHECKING:
     from truearm.workflows.fit import FitResult

@@ -21,8 +21,9 @@ from truearm.cli.check import (
     print_check,
     print_withdrawal,
 )
-from truearm.cli.console import check_new_output, check_page_path, print_line, print_record, progress
+from truearm.cli.console import print_line, print_record, progress
 from truearm.cli.options import ARM_HELP, AcceptOption, Force, Json, LengthsFile, SchedulerOption, WorkersOption
+from truearm.workflows.outputs import check_new_output, check_page_path
 
 Folder = Annotated[Path, Argument(metavar="FOLDER", help="Folder of the fleet.")]
 Verify = Annotated[

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 import typer
 from typer import Argument, Option
 
-from truearm.cli.console import check_new_output, check_output_is_not_input, print_json, print_line, progress
+from truearm.cli.console import print_json, print_line, progress
 from truearm.cli.options import Force, FormDate, FormTemperature, IntoForm, Json, numbers_of, refuse_typed
 from truearm.errors import InputError
+from truearm.workflows.outputs import check_new_output, check_output_is_not_input
 
 if TYPE_CHECKING:
     from truearm.files.tables.table import TableForm

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Annotated, get_args
 
 from typer import Context, Option
 
-from truearm.choices import Strategy
 from truearm.cli.console import print_line, progress
 from truearm.cli.options import refuse_typed
 from truearm.cli.recording_options import OUT_HELP, SOURCE_HELP, SharedOptions, takes_readings
 from truearm.errors import InputError
+from truearm.identification.planning import Strategy
 
 if TYPE_CHECKING:
     from truearm.recording.recording import Recording

@@ -6,10 +6,16 @@ from typing import Annotated
 
 from typer import Option
 
-from truearm.choices import MeasuredKind
 from truearm.cli.console import print_record, progress
-from truearm.cli.options import AcceptOption, DrawnArms, Json, ModelFile, Seed, SessionFile
-from truearm.cli.task import millimetres
+from truearm.cli.options import (
+    AcceptOption,
+    Json,
+    ModelFile,
+    Seed,
+    SessionFile,
+)
+from truearm.cli.task import DrawnArms, millimetres
+from truearm.verification import MeasuredKind
 
 
 def measure(

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 from typer import Argument, Option
 
-from truearm.choices import Conditions, DecisionRule, Limits
+from truearm.choices import Conditions, Limits
 from truearm.errors import InputError
 
 Json = Annotated[bool, Option("--json", help="Print the result as JSON for machines.")]
@@ -20,18 +20,11 @@ ModelFile = Annotated[Path, Argument(metavar="MODEL", help="Model file.")]
 ModelOut = Annotated[Path, Option("--out", help="Model file to write; the usual ending is .truearm.")]
 SessionFile = Annotated[Path, Argument(metavar="SESSION", help="Session file, .csv or .parquet.")]
 LengthsFile = Annotated[Path | None, Option(help="File of known lengths between the session's seats, .csv.")]
-TipName = Annotated[str | None, Option(help="Name of the tip, of a model with several.")]
-ArtefactsFile = Annotated[Path | None, Option(help="Certificates of the artefacts, .toml.")]
-MpeFile = Annotated[Path | None, Option(help="The arm's specification: its limits and measuring range, .toml.")]
 Force = Annotated[bool, Option("--force", help="Replace a file that exists, and what people wrote or measured in it.")]
 ModelForce = Annotated[
     bool, Option("--force", help="Replace what --out or --apply keeps: another arm's model, a file of another kind.")
 ]
 Seed = Annotated[int, Option(min=0, help="Seed of all random numbers.")]
-DrawnArms = Annotated[int, Option("--arms", help="Number of arms to draw.")]
-RuleOption = Annotated[
-    DecisionRule | None, Option(help="Decision rule; by default that of the plan. simple ignores a small uncertainty.")
-]
 LimitsOption = Annotated[Limits, Option(help="Readings beyond a joint limit: skip them, or use them.")]
 ConditionsOption = Annotated[
     Conditions,

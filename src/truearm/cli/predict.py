@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 from typer import Argument, Option
 
-from truearm.cli.console import check_output, check_output_is_not_input, print_record, progress
+from truearm.cli.console import print_record, progress
 from truearm.cli.options import (
     LARGE_ONLY,
     ONLY_LARGE,
@@ -24,6 +24,7 @@ from truearm.cli.options import (
     refuse_typed,
 )
 from truearm.errors import InputError
+from truearm.workflows.outputs import check_output, check_output_is_not_input
 
 
 def predict(

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 from typer import Option
 
-from truearm.choices import TakeOn
 from truearm.cli.options import ARM_HELP
+from truearm.recording import TakeOn
 
 if TYPE_CHECKING:
     from truearm.recording.recording import Recording

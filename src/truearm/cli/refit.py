@@ -7,7 +7,7 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-from truearm.cli.console import check_model_output, print_record, progress
+from truearm.cli.console import print_record, progress
 from truearm.cli.options import (
     AcceptOption,
     Json,
@@ -18,6 +18,7 @@ from truearm.cli.options import (
     ModelOut,
     free_parts,
 )
+from truearm.workflows.outputs import check_model_output
 
 
 def refit(

@@ -8,10 +8,11 @@ from typing import Annotated
 import typer
 from typer import Argument, Option
 
-from truearm.choices import FigureFormat
-from truearm.cli.console import check_page_path, print_record, progress
+from truearm.cli.console import print_record, progress
 from truearm.cli.options import AcceptOption, refuse_typed
 from truearm.errors import InputError
+from truearm.pages import FigureFormat
+from truearm.workflows.outputs import check_page_path
 
 
 def report(
@@ -39,7 +40,7 @@ def report(
     has the errors of all (docs/large-sessions.md).
     """
     from truearm.workflows.inputs import is_model_file
-    from truearm.workflows.outputs import make_folder
+    from truearm.workflows.page_record import make_folder
     from truearm.workflows.report import report as reported
 
     *models, session = files

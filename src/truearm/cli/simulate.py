@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer import Argument, Option
 
-from truearm.cli.console import check_new_output, print_record, progress
+from truearm.cli.console import print_record, progress
 from truearm.cli.options import ARM_HELP, Force, Json, refuse_typed
 from truearm.errors import InputError
+from truearm.workflows.outputs import check_new_output
 
 if TYPE_CHECKING:
     from truearm.workflows.simulate import SimulationResult

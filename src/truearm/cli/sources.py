@@ -8,8 +8,9 @@ from typing import Annotated
 import typer
 from typer import Option
 
-from truearm.cli.console import check_new_output, print_record, progress
+from truearm.cli.console import print_record, progress
 from truearm.cli.options import ARM_HELP, Force, Json, refuse_typed
+from truearm.workflows.outputs import check_new_output
 
 
 def sources(

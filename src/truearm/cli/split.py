@@ -7,9 +7,10 @@ from typing import Annotated, cast
 
 from typer import Option
 
-from truearm.cli.console import check_new_output, print_line, progress
+from truearm.cli.console import print_line, progress
 from truearm.cli.options import Force, SessionFile
 from truearm.errors import InputError
+from truearm.workflows.outputs import check_new_output
 
 
 def split(

@@ -8,12 +8,21 @@ from typing import Annotated
 import typer
 from typer import Argument, Option
 
-from truearm.choices import FeatureKind
-from truearm.cli.console import check_page_path, print_record, progress
-from truearm.cli.options import ConditionsOption, DrawnArms, Json, Seed, numbers_of
+from truearm.cli.console import print_record, progress
+from truearm.cli.options import (
+    ConditionsOption,
+    Json,
+    Seed,
+    numbers_of,
+)
 from truearm.errors import InputError
+from truearm.verification import FeatureKind
+from truearm.workflows.outputs import check_page_path
 
 CODES = {"yes": 0, "no": 1, "only with guard bands": 3}
+
+
+DrawnArms = Annotated[int, Option("--arms", help="Number of arms to draw.")]
 
 
 def millimetres(text: str) -> float:

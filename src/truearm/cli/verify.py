@@ -9,19 +9,23 @@ from typing import Annotated
 import typer
 from typer import Option
 
-from truearm.choices import DecisionRule, TemplateKind
-from truearm.cli.console import check_new_output, check_page_path, print_line, print_record, progress
+from truearm.cli.console import print_line, print_record, progress
 from truearm.cli.options import (
     AcceptOption,
-    ArtefactsFile,
     Force,
     Json,
-    MpeFile,
-    RuleOption,
     refuse_typed,
     typed_options,
 )
 from truearm.errors import InputError
+from truearm.verification import DecisionRule, TemplateKind
+from truearm.workflows.outputs import check_new_output, check_page_path
+
+ArtefactsFile = Annotated[Path | None, Option(help="Certificates of the artefacts, .toml.")]
+MpeFile = Annotated[Path | None, Option(help="The arm's specification: its limits and measuring range, .toml.")]
+RuleOption = Annotated[
+    DecisionRule | None, Option(help="Decision rule; by default that of the plan. simple ignores a small uncertainty.")
+]
 
 # The ways to use the command: the options that each needs, and those that it takes beside them.
 WAYS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {

@@ -16,7 +16,7 @@ from truearm.fleet.fit_task import FitRow
 from truearm.number_format import RoundedNumber
 from truearm.show.fleet_page import ArmState, What, arm_history_page, fixed, fleet_page, worst_of
 from truearm.verification.monitor.assessment import RecalibrationAdvice
-from truearm.workflows.outputs import PageRecord, version_row
+from truearm.workflows.page_record import PageRecord, version_row
 from truearm.workflows.record import TableRecord, TextTable, columns_of, format_fixed
 from truearm.workflows.sentences import number_of
 

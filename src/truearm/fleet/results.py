@@ -13,7 +13,7 @@ from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.extra_packages import extra_module
 from truearm.fleet.fit_task import FitRow
-from truearm.workflows.outputs import make_folder
+from truearm.workflows.page_record import make_folder
 
 
 def write_results(rows: Iterable[FitRow], folder: Path) -> None:

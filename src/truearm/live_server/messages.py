@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from truearm.choices import Frame, TargetDirection, Untrained
+from truearm.compensation.targets import Frame, TargetDirection, Untrained
 from truearm.files.delimited import MAX_NAME
 from truearm.sources.joint_scale import MOST_JOINTS
 from truearm.sources.line_pattern import LARGEST

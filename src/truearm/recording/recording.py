@@ -13,7 +13,6 @@ from typing import TypedDict, TypeGuard
 import numpy as np
 
 from truearm.arm import Arm
-from truearm.choices import TakeOn
 from truearm.compensation.models import Compensator
 from truearm.errors import Contradiction, InputError
 from truearm.files.delimited import MAX_NAME, escape_formula
@@ -23,13 +22,14 @@ from truearm.number_format import format_count
 from truearm.readings import Session
 from truearm.readings.checks import check_temperature
 from truearm.readings.readings import DIRECTION, LOAD
-from truearm.readings.session_log import SessionLog, check_log_path
+from truearm.recording import TakeOn
 from truearm.recording.corrected_tip import CorrectedTip, corrected_tip
 from truearm.recording.learning import Learning, learned_event
 from truearm.recording.model_in_force import ModelInForce
 from truearm.recording.poses_to_measure import PosesToMeasure
 from truearm.recording.recording_event import Event
 from truearm.recording.reference_point import TYPED, ReferencePoint, typed_numbers
+from truearm.recording.session_log import SessionLog, check_log_path
 from truearm.solve.threads import one_blas_thread
 from truearm.sources import Sample, Source, StandstillRule, open_source
 from truearm.sources.standstill import Standstill, TakenReading

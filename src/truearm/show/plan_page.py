@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Drawing
 
-from truearm.choices import Strategy
+from truearm.identification.planning import Strategy
 from truearm.identification.planning.candidates import Candidates
 from truearm.identification.planning.plan import SessionPlan
 from truearm.identification.planning.proposal import CalibrationPlan, Proposal

@@ -18,7 +18,7 @@ from truearm.compensation.models import Compensator
 from truearm.compensation.models.identified_model import require_identified
 from truearm.errors import InputError
 from truearm.workflows.inputs import ArmLike, ModelLike, is_model_file, to_arm, to_model, to_model_of_tip
-from truearm.workflows.outputs import PageRecord, version_row
+from truearm.workflows.page_record import PageRecord, version_row
 from truearm.workflows.record import Record, TextTable, format_fixed
 
 if TYPE_CHECKING:

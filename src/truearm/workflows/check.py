@@ -51,7 +51,8 @@ from truearm.workflows.inputs import (
     to_model,
     to_session,
 )
-from truearm.workflows.outputs import PageRecord, arm_row, check_output_is_not_input, input_files, version_row
+from truearm.workflows.outputs import check_output_is_not_input
+from truearm.workflows.page_record import PageRecord, arm_row, input_files, version_row
 from truearm.workflows.record import TableRecord, TextTable, columns_of, format_fixed
 from truearm.workflows.sentences import agree, number_of
 from truearm.workflows.verify import SpecificationLike, to_specification

@@ -14,7 +14,7 @@ from truearm.show.comparison_page import ModelComparison
 from truearm.show.readings_scene import arm_at_readings
 from truearm.show.seat_page import SeatComparison
 from truearm.typing import FloatArray
-from truearm.workflows.outputs import version_row
+from truearm.workflows.page_record import version_row
 from truearm.workflows.regressors import Regressors, predict_points, regressor_remark
 
 

@@ -11,9 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.acceptance import accepted_in_fit
-from truearm.choices import Conditions, TargetDirection
+from truearm.choices import Conditions
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.arm_check import check_has_kinematics
+from truearm.compensation.targets import TargetDirection
 from truearm.compensation.targets.correction import (
     JOINTS_OF_A_POSE,
     Correction,

@@ -8,18 +8,21 @@ from pathlib import Path
 from typing import Any, Literal
 
 from truearm.acceptance import acceptance_remarks, accepted_in_fit, accepts
-from truearm.choices import Convention, ExportFormat, Frame
+from truearm.choices import Convention
+from truearm.compensation.export import ExportFormat
 from truearm.compensation.export.file_check import Finding, compare_with_model
 from truearm.compensation.export.formats import FORMATS, format_of
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.arm_check import check_has_kinematics
+from truearm.compensation.targets import Frame
 from truearm.compensation.targets.manifest import Manifest, read_manifest
 from truearm.errors import InputError
 from truearm.readings import check_angles
 from truearm.readings.readings import PAYLOAD
 from truearm.solve.threads import one_blas_thread
 from truearm.workflows.inputs import ModelLike, SessionLike, to_model_of_tip, to_session
-from truearm.workflows.outputs import check_output, input_files
+from truearm.workflows.outputs import check_output
+from truearm.workflows.page_record import input_files
 from truearm.workflows.record import Record, TableRecord, TextTable, columns_of, format_fixed
 
 Verdict = Literal["agrees", "not verified", "differs"]

@@ -10,12 +10,12 @@ from typing import Any, get_args
 import numpy as np
 
 from truearm.acceptance import acceptance_remarks, accepts
-from truearm.choices import MeasuredKind
 from truearm.compensation.models import Compensator
 from truearm.errors import InputError
 from truearm.readings import Session
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import IntArray
+from truearm.verification import MeasuredKind
 from truearm.verification.tasks.measured_features import MeasuredFeature, MeasuredQuantity, measure_features
 from truearm.verification.tasks.sampled_arms import PosteriorDistribution
 from truearm.verification.tasks.task import check_draws

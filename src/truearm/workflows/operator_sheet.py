@@ -13,7 +13,7 @@ from truearm.verification.standards.layout import lay_out_tests
 from truearm.verification.standards.points_form import write_points_form
 from truearm.verification.standards.positions import SHOULDER_SHARE
 from truearm.verification.standards.specification import example_specification
-from truearm.workflows.outputs import PageRecord, input_files
+from truearm.workflows.page_record import PageRecord, input_files
 from truearm.workflows.verify import (
     ArtefactsLike,
     PlanLike,

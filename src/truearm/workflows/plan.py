@@ -11,11 +11,11 @@ from zipfile import is_zipfile
 
 from truearm.acceptance import acceptance_remarks, accepted_in_fit, accepts
 from truearm.arm import Arm
-from truearm.choices import ArtefactKind, Strategy, Terms
 from truearm.compensation.models import Compensator, IdentifiedModel, load_model
 from truearm.compensation.models.identified_model import require_identified
 from truearm.errors import InputError
 from truearm.files.atomic_write import check_new_file
+from truearm.identification.planning import ArtefactKind, Strategy, Terms
 from truearm.identification.planning.candidates import Candidates
 from truearm.identification.planning.check_routine import CheckRoutine, check_routine
 from truearm.identification.planning.plan import SessionPlan, plan_session, usual_places
@@ -28,7 +28,7 @@ from truearm.readings import Session
 from truearm.readings.columns import session_columns
 from truearm.solve.threads import one_blas_thread
 from truearm.workflows.inputs import SessionLike, to_arm, to_model_of_tip, to_session, within_limits
-from truearm.workflows.outputs import PageRecord, arm_row, input_files, version_row
+from truearm.workflows.page_record import PageRecord, arm_row, input_files, version_row
 from truearm.workflows.record import TableRecord, TextTable
 
 if TYPE_CHECKING:

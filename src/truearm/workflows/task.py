@@ -13,11 +13,12 @@ import numpy.typing as npt
 
 from truearm.arm import Arm
 from truearm.arm.catalogue import known_name
-from truearm.choices import Conditions, FeatureKind
+from truearm.choices import Conditions
 from truearm.compensation.models import Compensator, load_model
 from truearm.errors import InputError
 from truearm.identification.virtual.presets import PRESETS, Preset, load_preset
 from truearm.solve.threads import one_blas_thread
+from truearm.verification import FeatureKind
 from truearm.verification.standards.specification import Specification, read_specification
 from truearm.verification.tasks.estimate import Estimate
 from truearm.verification.tasks.feature_postures import place_feature
@@ -27,7 +28,7 @@ from truearm.verification.tasks.sampled_arms import ArmDistribution, PosteriorDi
 from truearm.verification.tasks.specification_sheet import SpecificationDistribution
 from truearm.verification.tasks.task import TaskAssessment, assess_task
 from truearm.workflows.inputs import ArmLike, to_arm, to_model_of_tip
-from truearm.workflows.outputs import PageRecord, arm_row, input_files, version_row
+from truearm.workflows.page_record import PageRecord, arm_row, input_files, version_row
 from truearm.workflows.record import TableRecord, TextTable, columns_of, format_fixed
 from truearm.workflows.sentences import SAME_DAY
 

@@ -34,7 +34,7 @@ from truearm.verification.standards.verification_text import (
     describe_unmet,
     verdict_sentence,
 )
-from truearm.workflows.outputs import PageRecord, version_row
+from truearm.workflows.page_record import PageRecord, version_row
 from truearm.workflows.record import TableRecord, TextTable, columns_of, format_fixed
 
 if TYPE_CHECKING:

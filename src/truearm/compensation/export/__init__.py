@@ -1,1 +1,5 @@
 """Exports of a model into the files of other programs: URDF, tables of constants, C, JavaScript, ONNX, JSON."""
+
+from typing import Literal
+
+ExportFormat = Literal["urdf", "constants", "deltas", "ur-kinematics", "joint-offsets", "c", "js", "onnx", "json"]

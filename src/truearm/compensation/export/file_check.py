@@ -14,9 +14,9 @@ import numpy as np
 from truearm import __version__
 from truearm.compensation.export.formats import FORMATS, FormatSpec
 from truearm.compensation.models import Compensator
-from truearm.compensation.models.provenance import provenance_of
 from truearm.compensation.targets.manifest import EXACT_MM, Manifest, TargetsManifest, content_hash
 from truearm.compensation.targets.pose_models import with_tool
+from truearm.compensation.targets.provenance import provenance_of
 from truearm.errors import InputError, MissingTool
 from truearm.identification.references.alignment import align
 from truearm.typing import FloatArray

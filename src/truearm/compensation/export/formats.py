@@ -7,7 +7,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import NamedTuple
 
-from truearm.choices import ExportFormat
+from truearm.compensation.export import ExportFormat
 from truearm.errors import InputError
 
 

@@ -18,8 +18,8 @@ from truearm.acceptance import contradict
 from truearm.arm import Arm, Chain
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.compensator import FREE_PARTS
-from truearm.compensation.models.provenance import stated_text
 from truearm.compensation.targets.manifest import ExportLoss
+from truearm.compensation.targets.provenance import stated_text
 from truearm.errors import InputError
 from truearm.identification.estimation.identification import identify
 from truearm.identification.estimation.identification_result import IdentificationResult

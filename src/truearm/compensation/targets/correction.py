@@ -15,10 +15,10 @@ from typing import NamedTuple
 import numpy as np
 
 from truearm.arm import InverseKinematicsResult, Pose
-from truearm.choices import TargetDirection
-from truearm.choices import Untrained as Untrained
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.training_conditions import TOGETHER
+from truearm.compensation.targets import TargetDirection
+from truearm.compensation.targets import Untrained as Untrained
 from truearm.compensation.targets.configuration import MAX_CONDITION, follow, keeps_configuration
 from truearm.compensation.targets.inverse import (
     MAX_STEPS,

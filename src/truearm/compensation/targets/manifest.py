@@ -17,9 +17,9 @@ from typing import Annotated, Literal, Self
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from truearm.choices import Frame as Frame
 from truearm.compensation.models import Compensator
-from truearm.compensation.models.provenance import Finite, Provenance, Text, provenance_of
+from truearm.compensation.targets import Frame as Frame
+from truearm.compensation.targets.provenance import Finite, Provenance, Text, provenance_of
 from truearm.errors import InputError
 from truearm.files.file_reading import read_limited
 from truearm.typing import FloatArray

@@ -22,7 +22,7 @@ from typing import get_args
 
 import numpy as np
 
-from truearm.choices import FanucJ3 as FanucJ3
+from truearm.compensation.targets import FanucJ3 as FanucJ3
 from truearm.errors import InputError
 from truearm.typing import BoolArray, FloatArray
 

@@ -11,9 +11,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from truearm.arm import Arm
-from truearm.choices import Strategy
 from truearm.errors import InputError
 from truearm.identification.estimation.identification_result import IdentificationResult
+from truearm.identification.planning import Strategy
 from truearm.identification.planning.candidates import ON_A_TABLE, Candidates
 from truearm.identification.planning.factors import moment_matrix
 from truearm.identification.planning.information import tip_jacobian

@@ -9,10 +9,10 @@ from functools import cached_property
 import numpy as np
 
 from truearm.arm import Arm, solve_inverse_kinematics
-from truearm.choices import Terms as Terms
 from truearm.errors import InputError
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
+from truearm.identification.planning import Terms as Terms
 from truearm.identification.planning.factors import project_out
 from truearm.identification.planning.information import tip_jacobian
 from truearm.identification.references.alignment import rigid_motions

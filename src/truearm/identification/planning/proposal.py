@@ -11,8 +11,8 @@ from typing import Any, get_args
 import numpy as np
 
 from truearm.arm import Arm
-from truearm.choices import ArtefactKind, Strategy
 from truearm.errors import InputError
+from truearm.identification.planning import ArtefactKind, Strategy
 from truearm.identification.planning.candidates import (
     ON_A_TABLE,
     Candidates,

@@ -24,8 +24,8 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.special import ndtr, roots_genlaguerre, stdtrit
 
-from truearm.solve.quadratic_forms import quadratic_form_quantile_beyond
 from truearm.typing import FloatArray, IntArray
+from truearm.verification.monitor.quadratic_forms import quadratic_form_quantile_beyond
 
 U_OF_STATED = 0.25
 """Relative standard uncertainty of the uncertainty that a model states.

@@ -9,12 +9,11 @@ coordinate metrology", CIRP Ann. 53 (2004) 439, recalled). Form deviations of dr
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import get_args
+from typing import Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
 
-from truearm.choices import ZoneKind
 from truearm.errors import InputError
 from truearm.typing import BoolArray, FloatArray
 from truearm.verification.shapes.circle import fit_circle
@@ -26,6 +25,7 @@ from truearm.verification.shapes.relations import located
 from truearm.verification.shapes.sphere import SPHERE, fit_sphere
 from truearm.verification.shapes.starts import frame_of
 
+ZoneKind = Literal["plane", "circle", "sphere", "cylinder"]
 MOST_STEPS = 100
 # Of the facets of the points' hull, the zones across them that are tried.
 MOST_FACETS = 6

@@ -16,8 +16,8 @@ from typing import get_args
 
 from scipy.special import stdtr, stdtrit
 
-from truearm.choices import DecisionRule as DecisionRule
 from truearm.errors import InputError
+from truearm.verification import DecisionRule as DecisionRule
 
 DECISION_RULES: tuple[DecisionRule, ...] = get_args(DecisionRule)
 

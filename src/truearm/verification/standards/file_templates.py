@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib.resources import files
 
-from truearm.choices import TemplateKind
+from truearm.verification import TemplateKind
 
 
 def template(kind: TemplateKind) -> str:

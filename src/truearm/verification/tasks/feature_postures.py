@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.arm import Arm
-from truearm.choices import FeatureKind
 from truearm.errors import InputError
 from truearm.identification.planning.sampling.measuring import (
     check_five_rotary_joints,
@@ -19,6 +18,7 @@ from truearm.identification.planning.sampling.measuring import (
 )
 from truearm.identification.planning.sampling.workspace import Stance, azimuth_of, stance, within_cone
 from truearm.typing import FloatArray
+from truearm.verification import FeatureKind
 from truearm.verification.tasks import features
 from truearm.verification.tasks.features import UP, Feature, length, length_at
 
