@@ -127,6 +127,9 @@ MAX_SHARE_LEFT = 0.5
 # Share of the expected squared error over the workspace that the compliance of joints must not exceed: a gain of a few
 # per cent is within what this estimate is good for.
 MAX_EXPECTED_SHARE = 0.9
+# Stretches of a large session, and readings of each, in which a residual process is tried before it is in all of them;
+# and standard errors by which it is then clearly worse.
+STRETCHES, CLEAR = (12, 1000), 3.0
 # Poses drawn within the limits of the joints for the expected error over the workspace.
 WORKSPACE_POSES = 200
 # Share of the median distance of the nominal arm below which that of a fit to the nearer half shows that gross errors
@@ -439,13 +442,29 @@ def _with_residual_process(
     """
     add = partial(add_residual_process, data=readings, cross_validate=partial(cross_validate, readings))
     rest = median_distance(simpler or estimate(rigid_terms).fit)
-    if _typical_error(everything.held_out) > MAX_SHARE_LEFT * rest:
+    few_explained = _typical_error(everything.held_out) > MAX_SHARE_LEFT * rest
+    if few_explained and _may_replace(readings, rigid_terms, everything, simpler):
         found, process = add(estimate(rigid_terms))
         if process is not None and improvement(everything.held_out, found[1])[0] > 0:
             why = "a residual process in their place predicts held-out readings better"
             return Found(*found), process, [SkippedTerm("terms that depend on the pose", why)]
     found, process = add(everything)
     return Found(*found), process, []
+
+
+def _may_replace(
+    readings: PreparedReadings, rigid_terms: list[Term], everything: Found, simpler: IdentificationResult | None
+) -> bool:
+    """Whether a residual process may predict better than the terms that depend on the pose: see stretches of many."""
+    if (found := readings.stretches(*STRETCHES)) is None:
+        return True
+    some, rows = found
+    start = Start(_weights_without(readings, [everything.fit])[rows], simpler)
+    rigid = estimate_without_gross_errors(some, rigid_terms, start)
+    (_, with_process), process = add_residual_process(rigid, some, partial(cross_validate, some))
+    there = everything.held_out.select(np.isin(everything.held_out.rows, rows))
+    gain, error = improvement(replace(there, rows=np.searchsorted(rows, there.rows)), with_process)
+    return process is not None and gain > -CLEAR * error
 
 
 def _likely_elsewhere(
@@ -497,7 +516,7 @@ def cross_validate(
     if is_in_one_place(readings.session, readings.state):
         groups = joint_space_regions(readings.session.angles, readings.state.chain)
     else:
-        groups = cross_validation_groups(readings.session, readings.frames)
+        groups = cross_validation_groups(readings.session, readings.frames, readings.pose)
     held_out = cross_validate_by_group(fit, readings.state, readings.references, groups, kinds)
     return with_unspanned(held_out, fit, readings.state)
 

@@ -19,6 +19,7 @@ from truearm.compensation.models.model_file import load_model
 from truearm.compensation.models.model_file_checks import check_model
 from truearm.compensation.models.refit import refit
 from truearm.errors import InputError
+from truearm.identification import identify
 from truearm.identification.judgement.residual_process import (
     GROUP,
     OF_ARM,
@@ -107,6 +108,22 @@ def test_it_takes_the_place_of_terms_that_depend_on_the_pose(fitted, arm, test_r
     beside = physical(arm).fit_readings(readings(arm, 180, np.random.default_rng(1), bend=0.3))
     assert not in_place_of_terms(beside)
     assert mean_error(model, test_readings) < mean_error(beside, test_readings) + 0.01 * NOISE
+
+
+@pytest.mark.parametrize("bend", [0.3, 0.0])
+def test_stretches_of_many_readings_show_what_all_of_them_show(arm, test_readings, monkeypatch, bend):
+    """It is tried in a quarter of the readings, and either in all of them or not at all: the model is the same."""
+    monkeypatch.setattr("truearm.identification.identify.MAX_SHARE_LEFT", 0.0)  # it is tried in place of all terms
+    session = readings(arm, 720, np.random.default_rng(1), bend=bend)
+    plain = physical(arm).fit_readings(session)
+    monkeypatch.setattr("truearm.identification.identify.STRETCHES", (6, 30))
+    tried = []
+    judge = identify._may_replace
+    monkeypatch.setattr(identify, "_may_replace", lambda *given: tried.append(judge(*given)) or tried[-1])
+    model = physical(arm).fit_readings(session)
+    assert tried == [bend > 0]
+    assert in_place_of_terms(model) == in_place_of_terms(plain) == (bend > 0)
+    np.testing.assert_array_equal(model.predict_readings(test_readings), plain.predict_readings(test_readings))
 
 
 @pytest.mark.parametrize("size", [2e-4, 8e-4])

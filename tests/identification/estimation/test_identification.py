@@ -17,7 +17,10 @@ from truearm.identification.estimation import identification
 from truearm.identification.estimation.group_scales import MOST_SCALE
 from truearm.identification.estimation.identification import identify
 from truearm.identification.estimation.identification_result import IdentificationResult
+from truearm.identification.estimation.linearisation import linearised, roughly_linearised
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
+from truearm.identification.estimation.problem import SmallMotionProblem
+from truearm.identification.estimation.rounds import Rounds
 from truearm.identification.judgement.outliers import outliers
 from truearm.identification.references.alignment import align
 from truearm.identification.references.references import Points, Seats, seats_of
@@ -401,6 +404,55 @@ def test_many_readings_that_start_from_a_sample_give_the_same_arm(what, arm, rng
     # Each ends within a twentieth of its uncertainty of the minimum.
     assert np.linalg.norm(by_sample.tips(state) - directly.tips(state), axis=1).max() < 0.1 * std[1].max()
     np.testing.assert_allclose(std[0], std[1], rtol=0.01)
+
+
+def test_a_matrix_of_some_readings_prunes_the_groups_that_one_of_all_prunes(arm, rng, monkeypatch):
+    """Of thirty groups of a joint's harmonics three are there: the same three are found, and the same arm."""
+    geometry = constants(arm.chain, free=())
+    turns = [Term(f"order {k}", 2, (0.0, 0, 0, 1, 0, 0), Harmonics(2, (k,)), f"order {k}", NOISE) for k in range(2, 32)]
+    terms, angles = [*geometry, *turns], poses(arm, 6000, rng, half_width=np.pi)
+    shown = {"order 3", "order 11", "order 30"}
+    x = drawn(terms, rng, scales={term.group: float(term.group in shown) for term in turns})
+    points, fits, rough = seen(arm, terms, x, angles, rng), [], []
+    for share in (identification.MOST_SHARE, 0.0):
+        monkeypatch.setattr(identification, "MOST_SHARE", share)
+        given = Rounds.__init__
+        monkeypatch.setattr(Rounds, "__init__", lambda *a, given=given, **k: rough.append(k["some"]) or given(*a, **k))
+        fits.append(found(arm, angles, points, terms))
+        monkeypatch.setattr(Rounds, "__init__", given)
+    assert [some is not None for some in rough] == [False, True, False]  # the sample, all by it, all by themselves
+    by_sample, directly = fits
+    assert {group.name for group in by_sample.groups if group.scale > 0 and group.name.startswith("order")} >= shown
+    assert [group.scale > 0 for group in by_sample.groups] == [group.scale > 0 for group in directly.groups]
+    state = ArmState(arm.chain, angles)
+    std = [np.sqrt(np.trace(fit.tip_covariance(state), axis1=1, axis2=2)) for fit in fits]
+    # Each ends within a twentieth of its uncertainty of the minimum.
+    assert np.linalg.norm(by_sample.tips(state) - directly.tips(state), axis=1).max() < 0.1 * std[1].max()
+    np.testing.assert_allclose(std[0], std[1], rtol=0.01)
+
+
+def test_rough_normal_equations_of_all_readings_are_the_exact_ones(arm, rng):
+    terms = (*constants(arm.chain, free=()), *own_axis(arm.chain, 2, highest=20))
+    angles = poses(arm, 90, rng)
+    x = drawn(terms, rng)
+    points = Points(np.arange(90), seen(arm, terms, x, angles, rng, noise=0.1))
+    problem = SmallMotionProblem(PerturbedChain(arm.chain, terms), ArmState(arm.chain, angles), (points,))
+    weights, residuals = rng.uniform(5, 20, (3, 90)), problem.residuals(0.9 * x)[0]
+    _, exact = linearised(problem, 0.9 * x, [weights])
+    rough = roughly_linearised(problem, 0.9 * x, weights, residuals, np.arange(90))
+    for name in ("cost", "gradient", "head"):
+        of_exact = getattr(exact, name)
+        np.testing.assert_allclose(getattr(rough, name), of_exact, rtol=1e-9, atol=1e-12 * np.abs(of_exact).max())
+    weights[:, 1::2] = weights[:, ::2]  # the matrix of one half stands for both, by their weights
+    half = roughly_linearised(problem, 0.9 * x, weights, residuals, np.arange(0, 90, 2))
+    np.testing.assert_allclose(half.gradient, linearised(problem, 0.9 * x, [weights])[1].gradient, rtol=1e-9)
+    of_half = SmallMotionProblem(
+        problem.perturbed_chain,
+        problem.state.rows(np.arange(0, 90, 2)),
+        (replace(points.select(np.arange(0, 90, 2)), rows=np.arange(45)),),
+    )
+    head = linearised(of_half, 0.9 * x, [weights[:, ::2]])[1].head
+    np.testing.assert_allclose(half.head, 2 * head, rtol=1e-9, atol=1e-12 * np.abs(head).max())
 
 
 def test_no_direction_of_a_tip_is_known_better_than_perfectly(arm, rng):

@@ -48,6 +48,8 @@ SAME_UNCERTAINTY, SAMPLE_OF_TIPS = 1e-3, 30
 LEAST_KNOWN = 0.5
 # A sample with a larger share of the readings costs more than the rounds that it saves.
 MOST_SHARE = 0.25
+# One in so many readings, and no fewer than the sample, show which of many groups are pruned.
+MATRIX_SHARE = 16
 
 
 def grouped_prior(terms: Sequence[Term], n_unknowns: int) -> tuple[GroupedPrior, tuple[str, ...]]:
@@ -127,7 +129,11 @@ def identify(
     if start is not None:
         x, prior = started_at(start, perturbed_chain, prior, groups)
     offered = dict(zip(groups, np.bincount(prior.group).tolist(), strict=False))  # the last group are the unknowns
-    rounds = Rounds(problem, given, x, prior, groups, is_fast(terms, groups, state), robust=robust)
+    fast, some = is_fast(terms, groups, state), None
+    if sampled is not None and fast.any():  # matrices of all that is offered are costly
+        used = np.flatnonzero(given[0] > 0)
+        some = select_evenly(used, max(sample_size(len(x)), len(used) // MATRIX_SHARE))
+    rounds = Rounds(problem, given, x, prior, groups, fast, robust=robust, some=some)
     if sampled is not None:  # of the same terms: the noise of the first round is compared with that of the sample
         rounds.noise = np.array([part.noise_std**2 for part in sampled.references])
     n_rounds = _converge(rounds, progress)

@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from truearm.identification.estimation.problem import ABSOLUTE, RELATIVE, SmallMotionProblem
+from truearm.identification.references.references import Points
 from truearm.solve.arrowhead import Arrowhead, SchurComplement
 from truearm.solve.group_evidence import GroupedEquations
-from truearm.typing import FloatArray
+from truearm.typing import FloatArray, IntArray
 
 # If no reference determines the size of the arm, it stays nominal, to this share.
 SIZE_STD = 1e-6
@@ -34,6 +35,31 @@ def linearised(
             head = head + np.outer(of_coefficients, of_coefficients) / SIZE_STD**2
             gradient = gradient + size * problem.log_size_ratio(x) / SIZE_STD**2
     return parts, replace(whole, gradient=gradient, head=head)
+
+
+def roughly_linearised(
+    problem: SmallMotionProblem, x: FloatArray, weights: FloatArray, residuals: FloatArray, some: IntArray
+) -> Arrowhead:
+    """Normal equations of a problem of points alone: the gradient of all, the matrix of some of them for all.
+
+    Parameters
+    ----------
+    problem : SmallMotionProblem
+    x : (p,) array
+    weights, residuals : (3, m) array
+        One over the standard deviations of the residuals, and these [1/mm, mm].
+    some : (n,) int array
+        Points that stand for all, by their numbers.
+    """
+    (points,), chain = problem.references, problem.perturbed_chain
+    assert isinstance(points, Points)
+    few = replace(points.select(some), rows=np.arange(len(some)))
+    of_few = SmallMotionProblem(chain, problem.state.rows(points.rows[some]), (few,))
+    (found,) = of_few.normal_equations(x, [weights[:, some]])
+    white = weights * residuals
+    gradient = chain.gradient(problem.state.rows(points.rows), x, weights * white)
+    times = float((weights**2).sum() / (weights[:, some] ** 2).sum())
+    return replace(found, cost=0.5 * float(np.vdot(white, white)), gradient=gradient, head=times * found.head)
 
 
 def eliminate_unknowns(parts: Sequence[Arrowhead], whole: Arrowhead, x: FloatArray) -> SchurComplement:

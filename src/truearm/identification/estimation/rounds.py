@@ -21,6 +21,7 @@ from truearm.identification.estimation.linearisation import (
     eliminate_unknowns,
     grouped_equations,
     linearised,
+    roughly_linearised,
     size_is_open,
 )
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
@@ -32,7 +33,7 @@ from truearm.solve import KnownStep, StepHalving, damped_step
 from truearm.solve.arrowhead import Arrowhead, SchurComplement
 from truearm.solve.group_evidence import GroupedEquations, GroupedPrior
 from truearm.solve.threads import one_blas_thread
-from truearm.typing import BoolArray, FloatArray
+from truearm.typing import BoolArray, FloatArray, IntArray
 
 # The last step moves tips by a smaller share of their uncertainty; the noise is calm when it changes by less.
 SETTLED_STEP = 0.05
@@ -71,6 +72,8 @@ class Rounds:
         Groups that evidence may prune, see `group_scales.is_fast`.
     robust : bool
         Whether large residuals get less weight.
+    some : (m,) int array, optional
+        Points of which the matrix stands for that of all, until groups were pruned; then None.
 
     Attributes
     ----------
@@ -103,13 +106,14 @@ class Rounds:
         fast: BoolArray,
         *,
         robust: bool,
+        some: IntArray | None = None,
     ) -> None:
         self.x, self.prior = x, prior
         self._groups, self._fast, self._robust = groups, fast, robust
         self.noise = np.full(len(problem.references), np.inf)
         self._per_reference = np.zeros(len(problem.references))
         self._step, self._moved_by, self._share = np.zeros(len(x)), 0.0, 1.0
-        self.calm, self.converged = 0, False
+        self.calm, self.converged, self.some = 0, False, some
         self.problem, self._given = problem, given
         self.n_residuals = sum(
             int((w > 0).sum()) * reference.n_residuals for w, reference in zip(given, problem.references, strict=True)
@@ -162,7 +166,12 @@ class Rounds:
     def improve(self) -> None:
         """A linearisation, scales by its evidence, and a step."""
         problem, x = self.problem, self.x
-        parts, whole = linearised(problem, x, self.weights)
+        is_exact = self.some is None
+        if self.some is None:
+            parts, whole = linearised(problem, x, self.weights)
+        else:
+            whole = roughly_linearised(problem, x, self.weights[0], self._residuals[0], self.some)
+            parts = [whole]
         reduced = eliminate_unknowns(parts, whole, x)
         self.linearised_at, self.reduced = x, reduced
         with one_blas_thread():
@@ -176,7 +185,9 @@ class Rounds:
         moved_by = self._take(step, whole.times(step), x, reduced.n_determined)
         with one_blas_thread():
             self._per_reference = _effective_numbers(reduced, parts, found)
-        self.converged = bool(self.calm >= 2 and moved_by < SETTLED_STEP)
+        self.converged = bool(is_exact and self.calm >= 2 and moved_by < SETTLED_STEP)
+        if self.calm >= 2:  # groups were pruned
+            self.some = None
         if not self.converged:
             self.prior = found.next
             self._drop_pruned()

@@ -442,7 +442,7 @@ class _Minimum:
         if which in self.spreads:
             return self.spreads[which][_residuals_of(rows, part)]
         by_root = self.root.times(*self.problem.site_derivatives(which, rows, part.linear, self.x))
-        spread = by_root.transpose(2, 1, 0).reshape(-1, len(by_root))
+        spread = by_root.transpose(2, 1, 0).reshape(by_root.shape[1] * by_root.shape[2], len(by_root))
         if part.linear.unknown.size:
             spread = spread - part.by_unknown[_residuals_of(rows, part)] @ self.of_slope.T
         return spread

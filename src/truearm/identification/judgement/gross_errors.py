@@ -21,6 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import digamma, expit, gammaln
 
+from truearm.identification.estimation.identification import select_evenly
 from truearm.identification.estimation.identification_result import IdentificationResult, ReferenceFit
 from truearm.identification.estimation.residual_variance import FLOOR_MM2, HeldOutReadings
 from truearm.identification.judgement.tails import FREEDOM_RATE, FREEDOM_SHAPE
@@ -34,6 +35,8 @@ LEAST_SHARE, MOST_SHARE = 1e-3, 0.4
 LEAST_FREEDOM, MOST_FREEDOM = 3.0, 1e3
 # Degrees of freedom and share to start from: a far reading may be a gross error or show a tail, and both be maxima.
 STARTS = ((30.0, 0.02), (30.0, 0.2), (5.0, LEAST_SHARE))
+# Of more readings so many, evenly spaced, show which maximum is the largest, and it is near.
+MOST_STARTED = 20_000
 # Gross errors begin at this many standard deviations, and have any size up to this many decades above.
 LEAST_GROSS_STDS, DECADES = 4.0, 4.0
 # Measure of the unit sphere in k dimensions: two ends, a circle, or a surface.
@@ -113,7 +116,11 @@ def fit_error_distribution(held_out: HeldOutReadings) -> ErrorDistribution:
         (1 / MOST_FREEDOM, 1 / LEAST_FREEDOM),
         (np.log(LEAST_SHARE), np.log(MOST_SHARE)),
     ]
-    starts = [np.array([np.log(typical), 1 / freedom, np.log(share)]) for freedom, share in STARTS]
+    numbers = [(typical, freedom, share) for freedom, share in STARTS]
+    if len(held_out.rows) > MOST_STARTED:
+        near = fit_error_distribution(held_out.select(select_evenly(np.arange(len(held_out.rows)), MOST_STARTED)))
+        numbers = [(near.variance, near.freedom, near.gross_share)]
+    starts = [np.array([np.log(variance), 1 / freedom, np.log(share)]) for variance, freedom, share in numbers]
     ends = [minimize(deviance, start, jac=True, method="L-BFGS-B", bounds=bounds) for start in starts]
     return distribution(min(ends, key=lambda end: float(end.fun)).x)
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from truearm.arm.arm import Arm
 from truearm.identification.references.reading_references import as_of_one_tool, references_of, state_of
-from truearm.identification.references.references import Reference
+from truearm.identification.references.references import Points, Reference
 from truearm.identification.references.rounded_angles import tip_motion_mm
 from truearm.identification.references.session_frames import rough_session_frames, to_first_session_frame
 from truearm.identification.references.tips import free_tips
@@ -19,9 +19,10 @@ from truearm.identification.terms.catalogue import relative_size
 from truearm.identification.terms.type_prior import TypePrior
 from truearm.readings.checks import check_sessions
 from truearm.readings.lengths import Lengths
+from truearm.readings.repeats import readings_of_one_pose
 from truearm.readings.rounding import rounding_steps
 from truearm.readings.session import Session
-from truearm.typing import FloatArray
+from truearm.typing import FloatArray, IntArray
 
 # Root mean square motion of the tip by rounding of the angles that counts, on an arm of usual reach [mm]: what a laser
 # tracker is uncertain by.
@@ -54,6 +55,8 @@ class PreparedReadings(NamedTuple):
         Names of the tips on the flange; empty if none is named.
     robust : bool
         Whether outliers get a smaller weight.
+    pose : (n,) int array
+        Numbers of the poses of all of them (`readings_of_one_pose`).
     prior : TypePrior or None
         What arms of its type have in common, if that is known.
     """
@@ -68,6 +71,7 @@ class PreparedReadings(NamedTuple):
     frames: Mapping[str, FloatArray]
     tips: tuple[str, ...]
     robust: bool
+    pose: IntArray
     prior: TypePrior | None = None
 
     @classmethod
@@ -89,7 +93,31 @@ class PreparedReadings(NamedTuple):
         references = references_of(session, lengths)
         check_enough(references, readings)
         state = with_rounded_angles(state_of(arm, session))
-        return cls(arm, readings, session, state, references, lengths, determined, frames, tips, robust)
+        pose = readings_of_one_pose(session)
+        return cls(arm, readings, session, state, references, lengths, determined, frames, tips, robust, pose)
+
+    def stretches(self, n: int, length: int) -> tuple[Self, IntArray] | None:
+        """So many stretches of consecutive readings, evenly spaced, as if there were no others; and their rows.
+
+        None unless there are four times as many readings, all of them of one session and with points alone: neighbours
+        stay together, so that what holds for near readings holds in the stretches.
+        """
+        points = self.references[0]
+        if len(self.references) > 1 or not isinstance(points, Points) or self.frames:
+            return None
+        if len(points.rows) < 4 * n * length:
+            return None
+        starts = np.linspace(0, len(points.rows) - length, n).astype(np.intp)
+        chosen = (starts[:, None] + np.arange(length)).ravel()
+        rows = points.rows[chosen]
+        some = self._replace(
+            given=self.given.rows(rows),
+            session=self.session.rows(rows),
+            state=self.state.rows(rows),
+            references=[replace(points.select(chosen), rows=np.arange(len(rows)))],
+            pose=np.unique(self.pose[rows], return_inverse=True)[1],
+        )
+        return some, rows
 
     def typical_state(self, angles: FloatArray) -> ArmState:
         """State of the arm at angles (n, n_joints), as warm and as loaded as at the readings on average."""
