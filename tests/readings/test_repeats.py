@@ -200,3 +200,11 @@ def test_angles_that_flicker_by_their_last_digit_are_of_one_pose_and_their_mean_
     merged = merge_repeats(Session(angles, points=rng.uniform(-500, 500, (POSES, 3))[pose]))
     assert merged.count.tolist() == [TIMES] * POSES
     np.testing.assert_allclose(rounding_steps(merged.readings.angles), step, rtol=1e-6)
+
+
+def test_poses_are_looked_for_once(monkeypatch):
+    readings = session()
+    found = [readings_of_one_pose(readings, exactly=exactly) for exactly in (False, True)]
+    monkeypatch.setattr("truearm.readings.repeats._of_near_angles", None)
+    assert readings_of_one_pose(readings) is found[0]
+    assert readings_of_one_pose(readings, exactly=True) is found[1]

@@ -23,7 +23,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from truearm.identification.estimation.consider_parameters import response_to_point_errors, with_shared_error
-from truearm.identification.estimation.identification import identify, linearised_about
+from truearm.identification.estimation.identification import identify
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.residual_variance import (
     LEAST_FREEDOM,
@@ -345,10 +345,8 @@ def _with_missing_terms(
     offered = [*terms, *missing_terms(readings.state, readings.free)]
     if not readings.session.has_point.any():
         offered = [term for term in offered if not places_the_frame(term)]
-    complete = _identify_terms(readings, offered, readings.references, weights=weights, start=fit)
-    if complete.residual_freedom(readings.references) < LEAST_FREEDOM:
-        return None
-    return linearised_about(fit, complete, readings.state, readings.references)
+    complete = _identify_terms(readings, offered, readings.references, weights=weights, start=fit, about=fit)
+    return None if complete.residual_freedom(readings.references) < LEAST_FREEDOM else complete
 
 
 def identify_physical(
@@ -535,7 +533,7 @@ def unexplained(fit: IdentificationResult, held_out: HeldOutReadings, angles: Fl
 def unexplained_at(held_out: HeldOutReadings, angles: FloatArray, *, least: float = 0.0) -> Unexplained:
     """Estimate what readings held out leave unexplained; `least` is the least variance [mm^2]."""
     function = fit_variance_function(held_out, angles)
-    scaled = replace(held_out, freedom=function.share(angles[held_out.rows]) * held_out.freedom)
+    scaled = held_out.scaled(freedom=function.share(angles[held_out.rows]))
     variance = max(conformal_residual_variance(scaled), least)
     tails = tail_freedom(scaled, variance) if len(held_out.rows) >= LEAST_READINGS else float("inf")
     return Unexplained(float(np.sqrt(variance)), function, tails)
@@ -679,6 +677,7 @@ def _identify_terms(
     progress: Progress | None = None,
     weights: FloatArray | None = None,
     start: IdentificationResult | None = None,
+    about: IdentificationResult | None = None,
 ) -> IdentificationResult:
     """Terms, and beside them those of the tool and of the sessions' frames, identified from references."""
     arm = readings.arm
@@ -698,6 +697,7 @@ def _identify_terms(
         robust=readings.robust,
         reading_weights=weights,
         start=start,
+        about=about,
         progress=progress,
     )
 

@@ -79,11 +79,16 @@ def readings_of_one_pose(readings: Readings, *, exactly: bool = False) -> IntArr
     """(n,) numbers of the poses of readings: those with the same angles, `exactly` or but for noise, are together.
 
     They may be distances to several anchors, several tips, two directions of approach, or repeats. The number of a pose
-    is the row of its first reading.
+    is the row of its first reading. Looked for once: the readings keep them.
     """
-    angles, n = readings.angles, len(readings)
-    if exactly or n < 2:
-        return _first_rows(angles)
+    known = vars(readings).setdefault("_poses", {})
+    if exactly not in known:
+        known[exactly] = _first_rows(readings.angles) if exactly or len(readings) < 2 else _of_near_angles(readings)
+    return np.asarray(known[exactly])
+
+
+def _of_near_angles(readings: Readings) -> IntArray:
+    angles = readings.angles
     tolerance = np.maximum(SAME_ANGLE, SAME_SHARE * np.ptp(angles, axis=0))
     pairs, order, kept, same = _close_pairs(angles, np.maximum(tolerance, 1.01 * MOST_FLICKER))
     if len(pairs):

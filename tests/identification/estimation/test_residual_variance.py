@@ -126,6 +126,17 @@ def test_coverage_of_new_readings_is_the_level(rng):
     assert 0.945 < np.mean(shares) < 0.975  # the level or a little more; the mean of 300 stands to 0.0017
 
 
+def test_parts_and_multiples_keep_the_axes_of_their_covariances(rng):
+    """Axes that are known already are those that are worked out from the part or the multiple, to rounding."""
+    root = rng.normal(size=(30, 3, 3))
+    whole = held_out(rng.normal(size=(30, 3)), root @ root.transpose(0, 2, 1))
+    known = [whole.scaled(covariance=0.3, freedom=rng.uniform(0.5, 1, 30)), whole.select(rng.random(30) < 0.5)]
+    for one in (*known, known[0].select(np.array([4, 2, 9]))):
+        again = HeldOutReadings(one.rows, one.group, one.deviations, one.covariance, one.freedom)
+        for found, expected in zip(one.along_axes, again.along_axes, strict=True):
+            np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-13)
+
+
 def test_readings_that_others_do_not_know_judge_nothing():
     """Of own variance 0.04, known to some of it, to ten times it, and in one direction not at all."""
     turn = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]

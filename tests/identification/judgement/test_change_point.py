@@ -161,6 +161,20 @@ def test_poses_that_are_read_several_times_count_once(repeats):
     assert examined(angles, points, ramp).last_row == 60 * repeats - 1
 
 
+@pytest.mark.parametrize("seed", range(50))
+def test_a_pose_is_what_follows_near_its_first_reading(seed):
+    """A chain of small motions is no pose: reading by reading, each is compared with the first of its pose."""
+    rng = np.random.default_rng(seed)
+    angles = rng.choice([0.0, 0.3, 0.6, 0.9, 5.0], (int(rng.integers(1, 40)), 2)) * 3e-3
+    near, first = max(0.01 * float(angles.std(axis=0).max()), change_point.STILL_ANGLE), []
+    for row, at in enumerate(angles):
+        if not first or (np.abs(at - angles[first[-1]]) > near).any():
+            first.append(row)
+    n = len(angles)
+    readings = _Readings(angles, {}, np.zeros((n, 3)), np.ones((n, 3)), np.arange(n))
+    np.testing.assert_array_equal(readings.less_repeats().rows, first)
+
+
 def test_too_few_readings_say_nothing():
     angles, points, residuals = session(16, 0)
     residuals[8:] += 1.0

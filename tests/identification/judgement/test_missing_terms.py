@@ -9,7 +9,7 @@ from truearm.arm import Arm, load_arm
 from truearm.arm.denavit_hartenberg import chain_from_dh
 from truearm.compensation.models import KinematicModel
 from truearm.compensation.models.uncertainty import ELLIPSOID_FACTOR
-from truearm.identification.estimation.identification import identify
+from truearm.identification.estimation.identification import identify, linearised_about
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.judgement.missing_terms import SUFFIX, missing_terms, with_missing_terms
 from truearm.identification.planning.sampling.measuring import measuring_poses
@@ -82,7 +82,14 @@ def test_the_second_moment_is_about_the_constants():
     references = references_of(Session(angles, points, np.full((60, 3), 0.02)), None)
     own = constants(ARM.chain)
     fit = identify(ARM.chain, state, own, references)
-    complete = identify(ARM.chain, state, [*own, *missing_terms(state, ("base", "tip"))], references)
+    offered = [*own, *missing_terms(state, ("base", "tip"))]
+    complete = identify(ARM.chain, state, offered, references)
+    about, after = (
+        identify(ARM.chain, state, offered, references, start=fit, about=fit),
+        linearised_about(fit, identify(ARM.chain, state, offered, references, start=fit), state, references),
+    )
+    np.testing.assert_array_equal(about.covariance, after.covariance)
+    np.testing.assert_array_equal(about.coefficients, after.coefficients)
     wider = with_missing_terms(fit, complete)
     of = {
         t: (complete.coefficients[c], complete.covariance.diagonal()[c])

@@ -82,6 +82,7 @@ def identify(
     robust: bool = True,
     reading_weights: FloatArray | None = None,
     start: IdentificationResult | None = None,
+    about: IdentificationResult | None = None,
     progress: Callable[[int, str], None] | None = None,
 ) -> IdentificationResult:
     """Identify terms from readings.
@@ -102,6 +103,8 @@ def identify(
         is computed.
     start : IdentificationResult, optional
         Of some of the terms from the same references: fewer rounds are needed from there.
+    about : IdentificationResult, optional
+        Likewise: coefficients and covariance are then those of the linearisation about it (`linearised_about`).
     progress : callable, optional
         Called with the number of rounds and the status.
 
@@ -137,7 +140,8 @@ def identify(
     if sampled is not None:  # of the same terms: the noise of the first round is compared with that of the sample
         rounds.noise = np.array([part.noise_std**2 for part in sampled.references])
     n_rounds = _converge(rounds, progress)
-    return _result(rounds, offered, state, n_rounds)
+    found = _result(rounds, offered, state, n_rounds, about)
+    return found if about is None else linearised_about(about, found, state, references)
 
 
 def _converge(rounds: Rounds, progress: Callable[[int, str], None] | None) -> int:
@@ -262,15 +266,17 @@ def linearised_about(
     return replace(result, coefficients=found.x[:n], covariance=found.covariance[:n, :n])
 
 
-def _result(rounds: Rounds, offered: dict[str, int], state: ArmState, n_rounds: int) -> IdentificationResult:
-    """The result of all rounds, with the covariance at the final parameters."""
+def _result(
+    rounds: Rounds, offered: dict[str, int], state: ArmState, n_rounds: int, about: IdentificationResult | None
+) -> IdentificationResult:
+    """The result of all rounds, with the covariance at the final parameters where none about an arm is asked for."""
     problem, n_residuals = rounds.problem, rounds.n_residuals
     noise = np.sqrt(rounds.noise)
     prior = with_uncertain_scales(rounds.prior, rounds.effective)
     prior = without_negligible(prior, problem.perturbed_chain, state, float(noise.min()), n_residuals)
     effective = np.where(prior.scale > 0, rounds.effective, 0.0)
     x = np.where(prior.active, rounds.x, 0.0)
-    covariance = _covariance(rounds, x, prior)
+    covariance = _covariance(rounds, x, prior) if about is None else np.zeros((len(x), len(x)))
     perturbed_chain, groups = problem.perturbed_chain, list(offered)
     kept = tuple(term for term in perturbed_chain.terms if prior.scale[groups.index(term.group)] > 0)
     active = np.flatnonzero(prior.active[: perturbed_chain.n_coefficients])

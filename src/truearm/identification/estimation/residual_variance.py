@@ -16,7 +16,7 @@ a log-linear variance function (R. J. Carroll, D. Ruppert, "Transformation and W
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cache, cached_property
 from typing import Self
 
@@ -163,12 +163,21 @@ class HeldOutReadings:
         own_mm2 : (m,) array
             Approximate variance of a coordinate of each reading [mm^2].
         """
-        informative = np.linalg.eigvalsh(self.covariance)[:, -1] <= MAX_VARIANCE_RATIO * own_mm2
-        return self.select(informative)
+        return self.select(self.along_axes[0].max(axis=0) <= MAX_VARIANCE_RATIO * own_mm2)
 
     def select(self, which: BoolArray | IntArray) -> HeldOutReadings:
         """Some of the readings, by a mask (m,) or by their numbers among them."""
-        return HeldOutReadings(*(getattr(self, part.name)[which] for part in fields(self)))
+        new = HeldOutReadings(*(getattr(self, part.name)[which] for part in fields(self)))
+        if (known := vars(self).get("along_axes")) is not None:
+            vars(new)["along_axes"] = tuple(np.ascontiguousarray(part[:, which]) for part in known)
+        return new
+
+    def scaled(self, *, covariance: float = 1.0, freedom: FloatArray | float = 1.0) -> HeldOutReadings:
+        """The same with all covariances, and the shares of own variances, times a factor."""
+        new = replace(self, covariance=covariance * self.covariance, freedom=freedom * self.freedom)
+        variances, squares = self.along_axes
+        vars(new)["along_axes"] = covariance * variances, squares
+        return new
 
     def and_also(self, others: HeldOutReadings) -> HeldOutReadings:
         """These readings and others."""
@@ -182,7 +191,7 @@ class HeldOutReadings:
         """Number k of coordinates that are compared: 3 of points, 1 of distances."""
         return int(self.deviations.shape[1])
 
-    @property
+    @cached_property
     def along_axes(self) -> tuple[FloatArray, FloatArray]:
         """Variances (k, m) along the principal axes of the covariances, and squared deviations there [mm^2]."""
         known, axes = np.linalg.eigh(self.covariance)

@@ -103,7 +103,7 @@ class Change:
 def rigid_motions(points: FloatArray) -> FloatArray:
     """(n, 3, 6) displacements of points (n, 3) by rotations about their centroid [mm/rad] and translations."""
     away = points - points.mean(axis=0)
-    turns = np.stack([-cross_matrix(one) for one in away])
+    turns = -cross_matrix(away)
     return np.concatenate([turns, np.broadcast_to(np.eye(3), turns.shape)], axis=2)
 
 
@@ -260,13 +260,18 @@ class _Readings:
     def less_repeats(self) -> _Readings:
         """The mean of readings that repeat a pose one after the other, and the first row of each."""
         angles = self.angles
-        near = np.maximum(STILL_SHARE * angles.std(axis=0), STILL_ANGLE) if len(angles) else np.zeros(0)
-        starts: list[int] = []
-        for row, at in enumerate(angles):
-            if not starts or (np.abs(at - angles[starts[-1]]) > near).any():
-                starts.append(row)
-        if len(starts) == len(angles):
+        near = np.maximum(STILL_SHARE * angles.std(axis=0), STILL_ANGLE) if len(angles) else np.zeros(1)
+        is_first, stop = np.ones(len(angles), dtype=bool), 0
+        for row in (np.flatnonzero((np.abs(np.diff(angles, axis=0)) <= near).all(axis=1)) + 1).tolist():
+            if row <= stop:  # of the pose before
+                continue
+            stop = row
+            while stop < len(angles) and (np.abs(angles[stop] - angles[row - 1]) <= near).all():
+                stop += 1
+            is_first[row:stop] = False
+        if is_first.all():
             return self
+        starts = np.flatnonzero(is_first)
 
         def mean(values: FloatArray) -> FloatArray:
             counts = np.diff([*starts, len(angles)]).reshape(-1, *[1] * (values.ndim - 1))

@@ -237,8 +237,7 @@ def _judge(fit: IdentificationResult, held_out: HeldOutReadings) -> tuple[HeldOu
         return judged.select(np.zeros(0, dtype=np.intp)), HONEST
     # Where one reading in five is wrong, the noise of the fit is theirs, and its covariance is as much too large.
     ratio = min(1.0, _typical_variance(informative) / float(np.median(own)))
-    judged, informative = (replace(one, covariance=ratio * one.covariance) for one in (judged, informative))
-    return judged, fit_error_distribution(informative)
+    return judged.scaled(covariance=ratio), fit_error_distribution(informative.scaled(covariance=ratio))
 
 
 def has_gross_errors(fit: IdentificationResult, held_out: HeldOutReadings) -> bool:

@@ -49,8 +49,10 @@ def predicted_by_refits(
     """
     compared = tuple(part for part in fit.references if part.kind in kinds)
     most = own_variance(compared, held_out.rows) / LEAST_FREEDOM
-    is_open = np.linalg.eigvalsh(held_out.covariance)[:, -1] > most
+    is_open = held_out.along_axes[0].max(axis=0) > most
     open_groups = np.unique(held_out.group[is_open | (freedom < LEAST_RESIDUAL_FREEDOM)])
+    if not len(open_groups):
+        return held_out
     deviations = held_out.deviations.copy()
     for fold in range(min(len(open_groups), MOST_REFITS)):
         of_fold = np.flatnonzero(np.isin(held_out.group, open_groups[fold::MOST_REFITS]))
