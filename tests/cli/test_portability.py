@@ -29,25 +29,27 @@ def guarded_names(tree: ast.AST) -> set[str]:
     return {name.value for name in asked if isinstance(name, ast.Constant)}
 
 
-def for_one_system(tree: ast.AST) -> set[ast.AST]:
+def for_one_system(nodes: list[ast.AST]) -> set[ast.AST]:
     """What stands in functions that ask which system it is."""
-    functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]
-    asking = [node for node in functions if "if sys.platform == 'win32':" in ast.unparse(node)]
+    asking = [node for node in nodes if isinstance(node, ast.FunctionDef) and "sys.platform ==" in ast.unparse(node)]
     return {inner for node in asking for inner in ast.walk(node)}
 
 
 def posix_only(text: str) -> list[str]:
     """What a source text uses that Windows does not have."""
-    tree = ast.parse(text)
-    found = []
-    for node in set(ast.walk(tree)) - for_one_system(tree):
+    nodes = list(ast.walk(tree := ast.parse(text)))
+    skipped, found = for_one_system(nodes) if "sys.platform ==" in text else set(), []
+    for node in nodes:
+        if node in skipped:
+            continue
         if isinstance(node, ast.Import):
             found += [name.name for name in node.names if name.name in POSIX_MODULES]
         elif isinstance(node, ast.ImportFrom) and node.module in POSIX_MODULES:
             found.append(str(node.module))
-        elif isinstance(node, ast.Attribute) and node.attr in POSIX_NAMES.get(ast.unparse(node.value), ()):
+        elif isinstance(node, ast.Attribute) and node.attr in POSIX_NAMES.get(getattr(node.value, "id", ""), ()):
             found.append(f"{ast.unparse(node.value)}.{node.attr}")
-    return [name for name in found if name.partition(".")[2] not in guarded_names(tree) or "." not in name]
+    asked = guarded_names(tree) if found else set()
+    return [name for name in found if name.partition(".")[2] not in asked or "." not in name]
 
 
 def test_the_source_uses_nothing_that_windows_lacks():

@@ -373,23 +373,25 @@ class Stopper:
             raise KeyboardInterrupt
 
 
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """The trainings of table 2 without an interruption, and their files."""
+    folder = tmp_path_factory.mktemp("whole")
+    return reproduce(["table 2"], effort=EFFORT, folder=folder), sorted(path.name for path in folder.iterdir())
+
+
 @pytest.mark.parametrize("after", [1, 3, 16])
-def test_an_interrupted_reproduction_resumes_with_the_next_training_to_the_same_results(tmp_path, after):
+def test_an_interrupted_reproduction_resumes_with_the_next_training_to_the_same_results(tmp_path, whole, after):
     """At the start of a training, in its middle, after others have finished."""
-    parts = ["table 2"]
-    for run in ("stopped", "whole"):
-        (tmp_path / run).mkdir()
     with pytest.raises(KeyboardInterrupt):
-        reproduce(parts, effort=EFFORT, folder=tmp_path / "stopped", progress=Stopper(after))
-    finished = {path.name: path.stat().st_mtime_ns for path in (tmp_path / "stopped").iterdir()}
+        reproduce(["table 2"], effort=EFFORT, folder=tmp_path, progress=Stopper(after))
+    finished = {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
     assert bool(finished) == (after == 16)
-    whole = reproduce(parts, effort=EFFORT, folder=tmp_path / "whole")
-    resumed = reproduce(parts, effort=EFFORT, folder=tmp_path / "stopped")
-    assert without_times(resumed) == without_times(whole)
-    names = [sorted(path.name for path in (tmp_path / run).iterdir()) for run in ("stopped", "whole")]
-    assert names[0] == names[1]
-    assert all(name.endswith(".json") for name in names[0])
-    assert all((tmp_path / "stopped" / name).stat().st_mtime_ns == time for name, time in finished.items())
+    resumed = reproduce(["table 2"], effort=EFFORT, folder=tmp_path)
+    assert without_times(resumed) == without_times(whole[0])
+    assert sorted(path.name for path in tmp_path.iterdir()) == whole[1]
+    assert all(name.endswith(".json") for name in whole[1])
+    assert all((tmp_path / name).stat().st_mtime_ns == time for name, time in finished.items())
 
 
 def test_a_finished_training_does_not_run_again(tmp_path):

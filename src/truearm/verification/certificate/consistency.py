@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from decimal import Decimal
+from functools import cache
 from itertools import product
 from math import inf, isinf
 
@@ -146,6 +147,7 @@ def _possible_conformities(result: StatedResult, rule: DecisionRule) -> tuple[st
     return CONFORMITIES[min(found) : max(found) + 1]
 
 
+@cache  # certificates have a few factors, each in many results
 def _dof_of(factor: Decimal | None) -> tuple[float, ...]:
     """The fewest and the most degrees of freedom whose coverage factor rounds to a stated one; empty if none does."""
     known = _DOF[np.abs(stdtrit(_DOF, (1 + COVERAGE_PROBABILITY) / 2) - float(factor or 2)) <= 0.0051]

@@ -75,33 +75,32 @@ def _spheres(given: FloatArray) -> tuple[FloatArray, FloatArray]:
     middle = (given / n).sum(axis=1, keepdims=True)
     unit = np.abs(given - middle).max(axis=(1, 2), keepdims=True)
     unit[unit == 0] = 1.0
-    centred = (given - middle) / unit
-    centres = np.concatenate([centred[:, :1], *(_centres(centred, k) for k in range(2, min(n, 4) + 1))], axis=1)
-    away = centred[:, None] - centres[:, :, None]
-    farthest = np.sqrt(np.einsum("mcnk,mcnk->mcn", away, away).max(axis=2))
+    centred = np.moveaxis((given - middle) / unit, 2, 0).copy()
+    centres = np.concatenate([centred[..., :1], *(_centres(centred, k) for k in range(2, min(n, 4) + 1))], axis=2)
+    farthest = np.sqrt(((centred[:, :, None] - centres[..., None]) ** 2).sum(axis=0).max(axis=2))
     best = np.where(np.isfinite(farthest), farthest, np.inf).argmin(axis=1)
     rows = np.arange(len(given))
-    return (middle + unit * centres[rows, best, None])[:, 0], unit[:, 0, 0] * farthest[rows, best]
+    return middle[:, 0] + unit[:, 0] * centres[:, rows, best].T, unit[:, 0, 0] * farthest[rows, best]
 
 
 def _centres(points: FloatArray, k: int) -> FloatArray:
-    """Centres (m, c, 3) of the smallest spheres through any k of n points (m, n, 3); not finite where there is none.
+    """Centres (3, m, c) of the smallest spheres through any k of n points (3, m, n); not finite where there is none.
 
     The circumcentre by products of the edges u, v, w from the first point, which lose fewer digits for
-    thin triangles and tetrahedra than a linear solve does.
+    thin triangles and tetrahedra than a linear solve does. Coordinates come first: sums over them are of whole arrays.
     """
-    first, *others = points[:, np.array(list(combinations(range(points.shape[1]), k)))].transpose(2, 0, 1, 3)
+    first, *others = (points[..., one] for one in np.array(list(combinations(range(points.shape[2]), k))).T)
     edges = [other - first for other in others]
-    square = [(edge * edge).sum(axis=-1, keepdims=True) for edge in edges]
+    square = [(edge * edge).sum(axis=0) for edge in edges]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         if k == 2:
             return np.asarray(first + edges[0] / 2)
         u, v = edges[:2]
-        across = np.cross(u, v)
+        across = np.cross(u, v, axis=0)
         if k == 3:
-            area = (across * across).sum(axis=-1, keepdims=True)
-            return np.asarray(first + np.cross(square[0] * v - square[1] * u, across) / (2 * area))
+            area = (across * across).sum(axis=0)
+            return np.asarray(first + np.cross(square[0] * v - square[1] * u, across, axis=0) / (2 * area))
         w = edges[2]
-        volume = (across * w).sum(axis=-1, keepdims=True)
-        towards = square[0] * np.cross(v, w) + square[1] * np.cross(w, u) + square[2] * across
+        volume = (across * w).sum(axis=0)
+        towards = square[0] * np.cross(v, w, axis=0) + square[1] * np.cross(w, u, axis=0) + square[2] * across
         return np.asarray(first + towards / (2 * volume))

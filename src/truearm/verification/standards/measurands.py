@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import chain
 
 import numpy as np
@@ -68,7 +68,7 @@ def check_spread(points: FloatArray, planned: int) -> None:
         raise InputError(
             "two points on the ball have the same coordinates", hint="measure each point; copies are refused"
         )
-    loose = _largest_u(points) / _largest_u(hemisphere(planned))
+    loose = _largest_u(points) / _largest_u_of_planned(planned)
     if loose > LOOSEST:
         raise InputError(
             f"the points lie so close together on the ball that its centre and size are {loose:.2g} times more "
@@ -148,6 +148,11 @@ def _end_point(points: FloatArray) -> FloatArray:
 
 def _largest_u(points: FloatArray) -> float:
     return float(np.sqrt(np.linalg.eigvalsh(fit_sphere(points, std_mm=1.0).covariance)[-1]))
+
+
+@cache
+def _largest_u_of_planned(n: int) -> float:
+    return _largest_u(hemisphere(n))
 
 
 @dataclass(frozen=True, eq=False)
