@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from truearm.readings.rounding import rounding_steps
+from truearm.readings.rounding import LEAST_STEP, MOST_STEPS, _possible, _sharpened, rounding_steps
 
 STEPS = {
     "0.1 deg": np.radians(0.1),
@@ -48,3 +48,14 @@ def test_a_sliding_joint_has_steps_of_millimetres(rng):
     angles = np.stack([np.round(rng.uniform(0, 800, 60), 1), rng.uniform(-2, 2, 60)], axis=1)
     np.testing.assert_allclose(rounding_steps(angles, np.array([True, False])), [0.1, 0.0], rtol=1e-9)
     assert rounding_steps(5 * np.round(angles / 5), np.array([True, True])).tolist() == [0, 0]
+
+
+@pytest.mark.parametrize("scatter", [0.0, 0.03, 0.1, 0.5])
+@pytest.mark.parametrize("n", [10, 60, 3000])
+def test_only_steps_that_all_values_refuse_are_left_out_by_a_few(n, scatter, rng):
+    for step in 10 ** rng.uniform(-4.5, -2, 10):
+        values = np.unique(step * (np.round(rng.uniform(-2, 2, n) / step) + scatter * rng.standard_normal(n)))
+        steps = np.diff(values).min() / np.arange(1, MOST_STEPS + 1)
+        steps, from_first = steps[steps >= LEAST_STEP], values - values[0]
+        plain = [one for one in steps if _sharpened(one, from_first)]
+        assert set(plain) <= set(_possible(steps, from_first))

@@ -24,6 +24,8 @@ MOST_STEPS = 200
 MOST_OFF = 0.1
 # A step becomes sharper from the nearest values to the farthest in so many turns.
 REACHES = 12
+# Steps of which so many values are no multiples are left out, all at once, before all values are tried.
+FEW = 40
 
 
 def rounding_steps(angles: FloatArray, is_prismatic: BoolArray | None = None) -> FloatArray:
@@ -56,16 +58,34 @@ def _step(values: FloatArray, least: float, largest: float) -> float:
     if len(values) < LEAST_VALUES or not len(differences):
         return 0.0
     from_first, nearest = values - values[0], float(differences.min())
-    for n in range(1, MOST_STEPS + 1):
-        if step := _sharpened(nearest / n, from_first, least):
+    steps = nearest / np.arange(1, MOST_STEPS + 1)
+    for one in _possible(steps[steps >= least], from_first):
+        if step := _sharpened(float(one), from_first):
             return step if step <= largest else 0.0
     return 0.0
 
 
-def _sharpened(step: float, values: FloatArray, least: float) -> float:
+def _possible(steps: FloatArray, values: FloatArray) -> FloatArray:
+    """Steps of which the first few values may be multiples: what `_sharpened` refuses by them is left out."""
+    few = values[:FEW]
+    reaches = np.geomspace(np.maximum(10 * steps, values[1]), values[-1], REACHES)
+    left, sharper = np.arange(len(steps)), steps
+    refused = np.zeros(len(steps), dtype=bool)
+    for reach in 1.0001 * reaches:
+        within = reach[left] <= few[-1]
+        left, sharper = left[within], sharper[within]
+        near = np.where(few < reach[left, None], few, 0.0)
+        multiples = np.round(near / sharper[:, None])
+        sharpened = (near * multiples).sum(axis=1) / np.maximum((multiples**2).sum(axis=1), 1.0)
+        sharper = np.where(sharpened > 0, sharpened, sharper)
+        off = np.abs(near - sharper[:, None] * multiples).max(axis=1, initial=0.0) > (MOST_OFF + 1e-9) * sharper
+        refused[left[off]] = True
+        left, sharper = left[~off], sharper[~off]
+    return steps[~refused]
+
+
+def _sharpened(step: float, values: FloatArray) -> float:
     """A step near `step` of which all values, rising from 0, are multiples; 0 if there is none."""
-    if step < least:
-        return 0.0
     for reach in np.geomspace(max(10 * step, float(values[1])), float(values[-1]), REACHES):
         near = values[: np.searchsorted(values, 1.0001 * reach)]
         multiples = np.round(near / step)
