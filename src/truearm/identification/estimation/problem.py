@@ -154,11 +154,12 @@ class SmallMotionProblem:
 
     def equations_of(self, which: int, rows: IntArray, linear: LinearisedResiduals, x: FloatArray) -> Arrowhead:
         """Normal equations of some of a reference's readings, without unknowns; `linear` as in `site_derivatives`."""
-        sums = _Sums(self.perturbed_chain.sites, self.perturbed_chain.n_coefficients, 0, len(rows))
+        sums = GaussNewtonSums(self.perturbed_chain.sites, self.perturbed_chain.n_coefficients, 0, len(rows))
         for piece in chunks(len(rows), CHUNK):
             along_sites, values = self.site_derivatives(which, rows[piece], linear, x)
             angles = self.state.rows(self.references[which].rows[rows[piece]]).joint_angles
-            sums.add(of_readings(linear, rows[piece]), along_sites, self.perturbed_chain.by_site(values), angles)
+            values_of = self.perturbed_chain.by_site(values)
+            sums.add(linear.residuals[:, rows[piece]], along_sites, values_of, angles)
         return sums.equations()
 
     def log_size_ratio(self, x: FloatArray) -> float:
@@ -253,8 +254,8 @@ class SmallMotionProblem:
         pieces = chunks(len(self.references[which].rows), CHUNK)
         groups = [pieces[start::GROUPS] for start in range(min(GROUPS, len(pieces)))]
 
-        def sums_of(group: list[slice]) -> _Sums:
-            sums = _Sums(
+        def sums_of(group: list[slice]) -> GaussNewtonSums:
+            sums = GaussNewtonSums(
                 self.perturbed_chain.sites,
                 self.perturbed_chain.n_coefficients,
                 len(self.references[which].unknowns),
@@ -272,14 +273,14 @@ class SmallMotionProblem:
             first.merge(other)
         return first.equations()
 
-    def _add(self, sums: _Sums, which: int, piece: slice, x: FloatArray, weights: FloatArray) -> None:
+    def _add(self, sums: GaussNewtonSums, which: int, piece: slice, x: FloatArray, weights: FloatArray) -> None:
         state = self.state.rows(self.references[which].rows[piece])
         values = self._values(which, piece, state)
         motions = self.perturbed_chain.motions(x, values)
         plain, motion_jacobian = self._linearised(which, piece, state, motions, x)
         linear = plain.weighted(weights)
         along_sites = self._along_sites(linear, motions, motion_jacobian)
-        sums.add(linear, along_sites, self.perturbed_chain.by_site(values), state.joint_angles)
+        sums.add(linear.residuals, along_sites, self.perturbed_chain.by_site(values), state.joint_angles, linear)
 
     def _along_sites(self, linear: LinearisedResiduals, motions: FloatArray, motion_jacobian: FloatArray) -> FloatArray:
         """(n_sites, k, m) derivatives of residuals along the sites, from those of the tips (n_places, 6, 3, m)."""
@@ -334,7 +335,7 @@ def of_readings(linear: LinearisedResiduals, rows: IntArray) -> LinearisedResidu
     )
 
 
-class _Sums:
+class GaussNewtonSums:
     """Sums over readings of gradient and Gauss-Newton matrix: narrow columns first, then the sites in pairs.
 
     `n_readings` will be added: pairs of sites of harmonics are transformed where that costs less.
@@ -366,13 +367,17 @@ class _Sums:
         self.blocks = csr_array((n_unknowns, n_unknowns))
 
     def add(
-        self, linear: LinearisedResiduals, by_site: FloatArray, values: list[FloatArray], angles: FloatArray
+        self,
+        residuals: FloatArray,
+        by_site: FloatArray,
+        values: list[FloatArray],
+        angles: FloatArray,
+        linear: LinearisedResiduals | None = None,
     ) -> None:
-        """Add a weighted chunk at joint angles (m, n_joints).
+        """Add a weighted chunk of residuals (k, m) at joint angles (m, n_joints).
 
-        `by_site` (n_sites, k, m) are derivatives along the sites, `values` of each site.
+        `by_site` (n_sites, k, m) are derivatives along the sites, `values` of each site; `linear` those by unknowns.
         """
-        residuals = linear.residuals
         k, m = residuals.shape
         columns = np.empty((self.n_narrow, k, m))
         start = 0
@@ -405,7 +410,7 @@ class _Sums:
             self.angles.append(angles)
             if sum(map(len, self.angles)) >= TRANSFORMED:
                 self.transform()
-        if len(self.by_unknown):
+        if linear is not None and len(self.by_unknown):
             self._add_unknowns(linear, by_site, values, flat)
 
     def _add_unknowns(
@@ -434,7 +439,7 @@ class _Sums:
             one, other = (Multiples(angles[joint - 1], orders) for joint, orders in series)
             self.gram[self.spans[n], self.spans[o]] += weighted_products(weights, one, None if n == o else other)
 
-    def merge(self, other: _Sums) -> None:
+    def merge(self, other: GaussNewtonSums) -> None:
         """Add the sums of another group of chunks, whose pairs of harmonics are transformed with these."""
         self.products += other.products
         self.angles += other.angles

@@ -27,12 +27,15 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg.lapack import dpotrf, dtrtri
 
 from truearm.identification.estimation.identification_result import IdentificationResult
+from truearm.identification.estimation.problem import GaussNewtonSums
 from truearm.identification.terms.catalogue import relative_size
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.thermal import link_temperatures
 from truearm.readings.thermal_expansion import REFERENCE_DEGC
+from truearm.solve.square_roots import MIN_PIVOT, unit_diagonal
 from truearm.typing import FloatArray, IntArray, NameArray
 
 # Time constants of links that are tried, in readings: links follow the air within 5 to 20 minutes, and arms are read
@@ -161,9 +164,11 @@ def link_histories(
 
 def _root(gram: FloatArray, prior_std: FloatArray) -> FloatArray:
     """F (r, n) with ``F^T F`` the inverse of a Gram matrix with a prior, of the directions that the readings show."""
-    matrix = gram + np.diag(prior_std**-2.0)
-    scale = np.sqrt(matrix.diagonal())
-    values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
+    matrix, scale = unit_diagonal(gram + np.diag(prior_std**-2.0))
+    lower, info = dpotrf(matrix.T, lower=1)
+    if not info and lower.diagonal().min() ** 2 > MIN_PIVOT:
+        return np.asarray(dtrtri(lower, lower=1, overwrite_c=1)[0] / scale)
+    values, vectors = np.linalg.eigh(matrix)
     shown = values > SQUARED_ROUNDING
     return np.asarray((vectors[:, shown] / np.sqrt(values[shown])).T / scale)
 
@@ -199,33 +204,39 @@ def _normal_equations(
 
     The first of the temperatures (n, k) are those by which the arm was identified. Drifts along courses (n, c) are
     rotations and translations of the base and translations of the tip, each of about a millimetre at the tip. The last
-    course is constant: motions of base and tip as a whole.
+    course is constant: motions of base and tip as a whole. Growth and drifts are a few motions, each times functions of
+    time.
     """
-    points = fit.references[0]
-    n, links = len(others), len(grows)
-    gram = np.zeros((n + links * kelvin.shape[1] + N_DRIFTS * courses.shape[1],) * 2)
-    right = np.zeros(len(gram))
+    points, arm, x = fit.references[0], fit.perturbed_chain, fit.coefficients
+    n, links, m = len(others), len(grows), len(points.rows)
     rows_of_all = state.rows(points.rows)
-    one_kelvin = replace(rows_of_all, temperature_degC=np.full(len(points.rows), REFERENCE_DEGC + 1))
-    both = np.zeros((0, 3, len(points.rows)))
+    one_kelvin = replace(rows_of_all, temperature_degC=np.full(m, REFERENCE_DEGC + 1))
+    both = np.zeros((0, 3, m))
     if courses.shape[1]:
-        of_base, of_tip = (
-            fit.perturbed_chain.motion_derivatives(rows_of_all, fit.coefficients, place)
-            for place in (0, fit.chain.n_joints + 1)
-        )
+        of_base, of_tip = (arm.motion_derivatives(rows_of_all, x, place) for place in (0, fit.chain.n_joints + 1))
         of_base[:, :3] /= fit.chain.reach or 1.0
         both = np.concatenate([of_base, of_tip[:, 3:]], axis=1).transpose(1, 2, 0)
-    for rows, _, columns in fit.perturbed_chain.derivatives(one_kelvin, fit.coefficients):
-        warmer = kelvin[points.rows[rows]]
-        by_growth = columns[grows] * warmer.T[:, None, None]
-        drifts = [course * both[:, :, rows] for course in courses[points.rows[rows]].T]
-        design = np.concatenate([columns[others], *by_growth, *drifts]) * points.weights[:, rows]
-        design = design.reshape(len(design), -1)
-        left = (points.residuals * points.weights)[:, rows].ravel()
-        left = left - design[:n].T @ fit.coefficients[others] - design[n : n + links].T @ fit.coefficients[grows]
-        gram += design @ design.T
-        right += design @ left
-    return gram, right
+    growths, drifts = np.arange(links), links + np.arange(len(both))
+    motion = np.concatenate([np.tile(growths, kelvin.shape[1]), np.tile(drifts, courses.shape[1])])
+    over_time = np.concatenate([kelvin.T.repeat(links, axis=0), courses.T.repeat(len(both), axis=0)])[:, points.rows]
+    site_of, row_of = arm.of_coefficient
+    sums = GaussNewtonSums(arm.sites, len(x), 0, m)
+    across, among, right = np.zeros((len(x), len(motion))), np.zeros((len(motion),) * 2), np.zeros(n + len(motion))
+    for rows, _, along_sites, values in arm.site_derivatives(one_kelvin, x):
+        weights, in_time, by_site = points.weights[:, rows], over_time[:, rows], arm.by_site(values)
+        residuals, weighed = weights * points.residuals[:, rows], along_sites * weights
+        sums.add(residuals, weighed, by_site, one_kelvin.joint_angles[rows])
+        grown = weighed[site_of[grows]] * values[row_of[grows]][:, None]
+        motions = np.concatenate([grown, both[:, :, rows] * weights])
+        design = (motions[motion] * in_time[:, None]).reshape(len(motion), -1)
+        among += design @ design.T
+        right[n:] += design @ residuals.ravel()
+        for site, products, own in zip(arm.sites, np.einsum("skm,dkm->sdm", weighed, motions), by_site, strict=True):
+            across[site.columns] += own @ (products[motion] * in_time).T
+    equations = sums.equations()
+    gram = np.block([[equations.head[np.ix_(others, others)], across[others]], [across[others].T, among]])
+    right[:n] = equations.gradient[others]
+    return gram, right - gram[:, :n] @ x[others] - gram[:, n : n + links] @ x[grows]
 
 
 def _shares(degC: FloatArray, links_degC: FloatArray) -> FloatArray:
