@@ -10,8 +10,8 @@ third of the product with the columns of J. Sites with few functions are such co
 them. With these first, and the sites with many functions one after the other, Cholesky's F is an upper triangle, and
 F_s has as many rows as it and those before it have columns.
 
-Data of the normal matrix G that are taken back leave the covariance ``(Sigma^-1 - G)^-1``, whose root is again such a
-triangle: one factorisation, however many the data are.
+Data of the normal matrix G that are taken back leave the covariance ``(Sigma^-1 - G)^-1``: one factorisation, however
+many the data are.
 
 Source of the factor: G. H. Golub, C. F. Van Loan, "Matrix Computations", 4th ed., section 4.2; of the iteration,
 section 7.3.
@@ -26,9 +26,9 @@ from itertools import combinations_with_replacement, pairwise
 from typing import NamedTuple, Self
 
 import numpy as np
-from scipy.linalg import LinAlgError, cholesky, solve_triangular
+from scipy.linalg import solve_triangular
 from scipy.linalg.blas import dtrmm
-from scipy.linalg.lapack import dtrtri
+from scipy.linalg.lapack import dpotrf, dpotri, dtrtri
 
 from truearm.identification.estimation.perturbed_chain import (
     FEW,
@@ -38,7 +38,7 @@ from truearm.identification.estimation.perturbed_chain import (
     as_slice,
     chunks,
 )
-from truearm.solve.square_roots import covariance_factor, unit_diagonal
+from truearm.solve.square_roots import covariance_factor
 from truearm.solve.trigonometric_sums import Multiples, bilinear_form, is_cheaper
 from truearm.typing import FloatArray, IntArray
 
@@ -51,26 +51,28 @@ FEWEST, ROUNDS, FARTHER = 32, 4, 3.0
 LEAST_SHARE = 1e-10
 # Readings whose products stay in the cache of a core, of some 200 coefficients.
 PIECE = 192
+# Rows and columns that are transposed at once.
+BLOCK = 128
 
 
 class _Part(NamedTuple):
-    """Some coefficients with the sites and functions whose products are their derivatives, and their columns of F.
+    """Some coefficients, of a span of their order, with the sites and functions whose products are their derivatives.
 
     A part of one site may be a series of harmonics.
     """
 
+    span: slice
     coefficients: IntArray
     sites: IntArray
     functions: IntArray | slice
-    columns: FloatArray
     series: HarmonicSeries | None
 
 
 @dataclass(frozen=True, eq=False)
 class CovarianceRoot:
-    """F with ``F^T F`` the covariance of the coefficients, in parts by the sites of their terms.
+    """The covariance of the coefficients and F with ``F^T F`` equal to it, in parts by the sites of their terms.
 
-    Its rows are independent causes of variance one, in an order of their own.
+    The rows of F are independent causes of variance one, in an order of their own.
 
     Attributes
     ----------
@@ -79,14 +81,14 @@ class CovarianceRoot:
         The coefficients that are uncertain; those of sites with few functions first, then site by site.
     wide : tuple of slice
         Of each site with many functions among them.
-    factor : (n_rows, p) array
-        F in that order.
+    covariance : (p, p) array
+        In that order.
     """
 
     perturbed_chain: PerturbedChain
     order: IntArray
     wide: tuple[slice, ...]
-    factor: FloatArray
+    covariance: FloatArray
 
     @classmethod
     def of(cls, covariance: FloatArray, perturbed_chain: PerturbedChain) -> Self:
@@ -99,12 +101,17 @@ class CovarianceRoot:
         order = np.concatenate([uncertain[~is_wide[site_of[uncertain]]], *wide])
         stops = len(order) - np.cumsum([0, *map(len, wide[::-1])])[::-1]
         spans = tuple(slice(int(start), int(stop)) for start, stop in pairwise(stops))
-        return cls(perturbed_chain, order, spans, covariance_factor(covariance[np.ix_(order, order)]))
+        return cls(perturbed_chain, order, spans, covariance[np.ix_(order, order)])
+
+    @cached_property
+    def factor(self) -> FloatArray:
+        """(n_rows, p) F in that order."""
+        return covariance_factor(self.covariance)
 
     @property
     def n_rows(self) -> int:
         """One for each coefficient that is uncertain."""
-        return len(self.factor)
+        return len(self.order)
 
     @cached_property
     def is_triangle(self) -> bool:
@@ -113,30 +120,24 @@ class CovarianceRoot:
 
     @cached_property
     def _information(self) -> FloatArray:
-        """(p, p) the inverse of the covariance, of a triangle, from the last coefficient to the first."""
+        """(p, p) the inverse of the covariance, of a triangle."""
         inverse = dtrtri(self.factor)[0]
-        return np.ascontiguousarray((inverse @ inverse.T)[::-1, ::-1])
+        return np.asarray(inverse @ inverse.T)
 
     def without(self, gram: FloatArray) -> Self | None:
-        """The root of the covariance without data of the normal matrix (n_coefficients, n_coefficients).
+        """The same without data of the normal matrix (n_coefficients, n_coefficients).
 
         None where they leave nothing to rounding, and where the covariance itself is singular.
         """
         if not self.is_triangle:
             return None
-        backwards = self.order[::-1]
-        information = self._information - gram.take(backwards, 0).take(backwards, 1)
-        if not (information.diagonal() > 0).all():
+        information = gram.take(self.order, 0).take(self.order, 1)
+        np.subtract(self._information, information, out=information)
+        # The transpose of a symmetric matrix is in the order of columns that LAPACK works on without a copy.
+        lower, info = dpotrf(information.T, lower=1, overwrite_a=1)
+        if info:
             return None
-        matrix, scale = unit_diagonal(information)
-        try:
-            # With A = U U^T, U an upper triangle, A^-1 = F^T F with F = U^-1: Cholesky's L, from the last row upwards.
-            # The transpose of a symmetric matrix is in the order of columns that LAPACK works on without a copy.
-            lower = cholesky(matrix.T, lower=True, overwrite_a=True, check_finite=False)
-        except LinAlgError:
-            return None
-        inverse = dtrtri(lower, lower=1, overwrite_c=1)[0]
-        return replace(self, factor=np.ascontiguousarray((inverse.T[::-1, ::-1] / scale[::-1, None]).T))
+        return replace(self, covariance=_both_triangles(dpotri(lower, lower=1, overwrite_c=1)[0].T))
 
     def shift(self, whole: Self, gradient: FloatArray, least: float) -> FloatArray:
         """(n_coefficients,) the change of the coefficients where data of a gradient are taken back.
@@ -145,9 +146,12 @@ class CovarianceRoot:
         a small share of that without; it counts as `least`.
         """
         found, own = np.zeros(len(gradient)), gradient[self.order]
-        share, directions = self._weakest(whole, least)
-        too_far = (1 / share - 1 / np.maximum(share, least)) * (directions.T @ (whole.factor @ own))
-        found[self.order] = self.factor.T @ (self.factor @ own) - whole.factor.T @ (directions @ too_far)
+        found[self.order] = self.covariance @ own
+        # Ratios of the variances are 1 or more, and all of them together are this sum.
+        if np.vdot(self.covariance, whole._information) - (len(own) - 1) > 1 / least:
+            share, directions = self._weakest(whole, least)
+            too_far = (1 / share - 1 / np.maximum(share, least)) * (directions.T @ (whole.factor @ own))
+            found[self.order] -= whole.factor.T @ (directions @ too_far)
         return found
 
     def _weakest(self, whole: Self, least: float) -> tuple[FloatArray, FloatArray]:
@@ -155,8 +159,8 @@ class CovarianceRoot:
 
         def ratio_times(found: FloatArray) -> FloatArray:
             """The covariance without the data, in units of that with them, times some directions."""
-            moved = self.factor @ solve_triangular(whole.factor, found, check_finite=False)
-            return np.asarray(solve_triangular(whole.factor, self.factor.T @ moved, trans="T", check_finite=False))
+            moved = self.covariance @ solve_triangular(whole.factor, found, check_finite=False)
+            return np.asarray(solve_triangular(whole.factor, moved, trans="T", check_finite=False))
 
         return least_shares(ratio_times, len(self.order), least)
 
@@ -175,19 +179,19 @@ class CovarianceRoot:
         (n_rows, k, m) array
         """
         _, k, m = along_sites.shape
-        narrow, *wide = self._parts
+        (narrow, *wide), (of_few, *of_many) = self._parts, self._columns
         columns = along_sites[narrow.sites]
         columns *= values[narrow.functions, None]
         flat = columns.reshape(len(columns), k * m)
         if m > FEW and self.is_triangle:  # in place, with half the multiplications: both count by columns
-            found = dtrmm(1.0, narrow.columns.T, flat.T, side=1, lower=1, overwrite_b=1).T
+            found = dtrmm(1.0, of_few.T, flat.T, side=1, lower=1, overwrite_b=1).T
         else:
-            found = narrow.columns.dot(flat)
+            found = of_few.dot(flat)
         out = found.reshape(-1, k, m)
         if wide:
             out = np.concatenate([out, np.zeros((self.n_rows - len(out), k, m))])
-        for part in wide:
-            by_function = part.columns @ values[part.functions]
+        for part, own in zip(wide, of_many, strict=True):
+            by_function = own @ values[part.functions]
             for coordinate, along in enumerate(along_sites[part.sites[0]]):
                 out[: len(by_function), coordinate] += along * by_function
         return out
@@ -260,14 +264,20 @@ class CovarianceRoot:
     def _blocks(self) -> dict[tuple[int, int], FloatArray]:
         """The covariance of the coefficients of every part with those of itself and each later one."""
         pairs = combinations_with_replacement(enumerate(self._parts), 2)
-        return {(o, n): one.columns.T @ other.columns[: len(one.columns)] for (o, one), (n, other) in pairs}
+        return {(o, n): np.ascontiguousarray(self.covariance[one.span, other.span]) for (o, one), (n, other) in pairs}
 
     def times_matrix(self, matrix: FloatArray) -> FloatArray:
         """``F @ matrix`` of a matrix (n_coefficients, q): (n_rows, q)."""
         out = np.zeros((self.n_rows, matrix.shape[1]))
-        for part in self._parts:
-            out[: len(part.columns)] += part.columns @ matrix[part.coefficients]
+        for part, columns in zip(self._parts, self._columns, strict=True):
+            out[: len(columns)] += columns @ matrix[part.coefficients]
         return out
+
+    @cached_property
+    def _columns(self) -> list[FloatArray]:
+        """Columns of F of each part, down to the diagonal of a triangle."""
+        spans = [part.span for part in self._parts]
+        return [np.ascontiguousarray(self.factor[: span.stop if self.is_triangle else None, span]) for span in spans]
 
     @cached_property
     def _parts(self) -> list[_Part]:
@@ -277,12 +287,21 @@ class CovarianceRoot:
         parts = []
         for span in (slice(0, n_narrow), *self.wide):
             coefficients = self.order[span]
-            columns = np.ascontiguousarray(self.factor[: span.stop if self.is_triangle else None, span])
             sites = site_of[coefficients]
             site = self.perturbed_chain.sites[sites[0]] if span in self.wide else None
             series = site.series if site is not None and len(site.columns) == len(coefficients) else None
-            parts.append(_Part(coefficients, sites, as_slice(row_of[coefficients]), columns, series))
+            parts.append(_Part(span, coefficients, sites, as_slice(row_of[coefficients]), series))
         return parts
+
+
+def _both_triangles(matrix: FloatArray) -> FloatArray:
+    """A symmetric matrix of which the triangle above the diagonal was computed; in place."""
+    for start in range(0, len(matrix), BLOCK):
+        rows = slice(start, start + BLOCK)
+        matrix[rows, :start] = matrix[:start, rows].T
+        own = np.triu(matrix[rows, rows])
+        matrix[rows, rows] = own + np.triu(own, 1).T
+    return matrix
 
 
 def least_shares(
