@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import pairwise
-from typing import Annotated, Any, Self, TypeVar, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, NamedTuple, Self, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
 import numpy.typing as npt
@@ -52,7 +52,7 @@ class Basis:
     def __post_init__(self) -> None:
         kind: Any = type(self)
         for field, form in _forms(kind).items():
-            object.__setattr__(self, field, _settled(field, getattr(self, field), form))
+            object.__setattr__(self, field, form.settled(field, getattr(self, field)))
 
     @property
     def n_functions(self) -> int:
@@ -275,6 +275,16 @@ class Harmonics(Basis):
         if any(a >= b for a, b in pairwise(self.orders)):
             raise InputError(f"expected rising orders, got {_short(self.orders)}")
 
+    @property
+    def n_functions(self) -> int:
+        """Two for each order."""
+        return 2 * len(self.orders)
+
+    @property
+    def inputs(self) -> frozenset[str]:
+        """The angle alone."""
+        return frozenset({"angle"})
+
     def labels(self) -> tuple[str, ...]:
         """Two functions for each order."""
         multiples = [f"{k} J{self.joint}" if k > 1 else f"J{self.joint}" for k in self.orders]
@@ -427,36 +437,49 @@ class Column(Basis):
         return (Expression.column(self.name),)
 
 
+class _Form(NamedTuple):
+    """A type of this module that a field has: a number or text between limits, or a tuple of such."""
+
+    kind: type
+    lowest: int
+    highest: int
+    each: _Form | None
+
+    @classmethod
+    def of(cls, annotated: Any) -> _Form:
+        kind, about = get_args(annotated)
+        lowest, highest = (0, 0) if kind is float else (dataclasses.astuple(limit)[0] for limit in about.metadata)
+        return cls(kind, lowest, highest, cls.of(get_args(kind)[0]) if get_origin(kind) is tuple else None)
+
+    def settled(self, field: str, value: object) -> Any:
+        """The value of a field as a file can store it, checked."""
+        lowest, highest = self.lowest, self.highest
+        if self.each is not None:
+            if not isinstance(value, tuple) or not lowest <= len(value) <= highest:
+                raise InputError(f"expected a tuple of {field}, {lowest} to {highest} of them, got {_short(value)}")
+            return tuple(self.each.settled(field, one) for one in value)
+        value = plain(value)
+        if self.kind is str:
+            if not isinstance(value, str) or not lowest <= len(value) <= highest:
+                raise InputError(f"expected a {field} as text of {lowest} to {highest} characters, got {_short(value)}")
+            return value
+        if self.kind is float:
+            if not isinstance(value, int | float) or isinstance(value, bool) or not np.isfinite(value):
+                raise InputError(f"expected {field} as a finite number, got {_short(value)}")
+            return float(value)
+        if not isinstance(value, int) or isinstance(value, bool) or not lowest <= value <= highest:
+            raise InputError(f"expected {field} as whole numbers, {lowest} to {highest}, got {_short(value)}")
+        return value
+
+
 @cache
-def _forms(basis: type[Basis]) -> dict[str, Any]:
+def _forms(basis: type[Basis]) -> dict[str, _Form]:
     """Types of this module that fields have, by name; a user's own class checks its other fields itself."""
     try:
         hints = get_type_hints(basis, include_extras=True)
     except NameError:  # of a user's own class, types that only its function knows
         return {}
-    return {name: form for name, form in hints.items() if any(form is one for one in _CHECKED)}
-
-
-def _settled(field: str, value: object, form: Any) -> Any:
-    """The value of a field as a file can store it, checked against its type."""
-    kind, about = get_args(form)
-    lowest, highest = (0, 0) if kind is float else (dataclasses.astuple(limit)[0] for limit in about.metadata)
-    if get_origin(kind) is tuple:
-        if not isinstance(value, tuple) or not lowest <= len(value) <= highest:
-            raise InputError(f"expected a tuple of {field}, {lowest} to {highest} of them, got {_short(value)}")
-        return tuple(_settled(field, one, get_args(kind)[0]) for one in value)
-    value = plain(value)
-    if kind is str:
-        if not isinstance(value, str) or not lowest <= len(value) <= highest:
-            raise InputError(f"expected a {field} as text of {lowest} to {highest} characters, got {_short(value)}")
-        return value
-    if kind is float:
-        if not isinstance(value, int | float) or isinstance(value, bool) or not np.isfinite(value):
-            raise InputError(f"expected {field} as a finite number, got {_short(value)}")
-        return float(value)
-    if not isinstance(value, int) or isinstance(value, bool) or not lowest <= value <= highest:
-        raise InputError(f"expected {field} as whole numbers, {lowest} to {highest}, got {_short(value)}")
-    return value
+    return {name: _Form.of(form) for name, form in hints.items() if any(form is one for one in _CHECKED)}
 
 
 def _short(value: object) -> str:
