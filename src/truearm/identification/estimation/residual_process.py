@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import combinations_with_replacement
 from typing import NamedTuple
 
 import numpy as np
@@ -151,10 +152,13 @@ def _information(
         by_axis = np.einsum("acm,scm->sam", along[:, :, rows], along_sites)
         for site, by, value in zip(chain.sites, by_axis, chain.by_site(of_chain), strict=True):
             across[:, site.columns] += (by[:, None] * value) @ together[:, rows].T
-        for axis, other in np.ndindex(3, 3):
+        for axis, other in combinations_with_replacement(range(3), 2):
             product = axes[other] @ along[axis][:, rows]
             for own, value in zip(information, values, strict=True):
-                own[axis, :, other] += (product * value[:, rows]) @ value[:, rows].T
+                block = (product * value[:, rows]) @ value[:, rows].T
+                own[axis, :, other] += block
+                if other > axis:  # symmetric, as the product is
+                    own[other, :, axis] += block
     across = across.transpose(1, 0, 2)
     # With the covariance by all readings A would not be that of a least squares fit, and could be negative. References
     # of other kinds are left out: the other terms take over rather more.

@@ -31,6 +31,7 @@ from functools import cached_property
 from typing import Literal, NamedTuple
 
 import numpy as np
+from scipy.linalg.lapack import dormqr
 from scipy.sparse import csr_array, eye_array, triu
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
@@ -224,9 +225,9 @@ class _Readings:
 
     @cached_property
     def _smooth(self) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-        """Cubic functions of each joint and distances from some poses, (n, p), and their weighed factors Q and R.
+        """Cubic functions of each joint and distances from some poses, (n, p), and their weighed factorisation.
 
-        None where too few readings would determine them.
+        As LAPACK keeps it, by reflections. None where too few readings would determine them.
         """
         z = _standardized(self.angles)
         smooth = np.hstack([np.ones((len(z), 1)), z, z**2, z**3])
@@ -235,15 +236,17 @@ class _Readings:
             return None
         centres = z[np.linspace(0, len(z) - 1, n_centres, dtype=int)]
         smooth = np.hstack([smooth, cdist(z, centres)])
-        return smooth, *np.linalg.qr(np.sqrt(self.weights.mean(axis=1))[:, None] * smooth)
+        reflectors, scales = np.linalg.qr(np.sqrt(self.weights.mean(axis=1))[:, None] * smooth, mode="raw")
+        return smooth, reflectors.T, scales
 
     def less_smooth(self, residuals: FloatArray) -> FloatArray:
         """Residuals less what is smooth in the joints."""
         if self._smooth is None:
             return residuals
-        smooth, q, r = self._smooth
-        along = q.T @ (np.sqrt(self.weights.mean(axis=1))[:, None] * residuals)
-        return np.asarray(residuals - smooth @ np.linalg.lstsq(r, along, rcond=1e-9)[0])
+        smooth, reflectors, scales = self._smooth
+        p, weighed = smooth.shape[1], np.sqrt(self.weights.mean(axis=1))[:, None] * residuals
+        along = dormqr("L", "T", reflectors, scales, weighed, lwork=64 * p)[0][:p]
+        return np.asarray(residuals - smooth @ np.linalg.lstsq(np.triu(reflectors[:p]), along, rcond=1e-9)[0])
 
     def weighed(self, columns: FloatArray) -> FloatArray:
         """(n, 3, p) columns times their weights."""
