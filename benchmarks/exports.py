@@ -21,7 +21,7 @@ import numpy as np
 from benchmarks.held_out import split, three_figures
 from benchmarks.rows import ROOT, RowResult, Rows, Target, scratch, times_of_each
 from truearm.arm import load_arm
-from truearm.arm.ur_kinematics import ur_hash, ur_kinematics_text
+from truearm.arm.ur_kinematics import ur_hash
 from truearm.compensation.export import (
     c_source,
     constants,
@@ -34,6 +34,7 @@ from truearm.compensation.export import (
 )
 from truearm.compensation.export.reduced_covariance import sample_trained_region
 from truearm.compensation.export.rigid_arm import best_rigid_arm
+from truearm.compensation.export.ur_kinematics import ur_kinematics_text
 from truearm.compensation.models import KinematicModel, PhysicalModel, load_model
 from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.targets.manifest import Manifest, check_joints

@@ -16,13 +16,13 @@ from benchmarks.rows import RowResult, Rows
 from truearm import datasets
 from truearm.arm import load_arm
 from truearm.compensation.models import PhysicalModel
-from truearm.identification.estimation.diagnostics import JointError, effects, joint_error
 from truearm.identification.judgement.outliers import outliers
 from truearm.identification.references.reading_references import state_of
 from truearm.identification.terms import GravityTorque
 from truearm.pages.plotting import save_figure
 from truearm.readings import Session
 from truearm.show.joint_error_figure import joint_error_figure
+from truearm.show.term_effects import JointError, effects, joint_error
 
 ROWS = Rows()
 ARCSEC = np.degrees(1.0) * 3600

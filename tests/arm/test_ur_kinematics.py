@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 import truearm as ta
 from truearm.arm import chain_from_dh, read_ur_kinematics
 from truearm.arm.rigid_motions import screw_x, screw_z
-from truearm.arm.ur_kinematics import JOINTS, LINKS, ur_hash, ur_kinematics_text
+from truearm.arm.ur_kinematics import JOINTS, LINKS, ur_hash
+from truearm.compensation.export.ur_kinematics import ur_kinematics_text
 from truearm.errors import InputError
 from truearm.files.yaml_reader import MAX_DEPTH, parse_yaml, yaml_number
 

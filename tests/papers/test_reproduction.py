@@ -12,6 +12,7 @@ import pytest
 
 from truearm.arm import load_arm
 from truearm.compensation.models import NominalModel
+from truearm.compensation.models.network import TRAINERS
 from truearm.errors import InputError
 from truearm.papers.gao2017.final_test import poses_outside
 from truearm.papers.gao2017.reproduction import GOAL_MET, _reason, arm_pose, reproduce, verdict
@@ -20,7 +21,6 @@ from truearm.papers.gao2017.tables import TABLES
 from truearm.papers.gao2017.training import (
     CURVE_POINTS,
     TEST_STREAM,
-    TRAINERS,
     TRAINING_STREAM,
     machine_data,
     run_training,

@@ -5,7 +5,6 @@ import pytest
 
 from html_outline import Outline
 from truearm.compensation.models.uncertainty import UncertaintyBudget
-from truearm.identification.estimation.diagnostics import Effect, JointError
 from truearm.identification.judgement.held_out_errors import HeldOutErrors
 from truearm.identification.judgement.outliers import Outlier
 from truearm.pages.html import render
@@ -20,6 +19,7 @@ from truearm.show.identification_sections import (
 )
 from truearm.show.joint_error_figure import joint_error_figure
 from truearm.show.seat_page import SeatComparison, seats_page
+from truearm.show.term_effects import Effect, JointError
 
 ARCSEC = np.pi / 180 / 3600
 

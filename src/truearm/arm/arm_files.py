@@ -50,7 +50,6 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validat
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.arm.denavit_hartenberg import (
-    Convention,
     DHTable,
     Kind,
     chain_from_dh,
@@ -62,6 +61,7 @@ from truearm.arm.masses import LinkMasses, PointMass, combine_point_masses
 from truearm.arm.rigid_motions import frame_from_xyz_rpy, xyz_rpy_from_frame
 from truearm.arm.ur_kinematics import read_ur_kinematics
 from truearm.arm.urdf import read_urdf, write_urdf
+from truearm.choices import Convention
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.file_reading import parse_file

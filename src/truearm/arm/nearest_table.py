@@ -14,8 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from truearm.arm.chain import Chain
-from truearm.arm.denavit_hartenberg import Convention, DHTable, motion_across
+from truearm.arm.denavit_hartenberg import DHTable, motion_across
 from truearm.arm.rigid_motions import screw_z
+from truearm.choices import Convention
 from truearm.errors import InputError
 from truearm.typing import FloatArray
 

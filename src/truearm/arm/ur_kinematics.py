@@ -23,11 +23,11 @@ from scipy.spatial.transform import Rotation
 
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
-from truearm.arm.rigid_motions import frame_from_xyz_rpy, xyz_rpy_from_frame
+from truearm.arm.rigid_motions import frame_from_xyz_rpy
 from truearm.arm.urdf_tree import MM_PER_M
 from truearm.errors import InputError
 from truearm.files.file_reading import parse_file
-from truearm.files.yaml_reader import YamlNode, parse_yaml, yaml_number
+from truearm.files.yaml_reader import YamlNode, parse_yaml
 from truearm.typing import FloatArray
 
 LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
@@ -98,26 +98,6 @@ def ur_hash(arm: Arm) -> str | None:
     """The hash of the kinematics yaml that an arm was read from; None of any other."""
     prefix, _, found = arm.source.partition(", ")
     return found if prefix == SOURCE and _HASH.fullmatch(found) else None
-
-
-def ur_kinematics_text(links: Sequence[FloatArray], calibration_hash: str) -> str:
-    """The content of a kinematics yaml, angles as a URDF reads them.
-
-    Parameters
-    ----------
-    links : sequence of six (4, 4) arrays
-        Pose of each link in the one before [mm].
-    calibration_hash : str
-        The robot's own.
-    """
-    if not _HASH.fullmatch(calibration_hash):
-        raise InputError(f"expected a hash as calib_3437785250745286433, got {calibration_hash[:60]!r}")
-    lines = ["kinematics:"]
-    for name, frame in zip(LINKS, links, strict=True):
-        xyz, rpy = xyz_rpy_from_frame(frame)
-        numbers = zip(("x", "y", "z", "roll", "pitch", "yaw"), (*(xyz / MM_PER_M), *rpy), strict=True)
-        lines += [f"  {name}:", *(f"    {key}: {yaml_number(value)}" for key, value in numbers)]
-    return "\n".join([*lines, f"  hash: {calibration_hash}", ""])
 
 
 def _title(name: str, links: Sequence[FloatArray]) -> str:

@@ -10,6 +10,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from truearm.arm.chain import Chain
 from truearm.arm.masses import PointMass, combine_point_masses
 from truearm.arm.rigid_motions import screw_z, xyz_rpy_from_frame
 from truearm.arm.urdf_ends import find_ends
-from truearm.arm.urdf_tree import MM_PER_M, UrdfJoint, UrdfTree, axis_rotation, limits_of, origin_of
+from truearm.arm.urdf_tree import MM_PER_M, UrdfJoint, UrdfTree
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.file_reading import parse_file
@@ -60,10 +61,9 @@ def read_urdf(path: str | Path, *, base: str | None = None, tip: str | None = No
     """
 
     def parsed(content: bytes) -> Arm:
-        tree = UrdfTree(parse_xml(content))
-        ends = find_ends(tree, base, tip)
-        arm = arm_of_joints(tree, tree.path(ends.base, ends.tip))
-        remarks = [f"{ends.remark}; {Path(path).name}::LINK takes another."] if ends.remark else []
+        chain = urdf_chain(content, base, tip)
+        arm = chain.arm()
+        remarks = [f"{chain.remark}; {Path(path).name}::LINK takes another."] if chain.remark else []
         if arm.chain.coupling is not None:
             unread = ", ".join(np.array(arm.joint_names)[~arm.chain.is_read])
             remarks.append(
@@ -74,46 +74,61 @@ def read_urdf(path: str | Path, *, base: str | None = None, tip: str | None = No
     return parse_file(path, parsed, limit_bytes=MAX_BYTES)
 
 
-def arm_of_joints(tree: UrdfTree, joints: list[UrdfJoint]) -> Arm:
-    """The arm with the joints of a path through the tree; errors as in `read_urdf`."""
-    robot = tree.robot
-    fixed, prismatic, names, limits = [np.eye(4)], [], [], []
-    lumps: list[PointMass] = []
-    for joint in joints:
-        fixed[-1] = fixed[-1] @ origin_of(joint)
-        if joint.is_moving:
-            turn = axis_rotation(joint)
-            fixed[-1] = fixed[-1] @ turn
-            fixed.append(turn.T)
-            prismatic.append(joint.kind == "prismatic")
-            names.append(joint.name)
-            is_read = child(joint.element, "mimic") is None  # no encoder of its own
-            limits.append(limits_of(joint) if is_read else (-np.inf, np.inf))
-        inertial = child(tree.links[joint.child], "inertial")
-        if inertial is not None and names:  # a mass that does not move has no effect
-            mass, centre = _mass_of(joint.child, inertial)
-            lumps.append(PointMass(len(names), mass, fixed[-1][:3, :3] @ centre + fixed[-1][:3, 3]))
-    if not names:
-        raise InputError("there is no moving joint between the base and the tip")
-    lower, upper = np.array(limits).T
-    fixed, coupling = _coupled(joints, fixed)
-    extra, known = child(robot, "truearm"), {joint.name for joint in tree.joints}
-    gravity = None
-    if extra is not None and "gravity_in_base" in extra.attrib:
-        gravity = float_attribute(extra, "gravity_in_base", "the direction of gravity", 3)
-    return Arm(
-        name=attribute(robot, "name"),
-        chain=Chain(np.array(fixed), np.zeros(3), np.array(prismatic), coupling),
-        title="" if extra is None else extra.get("title", ""),
-        joint_names=tuple(names),
-        lower=lower,
-        upper=upper,
-        working_pose=_working_pose(extra, known, names, np.array(prismatic), np.clip(0.0, lower, upper)),
-        source="" if extra is None else extra.get("source", ""),
-        serial_number="" if extra is None else extra.get("serial_number", ""),
-        masses=combine_point_masses(lumps, len(names)),
-        gravity_in_base=gravity,
-    )
+class UrdfChain(NamedTuple):
+    """A URDF and the joints between two of its links, with a remark on the choice of the links if there was one."""
+
+    tree: UrdfTree
+    joints: list[UrdfJoint]
+    remark: str
+
+    def arm(self) -> Arm:
+        """The arm with these joints; errors as in `read_urdf`."""
+        tree, joints = self.tree, self.joints
+        robot = tree.robot
+        fixed, prismatic, names, limits = [np.eye(4)], [], [], []
+        lumps: list[PointMass] = []
+        for joint in joints:
+            fixed[-1] = fixed[-1] @ joint.origin
+            if joint.is_moving:
+                turn = joint.axis_rotation
+                fixed[-1] = fixed[-1] @ turn
+                fixed.append(turn.T)
+                prismatic.append(joint.kind == "prismatic")
+                names.append(joint.name)
+                is_read = child(joint.element, "mimic") is None  # no encoder of its own
+                limits.append(joint.limits if is_read else (-np.inf, np.inf))
+            inertial = child(tree.links[joint.child], "inertial")
+            if inertial is not None and names:  # a mass that does not move has no effect
+                mass, centre = _mass_of(joint.child, inertial)
+                lumps.append(PointMass(len(names), mass, fixed[-1][:3, :3] @ centre + fixed[-1][:3, 3]))
+        if not names:
+            raise InputError("there is no moving joint between the base and the tip")
+        lower, upper = np.array(limits).T
+        fixed, coupling = _coupled(joints, fixed)
+        extra, known = child(robot, "truearm"), {joint.name for joint in tree.joints}
+        gravity = None
+        if extra is not None and "gravity_in_base" in extra.attrib:
+            gravity = float_attribute(extra, "gravity_in_base", "the direction of gravity", 3)
+        return Arm(
+            name=attribute(robot, "name"),
+            chain=Chain(np.array(fixed), np.zeros(3), np.array(prismatic), coupling),
+            title="" if extra is None else extra.get("title", ""),
+            joint_names=tuple(names),
+            lower=lower,
+            upper=upper,
+            working_pose=_working_pose(extra, known, names, np.array(prismatic), np.clip(0.0, lower, upper)),
+            source="" if extra is None else extra.get("source", ""),
+            serial_number="" if extra is None else extra.get("serial_number", ""),
+            masses=combine_point_masses(lumps, len(names)),
+            gravity_in_base=gravity,
+        )
+
+
+def urdf_chain(content: bytes, base: str | None, tip: str | None) -> UrdfChain:
+    """The chain between two links in the content of a URDF; parameters and errors as of `read_urdf`."""
+    tree = UrdfTree(parse_xml(content))
+    ends = find_ends(tree, base, tip)
+    return UrdfChain(tree, tree.path(ends.base, ends.tip), ends.remark)
 
 
 def _coupled(joints: list[UrdfJoint], fixed: list[FloatArray]) -> tuple[list[FloatArray], FloatArray | None]:

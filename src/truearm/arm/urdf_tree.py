@@ -42,6 +42,57 @@ class UrdfJoint:
         """Whether it turns or slides."""
         return self.kind != "fixed"
 
+    @property
+    def origin(self) -> FloatArray:
+        """Frame of the joint in its parent link [mm]; refuse joints that a serial chain cannot have."""
+        if self.kind not in (*MOVING, "fixed"):
+            raise InputError(
+                f"joint {self.name!r} is {self.kind}: a chain has {', '.join(MOVING)} and fixed joints",
+                line=self.element.line,
+            )
+        origin = child(self.element, "origin")
+        if origin is None:
+            return np.eye(4)
+        what = f"the origin of joint {self.name!r}"
+        xyz = float_attribute(origin, "xyz", what, 3) if "xyz" in origin.attrib else np.zeros(3)
+        rpy = float_attribute(origin, "rpy", what, 3) if "rpy" in origin.attrib else np.zeros(3)
+        return frame_from_xyz_rpy(MM_PER_M * xyz, rpy)
+
+    @property
+    def axis_rotation(self) -> FloatArray:
+        """(4, 4) rotation of the frame of a moving joint that brings its z axis to the joint's axis."""
+        turn = np.eye(4)
+        turn[:3, :3] = rotation_from_z_to(self._axis)
+        return turn
+
+    @property
+    def _axis(self) -> FloatArray:
+        axis_element = child(self.element, "axis")
+        if axis_element is None:
+            return np.array([1.0, 0.0, 0.0])  # URDF's default
+        axis = float_attribute(axis_element, "xyz", f"the axis of joint {self.name!r}", 3)
+        largest = float(np.abs(axis).max())
+        if not 1e-9 < largest < 1e9:
+            raise InputError(
+                f"the axis of joint {self.name!r} is no direction: its largest component is {largest:g}",
+                line=axis_element.line,
+            )
+        return axis / float(np.linalg.norm(axis))
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Lower and upper limit [rad, or mm]; none where both are zero, which an exporter of CAD writes by default."""
+        limit = child(self.element, "limit")
+        if self.kind == "continuous" or limit is None or not {"lower", "upper"} & set(limit.attrib):
+            return -np.inf, np.inf
+        what = f"the limit of joint {self.name!r}"
+        unit = MM_PER_M if self.kind == "prismatic" else 1.0
+        lower, upper = (
+            unit * float(float_attribute(limit, end, what, 1)[0]) if end in limit.attrib else 0.0
+            for end in ("lower", "upper")
+        )
+        return (lower, upper) if lower or upper else (-np.inf, np.inf)
+
 
 class UrdfTree:
     """The links and joints of a robot.
@@ -132,57 +183,6 @@ def _link_of(joint: Element, end: str) -> str:
     if found is None:
         raise InputError(f"joint {joint.get('name')!r} has no <{end}>", line=joint.line)
     return attribute(found, "link")
-
-
-def origin_of(joint: UrdfJoint) -> FloatArray:
-    """Frame of the joint in its parent link [mm]; refuse joints that a serial chain cannot have."""
-    if joint.kind not in (*MOVING, "fixed"):
-        raise InputError(
-            f"joint {joint.name!r} is {joint.kind}: a chain has {', '.join(MOVING)} and fixed joints",
-            line=joint.element.line,
-        )
-    origin = child(joint.element, "origin")
-    if origin is None:
-        return np.eye(4)
-    what = f"the origin of joint {joint.name!r}"
-    xyz = float_attribute(origin, "xyz", what, 3) if "xyz" in origin.attrib else np.zeros(3)
-    rpy = float_attribute(origin, "rpy", what, 3) if "rpy" in origin.attrib else np.zeros(3)
-    return frame_from_xyz_rpy(MM_PER_M * xyz, rpy)
-
-
-def axis_rotation(joint: UrdfJoint) -> FloatArray:
-    """(4, 4) rotation of the frame of a moving joint that brings its z axis to the joint's axis."""
-    turn = np.eye(4)
-    turn[:3, :3] = rotation_from_z_to(_axis_of(joint))
-    return turn
-
-
-def _axis_of(joint: UrdfJoint) -> FloatArray:
-    axis_element = child(joint.element, "axis")
-    if axis_element is None:
-        return np.array([1.0, 0.0, 0.0])  # URDF's default
-    axis = float_attribute(axis_element, "xyz", f"the axis of joint {joint.name!r}", 3)
-    largest = float(np.abs(axis).max())
-    if not 1e-9 < largest < 1e9:
-        raise InputError(
-            f"the axis of joint {joint.name!r} is no direction: its largest component is {largest:g}",
-            line=axis_element.line,
-        )
-    return axis / float(np.linalg.norm(axis))
-
-
-def limits_of(joint: UrdfJoint) -> tuple[float, float]:
-    """Lower and upper limit [rad, or mm]; none where both are zero, which an exporter of CAD writes by default."""
-    limit = child(joint.element, "limit")
-    if joint.kind == "continuous" or limit is None or not {"lower", "upper"} & set(limit.attrib):
-        return -np.inf, np.inf
-    what = f"the limit of joint {joint.name!r}"
-    unit = MM_PER_M if joint.kind == "prismatic" else 1.0
-    lower, upper = (
-        unit * float(float_attribute(limit, end, what, 1)[0]) if end in limit.attrib else 0.0
-        for end in ("lower", "upper")
-    )
-    return (lower, upper) if lower or upper else (-np.inf, np.inf)
 
 
 def _check_expanded(robot: Element) -> None:

@@ -21,9 +21,6 @@ from truearm.files.file_reading import utf8_text
 MAX_DEPTH = 10
 _NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d{1,4})?", re.ASCII)
 _SHOWN = 60
-_BREAKS = "\u0085\u2028\u2029"
-# Names that YAML 1.1 takes for a truth value or for nothing.
-_NOT_PLAIN = {"y", "n", "yes", "no", "on", "off", "true", "false", "null"}
 
 
 @dataclass(frozen=True)
@@ -164,18 +161,3 @@ def yaml_number(value: float) -> str:
     """A number that every YAML reader takes for one, to the last bit: with a point before an exponent."""
     text = repr(float(value) + 0.0)  # + 0.0: no "-0"
     return text if "e" not in text or "." in text else text.replace("e", ".0e")
-
-
-def yaml_text(text: str) -> str:
-    """A text that every YAML reader takes for one: in double quotes, unless it is a plain name."""
-    plain = re.fullmatch(r"[A-Za-z_][A-Za-z0-9_.-]*", text) and text.lower() not in _NOT_PLAIN
-    return text if plain else f'"{"".join(map(_quoted, text))}"'
-
-
-def _quoted(character: str) -> str:
-    """A character in double quotes: YAML has no pairs of surrogates, and more line breaks."""
-    if character in {'"', "\\"}:
-        return f"\\{character}"
-    if character.isprintable() and character not in _BREAKS:
-        return character
-    return f"\\U{ord(character):08x}"

@@ -19,10 +19,10 @@ import numpy as np
 from scipy.stats import t as student
 
 from truearm.errors import InputError
-from truearm.fleet.type_scatter import ReadingEquations, TypeScatter, type_scatter
 from truearm.identification.estimation.identification_result import IdentificationResult
+from truearm.identification.estimation.type_scatter import ReadingEquations, TypeScatter, type_scatter
 from truearm.identification.references.prepared_readings import PreparedReadings
-from truearm.identification.terms.term import Term
+from truearm.identification.terms import Term
 from truearm.identification.terms.type_prior import HeldOutGain
 from truearm.typing import FloatArray
 

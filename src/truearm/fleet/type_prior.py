@@ -17,7 +17,7 @@ from truearm.errors import InputError, TruearmError
 from truearm.fleet.arm_list import RegisteredArm
 from truearm.fleet.stored_files import local_copy
 from truearm.fleet.type_gain import ArmEquations, estimate_type
-from truearm.fleet.type_scatter import TypeScatter
+from truearm.identification.estimation.type_scatter import TypeScatter
 from truearm.identification.identify import Start, estimate_without_gross_errors
 from truearm.identification.terms import constants
 from truearm.identification.terms.type_prior import (

@@ -102,7 +102,7 @@ from truearm.identification.references.reading_references import (
 from truearm.identification.references.references import Reference
 from truearm.identification.references.session_frames import places_the_frame, session_frame_terms
 from truearm.identification.references.tips import further_tip_terms
-from truearm.identification.sampling import uniform
+from truearm.identification.sampling import joint_travel_limits, spread_angles
 from truearm.identification.terms import (
     ArmState,
     Constant,
@@ -477,8 +477,9 @@ def _likely_elsewhere(
     elastic = estimate(elastic_terms)
     angles = readings.session.angles
     ranges = np.stack([angles.min(axis=0), angles.max(axis=0)], axis=1)
-    poses = uniform(readings.arm, WORKSPACE_POSES, seed=0, slides=ranges)
-    state = at_mean_temperature(readings.typical_state(poses.angles))
+    ends = joint_travel_limits(readings.arm, slides=ranges)
+    poses = spread_angles(*ends, WORKSPACE_POSES, seed=0)
+    state = at_mean_temperature(readings.typical_state(poses))
     least = MAX_EXPECTED_SHARE * rigid.fit.expected_square_error(state)
     is_better = elastic.fit.expected_square_error(state) < least
     what = "terms other than joint compliance" if is_better else "terms that depend on the pose"

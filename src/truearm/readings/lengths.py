@@ -24,6 +24,7 @@ ENDS = ("seat_a", "seat_b")
 NUMBERS = ("length_mm", "u_mm")
 ARTEFACT, PLACE = "artefact", "u_place_mm"
 EXPANSION = ("expansion_per_K", "u_expansion_per_K")
+FORM_COLUMNS = (*ENDS, *NUMBERS, ARTEFACT, *EXPANSION, "note")
 
 PLACE_U_MM = 0.001
 """Default standard uncertainty of the difference of an artefact's length between places [mm].

@@ -21,9 +21,9 @@ from truearm.files.delimited import MAX_BYTES, escape_formula
 from truearm.files.file_lock import lock
 from truearm.files.file_reading import access_error, check_readable
 from truearm.files.spreadsheet_forms import form_of
+from truearm.readings import Session, read_session
 from truearm.readings.files import fields_of_sheet
 from truearm.readings.large_sessions import joined_sessions
-from truearm.readings.session import Session, read_session
 
 Row = Mapping[str, float | str]
 # The shortest time from one fsync to the next: a robot that reports each millisecond does not wait for the disk.

@@ -16,7 +16,7 @@ from truearm.compensation.models.uncertainty import (
     UncertaintyBudget,
     uncertainty_budget,
 )
-from truearm.identification.estimation.diagnostics import Effect, JointError, effects, identifiability, joint_error
+from truearm.identification.estimation.diagnostics import identifiability
 from truearm.identification.judgement.held_out_errors import HeldOutErrors
 from truearm.identification.judgement.outliers import Outlier, outliers
 from truearm.number_format import format_count, format_number, format_percent, format_uncertainty
@@ -24,6 +24,7 @@ from truearm.pages.page import Column, LabelledValue, Section, Table
 from truearm.pages.plotting import Style, styles_of
 from truearm.readings import Session
 from truearm.show.joint_error_figure import ARCSEC, joint_error_figure
+from truearm.show.term_effects import Effect, JointError, effects, joint_error
 
 # Groups with fewer determined coefficients count as pruned.
 LEAST_DETERMINED = 0.5

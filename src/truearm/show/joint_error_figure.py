@@ -10,7 +10,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Drawing
 from matplotlib.ticker import FixedLocator, MaxNLocator
 
-from truearm.identification.estimation.diagnostics import JointError
 from truearm.number_format import format_number
 from truearm.pages.palette import LIMIT
 from truearm.pages.plotting import (
@@ -24,6 +23,7 @@ from truearm.pages.plotting import (
     styles_of,
 )
 from truearm.show.joint_figures import joint_matrix, joint_names
+from truearm.show.term_effects import JointError
 from truearm.typing import FloatArray
 
 ARCSEC = float(np.degrees(1.0) * 3600)  # of a radian

@@ -15,9 +15,10 @@ import truearm as ta
 from truearm.arm import chain_from_dh
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
-from truearm.arm.ur_kinematics import JOINTS, read_ur_kinematics, ur_hash, ur_kinematics_text
+from truearm.arm.ur_kinematics import JOINTS, read_ur_kinematics, ur_hash
 from truearm.compensation.export import constants, deltas, joint_offsets, ur_kinematics
 from truearm.compensation.export.rigid_arm import best_rigid_arm
+from truearm.compensation.export.ur_kinematics import ur_kinematics_text
 from truearm.compensation.targets.manifest import read_manifest
 from truearm.errors import InputError
 from truearm.identification.references.alignment import align

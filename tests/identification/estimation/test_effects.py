@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from test_problem import random_chain, random_state
 
-from truearm.identification.estimation.diagnostics import effects
 from truearm.identification.estimation.identification_result import IdentificationResult, TermGroupResult
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.terms import Constant, Term, constants
 from truearm.identification.terms.catalogue import own_axis, wobble
+from truearm.show.term_effects import effects
 
 
 def identified(chain, terms, coefficients, *, pruned=()) -> IdentificationResult:

@@ -6,7 +6,7 @@ import pytest
 from truearm.arm.catalogue import load_arm
 from truearm.compensation.models import KinematicModel, load_model
 from truearm.errors import ProgramFault
-from truearm.identification.judgement.repeating_residuals import UNKNOWN_SHARE, joint_process
+from truearm.identification.judgement.repeating_residuals import UNKNOWN_SHARE, JointProcess
 from truearm.identification.planning.sampling.measuring import measuring_poses
 from truearm.identification.terms import directions
 from truearm.identification.virtual.presets import ARCSEC
@@ -23,7 +23,7 @@ def shares(share, n_arms, n_readings=80):
         rng = np.random.default_rng([9, seed])
         angles = measuring_poses(ARM, n_readings, seed=seed).angles
         n = 3 * n_readings
-        covariance = share * joint_process(ARM.chain, angles).reshape(n, n) + (1 - share) * np.eye(n)
+        covariance = share * JointProcess(ARM.chain).covariance(angles).reshape(n, n) + (1 - share) * np.eye(n)
         off = STD_MM * np.linalg.cholesky(covariance + 1e-9 * np.eye(n)) @ rng.standard_normal(n)
         points = ARM.chain.tip_in_base(angles) + off.reshape(-1, 3)
         found.append(KinematicModel(ARM).fit_readings(Session(angles, points=points)).repeating_share_)

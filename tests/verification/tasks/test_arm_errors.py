@@ -13,8 +13,7 @@ from truearm.identification.estimation.residual_variance import few_readings_fac
 from truearm.identification.judgement.repeating_residuals import (
     JOINT_VARIANCE_SHARE,
     ORDER,
-    joint_process,
-    unit_displacements,
+    JointProcess,
 )
 from truearm.identification.planning.sampling.measuring import measuring_poses
 from truearm.identification.references.references import Points
@@ -218,10 +217,10 @@ def test_a_field_has_its_size_and_its_correlation():
 def test_a_joint_that_turns_moves_the_tip_across_its_lever():
     """By hand: tip 100 mm from the axis z, at right angles to it the joint's part, three times a coordinate's own."""
     chain = Chain(np.stack([np.eye(4), np.eye(4)]), [100.0, 0.0, 20.0])
-    by_joint, *even = unit_displacements(chain, np.array([[0.0]]))[0]
+    by_joint, *even = JointProcess(chain).unit_displacements(np.array([[0.0]]))[0]
     assert by_joint == pytest.approx([0.0, np.sqrt(3 * JOINT_VARIANCE_SHARE), 0.0], abs=1e-12)
     assert np.array(even) == pytest.approx(np.sqrt(1 - JOINT_VARIANCE_SHARE) * np.eye(3), abs=1e-12)
-    quarter = unit_displacements(chain, np.array([[np.pi / 2]]))[0, 0]
+    quarter = JointProcess(chain).unit_displacements(np.array([[np.pi / 2]]))[0, 0]
     assert quarter == pytest.approx([-np.sqrt(3 * JOINT_VARIANCE_SHARE), 0.0, 0.0], abs=1e-12)
 
 
@@ -231,18 +230,20 @@ def test_joints_share_by_their_levers_and_sliding_ones_by_the_reach():
     outward[0, 3] = 300.0
     chain = Chain(np.stack([np.eye(4), outward, np.eye(4)]), np.zeros(3), np.array([False, True]))
     assert chain.reach == 300.0
-    turning, sliding, *_ = unit_displacements(chain, np.zeros((1, 2)))[0] / np.sqrt(3 * JOINT_VARIANCE_SHARE)
+    turning, sliding, *_ = JointProcess(chain).unit_displacements(np.zeros((1, 2)))[0] / np.sqrt(
+        3 * JOINT_VARIANCE_SHARE
+    )
     assert turning == pytest.approx([0.0, 3 / np.sqrt(10), 0.0])
     assert sliding == pytest.approx([0.0, 0.0, 1 / np.sqrt(10)])
 
 
 def test_a_tip_that_no_joint_moves_has_finite_errors():
     chain = Chain(np.stack([np.eye(4), np.eye(4)]), [0.0, 0.0, 20.0])
-    assert unit_displacements(chain, np.zeros((1, 1)))[0, 0] == pytest.approx(np.zeros(3))
+    assert JointProcess(chain).unit_displacements(np.zeros((1, 1)))[0, 0] == pytest.approx(np.zeros(3))
 
 
 def test_joints_parts_of_an_arm_are_as_its_chain_s_derivatives():
-    joints = unit_displacements(ARM.chain, POSES)[:, :-3]
+    joints = JointProcess(ARM.chain).unit_displacements(POSES)[:, :-3]
     J = ARM.chain.tip_derivatives(POSES).motion_jacobian[:, 1:-1, 2]
     times = np.linalg.norm(joints, axis=(1, 2)) / np.linalg.norm(J, axis=(1, 2))
     assert joints == pytest.approx(times[:, None, None] * J, abs=1e-12)
@@ -252,10 +253,10 @@ def test_joints_parts_of_an_arm_are_as_its_chain_s_derivatives():
 def test_the_drawn_field_has_the_covariance_by_which_readings_are_judged(rng):
     """Pairs of poses that differ in one joint, in all joints, and not at all."""
     poses = np.concatenate([POSES[:2], POSES[:1] + [0.2, 0, 0, 0, 0, 0], POSES[:1] + 0.1])
-    moved = unit_displacements(ARM.chain, poses)
+    moved = JointProcess(ARM.chain).unit_displacements(poses)
     fields = [PoseField.of_joints(ARM.chain, rng).at(poses) for _ in range(4000)]
     drawn = np.array([np.einsum("nki,nk->ni", moved, one).ravel() for one in fields])
-    expected = joint_process(ARM.chain, poses).reshape(12, 12)
+    expected = JointProcess(ARM.chain).covariance(poses).reshape(12, 12)
     assert drawn.T @ drawn / len(drawn) == pytest.approx(expected, abs=0.12)  # 1 / sqrt(4000) is 0.016 times 3
 
 

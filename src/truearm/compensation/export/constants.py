@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from truearm.arm import Chain, DHTable
-from truearm.arm.denavit_hartenberg import Convention
+from truearm.choices import Convention
 from truearm.compensation.export.constants_file import ConstantsFile, ConstantsRequest, reader, writer
 from truearm.compensation.export.constants_table import NOMINAL, ArmConstant, ConstantsTable
 from truearm.compensation.targets.manifest import Manifest

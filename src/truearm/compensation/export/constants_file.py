@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy.typing as npt
 
 from truearm.arm import Arm, Chain
-from truearm.arm.denavit_hartenberg import Convention
+from truearm.choices import Convention
 from truearm.compensation.export.constants_table import ConstantsTable, constants_table
 from truearm.compensation.export.rigid_arm import RigidArm, best_rigid_arm
 from truearm.compensation.models import Compensator

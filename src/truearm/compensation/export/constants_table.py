@@ -17,8 +17,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from truearm.arm import Chain, DHTable, drawn_table, nearest_table
-from truearm.arm.denavit_hartenberg import Convention
 from truearm.arm.nearest_table import NEARLY_PARALLEL, ON_ONE_LINE_MM, drawn_convention
+from truearm.choices import Convention
 from truearm.compensation.export.rigid_arm import RigidArm
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.compensator import FREE_PARTS

@@ -18,8 +18,8 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model, model_validator
 
 from truearm.arm import Chain, DHTable
-from truearm.arm.denavit_hartenberg import Convention
 from truearm.arm.urdf_tree import MM_PER_M
+from truearm.choices import Convention
 from truearm.compensation.export.constants import FORMULAS, ROUNDING, after_comments
 from truearm.compensation.export.constants_file import ConstantsFile, ConstantsRequest, reader, writer
 from truearm.compensation.export.constants_table import ConstantsTable

@@ -7,6 +7,7 @@ written as a URDF's ``<origin>``, they are the best rigid arm: ``origin_1 Rz(q_1
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from functools import partial
 from typing import Final
@@ -19,10 +20,13 @@ from truearm.arm.urdf_tree import MM_PER_M
 from truearm.compensation.export.constants_file import ConstantsFile, ConstantsRequest, reader, writer
 from truearm.compensation.targets.manifest import Manifest
 from truearm.errors import InputError
-from truearm.files.yaml_reader import YamlNode, parse_yaml, yaml_number, yaml_text
+from truearm.files.yaml_reader import YamlNode, parse_yaml, yaml_number
 from truearm.typing import BoolArray, FloatArray
 
 DIRECTION: Final = "feedback"
+_BREAKS = "\u0085\u2028\u2029"
+# Names that YAML 1.1 takes for a truth value or for nothing.
+_NOT_PLAIN = {"y", "n", "yes", "no", "on", "off", "true", "false", "null"}
 _ORIGIN = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
@@ -47,11 +51,11 @@ def _text(
     ]
     for name, offset, sliding in zip(names, offsets, slides, strict=True):
         unit, factor = ("m", MM_PER_M) if sliding else ("rad", 1.0)
-        lines += [f"    {yaml_text(name)}:", f"      offset: {yaml_number(offset / factor)}", f"      unit: {unit}"]
+        lines += [f"    {_yaml_text(name)}:", f"      offset: {yaml_number(offset / factor)}", f"      unit: {unit}"]
     lines.append("origins:")
     for name, origin in zip(_ends(names), origins, strict=True):
         xyz, rpy = xyz_rpy_from_frame(origin)
-        lines.append(f"  {yaml_text(name)}:")
+        lines.append(f"  {_yaml_text(name)}:")
         lines += [f"    {key}: {yaml_number(v)}" for key, v in zip(_ORIGIN, (*(xyz / MM_PER_M), *rpy), strict=True)]
     return "\n".join([*lines, ""])
 
@@ -121,6 +125,21 @@ def _origin_of(name: str, node: YamlNode) -> FloatArray:
     entries = node.mapping(f"the origin of {name}", required=_ORIGIN)
     numbers = np.array([entries[key].number(f"{key} of {name}") for key in _ORIGIN])
     return frame_from_xyz_rpy(MM_PER_M * numbers[:3], numbers[3:])
+
+
+def _yaml_text(text: str) -> str:
+    """A text that every YAML reader takes for one: in double quotes, unless it is a plain name."""
+    plain = re.fullmatch(r"[A-Za-z_][A-Za-z0-9_.-]*", text) and text.lower() not in _NOT_PLAIN
+    return text if plain else f'"{"".join(map(_quoted, text))}"'
+
+
+def _quoted(character: str) -> str:
+    """A character in double quotes: YAML has no pairs of surrogates, and more line breaks."""
+    if character in {'"', "\\"}:
+        return f"\\{character}"
+    if character.isprintable() and character not in _BREAKS:
+        return character
+    return f"\\U{ord(character):08x}"
 
 
 write = writer("joint-offsets", _file_of, DIRECTION)

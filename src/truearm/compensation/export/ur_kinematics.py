@@ -7,6 +7,7 @@ nominal one, and the tip that was measured is a tool in it, which a comment stat
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,21 +15,14 @@ import numpy.typing as npt
 
 from truearm.acceptance import contradict
 from truearm.arm import Arm, read_ur_kinematics
-from truearm.arm.ur_kinematics import (
-    JOINTS,
-    LINKS,
-    MAX_BYTES,
-    parse_ur_kinematics,
-    ur_hash,
-    ur_kinematics_text,
-)
+from truearm.arm.rigid_motions import xyz_rpy_from_frame
+from truearm.arm.ur_kinematics import JOINTS, LINKS, parse_ur_kinematics, ur_hash
 from truearm.arm.urdf_tree import MM_PER_M
 from truearm.compensation.export.constants_file import ConstantsFile, ConstantsRequest, writer
 from truearm.compensation.export.rigid_arm import RigidArm
 from truearm.compensation.models import Compensator
 from truearm.compensation.targets.manifest import Manifest
 from truearm.errors import InputError
-from truearm.files.file_reading import read_limited
 from truearm.files.yaml_reader import yaml_number
 from truearm.typing import FloatArray
 
@@ -78,6 +72,18 @@ def _file_of(request: ConstantsRequest) -> ConstantsFile:
     return ConstantsFile(rigid, written, content)
 
 
+def ur_kinematics_text(links: Sequence[FloatArray], calibration_hash: str) -> str:
+    """The content of the file with the poses of its links, each (4, 4) in the one before [mm]."""
+    if not re.fullmatch(r"calib_[0-9]{1,20}", calibration_hash):
+        raise InputError(f"expected a hash as calib_3437785250745286433, got {calibration_hash[:60]!r}")
+    lines = ["kinematics:"]
+    for name, frame in zip(LINKS, links, strict=True):
+        xyz, rpy = xyz_rpy_from_frame(frame)
+        numbers = zip(("x", "y", "z", "roll", "pitch", "yaw"), (*(xyz / MM_PER_M), *rpy), strict=True)
+        lines += [f"  {name}:", *(f"    {key}: {yaml_number(value)}" for key, value in numbers)]
+    return "\n".join([*lines, f"  hash: {calibration_hash}", ""])
+
+
 def _check_same_robot(model: Compensator, rigid: RigidArm, source: str | Path | None) -> None:
     """Refuse a file whose robot is farther from the model than the nominal arm: its hash would name another robot."""
     off = model.nominal_.chain.tip_in_base(rigid.poses) - model.predict(rigid.poses)
@@ -98,7 +104,7 @@ def tips(path: str | Path, joints: npt.ArrayLike) -> FloatArray:
     arm = read_ur_kinematics(path)
     if np.shape(joints)[-1:] != (len(LINKS),):
         raise InputError(f"expected {len(LINKS)} joints, got {np.shape(joints)[-1:]}", file=path)
-    stated = _TOOL.search(read_limited(path, limit_bytes=MAX_BYTES).decode("utf-8"))
+    stated = _TOOL.search(Path(path).read_text("utf-8"))  # its size is checked
     tool = np.zeros(3)
     if stated is not None:
         try:

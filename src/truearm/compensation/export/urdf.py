@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -18,37 +17,20 @@ import numpy.typing as npt
 from truearm.arm import Arm, read_urdf
 from truearm.arm.catalogue import split_links
 from truearm.arm.rigid_motions import xyz_rpy_from_frame
-from truearm.arm.urdf import (
-    MAX_BYTES,
-    arm_of_joints,
-    free_name,
-    spaced,
-    urdf_bytes,
-)
-from truearm.arm.urdf_ends import find_ends
-from truearm.arm.urdf_tree import MM_PER_M, UrdfJoint, UrdfTree, axis_rotation, origin_of
+from truearm.arm.urdf import MAX_BYTES, UrdfChain, free_name, spaced, urdf_bytes, urdf_chain
+from truearm.arm.urdf_tree import MM_PER_M, UrdfJoint
 from truearm.compensation.export.constants_file import ConstantsFile, ConstantsRequest, writer
 from truearm.compensation.export.rigid_arm import RigidArm
 from truearm.compensation.targets.manifest import MARKER, Frame, Manifest, read_manifest
 from truearm.errors import InputError
 from truearm.files.file_reading import read_limited
 from truearm.files.xml_edits import Edit, apply_edits, comment_edits, set_attributes, start_tag, tag_text
-from truearm.files.xml_reader import Element, child, parse_xml
+from truearm.files.xml_reader import child
 from truearm.typing import FloatArray
 
 FLANGE_LINK, TIP_LINK, REFERENCE_LINK = "flange", "tip", "reference"
 # An origin that changes by less stays as it is printed: rounding of the kinematics, in rad and mm.
 ROUNDING = 1e-12, 1e-9
-
-
-class _Robot(NamedTuple):
-    """A URDF and the chain in it that is the arm."""
-
-    content: bytes
-    tree: UrdfTree
-    joints: list[UrdfJoint]
-    base: str
-    tip: str
 
 
 def _file_of(request: ConstantsRequest) -> ConstantsFile:
@@ -64,8 +46,7 @@ def _file_of(request: ConstantsRequest) -> ConstantsFile:
         file, base, tip = split_links(request.source)
         content = read_limited(file, limit_bytes=MAX_BYTES)
         try:
-            robot = _robot(content, base, tip)
-            rigid = request.rigid_arm(arm_of_joints(robot.tree, robot.joints))
+            rigid = request.rigid_arm(_robot(content, base, tip).arm())
         except InputError as error:
             raise error.in_file(file) from None
 
@@ -73,7 +54,7 @@ def _file_of(request: ConstantsRequest) -> ConstantsFile:
         origin = manifest.provenance.model_copy(update={"joint_names": rigid.arm.joint_names})  # those of the source
         kept = apply_edits(content, comment_edits(content, _is_manifest))
         named = manifest.model_copy(update={"provenance": origin})
-        return _edited(_robot(kept, base, tip), rigid, request.frame, named)
+        return _edited(kept, _robot(kept, base, tip), rigid, request.frame, named)
 
     arm = rigid.arm if request.frame == "base" else rigid.in_reference_frame()
     return ConstantsFile(rigid, arm.chain, edited)
@@ -96,60 +77,55 @@ def _made(arm: Arm) -> bytes:
     return urdf_bytes(replace(arm, chain=arm.chain.with_tip(np.zeros(3))), tip_link=FLANGE_LINK)
 
 
-def _robot(content: bytes, base: str | None, tip: str | None) -> _Robot:
-    root = parse_xml(content)
-    tree = UrdfTree(root)
-    ends = find_ends(tree, base, tip)
-    joints = tree.path(ends.base, ends.tip)
-    if not joints:
+def _robot(content: bytes, base: str | None, tip: str | None) -> UrdfChain:
+    robot = urdf_chain(content, base, tip)
+    if not robot.joints:
         raise InputError("there is no joint between the base and the tip")
-    if _has_wide_characters(content, root):
+    root = robot.tree.robot
+    # Edits expect one byte a character.
+    if not content.startswith(f"<{root.tag}".encode(), root.start):
         raise InputError("expected a URDF in UTF-8 or another encoding that has ASCII", hint="save it as UTF-8")
-    return _Robot(content, tree, joints, joints[0].parent, joints[-1].child)
+    return robot
 
 
-def _has_wide_characters(content: bytes, element: Element) -> bool:
-    """Whether the file's bytes are not those that edits expect: two bytes a character."""
-    return not content.startswith(f"<{element.tag}".encode(), element.start)
-
-
-def _edited(robot: _Robot, rigid: RigidArm, frame: Frame, manifest: Manifest) -> bytes:
+def _edited(content: bytes, robot: UrdfChain, rigid: RigidArm, frame: Frame, manifest: Manifest) -> bytes:
     """The file with the origins of the rigid arm, its tip and the manifest."""
     root = robot.tree.robot
-    after_start = root.start + len(start_tag(robot.content, root.start))
+    after_start = root.start + len(start_tag(content, root.start))
     edits = [Edit(after_start, after_start, f"\n  <!-- {manifest.line()} -->".encode())]
     for joint, T_parent_joint in _new_origins(robot.joints, rigid):
-        edits.append(_origin_edit(robot.content, joint, T_parent_joint))
+        edits.append(_origin_edit(content, joint, T_parent_joint))
     added, about = _added_links(robot, rigid, frame)
     extra = child(root, "truearm")
     if extra is None:
         added.append(tag_text("truearm", about))
     else:
-        edits.append(set_attributes(robot.content, extra.start, about))
+        edits.append(set_attributes(content, extra.start, about))
     edits.append(Edit(root.end, root.end, "".join(f"  {line}\n" for line in added).encode()))
-    return apply_edits(robot.content, edits)
+    return apply_edits(content, edits)
 
 
-def _added_links(robot: _Robot, rigid: RigidArm, frame: Frame) -> tuple[list[str], dict[str, str]]:
+def _added_links(robot: UrdfChain, rigid: RigidArm, frame: Frame) -> tuple[list[str], dict[str, str]]:
     """Lines of the links that are added, and the attributes of the element ``truearm``."""
     links, joints = robot.tree.links, [joint.name for joint in robot.tree.joints]
     lines: list[str] = []
-    base, tip, gravity = robot.base, robot.tip, rigid.arm.gravity_direction
+    base, tip, gravity = robot.joints[0].parent, robot.joints[-1].child, rigid.arm.gravity_direction
+    first, last = base, tip
     if rigid.arm.chain.tip_in_flange.any():
         tip = free_name(TIP_LINK, links)
         T_flange_tip = np.eye(4)
         T_flange_tip[:3, 3] = rigid.arm.chain.tip_in_flange
         joint = free_name(f"{TIP_LINK}_joint", joints)
-        lines += [tag_text("link", {"name": tip}), *_fixed_joint(joint, robot.tip, tip, T_flange_tip)]
+        lines += [tag_text("link", {"name": tip}), *_fixed_joint(joint, last, tip, T_flange_tip)]
     if frame == "reference":
-        if robot.base in robot.tree.joint_above:
+        if first in robot.tree.joint_above:
             raise InputError(
-                f"the link {robot.base!r} has a parent already, so that the reference frame cannot be its parent",
+                f"the link {first!r} has a parent already, so that the reference frame cannot be its parent",
                 hint="export in the base frame, or name the robot's root link as base",
             )
         base, gravity = free_name(REFERENCE_LINK, links), rigid.in_reference_frame().gravity_direction
         joint = free_name(f"{REFERENCE_LINK}_joint", joints)
-        lines += [tag_text("link", {"name": base}), *_fixed_joint(joint, base, robot.base, rigid.T_reference_base)]
+        lines += [tag_text("link", {"name": base}), *_fixed_joint(joint, base, first, rigid.T_reference_base)]
     about = {"base": base, "tip": tip, "title": rigid.arm.title}
     if rigid.arm.serial_number:
         about["serial_number"] = rigid.arm.serial_number
@@ -168,9 +144,9 @@ def _new_origins(joints: list[UrdfJoint], rigid: RigidArm) -> Iterator[tuple[Urd
     from_axis, between, i = np.eye(4), np.eye(4), 0
     for joint in joints:
         if not joint.is_moving:
-            between = between @ origin_of(joint)
+            between = between @ joint.origin
             continue
-        turn = axis_rotation(joint)
+        turn = joint.axis_rotation
         if not _is_same_frame(new[i], nominal[i]):
             yield joint, np.linalg.inv(between) @ from_axis @ new[i] @ turn.T
         from_axis, between, i = turn, np.eye(4), i + 1

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from truearm import __version__
 from truearm.acceptance import Acceptance, accepted
-from truearm.compensation.models.compensator import Compensator
+from truearm.compensation.models import Compensator
 from truearm.compensation.models.model_archive import model_bytes
 from truearm.errors import InputError
 

@@ -16,7 +16,8 @@ likely before them. An order that says nothing shows none.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -91,7 +92,8 @@ def repeating_residuals(
     y = (points[rows] - fit.tips(at)).ravel() + J @ fit.coefficients
     known = (J * fit.prior_std**2) @ J.T + np.diag(np.repeat(point_variance[rows], 3))
     std = np.sqrt(np.repeat(variance[rows], 3))
-    process = std[:, None] * joint_process(fit.chain, at.angles).reshape(n, n) * std
+    joints = JointProcess(fit.chain)
+    process = std[:, None] * joints.covariance(at.angles).reshape(n, n) * std
     covariances = [known + s * process + (1 - s) * np.diag(std**2) for s in _SHARES]
     evidence = np.array([_log_likelihood(y, one) for one in covariances])
     if not np.isfinite(evidence).any():
@@ -99,11 +101,11 @@ def repeating_residuals(
     share = float(_SHARES @ _weights(evidence))
     if any(isinstance(basis, Direction) for basis in fit.perturbed_chain.input_bases(at)):
         return unknown._replace(share=share)
-    turns = directions[rows][:, :, None] * radians(fit.chain)[:, None] * own_motions(fit.chain, at.angles)
+    turns = directions[rows][:, :, None] * joints.radians[:, None] * joints.own_motions(at.angles)
     D = turns.transpose(0, 2, 1).reshape(n, -1)
     freedom = max(n - sum(group.effective for group in fit.groups), 1.0)
     found = _hysteresis(y, D, covariances[int(evidence.argmax())], float((std**2).mean()), freedom)
-    return Repeating(share, radians(fit.chain) * found)
+    return Repeating(share, joints.radians * found)
 
 
 def _hysteresis(y: FloatArray, D: FloatArray, covariance: FloatArray, variance: float, freedom: float) -> FloatArray:
@@ -149,39 +151,44 @@ def of_one_reading(variance: float, share: float, readings: Readings) -> tuple[f
     return of_one, max(1 - readings.repeat_std_mm**2 / of_one, 0.0)
 
 
-def joint_process(chain: Chain, angles: FloatArray) -> FloatArray:
-    """(n, 3, n, 3) covariance of the process at poses (n, n_joints), of a mean variance of 1 in every pose."""
-    turned = angles / radians(chain)
-    alike = np.exp(-(ORDER**2) * (1 - np.cos(turned[:, None] - turned)))
-    moved = unit_displacements(chain, angles)
-    by_joints, even = moved[:, : chain.n_joints], moved[:, chain.n_joints :]
-    of_joints = np.einsum("aji,abj,bjk->aibk", by_joints, alike, by_joints)
-    return np.asarray(of_joints + np.einsum("aji,ab,bjk->aibk", even, alike.mean(axis=2), even))
+@dataclass(frozen=True)
+class JointProcess:
+    """The process of residuals that come back: a sum of functions of one joint each."""
 
+    chain: Chain
+    order: ClassVar[float] = ORDER
 
-def unit_displacements(chain: Chain, angles: FloatArray) -> FloatArray:
-    """(n, n_joints + 3, 3) displacement of the tip by each function of the process at poses (n, n_joints) [mm].
+    @property
+    def radians(self) -> FloatArray:
+        """(n_joints,) equivalent of a radian for each joint [rad, or mm]: of a sliding one a third of the reach."""
+        return np.where(self.chain.is_prismatic, self.chain.reach / 3, 1.0)
 
-    First by each joint along its own coordinate, all alike, then along each axis: `JOINT_VARIANCE_SHARE` of the
-    variance and the rest. In every pose a coordinate has the variance 1 mm^2, the mean of the three.
-    """
-    by_joints = radians(chain)[:, None] * own_motions(chain, angles)
-    size = np.sqrt((by_joints**2).sum(axis=(1, 2), keepdims=True) / 3)
-    # No joint moves a tip that is on the axes of all joints.
-    by_joints = np.sqrt(JOINT_VARIANCE_SHARE) * by_joints / np.where(size > 0, size, 1.0)
-    even = np.broadcast_to(np.sqrt(1 - JOINT_VARIANCE_SHARE) * np.eye(3), (len(angles), 3, 3))
-    return np.concatenate([by_joints, even], axis=1)
+    def covariance(self, angles: FloatArray) -> FloatArray:
+        """(n, 3, n, 3) covariance of the process at poses (n, n_joints), of a mean variance of 1 in every pose."""
+        turned = angles / self.radians
+        alike = np.exp(-(ORDER**2) * (1 - np.cos(turned[:, None] - turned)))
+        moved = self.unit_displacements(angles)
+        by_joints, even = moved[:, : self.chain.n_joints], moved[:, self.chain.n_joints :]
+        of_joints = np.einsum("aji,abj,bjk->aibk", by_joints, alike, by_joints)
+        return np.asarray(of_joints + np.einsum("aji,ab,bjk->aibk", even, alike.mean(axis=2), even))
 
+    def unit_displacements(self, angles: FloatArray) -> FloatArray:
+        """(n, n_joints + 3, 3) displacement of the tip by each function of the process at poses (n, n_joints) [mm].
 
-def own_motions(chain: Chain, angles: FloatArray) -> FloatArray:
-    """(n, n_joints, 3) displacement of the tip by each joint along its own coordinate at poses [mm/rad or mm/mm]."""
-    along_z = np.where(chain.is_prismatic, 5, 2)
-    return chain.tip_derivatives(angles).motion_jacobian[:, np.arange(chain.n_joints) + 1, along_z]
+        First by each joint along its own coordinate, all alike, then along each axis: `JOINT_VARIANCE_SHARE` of the
+        variance and the rest. In every pose a coordinate has the variance 1 mm^2, the mean of the three.
+        """
+        by_joints = self.radians[:, None] * self.own_motions(angles)
+        size = np.sqrt((by_joints**2).sum(axis=(1, 2), keepdims=True) / 3)
+        # No joint moves a tip that is on the axes of all joints.
+        by_joints = np.sqrt(JOINT_VARIANCE_SHARE) * by_joints / np.where(size > 0, size, 1.0)
+        even = np.broadcast_to(np.sqrt(1 - JOINT_VARIANCE_SHARE) * np.eye(3), (len(angles), 3, 3))
+        return np.concatenate([by_joints, even], axis=1)
 
-
-def radians(chain: Chain) -> FloatArray:
-    """(n_joints,) equivalent of a radian for each joint [rad, or mm]: of a sliding one a third of the reach."""
-    return np.where(chain.is_prismatic, chain.reach / 3, 1.0)
+    def own_motions(self, angles: FloatArray) -> FloatArray:
+        """(n, n_joints, 3) displacement of the tip by each joint along its own coordinate [mm/rad or mm/mm]."""
+        along_z = np.where(self.chain.is_prismatic, 5, 2)
+        return self.chain.tip_derivatives(angles).motion_jacobian[:, np.arange(self.chain.n_joints) + 1, along_z]
 
 
 def _log_likelihood(y: FloatArray, covariance: FloatArray) -> float:

@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from truearm.arm import Arm, solve_inverse_kinematics
 from truearm.errors import InputError
+from truearm.identification.planning.poses import checked_count, checked_seed
 from truearm.identification.planning.sampling.measuring import (
     check_five_rotary_joints,
     inner_limits,
@@ -39,7 +40,7 @@ from truearm.identification.planning.sampling.workspace import (
     is_above_table,
     stance,
 )
-from truearm.identification.sampling import checked_count, checked_seed, farthest_points, joint_travel_limits
+from truearm.identification.sampling import farthest_points, joint_travel_limits
 from truearm.typing import BoolArray, FloatArray, IntArray, NameArray
 
 NO_ROOM = "bar not inside the volume"

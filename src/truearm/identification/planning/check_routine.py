@@ -13,6 +13,7 @@ from truearm.errors import InputError
 from truearm.files.atomic_write import check_new_file
 from truearm.identification.planning.candidates import ON_A_TABLE, bar_places, seat_poses
 from truearm.identification.planning.planned_readings import TIP_SPHERE
+from truearm.identification.planning.poses import checked_seed
 from truearm.identification.planning.proposal import LENGTH_U_MM
 from truearm.identification.planning.sampling.measuring import postures, reach
 from truearm.identification.planning.sampling.seat import SEAT_SECTOR
@@ -20,7 +21,6 @@ from truearm.identification.planning.sampling.surroundings import Surroundings
 from truearm.identification.planning.sampling.workspace import draw_points, stance
 from truearm.identification.planning.template import lengths_path, write_aims, write_length_rows
 from truearm.identification.planning.tour import order_of_few_moves
-from truearm.identification.sampling import checked_seed
 from truearm.typing import FloatArray, NameArray
 
 CONE, BAR_ENDS, SPHERE = "cone", ("bar A", "bar B"), "ball"

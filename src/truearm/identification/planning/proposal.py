@@ -28,12 +28,12 @@ from truearm.identification.planning.exchange import DesignProblem, select_candi
 from truearm.identification.planning.factors import project_out
 from truearm.identification.planning.information import design_problem, tip_jacobian
 from truearm.identification.planning.observability import Observability, observability
+from truearm.identification.planning.poses import checked_count, checked_seed
 from truearm.identification.planning.prior import Prior
 from truearm.identification.planning.sampling.surroundings import Surroundings
 from truearm.identification.planning.sampling.workspace import Sector
 from truearm.identification.planning.tour import mean_joint_move, order_of_few_moves
 from truearm.identification.references.alignment import rigid_motions
-from truearm.identification.sampling import checked_count, checked_seed
 from truearm.typing import FloatArray, IntArray
 
 Progress = Callable[[int, str], None]

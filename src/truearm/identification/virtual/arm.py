@@ -10,7 +10,7 @@ import numpy.typing as npt
 from truearm.arm import Arm
 from truearm.errors import InputError
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
-from truearm.identification.sampling import checked_seed
+from truearm.identification.planning.poses import checked_seed
 from truearm.identification.terms import ArmState, directions
 from truearm.identification.terms.thermal import link_temperatures
 from truearm.identification.virtual.constrained import constrain_geometry

@@ -10,6 +10,7 @@ import numpy as np
 from truearm import __version__
 from truearm.arm import load_arm
 from truearm.arm.rigid_motions import screw_x, screw_z
+from truearm.compensation.models.network import GRADIENT_TRAINERS
 from truearm.papers.gao2017.claims import box_study, first_row_networks, learning_rate, scatter
 from truearm.papers.gao2017.final_test import errors_outside_box, final_test, final_test_predictions
 from truearm.papers.gao2017.results import (
@@ -33,7 +34,6 @@ from truearm.papers.gao2017.tables import N_TEST, TABLE_1, TABLES, TIP_MM, Paper
 from truearm.papers.gao2017.training import (
     ARM,
     EVALUATION_STREAM,
-    GRADIENT_TRAINERS,
     N_EVALUATION_POSES,
     TEST_STREAM,
     ProgressCallback,

@@ -20,15 +20,12 @@ from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
 
 from truearm import __version__
 from truearm.arm import load_arm
+from truearm.compensation.models.network import GRADIENT_TRAINERS, TRAINERS
 from truearm.compensation.nets.nguyen_widrow import nguyen_widrow
 from truearm.compensation.nets.normal_equations import FitProblem
 from truearm.compensation.nets.perceptron import Perceptron
 from truearm.compensation.nets.scaling import MinMaxScaler
-from truearm.compensation.nets.train_varpro import train_varpro
-from truearm.compensation.nets.traingd import traingd
-from truearm.compensation.nets.traingdx import traingdx
-from truearm.compensation.nets.training import Epoch, TrainingRecord, dividerand
-from truearm.compensation.nets.trainlm import trainlm
+from truearm.compensation.nets.training import Epoch, dividerand
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file, check_writable
 from truearm.files.file_reading import read_limited
@@ -52,14 +49,6 @@ CURVE_POINTS = 60
 """The most points of a learning curve that are kept, evenly in the logarithm of the epoch."""
 _LARGEST_RMS_MM = 1e12
 LARGEST_FILE = 20_000_000  # bytes: a network of the paper takes less than one
-
-# Their default learning rate, 0.01, is that of the paper's rows.
-GRADIENT_TRAINERS = {"traingd": traingd, "traingdx": traingdx}
-TRAINERS: dict[str, Callable[..., tuple[FloatArray, TrainingRecord]]] = {
-    "varpro": train_varpro,
-    "trainlm": trainlm,
-    **GRADIENT_TRAINERS,
-}
 
 
 @dataclass(frozen=True)

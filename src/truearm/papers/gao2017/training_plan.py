@@ -17,9 +17,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from truearm.compensation.models.network import GRADIENT_TRAINERS
 from truearm.papers.gao2017.results import METHODS, Method
 from truearm.papers.gao2017.tables import TABLES, PaperRow
-from truearm.papers.gao2017.training import GRADIENT_TRAINERS, Source, Training
+from truearm.papers.gao2017.training import Source, Training
 
 SIMULATION = Source(half_width_deg=34.0, virtual=False)
 EXPERIMENT = Source(half_width_deg=13.0, virtual=True)

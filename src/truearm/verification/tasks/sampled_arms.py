@@ -20,7 +20,7 @@ from truearm.compensation.models import Compensator, IdentifiedModel
 from truearm.compensation.models.identified_model import require_identified, to_identified
 from truearm.errors import InputError
 from truearm.identification.estimation.propagation import direction_effects
-from truearm.identification.judgement.repeating_residuals import ORDER, own_motions, radians, unit_displacements
+from truearm.identification.judgement.repeating_residuals import JointProcess
 from truearm.identification.terms import ArmState, Basis, InducedProcess
 from truearm.identification.virtual.arm import VirtualArm
 from truearm.identification.virtual.error_model import error_model, tip_compliance
@@ -317,7 +317,7 @@ class PosteriorDistribution:
             if along is None:
                 tips = chain.tip_in_base(angles)
                 along = tips - tips.mean(axis=0)
-            moves = np.linalg.pinv((radians(chain)[:, None] * self.own_motions(angles)).transpose(0, 2, 1))
+            moves = np.linalg.pinv((JointProcess(chain).radians[:, None] * self.own_motions(angles)).transpose(0, 2, 1))
             return np.asarray(np.sign((moves @ along[:, :, None])[:, :, 0]))
 
         return self._cache.get("directions", angles, compute)
@@ -330,7 +330,7 @@ class PosteriorDistribution:
 
     def own_motions(self, angles: FloatArray) -> FloatArray:
         """(n, n_joints, 3) displacement by each joint along its own coordinate at poses [mm/rad or mm/mm]."""
-        return self._cache.get("own motions", angles, lambda: own_motions(self.arm.chain, angles))
+        return self._cache.get("own motions", angles, lambda: JointProcess(self.arm.chain).own_motions(angles))
 
     def scatter_std(self, angles: FloatArray) -> FloatArray:
         """(n, 1) standard deviation of the random error of a coordinate at poses (n, n_joints) [mm].
@@ -349,11 +349,13 @@ class PosteriorDistribution:
         return shares
 
     def displacements(self, angles: FloatArray) -> FloatArray:
-        """(n, n_joints + 3, 3) `unit_displacements` times the residual standard deviation at poses (n, n_joints)."""
+        """(n, n_joints + 3, 3) displacements of `JointProcess`, times the residual standard deviation at poses."""
 
         def compute() -> FloatArray:
             return (
-                self.field_std_mm * self.relative_std(angles)[:, :, None] * unit_displacements(self.arm.chain, angles)
+                self.field_std_mm
+                * self.relative_std(angles)[:, :, None]
+                * JointProcess(self.arm.chain).unit_displacements(angles)
             )
 
         return self._cache.get("movements", angles, compute)
@@ -484,7 +486,7 @@ class PoseField:
     @classmethod
     def draw(cls, chain: Chain, order: float, rng: np.random.Generator) -> PoseField:
         """Draw a function of all joints of standard deviation 1; c is the square of `order`."""
-        waves = _orders(order, (_WAVES, chain.n_joints), rng) / radians(chain)
+        waves = _orders(order, (_WAVES, chain.n_joints), rng) / JointProcess(chain).radians
         return cls(waves, *(rng.standard_normal((2, _WAVES, 1)) / np.sqrt(_WAVES)))
 
     @classmethod
@@ -492,7 +494,7 @@ class PoseField:
         """Draw a function of each joint, and three that are sums of functions of all joints, in units of each std."""
         n = chain.n_joints
         own = np.repeat(np.eye(n), _WAVES, axis=0)
-        waves = own * _orders(ORDER, (len(own), 1), rng) / radians(chain)
+        waves = own * _orders(JointProcess.order, (len(own), 1), rng) / JointProcess(chain).radians
         size = np.concatenate([own, np.full((len(own), 3), 1 / np.sqrt(n))], axis=1) / np.sqrt(_WAVES)
         return cls(waves, *(size * rng.standard_normal((2, *size.shape))))
 

@@ -3,10 +3,10 @@
 from collections.abc import Callable, Mapping
 from functools import partial
 
+from truearm.identification.planning.poses import HALF_WIDTH_RAD, Poses, box, uniform
 from truearm.identification.planning.sampling.measuring import measuring_poses
 from truearm.identification.planning.sampling.seat import seat
 from truearm.identification.planning.sampling.workspace import Sector
-from truearm.identification.sampling import HALF_WIDTH_RAD, Poses, box, uniform
 
 STRATEGIES: Mapping[str, Callable[..., Poses]] = {
     "box": box,

@@ -14,6 +14,7 @@ import numpy as np
 
 from truearm.arm import Arm, solve_inverse_kinematics
 from truearm.errors import InputError
+from truearm.identification.planning.poses import Poses, checked_count, checked_seed
 from truearm.identification.planning.sampling.workspace import (
     Sector,
     Stance,
@@ -23,7 +24,6 @@ from truearm.identification.planning.sampling.workspace import (
     stance,
     within_cone,
 )
-from truearm.identification.sampling import Poses, checked_count, checked_seed
 from truearm.typing import BoolArray, FloatArray, NameArray
 
 END_STOP_MARGIN_RAD = float(np.radians(2.0))

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from truearm.arm import Arm
 from truearm.errors import InputError
+from truearm.identification.planning.poses import Poses, checked_count, checked_seed
 from truearm.identification.planning.sampling.measuring import (
     ROLL_STD_DEG,
     SWING_STD_DEG,
@@ -25,7 +26,7 @@ from truearm.identification.planning.sampling.workspace import (
     stance,
     within_cone,
 )
-from truearm.identification.sampling import Poses, checked_count, checked_seed, farthest_points
+from truearm.identification.sampling import farthest_points
 from truearm.typing import FloatArray, NameArray
 
 SEAT_SECTOR = Sector(near=0.35, far=0.75, low=-0.25, high=0.25, half_angle_deg=60.0)

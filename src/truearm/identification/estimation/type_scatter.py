@@ -30,8 +30,7 @@ from truearm.identification.estimation.identification_result import Identificati
 from truearm.identification.estimation.linearisation import eliminate_unknowns, linearised
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.references.references import Reference
-from truearm.identification.terms.state import ArmState
-from truearm.identification.terms.term import Term
+from truearm.identification.terms import ArmState, Term
 from truearm.solve.group_evidence import GroupedEquations
 from truearm.solve.square_roots import unit_diagonal
 from truearm.typing import BoolArray, FloatArray
