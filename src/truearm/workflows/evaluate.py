@@ -24,24 +24,21 @@ from truearm.readings import (
     seat_errors,
 )
 from truearm.readings.anchors import LEAST_COMPARED, distance_errors, has_located_anchor
-from truearm.readings.repeats import merge_repeats
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 from truearm.workflows.inputs import (
+    CheckedSession,
     LengthsLike,
     Limits,
     SessionLike,
     check_has_reference,
     evaluation_remarks,
-    expanded_lengths,
     has_repeated_seat,
-    repeat_remarks,
-    session_lengths,
+    tested_readings,
     to_model_and_session,
     to_session,
     unfilled_remarks,
     within_limits,
-    without_training_readings,
 )
 from truearm.workflows.record import TableRecord, TextTable, columns_of, format_fixed
 from truearm.workflows.regressors import AnyModelLike, RegressorLike, is_regressor, predict_points, regressor_remark
@@ -113,12 +110,9 @@ def evaluate(
     fitted, given = to_model_and_session(model, session)
     allowed = within_limits(given, fitted.arm, limits)
     check_has_reference(allowed.session, fitted.arm, purpose="evaluate against", least=LEAST_COMPARED)
-    others, rows, training_remarks = without_training_readings(allowed.session, fitted)
-    merged = merge_repeats(others)
-    used = merged.readings
-    known, length_remarks = session_lengths(lengths, given, used)
+    tested = tested_readings(allowed, given, lengths, fitted)
+    used, known = tested.session, tested.lengths
     check_sessions(used, known, own_frame="base" not in fitted.free)
-    known = expanded_lengths(known, used)
     at = fitted.at(used)
     predicted = {"model": fitted.predict_readings(at)}
     if fitted.kind != "nominal" and fitted.arm_.has_kinematics:
@@ -134,7 +128,7 @@ def evaluate(
         if (on_the_day := fitted.under("repeatability")) is not fitted:
             same_day, far_that_day = uncertainty_budget(on_the_day, used)
             far = far_that_day if conditions == "repeatability" else far
-        outliers = tuple(outlier.located(given, allowed.rows[rows[merged.first]]) for outlier in far)
+        outliers = tuple(outlier.located(given, tested.rows) for outlier in far)
     return Evaluation(
         model=fitted,
         session=used,
@@ -145,13 +139,10 @@ def evaluate(
         repeatability_budget=same_day,
         conditions=conditions,
         outliers=outliers,
-        n_training=len(allowed.rows) - len(rows),
+        n_training=tested.n_training,
         remarks=(
             *acceptance_remarks(accept),
-            *allowed.remarks,
-            *training_remarks,
-            *length_remarks,
-            *repeat_remarks(merged),
+            *tested.remarks,
             *evaluation_remarks(fitted, at),
         ),
     )
@@ -321,20 +312,11 @@ def _evaluate_regressor(
 ) -> Evaluation:
     """Errors of a regressor of the user's own: without an arm there are no limits, nominal points or uncertainty."""
     check_has_reference(session, None, purpose="evaluate against", least=LEAST_COMPARED)
-    stated, length_remarks = session_lengths(lengths, session, session)
-    check_sessions(session, stated)
-    merged = merge_repeats(session)
-    used = merged.readings
-    known = expanded_lengths(stated, used)
+    everything = CheckedSession(session, np.arange(len(session)), unfilled_remarks(session))
+    used, known, _, _, of_readings = tested_readings(everything, session, lengths)
+    check_sessions(used, known)
     points = predict_points(regressor, used)
-    said = acceptance_remarks(accept)
-    remarks = (
-        *said,
-        *unfilled_remarks(session),
-        *length_remarks,
-        *repeat_remarks(merged),
-        regressor_remark(regressor),
-    )
+    remarks = (*acceptance_remarks(accept), *of_readings, regressor_remark(regressor))
     errors = {"model": _errors(points, None, used, known)}
     return Evaluation(regressor, used, {"model": points}, errors, known, remarks=remarks)
 

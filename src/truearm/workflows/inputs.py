@@ -44,7 +44,7 @@ from truearm.readings.anchors import LEAST_COMPARED, LEAST_READINGS, has_located
 from truearm.readings.checks import MAX_SKIPPED_SHARE, check_temperature
 from truearm.readings.distances import rows_with_distance
 from truearm.readings.readings import PAYLOAD
-from truearm.readings.repeats import MergedReadings
+from truearm.readings.repeats import MergedReadings, merge_repeats
 from truearm.readings.thermal_expansion import (
     REFERENCE_DEGC,
     STEEL_PER_K,
@@ -83,6 +83,30 @@ class CheckedSession(NamedTuple):
 
     session: Session
     rows: IntArray
+    remarks: tuple[str, ...]
+
+
+class TestedReadings(NamedTuple):
+    """The readings that models are tested on, and what they are compared with.
+
+    Attributes
+    ----------
+    session : Session
+        Without training readings; those that repeat a pose are one, their mean.
+    lengths : Lengths or None
+        Known ones between its seats, at the temperature of the readings.
+    rows : (n,) array of int
+        Their rows in the session as it was given, of repeats the first.
+    n_training : int
+        Training readings that were skipped.
+    remarks : tuple of str
+        What was skipped, ignored and merged.
+    """
+
+    session: Session
+    lengths: Lengths | None
+    rows: IntArray
+    n_training: int
     remarks: tuple[str, ...]
 
 
@@ -480,6 +504,38 @@ def repeat_remarks(merged: MergedReadings[Session], fitted: Compensator | None =
     elif merged.readings.points is not None or merged.readings.distance_mm is not None:
         scatter = " Where they have coordinates or distances these agree to the last digit, as copies do."
     yield f"{told}; each counts as one reading, their mean, named by its first line.{scatter}"
+
+
+def tested_readings(
+    allowed: CheckedSession, given: Session, lengths: LengthsLike | None, *models: Compensator
+) -> TestedReadings:
+    """The readings of a session that models are tested on.
+
+    Parameters
+    ----------
+    allowed : CheckedSession
+        Readings of the session that the arm can have.
+    given : Session
+        Names of seats in `lengths` are checked against all of its readings.
+    lengths : Lengths, str, Path or None
+    *models : Compensator
+        Their training readings are skipped.
+
+    Raises
+    ------
+    InputError
+        As `session_lengths`.
+    """
+    others, rows, of_training = without_training_readings(allowed.session, *models)
+    merged = merge_repeats(others)
+    known, of_lengths = session_lengths(lengths, given, merged.readings)
+    return TestedReadings(
+        merged.readings,
+        expanded_lengths(known, merged.readings),
+        allowed.rows[rows[merged.first]],
+        len(allowed.rows) - len(rows),
+        (*allowed.remarks, *of_training, *of_lengths, *repeat_remarks(merged)),
+    )
 
 
 def training_remarks(model: Compensator, n_known: int, n: int) -> tuple[str, ...]:

@@ -13,7 +13,6 @@ from truearm.errors import InputError
 from truearm.pages.page import Page
 from truearm.readings import Lengths, Session, seat_errors
 from truearm.readings.large_sessions import LargeSession, is_large
-from truearm.readings.repeats import merge_repeats
 from truearm.show.comparison_page import (
     ModelComparison,
     comparison_page,
@@ -31,14 +30,11 @@ from truearm.workflows.inputs import (
     SessionLike,
     check_angles_fit,
     evaluation_remarks,
-    expanded_lengths,
     model_of_tip_of,
-    repeat_remarks,
-    session_lengths,
+    tested_readings,
     to_model,
     to_model_and_session,
     with_reference,
-    without_training_readings,
 )
 from truearm.workflows.outputs import check_page_path
 from truearm.workflows.page_record import PageRecord, input_files
@@ -223,16 +219,20 @@ def report(
     first, readings = to_model_and_session(first_model, session if large is None else large.sample())
     n_sample = len(readings)
     remarks = [*check_angles_fit(readings, first.arm)]
-    readings, _, skipped = with_reference(readings, first.arm, purpose="compare with")
+    compared = with_reference(readings, first.arm, purpose="compare with")
+    readings = compared.session
+    if lengths is not None and readings.points is not None:
+        raise InputError(
+            "lengths are for a session without reference points, and this one has them",
+            file=lengths if isinstance(lengths, str | Path) else None,
+            hint="truearm evaluate MODEL SESSION --lengths LENGTHS",
+        )
     # The other models are of the same arm, or `one_arm` refuses them: one check of the readings is enough.
     fitted = {first_name: first} | {name: to_model(model) for name, model in others}
     fitted = {name: model_of_tip_of(model, readings) for name, model in fitted.items()}
     one_arm(fitted)
-    whole = readings
-    readings, _, of_training = without_training_readings(whole, *fitted.values())
-    merged = merge_repeats(readings)
-    readings = merged.readings
-    known, of_lengths = _lengths_between_seats(lengths, whole, readings)
+    tested = tested_readings(compared, readings, lengths, *fitted.values())
+    readings, known = tested.session, tested.lengths
     comparison: ModelComparison | SeatComparison
     if readings.points is not None:
         comparison = compare_models(fitted, readings, regressors)
@@ -245,7 +245,7 @@ def report(
         known,
         _errors(comparison),
         title,
-        (*remarks, *skipped, *of_training, *of_lengths, *repeat_remarks(merged)),
+        (*remarks, *tested.remarks),
         comparison,
         files,
         accept,
@@ -255,20 +255,6 @@ def report(
     if path is not None:
         result.save_page(path)
     return result
-
-
-def _lengths_between_seats(
-    lengths: LengthsLike | None, whole: Session, readings: Session
-) -> tuple[Lengths | None, tuple[str, ...]]:
-    """Known lengths of a session without reference points, and what was ignored."""
-    if lengths is not None and readings.points is not None:
-        raise InputError(
-            "lengths are for a session without reference points, and this one has them",
-            file=lengths if isinstance(lengths, str | Path) else None,
-            hint="truearm evaluate MODEL SESSION --lengths LENGTHS",
-        )
-    known, ignored = session_lengths(lengths, whole, readings)
-    return expanded_lengths(known, readings), ignored
 
 
 def _of_large(
