@@ -7,7 +7,6 @@ was fitted to the same readings. ``--seed`` is that of the split, 1 as in docs/u
 from __future__ import annotations
 
 import ctypes
-import json
 import os
 import subprocess
 import sys
@@ -25,7 +24,6 @@ from truearm.arm.ur_kinematics import ur_hash
 from truearm.compensation.export import (
     c_source,
     constants,
-    deltas,
     es_module,
     joint_offsets,
     json_model,
@@ -133,12 +131,11 @@ def of_json(model: str | None = None, seed: int = 1) -> RowResult:
 
 @ROWS.row("constants")
 def of_constants(model: str | None = None, seed: int = 1) -> RowResult:
-    """Tables of constants: errors on the positions held out, and what a controller without beta loses."""
+    """Tables of constants: errors on the positions held out, and the time to write them."""
     fitted, _, test = work(model, seed)
     table, targets = [], []
     for name, module, suffix in (
         ("constants", constants, "csv"),
-        ("deltas", deltas, "json"),
         ("joint offsets", joint_offsets, "yaml"),
     ):
         file = scratch() / f"{name}.{suffix}"
@@ -146,9 +143,7 @@ def of_constants(model: str | None = None, seed: int = 1) -> RowResult:
         mean = three_figures(module.tips(file, test.angles), test.points)["mean_mm"]
         table.append({"table": name, **row, "mean_mm": mean})
         targets.append(Target(f"{name}, mean error on positions held out [mm]", mean, LIMIT_MM))
-    lost = json.loads((scratch() / "deltas.json").read_text())["frames"]["without_beta_mm"]
-    notes = [f"without beta, mean displacement [mm]: {lost}"]
-    return RowResult(table, targets, notes)
+    return RowResult(table, targets)
 
 
 @ROWS.row("ur-kinematics")

@@ -16,7 +16,6 @@ TABLE = (CHECKOUT / "CONTRIBUTING.md").read_text(encoding="utf-8").partition("##
 # The section of docs/export.md of formats whose heading has another name.
 HEADINGS = {
     "constants": "Constants beside the drawing",
-    "deltas": "Controller deltas",
     "ur-kinematics": "UR kinematics yaml",
     "joint-offsets": "ROS joint offsets",
     "js": "JavaScript",

@@ -115,7 +115,7 @@ def test_a_fit_with_the_pendants_angles_is_that_with_the_joints(tmp_path):
     )
     sent, there = ta.correct(fitted, shown.angles[:4]).joints, ta.correct(plain, session.angles[:4]).joints
     np.testing.assert_allclose(sent @ arm.chain.coupling.T, there, rtol=0, atol=1e-6)
-    for name, format in (("m.json", "json"), ("m.c", "c"), ("m.urdf", "urdf"), ("m.csv", "deltas")):
+    for name, format in (("m.json", "json"), ("m.c", "c"), ("m.urdf", "urdf"), ("m.csv", "constants")):
         with pytest.raises(InputError, match=r"coupled \(J3 = J2 \+ J3\)"):
             ta.export(fitted, tmp_path / name, format=format)
         assert not (tmp_path / name).exists()

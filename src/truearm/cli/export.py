@@ -35,7 +35,7 @@ def export(
     ] = None,
     convention: Annotated[
         Convention | None,
-        Option(help="Convention of constants and deltas: D-H or modified D-H; that of the arm's file."),
+        Option(help="Convention of constants: D-H or modified D-H; that of the arm's file."),
     ] = None,
     tip: TipName = None,
     accept: AcceptOption = None,

@@ -65,7 +65,7 @@ def export(
     frame : {"base", "reference"}, optional
         For files of constants: the frame of the file's root is the arm's own base (default), or that of the reference.
     convention : {"dh", "mdh"}, optional
-        For ``constants`` and ``deltas``: Denavit-Hartenberg or modified; by default the one with the nominal arm's
+        For ``constants``: Denavit-Hartenberg or modified; by default the one with the nominal arm's
         numbers.
     tip : str, optional
         Name of the tip, of a model with several.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from dataclasses import replace
 
@@ -16,7 +15,7 @@ from truearm.arm import chain_from_dh
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.arm.ur_kinematics import JOINTS, read_ur_kinematics, ur_hash
-from truearm.compensation.export import constants, deltas, joint_offsets, ur_kinematics
+from truearm.compensation.export import constants, joint_offsets, ur_kinematics
 from truearm.compensation.export.rigid_arm import best_rigid_arm
 from truearm.compensation.export.ur_kinematics import ur_kinematics_text
 from truearm.compensation.targets.manifest import read_manifest
@@ -72,11 +71,10 @@ def ur10() -> ta.KinematicModel:
 
 
 @pytest.fixture(scope="module")
-def whole(ur10, tmp_path_factory) -> dict[str, str]:
-    folder = tmp_path_factory.mktemp("whole")
-    for module, suffix in ((deltas, ".csv"), (deltas, ".json"), (joint_offsets, ".yaml")):
-        module.write(ur10, folder / f"whole{suffix}")
-    return {path.suffix: path.read_text() for path in folder.iterdir()}
+def whole(ur10, tmp_path_factory) -> str:
+    path = tmp_path_factory.mktemp("whole") / "whole.yaml"
+    joint_offsets.write(ur10, path)
+    return path.read_text()
 
 
 @pytest.fixture
@@ -106,66 +104,6 @@ def robot_file(folder, seed=2):
 @pytest.fixture(scope="module")
 def source(tmp_path_factory):
     return robot_file(tmp_path_factory.mktemp("robot"))
-
-
-# Deltas
-
-
-@pytest.mark.parametrize("suffix", [".csv", ".json"])
-@pytest.mark.parametrize("model", ["ur10", "panda", "rail"], indirect=True)
-def test_deltas_added_to_the_nominal_constants_are_the_rigid_arm(model, suffix, tmp_path):
-    path = tmp_path / f"deltas{suffix}"
-    rigid = deltas.write(model, path, frame="reference")
-    q = poses(model.arm_, 30, 5)
-    expected = rigid.in_reference_frame().chain.tip_in_base(q)
-    np.testing.assert_allclose(deltas.tips(path, q), expected, atol=1e-8, rtol=0)
-    manifest = read_manifest(path)
-    np.testing.assert_allclose(deltas.tips(path, manifest.joints), manifest.tips, atol=1e-9, rtol=0)
-
-
-def test_deltas_stand_beside_the_nominal_constants_in_mm_m_and_rad(ur10, tmp_path):
-    path = tmp_path / "deltas.json"
-    deltas.write(ur10, path)
-    document = json.loads(path.read_text())
-    rows = document["joints"]
-    assert [row["a_mm"] for row in rows] == pytest.approx([0, -612, -572.3, 0, 0, 0])
-    for row in rows:
-        assert row["delta_a_m"] == pytest.approx(row["delta_a_mm"] / 1000)
-        assert abs(row["delta_theta_rad"]) < 0.02
-        assert abs(row["delta_a_mm"]) < 5
-    # What leaving out beta costs: of the order of 1 mrad times the rest of the arm, by an independent sum.
-    frames = document["frames"]
-    columns = {name: np.array([row[name] for row in rows]) for name in rows[0] if name.endswith(("_rad", "_mm"))}
-    total = {q: columns[f"{q}_{u}"] + columns[f"delta_{q}_{u}"] for q, u in deltas.QUANTITIES.items()}
-    without = chain_from_dh(
-        a=total["a"], d=total["d"], alpha=total["alpha"], theta=total["theta"], tip_in_flange=frames["tip_in_flange_mm"]
-    )
-    q = best_rigid_arm(ur10).poses
-    off = np.linalg.norm(without.tip_in_base(q) - deltas.tips(path, q), axis=1).mean()
-    assert frames["without_beta_mm"] == pytest.approx(off, rel=1e-9)
-
-
-@pytest.mark.parametrize("suffix", [".csv", ".json"])
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda text: text.replace("revolute", "rotary"), "the file is damaged: joints.0.type"),
-        (lambda text: text.replace("delta_a_mm", "delta_a_cm"), "the file is damaged: joints.0"),
-        (lambda text: text.replace('"dh"', '"ddh"'), "the file is damaged: frames.convention"),
-        (lambda text: text.replace("-612.0", "NaN"), "the file is damaged: joints.1.a_mm"),
-        (lambda text: text.replace("-612.0", "1e999"), "the file is damaged: joints.1.a_mm"),
-        (lambda text: text.replace('"base":', '"bass":'), "the file is damaged: frames"),
-        (lambda text: text.replace("formula", "formule").replace("frames", "freams"), "damaged|expected a line"),
-    ],
-)
-def test_a_damaged_file_of_deltas_is_refused(whole, suffix, change, message, tmp_path):
-    path = tmp_path / f"deltas{suffix}"
-    text = whole[suffix]
-    first, rest = text.split("\n", 1) if suffix == ".csv" else ("", text)
-    path.write_text(first + "\n" + change(rest) if first else change(rest))
-    with pytest.raises(InputError, match=message) as refused:
-        deltas.tips(path, np.zeros((1, 6)))
-    assert refused.value.file == path
 
 
 # Joint offsets
@@ -234,8 +172,8 @@ def test_offsets_of_a_sliding_joint_are_in_metres(tmp_path):
 )
 def test_a_damaged_file_of_offsets_is_refused(whole, change, message, tmp_path):
     path = tmp_path / "offsets.yaml"
-    changed = change(whole[".yaml"])
-    assert changed != whole[".yaml"]
+    changed = change(whole)
+    assert changed != whole
     path.write_text(changed)
     with pytest.raises(InputError, match=message):
         joint_offsets.tips(path, np.zeros((1, 6)))
@@ -320,8 +258,6 @@ def test_what_has_no_place_in_the_file_is_refused(ur10, panda, source, tmp_path)
     ("format", "name"),
     [
         ("constants", "a.csv"),
-        ("deltas", "a.csv"),
-        ("deltas", "a.json"),
         ("joint-offsets", "a.yaml"),
         ("ur-kinematics", "a.yaml"),
     ],
@@ -332,7 +268,7 @@ def test_the_check_of_a_file_finds_what_was_changed(ur10, source, format, name, 
     assert check_export(ur10, path).agrees
     text = path.read_text()
     # A length of the upper arm changes by some millimetres.
-    old = {"constants": r"(J2,a,mm,-612.0,-6)(.)", "deltas": r"([,\s]-61)(2\.0)"}.get(format, r"(-0\.61)(\d)")
+    old = {"constants": r"(J2,a,mm,-612.0,-6)(.)"}.get(format, r"(-0\.61)(\d)")
     changed = re.sub(old, lambda found: f"{found[1]}9{found[2][1:]}", text)
     assert changed != text
     path.write_text(changed)
@@ -343,7 +279,6 @@ def test_an_arm_without_coefficients_is_written(source, tmp_path):
     for model in empty_models(ta.load_arm("ur10")):
         for format, name in (
             ("constants", "a.csv"),
-            ("deltas", "a.csv"),
             ("joint-offsets", "a.yaml"),
             ("ur-kinematics", "b.yaml"),
             ("urdf", "a.urdf"),
@@ -354,17 +289,6 @@ def test_an_arm_without_coefficients_is_written(source, tmp_path):
 
 
 # Columns that say the same
-
-
-def test_deltas_in_metres_that_were_changed_are_refused(ur10, tmp_path):
-    path = tmp_path / "deltas.json"
-    deltas.write(ur10, path)
-    document = json.loads(path.read_text())
-    document["joints"][1]["delta_a_m"] += 1e-3
-    path.write_text(json.dumps(document))
-    with pytest.raises(InputError, match=r"joints.1.*delta_a_mm and delta_a_m differ"):
-        deltas.tips(path, poses(ur10.arm_, 3))
-    assert not check_export(ur10, path).agrees
 
 
 @pytest.mark.parametrize(("column", "value"), [(5, "9.0"), (3, "9.0"), (2, "deg"), (5, "x")])
@@ -401,7 +325,7 @@ def oddly_named(request):
 @pytest.mark.parametrize(
     ("format", "name"),
     [
-        *(("constants", "a.csv"), ("deltas", "a.csv"), ("deltas", "a.json")),
+        ("constants", "a.csv"),
         *(("joint-offsets", "a.yaml"), ("urdf", "a.urdf"), ("json", "b.json")),
     ],
 )
@@ -431,7 +355,7 @@ def test_long_and_odd_texts_are_no_obstacle(odd, tmp_path):
 def test_names_that_no_file_can_state_are_refused(name, tmp_path):
     arm = replace(ta.load_arm("ur10"), joint_names=(name, "J2", "J3", "J4", "J5", "J6"))
     with pytest.raises(InputError, match="expected names of joints with at most 300 characters"):
-        export(fitted(arm, with_errors(arm), 30), tmp_path / "a.csv", format="deltas")
+        export(fitted(arm, with_errors(arm), 30), tmp_path / "a.csv", format="constants")
 
 
 def test_a_region_with_a_name_of_other_bytes_is_stated():

@@ -49,7 +49,6 @@ _CONSTANTS = ("region", "frame")
 FORMATS: dict[ExportFormat, FormatSpec] = {
     "urdf": FormatSpec((".urdf",), "urdf", (*_CONSTANTS, "source"), "URDF"),
     "constants": FormatSpec((".csv",), "constants", (*_CONSTANTS, "convention"), "Constants beside the nominal ones"),
-    "deltas": FormatSpec((".csv", ".json"), "deltas", (*_CONSTANTS, "convention"), "Changes of constants"),
     "ur-kinematics": FormatSpec((".yaml", ".yml"), "ur_kinematics", (*_CONSTANTS, "source"), "UR kinematics file"),
     "joint-offsets": FormatSpec((".yaml", ".yml"), "joint_offsets", _CONSTANTS, "ROS joint offsets"),
     "c": FormatSpec((".c",), "c_source", (), "C99 source", True),
