@@ -101,16 +101,28 @@ def test_an_arm_too_short_for_the_limits_is_refused_with_its_reach(truearm, tmp_
     assert "without a specification" in ran.err
 
 
-def test_the_page_shows_what_the_program_prints(truearm):
-    """Words to the letter; numbers to 3 um and shares to 3 arms, as other processors round otherwise."""
+def shown_and_printed(truearm, *more):
+    """What the page shows of a simulated test, and what the program prints: the words are the same to the letter."""
     (shown,) = re.findall(r"```console simulated\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL)
     command, _, printed = shown.partition("\n")
-    ran = truearm(*command.split()[2:])
-    number = r"(?<![\w.-])\d+(?:\.\d+)?(?= ?%|\s|$)"
+    ran = truearm(*command.split()[2:], *more)
     out = "\n".join(ran.out.splitlines()[: len(printed.splitlines())])  # the remarks are not shown
     assert "whole test" in printed
     words = [re.sub(r"[\d.]+", "", " ".join(text.split())) for text in (out, printed)]
     assert words[0] == words[1]
+    return out, printed
+
+
+def test_the_page_shows_the_words_that_the_program_prints(truearm):
+    shown_and_printed(truearm, "--arms", 8)
+
+
+@pytest.mark.slow
+@pytest.mark.weekly
+def test_the_page_shows_what_the_program_prints(truearm):
+    """Numbers to 3 um and shares to 3 arms, as other processors round otherwise."""
+    out, printed = shown_and_printed(truearm)
+    number = r"(?<![\w.-])\d+(?:\.\d+)?(?= ?%|\s|$)"
     ours, page = (re.findall(number, text) for text in (out, printed))
     assert len(ours) == len(page)
     for one, other in zip(ours, page, strict=True):

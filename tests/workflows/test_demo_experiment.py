@@ -141,7 +141,14 @@ def test_the_papers_trainer_leaves_what_the_demo_states(tmp_path):
     assert errors.max() == pytest.approx(PAPER_TRAINER_MM[1], rel=0.35)
 
 
+def test_a_smaller_network_removes_most_of_the_error():
+    """Half the poses and units of the demo's own, which is tried every week: here three quarters are removed."""
+    smaller = Settings(n_train=800, n_test=100, hidden=(10, 10), epochs=100)
+    assert experiment(seed=0, settings=smaller).errors("box")["network"]["removed_percent"] > 60
+
+
 @pytest.mark.slow
+@pytest.mark.weekly
 def test_the_quick_network_is_within_reach_of_the_paper():
     """1500 poses and 20-20 units: some 0.05 mm, a tenth of the nominal error."""
     errors = experiment(seed=0, settings=QUICK_SETTINGS).errors("box")["network"]

@@ -119,11 +119,12 @@ def test_a_page_is_not_written_to_links_that_form_a_loop(model_and_session, tmp_
 
 def test_paths_and_objects_give_the_same_result(model_and_session, tmp_path):
     model, _ = model_and_session
-    model.save(tmp_path / "model.truearm")
-    objects, paths = (ta.task(given, "sphere", 25, n_arms=100, seed=4) for given in (model, tmp_path / "model.truearm"))
+    file = tmp_path / "model.truearm"
+    model.save(file)
+    objects, paths = (ta.task(given, "length", 300, n_arms=100, seed=4) for given in (model, file))
     assert objects.to_dict()["quantities"] == paths.to_dict()["quantities"]
     in_seats = ta.simulate("gao2017", poses=8, strategy="seat", seats=2, seed=3).session
-    for given in (model, tmp_path / "model.truearm"):  # the same model: its second check of this session is its first
+    for given in (model, file):  # the same model: its second check of this session is its first
         result = ta.check(given, in_seats, tmp_path / "history.sqlite", date="2026-01-05")
     assert (result.record.added, len(result.record.checks)) == (False, 1)
 

@@ -115,17 +115,17 @@ def test_what_all_points_share_moves_the_place_and_a_scale_the_size(kind):
     )
     angles = np.zeros((len(points), 6))
     shifted, scaled = (
-        measure_features(Errors(motion), kind, points, angles, groups, np.zeros((0, len(points), 3)), n_arms=800)[
+        measure_features(Errors(motion), kind, points, angles, groups, np.zeros((0, len(points), 3)), n_arms=400)[
             0
         ].quantities
         for motion in (np.tile([0.1, 0, 0], (len(points), 1)), 1e-4 * points)
     )
-    # Rounding of 500 mm through a fit; 8 % is three standard deviations of a standard deviation of 800 draws.
+    # Rounding of 500 mm through a fit; 11 % is three standard deviations of a standard deviation of 400 draws.
     assert shifted[0].u < 1e-9
-    assert scaled[0].u == pytest.approx(1e-4 * 50.0, rel=0.08)
-    assert scaled[0].expanded == pytest.approx(1.96 * 1e-4 * 50.0, rel=0.1)
+    assert scaled[0].u == pytest.approx(1e-4 * 50.0, rel=0.11)
+    assert scaled[0].expanded == pytest.approx(1.96 * 1e-4 * 50.0, rel=0.13)
     for centre in shifted[1:2]:
-        assert centre.u == pytest.approx(0.1, rel=0.08)
+        assert centre.u == pytest.approx(0.1, rel=0.11)
 
 
 @pytest.mark.parametrize(("kind", "n", "freedom"), [("circle", 5, 4), ("sphere", 9, 5), ("plane", 9, 6)])
@@ -135,11 +135,11 @@ def test_few_points_show_their_scatter_by_students_distribution(kind, n, freedom
     points = feature.points + rng.normal(0, 0.01, (n, 3))
     none = np.zeros((0, n, 3))
     found = measure_features(
-        Errors(np.zeros((n, 3))), kind, points, np.zeros((n, 6)), {"": np.arange(n)}, none, n_arms=2000
+        Errors(np.zeros((n, 3))), kind, points, np.zeros((n, 6)), {"": np.arange(n)}, none, n_arms=1000
     )[0]
     which = 2 if kind == "plane" else 0  # of a plate the height
     quantity = found.quantities[which]
-    # U is that of 2000 draws with heavy tails: 4 to 5 % of it; a normal distribution gives 20 to 29 % less.
+    # U is that of 1000 draws with heavy tails: 6 to 7 % of it; a normal distribution gives 20 to 29 % less.
     assert quantity.expanded / quantity.u == pytest.approx(float(student_t.ppf(0.975, freedom)), rel=0.15)
 
 

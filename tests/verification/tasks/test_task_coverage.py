@@ -5,6 +5,7 @@ A small version of ``python -m benchmarks uncertainty tasks``. No repeatability 
 
 import copy
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -38,19 +39,35 @@ def identified():
     return found
 
 
-def shares(identified, feature, n_arms):
+@pytest.fixture(scope="module")
+def models(identified):
+    return [model for _, model in identified]
+
+
+@pytest.fixture(scope="module")
+def true_errors(identified):
+    """The errors of a feature that each arm makes in `N_POSTURES` postures, measured once."""
+
+    @cache
+    def made(feature):
+        ways = feature_postures(ARM, feature, N_POSTURES, seed=77)
+        poses, of_arms = ways.reshape(-1, ARM.n_joints), []
+        for seed, (virtual, model) in enumerate(identified):
+            degC = model.training_.temperature_degC.mean
+            taken = virtual.measure(poses, seed=500 + seed, temperature_degC=degC, reference=False)
+            shown = model.predict_readings(replace(taken.readings, directions=None))
+            off = (shown - taken.true_tips).reshape(len(ways), -1, 3)
+            of_arms.append(np.array([feature.errors(feature.points + one)[0] for one in off]))
+        return of_arms
+
+    return made
+
+
+def shares(models, true_errors, feature, n_arms):
     """Of true errors in the interval, of those no larger than U, and true over stated size, root mean square."""
-    ways = feature_postures(ARM, feature, N_POSTURES, seed=77)
     inside, within, times = [], [], []
-    for seed, (virtual, model) in enumerate(identified):
+    for seed, (model, errors) in enumerate(zip(models, true_errors(feature), strict=True)):
         stated = simulate_measurements(PosteriorDistribution(model), feature, n_arms=n_arms, seed=seed).estimates[0]
-        poses = ways.reshape(-1, ARM.n_joints)
-        taken = virtual.measure(
-            poses, seed=500 + seed, temperature_degC=model.training_.temperature_degC.mean, reference=False
-        )
-        shown = model.predict_readings(replace(taken.readings, directions=None))
-        off = (shown - taken.true_tips).reshape(len(ways), -1, 3)
-        errors = np.array([feature.errors(feature.points + one)[0] for one in off])
         low, high = stated.interval_mm
         inside.append(((errors >= low) & (errors <= high)).mean())
         within.append((np.abs(errors) <= stated.expanded_mm).mean())
@@ -59,12 +76,12 @@ def shares(identified, feature, n_arms):
 
 
 @pytest.mark.parametrize("length", [50.0, 1000.0])
-def test_intervals_of_two_points_hold_what_they_say(identified, length):
+def test_intervals_of_two_points_hold_what_they_say(models, true_errors, length):
     """200 measured lengths of eight arms: 95 % and three standard deviations, of binomial counts as of arms.
 
     A binomial share of 200 has 1.5 %; the coverages of single arms scatter by about 5 %, the mean of eight by 1.8 %.
     """
-    inside, _, times = shares(identified, length_at(MIDDLE, ACROSS, length), 200)
+    inside, _, times = shares(models, true_errors, length_at(MIDDLE, ACROSS, length), 200)
     assert inside > 0.95 - 3 * np.hypot(0.015, 0.018)
     # Nor are they too wide: errors are as large as the standard uncertainty.
     assert 0.75 < times < 1.25
@@ -83,25 +100,25 @@ def test_intervals_of_two_points_hold_what_they_say(identified, length):
     ],
     ids=["length of 40 points", "ball", "plate lying", "plate facing"],
 )
-def test_errors_of_many_points_are_no_larger_than_stated(identified, feature, least):
+def test_errors_of_many_points_are_no_larger_than_stated(models, true_errors, feature, least):
     """95 % less two standard deviations of 200 measurements, as above: with all noise averaged it was 68 to 85 %.
 
     U is what 95 % of the errors do not exceed, and no longer the farther end of an interval, which held more.
     """
-    _, within, times = shares(identified, feature, 100)
+    _, within, times = shares(models, true_errors, feature, 100)
     assert within > 0.95 - 2 * np.hypot(0.015, 0.018)
     assert least < times < 1.25
 
 
-def test_without_the_drawings_error_outside_the_trained_range_a_plate_facing_is_stated_closer(identified):
+def test_without_the_drawings_error_outside_the_trained_range_a_plate_facing_is_stated_closer(models, true_errors):
     """Towards the arm joints hardly move a tip: drawn alike in all directions, this was stated a third too large."""
     seen = []
-    for virtual, model in identified:
+    for model in models:
         other, function = copy.copy(model), model.variance_function_
         assert function.beyond.nominal > 0
         other.variance_function_ = replace(function, beyond=replace(function.beyond, nominal=0.0))
-        seen.append((virtual, other))
-    _, within, times = shares(seen, FACING, 100)
+        seen.append(other)
+    _, within, times = shares(seen, true_errors, FACING, 100)
     assert within > 0.95 - 2 * np.hypot(0.015, 0.018)
     assert 0.8 < times < 1.25
 
