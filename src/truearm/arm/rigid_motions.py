@@ -12,6 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from truearm.typing import FloatArray
 
+_CROSS = np.cross(np.eye(3)[:, None], np.eye(3)).transpose(0, 2, 1).reshape(3, 9)
+
 
 def exponential_derivative(motions: npt.ArrayLike) -> FloatArray:
     """Return the small motion that corresponds to a change of the components of a finite motion.
@@ -42,9 +44,7 @@ def exponential_derivative(motions: npt.ArrayLike) -> FloatArray:
 
 def cross_matrix(v: FloatArray) -> FloatArray:
     """(..., 3, 3) matrices K of vectors v (..., 3) with ``K w = v x w``."""
-    K = np.zeros((*v.shape, 3))
-    K[..., 0, 1], K[..., 0, 2], K[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
-    return K - np.swapaxes(K, -1, -2)
+    return np.asarray(v @ _CROSS).reshape(*v.shape, 3)
 
 
 def apply_motions(v: FloatArray, motion: FloatArray) -> FloatArray:

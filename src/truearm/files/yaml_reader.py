@@ -11,11 +11,13 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-
-import yaml
+from typing import TYPE_CHECKING
 
 from truearm.errors import InputError
 from truearm.files.file_reading import utf8_text
+
+if TYPE_CHECKING:
+    import yaml
 
 # Levels of a file that describes an arm: root, links, their numbers; more is of another kind, or an attack.
 MAX_DEPTH = 10
@@ -104,6 +106,8 @@ def parse_yaml(content: bytes) -> YamlNode:
         If it is not UTF-8 or not YAML, is empty, has several documents, anchors, aliases or tags, keys that are no text
         or stated twice, or more than `MAX_DEPTH` levels.
     """
+    import yaml  # where it is used: few arms are read from YAML
+
     text = utf8_text(content)
     try:
         _check_events(text)
@@ -122,6 +126,8 @@ def parse_yaml(content: bytes) -> YamlNode:
 
 def _check_events(text: str) -> None:
     """Refuse what needs no place in a file of numbers, before the tree is built: the depth bounds its recursion."""
+    import yaml
+
     depth = documents = 0
     for event in yaml.parse(text, Loader=yaml.SafeLoader):
         line = 1 if event.start_mark is None else event.start_mark.line + 1
@@ -142,6 +148,8 @@ def _check_events(text: str) -> None:
 
 
 def _converted(node: yaml.Node) -> YamlNode:
+    import yaml
+
     line = node.start_mark.line + 1
     if isinstance(node, yaml.SequenceNode):
         return YamlNode(line, items=[_converted(item) for item in node.value])

@@ -26,8 +26,7 @@ class _Blocks:
         self._limits: list[Any] = []
         self._seen: tuple[bool, ...] = ()
 
-    def begin(self) -> None:
-        loaded = _loaded()
+    def begin(self, loaded: tuple[bool, ...]) -> None:
         if self._depth == 0 or loaded != self._seen:  # a library loaded within a block starts with all threads
             self._seen = loaded
             libraries = _libraries(loaded, of_each_thread=self._of_each_thread)
@@ -62,8 +61,9 @@ class OneBlasThread(ContextDecorator):
 
     def __enter__(self) -> None:
         with self._lock:
-            self._of_process.begin()
-            self._of_thread.begin()
+            loaded = _loaded()
+            self._of_process.begin(loaded)
+            self._of_thread.begin(loaded)
 
     def __exit__(self, *error: object) -> None:
         with self._lock:

@@ -78,8 +78,8 @@ def check_readings_of(arm: Arm, readings: Session) -> None:
 
 def with_read_angles(arm: Arm, readings: Session) -> Session:
     """The readings with zero for joints that only mimic others: they have no encoder, and a table may hold anything."""
-    is_read = arm.chain.is_read
-    return readings if is_read.all() else replace(readings, angles=readings.angles * is_read)
+    chain = arm.chain
+    return readings if chain.coupling is None else replace(readings, angles=readings.angles * chain.is_read)
 
 
 def with_serial_number(arm: Arm, readings: Session) -> Arm:

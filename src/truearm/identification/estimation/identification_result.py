@@ -177,7 +177,7 @@ class IdentificationResult:
         (derivatives, root), out = self._uncertain, np.empty((len(state), 3, 3))
         for rows, _, along_sites, values in derivatives(state):
             out[rows] = root.covariances(along_sites, values, state.joint_angles[rows])
-        return out + self.unspanned_covariance(state)
+        return out + self.unspanned_covariance(state) if self.processes else out
 
     def expected_square_error(self, state: ArmState) -> float:
         """Expected squared error of a tip, by parameters and noise, mean over the readings of a state [mm^2].

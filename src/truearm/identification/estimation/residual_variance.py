@@ -342,7 +342,7 @@ class VarianceFunction:
         features = _features(angles, self.centre, self.spread)
         share = np.exp(features @ self._coefficients) / self.mean
         beyond = (np.abs(angles - self.centre) > BEYOND * self.spread).any(axis=1)
-        share = np.where(beyond, np.maximum(share, 1.0), share)
+        share = np.maximum(share, beyond)
         return np.asarray(share if self.beyond is None else share * self.beyond.factor(angles))
 
 
