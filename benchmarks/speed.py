@@ -26,6 +26,8 @@ from truearm import datasets
 from truearm.arm import Chain, load_arm, write_urdf
 from truearm.compensation.models import Compensator, KinematicModel, NominalModel, PhysicalModel
 from truearm.compensation.models.model_file import load_model
+from truearm.identification.estimation.composed_arm import ComposedArm
+from truearm.identification.estimation.covariance_root import CovarianceRoot
 from truearm.identification.virtual import load_preset
 from truearm.readings import Session
 
@@ -76,11 +78,16 @@ def load_seconds() -> float:
 
 
 def whole_process_seconds(*command: str | Path) -> float:
-    """CPU seconds of a command of truearm, imports included; a first run compiles the files, as an installer does."""
+    """CPU seconds of a command of truearm, imports included."""
+    return python_seconds("-m", "truearm", *command)
+
+
+def python_seconds(*arguments: str | Path) -> float:
+    """CPU seconds of Python with some arguments; a first run compiles the files, as an installer does."""
 
     def run() -> float:
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        run_compiled("-m", "truearm", *command)
+        run_compiled(*arguments)
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
         return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
@@ -163,6 +170,8 @@ def many_readings(n: int) -> Session:
 
 
 OWN = "the same with the BLAS' own number of threads"
+# What a small fit minimises with, looks for neighbours with, and reads options and arm files with.
+ALONE = "import scipy.optimize, scipy.spatial, typer, pydantic"
 for _name, _what, _unit, _target, _measure in (
     ("fit-physical", "physical fit of UR10-A", "s", 6.0, lambda: fit_seconds("physical", ur10_readings())),
     ("fit-physical-1000", "the same, 1,000 readings", "s", 1.5, lambda: fit_seconds("physical", ur10_readings(1000))),
@@ -194,6 +203,7 @@ for _name, _what, _unit, _target, _measure in (
     ("load", "load_model of a physical model", "s", 0.5, load_seconds),
     ("load-threads", OWN, "s", 0.5, load_seconds),
     ("fit-process", "truearm fit, 50 readings, kinematic, whole process", "s", 0.6, fit_process_seconds),
+    ("imports", f"of it {ALONE} alone", "s", 0.6, lambda: python_seconds("-c", ALONE)),
     ("predict-process", "truearm predict, 10 readings, whole process", "s", 0.5, predict_process_seconds),
     ("reading-kinematic", "one reading, kinematic", "ms", 0.1, lambda: one_reading_ms("kinematic")),
     ("reading-physical", "one reading, physical", "ms", 0.3, lambda: one_reading_ms("physical")),
@@ -214,6 +224,31 @@ for _name, _what, _unit, _target, _measure in (
         threads="default" if _what == OWN else "one",
         is_long="elapsed" in _unit,
     )(_measure)
+
+
+@ROWS.row("points-limit", threads="one", quick={"readings": 500})
+def points_limit(readings: int = 5000) -> RowResult:
+    """Points with covariance of a kinematic model: what one product with the root of its covariance takes of the time.
+
+    A triangle of p columns times the derivatives of three coordinates at n readings is 3 n p^2 flops, at the speed of
+    the product of two large matrices in the same process.
+    """
+    model, angles = load_model(model_file("kinematic")), ur10_readings(readings).angles
+    composed = ComposedArm.of(model.fit_.perturbed_chain, model.fit_.coefficients)
+    fewer, covariance = composed.without_repeated(model.fit_.covariance)
+    p = CovarianceRoot.of(covariance, fewer.perturbed_chain).n_rows
+    large, flops = np.random.default_rng(0).normal(size=(1000, 1000)), 3 * readings * p**2
+    rate = 2 * len(large) ** 3 / min(cpu_seconds_of(lambda: large @ large) for _ in range(9))
+    whole = min(cpu_seconds_of(lambda: model.predict(angles, return_cov=True)) for _ in range(19))
+    row = {
+        "columns": p,
+        "flops [1e9]": 1e-9 * flops,
+        "speed [1e9/s]": 1e-9 * rate,
+        "derivatives [MB]": 24e-6 * readings * p,
+        "product [ms]": 1e3 * flops / rate,
+        "points [ms]": 1e3 * whole,
+    }
+    return RowResult([row], [Target("points over the product", whole * rate / flops, 2.0)])
 
 
 # Kinematics -----------------------------------------------------------------------------------------------------------
