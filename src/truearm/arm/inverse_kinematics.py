@@ -212,7 +212,10 @@ class _Problem:
         free = np.ones(q.shape, dtype=bool)
         for _ in range(3):  # the others take over the share of a joint at its limit
             step = _damped_step(missing, J * free[:, None], damping, pull * free)
-            free &= ~(((q <= self.lower) & (step < 0)) | ((q >= self.upper) & (step > 0)))
+            held = free & (((q <= self.lower) & (step < 0)) | ((q >= self.upper) & (step > 0)))
+            if not held.any():
+                break
+            free &= ~held
         step = within_longest_step(step * free, self.scale)
         return np.clip(q + step / self.mm_per_unit, self.lower, self.upper)
 
