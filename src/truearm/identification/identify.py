@@ -23,7 +23,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from truearm.identification.estimation.consider_parameters import response_to_point_errors, with_shared_error
-from truearm.identification.estimation.identification import identify
+from truearm.identification.estimation.identification import identify, with_few_changed
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.residual_variance import (
     LEAST_FREEDOM,
@@ -501,6 +501,8 @@ def estimate_without_gross_errors(
         return Found(fit, cross_validate(readings, fit))
 
     def identified(weights: FloatArray, before: IdentificationResult | None) -> IdentificationResult:
+        if before and (found := with_few_changed(before, readings.state, readings.references, weights)) is not None:
+            return found
         return _identify_terms(
             readings, terms, readings.references, progress=progress, weights=weights, start=before or start.arm
         )

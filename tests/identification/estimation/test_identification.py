@@ -431,6 +431,31 @@ def test_a_matrix_of_some_readings_prunes_the_groups_that_one_of_all_prunes(arm,
     np.testing.assert_allclose(std[0], std[1], rtol=0.01)
 
 
+def test_few_of_many_readings_are_excluded_and_come_back_by_one_step(arm, rng, monkeypatch):
+    """Of 2000 readings three are excluded, two of them wrong, and one comes back: to a 500th of u."""
+    terms, rows = constants(arm.chain, free=()), np.arange(2000)
+    angles = poses(arm, 2000, rng)
+    points = seen(arm, terms, drawn(terms, rng), angles, rng)
+    points[[4, 31]] += [[0.4, 0, 0], [0, 3.0, 0]]
+    state, references = ArmState(arm.chain, angles), [Points(rows, points)]
+    before = found(arm, angles, points, terms, reading_weights=np.where(rows == 7, 0.0, 1.0))
+    weights = np.where(np.isin(rows, [4, 31, 99]), 0.0, 1.0)
+    assert identification.with_few_changed(before, state, references, weights) is None  # two in 1000
+    monkeypatch.setattr(identification, "MOST_CHANGED", 0.003)
+    quick = identification.with_few_changed(before, state, references, weights)
+    plain = found(arm, angles, points, terms, reading_weights=weights, start=before)
+    std = np.sqrt(plain.covariance.diagonal())
+    assert np.abs((before.coefficients - plain.coefficients) / std).max() > 0.05
+    np.testing.assert_allclose(quick.coefficients / std, plain.coefficients / std, rtol=0, atol=0.002)
+    # Weights follow the noise, of which four in 2000 readings are a share.
+    for name, tolerance in (("residuals", 1e-3 * NOISE), ("robust_weight", 5e-3)):
+        quick_one, plain_one = (getattr(fit.references[0], name) for fit in (quick, plain))
+        np.testing.assert_allclose(quick_one, plain_one, rtol=0, atol=tolerance)
+    np.testing.assert_allclose(quick.covariance.diagonal(), std**2, rtol=0.01)  # three of 2000 and their noise
+    weights[5] = 0.5  # as by Student's distribution
+    assert identification.with_few_changed(before, state, references, weights) is None
+
+
 def test_rough_normal_equations_of_all_readings_are_the_exact_ones(arm, rng):
     terms = (*constants(arm.chain, free=()), *own_axis(arm.chain, 2, highest=20))
     angles = poses(arm, 90, rng)

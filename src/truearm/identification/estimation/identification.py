@@ -28,6 +28,7 @@ from truearm.identification.estimation.linearisation import (
 )
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.estimation.problem import SmallMotionProblem
+from truearm.identification.estimation.residual_variance import huber_weights
 from truearm.identification.estimation.rounds import Rounds
 from truearm.identification.references.references import Points, Reference
 from truearm.identification.terms.state import ArmState
@@ -48,6 +49,8 @@ SAME_UNCERTAINTY, SAMPLE_OF_TIPS = 1e-3, 30
 LEAST_KNOWN = 0.5
 # A sample with a larger share of the readings costs more than the rounds that it saves.
 MOST_SHARE = 0.25
+# Readings that are excluded from so small a share, or come back, change the arm by one step.
+MOST_CHANGED = 1e-4
 # One in so many readings, and no fewer than the sample, show which of many groups are pruned.
 MATRIX_SHARE = 16
 
@@ -264,6 +267,29 @@ def linearised_about(
         found = grouped_equations(reduced, x, n_residuals).posterior(prior.subset(reduced.kept))
     n = len(result.coefficients)
     return replace(result, coefficients=found.x[:n], covariance=found.covariance[:n, :n])
+
+
+def with_few_changed(
+    fit: IdentificationResult, state: ArmState, references: Sequence[Reference], weights: FloatArray
+) -> IdentificationResult | None:
+    """The result with weights (n,) that exclude a few of many points more, or less: one step, by their pulls alone.
+
+    None where that would not do: there are other references, weights between 0 and 1, or more than `MOST_CHANGED`.
+    Scales, noise and covariance are kept: they change by no larger share.
+    """
+    (part, *others), x = fit.references, fit.coefficients
+    given = weights[part.rows]
+    changed = np.flatnonzero((given > 0) != (part.robust_weight > 0))
+    if others or part.kind != "point" or not np.isin(given, (0, 1)).all() or len(changed) > MOST_CHANGED * len(given):
+        return None
+    variance = (part.std[:, changed] ** 2 + part.noise_std**2).T
+    robust_weight = part.robust_weight.copy()
+    robust_weight[changed] = given[changed] * huber_weights(part.residuals[:, changed].T, variance)
+    new = replace(part, robust_weight=robust_weight)
+    pulls = ((new.weights**2 - part.weights**2) * part.residuals)[:, changed]
+    x = x - fit.covariance @ fit.perturbed_chain.gradient(state.rows(part.rows[changed]), x, pulls)
+    (residuals,) = initial_problem(fit.perturbed_chain, state, references)[0].residuals(x)
+    return replace(fit, coefficients=x, references=(replace(new, residuals=residuals),))
 
 
 def _result(
