@@ -8,10 +8,9 @@ import pytest
 from truearm.errors import InputError
 from truearm.readings import Lengths, length_errors
 from truearm.readings.thermal_expansion import (
-    ARTEFACT_U_K,
     UNSTATED_U_K,
+    ThermalExpansion,
     at_measured_temperature,
-    thermal_expansion_at,
     thermal_expansion_of,
 )
 
@@ -26,7 +25,7 @@ def test_a_length_is_as_warm_as_its_two_seats():
     growth = thermal_expansion_of(STEEL, SEAT, DEGC)
     assert growth.known.all()
     assert growth.factor == pytest.approx([1 + 1.15e-5 * 6, 1 - 1.15e-5], abs=1e-12)
-    assert growth.u_temperature == pytest.approx([1.15e-5 * np.hypot(ARTEFACT_U_K, 1.0)] * 2)
+    assert growth.u_temperature == pytest.approx([1.15e-5 * np.hypot(ThermalExpansion.artefact_u_K, 1.0)] * 2)
     assert growth.u_expansion == pytest.approx([6e-6, 1e-6])
     assert growth.u == pytest.approx(np.hypot(growth.u_temperature, growth.u_expansion))
 
@@ -51,7 +50,7 @@ def test_without_a_temperature_a_length_is_less_sure_than_with_one():
     assert not growth.known.any()
     assert (growth.factor == 1).all()
     assert growth.u == pytest.approx([1.15e-5 * UNSTATED_U_K] * 2)
-    assert (growth.u > thermal_expansion_at(STEEL, 20.0).u).all()
+    assert (growth.u > ThermalExpansion.at(STEEL, 20.0).u).all()
 
 
 @pytest.mark.parametrize("degC", [293.15, 68.0, -5.0])

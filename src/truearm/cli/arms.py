@@ -12,7 +12,8 @@ from truearm.choices import Convention
 from truearm.cli.console import print_line, print_record
 from truearm.cli.options import ARM_HELP, AcceptOption, Force, Json, free_parts, refuse_typed
 from truearm.errors import InputError
-from truearm.workflows.outputs import check_new_output, check_page_path
+from truearm.workflows.outputs import check_new_output
+from truearm.workflows.page_record import check_page_path
 
 
 def arms(

@@ -12,7 +12,8 @@ from typer import Argument, Option
 from truearm.cli.console import print_record, progress
 from truearm.cli.options import AcceptOption, Json, LengthsFile, ModelFile, refuse_typed
 from truearm.errors import InputError
-from truearm.workflows.outputs import check_output_is_not_input, check_page_path
+from truearm.workflows.outputs import check_output_is_not_input
+from truearm.workflows.page_record import check_page_path
 
 if TYPE_CHECKING:
     from truearm.workflows.check import CheckResult, WithdrawalResult

@@ -9,7 +9,7 @@ from typer import Option
 
 from truearm.cli.console import print_json, print_line, progress
 from truearm.cli.options import Json
-from truearm.workflows.outputs import check_folder
+from truearm.workflows.page_record import check_folder
 
 
 def demo(

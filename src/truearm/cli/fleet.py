@@ -23,7 +23,8 @@ from truearm.cli.check import (
 )
 from truearm.cli.console import print_line, print_record, progress
 from truearm.cli.options import ARM_HELP, AcceptOption, Force, Json, LengthsFile, SchedulerOption, WorkersOption
-from truearm.workflows.outputs import check_new_output, check_page_path
+from truearm.workflows.outputs import check_new_output
+from truearm.workflows.page_record import check_page_path
 
 Folder = Annotated[Path, Argument(metavar="FOLDER", help="Folder of the fleet.")]
 Verify = Annotated[

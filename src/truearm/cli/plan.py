@@ -11,7 +11,8 @@ from typer import Argument, Option
 from truearm.cli.console import print_record, progress
 from truearm.cli.options import ARM_HELP, AcceptOption, Force, Json, Seed, numbers_of, refuse_typed
 from truearm.identification.planning import ArtefactKind, Strategy, Terms
-from truearm.workflows.outputs import check_new_output, check_page_path
+from truearm.workflows.outputs import check_new_output
+from truearm.workflows.page_record import check_page_path
 
 # Options of a calibration that the plan of an interim check does not take.
 NOT_FOR_CHECKS = ("poses", "page", "seats", "noise", "strategy", "terms", "session", "volume", "accept")

@@ -12,7 +12,7 @@ from truearm.cli.console import print_record, progress
 from truearm.cli.options import AcceptOption, refuse_typed
 from truearm.errors import InputError
 from truearm.pages import FigureFormat
-from truearm.workflows.outputs import check_page_path
+from truearm.workflows.page_record import check_page_path
 
 
 def report(

@@ -17,7 +17,7 @@ from truearm.cli.options import (
 )
 from truearm.errors import InputError
 from truearm.verification import FeatureKind
-from truearm.workflows.outputs import check_page_path
+from truearm.workflows.page_record import check_page_path
 
 CODES = {"yes": 0, "no": 1, "only with guard bands": 3}
 

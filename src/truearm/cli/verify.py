@@ -19,7 +19,8 @@ from truearm.cli.options import (
 )
 from truearm.errors import InputError
 from truearm.verification import DecisionRule, TemplateKind
-from truearm.workflows.outputs import check_new_output, check_page_path
+from truearm.workflows.outputs import check_new_output
+from truearm.workflows.page_record import check_page_path
 
 ArtefactsFile = Annotated[Path | None, Option(help="Certificates of the artefacts, .toml.")]
 MpeFile = Annotated[Path | None, Option(help="The arm's specification: its limits and measuring range, .toml.")]

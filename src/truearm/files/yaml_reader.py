@@ -163,9 +163,3 @@ def _converted(node: yaml.Node) -> YamlNode:
             raise InputError(f"the key {key.value[:_SHOWN]!r} is stated twice", line=key.start_mark.line + 1)
         entries[key.value] = _converted(value)
     return YamlNode(line, entries=entries)
-
-
-def yaml_number(value: float) -> str:
-    """A number that every YAML reader takes for one, to the last bit: with a point before an exponent."""
-    text = repr(float(value) + 0.0)  # + 0.0: no "-0"
-    return text if "e" not in text or "." in text else text.replace("e", ".0e")

@@ -38,8 +38,7 @@ from truearm.verification.monitor.history import History
 from truearm.workflows.check import CheckResult, check
 from truearm.workflows.fit import WITHOUT_CONSTANTS
 from truearm.workflows.inputs import LengthsLike, SessionLike
-from truearm.workflows.outputs import check_page_path
-from truearm.workflows.page_record import make_folder, version_row
+from truearm.workflows.page_record import check_page_path, make_folder, version_row
 from truearm.workflows.verify import SpecificationLike
 
 SETTINGS = "fleet.toml"

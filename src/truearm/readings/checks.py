@@ -11,7 +11,7 @@ from truearm.readings.columns import ANGLE
 from truearm.readings.lengths import ENDS, Lengths
 from truearm.readings.readings import TOUCHED
 from truearm.readings.session import Session
-from truearm.readings.thermal_expansion import WARMEST_DEGC
+from truearm.readings.thermal_expansion import ThermalExpansion
 from truearm.typing import BoolArray, FloatArray
 
 # An angle may pass its limit by this much [rad or mm]: rounding, not a wrong angle.
@@ -201,15 +201,15 @@ def check_temperature(session: Session) -> None:
     Raises
     ------
     InputError
-        If one is `WARMEST_DEGC` or more.
+        If one is `ThermalExpansion.warmest_degC` or more.
     """
     degC = session.temperature_degC
-    if degC is None or not (warm := degC >= WARMEST_DEGC).any():
+    if degC is None or not (warm := degC >= ThermalExpansion.warmest_degC).any():
         return
     row = int(np.argmax(warm))
     session.contradict(
-        f"expected temperatures below {WARMEST_DEGC:g} degC, got {degC[row]:g} degC ({int(warm.sum())} of {len(degC)} "
-        "readings)",
+        f"expected temperatures below {ThermalExpansion.warmest_degC:g} degC, got {degC[row]:g} degC "
+        f"({int(warm.sum())} of {len(degC)} readings)",
         row,
         column="temperature_degC",
         hint=f"{degC[row]:g} degrees Fahrenheit are {(degC[row] - 32) / 1.8:.1f} degC: state degC",

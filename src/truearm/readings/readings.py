@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, Self, cast
+from typing import Any, ClassVar, Self, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -33,14 +33,10 @@ DIRECTION = "direction_"
 # A quaternion's length may differ from 1 by this much, the effect of rounding to two decimals; it is normalized.
 QUATERNION_TOLERANCE = 0.01
 
-# Temperatures of an arm in use [degC]; others are of another scale, or lost their decimal point.
-COLDEST_DEGC, WARMEST_DEGC = -50.0, 100.0
 ABSOLUTE_ZERO_DEGC = -273.15
 
 # No coordinate or uncertainty is larger [mm], whatever the frame: a thousand kilometres. Beyond, squares overflow.
 LARGEST_MM = 1e9
-# A load may have any unit, but its square must be a number.
-LARGEST_LOAD = 1e100
 
 # A sphere of known size: distance of the tip's centre from the sphere's at a touch, and its standard uncertainty.
 SPHERE_DISTANCE = ("sphere_distance_mm", "u_sphere_distance_mm")
@@ -61,6 +57,11 @@ _BESIDE_ANGLES = (
 class Readings:
     """The readings of a `truearm.readings.session.Session`, which describes the fields: their data and their checks."""
 
+    # Temperatures of an arm in use [degC]; others are of another scale, or lost their decimal point.
+    coldest_degC: ClassVar[float] = -50.0
+    warmest_degC: ClassVar[float] = 100.0
+    # A load may have any unit, but its square must be a number.
+    largest_load: ClassVar[float] = 1e100
     angles: FloatArray
     points: FloatArray | None = None
     point_std: FloatArray | None = None
@@ -171,7 +172,7 @@ class Readings:
     def _check_sizes(self) -> None:
         """Refuse numbers so large that they are no lengths, and that later arithmetic would overflow."""
         sizes = dict.fromkeys(("points", "point_std", "sphere_distance", *ANCHOR_DISTANCE), (LARGEST_MM, " mm"))
-        for name, (largest, unit) in (sizes | dict.fromkeys(self.columns, (LARGEST_LOAD, ""))).items():
+        for name, (largest, unit) in (sizes | dict.fromkeys(self.columns, (self.largest_load, ""))).items():
             value = self.columns.get(name, getattr(self, name, None))
             if value is not None and (far := np.abs(value) > largest).any():
                 row = int(np.argwhere(far)[0, 0])
@@ -194,9 +195,9 @@ class Readings:
         degC, column = self.temperature_degC, "temperature_degC"
         hint = "check the temperature, or delete its column"
         self.refuse(degC < ABSOLUTE_ZERO_DEGC, "{:g} degC is below absolute zero", degC, column=column, hint=hint)
-        problem = f"expected a temperature of {COLDEST_DEGC:g} to {WARMEST_DEGC:g} degC, got {{:g}} degC"
+        problem = f"expected a temperature of {self.coldest_degC:g} to {self.warmest_degC:g} degC, got {{:g}} degC"
         hint = "state it in degC: kelvin less 273.15, or (degrees Fahrenheit - 32) / 1.8"
-        self.refuse((degC < COLDEST_DEGC) | (degC > WARMEST_DEGC), problem, degC, column=column, hint=hint)
+        self.refuse((degC < self.coldest_degC) | (degC > self.warmest_degC), problem, degC, column=column, hint=hint)
 
     def _check_std(self) -> None:
         if self.point_std is None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from truearm.compensation.models.uncertainty import COVERAGE_FACTOR, LEVEL, UncertaintyBudget
+from truearm.compensation.models.uncertainty import UncertaintyBudget
 from truearm.number_format import format_count, format_mm, format_percent, format_uncertainty
 from truearm.pages.page import Column, LabelledValue, Page, PageVerdict, Section, State, Table
 from truearm.pages.scene import Mechanism
@@ -245,11 +245,11 @@ def comparison_verdict(
         details.append(doubts[best])
     if (budget := budgets.get(best)) is not None:
         u = format_uncertainty(budget.expanded_mm)
-        details.append(f"Expanded uncertainty of a coordinate by {best}: U = {u} mm (k = {COVERAGE_FACTOR:g}).")
+        details.append(f"Expanded uncertainty of a coordinate by {best}: U = {u} mm (k = {budget.coverage_factor:g}).")
         if budget.n_points:
             details.append(
                 f"{format_percent(budget.coverage)} of the readings lie in the ellipsoids that should hold "
-                f"{format_percent(LEVEL)}."
+                f"{format_percent(UncertaintyBudget.level)}."
             )
             if budget.coverage < LEAST_COVERAGE:
                 state = "doubtful"

@@ -10,9 +10,6 @@ import numpy.typing as npt
 from truearm.compensation.models import Compensator, IdentifiedModel
 from truearm.compensation.models.identified_model import to_identified
 from truearm.compensation.models.uncertainty import (
-    COVERAGE_FACTOR,
-    ELLIPSOID_FACTOR,
-    LEVEL,
     UncertaintyBudget,
     uncertainty_budget,
 )
@@ -31,7 +28,7 @@ LEAST_DETERMINED = 0.5
 MOST_NAMED = 20
 # Points of the curve of a joint for each wave of the highest order.
 POINTS_PER_WAVE = 10
-_LEVEL = format_percent(LEVEL)
+_LEVEL = format_percent(UncertaintyBudget.level)
 
 
 Budgets = Mapping[str, tuple[UncertaintyBudget, tuple[Outlier, ...]]]
@@ -103,12 +100,12 @@ def uncertainty_section(budget: UncertaintyBudget, held_out: HeldOutErrors | Non
     name : str
         Of the model, where there are several.
     """
-    expanded = f"U = {format_uncertainty(budget.expanded_mm)} mm (k = {COVERAGE_FACTOR:g})"
+    expanded = f"U = {format_uncertainty(budget.expanded_mm)} mm (k = {budget.coverage_factor:g})"
     text = (
         f"The expanded uncertainty of a coordinate is {expanded}: the combined standard uncertainty times the coverage "
-        f"factor k = {COVERAGE_FACTOR:g}, for a coverage probability of about {_LEVEL} where errors are normally "
-        "distributed (JCGM 100:2008, 6.3.3). A point in space lies with that probability in an ellipsoid whose half "
-        f"axes are {ELLIPSOID_FACTOR:.2f} standard uncertainties long.\n\n"
+        f"factor k = {budget.coverage_factor:g}, for a coverage probability of about {_LEVEL} where errors are "
+        "normally distributed (JCGM 100:2008, 6.3.3). A point in space lies with that probability in an ellipsoid "
+        f"whose half axes are {budget.ellipsoid_factor:.2f} standard uncertainties long.\n\n"
         "The uncertainty of the arm's parameters causes the same error in the same pose every time: it cancels between "
         "neighbouring points, and it grows outside the measured range. The residual part is noise and effects that the "
         "model has no term for; it is estimated from readings held out, so that ellipsoids have the stated coverage. "
@@ -130,9 +127,15 @@ def uncertainty_section(budget: UncertaintyBudget, held_out: HeldOutErrors | Non
         LabelledValue("standard uncertainty of a coordinate, residual", budget.unexplained_mm, "mm"),
         LabelledValue("combined standard uncertainty u of a coordinate", budget.combined_mm, "mm"),
         LabelledValue("largest combined standard uncertainty on this page", budget.largest_mm, "mm"),
-        LabelledValue(f"expanded uncertainty U of a coordinate, k = {COVERAGE_FACTOR:g}", budget.expanded_mm, "mm"),
         LabelledValue(
-            f"half axis of a point's {_LEVEL} ellipsoid, {ELLIPSOID_FACTOR:.2f} u", budget.ellipsoid_mm, "mm"
+            f"expanded uncertainty U of a coordinate, k = {budget.coverage_factor:g}",
+            budget.expanded_mm,
+            "mm",
+        ),
+        LabelledValue(
+            f"half axis of a point's {_LEVEL} ellipsoid, {budget.ellipsoid_factor:.2f} u",
+            budget.ellipsoid_mm,
+            "mm",
         ),
     ]
     if held_out is not None:

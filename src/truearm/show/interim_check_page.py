@@ -13,7 +13,7 @@ from truearm.number_format import RoundedNumber, capitalize, format_count
 from truearm.pages.page import Cell, Column, LabelledValue, Page, PageVerdict, Section, State, Table
 from truearm.pages.palette import FAINT, INK, LIMIT, NAVY, ORANGE
 from truearm.pages.plotting import Figure, figure_style, join_phrases, make_panel, shorten
-from truearm.readings.thermal_expansion import ARTEFACT_U_K
+from truearm.readings.thermal_expansion import ThermalExpansion
 from truearm.typing import IntArray
 from truearm.verification.monitor.assessment import (
     Assessment,
@@ -115,8 +115,8 @@ _METHOD = (
     "scatter show how well it repeats. The limits become narrower with every check.\n\n"
     "Lengths are compared with the "
     "specification at 20 degC only. A length is corrected to 20 degC where the artefact's expansion and the "
-    f"temperature are known, the temperature to {ARTEFACT_U_K:g} K (standard uncertainty). The result of an artefact "
-    "remains until the artefact is measured again or retired.\n\n"
+    f"temperature are known, the temperature to {ThermalExpansion.artefact_u_K:g} K (standard uncertainty). The "
+    "result of an artefact remains until the artefact is measured again or retired.\n\n"
     "A value beyond its limits shows a large change, the evidence for a change a small or slow one: how many times "
     "better a step or a drift explains the values than none, as a power of ten. Its beginning is where a step or a "
     "drift fits the values best; for a slow drift it is uncertain. The limits and the evidence that is needed depend "

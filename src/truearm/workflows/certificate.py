@@ -31,8 +31,8 @@ from truearm.verification.certificate.dcc import checked_dcc, dcc
 from truearm.verification.certificate.dcc_reader import parse_dcc_file, read_dcc_file
 from truearm.verification.certificate.statements import NOT_FOR_CONFORMITY
 from truearm.verification.standards.rated_conditions import describe_disagreement
-from truearm.workflows.outputs import check_output, check_page_path
-from truearm.workflows.page_record import PageRecord
+from truearm.workflows.outputs import check_output
+from truearm.workflows.page_record import PageRecord, check_page_path
 from truearm.workflows.record import Record
 from truearm.workflows.verify import VerificationResult, digests_of
 

@@ -13,7 +13,7 @@ from truearm.compensation.export.constants_change import FALSE_ALARM, ArmChange,
 from truearm.compensation.export.rigid_arm import same_chain
 from truearm.compensation.models import IdentifiedModel
 from truearm.compensation.models.identified_model import require_identified
-from truearm.compensation.models.training_conditions import TEMPERATURE_TOLERANCE_K
+from truearm.compensation.models.training_conditions import TrainingConditions
 from truearm.errors import InputError
 from truearm.readings.readings import PAYLOAD
 from truearm.solve.threads import one_blas_thread
@@ -115,7 +115,7 @@ def _remarks(old: IdentifiedModel, new: IdentifiedModel, change: ArmChange) -> I
             )
     temperatures = [model.training_.temperature_degC for model in (old, new)]
     means = [one.mean for one in temperatures if one is not None]
-    if len(means) == len(temperatures) and abs(means[0] - means[1]) > TEMPERATURE_TOLERANCE_K:
+    if len(means) == len(temperatures) and abs(means[0] - means[1]) > TrainingConditions.temperature_tolerance_K:
         yield (
             f"The mean temperatures of the training differ ({means[0]:.1f} and {means[1]:.1f} degC): longer or shorter "
             "links may be thermal expansion."

@@ -44,7 +44,7 @@ from truearm.show.comparison_page import (
 )
 from truearm.show.error_figures import before_after
 from truearm.workflows.comparison import compare_models, page_facts
-from truearm.workflows.outputs import check_folder
+from truearm.workflows.page_record import check_folder
 from truearm.workflows.record import Record, TextTable, format_fixed
 
 if TYPE_CHECKING:

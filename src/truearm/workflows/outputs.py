@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -119,28 +119,3 @@ def check_model_output(out: str | Path, arm: Arm | None, *inputs: str | Path | N
     kept = _read_own(out, load_model, REPLACE)
     if arm is not None and (difference := other_arm(kept.arm_, arm)):
         raise InputError(f"the file has a model of another arm: {difference}", file=out, hint=REPLACE)
-
-
-def check_page_path(page: str | Path | None, *inputs: str | Path | None) -> None:
-    """Check a page, if there is to be one, as `check_output` does."""
-    if page is not None:
-        check_output(page, *inputs, endings=(".html", ".htm"))
-
-
-def check_folder(folder: str | Path, names: Iterable[str]) -> None:
-    """Check, before long work, that files of these names can be written to a folder, or the folder be made.
-
-    Raises
-    ------
-    InputError
-        If it is a file, or protected.
-    """
-    folder = Path(folder)
-    if folder.exists() and not folder.is_dir():
-        raise InputError("expected a folder to write to, got a file", file=folder)
-    if folder.is_dir():
-        for name in names:
-            check_writable(folder / name)
-        return
-    there = next(parent for parent in folder.absolute().parents if parent.exists())
-    check_writable(there / folder.absolute().relative_to(there).parts[0])

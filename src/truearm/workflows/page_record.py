@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 import re
 from abc import abstractmethod
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, get_args
 
 from truearm.errors import InputError
-from truearm.files.atomic_write import atomic_file
+from truearm.files.atomic_write import atomic_file, check_writable
 from truearm.pages import FigureFormat
-from truearm.workflows.outputs import check_output_is_not_input, check_page_path
+from truearm.workflows.outputs import check_output, check_output_is_not_input
 from truearm.workflows.record import Record
 
 if TYPE_CHECKING:
@@ -19,6 +20,31 @@ if TYPE_CHECKING:
     from truearm.pages.page import Page
 
 FIGURE_ENDINGS = tuple(f".{form}" for form in get_args(FigureFormat))
+
+
+def check_page_path(page: str | Path | None, *inputs: str | Path | None) -> None:
+    """Check a page, if there is to be one, as `check_output` does."""
+    if page is not None:
+        check_output(page, *inputs, endings=(".html", ".htm"))
+
+
+def check_folder(folder: str | Path, names: Iterable[str]) -> None:
+    """Check, before long work, that files of these names can be written to a folder, or the folder be made.
+
+    Raises
+    ------
+    InputError
+        If it is a file, or protected.
+    """
+    folder = Path(folder)
+    if folder.exists() and not folder.is_dir():
+        raise InputError("expected a folder to write to, got a file", file=folder)
+    if folder.is_dir():
+        for name in names:
+            check_writable(folder / name)
+        return
+    there = next(parent for parent in folder.absolute().parents if parent.exists())
+    check_writable(there / folder.absolute().relative_to(there).parts[0])
 
 
 def make_folder(folder: Path) -> None:

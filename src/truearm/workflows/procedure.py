@@ -20,8 +20,8 @@ from truearm.papers.gao2017.search import SearchGrid
 from truearm.readings import Session
 from truearm.workflows.fit import fit
 from truearm.workflows.inputs import ArmLike, SessionLike, to_arm, to_session, within_limits
-from truearm.workflows.outputs import check_folder, check_output_is_not_input
-from truearm.workflows.page_record import PageRecord, input_files, write_numbers
+from truearm.workflows.outputs import check_output_is_not_input
+from truearm.workflows.page_record import PageRecord, check_folder, input_files, write_numbers
 from truearm.workflows.record import TableRecord, TextTable, columns_of, format_fixed, to_plain
 
 if TYPE_CHECKING:

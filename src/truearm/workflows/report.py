@@ -36,8 +36,7 @@ from truearm.workflows.inputs import (
     to_model_and_session,
     with_reference,
 )
-from truearm.workflows.outputs import check_page_path
-from truearm.workflows.page_record import PageRecord, input_files
+from truearm.workflows.page_record import PageRecord, check_page_path, input_files
 from truearm.workflows.record import TextTable
 from truearm.workflows.regressors import AnyModelLike, Regressors, is_regressor, regressor_remark
 from truearm.workflows.sentences import number_of

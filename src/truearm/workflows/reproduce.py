@@ -15,8 +15,7 @@ from truearm.papers.gao2017.results import FinalTestResult, Reproduction, RowRes
 from truearm.papers.gao2017.training_plan import PARTS
 from truearm.solve.threads import one_blas_thread
 from truearm.workflows.inputs import ArmLike, SessionLike, to_free_parts
-from truearm.workflows.outputs import check_folder
-from truearm.workflows.page_record import PageRecord, write_numbers
+from truearm.workflows.page_record import PageRecord, check_folder, write_numbers
 from truearm.workflows.procedure import ProcedureResult, follow_procedure
 from truearm.workflows.record import TableRecord, TextTable, columns_of
 

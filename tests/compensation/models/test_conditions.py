@@ -9,7 +9,7 @@ import pytest
 
 import truearm as ta
 from truearm.compensation.models import KinematicModel, NominalModel, PhysicalModel, load_model
-from truearm.compensation.models.uncertainty import ELLIPSOID_FACTOR
+from truearm.compensation.models.uncertainty import UncertaintyBudget
 from truearm.errors import InputError
 from truearm.identification.judgement.day_to_day import BASE_SHIFT_SHARE, COMPONENTS, SHIFT_SHARE, TILT_STD
 from truearm.identification.judgement.expansion_prior import _with_constants
@@ -73,7 +73,7 @@ def test_coverage_of_both_conditions():
             points, covariance = model.under(conditions).predict_readings(day.readings.rows(tested), return_cov=True)
             off = points - day.true_tips[tested]
             squares = np.einsum("ni,nij,nj->n", off, np.linalg.inv(covariance), off)
-            shares.append((squares < ELLIPSOID_FACTOR**2).mean())
+            shares.append((squares < UncertaintyBudget.ellipsoid_factor**2).mean())
     assert 0.90 < np.mean(inside["repeatability"]) < 0.98
     assert np.mean(inside["repeatability"]) < np.mean(inside["reproducibility"])
 

@@ -9,7 +9,7 @@ import pytest
 
 from truearm.arm.catalogue import load_arm
 from truearm.compensation.models import KinematicModel, NominalModel
-from truearm.compensation.models.uncertainty import ELLIPSOID_FACTOR, uncertainty_budget
+from truearm.compensation.models.uncertainty import UncertaintyBudget, uncertainty_budget
 from truearm.identification.planning.sampling import box, seat
 from truearm.identification.virtual import PRESETS, VirtualArm
 from truearm.readings import Session
@@ -52,7 +52,7 @@ def test_it_counts_the_points_that_lie_in_their_ellipsoids(model, others):
     inside = 0
     for predicted, measured, spread, std in zip(points, others.points, covariance, others.point_std, strict=True):
         off = predicted - measured
-        inside += off @ np.linalg.inv(spread + np.diag(std**2)) @ off < ELLIPSOID_FACTOR**2
+        inside += off @ np.linalg.inv(spread + np.diag(std**2)) @ off < UncertaintyBudget.ellipsoid_factor**2
     assert budget.n_covered == inside
     assert budget.n_covered / 300 > 0.9
     assert far == ()

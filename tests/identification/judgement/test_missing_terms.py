@@ -8,7 +8,7 @@ import pytest
 from truearm.arm import Arm, load_arm
 from truearm.arm.denavit_hartenberg import chain_from_dh
 from truearm.compensation.models import KinematicModel
-from truearm.compensation.models.uncertainty import ELLIPSOID_FACTOR
+from truearm.compensation.models.uncertainty import UncertaintyBudget
 from truearm.identification.estimation.identification import identify, linearised_about
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.judgement.missing_terms import SUFFIX, missing_terms, with_missing_terms
@@ -41,7 +41,7 @@ def test_points_are_those_of_the_constants_and_the_spread_holds_far_away(virtual
     np.testing.assert_array_equal(points, model.fit_.chain.tip_in_base(far.readings.angles))
     off = points - far.true_tips
     squares = np.einsum("ni,nij,nj->n", off, np.linalg.inv(covariance), off)
-    assert (squares < ELLIPSOID_FACTOR**2).mean() > 0.92
+    assert (squares < UncertaintyBudget.ellipsoid_factor**2).mean() > 0.92
     assert np.sqrt(np.trace(covariance, axis1=1, axis2=2).mean() / (off**2).sum(axis=1).mean()) < 1.6
 
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from truearm.errors import InputError
 from truearm.files.dates import format_date
 from truearm.readings import Lengths
-from truearm.readings.thermal_expansion import ARTEFACT_U_K
+from truearm.readings.thermal_expansion import ThermalExpansion
 from truearm.verification.monitor.assessment import (
     RecalibrationAdvice,
     assess,
@@ -96,7 +96,7 @@ def test_a_bar_that_is_warm_is_corrected_with_its_uncertainty(degC):
     (one,) = interim_values(points, std_mm=np.zeros(2), seat=np.array(["A", "B"]), lengths=steel, temperature_degC=degC)
     assert one.value_mm == pytest.approx(0, abs=1e-10)
     assert one.length_mm == 600
-    warm = 600 * 11.5e-6 * ARTEFACT_U_K
+    warm = 600 * 11.5e-6 * ThermalExpansion.artefact_u_K
     assert one.u_mm == pytest.approx(warm, rel=1e-9)
     assert one.u_artefact_mm == pytest.approx(np.linalg.norm([0.001, warm, 600 * (degC - 20) * 1e-6]), rel=1e-9)
     (one,) = interim_values(points, std_mm=np.zeros(2), seat=np.array(["A", "B"]), lengths=steel)

@@ -14,8 +14,8 @@ from truearm.choices import Convention
 from truearm.compensation.export.constants_table import ConstantsTable, constants_table
 from truearm.compensation.export.rigid_arm import RigidArm, best_rigid_arm
 from truearm.compensation.models import Compensator
-from truearm.compensation.models.arm_check import check_not_coupled
 from truearm.compensation.targets.manifest import Direction, Frame, Manifest, check_joints, read_manifest
+from truearm.compensation.targets.provenance import check_not_coupled
 from truearm.files.atomic_write import atomic_file
 from truearm.files.file_reading import parse_file
 from truearm.typing import FloatArray

@@ -20,7 +20,7 @@ from truearm.arm.urdf_tree import MM_PER_M
 from truearm.compensation.export.constants_file import ConstantsFile, ConstantsRequest, reader, writer
 from truearm.compensation.targets.manifest import Manifest
 from truearm.errors import InputError
-from truearm.files.yaml_reader import YamlNode, parse_yaml, yaml_number
+from truearm.files.yaml_reader import YamlNode, parse_yaml
 from truearm.typing import BoolArray, FloatArray
 
 DIRECTION: Final = "feedback"
@@ -125,6 +125,12 @@ def _origin_of(name: str, node: YamlNode) -> FloatArray:
     entries = node.mapping(f"the origin of {name}", required=_ORIGIN)
     numbers = np.array([entries[key].number(f"{key} of {name}") for key in _ORIGIN])
     return frame_from_xyz_rpy(MM_PER_M * numbers[:3], numbers[3:])
+
+
+def yaml_number(value: float) -> str:
+    """A number that every YAML reader takes for one, to the last bit: with a point before an exponent."""
+    text = repr(float(value) + 0.0)  # + 0.0: no "-0"
+    return text if "e" not in text or "." in text else text.replace("e", ".0e")
 
 
 def _yaml_text(text: str) -> str:

@@ -17,11 +17,10 @@ from truearm.arm.nearest_table import drawn_convention
 from truearm.compensation.export import json_document as form
 from truearm.compensation.export.plain_model import expressions_of, loaded_links
 from truearm.compensation.models import Compensator, IdentifiedModel, NetworkModel
-from truearm.compensation.models.arm_check import check_not_coupled
 from truearm.compensation.nets.perceptron import Perceptron
 from truearm.compensation.nets.scaling import MinMaxScaler
 from truearm.compensation.targets.manifest import MARKER, Manifest, read_manifest
-from truearm.compensation.targets.provenance import stated_text
+from truearm.compensation.targets.provenance import check_not_coupled, stated_text
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.file_reading import read_limited

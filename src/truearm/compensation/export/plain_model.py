@@ -13,8 +13,8 @@ import numpy as np
 
 from truearm.arm import Chain
 from truearm.compensation.models import Compensator, IdentifiedModel
-from truearm.compensation.models.arm_check import check_not_coupled
 from truearm.compensation.models.identified_model import require_identified
+from truearm.compensation.targets.provenance import check_not_coupled
 from truearm.errors import InputError
 from truearm.identification.terms import Basis, Expression, LinkMasses, Temperature, Term, link_vectors, uniform_links
 from truearm.readings import Session

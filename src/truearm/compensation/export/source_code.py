@@ -19,18 +19,18 @@ from truearm.compensation.export.plain_model import PlainModel, plain_model
 from truearm.compensation.export.reduced_covariance import ReducedCovariance, reduced_covariance
 from truearm.compensation.export.value_tables import ValueLayout, ValueTables
 from truearm.compensation.models import Compensator
-from truearm.compensation.models.training_conditions import MOST_TURNS, TEMPERATURE_TOLERANCE_K
+from truearm.compensation.models.training_conditions import TrainingConditions
 from truearm.compensation.targets.configuration import MAX_CONDITION
 from truearm.compensation.targets.correction import CORRECTION_STEPS, MAX_CORRECTION, usual_change
 from truearm.compensation.targets.inverse import TOLERANCE_MM, TOLERANCE_RAD
 from truearm.compensation.targets.manifest import Manifest, read_manifest
 from truearm.errors import InputError, MissingTool
 from truearm.files.atomic_write import atomic_file
-from truearm.identification.estimation.extrapolation import LEAST_TRAVEL_MM, NOT_SEEN, SEEN
+from truearm.identification.estimation.extrapolation import Extrapolation
 from truearm.identification.terms import Expression, link_vectors
 from truearm.identification.terms.thermal import UNKNOWN_MATERIAL
+from truearm.readings import Session
 from truearm.readings.checks import LIMIT_TOLERANCE, MAX_ANGLE
-from truearm.readings.readings import COLDEST_DEGC, LARGEST_LOAD, WARMEST_DEGC
 from truearm.readings.thermal_expansion import REFERENCE_DEGC
 from truearm.typing import FloatArray
 
@@ -43,18 +43,18 @@ _PLAIN = frozenset(string.ascii_letters + string.digits + " _-.,:;()%")
 RULES = {
     "max_joint": MAX_ANGLE,
     "full_turn": 2 * np.pi,
-    "least_travel": LEAST_TRAVEL_MM,
-    "most_turns": MOST_TURNS,
-    "max_load": LARGEST_LOAD,
+    "least_travel": Extrapolation.least_travel_mm,
+    "most_turns": TrainingConditions.most_turns,
+    "max_load": Session.largest_load,
     "max_correction": MAX_CORRECTION,
     "max_condition": MAX_CONDITION,
     "correction_steps": CORRECTION_STEPS,
     "tolerance_mm": TOLERANCE_MM,
     "tolerance_rad": TOLERANCE_RAD,
     "limit_tolerance": LIMIT_TOLERANCE,
-    "coldest": COLDEST_DEGC,
-    "warmest": WARMEST_DEGC,
-    "temperature_tolerance": TEMPERATURE_TOLERANCE_K,
+    "coldest": Session.coldest_degC,
+    "warmest": Session.warmest_degC,
+    "temperature_tolerance": TrainingConditions.temperature_tolerance_K,
     "reference_degC": REFERENCE_DEGC,
 }
 
@@ -186,7 +186,7 @@ def _tables(plain: PlainModel, values: ValueTables, covariance: ReducedCovarianc
         "variance_share": np.stack([share.centre, share.spread, share.slope, share.curvature], axis=1),
         "growth": 0.0 if share.beyond is None else share.beyond.growth,
         "nominal": 0.0 if share.beyond is None else share.beyond.nominal,
-        "seen": [SEEN, NOT_SEEN],
+        "seen": [Extrapolation.seen, Extrapolation.not_seen],
         "links": link_vectors(plain.nominal_chain),
         "material": UNKNOWN_MATERIAL,
         "links_degC": [training.links_range.lower, training.links_range.upper],

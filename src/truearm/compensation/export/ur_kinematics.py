@@ -19,11 +19,11 @@ from truearm.arm.rigid_motions import xyz_rpy_from_frame
 from truearm.arm.ur_kinematics import JOINTS, LINKS, parse_ur_kinematics, ur_hash
 from truearm.arm.urdf_tree import MM_PER_M
 from truearm.compensation.export.constants_file import ConstantsFile, ConstantsRequest, writer
+from truearm.compensation.export.joint_offsets import yaml_number
 from truearm.compensation.export.rigid_arm import RigidArm
 from truearm.compensation.models import Compensator
 from truearm.compensation.targets.manifest import Manifest
 from truearm.errors import InputError
-from truearm.files.yaml_reader import yaml_number
 from truearm.typing import FloatArray
 
 # The angles between neighbouring axes of every UR [deg], and how far a calibrated one may be off.

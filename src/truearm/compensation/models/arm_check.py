@@ -8,7 +8,6 @@ import numpy as np
 
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
-from truearm.arm.couplings import coupling_text
 from truearm.errors import InputError
 from truearm.identification.terms.type_prior import kinematics_sha256
 from truearm.readings.checks import check_angles, serial_number_of, skip_beyond_limits
@@ -46,21 +45,6 @@ def check_has_kinematics(arm: Arm, what: str) -> None:
     """
     if not arm.has_kinematics:
         raise InputError(f"{what} the kinematics of an arm, and none is given", hint=f"give one: {WAYS_TO_AN_ARM}")
-
-
-def check_not_coupled(arm: Arm, format: str) -> None:
-    """Refuse an arm with coupled joints, which a file of some format cannot state.
-
-    Raises
-    ------
-    InputError
-    """
-    if arm.chain.coupling is not None:
-        raise InputError(
-            f"the joints of {arm.name!r} are coupled ({coupling_text(arm.chain.coupling)}), which a file of format "
-            f"{format} cannot state",
-            hint="of a robot with mimic joints: --as urdf with --source, its own URDF; truearm correct works without",
-        )
 
 
 def check_readings_of(arm: Arm, readings: Session) -> None:

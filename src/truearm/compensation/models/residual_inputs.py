@@ -7,7 +7,7 @@ from typing import Self
 
 import numpy as np
 
-from truearm.compensation.models.training_conditions import LEAST_TURN, TEMPERATURE_TOLERANCE_K
+from truearm.compensation.models.training_conditions import LEAST_TURN, TrainingConditions
 from truearm.compensation.nets.scaling import MinMaxScaler
 from truearm.errors import InputError
 from truearm.typing import BoolArray, FloatArray, IntArray
@@ -65,7 +65,7 @@ class ResidualInputs:
         of_joints = _of_joints(angles, is_prismatic)
         varies = (
             temperature_degC is not None
-            and bool(np.ptp(temperature_degC) > TEMPERATURE_TOLERANCE_K)
+            and bool(np.ptp(temperature_degC) > TrainingConditions.temperature_tolerance_K)
             and not follows_order(temperature_degC)
         )
         candidates = _candidates(angles, temperature_degC, is_prismatic)

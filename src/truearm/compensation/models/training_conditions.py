@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -29,10 +29,6 @@ from truearm.typing import BoolArray, FloatArray
 # a gear's errors of order 80 change by a quarter of their period in 1.1 degrees.
 LEAST_TURN = float(np.radians(1.0))
 LEAST_SLIDE = 0.01
-# A temperature this far outside the trained ones is not reported [K]: thermometers on an arm agree to about this.
-TEMPERATURE_TOLERANCE_K = 1.0
-# Turns of a joint that are looked at.
-MOST_TURNS = 20
 TOGETHER = "joints together"
 """Name of `TrainingConditions.outside` for poses whose joints are each inside but together far from all training."""
 USUAL_SHARE = 0.99
@@ -126,6 +122,10 @@ class TrainingConditions:
         it was kept.
     """
 
+    # A temperature this far outside the trained ones is not reported [K]: thermometers on an arm agree to about this.
+    temperature_tolerance_K: ClassVar[float] = 1.0
+    # Turns of a joint that are looked at.
+    most_turns: ClassVar[int] = 20
     n_readings: int
     angle_ranges: FloatArray
     angle_gaps: FloatArray
@@ -247,7 +247,7 @@ class TrainingConditions:
         outside = ~self.inside_by_joint(session.angles, prismatic)
         found = {f"J{joint}": column for joint, column in enumerate(outside.T, 1)}
         found[TOGETHER] = ~outside.any(axis=1) & self._is_far(session.angles, prismatic)
-        found["temperature"] = self.kelvin_outside(session) > TEMPERATURE_TOLERANCE_K
+        found["temperature"] = self.kelvin_outside(session) > self.temperature_tolerance_K
         if self.ignores_payload(session):
             found[PAYLOAD] = session.columns[PAYLOAD] > 0
         for name, known in self.columns.items():
@@ -336,7 +336,9 @@ class TrainingConditions:
             turns = [at]
             if not prismatic[joint]:
                 first = lower - LIMIT_TOLERANCE + np.mod(at - lower + LIMIT_TOLERANCE, 2 * np.pi)
-                turns += [first + 2 * np.pi * k for k in range(min(int((upper - lower) / (2 * np.pi)), MOST_TURNS) + 1)]
+                turns += [
+                    first + 2 * np.pi * k for k in range(min(int((upper - lower) / (2 * np.pi)), self.most_turns) + 1)
+                ]
             for turned in turns:
                 in_gap = ((turned[:, None] > gaps[:, 0]) & (turned[:, None] < gaps[:, 1])).any(axis=1)
                 inside[:, joint] |= (turned >= lower - LIMIT_TOLERANCE) & (turned <= upper + LIMIT_TOLERANCE) & ~in_gap
@@ -412,7 +414,7 @@ class TrainingConditions:
         """Temperatures of the training; without any 20 degC, as far as thermometers agree."""
         if self.temperature_degC is not None:
             return self.temperature_degC
-        lower, upper = REFERENCE_DEGC - TEMPERATURE_TOLERANCE_K, REFERENCE_DEGC + TEMPERATURE_TOLERANCE_K
+        lower, upper = REFERENCE_DEGC - self.temperature_tolerance_K, REFERENCE_DEGC + self.temperature_tolerance_K
         return InputRange(REFERENCE_DEGC, UNSTATED_U_K**2, lower, upper)
 
     def kelvin_outside(self, session: Session) -> FloatArray:

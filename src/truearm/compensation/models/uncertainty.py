@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 
@@ -15,11 +16,6 @@ from truearm.readings.session import Session
 from truearm.solve.distributions import chi2_quantile
 from truearm.typing import FloatArray
 
-# U = k u with k = 2 has a coverage probability of about 95 % for a coordinate (JCGM 100:2008, 6.3.3).
-COVERAGE_FACTOR = 2.0
-LEVEL = 0.95
-# Half axes, in standard uncertainties, of an ellipsoid with that coverage probability for a point.
-ELLIPSOID_FACTOR = float(np.sqrt(chi2_quantile(LEVEL, 3)))
 # Whitened length from which a reading is far off: of Gaussian ones, one in 10^13 is.
 FAR_STDS = 8.0
 
@@ -57,6 +53,11 @@ class UncertaintyBudget:
     combined_mm: float
     largest_mm: float
     is_relative: bool
+    # U = k u with k = 2 has a coverage probability of about 95 % for a coordinate (JCGM 100:2008, 6.3.3).
+    coverage_factor: ClassVar[float] = 2.0
+    level: ClassVar[float] = 0.95
+    # Half axes, in standard uncertainties, of an ellipsoid with that coverage probability for a point.
+    ellipsoid_factor: ClassVar[float] = float(np.sqrt(chi2_quantile(0.95, 3)))
     n_points: int
     n_covered: int
     n_covered_99: int = 0
@@ -70,12 +71,12 @@ class UncertaintyBudget:
     @property
     def expanded_mm(self) -> float:
         """Expanded uncertainty of a coordinate, k = 2 [mm]."""
-        return COVERAGE_FACTOR * self.combined_mm
+        return self.coverage_factor * self.combined_mm
 
     @property
     def ellipsoid_mm(self) -> float:
         """Half axis of the 95 % ellipsoid of a point with equal uncertainties in all directions [mm]."""
-        return ELLIPSOID_FACTOR * self.combined_mm
+        return self.ellipsoid_factor * self.combined_mm
 
 
 def uncertainty_budget(model: Compensator, readings: ReadingsLike) -> tuple[UncertaintyBudget, tuple[Outlier, ...]]:
@@ -117,7 +118,7 @@ def uncertainty_budget(model: Compensator, readings: ReadingsLike) -> tuple[Unce
         largest_mm=float(np.sqrt(_variances(combined).max())),
         is_relative=is_relative,
         n_points=len(seen),
-        n_covered=int((times < ELLIPSOID_FACTOR).sum()),
+        n_covered=int((times < UncertaintyBudget.ellipsoid_factor).sum()),
         n_covered_99=int((times < model.ellipsoid_factor(0.99)).sum()),
         std_mm=np.sqrt(_variances(combined).mean(axis=1)),
     )

@@ -11,6 +11,8 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from truearm import __version__
 from truearm.acceptance import Acceptance, accepted
+from truearm.arm import Arm
+from truearm.arm.couplings import coupling_text
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.model_archive import model_bytes
 from truearm.errors import InputError
@@ -75,6 +77,21 @@ class Provenance(BaseModel):
 def stated_text(text: str) -> str:
     """A name as a file may state it: cut at `MAX_TEXT` characters, and with ``?`` for what is no character."""
     return text[:MAX_TEXT].encode("utf-8", "replace").decode("utf-8")
+
+
+def check_not_coupled(arm: Arm, format: str) -> None:
+    """Refuse an arm with coupled joints, which a file of some format cannot state.
+
+    Raises
+    ------
+    InputError
+    """
+    if arm.chain.coupling is not None:
+        raise InputError(
+            f"the joints of {arm.name!r} are coupled ({coupling_text(arm.chain.coupling)}), which a file of format "
+            f"{format} cannot state",
+            hint="of a robot with mimic joints: --as urdf with --source, its own URDF; truearm correct works without",
+        )
 
 
 def provenance_of(model: Compensator) -> Provenance:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
@@ -19,10 +20,6 @@ from truearm.typing import BoolArray, FloatArray
 
 # A steeper one in a file is an error: the variance would double within a twentieth of a degree.
 STEEPEST_GROWTH = 1e3
-# A sliding joint counts in units of its range, that of one which hardly moved in a millimetre.
-LEAST_TRAVEL_MM = 1.0
-# Distances up to which the growth is seen, or tested, and from which on a model may be as wrong as the drawing.
-SEEN, NOT_SEEN = 0.6, 1.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,10 +35,15 @@ class Extrapolation:
     growth : float
         Share of the residual variance per radian, or per range of a sliding joint.
     nominal : float
-        What is added from a distance of `NOT_SEEN` on, in part from `SEEN` on: the residual variance of the nominal arm
+        What is added from a distance of `not_seen` on, in part from `seen` on: the residual variance of the nominal arm
         over that of the model, less one; 0 in files of models that were trained before it was kept.
     """
 
+    # A sliding joint counts in units of its range, that of one which hardly moved in a millimetre.
+    least_travel_mm: ClassVar[float] = 1.0
+    # Distances up to which the growth is seen, or tested, and from which on a model may be as wrong as the drawing.
+    seen: ClassVar[float] = 0.6
+    not_seen: ClassVar[float] = 1.2
     ranges: FloatArray
     is_prismatic: BoolArray
     growth: float
@@ -58,7 +60,7 @@ class Extrapolation:
     @cached_property
     def unit(self) -> FloatArray:
         """(n_joints,) what a distance of 1 is [rad, or mm of a sliding joint]."""
-        travel = np.maximum(self._span, LEAST_TRAVEL_MM)
+        travel = np.maximum(self._span, self.least_travel_mm)
         return np.asarray(np.where(self.is_prismatic, travel, 1.0))
 
     @cached_property
@@ -83,5 +85,5 @@ class Extrapolation:
         distance = self.distance(angles)
         if not distance.any():
             return np.ones(len(angles))
-        not_seen = np.clip((distance - SEEN) / (NOT_SEEN - SEEN), 0.0, 1.0)
+        not_seen = np.clip((distance - self.seen) / (self.not_seen - self.seen), 0.0, 1.0)
         return np.asarray(1.0 + self.growth * distance + self.nominal * not_seen)

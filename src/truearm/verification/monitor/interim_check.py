@@ -19,7 +19,7 @@ import numpy.typing as npt
 from truearm.acceptance import contradict
 from truearm.errors import InputError
 from truearm.readings import Lengths
-from truearm.readings.thermal_expansion import thermal_expansion_at
+from truearm.readings.thermal_expansion import ThermalExpansion
 from truearm.typing import FloatArray, IntArray, NameArray
 from truearm.verification.monitor.control_chart import FALSE_ALARMS
 from truearm.verification.monitor.expected_values import (
@@ -321,7 +321,7 @@ def interim_values(
         Known lengths between the seats.
     temperature_degC : float, optional
         Temperature of arm and artefacts. A length with a known thermal expansion is corrected from it to 20 degC, with
-        the uncertainty `truearm.readings.thermal_expansion.ARTEFACT_U_K`; other lengths are not corrected.
+        the uncertainty `ThermalExpansion.artefact_u_K`; other lengths are not corrected.
     false_alarms : float
         Share of checks with a value that deviates by more than `errors` explain, if these are right: each of the values
         with a chart has an equal part of it, so that all have at most that (Bonferroni).
@@ -516,7 +516,7 @@ def _of_lengths(
     """
     values = []
     names = ("seat_a", "seat_b", "length_mm", "u_mm", "u_place_mm")
-    growth = thermal_expansion_at(lengths, np.nan if degC is None else degC)
+    growth = ThermalExpansion.at(lengths, np.nan if degC is None else degC)
     u_growth = (np.where(growth.known, lengths.length_mm * u, 0.0) for u in (growth.u_temperature, growth.u_expansion))
     columns = (*(getattr(lengths, name) for name in names), growth.known, growth.factor, *u_growth)
     for a, b, known, u, u_place, at_reference, factor, u_warm, u_expansion in zip(

@@ -20,7 +20,7 @@ from truearm.files.dates import parse_day
 from truearm.files.delimited import Sheet, check_names, quoted_cell, read_columns
 from truearm.files.spreadsheet_forms import read_form
 from truearm.files.toml_documents import reject_control_characters
-from truearm.readings.thermal_expansion import COLDEST_DEGC, WARMEST_DEGC
+from truearm.readings.thermal_expansion import ThermalExpansion
 from truearm.typing import BoolArray, FloatArray, IntArray, NameArray
 from truearm.verification.standards.coordinate_origin import (
     NOT_STATED,
@@ -60,7 +60,7 @@ LEAST_HUMIDITY_PERCENT = 2.0
 # Conditions of the measurement that a specification may rate, in any row of a group: words and unit, and the least and
 # the largest possible value; others are in another unit.
 CONDITIONS: Mapping[str, tuple[str, str, float, float]] = {
-    "air_degC": ("temperature of the air", "degC", COLDEST_DEGC, WARMEST_DEGC),
+    "air_degC": ("temperature of the air", "degC", ThermalExpansion.coldest_degC, ThermalExpansion.warmest_degC),
     "air_K_per_h": ("change of the air's temperature", "K/h", 0.0, 100.0),
     "air_K_per_m": ("gradient of the air's temperature", "K/m", 0.0, 100.0),
     "warm_up_min": ("warm-up time", "min", 0.0, 1e5),
@@ -363,7 +363,7 @@ def _group(columns: _Columns, test: str, identity: tuple[str, ...], rows: list[i
         "enter the temperature that the thermometer on the artefact showed",
     )
     columns.refuse(
-        (degC < COLDEST_DEGC) | (degC > WARMEST_DEGC),
+        (degC < ThermalExpansion.coldest_degC) | (degC > ThermalExpansion.warmest_degC),
         rows,
         TEMPERATURE,
         ("expected the temperature of the artefact in degC, got ", ""),

@@ -16,7 +16,7 @@ from truearm.files.atomic_write import atomic_file, check_new_file
 from truearm.files.dates import check_past
 from truearm.files.delimited import Sheet, check_names, escape_formula, read_columns
 from truearm.files.spreadsheet_forms import read_form
-from truearm.readings.thermal_expansion import COLDEST_DEGC, WARMEST_DEGC
+from truearm.readings.thermal_expansion import ThermalExpansion
 from truearm.typing import BoolArray, FloatArray, IntArray
 from truearm.verification.standards.coordinate_origin import FROM as ORIGIN
 from truearm.verification.standards.coordinate_origin import NOT_STATED, OUTSIDE, CoordinateOrigin
@@ -172,9 +172,13 @@ def fill_points_form(
 
 
 def _check_temperature(artefact_degC: float | None) -> None:
-    if artefact_degC is not None and not COLDEST_DEGC <= artefact_degC <= WARMEST_DEGC:
+    if (
+        artefact_degC is not None
+        and not ThermalExpansion.coldest_degC <= artefact_degC <= ThermalExpansion.warmest_degC
+    ):
         raise InputError(
-            f"expected an artefact at {COLDEST_DEGC:g} to {WARMEST_DEGC:g} degC, got {artefact_degC:g}",
+            f"expected an artefact at {ThermalExpansion.coldest_degC:g} to {ThermalExpansion.warmest_degC:g} degC, "
+            f"got {artefact_degC:g}",
             hint="convert from Fahrenheit: (F - 32) / 1.8",
         )
 
