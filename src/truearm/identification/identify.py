@@ -549,19 +549,16 @@ def what_may_change(
     *,
     same_every_day: bool,
     complete: Complete | None,
-    missing: IdentificationResult | None,
+    wider: IdentificationResult,
 ) -> IdentificationResult:
     """Add to the uncertainty what the readings do not show: other days, unlearned states, the reference's scale.
 
     `widened` is the factor by which the covariance was raised for few readings; `complete` adds states that no reading
-    had; `missing` is the arm with the terms that the model does not have.
+    had; `wider` is the arm with the error of the terms that the model does not have, or itself.
     """
     errors = scale_errors(readings.session, is_frame_free="base" in readings.free)
     scale = response_to_point_errors(fit, readings.state, errors)
-    if missing is not None:
-        fit = with_missing_terms(fit, missing)
-    if widened != 1:
-        fit = replace(fit, covariance=widened * fit.covariance)
+    fit = wider if widened == 1 else replace(wider, covariance=widened * wider.covariance)
     if not same_every_day:
         fit = on_another_day(fit)
     if complete is not None:
@@ -614,7 +611,7 @@ def _concluded(
         rigid = constants(readings.state.chain, free=readings.free)
         signs = unshown_signs(fit, readings.state, readings.references, rigid)
     reference_variance = reference_scale_variance(fit, readings.references)
-    whole = what_may_change(readings, fit, widened, same_every_day=same_every_day, complete=complete, missing=missing)
+    whole = what_may_change(readings, fit, widened, same_every_day=same_every_day, complete=complete, wider=wider)
     return Identification(
         with_unshown_signs(whole, signs),
         excluded,
