@@ -22,8 +22,7 @@ from benchmarks.rows import RowResult, Rows, Target, own_process, peak_bytes, ti
 from truearm.compensation.nets.nguyen_widrow import nguyen_widrow
 from truearm.compensation.nets.normal_equations import GROUPS, FitProblem
 from truearm.compensation.nets.perceptron import Perceptron
-from truearm.compensation.nets.train_varpro import train_varpro
-from truearm.compensation.nets.variable_projection import ProjectedProblem
+from truearm.compensation.nets.train_varpro import ProjectedProblem, train_varpro
 from truearm.solve.arrays import add_product
 from truearm.solve.threads import cores, one_blas_thread
 

@@ -15,7 +15,7 @@ from truearm.errors import InputError as InputError
 from truearm.files.x509_certificates import Signer as Signer
 from truearm.files.x509_certificates import read_signer as read_signer
 from truearm.fleet.fleet import Fleet as Fleet
-from truearm.fleet.fleet_run import FleetRun as FleetRun
+from truearm.fleet.fleet import FleetRun as FleetRun
 from truearm.fleet.fleet_status import FleetStatus as FleetStatus
 from truearm.fleet.type_prior import LearnedTypePrior as LearnedTypePrior
 from truearm.identification.terms import Expression as Expression

@@ -18,7 +18,7 @@ from truearm.compensation.models import KinematicModel
 from truearm.compensation.models.model_file import load_model
 from truearm.compensation.models.training_conditions import fingerprint
 from truearm.readings import Session, read_lengths, read_session, write_session
-from truearm.verification.monitor import history_file
+from truearm.verification.monitor import history
 from truearm.verification.monitor.assessment import RecalibrationAdvice, assess
 from truearm.verification.monitor.history import History
 from truearm.verification.monitor.interim_check import InterimCheck, interim_values
@@ -366,8 +366,8 @@ def test_an_interrupted_check_is_not_added(truearm, folder, snapshot, monkeypatc
         insert(*record)
         raise KeyboardInterrupt
 
-    insert = history_file._insert
-    monkeypatch.setattr(history_file, "_insert", interrupted)
+    insert = history._insert
+    monkeypatch.setattr(history, "_insert", interrupted)
     write_session(session(27), "day27.csv")
     ran = truearm(*arguments(27, "--report", "page.html"))
     assert (ran.code, ran.out, ran.err) == (130, "", "truearm: interrupted\n")

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from truearm.files.xml_edits import Edit, apply_edits, set_attributes, start_tag, tag_text
+from truearm.compensation.export.urdf import Edit, apply_edits, set_attributes, start_tag, tag_text
 from truearm.files.xml_reader import Element, parse_xml
 
 VALUES = st.text(st.characters(blacklist_categories=("Cs", "Cc")), max_size=12)

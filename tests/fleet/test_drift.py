@@ -8,9 +8,16 @@ import numpy as np
 import pytest
 
 from truearm.fleet.arm_list import RegisteredArm
-from truearm.fleet.drift import LEAST_OF_TYPE, constant_drifts, drift_remark, type_constants
 from truearm.fleet.fit_task import FitRow
-from truearm.fleet.fleet_status import ArmRecords, FleetFigures, arm_state
+from truearm.fleet.fleet_status import (
+    LEAST_OF_TYPE,
+    ArmRecords,
+    FleetFigures,
+    arm_state,
+    constant_drifts,
+    drift_remark,
+    type_constants,
+)
 
 NAMES = "base x", *(f"joint {i} {name}" for i in range(1, 7) for name in ("theta", "d", "a", "alpha")), "tip z"
 

@@ -19,10 +19,8 @@ from truearm.fleet import fit_task
 from truearm.fleet import fleet as module
 from truearm.fleet.arm_list import RegisteredArm, read_arm_list
 from truearm.fleet.fit_task import FitRow
-from truearm.fleet.fleet import Fleet
-from truearm.fleet.fleet_run import FleetRun
+from truearm.fleet.fleet import Fleet, FleetRun, write_results
 from truearm.fleet.registry import Registry
-from truearm.fleet.results import write_results
 from truearm.solve.executor import WorkerLost
 from truearm.solve.executors import Processes
 

@@ -10,8 +10,14 @@ import pytest
 import truearm as ta
 from frame_laws import check_frame
 from truearm.errors import InputError
-from truearm.fleet.type_gain import TypeEstimate
-from truearm.fleet.type_prior import ArmTask, LearnedTypePrior, arm_equations, learned_from, linearised_arm
+from truearm.fleet.type_prior import (
+    ArmTask,
+    LearnedTypePrior,
+    TypeEstimate,
+    arm_equations,
+    learned_from,
+    linearised_arm,
+)
 from truearm.identification.terms.type_prior import HeldOutGain
 
 pytest.importorskip("sqlalchemy", reason="a fleet is an extra: pip install 'truearm[fleet]'")

@@ -5,8 +5,7 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Drawing
 
-from truearm.pages.panel_axes import PanelAxes
-from truearm.pages.plotting import Figure, figure_style, pixels_of, set_log_scale
+from truearm.pages.plotting import Figure, PanelAxes, figure_style, pixels_of, set_log_scale
 
 PLACE = (0.2, 0.2, 0.75, 0.7)
 

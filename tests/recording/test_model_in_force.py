@@ -10,9 +10,8 @@ import pytest
 import truearm as ta
 from truearm.errors import InputError
 from truearm.recording import model_in_force
-from truearm.recording.fit_process import Fitted, why_worse
 from truearm.recording.live_demo import demo_recording
-from truearm.recording.model_in_force import ModelInForce
+from truearm.recording.model_in_force import Fitted, ModelInForce, why_worse
 from truearm.recording.recording import Recording
 from truearm.sources import Sample, Source
 

@@ -18,8 +18,7 @@ from truearm.pages.html import render
 from truearm.pages.page import Column, Table, format_cell
 from truearm.pages.palette import BAD
 from truearm.show.limits_figure import limits_figure
-from truearm.show.verification_page import verification_page
-from truearm.show.where_scene import where_figure, where_scene
+from truearm.show.verification_page import verification_page, where_figure, where_scene
 from truearm.verification.standards.artefacts import Artefacts
 from truearm.verification.standards.decision import (
     DECISION_RULES,

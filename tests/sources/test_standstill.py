@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 
 from truearm.errors import InputError
 from truearm.sources import Sample, StandstillRule
-from truearm.sources.last_movement import LastMovement
-from truearm.sources.standstill import MOVED, Standstill
+from truearm.sources.standstill import MOVED, LastMovement, Standstill
 
 RULE = StandstillRule(window_s=0.5, spread_rad=0.001)
 

@@ -1,15 +1,22 @@
-"""A fleet: a folder with a registry of arms, their models, and the results of all fits."""
+"""A fleet: a folder with a registry of arms, their models, and the results of all fits.
+
+The results of a fleet's fits as a Parquet data set, which DuckDB, Polars and pandas read.
+
+Columns are those of `FitRow`, units in their names.
+
+The result of a run: the arms that were fitted, and those that failed.
+"""
 
 from __future__ import annotations
 
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import replace
+from dataclasses import dataclass, fields, replace
 from datetime import UTC, date, datetime
 from hashlib import sha256
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
 from urllib.parse import quote
 
 from truearm.arm import Arm, load_arm
@@ -20,14 +27,13 @@ from truearm.compensation.models.arm_check import with_serial_number
 from truearm.errors import InputError, TruearmError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.delimited import MAX_NAME
+from truearm.files.extra_packages import extra_module
 from truearm.files.file_reading import parse_file
 from truearm.files.toml_documents import load_toml, reject_control_characters, toml_text
 from truearm.fleet.arm_list import RegisteredArm
 from truearm.fleet.certificates import read_registered
 from truearm.fleet.fit_task import FitRow, FitTask, check_serial_number, fit_arm, key_of
-from truearm.fleet.fleet_run import FleetRun
 from truearm.fleet.fleet_status import ArmRecords, FleetFigures, FleetStatus, arm_state, history_page
-from truearm.fleet.results import write_results
 from truearm.fleet.stored_files import FileHashes, check_stored, is_url
 from truearm.fleet.type_prior import LearnedTypePrior, learn_type_prior
 from truearm.identification.terms.type_prior import kinematics_sha256, read_type_prior
@@ -39,7 +45,116 @@ from truearm.workflows.check import CheckResult, check
 from truearm.workflows.fit import WITHOUT_CONSTANTS
 from truearm.workflows.inputs import LengthsLike, SessionLike
 from truearm.workflows.page_record import check_page_path, make_folder, version_row
+from truearm.workflows.record import TableRecord, TextTable, columns_of
+from truearm.workflows.sentences import agree, number_of
 from truearm.workflows.verify import SpecificationLike
+
+# Failures that are printed.
+MAX_ROWS = 20
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FleetRun(TableRecord):
+    """What a run did.
+
+    Attributes
+    ----------
+    rows : tuple of FitRow
+        Of the arms that were fitted, by serial number; those that failed are among them.
+    unchanged : tuple of FitRow
+        Earlier results of arms with the same inputs.
+
+    Examples
+    --------
+    >>> from truearm.fleet.fleet import FleetRun
+    >>> print(FleetRun((), ()))
+    Nothing to fit: 0 arms are unchanged.
+    """
+
+    rows: tuple[FitRow, ...]
+    unchanged: tuple[FitRow, ...]
+
+    @property
+    def n_fitted(self) -> int:
+        """Arms that got a model in force."""
+        return sum(row.is_usable for row in self.rows)
+
+    @property
+    def failures(self) -> tuple[FitRow, ...]:
+        """Fits without a model, or with one worse than the nominal arm; those of earlier runs are among them."""
+        return tuple(row for row in (*self.rows, *self.unchanged) if not row.is_usable)
+
+    def summary(self) -> str:
+        """How many arms were fitted, and how many failed."""
+        same = f"{number_of(len(self.unchanged), 'arm')} {agree(len(self.unchanged), 'are')} unchanged"
+        if n_before := sum(not row.is_usable for row in self.unchanged):
+            same += f", {n_before} of them failed"
+        if not self.rows:
+            return f"Nothing to fit: {same}."
+        failed = len(self.rows) - self.n_fitted
+        return f"{number_of(self.n_fitted, 'arm')} fitted, {failed} failed; {same}."
+
+    def blocks(self) -> Iterator[str | TextTable]:
+        """See `Record.blocks`."""
+        yield self.summary()
+        for row in self.failures[:MAX_ROWS]:
+            yield f"{row.serial_number}: {row.outcome}"
+        if (more := len(self.failures) - MAX_ROWS) > 0:
+            yield f"{number_of(more, 'more failure')}: truearm fleet status"
+
+    def columns(self) -> dict[str, list[Any]]:
+        """A row for each fit of this run; ``seconds`` is its duration."""
+        return columns_of(self.rows)
+
+    def _json(self) -> object:
+        return {
+            "summary": self.summary(),
+            "n_fitted": self.n_fitted,
+            "n_unchanged": len(self.unchanged),
+            "failures": {row.serial_number: row.outcome for row in self.failures},
+            "rows": self.rows,
+        }
+
+
+def write_results(rows: Iterable[FitRow], folder: Path) -> None:
+    """Write the rows as the file of the data set, whole or not at all; results of removed arms that it has stay.
+
+    Parameters
+    ----------
+    rows : iterable of FitRow
+    folder : Path
+        Made where it does not exist.
+
+    Raises
+    ------
+    TruearmError
+        If pyarrow is not installed, or the file cannot be written.
+    """
+    needs, hint = "the data set of results needs the package pyarrow", "pip install 'truearm[fleet]'"
+    pa, pc, pq = (extra_module(f"pyarrow{part}", needs, hint) for part in ("", ".compute", ".parquet"))
+    text, number = pa.string(), pa.float64()
+    constant = pa.struct([("name", text), ("unit", text), ("nominal", number), ("value", number), ("u", number)])
+    group = pa.struct([("name", text), ("scale", number), ("n_determined", number)])
+    kinds = {
+        **dict.fromkeys(("n_readings", "n_changed"), pa.int64()),
+        **dict.fromkeys(("held_out_mm", "nominal_mm", "residual_std_mm", "moved_mm", "seconds"), number),
+        "constants": pa.list_(constant),
+        "variances": pa.list_(group),
+    }
+    schema = pa.schema([(one.name, kinds.get(one.name, text)) for one in fields(FitRow)])
+    make_folder(folder)
+    found = pa.Table.from_pylist([vars(row) for row in rows], schema=schema)
+    file = folder / "fits.parquet"
+    try:
+        if file.is_file():
+            before = pq.read_table(file, partitioning=None)
+            removed = before.filter(pc.invert(pc.is_in(before["key"], found["key"])))
+            found = pa.concat_tables([found, removed], promote_options="default").select(schema.names)
+    except (pa.ArrowException, KeyError) as error:
+        raise InputError(f"the data set of results is damaged ({error})", file=file, hint="move it away") from None
+    with atomic_file(file) as beside:
+        pq.write_table(found, beside)
+
 
 SETTINGS = "fleet.toml"
 PRIORS = "priors"

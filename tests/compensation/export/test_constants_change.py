@@ -14,7 +14,7 @@ from truearm.arm.nearest_table import nearest_table
 from truearm.compensation.export.constants_change import FALSE_ALARM, _square_limit, constants_change
 from truearm.compensation.export.rigid_arm import best_rigid_arm
 from truearm.readings import Session
-from truearm.verification.monitor.quadratic_forms import quadratic_form_quantile_beyond
+from truearm.verification.monitor.expected_values import quadratic_form_quantile_beyond
 
 ARM = ta.load_arm("gao2017")
 NOISE_MM = 0.02

@@ -8,9 +8,8 @@ import pytest
 from truearm.compensation.nets.nguyen_widrow import nguyen_widrow
 from truearm.compensation.nets.normal_equations import FitProblem
 from truearm.compensation.nets.perceptron import Perceptron
-from truearm.compensation.nets.train_varpro import train_varpro
+from truearm.compensation.nets.train_varpro import ProjectedProblem, train_varpro
 from truearm.compensation.nets.trainlm import trainlm
-from truearm.compensation.nets.variable_projection import ProjectedProblem
 from truearm.errors import InputError
 from truearm.solve.arrays import as_array_like, to_numpy
 

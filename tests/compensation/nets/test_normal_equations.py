@@ -15,7 +15,7 @@ from truearm.compensation.nets import normal_equations
 from truearm.compensation.nets.nguyen_widrow import nguyen_widrow
 from truearm.compensation.nets.normal_equations import FitProblem
 from truearm.compensation.nets.perceptron import Perceptron
-from truearm.compensation.nets.variable_projection import ProjectedProblem
+from truearm.compensation.nets.train_varpro import ProjectedProblem
 from truearm.errors import InputError
 
 

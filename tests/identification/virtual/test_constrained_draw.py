@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 
 from truearm.arm.catalogue import load_arm
 from truearm.identification.virtual import PRESETS, VirtualArm
-from truearm.identification.virtual.constrained import TESTS, _test_of, box_sample, to_mean
+from truearm.identification.virtual.arm import TESTS, _test_of, box_sample, to_mean
 from truearm.identification.virtual.error_model import draw_geometry, geometry_stream
 
 RESEARCH = PRESETS["research"]

@@ -11,8 +11,7 @@ from truearm.arm.chain import Chain
 from truearm.errors import InputError
 from truearm.identification.terms.thermal import link_temperatures
 from truearm.identification.virtual import PRESETS, Preset, VirtualArm, load_preset, magnitudes
-from truearm.identification.virtual.bases import beam
-from truearm.identification.virtual.error_model import eccentric_reading
+from truearm.identification.virtual.error_model import beam, eccentric_reading
 from truearm.identification.virtual.presets import ARCSEC
 from truearm.identification.virtual.state import hand_forces, mean_hand_force
 

@@ -12,7 +12,6 @@ from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
 from truearm.identification.virtual import PRESETS, Preset, VirtualArm
-from truearm.identification.virtual.bases import Spots
 from truearm.identification.virtual.error_model import (
     BASE,
     CABLES,
@@ -21,6 +20,7 @@ from truearm.identification.virtual.error_model import (
     SLACK,
     SPOTS,
     WEAR_GROUPS,
+    Spots,
     error_model,
 )
 from truearm.identification.virtual.presets import ARCSEC

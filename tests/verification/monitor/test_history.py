@@ -20,9 +20,8 @@ from hypothesis import strategies as st
 
 from truearm.errors import InputError, TruearmError
 from truearm.verification.monitor.assessment import RecalibrationAdvice
-from truearm.verification.monitor.history import History
-from truearm.verification.monitor.history_file import _TABLE as TABLE
-from truearm.verification.monitor.history_file import APPLICATION_ID, VERSION
+from truearm.verification.monitor.history import _TABLE as TABLE
+from truearm.verification.monitor.history import APPLICATION_ID, VERSION, History
 from truearm.verification.monitor.interim_check import CheckValue, InterimCheck, Withdrawal, counted
 from truearm.verification.monitor.recorded_check import record_check
 from truearm.verification.standards.specification import Specification

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import logsumexp, ndtr, ndtri, stdtrit
 
-from truearm.verification.monitor.serial_correlation import CORRELATIONS, DRIFT, STEP, AutoregressiveSeries
+from truearm.verification.monitor.control_chart import CORRELATIONS, DRIFT, STEP, AutoregressiveSeries
 
 STEPS = st.lists(st.tuples(st.floats(-5, 5), st.floats(1, 4)), min_size=2, max_size=8)
 

@@ -9,7 +9,7 @@ import pytest
 
 from truearm.files.toml_documents import parse_toml
 from truearm.verification.standards.artefacts import Artefacts
-from truearm.verification.standards.exchanged_bars import ODDS, exchanged_bars
+from truearm.verification.standards.evaluation import ODDS, exchanged_bars
 from truearm.verification.standards.measurands import LengthMeasurement
 from truearm.verification.standards.specification import Specification
 
