@@ -120,6 +120,16 @@ def test_the_core_imports_no_wing_and_few_of_its_names_cross_the_wall(counts):
         assert not {one for one in early if counts.wing_of(one, plan["wings"])}, late
 
 
+def test_the_core_holds_nothing_that_only_wings_use(counts):
+    """But for the verbs, which people call, and for the insides of the estimation, which stay together."""
+    files, wings = counts.sources(HOUSE), counts.plan()["wings"]
+    core = {name for name in files if counts.wing_of(name, wings) is None}
+    used = {one for name, found in counts.imports(files).items() if name in core for one in found}
+    verbs = {*truearm._HOMES, "truearm", "truearm.__main__", "truearm.cli.main"}
+    alone = {name for name in core - used - verbs if files[name].path.name != "__init__.py"}
+    assert not {name for name in alone if not name.startswith(("truearm.cli.", "truearm.identification.estimation."))}
+
+
 def test_the_command_line_starts_without_the_heavy_packages():
     """Help and messages come at once: NumPy and its like are imported by the verb that needs them."""
     listed = "import truearm.cli.main as m, sys; m.make_app(); print(*sys.modules)"
