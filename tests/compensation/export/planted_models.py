@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
@@ -74,11 +76,18 @@ def without_some_coefficients(model: ta.KinematicModel) -> ta.KinematicModel:
     return model
 
 
+@cache
+def _fitted(pickled_arm: bytes, seed: int) -> bytes:
+    """A fitted model, once for all tests that plant terms in it."""
+    arm = pickle.loads(pickled_arm)
+    angles, noise = angles_of(arm, 80, seed), np.random.default_rng(seed).normal(0, 0.05, (80, 3))
+    return pickle.dumps(ta.KinematicModel(arm).fit(angles, arm.chain.tip_in_base(angles) + noise))
+
+
 def planted_model(arm: Arm, terms: list[Term] | None = None, *, seed: int = 1) -> ta.KinematicModel:
     """A fitted model whose terms and coefficients are then replaced."""
-    rng = np.random.default_rng(seed)
-    angles = angles_of(arm, 80, seed)
-    model = ta.KinematicModel(arm).fit(angles, arm.chain.tip_in_base(angles) + rng.normal(0, 0.05, (80, 3)))
+    rng = np.random.default_rng([seed, 1])
+    model = pickle.loads(_fitted(pickle.dumps(arm), seed))
     terms = every_term(arm) if terms is None else terms
     std = np.concatenate([term.prior_stds for term in terms])
     root = rng.normal(size=(len(std), len(std))) * std * 1e-2
