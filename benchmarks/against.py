@@ -11,13 +11,16 @@ import os
 import subprocess
 import sys
 import tarfile
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from io import BytesIO
 from pathlib import Path
 from typing import Any, NamedTuple
+from unittest.mock import patch
 
-from benchmarks.rows import BLAS_THREADS, ROOT, Rows, scratch
-from truearm import datasets
+from benchmarks.rows import BLAS_THREADS, ROOT, RowResult, Rows, Target, scratch
+from truearm import datasets, fit
 
 ROWS = Rows()
 REFERENCE = "6f465a7"  # of 25 November 2026
@@ -70,6 +73,55 @@ def turns(commit: str = REFERENCE, turns: int = 3, only: str = "") -> Iterator[d
         then, now = min(seconds["then"]), min(seconds["now"])
         is_met = "met" if now / then <= work.target else "missed"
         yield {"": what, "then [s]": then, "now [s]": now, "ratio": now / then, "target": work.target, " ": is_met}
+
+
+@ROWS.row("products", quick={"readings": 400}, threads="one")
+def products(readings: int = 0) -> RowResult:
+    """What the products of matrices take of a physical fit, which no other work can make shorter.
+
+    In CPU seconds of the same fit, and the operations by the sizes: of n readings and p coefficients a matrix of the
+    normal equations at each linearisation, an inverse at each weighing of the evidence and for each outer region, the
+    root of the covariance times the derivatives once for held-out readings.
+    """
+    from truearm.identification.estimation import problem
+    from truearm.identification.estimation.covariance_root import CovarianceRoot
+    from truearm.solve import group_evidence
+
+    of = {
+        "matrices of the normal equations": (problem.SmallMotionProblem, "normal_equations"),
+        "matrices of regions": (problem.SmallMotionProblem, "equations_of"),
+        "inverses for the evidence": (group_evidence, "_solved"),
+        "inverses without a region": (CovarianceRoot, "without"),
+        "root times derivatives": (CovarianceRoot, "times"),
+        "covariances of a region": (CovarianceRoot, "covariances"),
+    }
+    spent = {what: [0.0, 0] for what in of}
+
+    def timed(what: str, work: Callable[..., Any]) -> Callable[..., Any]:
+        def run(*args: Any, **options: Any) -> Any:
+            begun = time.process_time()
+            try:
+                return work(*args, **options)
+            finally:
+                spent[what][0] += time.process_time() - begun
+                spent[what][1] += 1
+
+        return run
+
+    session = datasets.load_readings("ur10-a")
+    session = session.rows(range(0, len(session), len(session) // readings)) if readings else session
+    fit("ur10", session.rows(range(0, len(session), max(1, len(session) // 200))))
+    with ExitStack() as patched:
+        for what, (owner, name) in of.items():
+            patched.enter_context(patch.object(owner, name, timed(what, getattr(owner, name))))
+        begun = time.process_time()
+        p = len(fit("ur10", session, model="physical").model.fit_.coefficients)
+        whole = time.process_time() - begun
+    table = [{"": what, "calls": n, "CPU s": seconds, "share": seconds / whole} for what, (seconds, n) in spent.items()]
+    seconds = sum(row["CPU s"] for row in table)
+    table.append({"": "the whole fit", "calls": 1, "CPU s": whole, "share": 1.0})
+    note = f"{len(session)} readings, {p} coefficients; products together {seconds:.3g} s"
+    return RowResult(table, [Target("the whole fit over its products", whole / seconds, 1.5)], [note])
 
 
 def sessions() -> dict[str, Path]:
