@@ -139,10 +139,6 @@ def test_columns_of_a_group_stand_under_one_head_with_their_unit():
     assert "unit" not in second
 
 
-def test_the_same_page_has_the_same_bytes(html):
-    assert render(PAGE) == html
-
-
 def test_the_same_page_has_the_same_bytes_in_another_process(html, tmp_path):
     # Another process has another seed of hashes, which must not show.
     code = "import sys; import test_html as t; t.write_page(t.made_up_page(), sys.argv[1])"

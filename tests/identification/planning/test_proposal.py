@@ -99,8 +99,9 @@ def test_a_joint_that_hardly_moves_is_named():
 
 def test_the_same_seed_gives_the_same_plan_and_progress_is_told():
     told = []
-    first = propose(ARM, KNOWN, ARTEFACTS["tracker"], 6, seed=3, progress=lambda done, note: told.append((done, note)))
-    again = propose(ARM, KNOWN, ARTEFACTS["tracker"], 6, seed=3)
+    asked = {"seed": 3, "to_measure": "i-optimal"}
+    first = propose(ARM, KNOWN, ARTEFACTS["tracker"], 6, **asked, progress=lambda done, note: told.append((done, note)))
+    again = propose(ARM, KNOWN, ARTEFACTS["tracker"], 6, **asked)
     for name in STRATEGIES:
         assert (first.proposals[name].poses.angles == again.proposals[name].poses.angles).all()
     assert [done for done, _ in told] == sorted(done for done, _ in told)
