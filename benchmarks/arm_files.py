@@ -28,7 +28,7 @@ from truearm.files.xml_reader import parse_xml
 from truearm.identification.judgement.description_check import DescriptionCheck, check_description
 from truearm.identification.judgement.reference_table import reference_table
 from truearm.pages.palette import GREY, INK, NAVY, ORANGE, TEAL
-from truearm.pages.plotting import Figure, figure_style, make_panel, save_figure
+from truearm.pages.plotting import Figure, figure_style, make_panel
 from truearm.readings import Lengths, Session
 from truearm.typing import FloatArray
 
@@ -409,5 +409,5 @@ def axes(file: str = "axes_of_an_arm.png") -> RowResult:
         right, (of_row,) = make_panel(3.2, 3.2)
         draw_row(of_row)
     figure = Figure((left, right), "Axes of an arm.", "Axes of an arm and one row of its table.", columns=2)
-    save_figure(figure, file)
+    figure.save(file)
     return RowResult(notes=[f"drawn into {file}"])

@@ -13,7 +13,7 @@ from truearm.arm import Arm, load_arm
 from truearm.arm.chain import Chain
 from truearm.arm.nearest_table import nearest_table
 from truearm.compensation.models import KinematicModel
-from truearm.pages.plotting import Figure, figure_style, make_panel, save_figure
+from truearm.pages.plotting import Figure, figure_style, make_panel
 from truearm.typing import FloatArray
 from truearm.workflows.arm_from_circles import CircleArm, constants_of
 
@@ -133,5 +133,5 @@ def figure(file: str = "circles_of_an_arm.png", arm: str = "gao2017") -> RowResu
             drawn.set_aspect("equal", adjustable="datalim")
             drawn.set_title(f"{'xyz'[up]} over {'xyz'[across]} [mm]")
         drawn.legend(fontsize="small")
-    save_figure(Figure(tuple(panels), "Circles of an arm.", "Circles of joints and axes found.", columns=2), file)
+    Figure(tuple(panels), "Circles of an arm.", "Circles of joints and axes found.", columns=2).save(file)
     return RowResult(notes=[f"drawn into {file}"])

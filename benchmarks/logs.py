@@ -14,7 +14,7 @@ from benchmarks.rows import RowResult, Rows
 from truearm.errors import InputError
 from truearm.files.tables.table import Table
 from truearm.pages.palette import NAVY, ORANGE
-from truearm.pages.plotting import Figure, figure_style, make_panel, save_figure
+from truearm.pages.plotting import Figure, figure_style, make_panel
 from truearm.readings.foreign.joined_logs import join_tables
 from truearm.typing import FloatArray
 
@@ -209,4 +209,4 @@ def picture(joints: Table, points: Table, file: str) -> None:
             axes.legend(loc="upper right")
             panels.append(panel)
         alt = "Speeds of joints and tip before and after alignment."
-        save_figure(Figure(tuple(panels), "Speeds of two logs.", alt, columns=1), file)
+        Figure(tuple(panels), "Speeds of two logs.", alt, columns=1).save(file)

@@ -25,7 +25,6 @@ from truearm.compensation.nets.scaling import MinMaxScaler
 from truearm.compensation.nets.train_varpro import train_varpro
 from truearm.identification.planning.sampling import box, measuring_poses
 from truearm.identification.virtual import Measurement, VirtualArm, load_preset
-from truearm.pages.plotting import save_figure
 from truearm.papers.gao2017.claim_figures import experiment_box_figure
 from truearm.papers.gao2017.experiment_box import FILE, BoxRun, ExperimentBoxStudy, load_experiment_box, widths_at
 from truearm.papers.gao2017.results import METHODS, Method
@@ -140,7 +139,7 @@ def write(runs: list[BoxRun]) -> None:
     lines = ",\n".join(f"  {json.dumps(asdict(run))}" for run in runs)
     FILE.write_text(f'{{\n "how": {json.dumps(how)},\n "runs": [\n{lines}\n ]\n}}\n', encoding="utf-8")
     study = ExperimentBoxStudy(how, tuple(runs))
-    save_figure(experiment_box_figure(study, chosen=EXPERIMENT.half_width_deg), PICTURE)
+    experiment_box_figure(study, chosen=EXPERIMENT.half_width_deg).save(PICTURE)
 
 
 def key(run: BoxRun) -> tuple[float, str, int]:

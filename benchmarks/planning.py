@@ -16,7 +16,7 @@ from truearm.identification.planning.prior import nominal_prior
 from truearm.identification.planning.proposal import LENGTH_U_MM, STRATEGIES, Artefact, CalibrationPlan, propose
 from truearm.identification.planning.template import bars
 from truearm.identification.virtual import VirtualArm, load_preset
-from truearm.pages.plotting import Figure, figure_style, make_panel, save_figure, set_log_scale, styles_of
+from truearm.pages.plotting import Figure, figure_style, make_panel, set_log_scale, styles_of
 from truearm.readings import Lengths
 from truearm.typing import FloatArray
 
@@ -45,7 +45,7 @@ def strategies(
     """
     rows = [row for a in artefacts for arm in arms for n in poses for row in rows_of(arm, a, n, draws)]
     if figure:
-        save_figure(drawing_of(rows, poses), Path(figure))
+        drawing_of(rows, poses).save(Path(figure))
     table = []
     for artefact in artefacts:
         for n, model in (*((n, "physical") for n in poses), (50, "kinematic")):

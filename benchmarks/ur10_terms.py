@@ -19,7 +19,6 @@ from truearm.compensation.models import PhysicalModel
 from truearm.identification.judgement.outliers import outliers
 from truearm.identification.references.reading_references import state_of
 from truearm.identification.terms import GravityTorque
-from truearm.pages.plotting import save_figure
 from truearm.readings import Session
 from truearm.show.joint_error_figure import joint_error_figure
 from truearm.show.term_effects import JointError, effects, joint_error
@@ -162,4 +161,4 @@ def draw(series: dict[str, Fitted], path: Path) -> None:
             errors[name].append(
                 curve(model, joint, both if len(both) >= LEAST_SHARED else readings.angles[:, joint - 1])
             )
-    save_figure(joint_error_figure(errors, angles, names=[f"J{i}" for i in range(1, 7)]), path, dpi=110)
+    joint_error_figure(errors, angles, names=[f"J{i}" for i in range(1, 7)]).save(path, dpi=110)

@@ -12,7 +12,7 @@ import matplotlib as mpl
 import truearm as ta
 from truearm.pages.html import write_page
 from truearm.pages.page import Page
-from truearm.pages.plotting import Figure, figure_style, save_figure
+from truearm.pages.plotting import Figure, figure_style
 from truearm.show.arm_drawing import arm_figure
 from truearm.show.arm_scene import joint_frames
 from truearm.workflows.record import Record
@@ -38,7 +38,7 @@ def record_figure(block: Any, block_vars: dict[str, Any], gallery_conf: object) 
     shown = block_vars["example_globals"].get("___")
     figure = shown.figure() if isinstance(shown, Record) else shown
     if isinstance(figure, Figure):
-        save_figure(replace(figure, panels=figure.panels[:1]), next(block_vars["image_path_iterator"]))
+        replace(figure, panels=figure.panels[:1]).save(next(block_vars["image_path_iterator"]))
     return ""
 
 
@@ -57,7 +57,7 @@ def write_front_page(folder: Path) -> None:
         "python": first_panel(report, "Distribution and coordinates"),
     }
     for name, picture in pictures.items():
-        save_figure(picture, folder / f"{name}.png", dpi=110)
+        picture.save(folder / f"{name}.png", dpi=110)
 
 
 def drawing_of(arm: ta.Arm) -> Figure:

@@ -11,7 +11,7 @@ from matplotlib.colors import to_hex
 from matplotlib.image import imread
 
 from truearm.errors import InputError
-from truearm.pages.plotting import Style, save_figure, styles_of, svg_element
+from truearm.pages.plotting import Style, styles_of, svg_element
 from truearm.show import error_figures as figures
 from truearm.show import joint_figures
 from truearm.show.joint_figures import running_median
@@ -228,10 +228,10 @@ def test_figures_do_not_wake_pyplot():
 
 def test_a_picture_is_saved_whole_and_alike_each_time(tmp_path):
     _, _, errors, lengths = made_up()
-    save_figure(figures.before_after(lengths), tmp_path / "a.png", dpi=80)
-    save_figure(figures.before_after(lengths), tmp_path / "b.png", dpi=80)
+    figures.before_after(lengths).save(tmp_path / "a.png", dpi=80)
+    figures.before_after(lengths).save(tmp_path / "b.png", dpi=80)
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
-    save_figure(figures.errors_by_reading(errors), tmp_path / "three.png", dpi=80)
+    figures.errors_by_reading(errors).save(tmp_path / "three.png", dpi=80)
     one, three = imread(tmp_path / "a.png"), imread(tmp_path / "three.png")
     assert three.shape[1] == 3 * 3.0 * 80  # three panels of three inches side by side
     assert 0.02 < np.mean(one[..., :3].min(axis=-1) < 0.9) < 0.5  # something is drawn, on much white
@@ -242,7 +242,7 @@ def test_drawings_are_saved_whole_and_alike_each_time_with_unique_ids(tmp_path):
     _, _, errors, lengths = made_up()
     for ending in (".svg", ".pdf"):
         for name in ("a", "b"):
-            save_figure(figures.errors_by_reading(errors), tmp_path / f"{name}{ending}")
+            figures.errors_by_reading(errors).save(tmp_path / f"{name}{ending}")
         assert (tmp_path / f"a{ending}").read_bytes() == (tmp_path / f"b{ending}").read_bytes()
     root = ElementTree.parse(tmp_path / "a.svg").getroot()
     ids = [element.get("id") for element in root.iter() if element.get("id")]
@@ -258,13 +258,13 @@ def test_drawings_are_saved_whole_and_alike_each_time_with_unique_ids(tmp_path):
     assert b"/CIDFontType2" in pdf  # TrueType: publishers refuse Type 3 fonts
     assert b"/Type3" not in pdf
     with pytest.raises(InputError, match=r"expected a file name that ends in \.png, \.svg, \.pdf, got 'a\.eps'"):
-        save_figure(figures.before_after(lengths), tmp_path / "a.eps")
+        figures.before_after(lengths).save(tmp_path / "a.eps")
 
 
 def test_a_missing_folder_is_named(tmp_path):
     _, _, _, lengths = made_up(5)
     with pytest.raises(InputError, match="does not exist"):
-        save_figure(figures.before_after(lengths), tmp_path / "none" / "a.png")
+        figures.before_after(lengths).save(tmp_path / "none" / "a.png")
 
 
 def test_a_few_readings_have_a_largest_error_and_no_95th_percentile():

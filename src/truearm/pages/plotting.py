@@ -178,6 +178,32 @@ class Figure:
         caption = f"<figcaption>{escape(self.caption)}</figcaption>"
         return f'<figure style="max-width:60em">{"".join(drawings)}{caption}</figure>'
 
+    def save(self, path: str | Path, *, dpi: int = 200) -> None:
+        """Write it as a picture or as a drawing that stays sharp in print.
+
+        Parameters
+        ----------
+        path : path
+            ``.png`` or ``.svg``, the panels in rows as on a wide page; ``.pdf``, a sheet for each panel.
+        dpi : int
+            Of a ``.png``, and of the layers of many dots in the others.
+
+        Raises
+        ------
+        InputError
+            If the name has another ending, or the file cannot be written.
+        """
+        path = Path(path)
+        writers: dict[str, Callable[[Figure, Path, int], None]] = {
+            ".png": _write_png,
+            ".svg": _write_svg,
+            ".pdf": _write_pdf,
+        }
+        if path.suffix not in writers:
+            raise InputError(f"expected a file name that ends in {', '.join(writers)}, got {path.name!r}", file=path)
+        with atomic_file(path) as beside:
+            writers[path.suffix](self, beside, dpi)
+
 
 @dataclass(frozen=True)
 class Style:
@@ -327,34 +353,6 @@ def pixels_of(figure: Figure, *, dpi: int = 200) -> npt.NDArray[np.uint8]:
         pictures = [_pixels(drawing, dpi) for drawing in figure.panels]
     rows = [pictures[i : i + figure.columns] for i in range(0, len(pictures), figure.columns)]
     return _stacked([_stacked(row, axis=1) for row in rows], axis=0)
-
-
-def save_figure(figure: Figure, path: str | Path, *, dpi: int = 200) -> None:
-    """Write a figure as a picture or as a drawing that stays sharp in print.
-
-    Parameters
-    ----------
-    figure : Figure
-    path : path
-        ``.png`` or ``.svg``, the panels in rows as on a wide page; ``.pdf``, a sheet for each panel.
-    dpi : int
-        Of a ``.png``, and of the layers of many dots in the others.
-
-    Raises
-    ------
-    InputError
-        If the name has another ending, or the file cannot be written.
-    """
-    path = Path(path)
-    writers: dict[str, Callable[[Figure, Path, int], None]] = {
-        ".png": _write_png,
-        ".svg": _write_svg,
-        ".pdf": _write_pdf,
-    }
-    if path.suffix not in writers:
-        raise InputError(f"expected a file name that ends in {', '.join(writers)}, got {path.name!r}", file=path)
-    with atomic_file(path) as beside:
-        writers[path.suffix](figure, beside, dpi)
 
 
 def _write_png(figure: Figure, path: Path, dpi: int) -> None:

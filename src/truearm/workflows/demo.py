@@ -34,7 +34,6 @@ from truearm.identification.planning.sampling import Poses, box, measuring_poses
 from truearm.identification.virtual import Measurement, VirtualArm, load_preset
 from truearm.pages.html import render
 from truearm.pages.page import Page, Section
-from truearm.pages.plotting import save_figure
 from truearm.readings import ErrorComparison, compare_errors
 from truearm.show.comparison_page import (
     comparison_page,
@@ -379,7 +378,7 @@ class DemoResult(Record):
         assert picture is not None
         # All that takes time is done: an interruption before this leaves no folder.
         folder.mkdir(parents=True, exist_ok=True)
-        save_figure(picture, folder / "before_after.png")
+        picture.save(folder / "before_after.png")
         for name, text in texts.items():
             with atomic_file(folder / name) as beside:
                 beside.write_text(text, encoding="utf-8", newline="\n")

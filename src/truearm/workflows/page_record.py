@@ -145,8 +145,6 @@ class PageRecord(Record):
         InputError
             If the page has no figure, the ending is another, or a file cannot be written.
         """
-        from truearm.pages.plotting import save_figure
-
         folder = Path(folder)
         if ending not in FIGURE_ENDINGS:
             raise InputError(f"expected the ending {', '.join(FIGURE_ENDINGS)}, got {ending!r}")
@@ -159,7 +157,7 @@ class PageRecord(Record):
         for file in files:
             check_output_is_not_input(file, *self.input_files)
         for file, (_, figure) in zip(files, drawn, strict=True):
-            save_figure(figure, file)
+            figure.save(file)
         return files
 
 

@@ -83,7 +83,6 @@ class ProcedureResult(TableRecord, PageRecord):
             If a file cannot be written.
         """
         from truearm.pages.html import write_page
-        from truearm.pages.plotting import save_figure
         from truearm.papers.gao2017.procedure_page import paper_figures
 
         numbers, page, model = (Path(folder) / name for name in FILES)
@@ -92,7 +91,7 @@ class ProcedureResult(TableRecord, PageRecord):
         self.results.network.save(model)
         figures = {Path(folder) / PICTURES[number]: figure for number, figure in paper_figures(self.results).items()}
         for file, figure in figures.items():
-            save_figure(figure, file)
+            figure.save(file)
         return numbers, page, model, *figures
 
     def page(self) -> Page:

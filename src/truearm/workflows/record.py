@@ -126,9 +126,7 @@ class Record(ABC):
         figure = self.figure()
         if figure is None:
             raise InputError(f"a {type(self).__name__} has no figure here")
-        from truearm.pages.plotting import save_figure
-
-        save_figure(figure, path)
+        figure.save(path)
 
     def __str__(self) -> str:
         return printable("\n".join(map(str, self.blocks())))

@@ -55,7 +55,6 @@ class ReproductionResult(TableRecord, PageRecord):
             If a file cannot be written.
         """
         from truearm.pages.html import write_page
-        from truearm.pages.plotting import save_figure
         from truearm.papers.gao2017.reproduction_page import paper_figure
 
         files = result_files(self.parts, folder)
@@ -63,7 +62,7 @@ class ReproductionResult(TableRecord, PageRecord):
         if files[2:]:
             picture = paper_figure(page, int(self.parts[0].split()[1]))
             assert picture is not None  # the figure was asked for
-            save_figure(picture, files[2])
+            picture.save(files[2])
         write_numbers(self, files[0])
         write_page(page, files[1])
         return files
