@@ -6,9 +6,11 @@ import ast
 import graphlib
 import importlib
 import inspect
+import os
 import pkgutil
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -102,6 +104,52 @@ def test_no_room_outgrows_its_budget(counts):
         most_lines, most_files = plan["budgets"][room]
         assert lines <= most_lines, f"{room}: {lines} lines of code"
         assert n <= most_files, f"{room}: {n} files"
+
+
+def without(wings: dict[str, list[str]], folder: Path) -> Path:
+    """A copy of the package without the places of some wings."""
+    shutil.copytree(HOUSE, folder / "truearm", ignore=shutil.ignore_patterns("__pycache__"))
+    for place in (place for places in wings.values() for place in places):
+        there = folder.joinpath("truearm", *place.split("."))
+        shutil.rmtree(there) if there.is_dir() else there.with_suffix(".py").unlink()
+    return folder
+
+
+def in_python(folder: Path, *arguments: str) -> str:
+    """What Python prints with the package of a folder."""
+    environment = os.environ | {"PYTHONPATH": str(folder)}
+    ran = subprocess.run([sys.executable, *arguments], cwd=folder, env=environment, capture_output=True, text=True)
+    assert ran.returncode == 0, ran.stderr
+    return ran.stdout
+
+
+CORE_VERBS = {"split", "fit", "refit", "predict", "evaluate"}
+
+
+def test_a_wing_that_is_taken_off_takes_its_commands_and_leaves_those_of_the_core(counts, tmp_path):
+    wings = counts.plan()["wings"]
+    for name, places in wings.items():
+        help_text = in_python(without({name: places}, tmp_path / name), "-m", "truearm", "--help")
+        listed = set(re.findall(r"^  ([a-z]+)  ", help_text, re.MULTILINE))
+        own = {verb for verb, module in VERBS if f"cli.{module}" in places}
+        assert listed >= CORE_VERBS, name
+        assert not own & listed, name
+
+
+def test_without_any_wing_an_arm_is_identified_its_model_saved_and_points_are_predicted(counts, tmp_path):
+    folder = without(counts.plan()["wings"], tmp_path)
+    truearm.simulate("ur10", poses=40, seed=1).session.save(folder / "readings.csv")
+    code = """
+import truearm as ta
+session = ta.read_session("readings.csv")
+model = ta.fit("ur10", session, model="kinematic").model
+model.save("arm.truearm")
+print(ta.predict("arm.truearm", session), ta.evaluate(model, session))
+"""
+    printed = in_python(folder, "-c", code)
+    assert "40 points, standard uncertainty" in printed
+    assert "Mean error" in printed
+    assert set(re.findall(r"^  ([a-z]+)  ", in_python(folder, "-m", "truearm", "--help"), re.MULTILINE)) == CORE_VERBS
 
 
 def test_the_core_imports_no_wing_and_few_of_its_names_cross_the_wall(counts):
