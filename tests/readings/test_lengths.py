@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from truearm.errors import InputError
 from truearm.readings import Lengths, read_lengths, write_lengths
-from truearm.readings.lengths import PLACE_U_MM
 
 HEADER = "seat_a,seat_b,length_mm,u_mm\n"
 
@@ -55,7 +54,7 @@ def test_an_artefact_and_its_places_come_back(tmp_path):
     given_lengths = Lengths(
         ["A", "C", "E"], ["B", "D", "F"], [9.0, 9.0, 8.0], [0.1, 0.1, 0.2], ["bar", "bar", ""], [np.nan, 0.03, np.nan]
     )
-    assert given_lengths.u_place_mm.tolist() == [PLACE_U_MM, 0.03, 0.0]
+    assert given_lengths.u_place_mm.tolist() == [Lengths.default_u_place_mm, 0.03, 0.0]
     write_lengths(given_lengths, tmp_path / "l.csv")
     assert (tmp_path / "l.csv").read_text().splitlines()[3] == "E,F,8.0,0.2,,"
     found = read_lengths(tmp_path / "l.csv", seats="CDEF")
@@ -63,7 +62,7 @@ def test_an_artefact_and_its_places_come_back(tmp_path):
     assert found.u_place_mm.tolist() == [0.03, 0.0]
     plain = read_lengths(lengths_file(tmp_path, HEADER.strip() + ",artefact\nA,B,1,0.1,bar\nC,D,2,0.1,\n"))
     assert plain.artefact.tolist() == ["bar", ""]
-    assert plain.u_place_mm.tolist() == [PLACE_U_MM, 0.0]
+    assert plain.u_place_mm.tolist() == [Lengths.default_u_place_mm, 0.0]
 
 
 def test_expansions_come_back_and_are_known_or_not(tmp_path):

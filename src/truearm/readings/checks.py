@@ -14,12 +14,6 @@ from truearm.readings.session import Session
 from truearm.readings.thermal_expansion import ThermalExpansion
 from truearm.typing import BoolArray, FloatArray
 
-# An angle may pass its limit by this much [rad or mm]: rounding, not a wrong angle.
-LIMIT_TOLERANCE = 1e-6
-
-# An angle beyond this [rad or mm] is no angle, whatever the arm allows: 160,000 turns, a kilometre of rail.
-MAX_ANGLE = 1e6
-
 # Readings beyond the joint limits are skipped one by one up to this share; of more, angles or arm are wrong.
 MAX_SKIPPED_SHARE = 0.5
 
@@ -163,7 +157,8 @@ def check_angles(session: Session, *, n_joints: int, prismatic: npt.ArrayLike | 
     Raises
     ------
     InputError
-        If the number of joints is wrong, the unit of a joint is not one of its kind, or an angle is beyond `MAX_ANGLE`.
+        If the number of joints is wrong, the unit of a joint is not one of its kind, or an angle is beyond
+        `Session.largest_angle`.
     """
     if session.n_joints != n_joints:
         raise session.error(
@@ -172,7 +167,7 @@ def check_angles(session: Session, *, n_joints: int, prismatic: npt.ArrayLike | 
         )
     if prismatic is not None:
         _check_units(session, np.asarray(prismatic, dtype=bool))
-    if (absurd := np.abs(session.angles) > MAX_ANGLE).any():
+    if (absurd := np.abs(session.angles) > Session.largest_angle).any():
         row, joint = (int(i) for i in np.argwhere(absurd)[0])
         raise session.error(
             f"J{joint + 1} is at {session.angles[row, joint]:.6g} rad or mm, which no joint reaches",
@@ -230,7 +225,7 @@ def limit_excesses(
         Which joints slide; none by default. It decides the unit that is shown.
     """
     lower, upper = np.asarray(limits, dtype=float).T
-    outside = (session.angles < lower - LIMIT_TOLERANCE) | (session.angles > upper + LIMIT_TOLERANCE)
+    outside = (session.angles < lower - Session.limit_tolerance) | (session.angles > upper + Session.limit_tolerance)
     if not outside.any():
         return ()
     slides = np.zeros(session.n_joints, bool) if prismatic is None else np.asarray(prismatic, dtype=bool)

@@ -6,7 +6,7 @@ import difflib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -24,14 +24,6 @@ ENDS = ("seat_a", "seat_b")
 NUMBERS = ("length_mm", "u_mm")
 ARTEFACT, PLACE = "artefact", "u_place_mm"
 EXPANSION = ("expansion_per_K", "u_expansion_per_K")
-FORM_COLUMNS = (*ENDS, *NUMBERS, ARTEFACT, *EXPANSION, "note")
-
-PLACE_U_MM = 0.001
-"""Default standard uncertainty of the difference of an artefact's length between places [mm].
-
-A ball returns to a good cone within about that. It is less than the repeatability of arms, so that it has little effect
-on what is identified.
-"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +45,7 @@ class Lengths:
         The artefact that has this length; empty if it is at one place only.
     u_place_mm : (m,) array, optional
         Standard uncertainty of the difference of the length from place to place, due to the tip's seating,
-        temperature and set-up [mm], in addition to `u_mm`. By default (also NaN) `PLACE_U_MM` for rows with an
+        temperature and set-up [mm], in addition to `u_mm`. By default (also NaN) `default_u_place_mm` for rows with an
         artefact, zero for others.
     expansion_per_K, u_expansion_per_K : (m,) array or None
         Coefficient of thermal expansion of the artefact and its standard uncertainty [1/K]; NaN if not known, None if
@@ -81,6 +73,11 @@ class Lengths:
     [{'seat_a': 'A', 'seat_b': 'B', 'length_mm': 500.0123, 'u_mm': 0.0005}]
     """
 
+    form_columns: ClassVar[tuple[str, ...]] = (*ENDS, *NUMBERS, ARTEFACT, *EXPANSION, "note")
+    # Default standard uncertainty of the difference of an artefact's length between places. A ball returns to a
+    # good cone within about that. It is less than the repeatability of arms, so that it has little effect on what is
+    # identified.
+    default_u_place_mm: ClassVar[float] = 0.001
     seat_a: NameArray
     seat_b: NameArray
     length_mm: FloatArray
@@ -239,7 +236,7 @@ class Lengths:
     def _check_places(self) -> None:
         """Check the rows of each artefact, and set the uncertainty of a place where none is given."""
         artefact, place = self.artefact, self.u_place_mm
-        place = np.where(np.isnan(place), np.where(artefact != "", PLACE_U_MM, 0.0), place)
+        place = np.where(np.isnan(place), np.where(artefact != "", self.default_u_place_mm, 0.0), place)
         if (bad := ~((place <= LARGEST_MM) & ((place > 0) | ((place == 0) & (artefact == ""))))).any():
             row = int(np.argmax(bad))
             limit = f" of at most {LARGEST_MM:g} mm" if LARGEST_MM < place[row] < np.inf else ""
@@ -247,7 +244,7 @@ class Lengths:
                 f"expected a positive standard uncertainty of a place{limit}, got {place[row]:.6g} mm",
                 row,
                 column=PLACE,
-                hint=f"leave the cell empty for the default, {PLACE_U_MM:g} mm for a named artefact",
+                hint=f"leave the cell empty for the default, {self.default_u_place_mm:g} mm for a named artefact",
             )
         object.__setattr__(self, PLACE, place)
         first: dict[str, int] = {}

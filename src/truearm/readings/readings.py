@@ -30,8 +30,6 @@ LOAD = re.compile(rf"load_[\w.-]+|{PAYLOAD}")
 # Columns with the sign of each joint's last movement: this and the joint's number.
 DIRECTION = "direction_"
 
-# A quaternion's length may differ from 1 by this much, the effect of rounding to two decimals; it is normalized.
-QUATERNION_TOLERANCE = 0.01
 
 ABSOLUTE_ZERO_DEGC = -273.15
 
@@ -62,6 +60,12 @@ class Readings:
     warmest_degC: ClassVar[float] = 100.0
     # A load may have any unit, but its square must be a number.
     largest_load: ClassVar[float] = 1e100
+    # An angle may pass its limit by this much [rad or mm]: rounding, not a wrong angle.
+    limit_tolerance: ClassVar[float] = 1e-6
+    # An angle beyond this [rad or mm] is no angle, whatever the arm allows: 160,000 turns, a kilometre of rail.
+    largest_angle: ClassVar[float] = 1e6
+    # A quaternion's length may differ from 1 by this much, the effect of rounding to two decimals; it is normalized.
+    quaternion_tolerance: ClassVar[float] = 0.01
     angles: FloatArray
     points: FloatArray | None = None
     point_std: FloatArray | None = None
@@ -245,7 +249,7 @@ class Readings:
         off = np.abs(length - 1)
         problem = "expected a quaternion of length 1, got length {:.6g}"
         hint = "give an orientation as w, x, y, z; the scalar part w comes first"
-        self.refuse(off > QUATERNION_TOLERANCE, problem, length, hint=hint)
+        self.refuse(off > self.quaternion_tolerance, problem, length, hint=hint)
         # A normalized one stays as it is, to the last bit.
         rounded = (off > 1e-12)[:, None]
         settled = np.where(rounded, self.quaternion / length[:, None], self.quaternion)

@@ -29,7 +29,7 @@ from truearm.compensation.models import MODELS, HybridModel, KinematicModel, Net
 from truearm.compensation.models.compensator import Compensator
 from truearm.errors import InputError
 from truearm.identification.judgement.nominal_check import UNCHECKED
-from truearm.readings.checks import LIMIT_TOLERANCE
+from truearm.readings import Session
 
 
 def zigzag(n_joints: int) -> Arm:
@@ -249,7 +249,7 @@ def test_rows_beyond_the_training_angles_are_flagged(readings):
     arm, angles, points = readings
     model = NominalModel(arm).fit(angles, points)
     beyond = angles[:3].copy()
-    beyond[1, 2] = angles[:, 2].max() + 2 * LIMIT_TOLERANCE
+    beyond[1, 2] = angles[:, 2].max() + 2 * Session.limit_tolerance
     assert model.outside_training(beyond).tolist() == [False, True, False]
 
 

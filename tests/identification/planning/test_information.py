@@ -13,7 +13,7 @@ from truearm.identification.planning.prior import Prior, nominal_prior
 from truearm.identification.planning.proposal import LENGTH_U_MM, information_rows
 from truearm.identification.terms.catalogue import constants, own_axis
 from truearm.identification.terms.state import ArmState
-from truearm.readings.lengths import PLACE_U_MM
+from truearm.readings import Lengths
 
 ARM = load_arm("gao2017")
 NOISE_MM = 0.02
@@ -90,7 +90,7 @@ def test_a_bar_is_two_seats_and_a_length(perturbed_chain, volume):
     A = np.zeros((19, p + 7))
     A[:18, :p] = J.reshape(18, p) / NOISE_MM
     A[:9, p + 1 : p + 4] = A[9:18, p + 4 :] = -np.tile(np.eye(3), (3, 1)) / NOISE_MM
-    A[18, p:] = np.concatenate([[-1], -along, along]) / PLACE_U_MM
+    A[18, p:] = np.concatenate([[-1], -along, along]) / Lengths.default_u_place_mm
     information = A.T @ A
     p += 1
     schur = information[:p, :p] - information[:p, p:] @ np.linalg.solve(information[p:, p:], information[p:, :p])

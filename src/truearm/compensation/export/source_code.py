@@ -30,7 +30,6 @@ from truearm.identification.estimation.extrapolation import Extrapolation
 from truearm.identification.terms import Expression, link_vectors
 from truearm.identification.terms.thermal import UNKNOWN_MATERIAL
 from truearm.readings import Session
-from truearm.readings.checks import LIMIT_TOLERANCE, MAX_ANGLE
 from truearm.readings.thermal_expansion import REFERENCE_DEGC
 from truearm.typing import FloatArray
 
@@ -41,7 +40,7 @@ NO_LIMIT = 1e300
 _PLAIN = frozenset(string.ascii_letters + string.digits + " _-.,:;()%")
 # Numbers of the rules by which targets are corrected, by their names in the code.
 RULES = {
-    "max_joint": MAX_ANGLE,
+    "max_joint": Session.largest_angle,
     "full_turn": 2 * np.pi,
     "least_travel": Extrapolation.least_travel_mm,
     "most_turns": TrainingConditions.most_turns,
@@ -51,7 +50,7 @@ RULES = {
     "correction_steps": CORRECTION_STEPS,
     "tolerance_mm": TOLERANCE_MM,
     "tolerance_rad": TOLERANCE_RAD,
-    "limit_tolerance": LIMIT_TOLERANCE,
+    "limit_tolerance": Session.limit_tolerance,
     "coldest": Session.coldest_degC,
     "warmest": Session.warmest_degC,
     "temperature_tolerance": TrainingConditions.temperature_tolerance_K,

@@ -18,7 +18,7 @@ from truearm.choices import Conditions
 from truearm.errors import InputError
 from truearm.identification.judgement.expansion_prior import LAG_K
 from truearm.identification.judgement.thermal_lag import TIME_CONSTANTS, lagging_temperatures, most_lag_K
-from truearm.readings.checks import LIMIT_TOLERANCE, MAX_SKIPPED_SHARE
+from truearm.readings.checks import MAX_SKIPPED_SHARE
 from truearm.readings.lengths import Lengths
 from truearm.readings.readings import DIRECTION, LOAD, PAYLOAD
 from truearm.readings.repeats import merge_repeats
@@ -434,13 +434,15 @@ class TrainingConditions:
             at = angles[:, joint]
             turns = [at]
             if not prismatic[joint]:
-                first = lower - LIMIT_TOLERANCE + np.mod(at - lower + LIMIT_TOLERANCE, 2 * np.pi)
+                first = lower - Session.limit_tolerance + np.mod(at - lower + Session.limit_tolerance, 2 * np.pi)
                 turns += [
                     first + 2 * np.pi * k for k in range(min(int((upper - lower) / (2 * np.pi)), self.most_turns) + 1)
                 ]
             for turned in turns:
                 in_gap = ((turned[:, None] > gaps[:, 0]) & (turned[:, None] < gaps[:, 1])).any(axis=1)
-                inside[:, joint] |= (turned >= lower - LIMIT_TOLERANCE) & (turned <= upper + LIMIT_TOLERANCE) & ~in_gap
+                inside[:, joint] |= (
+                    (turned >= lower - Session.limit_tolerance) & (turned <= upper + Session.limit_tolerance) & ~in_gap
+                )
         return inside
 
     def _is_far(self, angles: FloatArray, prismatic: BoolArray) -> BoolArray:

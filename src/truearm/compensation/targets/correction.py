@@ -33,7 +33,6 @@ from truearm.compensation.targets.pose_models import PoseModel, nominal_poses, p
 from truearm.compensation.targets.targets import Targets
 from truearm.errors import InputError
 from truearm.readings import Session
-from truearm.readings.checks import LIMIT_TOLERANCE
 from truearm.typing import BoolArray, FloatArray, IntArray
 
 # Joints of fewer are too few for a position and an orientation.
@@ -215,7 +214,7 @@ def _within_limits(model: Compensator, task: PoseTask, found: InverseKinematicsR
     A rail at its end stays there; the other joints take over its share.
     """
     lower, upper = model.arm_.limits.T
-    beyond = (found.angles < lower - LIMIT_TOLERANCE) | (found.angles > upper + LIMIT_TOLERANCE)
+    beyond = (found.angles < lower - Session.limit_tolerance) | (found.angles > upper + Session.limit_tolerance)
     rows = np.flatnonzero(beyond.any(axis=1) & found.reached)
     if not len(rows):
         return found
@@ -224,7 +223,7 @@ def _within_limits(model: Compensator, task: PoseTask, found: InverseKinematicsR
     at_limits = np.clip(found.angles[rows], lower, upper)
     part = replace(part, hold=np.where(beyond[rows], at_limits, part.hold), locked=beyond[rows])
     again = solve_poses(part, at_limits, max_steps=CORRECTION_STEPS)
-    inside = (again.angles >= lower - LIMIT_TOLERANCE) & (again.angles <= upper + LIMIT_TOLERANCE)
+    inside = (again.angles >= lower - Session.limit_tolerance) & (again.angles <= upper + Session.limit_tolerance)
     good = again.reached & inside.all(axis=1)
     return found.replaced(rows[good], again.rows(good))
 
@@ -282,7 +281,7 @@ def _judged(
     bad = excess.max(axis=1) > MAX_CORRECTION
     refuse(bad, _too_large(change[bad], excess[bad], condition[bad]))
     if direction == "command":
-        bad = (margins < -LIMIT_TOLERANCE).any(axis=1)
+        bad = (margins < -Session.limit_tolerance).any(axis=1)
         refuse(bad, _beyond(model, machine[bad], margins[bad]))
     if untrained == "refuse":
         refuse(outside, _untrained(inputs, outside))

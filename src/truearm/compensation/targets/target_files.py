@@ -17,8 +17,9 @@ from truearm.errors import InputError
 from truearm.files.delimited import MAX_BYTES, check_header, quoted_cell, read_columns
 from truearm.files.file_reading import read_limited
 from truearm.files.spreadsheet_forms import read_form
+from truearm.readings import Session
 from truearm.readings.columns import ANGLE, FACTOR, TEMPERATURE, frame_numbers, frame_words, unit_of
-from truearm.readings.readings import DIRECTION, LOAD, NAMED, QUATERNION_TOLERANCE
+from truearm.readings.readings import DIRECTION, LOAD, NAMED
 from truearm.typing import FloatArray, NameArray
 
 if TYPE_CHECKING:
@@ -266,7 +267,7 @@ def _rotations(what: str, vector: FloatArray, problem: _Problem) -> FloatArray:
         with np.errstate(over="ignore"):
             length = np.linalg.norm(vector, axis=1)
         off = np.abs(length - 1)
-        if (off > QUATERNION_TOLERANCE).any():
+        if (off > Session.quaternion_tolerance).any():
             row = int(off.argmax())
             raise problem(f"expected a unit quaternion, got one of length {length[row]:.6g}", row=row)
         return np.asarray(Rotation.from_quat(vector, scalar_first=True).as_matrix())

@@ -13,7 +13,6 @@ import numpy.typing as npt
 from truearm.arm import Arm
 from truearm.errors import InputError
 from truearm.readings import Session, check_angles, skip_beyond_limits
-from truearm.readings.checks import MAX_ANGLE
 from truearm.typing import FloatArray, NameArray
 
 Kind = Literal["joints", "poses", "positions"]
@@ -130,7 +129,7 @@ class Targets:
         check_angles(readings, n_joints=arm.n_joints, prismatic=arm.chain.is_prismatic)
         if len(self) > 1:  # a single target beyond a limit is refused by itself
             skip_beyond_limits(readings, arm.limits, prismatic=arm.chain.prismatic)
-        if self.tips is not None and np.abs(self.tips).max() > MAX_ANGLE:
+        if self.tips is not None and np.abs(self.tips).max() > Session.largest_angle:
             row = int(np.abs(self.tips).max(axis=1).argmax())
             raise InputError(
                 f"the position of {self.label(row)} is {np.abs(self.tips[row]).max():.6g} mm, which no arm reaches",

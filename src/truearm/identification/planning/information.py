@@ -10,7 +10,7 @@ from truearm.identification.planning.candidates import Candidates
 from truearm.identification.planning.exchange import DesignProblem
 from truearm.identification.planning.factors import moment_matrix, project_out, stack_factors
 from truearm.identification.terms import ArmState
-from truearm.readings.lengths import PLACE_U_MM
+from truearm.readings import Lengths
 from truearm.typing import FloatArray, IntArray
 
 SEAT_STD_MM = 1e4
@@ -82,7 +82,7 @@ def design_problem(
     noise_mm : float
         Standard deviation of a coordinate of a reading: reference, contact, and effects without a term.
     length_u_mm : float
-        Standard uncertainty of a bar's length; it also varies by `PLACE_U_MM` from place to place.
+        Standard uncertainty of a bar's length; it also varies by `Lengths.default_u_place_mm` from place to place.
     scale : bool
         Whether the uncertainty in the volume is evaluated up to a scale too.
 
@@ -119,7 +119,7 @@ def design_problem(
     for one, other, along in bars:
         if one in shared:
             row = np.zeros(p + q)
-            row[column[one] :][:3], row[column[other] :][:3], row[-1] = -along, along, -1 / PLACE_U_MM
+            row[column[one] :][:3], row[column[other] :][:3], row[-1] = -along, along, -1 / Lengths.default_u_place_mm
             prior += np.outer(row, row)
     target[:p, :p] = moment_matrix(jacobian_there, tips_there, scale=scale)
     return DesignProblem(stack_factors(factors), prior, target)
@@ -149,7 +149,7 @@ def _factor(
             part[3 * reading :][:3, :3] = -np.eye(3) / noise_mm
     for at, (one, other, along) in zip(range(3 * len(rows), len(J)), lengths, strict=True):
         B[at, 3 * own.index(one) :][:3], B[at, 3 * own.index(other) :][:3] = -along, along
-        J[at, -1] = -1 / PLACE_U_MM
+        J[at, -1] = -1 / Lengths.default_u_place_mm
     return project_out(J, B)
 
 
@@ -172,5 +172,5 @@ def _bars(candidates: Candidates, seat: IntArray, tips: FloatArray) -> list[tupl
         ends = np.unique(seat[here]).tolist()
         if len(ends) == 2:
             along = np.subtract(*(tips[here & (seat == end)].mean(axis=0) for end in ends[::-1]))
-            found.append((ends[0], ends[1], along / (np.linalg.norm(along) * PLACE_U_MM)))
+            found.append((ends[0], ends[1], along / (np.linalg.norm(along) * Lengths.default_u_place_mm)))
     return found

@@ -15,7 +15,7 @@ from truearm.files.atomic_write import atomic_file
 from truearm.identification.planning.candidates import Candidates
 from truearm.identification.planning.planned_readings import AIM
 from truearm.identification.planning.proposal import LENGTH_U_MM
-from truearm.readings.lengths import FORM_COLUMNS
+from truearm.readings import Lengths
 from truearm.typing import FloatArray, NameArray
 
 
@@ -94,7 +94,7 @@ def write_length_rows(ends: Sequence[tuple[str, str]], length_mm: float, u_mm: f
     )
     with atomic_file(path) as beside, beside.open("w", encoding="utf-8", newline="") as out:
         writer = csv.writer(out, lineterminator="\n")
-        writer.writerow(FORM_COLUMNS)
+        writer.writerow(Lengths.form_columns)
         stated = f"{length_mm:g}", f"{u_mm:g}", f"bar {length_mm:g}", "", "", note
         writer.writerows((*pair, *stated) for pair in ends)
 
