@@ -517,7 +517,7 @@ def cross_validate(
     if is_in_one_place(readings.session, readings.state):
         groups = joint_space_regions(readings.session.angles, readings.state.chain)
     else:
-        groups = cross_validation_groups(readings.session, readings.frames, readings.pose)
+        groups = cross_validation_groups(readings.session, readings.frames)
     held_out = cross_validate_by_group(fit, readings.state, readings.references, groups, kinds)
     return with_unspanned(held_out, fit, readings.state)
 

@@ -36,17 +36,17 @@ def is_in_one_place(readings: Session, state: ArmState) -> bool:
     return bool(farthest <= PLACE_RADIUS * state.chain.reach)
 
 
-def cross_validation_groups(readings: Session, sessions: Iterable[str] = (), pose: IntArray | None = None) -> IntArray:
+def cross_validation_groups(readings: Session, sessions: Iterable[str] = ()) -> IntArray:
     """(n,) numbers of the groups that a fair test keeps together.
 
     A reading's group is its position; without one, its seat; without both, its pose: distances to several
     anchors, several tips and directions of approach in one pose are together. A column that would put all readings
     into one group, but for those that show nothing, is ignored, and so is one that would put all points of one of
-    `sessions` into one group, as nothing else would determine its frame. `pose` (n,) are the numbers of the poses
-    (`readings_of_one_pose`), where they are known. See `joint_space_regions` for readings of one place.
+    `sessions` into one group, as nothing else would determine its frame. See `joint_space_regions` for readings of one
+    place.
     """
     n = len(readings)
-    group = readings_of_one_pose(readings) if pose is None else pose
+    group = readings_of_one_pose(readings)
     shows = has_reference(readings)
     if readings.seat is not None:  # a reading alone in a seat shows nothing without a point
         _, seat, count = np.unique(readings.seat, return_inverse=True, return_counts=True)

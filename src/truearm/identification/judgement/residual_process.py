@@ -267,10 +267,10 @@ def _identify(
 def _only_frame_uncertain(fit: IdentificationResult, free: list[Term], state: ArmState) -> IdentificationResult:
     """The result with the covariance of its free terms, the last ones, by the readings alone."""
     points = next(part for part in fit.references if part.kind == "point")
-    n = sum(term.n_coefficients for term in free)
+    n, weights = sum(term.n_coefficients for term in free), points.weights
     matrix = np.diag(fit.prior_std[-n:] ** -2.0)
     for rows, _, columns in fit.perturbed_chain.derivatives(state.rows(points.rows), fit.coefficients):
-        weighted = (columns[-n:] * points.weights[:, rows]).reshape(n, -1)
+        weighted = (columns[-n:] * weights[:, rows]).reshape(n, -1)
         matrix += weighted @ weighted.T
     covariance = np.zeros_like(fit.covariance)
     covariance[-n:, -n:] = np.linalg.inv(matrix)

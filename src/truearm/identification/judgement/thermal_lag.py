@@ -209,7 +209,7 @@ def _normal_equations(
     """
     points, arm, x = fit.references[0], fit.perturbed_chain, fit.coefficients
     n, links, m = len(others), len(grows), len(points.rows)
-    rows_of_all = state.rows(points.rows)
+    rows_of_all, weights_of_all = state.rows(points.rows), points.weights
     one_kelvin = replace(rows_of_all, temperature_degC=np.full(m, REFERENCE_DEGC + 1))
     both = np.zeros((0, 3, m))
     if courses.shape[1]:
@@ -223,7 +223,7 @@ def _normal_equations(
     sums = GaussNewtonSums(arm.sites, len(x), 0, m)
     across, among, right = np.zeros((len(x), len(motion))), np.zeros((len(motion),) * 2), np.zeros(n + len(motion))
     for rows, _, along_sites, values in arm.site_derivatives(one_kelvin, x):
-        weights, in_time, by_site = points.weights[:, rows], over_time[:, rows], arm.by_site(values)
+        weights, in_time, by_site = weights_of_all[:, rows], over_time[:, rows], arm.by_site(values)
         residuals, weighed = weights * points.residuals[:, rows], along_sites * weights
         sums.add(residuals, weighed, by_site, one_kelvin.joint_angles[rows])
         grown = weighed[site_of[grows]] * values[row_of[grows]][:, None]

@@ -19,7 +19,6 @@ from truearm.identification.terms.catalogue import relative_size
 from truearm.identification.terms.type_prior import TypePrior
 from truearm.readings.checks import check_sessions
 from truearm.readings.lengths import Lengths
-from truearm.readings.repeats import readings_of_one_pose
 from truearm.readings.rounding import rounding_steps
 from truearm.readings.session import Session
 from truearm.typing import FloatArray, IntArray
@@ -55,8 +54,6 @@ class PreparedReadings(NamedTuple):
         Names of the tips on the flange; empty if none is named.
     robust : bool
         Whether outliers get a smaller weight.
-    pose : (n,) int array
-        Numbers of the poses of all of them (`readings_of_one_pose`).
     prior : TypePrior or None
         What arms of its type have in common, if that is known.
     """
@@ -71,7 +68,6 @@ class PreparedReadings(NamedTuple):
     frames: Mapping[str, FloatArray]
     tips: tuple[str, ...]
     robust: bool
-    pose: IntArray
     prior: TypePrior | None = None
 
     @classmethod
@@ -93,8 +89,7 @@ class PreparedReadings(NamedTuple):
         references = references_of(session, lengths)
         check_enough(references, readings)
         state = with_rounded_angles(state_of(arm, session))
-        pose = readings_of_one_pose(session)
-        return cls(arm, readings, session, state, references, lengths, determined, frames, tips, robust, pose)
+        return cls(arm, readings, session, state, references, lengths, determined, frames, tips, robust)
 
     def stretches(self, n: int, length: int) -> tuple[Self, IntArray] | None:
         """So many stretches of consecutive readings, evenly spaced, as if there were no others; and their rows.
@@ -115,7 +110,6 @@ class PreparedReadings(NamedTuple):
             session=self.session.rows(rows),
             state=self.state.rows(rows),
             references=[replace(points.select(chosen), rows=np.arange(len(rows)))],
-            pose=np.unique(self.pose[rows], return_inverse=True)[1],
         )
         return some, rows
 

@@ -101,6 +101,8 @@ def to_first_session_frame(readings: Session, frames: Frames) -> Session:
 
     Standard uncertainties that differ by axis are rotated too, without the correlations between the new axes.
     """
+    if not frames:
+        return readings
     points, std, quaternion = readings.points, readings.point_std, readings.quaternion
     for rows, T in _by_session(readings, frames):
         R = T[:3, :3]
