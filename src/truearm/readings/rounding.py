@@ -24,7 +24,7 @@ MOST_STEPS = 200
 MOST_OFF = 0.1
 # A step becomes sharper from the nearest values to the farthest in so many turns.
 REACHES = 12
-# Steps of which so many values are no multiples are left out, all at once, before all values are tried.
+# By this number of values steps are refused, all at once, before the others are tried on all values.
 FEW = 40
 
 
@@ -66,7 +66,7 @@ def _step(values: FloatArray, least: float, largest: float) -> float:
 
 
 def _possible(steps: FloatArray, values: FloatArray) -> FloatArray:
-    """Steps of which the first few values may be multiples: what `_sharpened` refuses by them is left out."""
+    """Steps of which the first few values may be multiples; the others `_sharpened` refuses by these values alone."""
     few = values[:FEW]
     reaches = np.geomspace(np.maximum(10 * steps, values[1]), values[-1], REACHES)
     left, sharper = np.arange(len(steps)), steps
