@@ -197,6 +197,13 @@ def test_a_session_is_one_at_its_own_readings_only():
         ArmState(flat_chain(), np.zeros((3, 2)), session=np.array(["May"]))
 
 
+def test_all_rows_of_a_state_are_the_state_and_a_mask_is_no_row_numbers():
+    state = ArmState(flat_chain(), np.arange(4.0).reshape(2, 2) / 10)
+    assert state.rows(np.arange(2)) is state
+    for which, angles in (([1, 0], state.angles[::-1]), ([False, True], state.angles[1:]), ([0], state.angles[:1])):
+        np.testing.assert_array_equal(state.rows(np.array(which)).angles, angles)
+
+
 def test_a_link_beyond_the_last_is_refused(make_state):
     with pytest.raises(InputError, match="link from 0 to 5, got 6"):
         Temperature(6).values(make_state())
