@@ -10,12 +10,7 @@ import typer
 from typer import Option
 
 from truearm.cli.console import print_json, print_line, print_record, print_status
-from truearm.cli.options import (
-    AcceptOption,
-    Json,
-    refuse_typed,
-    typed_options,
-)
+from truearm.cli.options import AcceptOption, Json, refuse_typed, typed_options
 from truearm.cli.verify import ArtefactsFile, MpeFile, RuleOption
 from truearm.errors import InputError
 

@@ -10,12 +10,7 @@ import typer
 from typer import Argument, Option
 
 from truearm.cli.console import print_line, print_record, progress
-from truearm.cli.options import (
-    ConditionsOption,
-    Json,
-    ModelFile,
-    numbers_of,
-)
+from truearm.cli.options import ConditionsOption, Json, ModelFile, numbers_of
 from truearm.compensation.targets import FanucJ3, Frame, RobotLanguage, TargetDirection, Untrained
 from truearm.workflows.outputs import check_output as check_file
 

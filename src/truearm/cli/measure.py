@@ -7,13 +7,7 @@ from typing import Annotated
 from typer import Option
 
 from truearm.cli.console import print_record, progress
-from truearm.cli.options import (
-    AcceptOption,
-    Json,
-    ModelFile,
-    Seed,
-    SessionFile,
-)
+from truearm.cli.options import AcceptOption, Json, ModelFile, Seed, SessionFile
 from truearm.cli.task import DrawnArms, millimetres
 from truearm.verification import MeasuredKind
 

@@ -9,12 +9,7 @@ import typer
 from typer import Argument, Option
 
 from truearm.cli.console import print_record, progress
-from truearm.cli.options import (
-    ConditionsOption,
-    Json,
-    Seed,
-    numbers_of,
-)
+from truearm.cli.options import ConditionsOption, Json, Seed, numbers_of
 from truearm.errors import InputError
 from truearm.verification import FeatureKind
 from truearm.workflows.page_record import check_page_path

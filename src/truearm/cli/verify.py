@@ -10,13 +10,7 @@ import typer
 from typer import Option
 
 from truearm.cli.console import print_line, print_record, progress
-from truearm.cli.options import (
-    AcceptOption,
-    Force,
-    Json,
-    refuse_typed,
-    typed_options,
-)
+from truearm.cli.options import AcceptOption, Force, Json, refuse_typed, typed_options
 from truearm.errors import InputError
 from truearm.verification import DecisionRule, TemplateKind
 from truearm.workflows.outputs import check_new_output

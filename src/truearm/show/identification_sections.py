@@ -9,10 +9,7 @@ import numpy.typing as npt
 
 from truearm.compensation.models import Compensator, IdentifiedModel
 from truearm.compensation.models.identified_model import to_identified
-from truearm.compensation.models.uncertainty import (
-    UncertaintyBudget,
-    uncertainty_budget,
-)
+from truearm.compensation.models.uncertainty import UncertaintyBudget, uncertainty_budget
 from truearm.identification.estimation.diagnostics import identifiability
 from truearm.identification.judgement.held_out_errors import HeldOutErrors
 from truearm.identification.judgement.outliers import Outlier, outliers

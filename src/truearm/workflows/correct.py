@@ -15,12 +15,7 @@ from truearm.choices import Conditions
 from truearm.compensation.models import Compensator
 from truearm.compensation.models.arm_check import check_has_kinematics
 from truearm.compensation.targets import TargetDirection
-from truearm.compensation.targets.correction import (
-    JOINTS_OF_A_POSE,
-    Correction,
-    Untrained,
-    correct_targets,
-)
+from truearm.compensation.targets.correction import JOINTS_OF_A_POSE, Correction, Untrained, correct_targets
 from truearm.compensation.targets.manifest import Frame, Manifest, TargetsManifest, check_joints, read_manifest
 from truearm.compensation.targets.pose_models import nominal_poses, reference_from_base, with_tool
 from truearm.compensation.targets.program_literals import (

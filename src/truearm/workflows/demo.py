@@ -35,12 +35,7 @@ from truearm.identification.virtual import Measurement, VirtualArm, load_preset
 from truearm.pages.html import render
 from truearm.pages.page import Page, Section
 from truearm.readings import ErrorComparison, compare_errors
-from truearm.show.comparison_page import (
-    comparison_page,
-    comparison_verdict,
-    error_table,
-    improvement_sentence,
-)
+from truearm.show.comparison_page import comparison_page, comparison_verdict, error_table, improvement_sentence
 from truearm.show.error_figures import before_after
 from truearm.workflows.comparison import compare_models, page_facts
 from truearm.workflows.page_record import check_folder

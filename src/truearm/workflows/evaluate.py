@@ -110,8 +110,8 @@ def evaluate(
     fitted, given = to_model_and_session(model, session)
     allowed = within_limits(given, fitted.arm, limits)
     check_has_reference(allowed.session, fitted.arm, purpose="evaluate against", least=LEAST_COMPARED)
-    tested = tested_readings(allowed, given, lengths, fitted)
-    used, known = tested.session, tested.lengths
+    tested, known = tested_readings(allowed, given, lengths, fitted)
+    used = tested.session
     check_sessions(used, known, own_frame="base" not in fitted.free)
     at = fitted.at(used)
     predicted = {"model": fitted.predict_readings(at)}
@@ -313,10 +313,11 @@ def _evaluate_regressor(
     """Errors of a regressor of the user's own: without an arm there are no limits, nominal points or uncertainty."""
     check_has_reference(session, None, purpose="evaluate against", least=LEAST_COMPARED)
     everything = CheckedSession(session, np.arange(len(session)), unfilled_remarks(session))
-    used, known, _, _, of_readings = tested_readings(everything, session, lengths)
+    tested, known = tested_readings(everything, session, lengths)
+    used = tested.session
     check_sessions(used, known)
     points = predict_points(regressor, used)
-    remarks = (*acceptance_remarks(accept), *of_readings, regressor_remark(regressor))
+    remarks = (*acceptance_remarks(accept), *tested.remarks, regressor_remark(regressor))
     errors = {"model": _errors(points, None, used, known)}
     return Evaluation(regressor, used, {"model": points}, errors, known, remarks=remarks)
 

@@ -79,35 +79,14 @@ class CheckedSession(NamedTuple):
         Their rows in the session as it was given, counted from 0.
     remarks : tuple of str
         What was skipped, and why.
-    """
-
-    session: Session
-    rows: IntArray
-    remarks: tuple[str, ...]
-
-
-class TestedReadings(NamedTuple):
-    """The readings that models are tested on, and what they are compared with.
-
-    Attributes
-    ----------
-    session : Session
-        Without training readings; those that repeat a pose are one, their mean.
-    lengths : Lengths or None
-        Known ones between its seats, at the temperature of the readings.
-    rows : (n,) array of int
-        Their rows in the session as it was given, of repeats the first.
     n_training : int
         Training readings that were skipped.
-    remarks : tuple of str
-        What was skipped, ignored and merged.
     """
 
     session: Session
-    lengths: Lengths | None
     rows: IntArray
-    n_training: int
     remarks: tuple[str, ...]
+    n_training: int = 0
 
 
 def to_arm(arm: ArmLike) -> Arm:
@@ -508,18 +487,10 @@ def repeat_remarks(merged: MergedReadings[Session], fitted: Compensator | None =
 
 def tested_readings(
     allowed: CheckedSession, given: Session, lengths: LengthsLike | None, *models: Compensator
-) -> TestedReadings:
-    """The readings of a session that models are tested on.
+) -> tuple[CheckedSession, Lengths | None]:
+    """The readings that models are tested on, repeats as one, and known lengths between their seats, as warm as they.
 
-    Parameters
-    ----------
-    allowed : CheckedSession
-        Readings of the session that the arm can have.
-    given : Session
-        Names of seats in `lengths` are checked against all of its readings.
-    lengths : Lengths, str, Path or None
-    *models : Compensator
-        Their training readings are skipped.
+    Training readings of the models are skipped. Names of seats in `lengths` are checked against all readings `given`.
 
     Raises
     ------
@@ -528,14 +499,11 @@ def tested_readings(
     """
     others, rows, of_training = without_training_readings(allowed.session, *models)
     merged = merge_repeats(others)
-    known, of_lengths = session_lengths(lengths, given, merged.readings)
-    return TestedReadings(
-        merged.readings,
-        expanded_lengths(known, merged.readings),
-        allowed.rows[rows[merged.first]],
-        len(allowed.rows) - len(rows),
-        (*allowed.remarks, *of_training, *of_lengths, *repeat_remarks(merged)),
-    )
+    used = merged.readings
+    known, of_lengths = session_lengths(lengths, given, used)
+    remarks = (*allowed.remarks, *of_training, *of_lengths, *repeat_remarks(merged))
+    n_training = len(allowed.rows) - len(rows)
+    return CheckedSession(used, allowed.rows[rows[merged.first]], remarks, n_training), expanded_lengths(known, used)
 
 
 def training_remarks(model: Compensator, n_known: int, n: int) -> tuple[str, ...]:

@@ -14,14 +14,7 @@ from truearm.verification.standards.points_form import write_points_form
 from truearm.verification.standards.positions import SHOULDER_SHARE
 from truearm.verification.standards.specification import example_specification
 from truearm.workflows.page_record import PageRecord, input_files
-from truearm.workflows.verify import (
-    ArtefactsLike,
-    PlanLike,
-    SpecificationLike,
-    to_artefacts,
-    to_plan,
-    to_specification,
-)
+from truearm.workflows.verify import ArtefactsLike, PlanLike, SpecificationLike, to_artefacts, to_plan, to_specification
 
 if TYPE_CHECKING:
     from truearm.pages.page import Page

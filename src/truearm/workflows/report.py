@@ -13,12 +13,7 @@ from truearm.errors import InputError
 from truearm.pages.page import Page
 from truearm.readings import Lengths, Session, seat_errors
 from truearm.readings.large_sessions import LargeSession, is_large
-from truearm.show.comparison_page import (
-    ModelComparison,
-    comparison_page,
-    comparison_verdict,
-    improvement_sentence,
-)
+from truearm.show.comparison_page import ModelComparison, comparison_page, comparison_verdict, improvement_sentence
 from truearm.show.constants_section import constants_sections
 from truearm.show.identification_sections import identification_sections, identified_budgets
 from truearm.show.seat_page import SeatComparison, seats_page, seats_sentence
@@ -230,8 +225,8 @@ def report(
     fitted = {first_name: first} | {name: to_model(model) for name, model in others}
     fitted = {name: model_of_tip_of(model, readings) for name, model in fitted.items()}
     one_arm(fitted)
-    tested = tested_readings(compared, readings, lengths, *fitted.values())
-    readings, known = tested.session, tested.lengths
+    tested, known = tested_readings(compared, readings, lengths, *fitted.values())
+    readings = tested.session
     comparison: ModelComparison | SeatComparison
     if readings.points is not None:
         comparison = compare_models(fitted, readings, regressors)

@@ -18,11 +18,7 @@ import numpy.typing as npt
 from truearm.arm import Arm, solve_inverse_kinematics
 from truearm.errors import InputError
 from truearm.identification.planning.poses import checked_count, checked_seed
-from truearm.identification.planning.sampling.measuring import (
-    check_five_rotary_joints,
-    inner_limits,
-    measuring_poses,
-)
+from truearm.identification.planning.sampling.measuring import check_five_rotary_joints, inner_limits, measuring_poses
 from truearm.identification.planning.sampling.seat import (
     CONE_RAD,
     NOT_REACHED,

@@ -33,12 +33,7 @@ from truearm.identification.terms import (
     link_vectors,
 )
 from truearm.identification.terms.basis import AXES
-from truearm.identification.terms.catalogue import (
-    gravity,
-    hysteresis,
-    thermal,
-    wobble,
-)
+from truearm.identification.terms.catalogue import gravity, hysteresis, thermal, wobble
 from truearm.identification.virtual.presets import ARCSEC, Preset
 from truearm.identification.virtual.state import (
     base_motion_column,
