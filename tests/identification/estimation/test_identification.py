@@ -380,12 +380,15 @@ def test_groups_that_many_readings_can_see_are_not_pruned(n, is_kept, arm, rng):
         assert (std < small).all()
 
 
-@pytest.mark.parametrize("what", ["all", "some excluded", "of several uncertainties"])
+@pytest.mark.parametrize("what", ["all", "some excluded", "of several uncertainties", "in two steps"])
 def test_many_readings_that_start_from_a_sample_give_the_same_arm(what, arm, rng, monkeypatch):
     terms = [*constants(arm.chain, free=()), *own_axis(arm.chain, 2, highest=2)]
     angles = poses(arm, 6000, rng)
     state, options = ArmState(arm.chain, angles), {}
     noise = np.full((6000, 3), NOISE)
+    if what == "in two steps":
+        monkeypatch.setattr(identification, "LEAST_SAMPLE", 60)
+        monkeypatch.setattr(identification, "SAMPLE_PER_COEFFICIENT", 1)
     if what == "of several uncertainties":
         noise[::2] *= 3
     points = seen(arm, terms, drawn(terms, rng), angles, rng, noise=noise)
@@ -393,12 +396,15 @@ def test_many_readings_that_start_from_a_sample_give_the_same_arm(what, arm, rng
         points[::7] += 50.0  # mm
         options["reading_weights"] = (np.arange(6000) % 7 > 0).astype(float)
     reference = Points(np.arange(6000), points, np.sqrt(noise**2 - (0.5 * NOISE) ** 2))
-    rounds, fits = [], []
+    rounds, fits, sizes, begun = [], [], [], Rounds.__init__
+    monkeypatch.setattr(Rounds, "__init__", lambda *a, **k: sizes.append(len(a[1].state)) or begun(*a, **k))
     for share in (identification.MOST_SHARE, 0.0):
         monkeypatch.setattr(identification, "MOST_SHARE", share)
         fits.append(identify(arm.chain, state, terms, [reference], **options))
         rounds.append(fits[-1].rounds)
     assert rounds[0] < rounds[1]
+    assert sizes[-3:] == [375 if what == "in two steps" else 1000, 6000, 6000]
+    assert len(sizes) == (4 if what == "in two steps" else 3)
     by_sample, directly = fits
     std = [np.sqrt(np.trace(fit.tip_covariance(state), axis1=1, axis2=2)) for fit in fits]
     # Each ends within a twentieth of its uncertainty of the minimum.

@@ -51,8 +51,9 @@ LEAST_KNOWN = 0.5
 MOST_SHARE = 0.25
 # Readings that are excluded from so small a share, or come back, change the arm by one step.
 MOST_CHANGED = 1e-4
-# One in so many readings, and no fewer than the sample, show which of many groups are pruned.
-MATRIX_SHARE = 16
+# One in so many readings, and no fewer than the sample, show which of many groups are pruned. Where that is much more
+# than the sample, they are one between it and all, from which all need fewer rounds.
+STEP_SHARE = 16
 
 
 def grouped_prior(terms: Sequence[Term], n_unknowns: int) -> tuple[GroupedPrior, tuple[str, ...]]:
@@ -138,7 +139,7 @@ def identify(
     fast, some = is_fast(terms, groups, state), None
     if sampled is not None and fast.any():  # matrices of all that is offered are costly
         used = np.flatnonzero(given[0] > 0)
-        some = select_evenly(used, max(sample_size(len(x)), len(used) // MATRIX_SHARE))
+        some = select_evenly(used, max(sample_size(len(x)), len(used) // STEP_SHARE))
     rounds = Rounds(problem, given, x, prior, groups, fast, robust=robust, some=some)
     if sampled is not None:  # of the same terms: the noise of the first round is compared with that of the sample
         rounds.noise = np.array([part.noise_std**2 for part in sampled.references])
@@ -186,6 +187,8 @@ def _start_by_sample(
         return None
     used = np.arange(len(points.rows)) if reading_weights is None else np.flatnonzero(reading_weights[points.rows] > 0)
     n_sample = sample_size(sum(term.n_coefficients for term in terms))
+    if n_sample <= MOST_SHARE * (len(used) // STEP_SHARE):
+        n_sample = len(used) // STEP_SHARE  # which starts from a sample itself
     if n_sample > MOST_SHARE * len(used):
         return None
     chosen = select_evenly(used, n_sample)
