@@ -92,7 +92,7 @@ class PreparedReadings(NamedTuple):
         return cls(arm, readings, session, state, references, lengths, determined, frames, tips, robust)
 
     def stretches(self, n: int, length: int) -> tuple[Self, IntArray] | None:
-        """So many stretches of consecutive readings, evenly spaced, as if there were no others; and their rows.
+        """A number of stretches of consecutive readings, evenly spaced, as if there were no others; and their rows.
 
         None unless there are four times as many readings, all of them of one session and with points alone: neighbours
         stay together, so that what holds for near readings holds in the stretches.
