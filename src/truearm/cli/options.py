@@ -15,7 +15,6 @@ from truearm.errors import InputError
 
 Json = Annotated[bool, Option("--json", help="Print the result as JSON for machines.")]
 ARM_HELP = "A name from `truearm arms`, an arm file (.toml), or a URDF with its links: r.urdf, r.urdf:BASE:TIP."
-ArmOption = Annotated[str, Option("--arm", help=ARM_HELP)]
 ModelFile = Annotated[Path, Argument(metavar="MODEL", help="Model file.")]
 ModelOut = Annotated[Path, Option("--out", help="Model file to write; the usual ending is .truearm.")]
 SessionFile = Annotated[Path, Argument(metavar="SESSION", help="Session file, .csv or .parquet.")]

@@ -23,7 +23,6 @@ MOST_ERRORS = 20  # in a row
 MOST_BYTES = 4096
 COUNTS_PER_TURN = 4096.0
 
-ServoNumber = Annotated[int, Field(strict=True, ge=0, le=252)]
 # Position [counts] and temperature [degC] of each servo that answered, by its number on the bus.
 States = Mapping[int, tuple[int, int]]
 # The request for the states of servos, and what finds whole answers in bytes, wherever they begin.
