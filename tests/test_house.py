@@ -146,6 +146,9 @@ model = ta.fit("ur10", session, model="kinematic").model
 model.save("arm.truearm")
 print(ta.predict("arm.truearm", session), ta.evaluate(model, session))
 """
+    there = {"cwd": folder, "env": os.environ | {"PYTHONPATH": str(folder)}, "capture_output": True, "text": True}
+    ran = subprocess.run([sys.executable, "-m", "truearm", "plan"], **there)
+    assert (ran.returncode, "No such command 'plan'" in ran.stderr) == (2, True), ran.stderr
     printed = in_python(folder, "-c", code)
     assert "40 points, standard uncertainty" in printed
     assert "Mean error" in printed

@@ -3,11 +3,10 @@
 URDF has metres and radians; lengths are converted to mm here. Meshes, moments of inertia and all other content are
 ignored.
 
-Base and tip of a URDF: the links between which its arm is, as far as the file shows them.
-
-The arm is the longest chain of moving joints. Its tip is a link that is fixed to its last moving link; of several the
-names decide that public collections use. Fingers of a gripper are no part of the arm: what carries them is its tip.
-So it is where an arm divides that has as many joints before as any branch after: the branches are those of a hand.
+Base and tip are the links between which the arm is, as far as the file shows them. The arm is the longest chain of
+moving joints. Its tip is a link that is fixed to its last moving link; of several the names decide that public
+collections use. Fingers of a gripper are no part of the arm: what carries them is its tip. So it is where an arm
+divides that has as many joints before as any branch after: the branches are those of a hand.
 """
 
 from __future__ import annotations

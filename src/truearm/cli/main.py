@@ -93,9 +93,13 @@ def make_app(word: str = "") -> typer.Typer:
         try:
             command = getattr(importlib.import_module(f"truearm.cli.{module}"), module)
         except ModuleNotFoundError as missing:
-            if word == verb or not str(missing.name).startswith("truearm."):
+            if not str(missing.name).startswith("truearm."):
                 raise
-            continue  # of a wing that was taken off, or that builds on one
+            if word != verb:  # of a wing that was taken off, or that builds on one
+                continue
+            if missing.name != f"truearm.cli.{module}":
+                raise
+            return make_app()
         if isinstance(command, typer.Typer):
             app.add_typer(command, name=verb)
         else:

@@ -1,10 +1,7 @@
 """A fleet: a folder with a registry of arms, their models, and the results of all fits.
 
-The results of a fleet's fits as a Parquet data set, which DuckDB, Polars and pandas read.
-
-Columns are those of `FitRow`, units in their names.
-
-The result of a run: the arms that were fitted, and those that failed.
+The results are a Parquet data set, which DuckDB, Polars and pandas read: its columns are those of `FitRow`, units in
+their names. A run states the arms that were fitted, and those that failed.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """The state of every arm of a fleet.
 
-How far the constants of an arm are from those that it had, and from those of other arms of its type.
-
-Both in combined standard uncertainties. Where an arm stands and which tip it has are no constants of the arm: base and
+To it belongs how far the constants of an arm are from those that it had, and from those of other arms of its type, in
+combined standard uncertainties. Where an arm stands and which tip it has are no constants of the arm: base and
 tip do not count.
 """
 

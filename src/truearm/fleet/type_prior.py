@@ -1,11 +1,10 @@
 """What the arms of a fleet have in common, for the next arm of their type.
 
-Whether what arms of a type have in common helps the next arm: each arm is held out, and predicted from few readings.
-
-From a few readings of an arm its constants are estimated twice: with the prior of the type as the other arms show it,
-and with that of any arm. What counts is the error at its other readings, beyond that of the arm as all of its readings
-show it: noise, and what no constant explains, are in both. All is to first order, on the normal equations of each arm,
-so that no arm is fitted again.
+Whether that helps is shown by each arm in turn, held out and predicted from few readings. From a few readings of an arm
+its constants are estimated twice: with the prior of the type as the other arms show it, and with that of any arm. What
+counts is the error at its other readings, beyond that of the arm as all of its readings show it: noise, and what no
+constant explains, are in both. All is to first order, on the normal equations of each arm, so that no arm is fitted
+again.
 """
 
 from __future__ import annotations

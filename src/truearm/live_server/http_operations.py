@@ -1,6 +1,6 @@
 """The HTTP operations beside the WebSocket: the tip now, tips at joint angles, corrected targets.
 
-The description of the HTTP operations by the OpenAPI Specification 3.1, from the types of their messages.
+The OpenAPI Specification 3.1 describes them, from the types of their messages.
 """
 
 from __future__ import annotations

@@ -3,10 +3,8 @@
 A figure is a row of small panels, not one wide picture: the page sets them side by side on a screen or on paper and
 one below the other on a telephone, and the lettering stays readable on each.
 
-Axes of a panel: matplotlib's own, but one tick is drawn at every place of its axis.
-
-matplotlib makes five objects for each tick and lays out its label three times, which takes a quarter of the time of a
-page.
+The axes of a panel are matplotlib's own, but one tick is drawn at every place of its axis: matplotlib makes five
+objects for each tick and lays out its label three times, which takes a quarter of the time of a page.
 """
 
 from __future__ import annotations

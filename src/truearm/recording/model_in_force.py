@@ -1,6 +1,6 @@
 """The model that corrects the tip of a connected arm: a fit of the readings replaces it, if it is no worse.
 
-A fit of the readings so far, in a process of its own, and whether its model replaces the one in force.
+The fit has a process of its own.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The page of a plan: predicted uncertainty, places of the artefact, ranges of the joints, limitations, each pose.
 
-The poses of a plan one by one: in space, as a list, and as cards to print with a small drawing of the arm each.
+The poses stand one by one, in space, as a list, and as cards to print with a small drawing of the arm each.
 """
 
 from __future__ import annotations

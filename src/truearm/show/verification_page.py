@@ -1,6 +1,6 @@
 """The page of a verification: the decision, the values against their limits, artefacts and uncertainty budgets.
 
-The places of a verification in space, coloured by how much of its limit each value and its uncertainty take.
+The places stand in space, coloured by how much of its limit each value and its uncertainty take.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Standstill: a reading is the mean of the samples while no joint moves, taken once until the arm moves again.
 
-The direction of each joint's last movement, on which backlash and friction depend (hysteresis).
+With it stands the direction of each joint's last movement, on which backlash and friction depend (hysteresis).
 """
 
 from __future__ import annotations

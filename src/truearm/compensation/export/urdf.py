@@ -4,10 +4,8 @@ Only the origins of the moving joints between base and tip change. Links, fixed 
 branches and the elements of other programs stay as they are, byte for byte. Every link keeps its place on its joint,
 the last one the nominal flange. A link at the identified tip is added to it.
 
-Edits of an XML file in place: what is not edited stays as it is, byte for byte.
-
-Parsers forget how a file was laid out. Here elements know their bytes (`truearm.files.xml_reader.Element`), and edits
-replace ranges of them.
+The XML is edited in place, as parsers forget how a file was laid out. Here elements know their bytes
+(`truearm.files.xml_reader.Element`), and edits replace ranges of them.
 """
 
 from __future__ import annotations

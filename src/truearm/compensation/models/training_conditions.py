@@ -1,6 +1,6 @@
 """The conditions under which a model was trained, and which inputs of a session lie outside them.
 
-Readings that a model was fitted to, recognised in other files by what was measured: joint angles and reference.
+The readings that it was fitted to are recognised in other files by what was measured: joint angles and reference.
 """
 
 from __future__ import annotations

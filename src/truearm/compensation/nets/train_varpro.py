@@ -1,6 +1,6 @@
 """Training by variable projection, with Nielsen's damping and geodesic acceleration.
 
-Variable projection: the linear output layer is solved for at every step, only hidden weights are searched.
+The linear output layer is solved for at every step, only hidden weights are searched.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Rows of cells become a table: names, units and numbers, whichever kind of file they come from.
 
-Columns of cells as numbers: decimal signs and thousands by what the whole file writes.
+Cells become numbers with the decimal signs and thousands that the whole file writes.
 """
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ The limits are evidence, `python -m benchmarks imperfect_readings wrong-arms` an
 real arms and virtual ones, and each of them with every single wrong sign, exchanged pair of joints, zero off by a
 quarter turn and other unit.
 
-Constants of an identified arm beside the drawing: zeros of joints that are off, and what no right drawing has.
+Constants of the identified arm beside the drawing show zeros of joints that are off, and what no right drawing has.
 """
 
 from __future__ import annotations

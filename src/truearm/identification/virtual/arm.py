@@ -1,9 +1,8 @@
 """A virtual arm: a nominal arm with drawn errors, whose true tip positions are known.
 
-Draw only arms whose nominal model has the errors of a known arm.
-
-NIST's constrained Monte Carlo (Phillips and others) accepts those of many virtual machines whose simulated test gives
-the results of the real one. The test here is that of Gao et al. 2017: errors of the nominal model in a box of poses.
+Arms can be drawn whose nominal model has the errors of a known arm. NIST's constrained Monte Carlo (Phillips and
+others) accepts those of many virtual machines whose simulated test gives the results of the real one. The test here is
+that of Gao et al. 2017: errors of the nominal model in a box of poses.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 The terms are those that identification fits (`truearm.identification.terms`), and a few that it never offers: ball
 cages, deflection by the measuring force, bending of links by the weight that they carry, and wear.
 
-Basis functions of errors that identification never offers, and the deflection of a beam.
+Basis functions of the latter are here.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Reproduction of the paper's tables and figures: trainings, verdicts, notes.
 
-Experiments on the paper's claims about settings: learning rate, scatter of starts, the box of joint angles.
+Experiments test the paper's claims about settings: learning rate, scatter of starts, the box of joint angles.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Every number in a sentence comes from the results; a part that was not run is listed with the command that runs it.
 
-The learning curves: the error on the fitted poses against the time of the training, one row of each table.
+Learning curves show the error on the fitted poses against the time of the training, one for a row of each table.
 """
 
 from __future__ import annotations

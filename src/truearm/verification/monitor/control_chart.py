@@ -2,7 +2,7 @@
 
 Each value is compared with those before it, as in charts for start-up processes (D. M. Hawkins, The Statistician 36
 (1987) 299; C. P. Quesenberry, J. Quality Technology 23 (1991) 213): limits from the few values that there are, which
-grow narrower with each. Consecutive values may correlate. Two rules watch them (`serial_correlation`): limits
+grow narrower with each. Consecutive values may correlate. Two rules watch them: limits
 (Shewhart's chart of individuals, ISO 7870-2) see a large change at once; the evidence for a change sees a small or slow
 one. Formulae marked M are those of D. C. Montgomery, "Introduction to Statistical Quality Control", chapter 6.
 Standards and books were not available: they are cited from memory.
@@ -183,7 +183,7 @@ The limits together have this rate, and the evidence together once more, however
 ODDS = 75.0
 """The evidence for a change that the rate of false alarms permits a single one-sided chart.
 
-1/370 would permit 370, as a bound for every correlation (see `serial_correlation`). By simulation 75 gives that rate
+1/370 would permit 370, as a bound for every correlation. By simulation 75 gives that rate
 with correlations of 0.3 to 0.7, and a smaller one with less.
 """
 
@@ -327,7 +327,7 @@ def control_chart(
         Whether values are scatters, never negative, of which only larger ones are a change for the worse. Their power
         2/3 is charted, which is nearly normal: E. B. Wilson, M. M. Hilferty, Proc. Natl. Acad. Sci. 17 (1931) 684.
     correlations : (k,) array
-        Possible correlations of consecutive values, see `serial_correlation`.
+        Possible correlations of consecutive values.
 
     Notes
     -----

@@ -15,7 +15,7 @@ probability:
   that the probability of a larger one is at most the sum of those of all pairs (Bonferroni);
 - diameter: linear in the errors too, Student's t. Nobody states it, so it is compared with those of earlier checks.
 
-Quantiles of sums of squares of normal errors that differ in size or are correlated.
+So quantiles are needed of sums of squares of normal errors that differ in size or are correlated.
 """
 
 from __future__ import annotations

@@ -9,12 +9,10 @@ it; a row that names an earlier one withdraws its check, with the reason.
 A history belongs to one arm. Checks of other models of that arm are stored too and not compared, since each model has
 its own errors.
 
-A history of interim checks as a file: append-only SQLite.
-
-The file identifies itself by its application id and version (``PRAGMA application_id``, ``PRAGMA user_version``;
-https://www.sqlite.org/pragma.html). The table `head` has the number of rows and the last checksum. SQLite adds a row
-whole or not at all, also when the program is killed, and creates no file but its journal, which the next program that
-opens the history removes.
+In a file it is append-only SQLite. The file identifies itself by its application id and version (``PRAGMA
+application_id``, ``PRAGMA user_version``; https://www.sqlite.org/pragma.html). The table `head` has the number of rows
+and the last checksum. SQLite adds a row whole or not at all, also when the program is killed, and creates no file but
+its journal, which the next program that opens the history removes.
 """
 
 from __future__ import annotations

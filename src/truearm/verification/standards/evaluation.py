@@ -1,6 +1,6 @@
 """The tests of a plan: groups of points are checked and handed to the functions of the standards.
 
-Two bars of the same nominal length that were exchanged: which certificate the measured lengths fit, with odds.
+Where two bars of the same nominal length may have been exchanged, odds state which certificate the lengths fit.
 
 An arm's error of scale makes all lengths too long or too short alike, and does not change how two bars differ. So of
 two measured bars the odds are those of Student's t for the difference of their mean deviations, as named and exchanged,

@@ -4,10 +4,9 @@ The standards are sold; their texts were not available. So all such numbers are 
 and the formulas of the evaluation are named there: TOML files in the folder ``plans``, or the user's own, that state
 the source of each entry and whether somebody has confirmed it.
 
-Entries of a test plan: numbers and named formulas, each with where it stands and whether somebody looked it up.
-
-Whatever enters a verdict is such an entry. Formulas are names out of closed lists, one for each that the evaluation
-implements: the name states what is calculated, so that it can be compared with the text of the standard.
+Whatever enters a verdict is an entry of a plan, with where it stands and whether somebody looked it up. Formulas are
+names out of closed lists, one for each that the evaluation implements: the name states what is calculated, so that it
+can be compared with the text of the standard.
 """
 
 from __future__ import annotations

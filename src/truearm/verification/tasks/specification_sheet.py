@@ -13,16 +13,13 @@ Assumptions:
   of drawing until an arm agrees, each drawn arm is scaled until its worst test result is a share of its limit,
   log-uniform from `BEST_SHARE` to 1. The maker states limits that all arms of the type keep, and not far larger ones.
 - An arm is rejected if another result is below `LEAST_SHARE` of its limit: nobody states limits far above the results.
-If
-  all of `TRIES` arms are rejected, the nearest of them is used.
+  If all of `TRIES` arms are rejected, the nearest of them is used.
 
 Only the worst result is therefore near its limit; each further limit improves the arms. An arm may be worse than most
 of these and still conform: `share_of_limit` states the worst result of each.
 
 Test results are to first order in the poses of the standards' tests, which are solved once (`posed_test`), on artefacts
 without errors.
-
-Results of a standard's tests relative to their limits, to first order in the errors of the points.
 
 Errors of an arm are small: a least-squares sphere and a length are then linear in them, and many arms are judged by a
 few matrix products.
