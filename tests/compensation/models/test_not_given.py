@@ -53,19 +53,25 @@ def test_without_directions_the_hysteresis_is_in_the_uncertainty(hysteretic):
     assert share >= 0.93
 
 
-def test_a_direction_not_known_at_one_joint_is_the_tips_half_way_apart(hysteretic):
+def test_unknown_directions_are_the_tips_half_way_apart_joint_by_joint(hysteretic):
+    """Of readings of which each knows other joints, in more than one chunk; one reading alone is the same."""
     _, model = hysteretic
-    angles = poses(3, 1)
-    directions = np.ones((3, 6))
-    directions[1, 0] = 0.0
+    angles, directions = poses(700, 1), np.random.default_rng(2).integers(-1, 2, (700, 6)).astype(float)
     found = model.unstated_input_covariances(Session(angles, directions=directions))["directions of movement"]
-    assert not found[[0, 2]].any()
-    other = directions.copy()
-    directions[1, 0], other[1, 0] = 1.0, -1.0
-    both = [model.predict_readings(Session(angles, directions=way)) for way in (directions, other)]
-    half = (both[0] - both[1])[1] / 2
-    assert np.linalg.norm(half) > 0.01
-    np.testing.assert_allclose(found[1], np.outer(half, half), atol=1e-9)  # mm^2; the tips are rounded to 1e-13 mm
+    expected = np.zeros((700, 3, 3))
+    for joint in range(6):
+        ahead, back = directions.copy(), directions.copy()
+        unknown = directions[:, joint] == 0
+        ahead[unknown, joint], back[unknown, joint] = 1.0, -1.0
+        both = [model.predict_readings(Session(angles, directions=way)) for way in (ahead, back)]
+        half = np.where(unknown[:, None], both[0] - both[1], 0.0) / 2
+        expected += half[:, :, None] * half[:, None]
+    assert expected.max() > 1e-4
+    # mm^2: the tips are rounded to 1e-13 mm
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+    assert not found[(directions != 0).all(axis=1)].any()
+    alone = model.unstated_input_covariances(Session(angles[:1], directions=directions[:1]))["directions of movement"]
+    np.testing.assert_allclose(alone, expected[:1], atol=1e-12)
 
 
 def test_without_a_temperature_or_load_its_training_variance_counts(tmp_path):

@@ -18,10 +18,9 @@ from dataclasses import replace
 import numpy as np
 
 from truearm.identification.estimation.identification_result import IdentificationResult
+from truearm.identification.estimation.perturbed_chain import chunks
 from truearm.identification.references.alignment import rigid_motions
-from truearm.identification.terms.basis import Column, Temperature
 from truearm.identification.terms.state import ArmState
-from truearm.identification.terms.torque import GravityTorque, PayloadTorque
 from truearm.solve.square_roots import covariance_factor
 from truearm.typing import FloatArray
 
@@ -43,17 +42,23 @@ def direction_effects(fit: IdentificationResult, state: ArmState) -> FloatArray:
         standard deviation.
     """
     out = np.zeros((state.chain.n_joints, len(state), 3))
-    undirected = Temperature | Column | GravityTorque | PayloadTorque
-    if state.directions is None or all(isinstance(b, undirected) for b in fit.perturbed_chain.input_bases(state)):
+    directed = [
+        basis for basis in fit.perturbed_chain.input_bases(state) if basis.inputs is None or "direction" in basis.inputs
+    ]
+    if state.directions is None or not directed:
         return out
-    rows = np.flatnonzero((state.directions == 0).any(axis=1))
-    open_at = state.rows(rows)
-    assert open_at.directions is not None
-    for joint, effect in enumerate(out):
-        low, high = open_at.directions.copy(), open_at.directions.copy()
-        unknown = low[:, joint] == 0
-        low[unknown, joint], high[unknown, joint] = -1.0, 1.0
-        effect[rows] = half_tip_difference(fit, replace(open_at, directions=low), replace(open_at, directions=high))
+    unknown = np.argwhere(state.directions == 0)
+    for part in chunks(len(unknown)):  # all joints at once: few readings cost by the number of array operations
+        rows, joints = unknown[part].T
+        at = state.rows(np.tile(rows, 2))
+        assert at.directions is not None
+        directions = at.directions.copy()
+        directions[range(len(directions)), np.tile(joints, 2)] = np.repeat([1.0, -1.0], len(rows))
+        either = replace(at, directions=directions)
+        depends = [np.not_equal(*np.split(basis.values(either), 2, axis=1)).any(axis=0) for basis in directed]
+        moved = np.flatnonzero(np.any(depends, axis=0))
+        ahead, back = np.split(fit.tips(either.rows(np.concatenate([moved, moved + len(rows)]))), 2)
+        out[joints[moved], rows[moved]] = (ahead - back) / 2
     return out
 
 
