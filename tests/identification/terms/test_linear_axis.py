@@ -27,14 +27,37 @@ from truearm.workflows.simulate import simulate
 
 PAGE = Path(__file__).parents[3] / "docs" / "arm-file.md"
 NOISE_MM = 0.01
+ON_THE_RAIL = """
+[[joints]]
+name = "turn"
+type = "revolute"
+a_mm = 100.0
+d_mm = 400.0
+alpha_deg = 90.0
+theta_deg = 0.0
+min_deg = -150.0
+max_deg = 150.0
+working_deg = 0.0
+
+[[joints]]
+name = "lift"
+type = "revolute"
+a_mm = 600.0
+d_mm = 0.0
+alpha_deg = 0.0
+theta_deg = 0.0
+min_deg = -140.0
+max_deg = 140.0
+working_deg = 0.0
+"""
 
 
 @pytest.fixture(scope="module")
 def arm(tmp_path_factory):
-    """The arm on a rail of the documentation."""
+    """The rail of the documentation, with an arm that turns and lifts."""
     (text,) = re.findall(r'```toml\n(name = "rail-arm".*?)```', PAGE.read_text(encoding="utf-8"), flags=re.DOTALL)
     file = tmp_path_factory.mktemp("rail") / "rail.toml"
-    file.write_text(text)
+    file.write_text(text + ON_THE_RAIL)
     return read_arm(file)
 
 
