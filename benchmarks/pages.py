@@ -1,19 +1,21 @@
 """Pages in a headless Chromium: how large, how tall while folded, how soon the view can be turned, how fast it turns.
 
-Needs the extra ``browser`` and Chromium. The demo's page is that of a short training, which has as many figures; the
-report is one of 12,000 readings of a virtual arm by a kinematic model of 300.
+``words`` counts the guide; the other row needs the extra ``browser`` and Chromium. The demo's page is that of a short
+training, which has as many figures; the report is one of 12,000 readings of a virtual arm by a kinematic model of 300.
 """
 
 from __future__ import annotations
 
+import re
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from statistics import median
 from typing import Any
 
 import truearm as ta
-from benchmarks.rows import RowResult, Rows, Target, scratch
+from benchmarks.figures import guide
+from benchmarks.rows import ROOT, RowResult, Rows, Target, scratch
 from truearm.pages.html import write_page
 from truearm.pages.page import Page
 from truearm.workflows.arms import describe_arm
@@ -91,3 +93,16 @@ def pages(runs: int = 5, pages: tuple[str, ...] = ("arm", "demo", "report of 12,
                 targets.append(Target(f"{what}, folded, 1400 px wide [px]", row["height [px]"], 4000))
         chromium.close()
     return RowResult(table, targets)
+
+
+@ROWS.row("words")
+def words() -> Iterator[dict[str, Any]]:
+    """Words of the guide by page, without marks, without pages that are generated and the house's own."""
+    others = {"benchmarks.md", "changelog.md", "house.md", "api.md", "commands.md"}
+    counts = {}
+    for page in guide():
+        if page.name not in others and not {"gallery", "generated"} & set(page.parts):
+            text = re.sub(r"<!--.*?-->", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+            counts[str(page.relative_to(ROOT))] = sum(bool(re.search(r"\w", word)) for word in text.split())
+    yield {"page": "all", "words": sum(counts.values())}
+    yield from ({"page": name, "words": n} for name, n in sorted(counts.items(), key=lambda one: -one[1]))
