@@ -1,4 +1,4 @@
-"""Pictures that the program draws while the site is built: thumbnails of the gallery, the front page and its scene."""
+"""Pictures that the program draws: while the site is built its gallery and front page, and those of the README."""
 
 from __future__ import annotations
 
@@ -8,12 +8,16 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure as Drawing
+from PIL import Image
 
 import truearm as ta
 from truearm.pages.html import write_page
 from truearm.pages.page import Page
 from truearm.pages.plotting import Figure, figure_style
-from truearm.show.arm_drawing import arm_figure
+from truearm.show.arm_drawing import arm_figure, project
 from truearm.show.arm_scene import joint_frames
 from truearm.workflows.record import Record
 
@@ -71,3 +75,49 @@ def first_panel(page: Page, title: str) -> Figure:
     (section,) = (section for section in page.sections if section.title == title)
     figure = section.figures[0]
     return replace(figure, panels=figure.panels[:1])
+
+
+# The README's picture, for light and for dark screens: `python docs/site_pictures.py` writes it -----------------------
+
+ERROR_SCALE = 400  # of the arrows
+_PAPERS = {"light": ("#ffffff", "#1a1a1a", "#c8ced6", "#d55e00"), "dark": ("#0d1117", "#e6edf3", "#4b5560", "#ff9a4d")}
+
+
+def write_readme_pictures(folder: Path) -> None:
+    """Draw the errors of the README's ten lines at the readings held out, by the nominal and by the identified arm."""
+    arm = ta.load_arm("ur10")
+    session = ta.simulate(arm, poses=300, strategy="measuring", seed=1).session
+    train, test = session.split(by="row", hold_out=0.3, seed=1)
+    nominal, identified = ta.fit(arm, train, model="nominal").model, ta.fit(arm, train).model
+    tried = ta.evaluate(identified, test)
+    frames = joint_frames(arm.chain, arm.working)
+    path = project(np.vstack([frames[:, :3, 3], arm.chain.tip_in_base(arm.working[None])]))
+    for paper, (back, ink, link, hue) in _PAPERS.items():
+        drawing = Drawing(figsize=(8.6, 3.7), facecolor=back)
+        for place, (title, model) in enumerate({"nominal arm": nominal, "identified arm": identified}.items()):
+            axes = drawing.add_axes((0.01 + 0.5 * place, 0.0, 0.48, 0.88))
+            axes.set_axis_off()
+            axes.set_aspect("equal")
+            axes.plot(*path.T, color=link, linewidth=9, solid_capstyle="round", solid_joinstyle="round")
+            axes.plot(*path[:-1].T, "o", color=link, markeredgecolor=ink, markersize=9, markeredgewidth=0.8)
+            at = project(test.points)
+            off = project(ERROR_SCALE * (model.predict(test.angles) - test.points))
+            style = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "width": 0.006, "color": hue}
+            axes.quiver(*at.T, *off.T, **style)
+            axes.plot(*at.T, ".", color=ink, markersize=3)
+            low, high = at.min(axis=0) - 160, at.max(axis=0) + 160
+            axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+            mean = tried.errors["nominal" if place == 0 else "model"]["mean_mm"]
+            drawing.text(
+                0.03 + 0.5 * place, 0.9, f"{title}: mean error {mean:.3f} mm", color=ink, size=13, weight="bold"
+            )
+        drawing.text(0.03, 0.02, f"90 readings held out, errors {ERROR_SCALE} times enlarged", color=ink, size=9)
+        canvas = FigureCanvasAgg(drawing)
+        drawing.dpi = 150
+        canvas.draw()
+        few = Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3]).quantize(64, dither=Image.Dither.NONE)
+        few.save(folder / f"arm_and_errors_{paper}.png", optimize=True)
+
+
+if __name__ == "__main__":
+    write_readme_pictures(Path(__file__).parent)

@@ -13,37 +13,13 @@ from pathlib import Path
 import pytest
 from threadpoolctl import threadpool_limits
 
+from page_transcripts import BLOCK, check_printed, commands
 from truearm.cli.docs import steps_of
 
 PAGE = Path(__file__).parents[2] / "docs" / "first-certificate.md"
-BLOCK = re.compile(r"^```(\w+) ?(\S*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
-NUMBER = re.compile(r"\d+(?:\.\d+)?")
-# A pose that inverse kinematics finds on one processor it may miss on another: the plan differs, and the fit with it.
-SHARE = 0.5
 # A check that has too few checks before it, and a verification by a plan that nobody has confirmed, say so.
 INCONCLUSIVE = 3
 WRITTEN = ("--out", "--page", "--report", "--pdf", "--history")
-
-
-def commands(block):
-    """Each command with the lines below it."""
-    for part in block.split("$ ")[1:]:
-        command, *lines = part.splitlines()
-        yield shlex.split(command), lines
-
-
-def check_printed(shown, printed):
-    """Every line shown is printed, in this order; at the beginning, in a row or at the end unless "..." is between."""
-    at, gap = 0, False
-    for line in shown:
-        if line == "...":
-            gap = True
-            continue
-        found = [i for i in range(at, len(printed)) if is_alike(line, printed[i])]
-        assert found, f"not printed: {line}\n" + "\n".join(printed[at:])
-        assert gap or found[0] == at, f"printed before {line}: {printed[at]}"
-        at, gap = found[0] + 1, False
-    assert gap or at == len(printed), f"not shown: {printed[at:]}"
 
 
 def arrays(path):
@@ -52,13 +28,6 @@ def arrays(path):
         found = {name: members.read(name) for name in members.namelist() if name.endswith(".npy")}
     assert "fit_.coefficients.npy" in found
     return found
-
-
-def is_alike(shown, printed):
-    """The same words, and numbers that agree to a share."""
-    numbers = [list(map(float, NUMBER.findall(text))) for text in (shown, printed)]
-    words = [NUMBER.sub("#", text) for text in (shown, printed)]
-    return words[0] == words[1] and numbers[1] == pytest.approx(numbers[0], rel=SHARE)
 
 
 @pytest.fixture(scope="module")

@@ -13,32 +13,35 @@ import numpy as np
 import pytest
 
 import truearm as ta
+from page_transcripts import BLOCK, check_printed, commands
 from truearm.compensation.targets.target_files import read_targets
 
 PAGE = (Path(__file__).parents[2] / "docs" / "start" / "robot.md").read_text(encoding="utf-8")
 
 
 def blocks(language: str) -> list[str]:
-    return re.findall(rf"```{language}\n(.*?)```", PAGE, re.DOTALL)
+    return re.findall(rf"```{language}(?: [^\n]*)?\n(.*?)```", PAGE, re.DOTALL)
 
 
 @pytest.fixture(scope="module")
 def virtual():
-    return ta.VirtualArm.draw(ta.load_arm("ur10"), "research", seed=7)
+    """The arm that `simulate` measures on the page."""
+    return ta.VirtualArm.draw(ta.load_arm("ur10"), "research", seed=0)
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory, truearm, virtual):
-    """Where the page's commands were run, with a model of a virtual UR10 around the page's targets."""
+def folder(tmp_path_factory, truearm):
+    """Where the page's commands were run."""
     folder = tmp_path_factory.mktemp("robot")
-    (folder / "program.csv").write_text(blocks("csv")[0])
-    angles = np.radians([-125, -110, -75, 5, 70, 0] + np.random.default_rng(7).uniform(-25, 25, (150, 6)))
-    ta.fit("ur10", ta.Session(angles, virtual.true_tip(angles)), model="kinematic").save(folder / "ur10.truearm")
-    section = PAGE[PAGE.index("## The robot program") :]
     with contextlib.chdir(folder):
-        for line in re.findall(r"^\$ truearm (.*)$", section, re.MULTILINE):
-            ran = truearm(*shlex.split(line))
-            assert ran.code == 0, ran.err
+        for kind, name, text in BLOCK.findall(PAGE):
+            if name:
+                Path(name).write_text(text, encoding="utf-8")
+            elif kind == "console":
+                for (_, *arguments), shown in commands(text):
+                    ran = truearm(*arguments)
+                    assert ran.code == 0, ran.err
+                    check_printed(shown, ran.out.splitlines())
     return folder
 
 
@@ -53,7 +56,7 @@ def test_the_corrected_program_brings_the_arm_where_the_nominal_arm_would_go(fol
     assert len(sent) == len(planned) == 3
     off = np.linalg.norm(virtual.true_tip(np.array(sent)) - model.predict_nominal(planned), axis=1)
     before = np.linalg.norm(virtual.true_tip(planned) - model.predict_nominal(planned), axis=1)
-    assert off.mean() < 0.3 * before.mean()  # harmonics have no place in a kinematic model
+    assert off.mean() < 0.3 * before.mean()
 
 
 def test_pinocchio_loads_the_urdf(folder):

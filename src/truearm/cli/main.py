@@ -51,6 +51,8 @@ VERBS: tuple[tuple[str, str], ...] = (
     ("reproduce", "reproduce"),
     ("docs", "docs"),
 )
+# What other people call them.
+OTHER_NAMES = {"calibrate": "fit", "identify": "fit", "compensate": "predict"}
 
 
 @runtime_checkable
@@ -183,6 +185,9 @@ def _message(error: Exception) -> str:
         return f"{where}{error.strerror or error}"
     problem = error.format_message() if isinstance(error, SupportsMessage) else str(error)
     problem = " ".join(problem.split()).replace("Value error, ", "").removesuffix(".")
+    for word, verb in OTHER_NAMES.items():
+        if problem.startswith(f"No such command '{word}'"):
+            return f"{word} is called {verb} here. Try: truearm {verb} --help"
     context = getattr(error, "ctx", None)
     stop = "" if problem.endswith("?") else "."
     return f"{problem}{stop} Try: {context.command_path if context else 'truearm'} --help"
