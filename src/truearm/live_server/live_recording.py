@@ -108,7 +108,7 @@ class LiveRecording:
         return Pose(
             joints=recording.displayed(sample.joint_angles_rad),
             pivots=self._drawn.pivots(sample.joint_angles_rad),
-            tip_in_base_mm=arm.forward([sample.joint_angles_rad]).tip_in_base[0].tolist(),
+            tip_in_base_mm=arm.chain.tip_in_base(sample.joint_angles_rad[None])[0].tolist(),
             corrected_mm=values.get("corrected_mm"),
             U_mm=values.get("U_mm"),
             not_corrected=values.get("not_corrected", ""),

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -145,7 +145,7 @@ Message = Role | State | Said | Pose | Refused
 def encode(message: Message) -> str:
     """The message as JSON."""
     name = type(message).__name__.lower()
-    return json.dumps({"message": name, **asdict(message)}, allow_nan=False, separators=(",", ":"))
+    return json.dumps({"message": name, **vars(message)}, default=vars, allow_nan=False, separators=(",", ":"))
 
 
 # From the page -------------------------------------------------------------------------------------------------------

@@ -39,6 +39,7 @@ class LastMovement:
 
 LEAST_SAMPLES = 3
 MOST_SAMPLES = 10_000  # in a window; a device that sends more is noise
+LEAST_KEPT = 64
 MOVED = 10  # spreads between a reading and the pose from which the next is taken
 
 
@@ -128,6 +129,7 @@ class Standstill:
         self._taken_at: FloatArray | None = None
         self._movement: LastMovement | None = None
         self._stated: FloatArray | None = None
+        self._angles, self._n_angles = np.empty((0, 0)), 0  # of the window, which ends there, and before it
         self.is_still = False
 
     def add(self, sample: Sample) -> None:
@@ -137,8 +139,11 @@ class Standstill:
             gap_s = sample.time_s - window[-1].time_s
             if not 0 <= gap_s <= self._rule.window_s:
                 window.clear()
+        if not window:
+            self._angles, self._n_angles = np.empty((0, len(sample.joint_angles_rad))), 0
         if self._movement is None:
             self._movement = LastMovement(sample.joint_angles_rad)
+        self._keep(sample.joint_angles_rad)
         window.append(sample)
         self._stated = sample.directions
         self._movement.add(sample.joint_angles_rad, self._allowed())
@@ -151,11 +156,22 @@ class Standstill:
             self._taken_at = None
         self.is_still = self._stands()
 
+    def _keep(self, angles_rad: FloatArray) -> None:
+        """Keep the angles of the window as one array: at a thousand samples a second, to gather them takes longest."""
+        if self._n_angles == len(self._angles):
+            before = self._angles[self._n_angles - len(self._window) :]
+            self._angles = np.empty((LEAST_KEPT + 2 * len(before), len(angles_rad)))
+            self._n_angles = len(before)
+            self._angles[: len(before)] = before
+        self._angles[self._n_angles] = angles_rad
+        self._n_angles += 1
+
     def _stands(self) -> bool:
         window = self._window
         if len(window) < LEAST_SAMPLES or window[-1].time_s - window[0].time_s < self._rule.window_s:
             return False
-        return bool((np.ptp([one.joint_angles_rad for one in window], axis=0) <= self._allowed()).all())
+        angles = self._angles[self._n_angles - len(window) : self._n_angles]
+        return bool((np.ptp(angles, axis=0) <= self._allowed()).all())
 
     @property
     def window_s(self) -> tuple[float, float]:
@@ -208,7 +224,7 @@ class Standstill:
         )
 
     def _allowed(self) -> FloatArray:
-        n = len(self._window[-1].joint_angles_rad)
+        n = self._angles.shape[1]
         allowed = np.full(n, self._rule.spread_rad)
         allowed[self._prismatic] = self._rule.spread_mm
         return allowed

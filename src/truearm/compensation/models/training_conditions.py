@@ -428,22 +428,23 @@ class TrainingConditions:
 
         An end of the range is inside with its rounding: a training angle that is calculated again may be beyond it.
         """
-        inside = np.zeros(angles.shape, dtype=bool)
-        for joint, (lower, upper) in enumerate(self.angle_ranges):
-            gaps = self.angle_gaps[self.angle_gaps[:, 0] == joint, 1:]
-            at = angles[:, joint]
-            turns = [at]
-            if not prismatic[joint]:
-                first = lower - Session.limit_tolerance + np.mod(at - lower + Session.limit_tolerance, 2 * np.pi)
-                turns += [
-                    first + 2 * np.pi * k for k in range(min(int((upper - lower) / (2 * np.pi)), self.most_turns) + 1)
-                ]
-            for turned in turns:
-                in_gap = ((turned[:, None] > gaps[:, 0]) & (turned[:, None] < gaps[:, 1])).any(axis=1)
-                inside[:, joint] |= (
-                    (turned >= lower - Session.limit_tolerance) & (turned <= upper + Session.limit_tolerance) & ~in_gap
-                )
+        lower, upper = self.angle_ranges.T
+        start = lower - Session.limit_tolerance
+        first = start + np.mod(angles - start, 2 * np.pi)
+        turns = np.where(prismatic, -1, np.minimum((upper - lower) // (2 * np.pi), self.most_turns))
+        inside = self._are_in_range(angles)
+        for k in range(int(turns.max()) + 1):
+            inside |= (k <= turns) & self._are_in_range(first + 2 * np.pi * k)
         return inside
+
+    def _are_in_range(self, angles: FloatArray) -> BoolArray:
+        """(n, n_joints) whether an angle, as it is counted, is in the range and in none of its gaps."""
+        lower, upper = self.angle_ranges.T
+        found = (angles >= lower - Session.limit_tolerance) & (angles <= upper + Session.limit_tolerance)
+        for joint in np.unique(self.angle_gaps[:, 0]).astype(int).tolist():
+            gaps, at = self.angle_gaps[self.angle_gaps[:, 0] == joint, 1:], angles[:, joint, None]
+            found[:, joint] &= ~((at > gaps[:, 0]) & (at < gaps[:, 1])).any(axis=1)
+        return np.asarray(found)
 
     def _is_far(self, angles: FloatArray, prismatic: BoolArray) -> BoolArray:
         """(n,) whether angles are farther from every training reading of the sample than those are from each other.
