@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -96,13 +96,16 @@ def pages(runs: int = 5, pages: tuple[str, ...] = ("arm", "demo", "report of 12,
 
 
 @ROWS.row("words")
-def words() -> Iterator[dict[str, Any]]:
-    """Words of the guide by page, without marks, without pages that are generated and the house's own."""
+def words() -> RowResult:
+    """Words of the guide, and those outside blocks of code, without marks, generated pages and the house's own."""
     others = {"benchmarks.md", "changelog.md", "house.md", "api.md", "commands.md"}
-    counts = {}
+    table: list[dict[str, Any]] = []
     for page in guide():
         if page.name not in others and not {"gallery", "generated"} & set(page.parts):
             text = re.sub(r"<!--.*?-->", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
-            counts[str(page.relative_to(ROOT))] = sum(bool(re.search(r"\w", word)) for word in text.split())
-    yield {"page": "all", "words": sum(counts.values())}
-    yield from ({"page": name, "words": n} for name, n in sorted(counts.items(), key=lambda one: -one[1]))
+            outside = re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE)
+            words, prose = (sum(bool(re.search(r"\w", word)) for word in one.split()) for one in (text, outside))
+            table.append({"page": str(page.relative_to(ROOT)), "words": words, "outside code": prose})
+    table.sort(key=lambda one: -one["words"])
+    whole = {key: sum(one[key] for one in table) for key in ("words", "outside code")}
+    return RowResult([{"page": "all"} | whole, *table])
