@@ -106,6 +106,12 @@ def test_no_room_outgrows_its_budget(counts):
         assert n <= most_files, f"{room}: {n} files"
 
 
+def test_the_guide_stays_within_its_words(counts):
+    """A page that grows takes words of another, or raises the number in `house.toml`."""
+    held = importlib.import_module("benchmarks.pages").words().table[0]
+    assert held["words"] <= counts.plan()["guide"]["words"], held
+
+
 def without(wings: dict[str, list[str]], folder: Path) -> Path:
     """A copy of the package without the places of some wings."""
     shutil.copytree(HOUSE, folder / "truearm", ignore=shutil.ignore_patterns("__pycache__"))
