@@ -21,7 +21,7 @@ def session(**names):
 @pytest.mark.parametrize("kind", ["seat", "tip", "session", "sphere", "plane"])
 def test_two_spellings_of_a_name_are_said(kind):
     (said,) = similar_names(session(**{kind: ["B1a", "B1A", "B1a", "B2"]}))
-    assert said.startswith(f"{kind.capitalize()} 'B1A' (1 reading) may be 'B1a' (2 readings)")
+    assert str(said).startswith(f"{kind.capitalize()} 'B1A' (1 reading) may be 'B1a' (2 readings)")
     assert len(list(similar_names(session(**{kind: ["B 1a", "b1_a", "B1a", "B1a"]})))) == 2
 
 
@@ -35,12 +35,14 @@ def test_names_of_different_things_are_not_questioned(names):
 
 def test_seats_with_a_single_reading_are_said_unless_a_length_ends_there():
     names = ["A", "A", "B", "C", "", ""]
-    assert list(single_seats(session(seat=names), None)) == [
+    assert list(map(str, single_seats(session(seat=names), None))) == [
         "Seats 'B', 'C' have a single reading each, which ties no two poses: ignored as a seat."
     ]
     between = Lengths(np.array(["B"]), np.array(["C"]), np.array([100.0]), np.array([0.01]))
     assert not list(single_seats(session(seat=names), between))
-    assert "'S4' and 5 more have" in next(single_seats(session(seat=[f"S{i}" for i in range(10)]), None))
+    (said,) = single_seats(session(seat=[f"S{i}" for i in range(10)]), None)
+    assert "'S4' and 5 more have" in str(said)
+    assert said.numbers == {"n": 10}
     assert not list(single_seats(session(tip=["A"]), None))
 
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import truearm as ta
-from truearm.compensation.models.selection import CANDIDATES, select_model
+from truearm.compensation.models.selection import CANDIDATES, held_out_findings, select_model
+from truearm.compensation.models.training_conditions import TrainingConditions
 from truearm.errors import InputError
 from truearm.identification.estimation.residual_variance import NONE_HELD_OUT
 from truearm.readings import Session
-from truearm.workflows import fit as verb
 
 
 def with_noise(arm: str, noise_mm: float, n: int, *, seed: int) -> Session:
@@ -50,8 +50,11 @@ def test_joints_that_hardly_move_are_said_as_such():
     session = ta.simulate("ur10", poses=2, seed=1).session
     travel = np.radians([30.0, 0.9, 0.0, 1.1, 90, 40])
     still = Session(np.array([session.angles[0], session.angles[0] + travel]), session.points)
-    said = [one.split(":")[0] for one in verb._still_joints(still, ta.load_arm("ur10"))]
+    chain = ta.load_arm("ur10").chain
+    found = list(TrainingConditions.of(still, chain.is_prismatic).still_joints(chain))
+    said = [str(one).split(":")[0] for one in found]
     assert said == [f"J{n} moves by less than 1 degree (if it did move, its column is wrong)" for n in (2, 3)]
+    assert [one.numbers["joint"] for one in found] == [2, 3]
 
 
 def test_without_readings_held_out_the_nominal_arm_is_kept_and_changes_are_looked_for():
@@ -65,8 +68,9 @@ def test_without_readings_held_out_the_nominal_arm_is_kept_and_changes_are_looke
     kept = select_model(nominal, prepared)
     assert kept.model is kept.arm_model is nominal
     assert len(kept.changes) == 1
-    (said,) = verb._held_out_remarks(nominal, nominal)
-    assert "the nominal arm is kept, --model kinematic fits the others: measure more poses" in said
+    (said,) = held_out_findings(nominal, nominal)
+    assert "the nominal arm is kept, --model kinematic fits the others: measure more poses" in str(said)
+    assert said in kept.findings
 
 
 @pytest.mark.parametrize("decimals", [2, 12])

@@ -27,6 +27,7 @@ from truearm.cli.options import (
     refuse_typed,
 )
 from truearm.errors import InputError
+from truearm.findings import Finding
 from truearm.workflows.outputs import check_model_output, check_new_output
 
 if TYPE_CHECKING:
@@ -164,7 +165,7 @@ def fit(
         result.save(out)
         if apply is not None and not result.identifies_constants:
             why = f"{apply} is not written: the nominal arm was kept, and no joint zeros were identified."
-            result, apply = replace(result, remarks=(*result.remarks, why)), None
+            result, apply = replace(result, findings=(*result.findings, Finding("file", why))), None
         if apply is not None:
             _write_arm(result, apply, out)
     record = result if of_large is None else replace(of_large, result=result)

@@ -22,6 +22,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
+from truearm.findings import Finding
 from truearm.identification.estimation.consider_parameters import response_to_point_errors, with_shared_error
 from truearm.identification.estimation.identification import identify, with_few_changed
 from truearm.identification.estimation.identification_result import IdentificationResult
@@ -34,6 +35,7 @@ from truearm.identification.estimation.residual_variance import (
     few_readings_factor,
     fit_variance_function,
 )
+from truearm.identification.estimation.tip_offsets import what_tips_show
 from truearm.identification.judgement.cross_validation import (
     IN_LENGTH,
     birge_ratio,
@@ -61,8 +63,8 @@ from truearm.identification.judgement.gross_errors import (
     own_variance,
 )
 from truearm.identification.judgement.held_out_errors import HeldOutErrors, predicted_by_refits
-from truearm.identification.judgement.joint_gains import gains_asked
-from truearm.identification.judgement.joint_signs import unshown_signs, with_unshown_signs
+from truearm.identification.judgement.joint_gains import gains_asked, identified_gains
+from truearm.identification.judgement.joint_signs import signs_not_shown, unshown_signs, with_unshown_signs
 from truearm.identification.judgement.length_scale import LengthScale, reference_scale_variance
 from truearm.identification.judgement.missing_terms import (
     added_covariance,
@@ -90,7 +92,11 @@ from truearm.identification.judgement.residual_process import (
     improvement,
     with_unspanned,
 )
-from truearm.identification.judgement.stated_uncertainty import check_stated_uncertainty
+from truearm.identification.judgement.stated_uncertainty import (
+    as_stated,
+    check_stated_uncertainty,
+    unlike_stated_uncertainty,
+)
 from truearm.identification.judgement.tails import tail_freedom
 from truearm.identification.references.prepared_readings import MIN_ROWS, PreparedReadings
 from truearm.identification.references.reading_references import (
@@ -220,6 +226,8 @@ class Identification:
     unexplained : callable
         Works out what the arm leaves unexplained, which only an arm that is kept needs: outer regions of the readings
         are held out for it.
+    findings : tuple of Finding
+        What a person must know of it.
     """
 
     fit: IdentificationResult
@@ -233,6 +241,7 @@ class Identification:
     residual_process: ResidualProcess | None
     length_scale: LengthScale | None
     unexplained: Callable[[], Unexplained]
+    findings: tuple[Finding, ...]
 
 
 # The nominal arm -----------------------------------------------------------------------------------------------------
@@ -612,8 +621,10 @@ def _concluded(
         signs = unshown_signs(fit, readings.state, readings.references, rigid)
     reference_variance = reference_scale_variance(fit, readings.references)
     whole = what_may_change(readings, fit, widened, same_every_day=same_every_day, complete=complete, wider=wider)
+    whole = with_unshown_signs(whole, signs)
+    scale = LengthScale.of(fit, freedom, widened * birge**2, reference_variance=reference_variance)
     return Identification(
-        with_unshown_signs(whole, signs),
+        whole,
         excluded,
         kept,
         held_out.select(is_excluded),
@@ -622,8 +633,15 @@ def _concluded(
         rest.tail_freedom,
         birge,
         process,
-        LengthScale.of(fit, freedom, widened * birge**2, reference_variance=reference_variance),
+        scale,
         judged,
+        (
+            *identified_gains(whole),
+            *signs_not_shown(whole),
+            *what_tips_show(whole, readings.tips),
+            *unlike_stated_uncertainty(as_stated(whole, readings.references)),
+            *(() if scale is None else scale.findings(readings.arm)),
+        ),
     )
 
 

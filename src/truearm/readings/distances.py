@@ -6,8 +6,11 @@ distances to one anchor have one error in common, the offset: the zero of the wi
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
+from truearm.findings import Finding
 from truearm.readings.readings import Readings
 from truearm.typing import BoolArray
 
@@ -29,12 +32,18 @@ def offset_std(readings: Readings, name: str) -> float:
     return float(readings.u_offset_mm[readings.anchor == name][0])
 
 
-def bars_without_certificate(readings: Readings) -> list[str]:
+def bars_without_certificate(readings: Readings) -> Iterator[Finding]:
     """Anchors whose distances are nearly equal, as those of a bar, without a stated uncertainty of the offset."""
     if readings.distance_mm is None or readings.u_offset_mm is not None:
-        return []
+        return
     assert readings.anchor is not None  # checked by the session
     known = rows_with_distance(readings)
     names = [str(name) for name in np.unique(readings.anchor[known])]
     values = [readings.distance_mm[known & (readings.anchor == name)] for name in names]
-    return [name for name, some in zip(names, values, strict=True) if np.ptp(some) < EQUAL_SHARE * some.mean()]
+    for name, some in zip(names, values, strict=True):
+        if np.ptp(some) < EQUAL_SHARE * some.mean():
+            said = (
+                f"The distances to anchor {name} are nearly equal, as those of a bar, and their common uncertainty is "
+                f"assumed to be {OFFSET_STD_MM:g} mm, which leaves the size of the arm open: state u_offset_mm."
+            )
+            yield Finding("bar", said, {"u_offset_mm": OFFSET_STD_MM})

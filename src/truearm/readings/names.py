@@ -6,6 +6,7 @@ import re
 from collections import Counter, defaultdict
 from collections.abc import Iterator
 
+from truearm.findings import Finding
 from truearm.readings.lengths import Lengths
 from truearm.readings.readings import NAMED
 from truearm.readings.session import Session
@@ -15,8 +16,8 @@ _BLANKS = re.compile(r"(?<!\d)[\s_]+|[\s_]+(?!\d)")
 _MOST = 5  # names in a sentence
 
 
-def similar_names(session: Session) -> Iterator[str]:
-    """A sentence on each name that differs from a more frequent one of its column in case or blanks only."""
+def similar_names(session: Session) -> Iterator[Finding]:
+    """A finding for each name that differs from a more frequent one of its column in case or blanks only."""
     for kind in NAMED:
         if (names := getattr(session, kind)) is None:
             continue
@@ -25,14 +26,13 @@ def similar_names(session: Session) -> Iterator[str]:
             spelled[_BLANKS.sub("", name).casefold()].append(f"{name!r} ({n} reading{'s' * (n != 1)})")
         for usual, *others in spelled.values():
             for other in others:
-                yield (
-                    f"{kind.replace('_', ' ').capitalize()} {other} may be {usual}: the names differ in case or blanks "
-                    "only. Give one thing one name."
-                )
+                what = f"{kind.replace('_', ' ').capitalize()} {other} may be {usual}"
+                said = f"{what}: the names differ in case or blanks only. Give one thing one name."
+                yield Finding("similar names", said)
 
 
-def single_seats(session: Session, lengths: Lengths | None) -> Iterator[str]:
-    """A sentence on seats with one reading that are not at the end of a known length: they tie no two poses."""
+def single_seats(session: Session, lengths: Lengths | None) -> Iterator[Finding]:
+    """A finding of seats with one reading that are not at the end of a known length: they tie no two poses."""
     if session.seat is None:
         return
     ends = [""] if lengths is None else ["", *lengths.seat_a.tolist(), *lengths.seat_b.tolist()]
@@ -40,4 +40,4 @@ def single_seats(session: Session, lengths: Lengths | None) -> Iterator[str]:
     shown = ", ".join(once[:_MOST]) + f" and {len(once) - _MOST} more" * (len(once) > _MOST)
     if once:
         said = f"Seats {shown} have a single reading each" if len(once) > 1 else f"Seat {shown} has a single reading"
-        yield f"{said}, which ties no two poses: ignored as a seat."
+        yield Finding("single seats", f"{said}, which ties no two poses: ignored as a seat.", {"n": len(once)})

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from truearm.errors import InputError
 from truearm.readings.lengths import Lengths
+from truearm.readings.readings import Readings
 from truearm.typing import FloatArray, IntArray, NameArray
 
 
@@ -58,6 +59,13 @@ class LengthSummary:
         drawn = np.full(len(own), np.nan) if nominal is None else np.asarray(nominal, dtype=float)
         rms, drawn_rms, u = (float(np.sqrt(np.mean(np.square(one)))) for one in (own, drawn, u_mm))
         return cls(len(own), float(np.abs(own).max()), float(np.abs(drawn).max()), rms > drawn_rms + 2 * u)
+
+
+def has_repeated_seat(session: Readings) -> bool:
+    """Whether a seat has two readings or more, so that its points can be compared with each other."""
+    if session.seat is None:
+        return False
+    return bool(np.unique(session.seat[session.seat != ""], return_counts=True)[1].max(initial=0) > 1)
 
 
 def seat_errors(points: npt.ArrayLike, seat: npt.ArrayLike) -> SeatErrors:

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from truearm.acceptance import contradict
 from truearm.readings.lengths import Lengths
+from truearm.readings.readings import Readings
 from truearm.typing import BoolArray, FloatArray, NameArray
 
 REFERENCE_DEGC = 20.0
@@ -127,3 +128,10 @@ def at_measured_temperature(lengths: Lengths, seat: NameArray, temperature_degC:
         np.hypot(lengths.u_mm, lengths.length_mm * growth.u),
         u_place_mm=lengths.u_place_mm,
     )
+
+
+def expanded_lengths(lengths: Lengths | None, session: Readings) -> Lengths | None:
+    """Lengths at the temperature of the readings in their seats."""
+    if lengths is None or session.seat is None:
+        return None
+    return at_measured_temperature(lengths, session.seat, session.temperature_degC)

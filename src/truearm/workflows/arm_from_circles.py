@@ -24,7 +24,7 @@ from truearm.readings import Session
 from truearm.readings.checks import serial_number_of
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
-from truearm.workflows.inputs import SessionLike, to_session, unfilled_remarks
+from truearm.workflows.inputs import SessionLike, to_session, unfilled_rows
 from truearm.workflows.record import TableRecord, TextTable, format_fixed
 from truearm.workflows.sentences import format_mm, number_of
 
@@ -99,7 +99,7 @@ def arm_from_circles(
         serial_number=serial_number_of(given),
         table=at_joint_1,
     )
-    remarks = [*acceptance_remarks(accept), *unfilled_remarks(given), *said]
+    remarks = [*acceptance_remarks(accept), *map(str, unfilled_rows(given)), *said]
     if unused := len(given) - n_points:
         remarks.append(f"{number_of(unused)} in no circle, ignored.")
     return CircleArm(arm, table, _uncertainty(estimated, convention), circles, estimated, n_points, tuple(remarks))

@@ -293,14 +293,14 @@ def check(
     kept = history if isinstance(history, History) else History(history)
     fitted = to_model(model)
     readings = to_session(session, n_joints=fitted.arm.n_joints)
-    remarks = [*check_angles_fit(readings, fitted.arm)]
+    remarks = [*map(str, check_angles_fit(readings, fitted.arm))]
     if fitted.is_trained_on(readings):
         raise readings.error(
             "these are the training readings of the model, which agree with it whatever the arm does",
             hint="use readings measured since",
         )
     known, ignored = session_lengths(lengths, readings)
-    remarks += [*ignored, *single_reading_remarks(readings.seat, known)]
+    remarks += [*map(str, ignored), *single_reading_remarks(readings.seat, known)]
     check_sessions(readings, known, own_frame="base" not in fitted.free)
     if outside := int(fitted.outside_training(readings.angles).sum()):
         have = agree(outside, "have")

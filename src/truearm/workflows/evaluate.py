@@ -24,6 +24,7 @@ from truearm.readings import (
     seat_errors,
 )
 from truearm.readings.anchors import LEAST_COMPARED, distance_errors, has_located_anchor
+from truearm.readings.seats import has_repeated_seat
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 from truearm.workflows.inputs import (
@@ -33,11 +34,10 @@ from truearm.workflows.inputs import (
     SessionLike,
     check_has_reference,
     evaluation_remarks,
-    has_repeated_seat,
     tested_readings,
     to_model_and_session,
     to_session,
-    unfilled_remarks,
+    unfilled_rows,
     within_limits,
 )
 from truearm.workflows.record import TableRecord, TextTable, columns_of, format_fixed
@@ -312,7 +312,7 @@ def _evaluate_regressor(
 ) -> Evaluation:
     """Errors of a regressor of the user's own: without an arm there are no limits, nominal points or uncertainty."""
     check_has_reference(session, None, purpose="evaluate against", least=LEAST_COMPARED)
-    everything = CheckedSession(session, np.arange(len(session)), unfilled_remarks(session))
+    everything = CheckedSession(session, np.arange(len(session)), unfilled_rows(session))
     tested, known = tested_readings(everything, session, lengths)
     used = tested.session
     check_sessions(used, known)

@@ -147,7 +147,7 @@ def _sums_of(task: EvaluateTask, given: Session, part: Part, *, accept: str | No
         (
             *acceptance_remarks(accept),
             *allowed.remarks,
-            *training,
+            *map(str, training),
             *payload_remarks(model, used),
             *model_remarks(model),
         ),

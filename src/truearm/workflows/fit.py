@@ -13,66 +13,40 @@ from truearm.acceptance import acceptance_remarks, accepts
 from truearm.arm import Arm
 from truearm.arm.joint_zeros import joint_zeros, with_zeros
 from truearm.choices import ModelName
-from truearm.compensation.models import MODELS, Compensator, HybridModel, KinematicModel, NominalModel
+from truearm.compensation.models import MODELS, Compensator, NominalModel
 from truearm.compensation.models.arm_check import WAYS_TO_AN_ARM, arm_of_readings, with_serial_number
-from truearm.compensation.models.compensator import CheckedReadings
 from truearm.compensation.models.identified_model import IdentifiedModel, to_identified
-from truearm.compensation.models.residual_inputs import follows_order
 from truearm.compensation.models.selection import (
     ModelScore,
-    Selection,
+    fit_chosen,
     on_common_readings,
     select_model,
-    worse_than_nominal,
 )
-from truearm.compensation.models.training_conditions import LEAST_TRAVEL_MM, LEAST_TURN
 from truearm.errors import InputError
+from truearm.findings import Finding, findings_of, in_order
 from truearm.identification.estimation.diagnostics import identifiability
-from truearm.identification.estimation.tip_offsets import describe_tips
-from truearm.identification.judgement.calculated_points import describe_calculated
-from truearm.identification.judgement.frame_changes import SessionChange, frame_changes
-from truearm.identification.judgement.gross_errors import excluded_readings
-from truearm.identification.judgement.joint_gains import describe_gains
-from truearm.identification.judgement.joint_signs import describe_signs
-from truearm.identification.judgement.outliers import Outlier, length_outliers, outliers
-from truearm.identification.judgement.stated_uncertainty import (
-    as_stated,
-    describe_rounding,
-    describe_stated_uncertainty,
-)
+from truearm.identification.judgement.frame_changes import SessionChange
+from truearm.identification.judgement.outliers import Outlier
 from truearm.identification.references.distances import is_offset
-from truearm.identification.references.orientations import LEVER_MM
-from truearm.identification.references.prepared_readings import MIN_ROWS, PreparedReadings
+from truearm.identification.references.prepared_readings import MIN_ROWS
 from truearm.identification.references.reading_references import (
-    MIN_READINGS_ON,
     check_spread,
-    surfaces_with_too_few_readings,
 )
 from truearm.identification.terms.type_prior import TypePrior, read_type_prior
 from truearm.readings import (
-    Lengths,
-    LengthSummary,
     Session,
-    compare_errors,
-    length_errors,
-    point_errors,
-    seat_errors,
 )
-from truearm.readings.anchors import LEAST_COMPARED, distance_errors, has_located_anchor
-from truearm.readings.distances import OFFSET_STD_MM, bars_without_certificate
 from truearm.readings.names import similar_names, single_seats
 from truearm.readings.repeats import MergedReadings, merge_repeats, readings_of_one_pose
 from truearm.solve.threads import one_blas_thread
-from truearm.typing import FloatArray, IntArray
+from truearm.typing import FloatArray
 from truearm.workflows.inputs import (
     ArmLike,
     LengthsLike,
     Limits,
     SessionLike,
     check_session_fits,
-    expanded_lengths,
-    has_repeated_seat,
-    repeat_remarks,
+    repeated_readings,
     session_lengths,
     to_arm,
     to_free_parts,
@@ -82,12 +56,6 @@ from truearm.workflows.inputs import (
 from truearm.workflows.record import Record, TextTable, format_fixed
 from truearm.workflows.sentences import compare_with_nominal, format_mm, listed, number_of, with_lengths
 
-# With fewer readings the training error of a kinematic model says little: it determines some 27 constants.
-FEW_READINGS = 50
-# Scatter about the identified arm that is said: real arms under a tracker leave 0.05 to 0.3 mm of a coordinate.
-SAID_SCATTER_MM, TRACKER_MM = 0.5, 0.05
-# Scatter of orientations about an axis that is said: a marker of a laser tracker has 0.01.
-SAID_SCATTER_DEG = 0.5
 # Models that identify no constants, and take no type prior.
 WITHOUT_CONSTANTS = frozenset({"nominal", "network"})
 # Groups of terms that are printed, those with most determined coefficients.
@@ -172,46 +140,45 @@ def fit(
     chosen = None if model == "auto" else MODELS[model](nominal_arm, free=parts, **options)
     _check_poses(given, merged)
     check_session_fits(used, nominal_arm, model)
-    known, length_remarks = session_lengths(lengths, given, used if len(checked.rows) < len(given) else None)
+    known, of_lengths = session_lengths(lengths, given, used if len(checked.rows) < len(given) else None)
     if "base" in parts:
         check_spread(used, nominal_arm)
-    if known_arm is None:
-        assert chosen is not None  # a network
-        nominal, readings = None, chosen.prepare(used, known)
-        fitted = chosen.learn(readings, progress=progress)
-        learned = Selection(fitted, (), None, (), fitted)
-    else:
-        nominal = NominalModel(nominal_arm, free=parts)
-        readings = (chosen or nominal).prepare(used, known)
+    nominal = None if known_arm is None else NominalModel(nominal_arm, free=parts)
+    first = chosen or nominal
+    assert first is not None  # a network without an arm is chosen
+    readings = first.prepare(used, known)
+    if nominal is not None:
         nominal.learn(readings)
-        readings = readings._replace(prior=of_type)
-        learned = _learn(chosen, nominal, readings, progress=progress, **options)
-    fitted = learned.model.judged()
-    at = fitted.at(used)
+    readings = readings._replace(prior=of_type)
+    if chosen is None and nominal is not None:
+        learned = select_model(nominal, readings, progress=progress, **options)
+    else:
+        learned = fit_chosen(first, nominal, readings, progress=progress)
+    found = (
+        *findings_of("acceptance", acceptance_remarks(accept)),
+        *findings_of("arm", nominal_arm.remarks),
+        *findings_of(
+            "type prior", [] if of_type is None else [f"Constants are expected as the type has them: {of_type}."]
+        ),
+        *checked.findings,
+        *of_lengths,
+        *similar_names(given),
+        *single_seats(given, known),
+        *repeated_readings(merged, learned.model),
+        *learned.findings,
+    )
+    rows = checked.rows[merged.first]
     return FitResult(
-        model=fitted,
+        model=learned.model,
         comparison=learned.table,
         session=used,
         n_readings=len(checked.rows),
-        training=_training_errors(fitted, at, known),
+        training=learned.training,
         nominal=nominal,
-        outliers=_outliers(fitted, given, checked.rows[merged.first]),
-        length_outliers=_length_outliers(fitted, at, readings),
+        outliers=tuple(one.located(given, rows) for one in learned.outliers),
+        length_outliers=learned.length_outliers,
         frame_changes=learned.changes,
-        remarks=(
-            *acceptance_remarks(accept),
-            *nominal_arm.remarks,
-            *(() if of_type is None else (f"Constants are expected as the type has them: {of_type}.",)),
-            *_calculated(learned.arm_model, readings),
-            *_of_joints(fitted),
-            *_scatter(learned.arm_model, readings),
-            *checked.remarks,
-            *length_remarks,
-            *similar_names(given),
-            *single_seats(given, known),
-            *repeat_remarks(merged, fitted),
-            *_said(learned, nominal, readings),
-        ),
+        findings=in_order(found),
     )
 
 
@@ -249,44 +216,6 @@ def _checked_prior(prior: TypePrior | str | Path, arm: Arm | None, model: ModelN
         raise error if isinstance(prior, TypePrior) else error.in_file(prior) from None
 
 
-def _calculated(model: Compensator, readings: PreparedReadings) -> tuple[str, ...]:
-    if not model.arm.has_kinematics:
-        return ()
-    said = describe_calculated(readings, model.nominal_, model.identified_arm or model.nominal_)
-    return () if said is None else (said,)
-
-
-def _of_joints(model: Compensator) -> tuple[str, ...]:
-    fit = model.identified_arm
-    if fit is None:
-        return ()
-    gains = describe_gains(fit)
-    return (*(() if gains is None else (gains,)), *describe_signs(fit))
-
-
-def _learn(
-    chosen: Compensator | None,
-    nominal: NominalModel,
-    readings: PreparedReadings,
-    *,
-    progress: Callable[[int, str], None] | None,
-    **options: Any,
-) -> Selection:
-    """The model that a person chose, compared with no other; or without one the model that is selected."""
-    if chosen is None:
-        return select_model(nominal, readings, progress=progress, **options)
-    fitted: Compensator = nominal
-    if chosen.kind != "nominal":
-        # A model without weights of outliers places its own nominal arm.
-        fitted = chosen.learn(readings, progress=progress, nominal=nominal if chosen.robust else None)
-    arm_model = fitted
-    if fitted.identified_arm is None:
-        # A network has no residuals of a rigid frame: those of the arm's constants show what changed.
-        arm_model = KinematicModel(nominal.arm, free=nominal.free).learn(readings, nominal=nominal)
-    changes = frame_changes(arm_model.identified_arm or nominal.fit_, arm_model.session_frames_, readings.given)
-    return Selection(fitted, (), None, tuple(changes), arm_model)
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class FitResult(Record):
     """A fitted model, how well it predicts readings, and what a person must know about it.
@@ -312,8 +241,8 @@ class FitResult(Record):
         Known lengths that contradict the other data.
     frame_changes : tuple of SessionChange
         What changed during a session: the base or the reference, the tip, the zero of a joint.
-    remarks : tuple of str
-        What was skipped or ignored, and warnings.
+    findings : tuple of Finding
+        What a person must know of it: what was skipped or ignored, and warnings.
 
     Examples
     --------
@@ -332,7 +261,12 @@ class FitResult(Record):
     outliers: tuple[Outlier, ...]
     length_outliers: tuple[Outlier, ...]
     frame_changes: tuple[SessionChange, ...]
-    remarks: tuple[str, ...]
+    findings: tuple[Finding, ...]
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """The findings in words."""
+        return tuple(map(str, self.findings))
 
     @property
     def model_name(self) -> str:
@@ -342,7 +276,7 @@ class FitResult(Record):
     @property
     def identifies_constants(self) -> bool:
         """Whether the constants of the arm were identified, its joint zeros among them."""
-        return _identifies_constants(self.model)
+        return self.model.identifies_constants
 
     @property
     def held_out_mm(self) -> tuple[float, float] | None:
@@ -461,168 +395,6 @@ class FitResult(Record):
         if self.held_out_mm is None or self.nominal is None or self.model_name == "nominal":
             return {}
         return {"nominal": self.nominal.held_out_.errors_mm, self.model_name: self.model.held_out_.errors_mm}
-
-
-def _training_errors(model: Compensator, at: CheckedReadings, lengths: Lengths | None) -> Mapping[str, Any] | None:
-    """Errors of the readings that took part, and of known lengths between their seats."""
-    if model.identified_arm is not None and len(excluded := excluded_readings(model.identified_arm)):
-        at = at.rows(np.setdiff1d(np.arange(len(at.session)), excluded))
-    session, predicted = at.session, model.predict_readings(at)
-    measured = {} if lengths is None else _training_lengths(model, at, predicted, lengths)
-    if session.points is not None:
-        if not model.arm.has_kinematics:
-            return point_errors(predicted, session.points)
-        return {**compare_errors(predicted, model.predict_nominal_readings(at), session.points), **measured}
-    if has_repeated_seat(session):
-        assert session.seat is not None
-        of_seats = seat_errors(predicted, session.seat).items()
-        return {name: value for name, value in of_seats if name != "seats"} | measured
-    if has_located_anchor(session, LEAST_COMPARED):
-        return dict(list(distance_errors(predicted, session).items())[:4])
-    return None
-
-
-def _training_lengths(
-    model: Compensator, at: CheckedReadings, predicted: FloatArray, lengths: Lengths
-) -> dict[str, LengthSummary]:
-    """How well a model measures the known lengths between the seats of its training readings."""
-    seat = at.session.seat
-    known = None if seat is None else expanded_lengths(lengths.within(seat), at.session)
-    if seat is None or known is None:
-        return {}
-    own, drawn = (length_errors(points, seat, known) for points in (predicted, model.predict_nominal_readings(at)))
-    return {"lengths": LengthSummary.of(own, drawn, known.u_mm)}
-
-
-def _outliers(model: Compensator, session: Session, rows: IntArray) -> tuple[Outlier, ...]:
-    found = () if model.identified_arm is None else outliers(model.identified_arm)
-    return tuple(outlier.located(session, rows) for outlier in found)
-
-
-def _length_outliers(model: Compensator, at: CheckedReadings, readings: PreparedReadings) -> tuple[Outlier, ...]:
-    identified = to_identified(model)
-    return () if identified is None else tuple(length_outliers(identified.fit_, at.state, readings.references))
-
-
-def _identifies_constants(model: Compensator) -> bool:
-    """Whether a model has an arm of its own constants: not a network, nor one that leaves the nominal arm as it is."""
-    on_nominal = isinstance(model, HybridModel) and model.arm_model == "nominal"
-    return model.identified_arm is not None and model.kind != "nominal" and not on_nominal
-
-
-def _scatter(model: Compensator, readings: PreparedReadings) -> Iterator[str]:
-    """By how much readings scatter about the identified arm, where that is much and their uncertainty is not stated."""
-    if (identified := model.identified_arm) is None:
-        return
-    of = identified.references[0]
-    scatter = of.noise_std * float(np.sqrt(len(of.residuals)))
-    if not _identifies_constants(model):  # whose residuals are not noise; the check knows it where they are unusual
-        scatter = model.nominal_check_.left.noise_mm
-    if of.kind in ("point", "distance") and scatter >= SAID_SCATTER_MM and not readings.references[0].std.any():
-        yield (
-            f"These readings scatter by {format_mm(scatter)} about the identified arm; with a laser tracker it is "
-            f"{TRACKER_MM:g} mm. The uncertainties contain it, and more readings average it."
-        )
-    for part in identified.references:
-        if part.kind == "orientation" and (turn := np.degrees(part.noise_std / LEVER_MM)) >= SAID_SCATTER_DEG:
-            yield f"The orientations scatter by {turn:.2g} deg about each axis; they count by that beside the points."
-
-
-def _said(learned: Selection, nominal: NominalModel | None, readings: PreparedReadings) -> Iterator[str]:
-    """What a person must know of a fit: of its readings held out, its readings, and what changed during them."""
-    model = learned.model
-    if nominal is None:
-        yield "Without an arm nothing is compared with nominal points, and no change during the readings is looked for."
-    else:
-        yield from _held_out_remarks(model, nominal)
-    if model.identified_arm is not None and (rounding := describe_rounding(readings, model.identified_arm)) is not None:
-        yield rounding
-    yield from _remarks(model, readings.given, readings)
-    if learned.why_no_hybrid is not None:
-        yield f"The hybrid model was not compared: {learned.why_no_hybrid}."
-    yield from map(str, learned.changes)
-
-
-def _held_out_remarks(model: Compensator, nominal: NominalModel) -> Iterator[str]:
-    """What readings held out say against a model."""
-    if not len(nominal.held_out_.rows):
-        kept = "; the nominal arm is kept, --model kinematic fits the others" if model.kind == "nominal" else ""
-        yield f"No reading can be held out of the others, so models cannot be compared{kept}: measure more poses."
-    elif (worse := worse_than_nominal(model, nominal)) is not None:
-        own, drawn = map(format_mm, worse)
-        yield (
-            f"{own} on readings held out, the nominal arm {drawn}: these readings do not show what the {model.kind} "
-            "model learned from them. Use the nominal arm (--model auto selects the better one), or measure more poses."
-        )
-
-
-def _remarks(model: Compensator, session: Session, readings: PreparedReadings) -> Iterator[str]:
-    """What a person must know about the fit, apart from what was skipped before it."""
-    identified, arm = to_identified(model), model.identified_arm or model.nominal_
-    if identified is not None:
-        for kind, name, n in surfaces_with_too_few_readings(session):
-            yield f"{kind} {name} has {n} usable readings; at least {MIN_READINGS_ON[kind]} are needed. Ignored."
-    if model.session_frames_:
-        first, *others = model.session_frames_
-        yield (
-            f"Each session has a frame of its own: coordinates are in that of session {first}, those of readings of "
-            f"{', '.join(others)} in theirs."
-        )
-    if (tips := describe_tips(arm, model.tips_)) is not None:
-        yield tips
-    for name in bars_without_certificate(session):
-        yield (
-            f"The distances to anchor {name} are nearly equal, as those of a bar, and their common uncertainty is "
-            f"assumed to be {OFFSET_STD_MM:g} mm, which leaves the size of the arm open: state u_offset_mm."
-        )
-    if (
-        session.points is None
-        and readings.lengths is None
-        and session.sphere_distance is None
-        and session.distance_mm is None
-    ):
-        yield "No reference point and no length is known: the arm keeps its nominal size."
-    yield from _still_joints(session, model.arm_)
-    if not arm.converged and model.arm.has_kinematics:
-        yield "The fit has not converged: more readings, or poses that differ more from each other, may help."
-    if (
-        identified is not None
-        and (stated := describe_stated_uncertainty(as_stated(arm, readings.references))) is not None
-    ):
-        yield stated
-    if (unusual := model.nominal_check_.remark()) is not None:
-        yield unusual
-    if (
-        identified is not None
-        and identified.length_scale_
-        and (scale := identified.length_scale_.remark(model.arm)) is not None
-    ):
-        yield scale
-    if isinstance(model, HybridModel) and not model.inputs_.has_temperature and _has_clock(session):
-        yield (
-            "The temperature follows the order of the readings: networks would learn it as a clock. It is no input of "
-            "theirs."
-        )
-    if model.kind not in ("nominal", "network") and len(session) < FEW_READINGS:
-        yield f"Only {len(session)} readings: the training error says little. Use some {FEW_READINGS} or more."
-
-
-def _still_joints(session: Session, arm: Arm) -> Iterator[str]:
-    """Joints that move too little for their own errors to be identified."""
-    for joint, travel in enumerate(np.ptp(session.angles, axis=0)):
-        slides = arm.chain.is_prismatic[joint]
-        if travel >= (LEAST_TRAVEL_MM if slides else LEAST_TURN) or not arm.chain.is_read[joint]:
-            continue
-        least = f"{LEAST_TRAVEL_MM:g} mm" if slides else f"{np.degrees(LEAST_TURN):.0f} degree"
-        yield (
-            f"J{joint + 1} moves by less than {least} (if it did move, its column is wrong): its own errors are not "
-            "identified, and points with it elsewhere are as uncertain as the drawing."
-        )
-
-
-def _has_clock(session: Session) -> bool:
-    temperature = session.temperature_degC
-    return temperature is not None and follows_order(temperature)
 
 
 def _comparison_table(comparison: tuple[ModelScore, ...]) -> TextTable:

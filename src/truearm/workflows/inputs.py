@@ -24,6 +24,7 @@ from truearm.compensation.models.model_archive import model_bytes
 from truearm.compensation.models.model_file import load_model
 from truearm.compensation.models.training_conditions import TrainingConditions
 from truearm.errors import InputError
+from truearm.findings import Finding, findings_of
 from truearm.identification.judgement.description_check import explain_readings
 from truearm.identification.judgement.nominal_check import MAX_NOMINAL_ERROR
 from truearm.identification.references.prepared_readings import MIN_ROWS
@@ -48,7 +49,7 @@ from truearm.readings.repeats import MergedReadings, merge_repeats
 from truearm.readings.thermal_expansion import (
     REFERENCE_DEGC,
     STEEL_PER_K,
-    at_measured_temperature,
+    expanded_lengths,
     thermal_expansion_of,
 )
 from truearm.typing import BoolArray, FloatArray, IntArray
@@ -77,7 +78,7 @@ class CheckedSession(NamedTuple):
         The readings used.
     rows : (n,) array of int
         Their rows in the session as it was given, counted from 0.
-    remarks : tuple of str
+    findings : tuple of Finding
         What was skipped, and why.
     n_training : int
         Training readings that were skipped.
@@ -85,8 +86,13 @@ class CheckedSession(NamedTuple):
 
     session: Session
     rows: IntArray
-    remarks: tuple[str, ...]
+    findings: tuple[Finding, ...]
     n_training: int = 0
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """The findings in words."""
+        return tuple(map(str, self.findings))
 
 
 def to_arm(arm: ArmLike) -> Arm:
@@ -233,7 +239,7 @@ def within_limits(
         raise InputError(f"expected limits 'skip' or 'ignore', got {limits!r}")
     check_angles(session, n_joints=arm.n_joints, prismatic=arm.chain.is_prismatic)
     check_temperature(session)
-    rows, unfilled = np.arange(len(session)), unfilled_remarks(session)
+    rows, unfilled = np.arange(len(session)), unfilled_rows(session)
     kept, skipped = skip_beyond_limits(session, arm.limits, prismatic=arm.chain.prismatic, most=most)
     if limits == "ignore" or not skipped:
         return CheckedSession(session, rows, unfilled)
@@ -243,19 +249,21 @@ def within_limits(
         f"{agree(len(beyond), 'were')} skipped: "
         f"{join_labels(session, beyond)}."
     )
-    return CheckedSession(kept, np.setdiff1d(rows, beyond), (*unfilled, remark))
+    found = Finding("joint limits", remark, {"n": len(beyond)})
+    return CheckedSession(kept, np.setdiff1d(rows, beyond), (*unfilled, found))
 
 
-def unfilled_remarks(session: Session) -> tuple[str, ...]:
-    """How many rows of the file are not filled in yet, in one sentence; nothing if none."""
+def unfilled_rows(session: Session) -> tuple[Finding, ...]:
+    """How many rows of the file are not filled in yet; nothing if none."""
     n = len(session.unfilled)
     if not n:
         return ()
-    return (f"{n} of {n + len(session)} rows {agree(n, 'are')} not filled in yet (no number); ignored.",)
+    said = f"{n} of {n + len(session)} rows {agree(n, 'are')} not filled in yet (no number); ignored."
+    return (Finding("unfilled rows", said, {"n": n}),)
 
 
-def check_angles_fit(session: Session, arm: Arm) -> tuple[str, ...]:
-    """Check that the angles can be of the arm; readings beyond a joint limit are named in a remark.
+def check_angles_fit(session: Session, arm: Arm) -> tuple[Finding, ...]:
+    """Check that the angles can be of the arm; readings beyond a joint limit are named.
 
     Raises
     ------
@@ -264,10 +272,11 @@ def check_angles_fit(session: Session, arm: Arm) -> tuple[str, ...]:
     """
     rows = within_limits(session, arm).rows
     if len(rows) == len(session):
-        return unfilled_remarks(session)
+        return unfilled_rows(session)
     beyond = np.setdiff1d(np.arange(len(session)), rows).tolist()
     readings_are = f"{len(beyond)} of {number_of(len(session))} {agree(len(beyond), 'are')}"
-    return (*unfilled_remarks(session), f"{readings_are} beyond a joint limit: {join_labels(session, beyond)}.")
+    said = f"{readings_are} beyond a joint limit: {join_labels(session, beyond)}."
+    return (*unfilled_rows(session), Finding("joint limits", said, {"n": len(beyond)}))
 
 
 def join_labels(session: Session, rows: list[int]) -> str:
@@ -342,20 +351,13 @@ def with_reference(session: Session, arm: Arm, *, purpose: str) -> CheckedSessio
     if useful.all():
         return CheckedSession(session, rows, ())
     remark = f"{int((~useful).sum())} of {len(session)} readings {lack} and are skipped."
-    return CheckedSession(session.rows(rows), rows, (remark,))
-
-
-def has_repeated_seat(session: Session) -> bool:
-    """Whether a seat has two readings or more, so that its points can be compared with each other."""
-    if session.seat is None:
-        return False
-    return bool(np.unique(session.seat[session.seat != ""], return_counts=True)[1].max(initial=0) > 1)
+    return CheckedSession(session.rows(rows), rows, (Finding("no reference", remark),))
 
 
 def session_lengths(
     lengths: LengthsLike | None, session: Session, used: Session | None = None
-) -> tuple[Lengths | None, tuple[str, ...]]:
-    """The lengths between seats of a session, and remarks on those that are ignored.
+) -> tuple[Lengths | None, tuple[Finding, ...]]:
+    """The lengths between seats of a session, and findings of those that are ignored.
 
     Parameters
     ----------
@@ -395,10 +397,11 @@ def session_lengths(
         known = known.within(used.seat.tolist())
         if n := n_known - (0 if known is None else len(known)):
             remarks.append(f"{n} of {n_known} lengths refer to a seat without a reading that is used; ignored.")
-    return known, (*remarks, *expansion_remarks(known, session if used is None else used))
+    remarks += _unknown_expansion(known, session if used is None else used)
+    return known, findings_of("lengths", remarks)
 
 
-def expansion_remarks(lengths: Lengths | None, session: Session) -> tuple[str, ...]:
+def _unknown_expansion(lengths: Lengths | None, session: Session) -> tuple[str, ...]:
     """Say which lengths are used as at 20 degC because a temperature or an expansion is missing, where it matters."""
     if lengths is None or session.seat is None:
         return ()
@@ -420,14 +423,7 @@ def expansion_remarks(lengths: Lengths | None, session: Session) -> tuple[str, .
     return (remark,)
 
 
-def expanded_lengths(lengths: Lengths | None, session: Session) -> Lengths | None:
-    """Lengths at the temperature of the readings in their seats."""
-    if lengths is None or session.seat is None:
-        return None
-    return at_measured_temperature(lengths, session.seat, session.temperature_degC)
-
-
-def without_training_readings(session: Session, *models: Compensator) -> tuple[Session, IntArray, tuple[str, ...]]:
+def without_training_readings(session: Session, *models: Compensator) -> tuple[Session, IntArray, tuple[Finding, ...]]:
     """Skip the readings that a model was fitted or refitted to: a test on them is not fair.
 
     Returns
@@ -436,7 +432,7 @@ def without_training_readings(session: Session, *models: Compensator) -> tuple[S
         The others, and those of a fit of which the model knows a sample; all if there are none to compare with.
     rows : (n,) array of int
         Their rows in `session`.
-    remarks : tuple of str
+    findings : tuple of Finding
     """
     known = np.any([model.skipped_in_tests(session) for model in models], axis=0)
     if known.all() or not known.any() or not _is_compared_as(session, others := session.rows(~known)):
@@ -444,7 +440,7 @@ def without_training_readings(session: Session, *models: Compensator) -> tuple[S
     n = int(known.sum())
     are = agree(n, "are")
     remark = f"{n} of {len(session)} {are} training readings of the model and {are} skipped: all figures are of others."
-    return others, np.flatnonzero(~known), (remark,)
+    return others, np.flatnonzero(~known), (Finding("training readings", remark, {"n": n}),)
 
 
 def _is_compared_as(session: Session, some: Session) -> bool:
@@ -454,14 +450,15 @@ def _is_compared_as(session: Session, some: Session) -> bool:
     return bool(has_reference(some).any()) and (some.seat is not None or has_located_anchor(some, LEAST_COMPARED))
 
 
-def repeat_remarks(merged: MergedReadings[Session], fitted: Compensator | None = None) -> Iterator[str]:
+def repeated_readings(merged: MergedReadings[Session], fitted: Compensator | None = None) -> Iterator[Finding]:
     """How many readings are repeats, and how these scatter; beside the poses about a model that was fitted to them."""
     if merged.n_changed:
         were = f"{number_of(merged.n_changed, 'pose')} {agree(merged.n_changed, 'were')}"
-        yield (
+        said = (
             f"{were} read again in a later round and not merged with it: between the rounds they changed by more than "
             "noise. Something moved: the base, the reference, the tip or a joint."
         )
+        yield Finding("rounds", said, {"n": merged.n_changed})
     n, several = int(merged.count.sum()), merged.count[merged.count > 1]
     if not len(several):
         return
@@ -482,7 +479,8 @@ def repeat_remarks(merged: MergedReadings[Session], fitted: Compensator | None =
         scatter += "."
     elif merged.readings.points is not None or merged.readings.distance_mm is not None:
         scatter = " Where they have coordinates or distances these agree to the last digit, as copies do."
-    yield f"{told}; each counts as one reading, their mean, named by its first line.{scatter}"
+    said = f"{told}; each counts as one reading, their mean, named by its first line.{scatter}"
+    yield Finding("repeats", said, {"n": n, "scatter_mm": merged.scatter_mm})
 
 
 def tested_readings(
@@ -501,9 +499,9 @@ def tested_readings(
     merged = merge_repeats(others)
     used = merged.readings
     known, of_lengths = session_lengths(lengths, given, used)
-    remarks = (*allowed.remarks, *of_training, *of_lengths, *repeat_remarks(merged))
+    found = (*allowed.findings, *of_training, *of_lengths, *repeated_readings(merged))
     n_training = len(allowed.rows) - len(rows)
-    return CheckedSession(used, allowed.rows[rows[merged.first]], remarks, n_training), expanded_lengths(known, used)
+    return CheckedSession(used, allowed.rows[rows[merged.first]], found, n_training), expanded_lengths(known, used)
 
 
 def training_remarks(model: Compensator, n_known: int, n: int) -> tuple[str, ...]:

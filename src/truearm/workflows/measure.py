@@ -109,7 +109,11 @@ def measure(
     check_draws(n_arms, seed)
     given, readings = to_model_and_session(model, session)
     fitted = model_of_tip_of(given, readings)
-    remarks = [*check_angles_fit(readings, fitted.arm), *payload_remarks(fitted, readings), *model_remarks(fitted)]
+    remarks = [
+        *map(str, check_angles_fit(readings, fitted.arm)),
+        *payload_remarks(fitted, readings),
+        *model_remarks(fitted),
+    ]
     if inputs := fitted.inputs_outside_training(readings):
         remarks.append(f"{describe_outside(inputs, fitted.training_, readings)}; errors may be larger there.")
     groups, unnamed = _by_seat(readings)

@@ -114,7 +114,7 @@ def predict(
 def _reading_remarks(model: Compensator, readings: Session) -> tuple[str, ...]:
     read = with_read_angles(model.arm_, readings)
     return (
-        *check_angles_fit(readings, model.arm),
+        *map(str, check_angles_fit(readings, model.arm)),
         *doubt_about_angles(model.training_, read.angles, model.arm_.chain.is_prismatic),
         *payload_remarks(model, readings),
     )

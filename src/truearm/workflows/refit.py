@@ -99,7 +99,7 @@ def refit(
     n_allowed = len(allowed.session)
     rows = np.arange(n_allowed) if n_readings is None else stratified_rows(allowed.session, n_readings, seed=seed)
     used = allowed.session if n_readings is None else allowed.session.rows(rows)
-    between, length_remarks = session_lengths(lengths, given, used)
+    between, of_lengths = session_lengths(lengths, given, used)
     new = refit_model(known, used, free=parts, lengths=between, progress=progress)
     of_means = allowed.rows[rows[merge_repeats(used).first]]
     _, covariance = new.predict_readings(new.at(allowed.session), return_cov=True)
@@ -113,7 +113,7 @@ def refit(
         remarks=(
             *acceptance_remarks(accept),
             *allowed.remarks,
-            *length_remarks,
+            *map(str, of_lengths),
             *_remarks(known, new, parts, len(used), len(given)),
         ),
     )

@@ -212,7 +212,7 @@ def report(
     large = LargeSession.open(str(session)) if is_large(session) else None
     first, readings = to_model_and_session(first_model, session if large is None else large.sample())
     n_sample = len(readings)
-    remarks = [*check_angles_fit(readings, first.arm)]
+    remarks = [*map(str, check_angles_fit(readings, first.arm))]
     compared = with_reference(readings, first.arm, purpose="compare with")
     readings = compared.session
     if lengths is not None and readings.points is not None:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import floor, isnan, log10
+from math import isnan
 
+from truearm.findings import format_mm as format_mm
 from truearm.readings import LengthSummary
 
 # Outliers and other details that are printed one by one; `to_dict` has all of them.
@@ -29,12 +30,6 @@ def number_of(n: int, noun: str = "reading") -> str:
 def agree(n: int, of_many: str) -> str:
     """A verb for a number of things: is, was, has; "are", "were", "have" of many."""
     return {"are": "is", "were": "was", "have": "has"}[of_many] if n == 1 else of_many
-
-
-def format_mm(value: float) -> str:
-    """A length in mm with two significant digits, and no digit below 10 nm."""
-    decimals = 2 if value <= 0 else min(max(1 - floor(log10(value)), 0), 5)
-    return f"{value:.{decimals}f} mm"
 
 
 def compare_with_nominal(error: float, nominal: float) -> str:

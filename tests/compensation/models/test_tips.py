@@ -12,7 +12,7 @@ from truearm.compensation.models import KinematicModel, NetworkModel, NominalMod
 from truearm.compensation.models.model_file import load_model
 from truearm.compensation.models.refit import refit
 from truearm.errors import InputError
-from truearm.identification.estimation.tip_offsets import describe_tips, tip_offsets
+from truearm.identification.estimation.tip_offsets import tip_offsets, what_tips_show
 from truearm.identification.terms import OfTip
 from truearm.readings import Session, read_session, write_session
 from truearm.workflows.fit import fit
@@ -64,13 +64,13 @@ def test_every_offset_is_found_within_its_uncertainty(real, model):
 
 
 def test_three_tips_not_in_a_line_determine_the_flange(real, model, rng):
-    assert "determine the orientation of the flange" in describe_tips(model.fit_, model.tips_)
+    assert "determine the orientation of the flange" in str(*what_tips_show(model.fit_, model.tips_))
     two = KinematicModel(real.arm).fit_readings(measured(real, rng, poses=12, names=("N1", "N2")))
-    assert "They are in a line" in describe_tips(two.fit_, two.tips_)
+    assert "They are in a line" in str(*what_tips_show(two.fit_, two.tips_))
     one = measured(real, rng, poses=12, names=("N1", "N1"), std=0.1)
     one = replace(one, tip=np.tile(["N1", "N2"], 12))
     near = NominalModel(real.arm).fit_readings(one)
-    assert "in one place within their uncertainty" in describe_tips(near.fit_, near.tips_)
+    assert "in one place within their uncertainty" in str(*what_tips_show(near.fit_, near.tips_))
 
 
 def test_a_refit_of_the_tip_takes_the_name_of_a_new_one(real, model, rng):

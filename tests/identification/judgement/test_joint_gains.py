@@ -7,7 +7,7 @@ import pytest
 
 import truearm as ta
 from truearm.arm import chain_from_dh
-from truearm.identification.judgement.joint_gains import describe_gains
+from truearm.identification.judgement.joint_gains import identified_gains
 from truearm.identification.references.prepared_readings import PreparedReadings
 from truearm.identification.terms.catalogue import JOINT_COMPLIANCE, JOINT_GAINS, gains, gravity
 
@@ -58,8 +58,10 @@ def test_an_arm_with_gains_ends_at_the_noise(tmp_path):
         value, std = found[f"J{joint} gain"]
         assert abs(value - GAINS[joint - 1]) < 4 * std < 0.02
     assert mean_error(result.model, test) < NOISE_MM  # of 3 coordinates the noise is 1.6 mm
-    assert describe_gains(fit) in result.remarks
-    assert "J2 by -3" in describe_gains(fit)
+    (found,) = identified_gains(fit)
+    assert found in result.findings
+    assert "J2 by -3" in str(found)
+    assert round(found.numbers["J2_percent"]) == -3
     sent = ta.correct(result.model, training.angles[2:5] / 2)
     assert not sent.refused.any(), sent.reasons
     exported = ta.export(result.model, tmp_path / "m.json")  # which reads the file again at its check poses

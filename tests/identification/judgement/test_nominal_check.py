@@ -64,7 +64,7 @@ def test_a_right_arm_misses_by_less_than_usual(session):
     check = KinematicModel(ARM).fit_readings(session).nominal_check_
     assert check.ratio < 0.2
     assert check.is_usual
-    assert check.remark() is None
+    assert check.findings() == ()
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ import truearm as ta
 from truearm.arm import load_arm
 from truearm.compensation.models import KinematicModel, PhysicalModel
 from truearm.errors import InputError
-from truearm.identification.judgement.stated_uncertainty import describe_stated_uncertainty, stated_ratio
+from truearm.identification.judgement.stated_uncertainty import stated_ratio, unlike_stated_uncertainty
 from truearm.readings import Session
 
 ARM = load_arm("gao2017")
@@ -42,7 +42,7 @@ def test_micrometres_entered_as_millimetres_are_refused_at_every_door(session):
 @pytest.mark.parametrize("factor", [0.5, 1.0, 2.0])
 def test_a_right_one_is_not_questioned(session, factor):
     model = KinematicModel(ARM).fit_readings(stating(session, factor))
-    assert describe_stated_uncertainty(model.fit_) is None
+    assert unlike_stated_uncertainty(model.fit_) == ()
     # What the arm does is part of the scatter.
     assert 0.1 * factor < stated_ratio(model.fit_) < 1.3 * factor
 
@@ -76,4 +76,4 @@ def test_one_in_metres_is_said(session):
 def test_without_a_stated_uncertainty_nothing_is_judged(session):
     model = KinematicModel(ARM).fit_readings(replace(session, point_std=None))
     assert stated_ratio(model.fit_) is None
-    assert describe_stated_uncertainty(model.fit_) is None
+    assert unlike_stated_uncertainty(model.fit_) == ()

@@ -27,6 +27,7 @@ from truearm.compensation.models.model_archive import model_bytes
 from truearm.compensation.models.training_conditions import TrainingConditions
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
+from truearm.findings import NO_FINDINGS
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.residual_variance import NONE_HELD_OUT
 from truearm.identification.estimation.tip_offsets import of_one_tip
@@ -106,6 +107,8 @@ class Compensator(Regressor, ABC):
         Names of the tips on the flange, in the order of the readings (see `with_tip`); empty if none was named.
     accepted_ : tuple of Acceptance
         Contradictions in its readings that a person accepted (see `truearm.accepting`).
+    findings_ : tuple of Finding
+        What a person must know of what was identified; not in a model file.
     repeating_share_ : float
         Share of the residual variance that is the same at the same pose; the rest is the noise of one reading
         (`truearm.identification.judgement.repeating_residuals`). 1/2 where it is not known, and of older files.
@@ -132,6 +135,7 @@ class Compensator(Regressor, ABC):
 
     tail_freedom_ = float("inf")
     nominal_check_ = UNCHECKED
+    findings_ = NO_FINDINGS
     held_out_ = NONE_HELD_OUT
     held_out_gross_ = NONE_HELD_OUT
     held_out_distances_ = NONE_HELD_OUT
@@ -411,6 +415,11 @@ class Compensator(Regressor, ABC):
         """The identified arm in the model, with its residuals; None where there is none."""
         fit: IdentificationResult | None = getattr(self, "fit_", None)
         return fit
+
+    @property
+    def identifies_constants(self) -> bool:
+        """Whether it has an arm of its own constants: not a network, nor a model with the nominal arm as it is."""
+        return self.identified_arm is not None and self.kind != "nominal"
 
     def facts(self) -> dict[str, Any]:
         """What records state of the model, beside its errors and its terms."""

@@ -12,7 +12,7 @@ from truearm.arm.arm import Arm
 from truearm.compensation.models.compensator import CheckedReadings, Compensator
 from truearm.compensation.models.estimator import check_network_options
 from truearm.compensation.models.identified_model import IdentifiedModel, KinematicModel, NominalModel
-from truearm.compensation.models.residual_inputs import ResidualInputs
+from truearm.compensation.models.residual_inputs import ResidualInputs, clock
 from truearm.compensation.nets.committee import Committee, train_committee, train_member
 from truearm.compensation.nets.perceptron import Perceptron
 from truearm.errors import InputError
@@ -31,6 +31,8 @@ from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray, IntArray
 
 ARM_MODELS: dict[str, type[IdentifiedModel]] = {"nominal": NominalModel, "kinematic": KinematicModel}
+# Findings of the arm that its networks do not change.
+OF_THE_CONSTANTS = ("joint gains", "joint sign")
 # Residuals of this many root mean squares are 1 as targets of the networks.
 TARGET_STDS = 3.0
 # Least root mean square of residuals [mm]: an arm that reproduces all points leaves nothing to scale by.
@@ -139,6 +141,11 @@ class HybridModel(Compensator):
         self.fit_seconds_ = time.perf_counter() - begun
         return self
 
+    @property
+    def identifies_constants(self) -> bool:
+        """See `Compensator.identifies_constants`."""
+        return super().identifies_constants and self.arm_model != "nominal"
+
     def facts(self) -> dict[str, Any]:
         """See `Compensator.facts`."""
         committee = self.committee_
@@ -193,8 +200,11 @@ class HybridModel(Compensator):
         del placed
         assert isinstance(simpler, IdentifiedModel)  # see `learn`
         self.fit_ = simpler.fit_
+        self.findings_ = tuple(one for one in simpler.findings_ if one.what in OF_THE_CONSTANTS)
         learned = self._prepare_residuals(readings.session, simpler)
         self.inputs_, self.target_scale_mm_ = learned.of, learned.scale_mm
+        if readings.session.temperature_degC is not None and not self.inputs_.has_temperature:
+            self.findings_ += clock(readings.session.temperature_degC)
         n_folds = int(learned.fold.max()) + 1
         progress(0, f"network 1 of {n_folds}")
         self.committee_, outputs = train_committee(

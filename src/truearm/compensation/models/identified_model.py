@@ -152,6 +152,7 @@ class IdentifiedModel(Compensator):
         self.held_out_distances_ = found.held_out_distances
         self.held_out_errors_, self.birge_ratio_ = found.held_out_errors, found.birge_ratio
         self.tail_freedom_, self._unexplained = found.tail_freedom, found.unexplained
+        self.findings_ = found.findings
         for name in JUDGED_LATE:  # of an earlier fit
             vars(self).pop(name, None)
         self.residual_process_, self.refit_reading_ids_ = found.residual_process, np.zeros(0)

@@ -128,7 +128,7 @@ def refit(
     _refuse_another_arm(known, placed, new, set_up)
     new.variance_function_ = new.with_nominal_growth(new.variance_function_, new.residual_std_)
     new.held_out_, new.held_out_gross_, new.held_out_distances_ = NONE_HELD_OUT, NONE_HELD_OUT, NONE_HELD_OUT
-    new.held_out_errors_ = None
+    new.held_out_errors_, new.findings_ = None, ()
     new.accepted_ = accepted(known.accepted_)
     new.fit_seconds_ = time.perf_counter() - begun
     return new

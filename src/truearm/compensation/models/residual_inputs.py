@@ -10,6 +10,7 @@ import numpy as np
 from truearm.compensation.models.training_conditions import LEAST_TURN, TrainingConditions
 from truearm.compensation.nets.scaling import MinMaxScaler
 from truearm.errors import InputError
+from truearm.findings import Finding
 from truearm.typing import BoolArray, FloatArray, IntArray
 
 # An input with a smaller range does not vary [rad of an angle, its cosine or sine; mm].
@@ -96,6 +97,12 @@ def follows_order(temperature_degC: FloatArray) -> bool:
     """
     between = float((np.diff(temperature_degC) ** 2).mean())
     return between < 2 * LEAST_SHARE_BETWEEN * float(np.var(temperature_degC))
+
+
+def clock(temperature_degC: FloatArray) -> tuple[Finding, ...]:
+    """That temperatures are no input of networks, as they follow the order of the readings; else nothing."""
+    said = "The temperature follows the order of the readings: networks would learn it as a clock. It is no input of "
+    return (Finding("temperature order", f"{said}theirs."),) if follows_order(temperature_degC) else ()
 
 
 def moves(angles: FloatArray, is_prismatic: BoolArray) -> bool:

@@ -10,7 +10,7 @@ decide nothing. A reading that a model takes for a gross error counts all the sa
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from typing import Any, NamedTuple, TypeAlias
@@ -24,12 +24,16 @@ from truearm.compensation.models.identified_model import (
     KinematicModel,
     NominalModel,
     PhysicalModel,
+    to_identified,
 )
+from truearm.compensation.models.model_findings import model_findings, training_errors
 from truearm.compensation.models.residual_inputs import moves
+from truearm.findings import Finding, format_mm
 from truearm.identification.estimation.residual_variance import HeldOutReadings
 from truearm.identification.identify import Progress
 from truearm.identification.judgement.frame_changes import SessionChange, frame_changes
 from truearm.identification.judgement.gross_errors import excluded_readings
+from truearm.identification.judgement.outliers import Outlier, length_outliers, outliers
 from truearm.identification.judgement.paired_comparison import exceeds, group_means, selected, trimmed_mean
 from truearm.identification.references.prepared_readings import PreparedReadings
 from truearm.identification.terms import Term
@@ -76,12 +80,12 @@ class ModelScore:
 
 
 class Selection(NamedTuple):
-    """The selected model and those that it was compared with.
+    """A model, those that it was compared with, and what a person must know of it.
 
     Attributes
     ----------
     model : Compensator
-        Fitted to all readings.
+        Fitted to all readings; without an arm one that knows none.
     table : tuple of ModelScore
         All candidates, the simplest first; empty where no reading could be held out, and the nominal arm is kept.
     why_no_hybrid : str or None
@@ -91,6 +95,15 @@ class Selection(NamedTuple):
     arm_model : Compensator
         The model whose constants show how the readings scatter: the selected one, of a nominal or hybrid model the
         kinematic one; the nominal model where no other was fitted.
+    findings : tuple of Finding
+        What a person must know of the model.
+    training : dict or None
+        Errors on the readings, without those excluded as gross errors: of points, or of the scatter in seats, or of
+        distances to anchors; None without any of these.
+    outliers : tuple of Outlier
+        Readings whose residual is too large, the largest first; rows are those of the readings.
+    length_outliers : tuple of Outlier
+        Known lengths that contradict the other data.
     """
 
     model: Compensator
@@ -98,6 +111,10 @@ class Selection(NamedTuple):
     why_no_hybrid: str | None
     changes: tuple[SessionChange, ...]
     arm_model: Compensator
+    findings: tuple[Finding, ...]
+    training: Mapping[str, Any] | None
+    outliers: tuple[Outlier, ...]
+    length_outliers: tuple[Outlier, ...]
 
 
 def select_model(
@@ -145,7 +162,7 @@ def select_model(
         return lambda _, note: None if progress is None else progress(done, f"{name}: {note}")
 
     if not len(nominal.held_out_.rows):
-        return Selection(nominal, (), None, _changes(nominal, readings), nominal)
+        return _selection(nominal, nominal, readings, nominal=nominal, changes=_changes(nominal, readings))
     models: dict[str, IdentifiedModel] = {"nominal": nominal}
     options: dict[str, dict[str, Any]] = {"physical": {"residual": residual, "terms": terms}}
     for name, kind in CANDIDATES.items():
@@ -160,11 +177,81 @@ def select_model(
     table = _scores(compared)
     kept = next(score.name for score in table if score.kept)
     shows = models["physical" if kept == "physical" else "kinematic"]
-    return Selection(compared[kept], table, why_no_hybrid, changes, shows)
+    return _selection(
+        compared[kept], shows, readings, nominal=nominal, table=table, why_no_hybrid=why_no_hybrid, changes=changes
+    )
 
 
-def _changes(model: IdentifiedModel, readings: PreparedReadings) -> tuple[SessionChange, ...]:
-    return tuple(frame_changes(model.fit_, model.session_frames_, readings.given))
+def fit_chosen(
+    chosen: Compensator, nominal: NominalModel | None, readings: PreparedReadings, *, progress: Progress | None
+) -> Selection:
+    """The model that a person chose, compared with no other; without a nominal model a network, which needs none."""
+    if nominal is None:
+        fitted = chosen.learn(readings, progress=progress)
+        return _selection(fitted, fitted, readings)
+    fitted = nominal
+    if chosen.kind != "nominal":
+        # A model without weights of outliers places its own nominal arm.
+        fitted = chosen.learn(readings, progress=progress, nominal=nominal if chosen.robust else None)
+    arm_model = fitted
+    if fitted.identified_arm is None:
+        # A network has no residuals of a rigid frame: those of the arm's constants show what changed.
+        arm_model = KinematicModel(nominal.arm, free=nominal.free).learn(readings, nominal=nominal)
+    return _selection(fitted, arm_model, readings, nominal=nominal, changes=_changes(arm_model, readings))
+
+
+def _changes(model: Compensator, readings: PreparedReadings) -> tuple[SessionChange, ...]:
+    assert model.identified_arm is not None
+    return tuple(frame_changes(model.identified_arm, model.session_frames_, readings.given))
+
+
+def _selection(
+    model: Compensator,
+    arm_model: Compensator,
+    readings: PreparedReadings,
+    *,
+    nominal: NominalModel | None = None,
+    table: tuple[ModelScore, ...] = (),
+    why_no_hybrid: str | None = None,
+    changes: tuple[SessionChange, ...] = (),
+) -> Selection:
+    """A model that is kept, with all that a person must know of it."""
+    at, identified, arm = model.judged().at(readings.given), to_identified(model), model.identified_arm
+    found = [*model_findings(model, arm_model, readings), *held_out_findings(model, nominal)]
+    if why_no_hybrid is not None:
+        found.append(Finding("hybrid model", f"The hybrid model was not compared: {why_no_hybrid}."))
+    found += [Finding("change", str(one), {"shift_mm": one.change.shift_mm}) for one in changes]
+    return Selection(
+        model,
+        table,
+        why_no_hybrid,
+        changes,
+        arm_model,
+        tuple(found),
+        training_errors(model, at, readings.lengths),
+        () if arm is None else tuple(outliers(arm)),
+        () if identified is None else tuple(length_outliers(identified.fit_, at.state, readings.references)),
+    )
+
+
+def held_out_findings(model: Compensator, nominal: NominalModel | None) -> Iterator[Finding]:
+    """What readings held out say against a model."""
+    if nominal is None:
+        said = (
+            "Without an arm nothing is compared with nominal points, and no change during the readings is looked for."
+        )
+        yield Finding("no arm", said)
+    elif not len(nominal.held_out_.rows):
+        kept = "; the nominal arm is kept, --model kinematic fits the others" if model.kind == "nominal" else ""
+        said = f"No reading can be held out of the others, so models cannot be compared{kept}: measure more poses."
+        yield Finding("held-out errors", said)
+    elif (worse := worse_than_nominal(model, nominal)) is not None:
+        own, drawn = map(format_mm, worse)
+        said = (
+            f"{own} on readings held out, the nominal arm {drawn}: these readings do not show what the {model.kind} "
+            "model learned from them. Use the nominal arm (--model auto selects the better one), or measure more poses."
+        )
+        yield Finding("held-out errors", said, dict(zip(("model_mm", "nominal_mm"), worse, strict=True)))
 
 
 def worse_than_nominal(model: Compensator, nominal: NominalModel) -> tuple[float, float] | None:

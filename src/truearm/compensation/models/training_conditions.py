@@ -6,7 +6,7 @@ The readings that it was fitted to are recognised in other files by what was mea
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, ClassVar, Self
@@ -14,8 +14,10 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from scipy.spatial import cKDTree
 
+from truearm.arm.chain import Chain
 from truearm.choices import Conditions
 from truearm.errors import InputError
+from truearm.findings import Finding
 from truearm.identification.judgement.expansion_prior import LAG_K
 from truearm.identification.judgement.thermal_lag import TIME_CONSTANTS, lagging_temperatures, most_lag_K
 from truearm.readings.checks import MAX_SKIPPED_SHARE
@@ -380,6 +382,19 @@ class TrainingConditions:
         if self.known is None or self.readings_per_known == 1:
             return self.among(readings, prismatic)
         return self.known.of_refits.among(readings, prismatic)
+
+    def still_joints(self, chain: Chain) -> Iterator[Finding]:
+        """Joints that moved too little in the training for their own errors to be identified."""
+        for joint, travel in enumerate(np.ptp(self.angle_ranges, axis=1)):
+            slides = chain.is_prismatic[joint]
+            if travel >= (LEAST_TRAVEL_MM if slides else LEAST_TURN) or not chain.is_read[joint]:
+                continue
+            least = f"{LEAST_TRAVEL_MM:g} mm" if slides else f"{np.degrees(LEAST_TURN):.0f} degree"
+            said = (
+                f"J{joint + 1} moves by less than {least} (if it did move, its column is wrong): its own errors are "
+                "not identified, and points with it elsewhere are as uncertain as the drawing."
+            )
+            yield Finding("still joint", said, {"joint": joint + 1, "travel": float(travel)})
 
     @property
     def readings_per_known(self) -> float:

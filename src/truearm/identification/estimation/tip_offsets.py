@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from truearm.errors import InputError
+from truearm.findings import Finding
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.references.tips import listed_tips
@@ -29,26 +30,26 @@ def tip_offsets(fit: IdentificationResult, tips: tuple[str, ...]) -> FloatArray:
     return np.stack(list(offsets.values())) if offsets else np.zeros((0, 3))
 
 
-def describe_tips(fit: IdentificationResult, tips: tuple[str, ...]) -> str | None:
-    """What several tips determine together; None for one."""
+def what_tips_show(fit: IdentificationResult, tips: tuple[str, ...]) -> tuple[Finding, ...]:
+    """What several tips determine together; nothing for one."""
     if len(tips) < 2:
-        return None
+        return ()
     offsets = tip_offsets(fit, tips)
     apart = offsets - offsets.mean(axis=0)
     across = np.linalg.svd(apart, compute_uv=False)
     is_plane = len(tips) > 2 and across[1] > IN_LINE_SHARE * across[0]
     farthest = float(np.linalg.norm(offsets[:, None] - offsets, axis=2).max())
+    said = f"The model has {len(tips)} tips ({listed_tips(tips)}), "
     if farthest <= COVERAGE * _largest_offset_std(fit):
-        return (
-            f"The model has {len(tips)} tips ({listed_tips(tips)}), in one place within their uncertainty: their "
-            "points show no rotation of the flange."
+        said += "in one place within their uncertainty: their points show no rotation of the flange."
+    else:
+        said += f"up to {farthest:.1f} mm apart. "
+        said += (
+            "Three of them are not in a line: their points determine the orientation of the flange."
+            if is_plane
+            else "They are in a line: no point shows a rotation of the flange about it."
         )
-    shown = (
-        "Three of them are not in a line: their points determine the orientation of the flange."
-        if is_plane
-        else "They are in a line: no point shows a rotation of the flange about it."
-    )
-    return f"The model has {len(tips)} tips ({listed_tips(tips)}), up to {farthest:.1f} mm apart. {shown}"
+    return (Finding("tips", said, {"n": len(tips), "farthest_mm": farthest}),)
 
 
 def _largest_offset_std(fit: IdentificationResult) -> float:

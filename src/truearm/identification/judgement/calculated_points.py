@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from truearm.findings import Finding
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.references.prepared_readings import PreparedReadings
 
@@ -14,10 +15,10 @@ OF_DRAWING = 1.25 * 0.01 / np.sqrt(12)
 OF_ANY_ARM = 1e-3
 
 
-def describe_calculated(
+def calculated_points(
     readings: PreparedReadings, nominal: IdentificationResult, identified: IdentificationResult
-) -> str | None:
-    """That points agree with an arm as no measured ones do, in a sentence; None where they do not.
+) -> tuple[Finding, ...]:
+    """That points agree with an arm as no measured ones do; nothing where they do not.
 
     Parameters
     ----------
@@ -26,13 +27,14 @@ def describe_calculated(
         The nominal arm, and the one with its constants: controllers know those of their own arm.
     """
     if readings.given.points is None or nominal.references[0].kind != "point":
-        return None
+        return ()
     for name, fit, most in (("nominal", nominal, OF_DRAWING), ("identified", identified, OF_ANY_ARM)):
         residuals, freedom = fit.references[0].residuals, fit.residual_freedom(readings.references)
         if freedom >= residuals.size / 2 and (rms := float(np.sqrt((residuals**2).sum() / freedom))) <= most:
-            return (
+            said = (
                 f"The points agree with the {name} arm to {rms:.1g} mm, their own rounding: they are calculated from "
                 "the angles, as controllers do, not measured. What is fitted to them says nothing of the arm: name the "
                 "columns of the instrument."
             )
-    return None
+            return (Finding("calculated points", said, {"rms_mm": rms}),)
+    return ()

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from truearm.findings import Finding
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.judgement.structure import contrasts
 from truearm.identification.references.references import Reference
@@ -65,12 +66,15 @@ def gains_asked(
     return offered if is_asked else []
 
 
-def describe_gains(fit: IdentificationResult) -> str | None:
-    """The gains that were identified, in one sentence; None without any."""
+def identified_gains(fit: IdentificationResult) -> tuple[Finding, ...]:
+    """The gains that were identified, in one sentence; nothing without any."""
     chain = fit.perturbed_chain
-    found = [
-        f"{term.name.removesuffix(' gain')} by {100 * fit.coefficients[columns[0]]:+.2g} %"
+    found = {
+        term.name.removesuffix(" gain"): 100 * float(fit.coefficients[columns[0]])
         for term, columns in zip(chain.terms, chain.columns, strict=True)
         if term.group == JOINT_GAINS
-    ]
-    return f"Angles are wrong in proportion, as those of servos are: {', '.join(found)}." if found else None
+    }
+    said = ", ".join(f"{joint} by {percent:+.2g} %" for joint, percent in found.items())
+    numbers = {f"{joint}_percent": percent for joint, percent in found.items()}
+    whole = f"Angles are wrong in proportion, as those of servos are: {said}."
+    return (Finding("joint gains", whole, numbers),) if found else ()

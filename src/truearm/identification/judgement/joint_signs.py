@@ -10,7 +10,7 @@ moment p. It hardly moves the tip where readings are, and by up to 2 r elsewhere
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
@@ -19,6 +19,7 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.special import expit
 
+from truearm.findings import Finding
 from truearm.identification.estimation.identification import linearised_about, select_evenly
 from truearm.identification.estimation.identification_result import IdentificationResult, TermGroupResult
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
@@ -131,9 +132,8 @@ def without_unshown_signs(fit: IdentificationResult) -> tuple[IdentificationResu
     return replace(fit.select(lambda term: term.group != GROUP), groups=groups), signs
 
 
-def describe_signs(fit: IdentificationResult) -> list[str]:
-    """A sentence for each joint whose sign the readings do not show."""
-    said = []
+def signs_not_shown(fit: IdentificationResult) -> Iterator[Finding]:
+    """A finding for each joint whose sign the readings do not show."""
     for term in fit.perturbed_chain.terms:
         if term.group == GROUP and term.name.endswith(ALONG):
             joint, variance = term.name.split()[0], float(term.prior_stds[0] ** 2)
@@ -142,12 +142,11 @@ def describe_signs(fit: IdentificationResult) -> list[str]:
             what += f"{odds:.2g} to 1)" if odds > 1 else f"1 to {1 / odds:.2g})"
             if odds * LEAST_ODDS > 1:
                 what = f"{joint} seems to turn the other way (odds {odds:.0f} to 1)"
-            said.append(
-                f"{what}: it hardly moves the tip, and the uncertainty contains both signs. Turn it by hand and "
-                "compare its sign with the drawing, or measure with a tip farther from its axis, or with "
-                f"{joint} turned further."
+            what += (
+                ": it hardly moves the tip, and the uncertainty contains both signs. Turn it by hand and compare its "
+                f"sign with the drawing, or measure with a tip farther from its axis, or with {joint} turned further."
             )
-    return said
+            yield Finding("joint sign", what, {"odds": odds})
 
 
 def _terms(joint: int, offset: FloatArray, std: float) -> tuple[Term, Term]:

@@ -26,6 +26,7 @@ import numpy as np
 
 from truearm.acceptance import contradict
 from truearm.arm.arm import Arm
+from truearm.findings import Finding
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.problem import ABSOLUTE
 from truearm.identification.estimation.residual_variance import LEAST_FREEDOM
@@ -118,10 +119,11 @@ class LengthScale:
         least = max(LEAST_SCALE, arm.nominal_error_mm / arm.chain.reach)
         return abs(self.share) > least and self.log_odds >= VERY_STRONG
 
-    def remark(self, arm: Arm) -> str | None:
-        """What a person must know of a scale that an arm may have; None if it is none by its uncertainty."""
+    def findings(self, arm: Arm) -> tuple[Finding, ...]:
+        """What a person must know of a scale that an arm may have; nothing if it is none by its uncertainty."""
         is_said = abs(self.share) > max(SURE * self.u, LEAST_SAID) and not self.is_contradicted(arm)
-        return f"All {self}: the arm is warm, or the scale of the reference is off." if is_said else None
+        said = f"All {self}: the arm is warm, or the scale of the reference is off."
+        return (Finding("length scale", said, {"share": self.share, "u": self.u}),) if is_said else ()
 
     def __str__(self) -> str:
         percent, u = (f"{100 * value:.{_decimals(100 * self.u)}f} %" for value in (abs(self.share), self.u))

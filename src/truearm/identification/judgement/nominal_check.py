@@ -32,6 +32,7 @@ from truearm.arm.arm import Arm
 from truearm.arm.joint_zeros import COLUMNS, table_changes
 from truearm.arm.nearest_table import drawn_convention, drawn_table, nearest_table
 from truearm.errors import InputError
+from truearm.findings import Finding
 from truearm.identification.estimation.identification import initial_problem
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.linearisation import eliminate_unknowns, linearised
@@ -273,19 +274,21 @@ class NominalCheck:
         """Whether a mistake in the arm file or in the readings explains them better."""
         return self.description is not None and bool(self.description.findings)
 
-    def remark(self) -> str | None:
-        """What a person must know of a plausible arm; None if nothing."""
+    def findings(self) -> tuple[Finding, ...]:
+        """What a person must know of a plausible arm."""
         if self.is_usual or self.identified is None or not self.is_plausible:  # an acceptance says so itself
-            return None
+            return ()
         misses = (
             f"The nominal arm misses the readings by {self.error_mm:.3g} mm, {self.ratio:.1f} times as much as nominal "
             "arms usually do"
         )
         if self.sagging is not None:
-            return f"{misses}: its {self.sagging}, and {self.sagging.error_mm:.2g} mm remain (--model physical)."
-        if not self.identified.zeros and self.error_mm <= MOST_BY_NOISE * self.left.distance_mm:
-            return None  # it is noise, which the readings' scatter says
-        return f"{misses}; with its constants identified {self.left.distance_mm:.2g} mm remain. {self.identified}"
+            misses += f": its {self.sagging}, and {self.sagging.error_mm:.2g} mm remain (--model physical)."
+        elif not self.identified.zeros and self.error_mm <= MOST_BY_NOISE * self.left.distance_mm:
+            return ()  # it is noise, which the readings' scatter says
+        else:
+            misses += f"; with its constants identified {self.left.distance_mm:.2g} mm remain. {self.identified}"
+        return (Finding("nominal arm", misses, {"error_mm": self.error_mm, "usual_mm": self.usual_mm}),)
 
 
 UNCHECKED = NominalCheck(float("nan"), float("nan"))

@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from truearm.findings import Finding
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.residual_variance import LEAST_FREEDOM
 from truearm.identification.references.prepared_readings import PreparedReadings
@@ -94,20 +95,22 @@ def check_stated_uncertainty(
         )
 
 
-def describe_stated_uncertainty(fit: IdentificationResult) -> str | None:
-    """What a person must know of the stated uncertainties of the points; None if they may be right."""
+def unlike_stated_uncertainty(fit: IdentificationResult) -> tuple[Finding, ...]:
+    """What a person must know of the stated uncertainties of the points; nothing if they may be right."""
     ratio = stated_ratio(fit)
     if ratio is None or 1 / MOST_SCATTER < ratio < SUSPECT_RATIO:
-        return None
+        return ()
     if ratio > 1:
-        return (
+        said = (
             f"The stated uncertainty of the reference points is {ratio:.0f} times their scatter{_mistake(ratio)}. "
             "Check its unit: readings with an overstated uncertainty determine fewer constants."
         )
-    return (
-        f"The reference points scatter {1 / ratio:.0f} times as much as their stated uncertainty"
-        f"{_mistake(ratio)}. Check its unit; if it is right, nearly all of the scatter is the arm's."
-    )
+    else:
+        said = (
+            f"The reference points scatter {1 / ratio:.0f} times as much as their stated uncertainty"
+            f"{_mistake(ratio)}. Check its unit; if it is right, nearly all of the scatter is the arm's."
+        )
+    return (Finding("stated uncertainty", said, {"stated_over_scatter": ratio}),)
 
 
 def counts_rounding(readings: PreparedReadings, fit: IdentificationResult) -> bool:
@@ -116,30 +119,29 @@ def counts_rounding(readings: PreparedReadings, fit: IdentificationResult) -> bo
     return any(bool((part.std > reference.std).any()) for part, reference in parts)
 
 
-def describe_rounding(readings: PreparedReadings, fit: IdentificationResult) -> str | None:
-    """What rounding of the angles does to the tip, in a sentence; None if it does next to nothing."""
+def rounded_angles(readings: PreparedReadings, fit: IdentificationResult) -> tuple[Finding, ...]:
+    """What rounding of the angles does to the tip; nothing if that is next to nothing."""
     state = readings.state
     if state.angle_std is None:
-        return None
+        return ()
     slides, steps = state.chain.is_prismatic, np.sqrt(12) * state.angle_std
     units = {"deg": np.degrees(steps[~slides].max(initial=0.0)), "mm": steps[slides].max(initial=0.0)}
     said = " and ".join(f"{step:.3g} {unit}" for unit, step in units.items() if step)
     moved = tip_motion_mm(state.chain, state.angles, state.angle_std)
-    if counts_rounding(readings, fit):
-        if max(part.noise_std for part in fit.references) > moved:
-            return (
-                f"The angles have steps of {said}. Rounding to these would move the tip by {moved:.2g} mm (root mean "
-                "square), which is less than the readings scatter: they do not show whether it did. It counts as "
-                "uncertainty of the angles."
-            )
-        return (
+    would = (
+        f"The angles have steps of {said}. Rounding to these would move the tip by {moved:.2g} mm (root mean square), "
+    )
+    if not counts_rounding(readings, fit):
+        would += "which the readings do not show: truearm treats them as exact."
+    elif max(part.noise_std for part in fit.references) > moved:
+        would += "which is less than the readings scatter: they do not show whether it did. It counts as "
+        would += "uncertainty of the angles."
+    else:
+        would = (
             f"The angles are rounded to {said}: that alone moves the tip by {moved:.2g} mm (root mean square). It "
             "counts as uncertainty of the angles, not of the arm."
         )
-    return (
-        f"The angles have steps of {said}. Rounding to these would move the tip by {moved:.2g} mm (root mean square), "
-        "which the readings do not show: truearm treats them as exact."
-    )
+    return (Finding("rounded angles", would, {"moved_mm": moved}),)
 
 
 def _mistake(ratio: float) -> str:

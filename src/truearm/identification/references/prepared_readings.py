@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple, Self
 
 import numpy as np
 
 from truearm.arm.arm import Arm
-from truearm.identification.references.reading_references import as_of_one_tool, references_of, state_of
+from truearm.findings import Finding
+from truearm.identification.references.reading_references import (
+    MIN_READINGS_ON,
+    as_of_one_tool,
+    references_of,
+    state_of,
+    surfaces_with_too_few_readings,
+)
 from truearm.identification.references.references import Points, Reference
 from truearm.identification.references.rounded_angles import tip_motion_mm
 from truearm.identification.references.session_frames import rough_session_frames, to_first_session_frame
@@ -18,6 +25,7 @@ from truearm.identification.terms import ArmState
 from truearm.identification.terms.catalogue import relative_size
 from truearm.identification.terms.type_prior import TypePrior
 from truearm.readings.checks import check_sessions
+from truearm.readings.distances import bars_without_certificate
 from truearm.readings.lengths import Lengths
 from truearm.readings.rounding import rounding_steps
 from truearm.readings.session import Session
@@ -56,6 +64,8 @@ class PreparedReadings(NamedTuple):
         Whether outliers get a smaller weight.
     prior : TypePrior or None
         What arms of its type have in common, if that is known.
+    findings : tuple of Finding
+        What a person must know of the readings.
     """
 
     arm: Arm
@@ -69,6 +79,7 @@ class PreparedReadings(NamedTuple):
     tips: tuple[str, ...]
     robust: bool
     prior: TypePrior | None = None
+    findings: tuple[Finding, ...] = ()
 
     @classmethod
     def of(cls, arm: Arm, readings: Session, lengths: Lengths | None, *, free: tuple[str, ...], robust: bool) -> Self:
@@ -89,7 +100,8 @@ class PreparedReadings(NamedTuple):
         references = references_of(session, lengths)
         check_enough(references, readings)
         state = with_rounded_angles(state_of(arm, session))
-        return cls(arm, readings, session, state, references, lengths, determined, frames, tips, robust)
+        found = tuple(_findings(readings, lengths, list(frames)))
+        return cls(arm, readings, session, state, references, lengths, determined, frames, tips, robust, findings=found)
 
     def stretches(self, n: int, length: int) -> tuple[Self, IntArray] | None:
         """A number of stretches of consecutive readings, evenly spaced, as if there were no others; and their rows.
@@ -123,6 +135,23 @@ class PreparedReadings(NamedTuple):
             columns={name: float(values.mean()) for name, values in readings.columns.items()},
             direction=0.0,
         )
+
+
+def _findings(readings: Session, lengths: Lengths | None, frames: list[str]) -> Iterator[Finding]:
+    """What a person must know of readings before anything is identified from them."""
+    for kind, name, n in surfaces_with_too_few_readings(readings):
+        said = f"{kind} {name} has {n} usable readings; at least {MIN_READINGS_ON[kind]} are needed. Ignored."
+        yield Finding("few readings on", said, {"n": n})
+    if frames:
+        first, *others = frames
+        said = (
+            f"Each session has a frame of its own: coordinates are in that of session {first}, those of readings of "
+            f"{', '.join(others)} in theirs."
+        )
+        yield Finding("session frames", said, {"n": len(frames)})
+    yield from bars_without_certificate(readings)
+    if all(one is None for one in (readings.points, lengths, readings.sphere_distance, readings.distance_mm)):
+        yield Finding("size", "No reference point and no length is known: the arm keeps its nominal size.")
 
 
 def with_rounded_angles(state: ArmState) -> ArmState:

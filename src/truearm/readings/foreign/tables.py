@@ -377,7 +377,7 @@ def interpret_table(
         numbers=table.lines if table.place == "line" else None,
         by_line=table.place == "line",
     )
-    remarks += similar_names(session)
+    remarks += map(str, similar_names(session))
     _name_unread(table, columns, session, remarks)
     return ImportedTable(session, columns, tuple(scale.units(session.n_joints)), tuple(assumed), tuple(remarks))
 
