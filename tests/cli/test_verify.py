@@ -955,13 +955,6 @@ def test_the_page_names_every_column_and_what_tells_groups_apart():
         assert ("needed" in row) == (test in SIZE_TESTS)
 
 
-def test_the_examples_of_the_page_run(bench):
-    names: dict = {}
-    for example in blocks("python"):
-        exec(example, names)
-    assert names["sphere"].radius_mm == pytest.approx(12.5)
-
-
 def test_the_page_stands_beside_the_verdict_or_not_at_all(truearm, bench, snapshot):
     Path("points.csv").write_text(Made(too_large=60e-6).iso().text())
     ran = truearm(*options(), "--report", "page.html")
