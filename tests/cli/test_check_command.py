@@ -482,7 +482,10 @@ def test_the_documentation_shows_what_is_printed(course):
         day = int(re.search(r"day(\d\d)", command)[1])
         report = ["--report", "arm.html"] if day == len(CREEP) else []
         assert command == "$ truearm " + " ".join(arguments(day, *report))
-        assert without_numbers(course[day].out) == without_numbers(printed)
+        beginning, _, gap = printed.partition("...\n")
+        words, said = without_numbers(beginning), without_numbers(course[day].out)
+        assert words == (said[: len(words)] if "...\n" in printed else said)
+        assert not gap
 
 
 def test_the_documentation_shows_the_file_of_lengths():
