@@ -100,7 +100,7 @@ def test_on_pages_in_tables_and_in_documents(tmp_path):
     write_columns(tmp_path / "t.csv", {"seat": np.array([EVIL, "=1"])})
     assert not ACTS.search((tmp_path / "t.csv").read_text(encoding="utf-8"))
     assert not ACTS.search(xml_text(EVIL))
-    pytest.importorskip("fpdf", reason="pip install truearm[pdf] writes PDF files")
+    pytest.importorskip("typst", reason="pip install truearm[pdf] writes PDF files")
     pikepdf = pytest.importorskip("pikepdf", reason="pip install pikepdf[pdfa] checks PDF files")
     (tmp_path / "p.pdf").write_bytes(pdf_bytes(page, Paper(EVIL, (EVIL, EVIL), datetime.date(2026, 1, 5))))
     with pikepdf.open(tmp_path / "p.pdf") as document:

@@ -246,7 +246,7 @@ def test_without_confirmed_numbers_a_certificate_is_refused_or_marked(truearm, b
 
 def test_a_certificate_for_paper_has_the_one_for_machines_inside(truearm, bench, key):
     pikepdf = pytest.importorskip("pikepdf", reason="pip install pikepdf reads PDF files")
-    pytest.importorskip("fpdf", reason="pip install truearm[pdf] writes PDF files")
+    pytest.importorskip("typst", reason="pip install truearm[pdf] writes PDF files")
     Path("my-plan.toml").write_text(plan_text("iso10360-12"))
     ran = truearm(*ALL, "--unconfirmed", "--pdf", "certificate.pdf", "--sign", "key.pem", "--signer", "signer.pem")
     assert (ran.code, ran.err) == (0, "")

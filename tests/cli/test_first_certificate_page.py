@@ -33,7 +33,7 @@ def arrays(path):
 @pytest.fixture(scope="module")
 def laboratory(truearm, tmp_path_factory):
     """Folder where every command of the page was run and printed what the page shows."""
-    pytest.importorskip("fpdf", reason="the PDF of a certificate needs the extra pdf")
+    pytest.importorskip("typst", reason="the PDF of a certificate needs the extra pdf")
     folder = tmp_path_factory.mktemp("laboratory")
     with contextlib.chdir(folder), Path(os.devnull).open() as nobody, pytest.MonkeyPatch.context() as patch:
         patch.setattr(sys, "stdin", nobody)  # `record` reads commands there

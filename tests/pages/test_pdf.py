@@ -5,8 +5,6 @@ from __future__ import annotations
 import datetime
 import io
 import re
-import shutil
-import subprocess
 import zlib
 
 import numpy as np
@@ -23,7 +21,8 @@ from truearm.pages.paper import Attachment, Paper, read_logo
 from truearm.pages.pdf import pdf_bytes, write_pdf
 from truearm.pages.plotting import Figure
 
-pytest.importorskip("fpdf", reason="pip install truearm[pdf] writes PDF files")
+pytest.importorskip("typst", reason="pip install truearm[pdf] writes PDF files")
+pypdf = pytest.importorskip("pypdf", reason="pip install truearm[pdf] reads PDF files")
 pikepdf = pytest.importorskip("pikepdf", reason="pip install pikepdf[pdfa] checks PDF files")
 
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 10 4"><circle cx="2" cy="2" r="2" fill="#12407a"/></svg>'
@@ -64,13 +63,23 @@ def document(tmp_path_factory):
     return folder / "page.pdf"
 
 
-def test_a_judge_of_pdf_a_finds_nothing_but_what_it_does_not_know(document):
+def findings_of_a_judge(path):
+    """What pikepdf's judge finds, but for what it does not know.
+
+    It judges neither attached files nor CIDSets, expects level B of a document of level A, an array in place of a
+    reference to one, and does not know the XMP namespaces that ISO 19005-3, 6.6.2.3, permits: those of XMP itself
+    (the number of pages), and the description of others.
+    """
     pdfa = pytest.importorskip("pikepdf.pdfa", reason="pip install pikepdf[pdfa] checks PDF files")
-    found = pdfa.validate_written(document, "3b").findings
-    # It judges neither attached files nor the page to open first: the tests below do.
-    unknown = {"pikepdf:embedded-file", "pikepdf:schema-Catalog"}
-    assert [one for one in found if one.rule not in unknown or one.kind != "unsupported"] == []
-    assert all("/OpenAction" in one.where for one in found if one.rule == "pikepdf:schema-Catalog")
+    unknown = re.compile(
+        r"xmpTPg|pdfa(Extension|Schema|Property)\b|conformance is 'A', expected 'B'|^'\d+ 0 R' is not valid"
+    )
+    found = pdfa.validate_written(path, "3b").findings
+    return [one for one in found if one.kind != "unsupported" and not unknown.search(one.message)]
+
+
+def test_a_judge_of_pdf_a_finds_nothing_but_what_it_does_not_know(document):
+    assert findings_of_a_judge(document) == []
 
 
 def test_the_attached_file_is_the_source_of_the_document(document):
@@ -87,14 +96,15 @@ def test_the_attached_file_is_the_source_of_the_document(document):
 def test_it_states_what_it_is_and_brings_its_fonts_and_colours(document):
     with pikepdf.open(document) as pdf:
         meta = pdf.open_metadata()
-        assert (meta["pdfaid:part"], meta["pdfaid:conformance"]) == ("3", "B")
+        assert (meta["pdfaid:part"], meta["pdfaid:conformance"]) == ("3", "A")
         assert (meta["dc:title"], meta["dc:creator"]) == (made_up_page().title, ["Somebody"])
         (intent,) = pdf.Root.OutputIntents
         assert intent.S == "/GTS_PDFA1"
         assert intent.DestOutputProfile.N == 3
         assert not pdf.is_encrypted
         assert "/AA" not in pdf.Root
-        assert isinstance(pdf.Root.OpenAction, pikepdf.Array)  # a place on a page, not a script
+        assert "/OpenAction" not in pdf.Root
+        assert pdf.Root.MarkInfo.Marked
         fonts = [
             one for one in pdf.objects if isinstance(one, pikepdf.Dictionary) and one.get("/Type") == "/FontDescriptor"
         ]
@@ -107,32 +117,32 @@ def test_it_states_what_it_is_and_brings_its_fonts_and_colours(document):
         }
 
 
+def sheets_of(content):
+    """The text of each sheet."""
+    return [page.extract_text() for page in pypdf.PdfReader(io.BytesIO(content)).pages]
+
+
 def test_every_sheet_has_the_number_the_count_and_the_mark(document):
-    if shutil.which("pdftotext") is None:
-        pytest.skip("pdftotext of poppler-utils reads the text")
-    text = subprocess.run(["pdftotext", "-raw", document, "-"], capture_output=True, text=True, check=True).stdout
-    sheets = text.split("\f")[:-1]
+    sheets = sheets_of(document.read_bytes())
     assert len(sheets) > 2
     for number, sheet in enumerate(sheets, start=1):
         assert f"page {number} of {len(sheets)}" in sheet
         assert sheet.count("Document 7") >= 2
-        assert re.sub(r"\s", "", "a draft") in re.sub(r"\s", "", sheet)
+        assert "a draft" in sheet
     assert "Not good enough." in sheets[0]
     assert sum("value [mm]" in sheet for sheet in sheets) > 1  # heads are repeated
+    text = "".join(sheets)
     assert {f"row {i}" for i in range(90)} <= set(re.findall(r"row \d+", text))
     assert "It is open on paper." in text
 
 
-@pytest.mark.skipif(shutil.which("pdftotext") is None, reason="pdftotext of poppler-utils reads the sheets")
-def test_head_and_foot_can_be_read_on_a_sheet_that_ends_with_another_font(tmp_path):
+def test_a_heading_stays_with_its_figure(tmp_path):
     drawing = Drawing(figsize=(4, 5.6))
     filled = Section("Filled", "\n\n".join(["A line of text."] * 26))
     tall = Section("Drawn", figures=(Figure((drawing,), "Tall.", "tall"),))
     sections = (filled, Section("A heading alone"), tall)
     page = Page("A title", "", (), sections, (), PageVerdict("A verdict.", "bad", ""))
-    write_pdf(page, made_up_paper(signatures=()), tmp_path / "page.pdf")
-    text = subprocess.run(["pdftotext", "-layout", tmp_path / "page.pdf", "-"], capture_output=True, text=True).stdout
-    sheets = text.split("\f")[:2]
+    sheets = sheets_of(pdf_bytes(page, made_up_paper(signatures=())))
     assert ["A heading alone" in sheet for sheet in sheets] == [True, False]
     assert ["Drawn" in sheet for sheet in sheets] == [False, True]
     for number, sheet in enumerate(sheets, start=1):
@@ -151,18 +161,9 @@ def test_a_character_without_a_glyph_is_refused_and_nothing_is_written(tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 
-def sheets_of(content, folder):
-    """The text of each sheet, as it is laid out."""
-    if shutil.which("pdftotext") is None:
-        pytest.skip("pdftotext (poppler-utils) reads the text of sheets")
-    (folder / "read.pdf").write_bytes(content)
-    ran = subprocess.run(["pdftotext", "-layout", folder / "read.pdf", "-"], capture_output=True, text=True, check=True)
-    return ran.stdout.split("\f")[:-1]
-
-
 def test_names_of_files_with_other_characters_are_escaped(tmp_path):
     facts = (("\u6d4b.csv", "SHA-256 1"), ("a\nb\u00ad.csv", "SHA-256 2"), ("bad\udcff.csv", "SHA-256 3"))
-    text = "".join(sheets_of(pdf_bytes(Page("Title", facts=facts), made_up_paper()), tmp_path))
+    text = "".join(sheets_of(pdf_bytes(Page("Title", facts=facts), made_up_paper())))
     for name in ("\\u6d4b.csv", "a\\nb\\xad.csv", "bad\\udcff.csv"):
         assert name in text
 
@@ -174,7 +175,7 @@ def test_long_texts_neither_overlap_nor_are_refused(tmp_path):
     columns = (Column("name"), Column("value", "mm"), Column("text"), Column("text"))
     page = Page(number, sections=(Section("Values", tables=(Table(columns, rows, ""),)),))
     paper = made_up_paper(heading=number, signatures=people, issuer=("Somebody " * 60, "Somewhere"), mark="")
-    sheets = sheets_of(pdf_bytes(page, paper), tmp_path)
+    sheets = sheets_of(pdf_bytes(page, paper))
     assert sum(len(re.findall(r"\bvery\b", sheet)) for sheet in sheets) == 400  # a row higher than a sheet continues
     for at, sheet in enumerate(sheets, start=1):
         first, last = sheet.strip().splitlines()[0], sheet.strip().splitlines()[-1]
@@ -190,7 +191,7 @@ def test_long_texts_neither_overlap_nor_are_refused(tmp_path):
 def test_a_figure_without_room_waits_and_the_sheet_is_filled(tmp_path):
     drawing = Drawing(figsize=(6, 5))
     drawing.add_subplot().plot([0, 1], [0, 1])
-    lines = Table((Column("n"), Column("square")), tuple((str(i), str(i * i)) for i in range(30)), "")
+    lines = Table((Column("n"), Column("square")), tuple((str(i), str(i * i)) for i in range(36)), "")
     page = Page(
         "Title",
         sections=(
@@ -198,7 +199,7 @@ def test_a_figure_without_room_waits_and_the_sheet_is_filled(tmp_path):
             *(Section(f"Section {i}", "Text of a few words.") for i in range(8)),
         ),
     )
-    one, two, *_ = sheets_of(pdf_bytes(page, made_up_paper(mark="")), tmp_path)
+    one, two, *_ = sheets_of(pdf_bytes(page, made_up_paper(mark="")))
     assert "Section 1" in one
     assert "A figure." not in one
     assert two.index("A figure.") < two.index("Section")
@@ -224,13 +225,11 @@ def png(width=20, height=10):
 
 
 def test_a_png_with_transparency_keeps_the_file_valid(tmp_path):
-    pdfa = pytest.importorskip("pikepdf.pdfa", reason="pip install pikepdf[pdfa] checks PDF files")
     (tmp_path / "logo.png").write_bytes(png())
     logo = read_logo(tmp_path / "logo.png")
     assert logo.kind == "png"
     write_pdf(Page("title"), made_up_paper(logo=logo, attachments=()), tmp_path / "page.pdf")
-    found = pdfa.validate_written(tmp_path / "page.pdf", "3b").findings
-    assert [one for one in found if "/OpenAction" not in one.where] == []
+    assert findings_of_a_judge(tmp_path / "page.pdf") == []
 
 
 @pytest.mark.parametrize(

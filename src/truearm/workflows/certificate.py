@@ -103,7 +103,7 @@ class CertificateResult(PageRecord):
         InputError
             If a name has another ending, is that of an input file, or cannot be written; or the logo is none.
         MissingTool
-            If there is a `pdf` and fpdf2 is not installed.
+            If there is a `pdf` and typst is not installed.
         """
         check_certificate_paths(path, page, pdf, *self.input_files, logo)
         xml = checked_dcc(self.certificate, signer)
@@ -298,7 +298,7 @@ def check_certificate_paths(
         If a name has another ending than .xml, .html or .pdf, is one of `inputs` or of the certificate, or cannot be
         written.
     MissingTool
-        If there is a `pdf` and fpdf2 is not installed.
+        If there is a `pdf` and typst is not installed.
     """
     check_output(path, *inputs, endings=(".xml",))
     check_page_path(page, *inputs, path)
