@@ -85,6 +85,10 @@ def test_a_virtual_arm_is_steered_learned_from_fitted_and_saved_by_keyboard(chro
             tab.locator("#tip-title").filter(has_text="Corrected tip").wait_for()
             tab.locator("figcaption").filter(has_text="identified arm, in the frame of the reference").wait_for()
             assert "coloured by residual" in tab.locator("figcaption").inner_text()
+            assert re.search(
+                r"\d\.\d{3} mm on held-out readings, nominal arm", tab.locator("#model-words").inner_text()
+            )
+            assert re.search(r"mm after \d+, \d\.\d{3} mm after", tab.locator("#curve").get_attribute("aria-label"))
             tab.keyboard.press("w")
             tab.locator("#events li").filter(has_text="model in ").first.wait_for()
             tab.set_viewport_size({"width": 420, "height": 900})

@@ -106,6 +106,10 @@ def test_by_keyboard_alone_a_reading_is_taken_in_a_seat_and_undone(tab, tmp_path
         tab.locator("#x").filter(has_text=re.compile(r"\d\.\d{3}")).wait_for()
         tab.locator("#U-x").filter(has_text="U (k = 2) 0.").wait_for()
         assert "pose 1 of 2, elbow left" in tab.locator("#next").inner_text()
+        assert (
+            tab.locator("#todo").inner_text() == "Bring the arm to the translucent pose. Press t when it stands still."
+        )
+        assert tab.locator("#count").inner_text() == "0 of 2"
         assert re.fullmatch(r"[+\u2212]\d+|0", tab.locator(".to-go").first.inner_text())
         first = tab.locator(".space").evaluate("(canvas) => canvas.toDataURL()")
         bench.pose = np.radians([40.0, -60.0, 60.0, 0.0, 90.0, 0.0])
@@ -116,7 +120,7 @@ def test_by_keyboard_alone_a_reading_is_taken_in_a_seat_and_undone(tab, tmp_path
         tab.keyboard.press("Enter")
         newest(tab, "seat tun")
         tab.keyboard.press("t")
-        newest(tab, "reading 1, pose 1 of 2, seat tun")
+        newest(tab, "reading 1, seat tun: mean of")
         assert "coloured by residual, the largest" in tab.locator("figcaption").inner_text()
         assert ta.read_session(out).seat.tolist() == ["tun"]
         for width, scheme in ((420, "dark"), (1400, "light")):
@@ -126,7 +130,12 @@ def test_by_keyboard_alone_a_reading_is_taken_in_a_seat_and_undone(tab, tmp_path
             found = axe.Axe().run(tab).response["violations"]
             assert [one["id"] for one in found if one["impact"] in ("serious", "critical")] == []
         tab.keyboard.press("u")
+        tab.locator("button").filter(has_text="Remove reading 1?").wait_for()
+        tab.keyboard.press("u")
         newest(tab, "reading 1 removed")
+        assert tab.locator("[data-command=undo]").inner_text().startswith("Undo")
+        assert tab.locator("[data-command=undo]").is_disabled()
+        assert "Undo: there is no reading yet" in tab.locator("#off").inner_text()
         tab.keyboard.press("n")
         tab.locator("#next").filter(has_text="pose 2 of 2").wait_for()
         assert tab.complaints == []
@@ -146,8 +155,12 @@ def test_what_is_lost_is_said_and_comes_back(tab, tmp_path):
         newest(tab, "reading 1: mean of")
         tab.reload()
         tab.locator("figcaption").filter(has_text="coloured in their order").wait_for()
+        newest(tab, "reading 1: mean of")
         assert tab.complaints == []
     tab.locator("#fault").filter(has_text="The recording has ended: 1 reading in").wait_for()
+    assert "session.csv" in tab.locator("#files").inner_text()
+    assert "truearm fit" in tab.locator("#after-command").inner_text()
+    assert tab.locator("[data-command=take]").is_disabled()
     port = int(bench.server.url.split(":")[2].rstrip("/"))
     with Bench(tmp_path / "session.csv", port=port):
         tab.locator("#fault:empty").wait_for(state="attached")

@@ -25,7 +25,7 @@ client = pytest.importorskip("websockets.sync.client", reason="websockets is not
 exceptions = pytest.importorskip("websockets.exceptions")
 
 TOKEN = "sixteen-letters-"
-STATE = State({}, (), None, None, "")
+STATE = State({}, (), None, None, None, (), (), {}, "")
 NOTHING = SimpleNamespace(answer=lambda *_: (HTTPStatus.NOT_FOUND, "{}"))  # no operations
 
 
@@ -160,7 +160,8 @@ def test_the_first_client_commands_and_the_others_only_read():
         assert said(first)["may_command"]  # it is known to be the first before the second comes
         second = opened.enter_context(connected(server))
         assert not said(second)["may_command"]
-        state = {"message": "state", "drawn": {}, "readings": [], "learned": None, "next": None, "ended": ""}
+        state = {"message": "state", "drawn": {}, "readings": [], "learned": None, "next": None, "model": None}
+        state |= {"uncertainties_mm": [], "events": [], "files": {}, "ended": ""}
         assert said(first) == said(second) == state
         second.send(Command(command="undo").model_dump_json())
         assert said(second)["message"] == "refused"
@@ -177,6 +178,36 @@ def test_who_comes_when_the_first_has_gone_commands():
             assert said(first)["may_command"]
         with connected(server) as second:
             assert said(second)["may_command"]
+
+
+def order(socket_, command):
+    socket_.send(Command(command=command).model_dump_json())
+
+
+def test_the_command_is_given_to_the_page_that_asks_for_it():
+    with served() as (server, commands), connected(server) as first, connected(server) as second:
+        roles = {one: said(one) for one in (first, second)}
+        one, other = (first, second) if roles[first]["may_command"] else (second, first)
+        said(one), said(other)
+        order(one, "give")
+        assert said(one) == {"message": "refused", "text": "no other page asks for the command"}
+        order(other, "give")
+        assert said(other)["message"] == "refused"
+        order(other, "ask")
+        assert (said(one)["is_asked"], said(other)["may_command"]) == (True, False)
+        order(other, "take")
+        assert said(other)["text"] == "another page commands; this one only shows"
+        order(one, "give")
+        assert (said(one)["may_command"], said(other)["may_command"]) == (False, True)
+        order(one, "take")
+        assert said(one)["message"] == "refused"
+        order(other, "undo")
+        assert commands.get(timeout=30) == "undo"
+        order(one, "ask")
+        assert said(one)["may_command"] is False
+        assert said(other)["is_asked"]
+        other.close()
+        assert said(one)["may_command"]
 
 
 @pytest.mark.parametrize(
@@ -216,7 +247,7 @@ def test_a_large_message_and_many_messages_end_the_connection_and_nothing_else()
 def test_a_client_that_does_not_read_delays_nobody():
     tip = {"tip_in_base_mm": [0.0] * 3, "corrected_mm": None, "U_mm": None, "not_corrected": ""}
     joints = {"joints": [0.0] * 6, "pivots": [0.0] * 6, "to_go": None, "temperature_degC": None}
-    pose = Pose(**tip, **joints, outside_training=False, is_still=True)
+    pose = Pose(**tip, **joints, outside_training=False, is_still=True, is_fitting=False)
     with served() as (server, _), connected(server, max_queue=1) as stuck, connected(server) as good:
         said(good), said(good)
         said(stuck)

@@ -7,14 +7,18 @@ import { coloursOf } from "./scene_paint.mjs";
 const SILENT_MS = 600; // without a sample; a source says the same after a second
 const RETRY_MS = 1000;
 const MOST_EVENTS = 50;
+const FEWEST_TO_FIT = 4; // readings: base and tip alone take so many
+const USUAL_TO_FIT = 12;
+const SURE_MS = 5000; // in which a reading is removed by a second press
 const STEER_MS = 100; // between commands to a virtual arm, which follows its sliders
 
 const at = (id) => document.getElementById(id);
 const view = at("scene").view;
-const spans = JSON.parse(at("spans").textContent);
+const settings = JSON.parse(at("settings").textContent);
+const { spans } = settings;
 const rows = [...document.querySelectorAll("#joints tbody tr")];
 const sliders = rows.map((row) => row.querySelector("input")).filter(Boolean); // of a virtual arm
-const live = { readings: [], aim: null, pose: null, drawn: "", steered: null, lastSteer: 0, arrived: 0, run: "", ended: "", mayCommand: false, isLost: false, socket: null };
+const live = { readings: [], aim: null, pose: null, drawn: "", steered: null, lastSteer: 0, arrived: 0, run: "", ended: "", mayCommand: false, isLost: false, socket: null, uncertainties: [], model: null, files: {}, removes: 0 };
 
 /** @param {string} text @param {string} [kind] the newest event on top */
 function say(text, kind = "") {
@@ -34,10 +38,11 @@ const receive = {
     live.run = message.run;
     live.isLost = false;
     live.mayCommand = message.may_command;
-    document.querySelectorAll(".stage-buttons :is(button, input), #joints input").forEach((one) => {
-      one.disabled = !live.mayCommand;
-    });
-    write("role", live.mayCommand ? "" : "This page only shows: another one commands. Close that one and reload this.");
+    const asked = message.is_asked ? "Another page asks for the command." : "";
+    write("role", live.mayCommand ? asked : "This page only shows: another one commands.");
+    at("ask").hidden = live.mayCommand;
+    at("give").hidden = !message.is_asked;
+    showButtons();
   },
   state(message) {
     const { mechanism, lines, is_identified: isIdentified } = message.drawn;
@@ -49,22 +54,29 @@ const receive = {
     }
     live.readings = message.readings;
     live.ended = message.ended;
-    [message.learned, message.next].filter(Boolean).forEach(receive.said);
+    live.uncertainties = message.uncertainties_mm;
+    live.model = message.model?.event ?? null;
+    live.files = message.files;
+    at("events").replaceChildren();
+    message.events.forEach(({ event }) => say(event.text, event.event));
+    [message.learned, message.next].filter(Boolean).forEach(tell);
     showReadings();
+    showTiles();
   },
-  said({ event, reading, aim_pivots: ghost }) {
+  said(message) {
+    const { event, reading } = message;
     if (event.event === "reading") live.readings.push(reading);
     if (event.event === "undone") live.readings.pop();
     if (event.event === "end") live.ended = event.text;
+    if (event.event === "model") live.model = event;
+    if (event.event === "notice" && event.file) live.files.model = event.file;
     if (event.event === "learned") {
-      write("learned", event.text);
-    } else if (event.event === "next") {
-      write("next", event.text);
-      live.aim = event.aim ? { joints: event.aim, pivots: ghost } : null;
-    } else {
-      say(event.text, event.event);
+      const n = live.readings.length;
+      live.uncertainties = [...live.uncertainties.filter(([before]) => before < n), [n, event.after_mm]];
     }
+    tell(message);
     if (event.event === "reading" || event.event === "undone") showReadings();
+    showTiles();
   },
   pose(message) {
     live.pose = message;
@@ -74,12 +86,144 @@ const receive = {
   refused: ({ text }) => say(text, "refused"),
 };
 
+/** @param {object} message an event: where it is read */
+function tell({ event, aim_pivots: ghost }) {
+  if (event.event === "learned") {
+    write("learned", event.text);
+  } else if (event.event === "next") {
+    write("next", event.text);
+    live.aim = event.aim ? { joints: event.aim, pivots: ghost } : null;
+  } else {
+    say(event.text, event.event);
+  }
+}
+
+/** How far the recording is: readings, uncertainty, model; and its end. */
+function showTiles() {
+  const { readings, uncertainties, model, files } = live;
+  const poses = settings.n_poses;
+  write("count", poses ? `${readings.length} of ${poses}` : `${readings.length}`);
+  at("progress").hidden = !poses;
+  at("progress").value = poses ? Math.min(1, readings.length / poses) : 0;
+  const known = uncertainties.filter(([n]) => n <= readings.length);
+  write("uncertainty", known.length ? `${formatFixed(known.at(-1)[1], 3)} mm` : "\u2013");
+  showCurve(known);
+  write("model", model ? model.model : isCorrected() ? "given" : "none");
+  const error = model?.held_out_mm ? `: ${formatFixed(model.held_out_mm, 3)} mm on held-out readings, ` : "";
+  const before = error && `nominal arm ${formatFixed(model.nominal_mm, 3)} mm`;
+  write("model-words", model ? `model of ${model.n} readings${error}${before}` : "model in force");
+  at("end").hidden = !live.ended;
+  if (live.ended) showEnd(files);
+  showButtons();
+}
+
+/** @param {number[][]} known numbers of readings, and the uncertainty with them, on a logarithmic scale */
+function showCurve(known) {
+  const curve = at("curve");
+  curve.toggleAttribute("hidden", known.length < 2);
+  if (known.length < 2) return;
+  const [first, last] = [known[0], known.at(-1)];
+  const logs = known.map(([, mm]) => Math.log(mm));
+  const [low, high] = [Math.min(...logs), Math.max(...logs)];
+  const points = known.map(([n], i) => [
+    (100 * (n - first[0])) / (last[0] - first[0]),
+    28 - (26 * (logs[i] - low)) / (high - low || 1),
+  ]);
+  curve.firstElementChild.setAttribute("points", points.map(([x, y]) => `${x.toFixed(1)},${y.toFixed(1)}`).join(" "));
+  const said = [first, last].map(([n, mm]) => `${formatFixed(mm, 3)} mm after ${n}`);
+  curve.setAttribute("aria-label", `uncertainty by readings: ${said.join(", ")}`);
+}
+
+/** @param {Object<string, string>} files what was recorded, and what it is good for */
+function showEnd(files) {
+  write("recorded", `${live.ended}.`);
+  const rows = Object.entries(files).flatMap(([what, file]) => [
+    build("dt", { textContent: what }),
+    build("dd", { textContent: file }),
+  ]);
+  at("files").replaceChildren(...rows);
+  const fit = `truearm fit ${files.session} --arm ${settings.arm} --out arm.truearm`;
+  write("after", files.model ? "Correct the joint targets of a program with the model:" : "Fit a model to the readings:");
+  write("after-command", files.model ? `truearm correct ${files.model} targets.csv --out corrected.csv` : fit);
+}
+
+/** @returns {boolean} whether a model corrects the tip */
+function isCorrected() {
+  return live.pose !== null && (live.pose.corrected_mm !== null || live.pose.not_corrected !== "");
+}
+
+/** @returns {string} what a person does next */
+function whatToDo() {
+  const { pose, aim, readings } = live;
+  if (live.ended || !live.mayCommand) return "";
+  if (pose === null) return "Waiting for the first sample of the arm.";
+  if (pose.is_fitting) return "A model is being fitted. Further readings are taken meanwhile.";
+  const canFit = readings.length >= FEWEST_TO_FIT;
+  const hasSave = document.querySelector("[data-command=save]");
+  if (live.model && hasSave && !live.files.model) return "Press w to save the model, or go on measuring.";
+  if (at("next") && !aim && canFit) return live.model ? "The plan is done." : "The plan is done: press r to fit a model.";
+  if (!live.model && readings.length >= USUAL_TO_FIT) return "Press r to fit a model, or go on measuring.";
+  const by = settings.takes_by_itself ? "A reading is taken when it stands still" : "Press t when it stands still";
+  if (aim && sliders.length) return `Press g: the arm goes to the next pose. ${by}.`;
+  return aim ? `Bring the arm to the translucent pose. ${by}.` : `Bring the arm to a new pose. ${by}.`;
+}
+
+/** @returns {Object<string, string>} why each command cannot be done now */
+function reasons() {
+  const { pose, aim, readings } = live;
+  const n = readings.length;
+  const everything = live.ended ? "the recording has ended" : live.mayCommand ? "" : "another page commands";
+  const next = aim ? "" : "there is no next pose";
+  const few = n < FEWEST_TO_FIT ? `a fit needs ${FEWEST_TO_FIT} readings, there are ${n}` : "";
+  const own = {
+    take: pose ? "" : "the arm has sent no sample yet",
+    undo: n ? "" : "there is no reading yet",
+    skip: next,
+    go: next,
+    refit: pose?.is_fitting ? "a fit is under way" : few,
+    save: live.model || isCorrected() ? "" : "no model is in force yet",
+  };
+  return { everything, own };
+}
+
+/** Which buttons work, and why the others do not. */
+function showButtons() {
+  const { everything, own } = reasons();
+  const off = [];
+  document.querySelectorAll("button[data-command]").forEach((button) => {
+    const why = everything || own[button.dataset.command];
+    button.disabled = why !== "";
+    button.title = why;
+    if (why && !everything) off.push(`${button.firstChild.textContent.trim()}: ${why}`);
+  });
+  document.querySelectorAll("form[data-command] :is(button, input), #joints input").forEach((one) => {
+    one.disabled = everything !== "";
+  });
+  write("off", off.join(" \u00b7 "));
+  write("todo", whatToDo());
+}
+
+/** Remove the last reading, if it is asked for twice. @param {HTMLElement} button */
+function undo(button) {
+  const n = live.readings.length;
+  const isSure = live.removes === n;
+  live.removes = isSure ? 0 : n;
+  button.firstElementChild.textContent = isSure ? "Undo" : `Remove reading ${n}?`;
+  if (isSure) ask("undo");
+  else setTimeout(() => live.removes === n && undoNothing(button), SURE_MS);
+}
+
+/** @param {HTMLElement} button */
+function undoNothing(button) {
+  live.removes = 0;
+  button.firstElementChild.textContent = "Undo";
+}
+
 /** The tip, the joints and the arm as they are now. */
 function showPose() {
   const { pose } = live;
-  const isCorrected = pose.corrected_mm !== null || pose.not_corrected !== "";
-  const tip = isCorrected ? pose.corrected_mm : pose.tip_in_base_mm;
-  write("tip-title", isCorrected ? "Corrected tip" : "Tip of the nominal arm, in its base");
+  const tip = isCorrected() ? pose.corrected_mm : pose.tip_in_base_mm;
+  write("tip-title", isCorrected() ? "Corrected tip" : "Tip of the nominal arm, in its base");
   ["x", "y", "z"].forEach((axis, k) => {
     write(axis, tip ? formatFixed(tip[k], 3) : "\u2013");
     write(`U-${axis}`, pose.U_mm ? `U (k = 2) ${formatFixed(pose.U_mm[k], 3)}` : "");
@@ -104,6 +248,7 @@ function showPose() {
     });
   }
   showStrips();
+  showButtons();
   view.move(pose.pivots, live.aim?.pivots ?? null);
 }
 
@@ -176,7 +321,7 @@ function showReadings() {
 
 /** @param {string} command @param {string} [text] */
 function ask(command, text = "") {
-  if (live.mayCommand && live.socket?.readyState === WebSocket.OPEN) live.socket.send(JSON.stringify({ command, text }));
+  if (live.socket?.readyState === WebSocket.OPEN) live.socket.send(JSON.stringify({ command, text }));
 }
 
 /** Send where the sliders are, no more often than the arm can follow. @param {number[]} joints */
@@ -219,14 +364,17 @@ function connect() {
 }
 
 document.querySelectorAll("button[data-command]").forEach((button) => {
-  button.addEventListener("click", () => ask(button.dataset.command));
+  const { command } = button.dataset;
+  button.addEventListener("click", () => {
+    if (command === "undo") undo(button);
+    else if (command === "go") steer(live.aim.joints);
+    else ask(command);
+  });
 });
+["ask", "give"].forEach((command) => at(command).addEventListener("click", () => ask(command)));
 sliders.forEach((slider, i) => {
   [slider.min, slider.max] = spans[i];
   slider.addEventListener("input", () => steer(sliders.map((one) => one.valueAsNumber)));
-});
-at("go")?.addEventListener("click", () => {
-  if (live.aim) steer(live.aim.joints);
 });
 document.querySelectorAll("form[data-command]").forEach((form) => {
   form.addEventListener("submit", (event) => {

@@ -17,7 +17,6 @@ from truearm.recording.recording import Recording
 from truearm.recording.reference_point import TYPED
 from truearm.show.arm_scene import arm_mechanism
 
-SPACE = 0.55  # of the reach: half the box that the first view shows
 FULL_TURN_DEG = 180.0  # what the strip of a joint without limit spans, to each side
 
 
@@ -43,7 +42,7 @@ def live_page(recording: Recording, drawn: DrawnArm) -> str:
         is_typed=recording.reference == TYPED,
         joints=list(zip(arm.joint_labels, arm.joint_units, strict=True)),
         scene=Markup(data_block(scene)),  # noqa: S704, every sign of markup in it is an escape
-        spans=Markup(data_block(_spans(drawn))),  # noqa: S704
+        settings=Markup(data_block(_settings(recording, drawn))),  # noqa: S704
         style=Markup("".join([*sheets, _text("live.css")])),  # noqa: S704, our own files
         script=Markup(script),  # noqa: S704, our own files
         script_hash=Markup(script_hash(script)),  # noqa: S704
@@ -55,15 +54,18 @@ _SHEETS = ("page.css", "scene.css")
 
 
 def drawn_scene(drawn: DrawnArm) -> dict[str, object]:
-    """The arm in the space that it reaches, as data of a scene."""
-    chain = drawn.arm.chain
-    first, reach = chain.fixed[0, :3, 3], SPACE * chain.reach
-    corners = [first + [side * reach, side * reach, up * reach] for side, up in ((-1, 0), (1, 1))]
+    """The arm as data of a scene."""
     mechanism = arm_mechanism(drawn.arm, from_origin=not drawn.is_identified)
+    return {"mechanism": mechanism.to_json("mm"), "lines": [], "is_identified": drawn.is_identified}
+
+
+def _settings(recording: Recording, drawn: DrawnArm) -> dict[str, object]:
+    """What the script of the page must know of the recording."""
     return {
-        "mechanism": mechanism.to_json("mm"),
-        "lines": [{"at": [corner.tolist()]} for corner in corners],  # single points: nothing is drawn
-        "is_identified": drawn.is_identified,
+        "spans": _spans(drawn),
+        "takes_by_itself": recording.on == "still",
+        "n_poses": None if recording.plan is None else len(recording.plan),
+        "arm": drawn.arm.name,
     }
 
 

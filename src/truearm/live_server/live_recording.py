@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 
@@ -22,6 +23,7 @@ from truearm.typing import FloatArray
 
 FRAMES_HZ = 20.0
 SILENT_S = 1.0
+MOST_EVENTS = 50  # that a page shows that has just come
 
 
 class LiveRecording:
@@ -37,8 +39,12 @@ class LiveRecording:
     def __init__(self, recording: Recording, drawn: DrawnArm) -> None:
         self.recording, self._drawn, self._scene = recording, drawn, drawn_scene(drawn)
         self._readings: list[ReadingPoint] = []
-        self._learned: Said | None = None
-        self._next: Said | None = None
+        self._last: dict[str, Said] = {}  # of the kinds of which the page shows the newest
+        self._uncertainties_mm: list[tuple[int, float]] = []
+        self._events: deque[Said] = deque(maxlen=MOST_EVENTS)
+        self._files = {"session": str(recording.out)}
+        if recording.plan_file is not None:
+            self._files["plan"] = str(recording.plan_file)
         self._ended, self._sent_s = "", -np.inf
         self._newest: Pose | None = None
 
@@ -59,7 +65,17 @@ class LiveRecording:
 
     def _send(self, server: LiveServer, event: Event) -> None:
         said = self._said(event)
-        state = State(self._scene, tuple(self._readings), self._learned, self._next, self._ended)
+        state = State(
+            self._scene,
+            tuple(self._readings),
+            self._last.get("learned"),
+            self._last.get("next"),
+            self._last.get("model"),
+            tuple(self._uncertainties_mm),
+            tuple(self._events),
+            dict(self._files),
+            self._ended,
+        )
         server.send(said, state)
         if event.kind == "model":
             server.send(state, state)
@@ -91,13 +107,19 @@ class LiveRecording:
             self._scene = drawn_scene(self._drawn)
             self._readings = self._points(self.recording.rows)
         elif event.kind == "learned":
-            self._learned = said
+            n = len(self._readings)
+            before = [one for one in self._uncertainties_mm if one[0] < n]
+            self._uncertainties_mm = [*before, (n, event.values["after_mm"])]
         elif event.kind == "next":
             aim_rad = self.recording.aim_rad
-            aim = None if aim_rad is None else self._drawn.pivots(aim_rad)
-            said = self._next = Said(said.event, aim_pivots=aim)
+            said = Said(said.event, aim_pivots=None if aim_rad is None else self._drawn.pivots(aim_rad))
         elif event.kind == "end":
             self._ended = event.text
+        elif event.values.get("file") == str(self.recording.out_model):
+            self._files["model"] = event.values["file"]
+        self._last[event.kind] = said
+        if event.kind not in ("learned", "next"):
+            self._events.append(Said(said.event))
         return said
 
     def _pose(self, event: Event) -> Pose:
@@ -114,6 +136,7 @@ class LiveRecording:
             not_corrected=values.get("not_corrected", ""),
             outside_training=not values.get("is_trained", True),
             is_still=recording.is_still,
+            is_fitting=recording.is_fitting,
             to_go=recording.to_go(),
             temperature_degC=sample.temperature_degC,
         )

@@ -42,9 +42,18 @@ class ReadingPoint:
 
 @dataclass(frozen=True)
 class Role:
-    """The first message: what the client may do, and which run of the server it speaks with."""
+    """What the client may do, and which run of the server it speaks with: the first message, and at every change.
+
+    Attributes
+    ----------
+    may_command : bool
+    is_asked : bool
+        Whether another client asks for the command, which this one may give.
+    run : str
+    """
 
     may_command: bool
+    is_asked: bool
     run: str
 
 
@@ -75,8 +84,14 @@ class State:
     drawn : mapping
         The arm: its `mechanism` and `lines` as of a scene, and whether it `is_identified`.
     readings : sequence of ReadingPoint
-    learned, next : Said, optional
+    learned, next, model : Said, optional
         The last events of these kinds.
+    uncertainties_mm : sequence of (int, float)
+        The number of readings, and how well the arm was known with them: the uncertainty of a point in the volume [mm].
+    events : sequence of Said
+        The last other events, the newest last.
+    files : mapping of str to str
+        What was written so far: ``session``, ``model``; and the ``plan``.
     ended : str
         That the recording has ended.
     """
@@ -85,6 +100,10 @@ class State:
     readings: Sequence[ReadingPoint]
     learned: Said | None
     next: Said | None
+    model: Said | None
+    uncertainties_mm: Sequence[tuple[int, float]]
+    events: Sequence[Said]
+    files: Mapping[str, str]
     ended: str
 
 
@@ -120,6 +139,8 @@ class Pose(Tip):
     joints, pivots : sequence of float
         Joint angles, and those of the drawn arm's pivots, which differ where joints are coupled [deg, or mm].
     is_still : bool
+    is_fitting : bool
+        Whether a fit is under way.
     to_go : sequence of float, optional
         How far each joint is from the plan's next pose [deg, or mm].
     temperature_degC : float, optional
@@ -128,6 +149,7 @@ class Pose(Tip):
     joints: Sequence[float]
     pivots: Sequence[float]
     is_still: bool
+    is_fitting: bool
     to_go: Sequence[float] | None
     temperature_degC: float | None
 
@@ -152,19 +174,20 @@ def encode(message: Message) -> str:
 
 
 class Command(BaseModel):
-    """What a person asks for; only the first client may.
+    """What a person asks for; only the client that commands may, and the others may ask it for the command.
 
     Attributes
     ----------
     command : str
-        A command of `truearm record --headless`; the page does not end the recording.
+        A command of `truearm record --headless`; the page does not end the recording. ``ask`` of a client that only
+        shows: for the command; ``give``: to the client that asked last.
     text : str
         The name of the seat, the point, or the joint angles to which a virtual arm is steered [deg, or mm].
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
-    command: Literal["take", "take moving", "undo", "seat", "point", "skip", "refit", "save", "steer"]
+    command: Literal["take", "take moving", "undo", "seat", "point", "skip", "refit", "save", "steer", "ask", "give"]
     text: Annotated[str, Field(max_length=MAX_NAME)] = ""
 
     @property

@@ -1,4 +1,4 @@
-"""The server of the page: one HTML document and a WebSocket, for a few clients of which the first may command."""
+"""The server of the page: one HTML document and a WebSocket, for a few clients of which one may command."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ JSON = {**HEADERS, "Content-Type": "application/json"}
 
 
 class LiveServer:
-    """Sends messages to all clients and yields the commands of the first.
+    """Sends messages to all clients and yields the commands of one.
 
     Parameters
     ----------
@@ -75,7 +75,8 @@ class LiveServer:
         self._lock = threading.Lock()
         self._clients: list[_Client] = []
         self._commander: _Client | None = None
-        self._state: State = State({}, (), None, None, "")
+        self._asks: _Client | None = None
+        self._state: State = State({}, (), None, None, None, (), (), {}, "")
         self._commands: queue.Queue[str | None] = queue.Queue(MOST_WAITING)
         self._most_threads = threading.active_count() + MOST_THREADS
         self._server = self._listen(port)
@@ -126,7 +127,7 @@ class LiveServer:
         self._server.shutdown()
 
     def commands(self) -> Iterator[str]:
-        """The commands of the first client, as they come; until the server is closed."""
+        """The commands of the client that may, as they come; until the server is closed."""
         yield from iter(self._commands.get, None)
 
     def send(self, message: Message, state: State) -> None:
@@ -209,7 +210,7 @@ class LiveServer:
         with self._lock:
             if self._commander is None:
                 self._commander = client
-            client.offer(encode(Role(self._commander is client, self._run)))
+            client.offer(encode(self._role(client)))
             client.offer(encode(self._state))
             self._clients.append(client)
         try:
@@ -223,21 +224,48 @@ class LiveServer:
         finally:
             with self._lock:
                 self._clients.remove(client)
-                self._commander = None if self._commander is client else self._commander
+                self._asks = None if self._asks is client else self._asks
+                if self._commander is client:
+                    self._commander, self._asks = self._asks, None
+                    self._say_roles()
             client.finish()
 
     def _receive(self, client: _Client, text: str | bytes) -> str:
         """Take a command; why it is refused, or nothing."""
-        if client is not self._commander:
-            return "another page commands; this one only shows"
         try:
             command = Command.model_validate_json(text)
+            if command.command in ("ask", "give"):
+                return self._hand_over(client, is_asked=command.command == "ask")
+            if client is not self._commander:
+                return "another page commands; this one only shows"
             self._commands.put_nowait(command.line)
         except ValidationError:
             return "this is no command"
         except queue.Full:
             return "too many commands wait"
         return ""
+
+    def _hand_over(self, client: _Client, *, is_asked: bool) -> str:
+        """Ask for the command, or give it to the client that asked last; why not, or nothing."""
+        with self._lock:
+            if is_asked and self._commander is not None:
+                self._asks = None if self._commander is client else client
+            elif is_asked:
+                self._commander = client
+            elif client is self._commander and self._asks is not None:
+                self._commander, self._asks = self._asks, None
+            else:
+                return "no other page asks for the command"
+            self._say_roles()
+        return ""
+
+    def _role(self, client: _Client) -> Role:
+        is_commander = client is self._commander
+        return Role(is_commander, is_commander and self._asks is not None, self._run)
+
+    def _say_roles(self) -> None:
+        for client in self._clients:
+            client.offer(encode(self._role(client)))
 
 
 class _Client:

@@ -3,6 +3,7 @@
 import { framesOf, movePoint, roundStep } from "./scene_space.mjs";
 import { formatNumber, shadesBetween } from "./scene_cloud.mjs";
 
+const LABEL_FONT = "600 13px system-ui, sans-serif";
 const MANY = 1500; // from so many points on they are drawn as squares
 
 /** @param {Element} element @returns {object} the colours of the page, which follow the reader's preference */
@@ -52,6 +53,7 @@ export class Painter {
     scene.lines.forEach((line) => this.stroke(line.at, this.colours.soft, 1.5));
     if (scene.mechanism) this.paintMechanism();
     if (scene.cloud) this.paintCloud();
+    this.labels.forEach((one) => this.write(one));
     this.paintAxes();
   }
 
@@ -81,7 +83,7 @@ export class Painter {
   label(text, point, colour, away = 0) {
     const { pen, scene } = this;
     const [x, y] = scene.camera.project(...point);
-    pen.font = "600 13px system-ui, sans-serif";
+    pen.font = LABEL_FONT;
     const half = pen.measureText(text).width / 2 + 3;
     const free = [
       [0, -away],
@@ -93,15 +95,20 @@ export class Painter {
       this.labels.every((other) => Math.abs(other.x - x - dx) > other.half + half || Math.abs(other.y - y - dy) > 16),
     );
     if (!free) return;
-    const place = { x: x + free[0], y: y + free[1], half };
-    this.labels.push(place);
+    this.labels.push({ text, colour, x: x + free[0], y: y + free[1], half });
+  }
+
+  /** @param {{text: string, colour: string, x: number, y: number}} label above all that is drawn */
+  write({ text, colour, x, y }) {
+    const { pen } = this;
+    pen.font = LABEL_FONT;
     pen.textAlign = "center";
     pen.textBaseline = "middle";
     pen.lineWidth = 4;
     pen.strokeStyle = this.colours.ground;
-    pen.strokeText(text, place.x, place.y);
+    pen.strokeText(text, x, y);
     pen.fillStyle = colour;
-    pen.fillText(text, place.x, place.y);
+    pen.fillText(text, x, y);
   }
 
   /** A grid on the floor, by which lengths can be read. */
@@ -140,7 +147,7 @@ export class Painter {
     const { pen, scene, colours } = this;
     const [x, y] = [46, scene.camera.height - 46];
     const { right, up } = scene.camera;
-    pen.font = "600 13px system-ui, sans-serif";
+    pen.font = LABEL_FONT;
     pen.textAlign = "center";
     pen.textBaseline = "middle";
     ["x", "y", "z"].forEach((name, k) => {

@@ -4,6 +4,7 @@
 /** @typedef {number[]} Motion twelve numbers: three rows of a rotation, each with its translation */
 
 const RAD_PER_DEG = Math.PI / 180;
+const FULL = 0.9; // share of the picture that a scene fills which moves by itself
 const EYE_DISTANCE = 4; // in radii of the scene: a mild perspective
 
 /** @param {Motion} a @param {Motion} b @returns {Motion} a, then b in the frame of a */
@@ -84,6 +85,7 @@ export class Camera {
   reset() {
     this.target = [...this.home];
     this.zoom = 1;
+    this.isChosen = false; // by a reader
     this.look(-125, 20);
   }
 
@@ -120,9 +122,21 @@ export class Camera {
     this.zoom = Math.max(1, Math.min(60, (0.8 * this.radius) / radius));
   }
 
+  /** So far away that points are in the picture, unless a reader chose another view. @param {Vector[]} points */
+  include(points) {
+    if (!this.width || this.isChosen) return;
+    const [x, y] = [this.width / 2, this.height / 2];
+    const shares = points.map((point) => {
+      const [right, down] = this.project(...point);
+      return Math.max(Math.abs(right - x) / x, Math.abs(down - y) / y);
+    });
+    this.zoom = Math.max(0.2, this.zoom * Math.min(1, FULL / Math.max(...shares)));
+  }
+
   /** @param {number} across @param {number} up shift the picture by so many pixels */
   pan(across, up) {
     const scale = this.pixels();
+    this.isChosen = true;
     this.target = this.target.map((value, k) => value - (across * this.right[k] + up * this.up[k]) / scale);
   }
 

@@ -162,7 +162,14 @@ export class SceneView {
   move(values, ghost) {
     this.values = values;
     this.ghost = ghost;
+    [values, ghost].filter(Boolean).forEach((at) => this.camera.include(this.pivots(at)));
     this.drawSoon();
+  }
+
+  /** @param {number[]} values @returns {number[][]} where the mechanism's pivots and its end are */
+  pivots(values) {
+    const { before, end } = framesOf(this.mechanism, values);
+    return [...before.map((frame) => [3, 7, 11].map((k) => frame[k])), end];
   }
 
   /** Other points, in a view that began without any. @param {object} points as the part `points` of the data */

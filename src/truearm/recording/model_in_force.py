@@ -37,10 +37,13 @@ class Fitted:
     model : Compensator
     summary : str
         Its mean error on held-out readings, in a sentence.
+    held_out_mm : tuple of 2 floats, optional
+        That error and the one of the nominal arm [mm].
     """
 
     model: Compensator
     summary: str
+    held_out_mm: tuple[float, float] | None = None
 
 
 class FitProcess:
@@ -65,12 +68,12 @@ class FitProcess:
         """What came since it was last asked for: the steps in words, and last the model, or why there is none."""
         try:
             while self._said.poll():
-                kind, text = self._said.recv()
+                kind, text, held_out_mm = self._said.recv()
                 if kind == "step":
                     yield str(text)
                     continue
                 if kind == "done":
-                    yield Fitted(load_model(self._file), str(text))
+                    yield Fitted(load_model(self._file), str(text), held_out_mm)
                 else:
                     yield TruearmError(str(text))
                 self.stop()
@@ -95,15 +98,15 @@ def _fit(said: Connection, arm: Arm, session: Session, file: Path) -> None:
     def report(done: int, note: str) -> None:
         if done not in steps:
             steps.append(done)
-            said.send(("step", note))
+            said.send(("step", note, None))
 
     try:
         result = fit(arm, session, progress=report)
         result.save(file)
     except (TruearmError, ProgramFault) as error:
-        said.send(("failed", str(error)))
+        said.send(("failed", str(error), None))
     else:
-        said.send(("done", result.summary()))
+        said.send(("done", result.summary(), result.held_out_mm))
 
 
 def why_worse(new: Compensator, in_force: Compensator, unknown: Session) -> str:
@@ -169,6 +172,11 @@ class ModelInForce:
             return Event("refused", f"no fit begins: {error}")
         return Event("notice", f"fitting {format_count(n_readings, 'reading')}; further ones are taken meanwhile")
 
+    @property
+    def is_fitting(self) -> bool:
+        """Whether a fit is under way."""
+        return self._fit is not None
+
     def undone(self, n_readings: int) -> None:
         """Of the session only the first `n_readings` are left."""
         self.trained_on, self._fitted_on = min(self.trained_on, n_readings), min(self._fitted_on, n_readings)
@@ -198,7 +206,10 @@ class ModelInForce:
             if worse := why_worse(new.model, self.model, unknown):
                 return Event("refused", f"the fit is worse, {self._stays}: {worse}")
         self.model, self.trained_on = new.model, self._fitted_on
-        return Event("model", f"new model in force. {new.summary}", {"model": new.model.kind, "n": self.trained_on})
+        values: dict[str, object] = {"model": new.model.kind, "n": self.trained_on}
+        if new.held_out_mm is not None:
+            values |= zip(("held_out_mm", "nominal_mm"), new.held_out_mm, strict=True)
+        return Event("model", f"new model in force. {new.summary}", values)
 
     @property
     def _stays(self) -> str:

@@ -94,7 +94,7 @@ class Recording:
         self.is_timed_by_arrival = (
             isinstance(self.reference, Source) and self.reference.has_own_clock != self.source.has_own_clock
         )
-        self.out, self.seat, self._on = Path(out), seat, on
+        self.out, self.seat, self.on = Path(out), seat, on
         known = None if model is None else to_model_of_tip(model)
         self.arm = to_arm(arm) if arm is not None else None if known is None else known.arm_
         if _is_known(self.arm) and known is not None and _is_known(known.arm_):
@@ -102,6 +102,7 @@ class Recording:
         check_log_path(self.out)
         if plan is not None and self.arm is None:
             raise InputError("a plan needs the arm that it is for", file=plan, hint="--arm ARM")
+        self.plan_file = None if plan is None else Path(plan)
         self.plan: PlannedReadings | None = None if plan is None or self.arm is None else read_planned(plan, self.arm)
         if rank and not _is_known(self.arm):
             raise InputError("the next pose cannot be ranked: the arm's kinematics are not known", hint="--arm ARM")
@@ -141,6 +142,11 @@ class Recording:
     def model(self) -> Compensator | None:
         """The model in force."""
         return self._in_force.model
+
+    @property
+    def is_fitting(self) -> bool:
+        """Whether a fit is under way."""
+        return self._in_force.is_fitting
 
     def corrected(self) -> CorrectedTip | str | None:
         """The tip at the last sample by the model, or why there is none; None without a model or a sample."""
@@ -213,7 +219,7 @@ class Recording:
         if not self._standstill.is_still:
             self._still_since_s, self._said, self._question = sample.time_s, "", ""
             self._point.forget()
-        elif self._asked or (self._on == "still" and self._standstill.is_new):
+        elif self._asked or (self.on == "still" and self._standstill.is_new):
             problem = "" if self._asked else self._unlikely(self._standstill.mean_rad)
             if problem := problem or self._point.missing(self._standstill.window_s):
                 yield from self._say_once(problem, sample.time_s)
