@@ -26,7 +26,7 @@ from truearm.arm.urdf_tree import UrdfTree
 from truearm.errors import InputError
 from truearm.files.xml_reader import parse_xml
 from truearm.identification.judgement.description_check import DescriptionCheck, check_description
-from truearm.identification.judgement.reference_table import reference_table
+from truearm.identification.references.reference_table import reference_table
 from truearm.pages.palette import GREY, INK, NAVY, ORANGE, TEAL
 from truearm.pages.plotting import Figure, figure_style, make_panel
 from truearm.readings import Lengths, Session

@@ -26,8 +26,8 @@ from truearm import datasets
 from truearm.arm import Arm, load_arm
 from truearm.compensation.models import HybridModel, NetworkModel
 from truearm.compensation.models.compensator import Compensator
-from truearm.identification.judgement.cross_validation_groups import cross_validation_groups
 from truearm.identification.planning.sampling import STRATEGIES
+from truearm.identification.references.cross_validation_groups import cross_validation_groups
 from truearm.identification.virtual import VirtualArm, load_preset
 from truearm.readings import Lengths, Session
 from truearm.typing import FloatArray

@@ -93,7 +93,8 @@ def errors(
     """Of a new arm from few readings: mean error [mm], share inside 95 % ellipsoids, mean stated u [mm]."""
     arm, virtual = load_arm(NOMINAL), kind.draw(seed)
     model = KinematicModel(arm)
-    model.learn(model.prepare(measured(virtual, n_readings, 20_000 + seed, strategy))._replace(prior=prior))
+    prepared = model.prepare(measured(virtual, n_readings, 20_000 + seed, strategy))
+    model.learn(replace(prepared, prior=prior))
     angles = measured(virtual, TEST_READINGS, 30_000 + seed).angles
     points, covariance = model.predict(angles, return_cov=True)
     off = points - virtual.true_tip(angles)

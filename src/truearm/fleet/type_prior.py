@@ -68,7 +68,7 @@ class ArmEquations:
     @classmethod
     def of(cls, fit: IdentificationResult, offered: Sequence[Term], readings: PreparedReadings) -> ArmEquations:
         """Those of readings from which an arm was identified by the terms offered."""
-        n = len(readings.session)
+        n = len(readings)
         rank = np.random.default_rng(0).permutation(n)
         limits = [0, *(few for few in FEW if 2 * few <= n), n]
         parts = (

@@ -42,11 +42,6 @@ from truearm.identification.judgement.cross_validation import (
     compared_kinds,
     cross_validate_by_group,
 )
-from truearm.identification.judgement.cross_validation_groups import (
-    cross_validation_groups,
-    is_in_one_place,
-    joint_space_regions,
-)
 from truearm.identification.judgement.day_to_day import day_to_day_terms, on_another_day
 from truearm.identification.judgement.expansion_prior import (
     at_mean_temperature,
@@ -79,7 +74,6 @@ from truearm.identification.judgement.nominal_check import (
     refuse_implausible,
 )
 from truearm.identification.judgement.outer_regions import growing_outside
-from truearm.identification.judgement.reference_table import reference_table
 from truearm.identification.judgement.repeating_residuals import (
     UNKNOWN_SHARE,
     Repeating,
@@ -100,9 +94,6 @@ from truearm.identification.judgement.stated_uncertainty import (
 from truearm.identification.judgement.tails import tail_freedom
 from truearm.identification.references.prepared_readings import MIN_ROWS, PreparedReadings
 from truearm.identification.references.reading_references import (
-    roughly_aligned_chain,
-    state_of,
-    tool_terms,
     without_sizes,
 )
 from truearm.identification.references.references import Reference
@@ -122,8 +113,6 @@ from truearm.identification.terms import (
 from truearm.identification.terms.basis import Temperature
 from truearm.identification.terms.catalogue import JOINT_COMPLIANCE, unlearned_terms
 from truearm.readings.checks import check_scale
-from truearm.readings.reference_uncertainty import scale_errors
-from truearm.readings.session import Session
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import BoolArray, FloatArray
 
@@ -133,9 +122,8 @@ MAX_SHARE_LEFT = 0.5
 # Share of the expected squared error over the workspace that the compliance of joints must not exceed: a gain of a few
 # per cent is within what this estimate is good for.
 MAX_EXPECTED_SHARE = 0.9
-# Stretches of a large session, and readings of each, in which a residual process is tried before it is in all of them;
-# and standard errors by which it is then clearly worse.
-STRETCHES, CLEAR = (12, 1000), 3.0
+# Standard errors by which a residual process is clearly worse in stretches of a session.
+CLEAR = 3.0
 # Poses drawn within the limits of the joints for the expected error over the workspace.
 WORKSPACE_POSES = 200
 # Share of the median distance of the nominal arm below which that of a fit to the nearer half shows that gross errors
@@ -188,7 +176,7 @@ class Unexplained:
         """With `factor` times the variance."""
         return replace(self, residual_std_mm=self.residual_std_mm * float(np.sqrt(factor)))
 
-    def of_one_reading(self, readings: Session) -> Unexplained:
+    def of_one_reading(self, readings: PreparedReadings) -> Unexplained:
         """Of one reading, where these are means of repeats."""
         variance, share = of_one_reading(self.residual_std_mm**2, self.repeating_share, readings)
         return replace(self, residual_std_mm=float(np.sqrt(variance)), repeating_share=share)
@@ -256,7 +244,7 @@ def place(readings: PreparedReadings) -> IdentificationResult:
         If a known length or distance is far from that of the nominal arm.
     """
     fit_nominal = partial(_identify_terms, readings, _nominal_terms(readings))
-    check_sizes(readings.session, readings.lengths, readings.references, fit_nominal, readings.state)
+    check_sizes(readings.measured, readings.lengths, readings.references, fit_nominal, readings.state)
     return fit_nominal(readings.references)
 
 
@@ -265,7 +253,7 @@ def place_without_gross_errors(readings: PreparedReadings) -> Found:
     nominal = place(readings)
     if not readings.robust:
         return Found(nominal, NONE_HELD_OUT)
-    terms, n = _nominal_terms(readings), len(readings.session)
+    terms, n = _nominal_terms(readings), len(readings)
     weights = nearer_half(nominal, n)
     trimmed = nominal
     if not weights.all():
@@ -290,7 +278,7 @@ def judge_description(readings: PreparedReadings, nominal: IdentificationResult)
     """
     every = constants(readings.arm.chain, free=readings.free)
     references = [without_sizes(reference) for reference in readings.references]
-    check_scale(readings.given, nominal.tips(readings.state))
+    check_scale(readings.measured, nominal.tips(readings.state))
     check = check_nominal_arm(
         readings.arm,
         nominal,
@@ -298,11 +286,11 @@ def judge_description(readings: PreparedReadings, nominal: IdentificationResult)
         references,
         every,
         partial(_identify_terms, readings, references=references),
-        reference_table(readings.given, readings.lengths, free=readings.free),
+        readings.table,
         readings.free,
     )
-    refuse_implausible(check, readings.arm, readings.given, nominal.tips(readings.state))
-    check_stated_uncertainty(readings.given, nominal, references, partial(_identify_terms, readings, every))
+    refuse_implausible(check, readings.arm, readings.measured, nominal.tips(readings.state))
+    check_stated_uncertainty(readings.measured, nominal, references, partial(_identify_terms, readings, every))
     return check
 
 
@@ -349,10 +337,10 @@ def _with_missing_terms(
     readings: PreparedReadings, fit: IdentificationResult, terms: Sequence[Term]
 ) -> IdentificationResult | None:
     """The arm with the terms that its model does not have; None where too few readings would show them."""
-    weights = np.ones(len(readings.session))
+    weights = np.ones(len(readings))
     weights[excluded_readings(fit)] = 0.0
     offered = [*terms, *missing_terms(readings.state, readings.free)]
-    if not readings.session.has_point.any():
+    if not readings.has_point.any():
         offered = [term for term in offered if not places_the_frame(term)]
     complete = _identify_terms(readings, offered, readings.references, weights=weights, start=fit, about=fit)
     return None if complete.residual_freedom(readings.references) < LEAST_FREEDOM else complete
@@ -409,7 +397,7 @@ def identify_physical(
         # The terms pass through the readings: neither their sizes nor the noise mean anything.
         skipped.append(SkippedTerm("terms that depend on the pose", "there are too few readings"))
         found = estimate(_rigid(terms))
-    elif is_in_one_place(readings.session, readings.state):
+    elif readings.in_one_place:
         found, lost = _likely_elsewhere(readings, terms, everything, estimate)
         skipped += lost
     else:
@@ -463,9 +451,10 @@ def _may_replace(
     readings: PreparedReadings, rigid_terms: list[Term], everything: Found, simpler: IdentificationResult | None
 ) -> bool:
     """Whether a residual process may predict better than the terms that depend on the pose: see stretches of many."""
-    if (found := readings.stretches(*STRETCHES)) is None:
+    if readings.stretches is None:
         return True
-    some, rows = found
+    some, rows = readings.stretches
+    some = replace(some, state=readings.state.rows(rows))
     start = Start(_weights_without(readings, [everything.fit])[rows], simpler)
     rigid = estimate_without_gross_errors(some, rigid_terms, start)
     (_, with_process), process = add_residual_process(rigid, some, partial(cross_validate, some))
@@ -484,7 +473,7 @@ def _likely_elsewhere(
     if _typical_error(everything.held_out) <= MAX_SHARE_LEFT * _typical_error(rigid.held_out):
         return everything, []
     elastic = estimate(elastic_terms)
-    angles = readings.session.angles
+    angles = readings.state.angles
     ranges = np.stack([angles.min(axis=0), angles.max(axis=0)], axis=1)
     ends = joint_travel_limits(readings.arm, slides=ranges)
     poses = spread_angles(*ends, WORKSPACE_POSES, seed=0)
@@ -503,7 +492,7 @@ def estimate_without_gross_errors(
     readings: PreparedReadings, terms: Sequence[Term], start: Start, progress: Progress | None = None
 ) -> Found:
     """Identify terms, and hold readings out; where outliers get a smaller weight, without gross errors."""
-    if not readings.session.has_point.any():
+    if not readings.has_point.any():
         terms = [term for term in terms if not places_the_frame(term)]
     if not readings.robust:
         fit = _identify_terms(readings, terms, readings.references, progress=progress, start=start.arm)
@@ -523,11 +512,7 @@ def cross_validate(
     readings: PreparedReadings, fit: IdentificationResult, kinds: Sequence[str] | None = None
 ) -> HeldOutReadings:
     """Predict readings by an arm that was identified without their group: position, seat, or region of the joints."""
-    if is_in_one_place(readings.session, readings.state):
-        groups = joint_space_regions(readings.session.angles, readings.state.chain)
-    else:
-        groups = cross_validation_groups(readings.session, readings.frames)
-    held_out = cross_validate_by_group(fit, readings.state, readings.references, groups, kinds)
+    held_out = cross_validate_by_group(fit, readings.state, readings.references, readings.groups, kinds)
     return with_unspanned(held_out, fit, readings.state)
 
 
@@ -565,13 +550,12 @@ def what_may_change(
     `widened` is the factor by which the covariance was raised for few readings; `complete` adds states that no reading
     had; `wider` is the arm with the error of the terms that the model does not have, or itself.
     """
-    errors = scale_errors(readings.session, is_frame_free="base" in readings.free)
-    scale = response_to_point_errors(fit, readings.state, errors)
+    scale = response_to_point_errors(fit, readings.state, readings.scale_errors)
     fit = wider if widened == 1 else replace(wider, covariance=widened * wider.covariance)
     if not same_every_day:
         fit = on_another_day(fit)
     if complete is not None:
-        fit = complete(fit, state_of(readings.arm, readings.session), widened)
+        fit = complete(fit, readings.state_as_read, widened)
     return with_shared_error(fit, scale)
 
 
@@ -597,8 +581,8 @@ def _concluded(
         wider = with_missing_terms(fit, missing)
         added = added_covariance(fit, wider, readings.state)
         known = with_covariance(kept, added)
-    rest = unexplained(missing or fit, known, readings.session.angles)
-    used = np.ones(len(readings.session), dtype=bool)
+    rest = unexplained(missing or fit, known, readings.state.angles)
+    used = np.ones(len(readings), dtype=bool)
     used[excluded_readings(fit)] = False
     birge = birge_ratio(fit.references, kept.rows, rest.residual_std_mm)
     # Few residuals determine the noise only roughly.
@@ -613,7 +597,7 @@ def _concluded(
         grown = replace(rest, variance_function=function)
         share, hysteresis = _repeating(readings, wider, grown, used)
         whole = replace(grown, repeating_share=share, hysteresis=hysteresis)
-        return whole.widened(widened).of_one_reading(readings.session)
+        return whole.widened(widened).of_one_reading(readings)
 
     signs = []
     if not same_every_day:
@@ -647,15 +631,14 @@ def _concluded(
 
 def _repeating(readings: PreparedReadings, fit: IdentificationResult, rest: Unexplained, used: BoolArray) -> Repeating:
     """What of the residuals comes back, by the readings with points."""
-    session = readings.session
-    rows = np.flatnonzero(used & session.has_point)
-    if session.points is None or session.point_std is None:
+    angles, rows = readings.state.angles, np.flatnonzero(used & readings.has_point)
+    if readings.points is None or readings.point_std is None:
         point_variance = np.zeros(len(rows))
     else:
-        point_variance = (session.point_std[rows] ** 2).mean(axis=1)
-    points = np.zeros((0, 3)) if session.points is None else session.points[rows]
-    variance = rest.residual_std_mm**2 * rest.variance_function.share(session.angles[rows])
-    moved = directions(session.angles) if session.directions is None else session.directions
+        point_variance = (readings.point_std[rows] ** 2).mean(axis=1)
+    points = np.zeros((0, 3)) if readings.points is None else readings.points[rows]
+    variance = rest.residual_std_mm**2 * rest.variance_function.share(angles[rows])
+    moved = directions(angles) if readings.state.directions is None else readings.state.directions
     return repeating_residuals(fit, readings.state.rows(rows), moved[rows], points, point_variance, variance)
 
 
@@ -670,7 +653,7 @@ def _as_refitted(
         return identify(of.chain, at, of.terms, references, robust=readings.robust, reading_weights=weights)
 
     freedom = fit.residual_freedom(readings.references)
-    return predicted_by_refits(held_out, fit, kinds, identified, len(readings.session), freedom=freedom)
+    return predicted_by_refits(held_out, fit, kinds, identified, len(readings), freedom=freedom)
 
 
 def _with_all_states(fit: IdentificationResult, state: ArmState, widened: float) -> IdentificationResult:
@@ -698,8 +681,7 @@ def _identify_terms(
     about: IdentificationResult | None = None,
 ) -> IdentificationResult:
     """Terms, and beside them those of the tool and of the sessions' frames, identified from references."""
-    arm = readings.arm
-    chain = roughly_aligned_chain(arm, readings.session, readings.free)
+    arm, chain = readings.arm, readings.chain
     if readings.prior is not None:
         chain, terms = readings.prior.applied(chain, terms)
     return identify(
@@ -707,7 +689,7 @@ def _identify_terms(
         readings.state,
         [
             *terms,
-            *tool_terms(arm, readings.session),
+            *readings.tool,
             *session_frame_terms(arm.chain, readings.frames),
             *further_tip_terms(arm.chain, readings.tips),
         ],
@@ -730,12 +712,12 @@ def _rigid(terms: Sequence[Term]) -> list[Term]:
 
 def _at_mean_temperature(readings: PreparedReadings) -> PreparedReadings:
     """Lengths are then those at the mean temperature of the readings; `_with_all_states` takes them to 20 degC."""
-    return readings._replace(state=at_mean_temperature(readings.state))
+    return replace(readings, state=at_mean_temperature(readings.state))
 
 
 def _weights_without(readings: PreparedReadings, known: Sequence[IdentificationResult]) -> FloatArray:
     """(n,) weights: 0 for the gross errors of arms that were identified before, which may come back."""
-    weights = np.ones(len(readings.session))
+    weights = np.ones(len(readings))
     for fit in known:
         weights[excluded_readings(fit)] = 0.0
     return weights

@@ -8,7 +8,7 @@ import numpy as np
 
 from truearm.errors import InputError
 from truearm.readings.distances import offset_std, rows_with_distance
-from truearm.readings.session import Session
+from truearm.readings.readings import Measurements
 from truearm.typing import FloatArray
 
 # Readings that determine an anchor (3) and the offset (1), and readings whose distances are compared: twice as many.
@@ -60,7 +60,7 @@ class DistanceErrors(DistanceFigures):
     distances: list[dict[str, Any]]
 
 
-def has_located_anchor(session: Session, least: int = LEAST_READINGS) -> bool:
+def has_located_anchor(session: Measurements, least: int = LEAST_READINGS) -> bool:
     """Whether an anchor has enough distances: to locate it, or `LEAST_COMPARED` of them."""
     known = rows_with_distance(session)
     if session.anchor is None or not known.any():
@@ -68,7 +68,7 @@ def has_located_anchor(session: Session, least: int = LEAST_READINGS) -> bool:
     return bool(np.unique(session.anchor[known], return_counts=True)[1].max() >= least)
 
 
-def distance_errors(points: FloatArray, session: Session) -> DistanceErrors:
+def distance_errors(points: FloatArray, session: Measurements) -> DistanceErrors:
     """Errors of the distances of points from anchors, each anchor located by least squares from its own distances.
 
     The four unknowns of an anchor take up a part of the errors; each is divided by the root of the share that is left,
@@ -78,7 +78,7 @@ def distance_errors(points: FloatArray, session: Session) -> DistanceErrors:
     ----------
     points : (n, 3) array
         Predicted [mm].
-    session : Session
+    session : Session or Measured
         Of these n readings. Anchors with fewer than `LEAST_COMPARED` distances are ignored.
 
     Returns

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from truearm.readings.columns import ANGLE
 from truearm.readings.lengths import ENDS, Lengths
-from truearm.readings.readings import TOUCHED
+from truearm.readings.readings import TOUCHED, Measurements
 from truearm.readings.session import Session
 from truearm.readings.thermal_expansion import ThermalExpansion
 from truearm.typing import BoolArray, FloatArray
@@ -314,7 +314,7 @@ def check_reach(session: Session, *, reach: float, sliding: BoolArray | None = N
     )
 
 
-def check_scale(session: Session, tips: FloatArray) -> None:
+def check_scale(session: Measurements, tips: FloatArray) -> None:
     """Check that reference points are in the unit of the arm: they spread about as far as the nominal tips.
 
     Parameters
@@ -342,7 +342,7 @@ def check_scale(session: Session, tips: FloatArray) -> None:
     )
 
 
-def likely_unit(session: Session, tips: FloatArray) -> str | None:
+def likely_unit(session: Measurements, tips: FloatArray) -> str | None:
     """The unit other than mm in which reference points would spread about as far as nominal tips (n, 3) [mm].
 
     None without three points, or if no unit explains the spread.

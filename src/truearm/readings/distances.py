@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from truearm.findings import Finding
-from truearm.readings.readings import Readings
+from truearm.readings.readings import Measurements, Readings
 from truearm.typing import BoolArray
 
 # Standard uncertainty of an offset that is not stated [mm]: the zero of a wire is set by eye.
@@ -20,12 +20,12 @@ OFFSET_STD_MM = 1.0
 EQUAL_SHARE = 0.05
 
 
-def rows_with_distance(readings: Readings) -> BoolArray:
+def rows_with_distance(readings: Measurements) -> BoolArray:
     """(n,) Whether each reading has a distance to an anchor."""
     return np.zeros(len(readings), bool) if readings.distance_mm is None else ~np.isnan(readings.distance_mm)
 
 
-def offset_std(readings: Readings, name: str) -> float:
+def offset_std(readings: Measurements, name: str) -> float:
     """Standard uncertainty of the offset of the distances to an anchor [mm]."""
     if readings.u_offset_mm is None or readings.anchor is None:
         return OFFSET_STD_MM

@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, ClassVar, Self, cast
+from typing import Any, ClassVar, Self, TypeAlias, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -51,8 +51,86 @@ _BESIDE_ANGLES = (
 )
 
 
+class NamedReadings:
+    """Readings that messages name, by their lines in a file or by their numbers."""
+
+    file: Path | None
+    numbers: IntArray | None
+    by_line: bool
+
+    def called(self, row: int) -> str:
+        """Name row `row` (counted from 0) for a person: ``line 14``, without a file ``reading 12``."""
+        return f"{'line' if self.by_line else 'reading'} {cast(IntArray, self.numbers)[row]}"
+
+    def error(
+        self, problem: str, row: int | None = None, *, column: str | None = None, hint: str | None = None
+    ) -> InputError:
+        """Make an error that states the file, and the line of `row` (counted from 0) or its number."""
+        name = None if row is None or self.by_line else self.called(row)
+        line = None if row is None else self.line_of(row)
+        return InputError(problem, file=self.file, line=line, column=column, hint=hint, row=name)
+
+    def refuse(
+        self, bad: BoolArray, problem: str, *got: Any, column: str | None = None, hint: str | None = None
+    ) -> None:
+        """Raise an `error` of the first reading that is `bad`, (n,) or (n, k); `problem` shows what it has in `got`."""
+        if bad.any():
+            row = int(np.argwhere(bad)[0, 0])
+            said = problem.format(*(each[row] for each in got)) if got else problem
+            raise self.error(said, row, column=None if self.file is None else column, hint=hint)
+
+    def contradict(
+        self, problem: str, row: int | None = None, *, column: str | None = None, hint: str | None = None
+    ) -> None:
+        """Refuse readings that are contradicted with this `error`, unless a person accepts it; see `contradict`."""
+        contradict(self.error(problem, row, column=column, hint=hint))
+
+    def line_of(self, row: int) -> int | None:
+        """Return the line of row `row` (counted from 0) in `file`; None if rows are not lines."""
+        return int(cast(IntArray, self.numbers)[row]) if self.by_line else None
+
+
 @dataclass(frozen=True, eq=False)
-class Readings:
+class Measured(NamedReadings):
+    """What was measured at readings whose angles are known to be right, to compare the points of a model with.
+
+    Attributes are those of a `truearm.readings.session.Session`.
+    """
+
+    angles: FloatArray
+    points: FloatArray | None
+    session: NameArray | None
+    seat: NameArray | None
+    anchor: NameArray | None
+    distance_mm: FloatArray | None
+    u_offset_mm: FloatArray | None
+    temperature_degC: FloatArray | None
+    file: Path | None
+    numbers: IntArray | None
+    by_line: bool
+
+    def __len__(self) -> int:
+        return len(self.angles)
+
+    @property
+    def has_point(self) -> BoolArray:
+        """(n,) Whether each reading has a reference point."""
+        return points_there(self.points, len(self))
+
+    def rows(self, which: IntArray) -> Self:
+        """Some of the readings."""
+        of_each = {name: value for name, value in vars(self).items() if isinstance(value, np.ndarray)}
+        chosen: dict[str, Any] = {name: value[which] for name, value in of_each.items()}
+        return replace(self, **chosen)
+
+
+def points_there(points: FloatArray | None, n: int) -> BoolArray:
+    """(n,) Whether there is a point (n, 3) at each reading."""
+    return np.zeros(n, bool) if points is None else ~np.isnan(points[:, 0])
+
+
+@dataclass(frozen=True, eq=False)
+class Readings(NamedReadings):
     """The readings of a `truearm.readings.session.Session`, which describes the fields: their data and their checks."""
 
     # Temperatures of an arm in use [degC]; others are of another scale, or lost their decimal point.
@@ -270,43 +348,17 @@ class Readings:
     @property
     def has_point(self) -> BoolArray:
         """(n,) Whether each reading has a reference point."""
-        return np.zeros(len(self), bool) if self.points is None else ~np.isnan(self.points[:, 0])
+        return points_there(self.points, len(self))
+
+    @property
+    def measured(self) -> Measured:
+        """What models are compared with."""
+        return Measured(**{one.name: getattr(self, one.name) for one in fields(Measured)})
 
     @property
     def averaged_mm2(self) -> FloatArray:
         """(n,) by how much the variance of a coordinate is less than that of one reading, as means have it [mm^2]."""
         return np.zeros(len(self)) if self.n_repeats is None else self.repeat_std_mm**2 * (1 - 1 / self.n_repeats)
-
-    def called(self, row: int) -> str:
-        """Name row `row` (counted from 0) for a person: ``line 14``, without a file ``reading 12``."""
-        return f"{'line' if self.by_line else 'reading'} {cast(IntArray, self.numbers)[row]}"
-
-    def error(
-        self, problem: str, row: int | None = None, *, column: str | None = None, hint: str | None = None
-    ) -> InputError:
-        """Make an error that states the file, and the line of `row` (counted from 0) or its number."""
-        name = None if row is None or self.by_line else self.called(row)
-        line = None if row is None else self.line_of(row)
-        return InputError(problem, file=self.file, line=line, column=column, hint=hint, row=name)
-
-    def refuse(
-        self, bad: BoolArray, problem: str, *got: Any, column: str | None = None, hint: str | None = None
-    ) -> None:
-        """Raise an `error` of the first reading that is `bad`, (n,) or (n, k); `problem` shows what it has in `got`."""
-        if bad.any():
-            row = int(np.argwhere(bad)[0, 0])
-            said = problem.format(*(each[row] for each in got)) if got else problem
-            raise self.error(said, row, column=None if self.file is None else column, hint=hint)
-
-    def contradict(
-        self, problem: str, row: int | None = None, *, column: str | None = None, hint: str | None = None
-    ) -> None:
-        """Refuse readings that are contradicted with this `error`, unless a person accepts it; see `contradict`."""
-        contradict(self.error(problem, row, column=column, hint=hint))
-
-    def line_of(self, row: int) -> int | None:
-        """Return the line of row `row` (counted from 0) in `file`; None if rows are not lines."""
-        return int(cast(IntArray, self.numbers)[row]) if self.by_line else None
 
     def rows(self, which: npt.ArrayLike) -> Self:
         """Select readings by `which` (indices, slice or mask); each keeps its number or line."""
@@ -440,3 +492,7 @@ def _shaped(value: npt.ArrayLike, shape: tuple[int, ...], name: str) -> FloatArr
     if array.shape != shape:
         raise InputError(f"expected {name} of shape {shape}, got {array.shape}")
     return array
+
+
+# What a model is compared with.
+Measurements: TypeAlias = "Readings | Measured"

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from truearm.errors import InputError
 from truearm.readings.lengths import Lengths
-from truearm.readings.readings import Readings
+from truearm.readings.readings import Measurements
 from truearm.typing import FloatArray, IntArray, NameArray
 
 
@@ -61,7 +61,7 @@ class LengthSummary:
         return cls(len(own), float(np.abs(own).max()), float(np.abs(drawn).max()), rms > drawn_rms + 2 * u)
 
 
-def has_repeated_seat(session: Readings) -> bool:
+def has_repeated_seat(session: Measurements) -> bool:
     """Whether a seat has two readings or more, so that its points can be compared with each other."""
     if session.seat is None:
         return False

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from truearm.acceptance import contradict
 from truearm.readings.lengths import Lengths
-from truearm.readings.readings import Readings
+from truearm.readings.readings import Measurements
 from truearm.typing import BoolArray, FloatArray, NameArray
 
 REFERENCE_DEGC = 20.0
@@ -130,7 +130,7 @@ def at_measured_temperature(lengths: Lengths, seat: NameArray, temperature_degC:
     )
 
 
-def expanded_lengths(lengths: Lengths | None, session: Readings) -> Lengths | None:
+def expanded_lengths(lengths: Lengths | None, session: Measurements) -> Lengths | None:
     """Lengths at the temperature of the readings in their seats."""
     if lengths is None or session.seat is None:
         return None

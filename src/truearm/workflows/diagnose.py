@@ -10,7 +10,7 @@ from truearm.arm.arm import Arm
 from truearm.arm.description_mistakes import mended_arm
 from truearm.errors import InputError
 from truearm.identification.judgement.description_check import DescriptionCheck, Explanation, check_description
-from truearm.identification.judgement.reference_table import LEAST_READINGS, MOST_READINGS, reference_table
+from truearm.identification.references.reference_table import LEAST_READINGS, MOST_READINGS, reference_table
 from truearm.readings import Lengths, read_lengths
 from truearm.readings.checks import check_angles
 from truearm.solve.threads import one_blas_thread

@@ -149,7 +149,7 @@ def fit(
     readings = first.prepare(used, known)
     if nominal is not None:
         nominal.learn(readings)
-    readings = readings._replace(prior=of_type)
+    readings = replace(readings, prior=of_type)
     if chosen is None and nominal is not None:
         learned = select_model(nominal, readings, progress=progress, **options)
     else:

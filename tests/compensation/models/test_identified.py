@@ -13,8 +13,8 @@ from truearm.arm import load_arm
 from truearm.arm.arm import Arm
 from truearm.compensation.models import KinematicModel, NetworkModel, NominalModel, PhysicalModel
 from truearm.errors import InputError
-from truearm.identification.judgement.cross_validation_groups import cross_validation_groups
 from truearm.identification.references.alignment import align
+from truearm.identification.references.cross_validation_groups import cross_validation_groups
 from truearm.identification.terms import Constant
 from truearm.identification.terms.catalogue import thermal
 from truearm.readings import Lengths, Session

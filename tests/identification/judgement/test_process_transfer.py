@@ -10,8 +10,8 @@ import pytest
 from truearm.arm import load_arm
 from truearm.errors import InputError
 from truearm.identification.estimation.identification import identify
-from truearm.identification.judgement.cross_validation_groups import PLACE_RADIUS, is_in_one_place
 from truearm.identification.judgement.residual_process import OF_ARM, OF_SESSION, ResidualProcess, _only_frame_uncertain
+from truearm.identification.references.cross_validation_groups import PLACE_RADIUS, is_in_one_place
 from truearm.identification.references.references import Points
 from truearm.identification.terms import ArmState, constants
 from truearm.readings import Session

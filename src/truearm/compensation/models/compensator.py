@@ -24,7 +24,7 @@ from truearm.compensation.models.arm_check import (
 )
 from truearm.compensation.models.estimator import Regressor
 from truearm.compensation.models.model_archive import model_bytes
-from truearm.compensation.models.training_conditions import TrainingConditions
+from truearm.compensation.models.training_conditions import TrainingConditions, TrainingReadings
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.findings import NO_FINDINGS
@@ -37,7 +37,7 @@ from truearm.identification.judgement.nominal_check import UNCHECKED
 from truearm.identification.judgement.repeating_residuals import UNKNOWN_SHARE
 from truearm.identification.judgement.stated_uncertainty import counts_rounding
 from truearm.identification.judgement.tails import ellipsoid_factor
-from truearm.identification.references.prepared_readings import MIN_ROWS, PreparedReadings
+from truearm.identification.references.prepared_readings import MIN_ROWS, PreparedReadings, lengths_in_seats
 from truearm.identification.references.reading_references import (
     check_points_of_one_tip,
     state_of,
@@ -214,18 +214,19 @@ class Compensator(Regressor, ABC):
         """Itself, with all worked out that `learn` leaves until it is asked for: only a model that is kept needs it."""
         return self
 
-    def prepare(self, readings: Session, lengths: Lengths | None = None) -> PreparedReadings:
+    def prepare(self, readings: Session, lengths: Lengths | None = None) -> TrainingReadings:
         """Readings whose angles were checked (`check_readings_of`), prepared to `learn` from; see `fit_readings`."""
         arm = self._checked_arm()
         with_serial_number(arm, readings)
         self._check_references(readings, lengths)
         read = with_read_angles(arm, readings)
-        return PreparedReadings.of(arm, read, lengths, free=self.free, robust=self.robust)
+        conditions = TrainingConditions.of(read, arm.chain.is_prismatic, lengths_in_seats(read, lengths))
+        return TrainingReadings.of(arm, read, lengths, free=self.free, robust=self.robust, conditions=conditions)
 
     @one_blas_thread()
     def learn(
         self,
-        readings: PreparedReadings,
+        readings: TrainingReadings,
         *,
         progress: Callable[[int, str], None] | None = None,
         nominal: Compensator | None = None,
@@ -234,7 +235,7 @@ class Compensator(Regressor, ABC):
         begun = time.perf_counter()
         self._set_conditions(readings)
         if nominal is None:
-            with explaining(readings.arm, readings.given, lengths=readings.lengths, free=readings.free):
+            with explaining(readings.arm, readings.table, readings.measured.file):
                 placed = self._place(readings)
             if readings.arm.has_kinematics:
                 self.nominal_check_ = judge_description(readings, placed.fit)
@@ -346,6 +347,12 @@ class Compensator(Regressor, ABC):
             direction=0.0,
         )
 
+    def state_in_training(self, readings: TrainingReadings) -> ArmState:
+        """The `state` at the readings that it was fitted to."""
+        state = readings.state_as_read
+        directions = np.zeros(state.angles.shape) if state.directions is None else state.directions
+        return replace(state, directions=directions, session=state.session if self.session_frames_ else None)
+
     @overload
     def predict_readings(self, readings: ReadingsLike, *, return_cov: Literal[False] = False) -> FloatArray: ...
 
@@ -365,7 +372,7 @@ class Compensator(Regressor, ABC):
         two directions of movement.
         """
         at = self.checked(readings)
-        points = points_to_session_frames(self._tips(at), at.session, self.session_frames_)
+        points = points_to_session_frames(self._tips(at.state), at.session.session, self.session_frames_)
         if not return_cov:
             return points
         of_parameters, unexplained = self.covariance_parts(at)
@@ -389,8 +396,8 @@ class Compensator(Regressor, ABC):
         of_parameters, unexplained = self._covariance_parts(at)
         of_parameters = of_parameters + self.expansion_covariance(at)
         frames = self.session_frames_
-        return covariances_to_session_frames(of_parameters, at.session, frames), covariances_to_session_frames(
-            unexplained, at.session, frames
+        return covariances_to_session_frames(of_parameters, at.session.session, frames), covariances_to_session_frames(
+            unexplained, at.session.session, frames
         )
 
     @one_blas_thread()
@@ -408,7 +415,7 @@ class Compensator(Regressor, ABC):
         """
         at = self.checked(readings)
         displacements = [self._shared_displacements(at), self._expansion_displacements(at.session)]
-        return displacements_to_session_frames(np.concatenate(displacements), at.session, self.session_frames_)
+        return displacements_to_session_frames(np.concatenate(displacements), at.session.session, self.session_frames_)
 
     @property
     def identified_arm(self) -> IdentificationResult | None:
@@ -478,7 +485,7 @@ class Compensator(Regressor, ABC):
         """(n, 3) the same at the readings of a session, in the frames of `predict_readings` [mm]."""
         check_has_kinematics(self.arm_, "nominal points need")
         at = self.checked(readings)
-        return points_to_session_frames(self.nominal_.tips(at.state), at.session, self.session_frames_)
+        return points_to_session_frames(self.nominal_.tips(at.state), at.session.session, self.session_frames_)
 
     def share_of_mean(self, readings: Session) -> FloatArray:
         """(n,) share of the residual variance of one reading that readings have: less than 1 for means of repeats."""
@@ -599,7 +606,7 @@ class Compensator(Regressor, ABC):
         )
 
     @abstractmethod
-    def _tips(self, at: CheckedReadings) -> FloatArray:
+    def _tips(self, state: ArmState) -> FloatArray:
         """(n, 3) tips [mm], in the frame of the first session."""
 
     @abstractmethod
@@ -625,12 +632,12 @@ class Compensator(Regressor, ABC):
         del lengths
         check_points_of_one_tip(readings)
 
-    def _set_conditions(self, readings: PreparedReadings) -> None:
+    def _set_conditions(self, readings: TrainingReadings) -> None:
         """Keep what is known of readings before anything is identified from them."""
         arm = self.arm_ = readings.arm
         self.n_features_in_, self.tips_ = arm.n_joints, readings.tips
         self.free_, self.session_frames_ = readings.free, dict(readings.frames)
-        self.training_ = TrainingConditions.of(readings.given, arm.chain.is_prismatic, readings.lengths)
+        self.training_ = readings.conditions
 
     def _keep_rounding(self, readings: PreparedReadings) -> None:
         """Keep the uncertainty of rounded angles, where the readings scatter as if they were rounded."""

@@ -13,6 +13,7 @@ from truearm.compensation.models.compensator import CheckedReadings, Compensator
 from truearm.compensation.models.estimator import check_network_options
 from truearm.compensation.models.identified_model import IdentifiedModel, KinematicModel, NominalModel
 from truearm.compensation.models.residual_inputs import ResidualInputs, clock
+from truearm.compensation.models.training_conditions import TrainingReadings
 from truearm.compensation.nets.committee import Committee, train_committee, train_member
 from truearm.compensation.nets.perceptron import Perceptron
 from truearm.errors import InputError
@@ -24,7 +25,6 @@ from truearm.identification.estimation.residual_variance import (
 from truearm.identification.identify import Found, Progress, unexplained_at
 from truearm.identification.judgement.held_out_errors import HeldOutErrors
 from truearm.identification.references.prepared_readings import MIN_ROWS, PreparedReadings
-from truearm.identification.references.reading_references import state_of
 from truearm.identification.terms import ArmState
 from truearm.readings.session import Session
 from truearm.solve.threads import one_blas_thread
@@ -131,7 +131,7 @@ class HybridModel(Compensator):
         self.free = free
 
     def learn(
-        self, readings: PreparedReadings, *, progress: Progress | None = None, nominal: Compensator | None = None
+        self, readings: TrainingReadings, *, progress: Progress | None = None, nominal: Compensator | None = None
     ) -> Self:
         """See `Compensator.learn`; `nominal` may be the identified arm itself, fitted to the same readings."""
         begun = time.perf_counter()
@@ -167,7 +167,7 @@ class HybridModel(Compensator):
         return _scatter(self._corrections(self.checked(readings).state))
 
     def held_out_by_one_member(
-        self, readings: Session, arm_model: IdentifiedModel, *, latest: bool = False
+        self, readings: PreparedReadings, arm_model: IdentifiedModel, *, latest: bool = False
     ) -> HeldOutReadings:
         """One fold of the readings, as predicted by a network that is trained without it.
 
@@ -175,7 +175,7 @@ class HybridModel(Compensator):
 
         Parameters
         ----------
-        readings : Session
+        readings : PreparedReadings
             Of one frame.
         arm_model : IdentifiedModel
             Fitted to these readings; an arm as `arm_model` names it.
@@ -201,10 +201,11 @@ class HybridModel(Compensator):
         assert isinstance(simpler, IdentifiedModel)  # see `learn`
         self.fit_ = simpler.fit_
         self.findings_ = tuple(one for one in simpler.findings_ if one.what in OF_THE_CONSTANTS)
-        learned = self._prepare_residuals(readings.session, simpler)
+        learned = self._prepare_residuals(readings, simpler)
         self.inputs_, self.target_scale_mm_ = learned.of, learned.scale_mm
-        if readings.session.temperature_degC is not None and not self.inputs_.has_temperature:
-            self.findings_ += clock(readings.session.temperature_degC)
+        degC = readings.state_as_read.temperature_degC
+        if degC is not None and not self.inputs_.has_temperature:
+            self.findings_ += clock(degC)
         n_folds = int(learned.fold.max()) + 1
         progress(0, f"network 1 of {n_folds}")
         self.committee_, outputs = train_committee(
@@ -218,38 +219,38 @@ class HybridModel(Compensator):
         )
         held_out = learned.held_out
         self.held_out_ = replace(held_out, deviations=held_out.deviations + learned.scale_mm * outputs.T)
-        self.held_out_gross_ = self._corrected(simpler.held_out_gross_, readings.session, learned)
+        self.held_out_gross_ = self._corrected(simpler.held_out_gross_, readings, learned)
         n_excluded = 0 if simpler.held_out_errors_ is None else simpler.held_out_errors_.n_excluded
         self.held_out_errors_ = HeldOutErrors.of(self.held_out_, n_excluded=n_excluded)
         with one_blas_thread():
             corrections = learned.scale_mm * self.committee_.outputs(learned.inputs).transpose(0, 2, 1)
             self.fit_ = _with_noise_of(self.held_out_, simpler)
-            self._estimate_residual_variance(readings.session, corrections, learned.fold)
+            self._estimate_residual_variance(readings, corrections, learned.fold)
 
-    def _corrected(self, gross: HeldOutReadings, readings: Session, learned: _Residuals) -> HeldOutReadings:
+    def _corrected(self, gross: HeldOutReadings, readings: PreparedReadings, learned: _Residuals) -> HeldOutReadings:
         """Deviations of the arm's gross errors, as a network leaves them that has not seen their position."""
         if not len(gross.rows):
             return gross
         unseen = dict(zip(learned.held_out.group.tolist(), learned.fold.tolist(), strict=True))
         member = [unseen.get(group, 0) for group in gross.group.tolist()]
-        corrections = self._corrections(state_of(self.arm_, readings.rows(gross.rows)))
+        corrections = self._corrections(readings.state_as_read.rows(gross.rows))
         return replace(gross, deviations=gross.deviations + corrections[member, np.arange(len(member))])
 
-    def _prepare_residuals(self, readings: Session, arm_model: IdentifiedModel) -> _Residuals:
+    def _prepare_residuals(self, readings: PreparedReadings, arm_model: IdentifiedModel) -> _Residuals:
         """What the networks learn from readings in one frame: all but those that are gross errors of the arm."""
         held_out = arm_model.held_out_
         held_out = held_out.select(np.argsort(held_out.rows))
         rows, groups = held_out.rows, np.unique(held_out.group)
         if len(rows) < MIN_ROWS or len(groups) < 2:
-            raise readings.error(
+            raise readings.measured.error(
                 f"expected {MIN_ROWS} or more readings in two or more positions that the arm's constants explain, got "
                 f"{len(rows)} in {len(groups)}",
                 hint="measure more positions, or fit a kinematic model",
             )
         assert readings.points is not None  # checked
-        used = readings.rows(rows)
+        used = readings.state_as_read.rows(rows)
         of = ResidualInputs.of(used.angles, used.temperature_degC, self.arm_.chain.is_prismatic)
-        residuals = readings.points[rows] - arm_model.fit_.tips(state_of(self.arm_, used))
+        residuals = readings.points[rows] - arm_model.fit_.tips(used)
         scale_mm = TARGET_STDS * max(float(np.sqrt((residuals**2).mean())), LEAST_RMS_MM)
         order = np.random.default_rng([int(self.seed), *b"folds"]).permutation(len(groups))
         return _Residuals(
@@ -262,11 +263,11 @@ class HybridModel(Compensator):
             (order % min(self.n_members, len(groups)))[np.searchsorted(groups, held_out.group)].astype(np.intp),
         )
 
-    def _estimate_residual_variance(self, readings: Session, corrections: FloatArray, fold: IntArray) -> None:
+    def _estimate_residual_variance(self, readings: PreparedReadings, corrections: FloatArray, fold: IntArray) -> None:
         """Residual variance by which 95 % ellipsoids of the committee contain 95 % of the held-out readings."""
-        angles, rows = readings.angles, self.held_out_.rows
+        angles, rows = readings.state.angles, self.held_out_.rows
         share = np.sqrt(_share_of_mean(self.held_out_.deviations, corrections, fold))
-        of_arm = self.fit_.tip_covariance(state_of(self.arm_, readings.rows(rows)))
+        of_arm = self.fit_.tip_covariance(readings.state_as_read.rows(rows))
         of_points = np.zeros((len(rows), 3)) if readings.point_std is None else readings.point_std[rows] ** 2
         held_out = replace(
             self.held_out_,
@@ -277,8 +278,8 @@ class HybridModel(Compensator):
         self.residual_std_, self.variance_function_ = found.residual_std_mm, found.variance_function
         self.tail_freedom_, self.repeating_share_ = found.tail_freedom, found.repeating_share
 
-    def _tips(self, at: CheckedReadings) -> FloatArray:
-        return np.asarray(self.fit_.tips(at.state) + self._corrections(at.state).mean(axis=0))
+    def _tips(self, state: ArmState) -> FloatArray:
+        return np.asarray(self.fit_.tips(state) + self._corrections(state).mean(axis=0))
 
     def _corrections(self, state: ArmState) -> FloatArray:
         """(k, n, 3) what each network adds to the tips [mm]."""

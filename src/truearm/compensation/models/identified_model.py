@@ -35,7 +35,7 @@ from truearm.identification.judgement.repeating_residuals import UNKNOWN_SHARE
 from truearm.identification.judgement.residual_process import ResidualProcess
 from truearm.identification.references.prepared_readings import PreparedReadings
 from truearm.identification.references.rounded_angles import tip_motions
-from truearm.identification.terms import Expression, SkippedTerm, Term, constants
+from truearm.identification.terms import ArmState, Expression, SkippedTerm, Term, constants
 from truearm.identification.terms.basis import Temperature, check_parts
 from truearm.identification.terms.catalogue import HIGHEST_ORDER_OFFERED
 from truearm.identification.terms.expression import HIGHEST_ORDER
@@ -161,7 +161,7 @@ class IdentifiedModel(Compensator):
         is_judged = before is not None and before.length_scale_ is not None
         # A nominal arm that misses by more than arms do was refused, or accepted, with its scale.
         if self.length_scale_ is not None and not is_judged and self.nominal_check_.is_plausible:
-            refuse_wrong_scale(self.length_scale_, readings.arm, readings.given, readings.lengths)
+            refuse_wrong_scale(self.length_scale_, readings.arm, readings.measured, readings.lengths)
 
     def with_nominal_growth(self, function: VarianceFunction, residual_std_mm: float) -> VarianceFunction:
         """A variance function that grows to the variance of the nominal arm, far outside the trained range."""
@@ -196,7 +196,7 @@ class IdentifiedModel(Compensator):
 
         And of one, or of a tip, that no reading has.
         """
-        named = [] if readings.given.session is None else np.unique(readings.given.session).tolist()
+        named = [] if readings.state.session is None else np.unique(readings.state.session).tolist()
         refused = {Expression.session(name) for name in list(readings.frames)[:1] or named if name}
         known = {"session": named, "tip": list(readings.tips)}
         for term in self.terms:
@@ -261,8 +261,8 @@ class IdentifiedModel(Compensator):
     def _has_thermal_terms(self) -> bool:
         return any(isinstance(term.basis, Temperature) for term in self.fit_.perturbed_chain.terms)
 
-    def _tips(self, at: CheckedReadings) -> FloatArray:
-        return self.fit_.tips(at.state)
+    def _tips(self, state: ArmState) -> FloatArray:
+        return self.fit_.tips(state)
 
     def _covariance_parts(self, at: CheckedReadings) -> tuple[FloatArray, FloatArray]:
         share = self.variance_function_.share(at.session.angles) * self.share_of_mean(at.session)

@@ -7,20 +7,20 @@ from typing import Any
 
 import numpy as np
 
-from truearm.compensation.models.compensator import CheckedReadings, Compensator
+from truearm.compensation.models.compensator import Compensator
 from truearm.compensation.models.identified_model import to_identified
+from truearm.compensation.models.training_conditions import TrainingReadings
 from truearm.findings import Finding, format_mm
 from truearm.identification.judgement.calculated_points import calculated_points
 from truearm.identification.judgement.gross_errors import excluded_readings
 from truearm.identification.judgement.stated_uncertainty import rounded_angles
 from truearm.identification.references.orientations import LEVER_MM
 from truearm.identification.references.prepared_readings import PreparedReadings
+from truearm.identification.references.session_frames import points_to_session_frames
 from truearm.readings.anchors import LEAST_COMPARED, distance_errors, has_located_anchor
-from truearm.readings.lengths import Lengths
 from truearm.readings.point_errors import compare_errors, point_errors
 from truearm.readings.seats import LengthSummary, has_repeated_seat, length_errors, seat_errors
 from truearm.readings.thermal_expansion import expanded_lengths
-from truearm.typing import FloatArray
 
 # With fewer readings the training error of a kinematic model says little: it determines some 27 constants.
 FEW_READINGS = 50
@@ -54,7 +54,7 @@ def model_findings(model: Compensator, arm_model: Compensator, readings: Prepare
     if not arm.converged and model.arm.has_kinematics:
         said = "The fit has not converged: more readings, or poses that differ more from each other, may help."
         yield Finding("convergence", said)
-    if model.kind not in ("nominal", "network") and (n := len(readings.session)) < FEW_READINGS:
+    if model.kind not in ("nominal", "network") and (n := len(readings)) < FEW_READINGS:
         said = f"Only {n} readings: the training error says little. Use some {FEW_READINGS} or more."
         yield Finding("few readings", said, {"n": n})
 
@@ -79,32 +79,29 @@ def _scatter(model: Compensator, readings: PreparedReadings) -> Iterator[Finding
             yield Finding("orientation scatter", said, {"scatter_deg": float(turn)})
 
 
-def training_errors(model: Compensator, at: CheckedReadings, lengths: Lengths | None) -> Mapping[str, Any] | None:
+def training_errors(model: Compensator, readings: TrainingReadings) -> Mapping[str, Any] | None:
     """Errors of the readings that took part, and of known lengths between their seats."""
+    state, measured = model.state_in_training(readings), readings.measured
     if model.identified_arm is not None and len(excluded := excluded_readings(model.identified_arm)):
-        at = at.rows(np.setdiff1d(np.arange(len(at.session)), excluded))
-    session, predicted = at.session, model.predict_readings(at)
-    measured = {} if lengths is None else _training_lengths(model, at, predicted, lengths)
-    if session.points is not None:
-        if not model.arm.has_kinematics:
-            return point_errors(predicted, session.points)
-        return {**compare_errors(predicted, model.predict_nominal_readings(at), session.points), **measured}
-    if has_repeated_seat(session):
-        assert session.seat is not None
-        of_seats = seat_errors(predicted, session.seat).items()
-        return {name: value for name, value in of_seats if name != "seats"} | measured
-    if has_located_anchor(session, LEAST_COMPARED):
-        return dict(list(distance_errors(predicted, session).items())[:4])
+        kept = np.setdiff1d(np.arange(len(measured)), excluded)
+        state, measured = state.rows(kept), measured.rows(kept)
+    predicted = points_to_session_frames(model._tips(state), measured.session, model.session_frames_)
+    if not model.arm.has_kinematics:
+        assert measured.points is not None  # of a network
+        return point_errors(predicted, measured.points)
+    nominal = points_to_session_frames(model.nominal_.tips(state), measured.session, model.session_frames_)
+    of_lengths: dict[str, LengthSummary] = {}
+    known = None if readings.lengths is None or measured.seat is None else readings.lengths.within(measured.seat)
+    if (there := expanded_lengths(known, measured)) is not None:
+        assert measured.seat is not None
+        own, drawn = (length_errors(points, measured.seat, there) for points in (predicted, nominal))
+        of_lengths["lengths"] = LengthSummary.of(own, drawn, there.u_mm)
+    if measured.points is not None:
+        return {**compare_errors(predicted, nominal, measured.points), **of_lengths}
+    if has_repeated_seat(measured):
+        assert measured.seat is not None
+        of_seats = seat_errors(predicted, measured.seat).items()
+        return {name: value for name, value in of_seats if name != "seats"} | of_lengths
+    if has_located_anchor(measured, LEAST_COMPARED):
+        return dict(list(distance_errors(predicted, measured).items())[:4])
     return None
-
-
-def _training_lengths(
-    model: Compensator, at: CheckedReadings, predicted: FloatArray, lengths: Lengths
-) -> dict[str, LengthSummary]:
-    """How well a model measures the known lengths between the seats of its training readings."""
-    seat = at.session.seat
-    known = None if seat is None else expanded_lengths(lengths.within(seat), at.session)
-    if seat is None or known is None:
-        return {}
-    own, drawn = (length_errors(points, seat, known) for points in (predicted, model.predict_nominal_readings(at)))
-    return {"lengths": LengthSummary.of(own, drawn, known.u_mm)}

@@ -26,6 +26,7 @@ from truearm.errors import InputError
 from truearm.identification.identify import Found, Progress
 from truearm.identification.judgement.repeating_residuals import UNKNOWN_SHARE, of_one_reading
 from truearm.identification.references.prepared_readings import MIN_ROWS, PreparedReadings
+from truearm.identification.terms import ArmState
 from truearm.readings.lengths import Lengths
 from truearm.readings.session import Session
 from truearm.solve.threads import one_blas_thread
@@ -201,11 +202,11 @@ class NetworkModel(Compensator):
 
     def _fit(self, readings: PreparedReadings, placed: Found, simpler: Compensator | None, progress: Progress) -> None:
         del placed, simpler
-        self._train(readings.session, progress)
+        self._train(readings, progress)
 
-    def _train(self, readings: Session, progress: Progress) -> None:
+    def _train(self, readings: PreparedReadings, progress: Progress) -> None:
         if self.session_frames_:
-            raise readings.error(
+            raise readings.measured.error(
                 f"the readings are of {len(self.session_frames_)} sessions, each in its own frame, and a network "
                 "learns one frame",
                 column="session",
@@ -213,11 +214,11 @@ class NetworkModel(Compensator):
             )
         points = readings.points
         assert points is not None  # checked
-        angles = readings.angles.compress(self.arm_.chain.is_read, axis=1)
+        angles = readings.state.angles.compress(self.arm_.chain.is_read, axis=1)
         self.network_ = Perceptron.with_layers(angles.shape[1], self.hidden, 3, activation=self.activation)
         self.angle_scale_ = MinMaxScaler.of(angles.T, what="the angle of joint")
         self.point_scale_ = MinMaxScaler.of(points.T, what="coordinate")
-        inputs, targets = self._inputs(readings.angles), self.point_scale_.scale(points.T)
+        inputs, targets = self._inputs(readings.state.angles), self.point_scale_.scale(points.T)
         members, judges = [], []
         for number in range(self.n_members):
             train, aside, _ = dividerand(
@@ -233,7 +234,7 @@ class NetworkModel(Compensator):
             judges.append(train if validation is None else aside)
         self.members_ = tuple(members)
         with one_blas_thread():
-            found = self._residual_covariance(readings.angles, points, judges, apart=len(aside) > 0)
+            found = self._residual_covariance(readings.state.angles, points, judges, apart=len(aside) > 0)
         before = np.trace(found) / 3
         variance, self.repeating_share_ = of_one_reading(before, UNKNOWN_SHARE, readings)
         self.residual_covariance_ = found + (variance - before) * np.eye(3)
@@ -289,10 +290,10 @@ class NetworkModel(Compensator):
         words = np.random.SeedSequence([int(self.seed), member, restart]).generate_state(2, np.uint64)
         return int(words[0]) << 64 | int(words[1])
 
-    def _check_enough(self, training: FitProblem, readings: Session) -> None:
+    def _check_enough(self, training: FitProblem, readings: PreparedReadings) -> None:
         """Refuse a network that can fit every reading exactly, without validation data."""
         if self.trainer != "trainbr" and training.n_errors <= self.network_.n_weights:
-            raise readings.error(
+            raise readings.measured.error(
                 f"{training.inputs.shape[1]} readings give {training.n_errors} coordinates for "
                 f"{self.network_.n_weights} weights: the network would fit them exactly, and its error elsewhere "
                 "would be unknown",
@@ -354,8 +355,8 @@ class NetworkModel(Compensator):
         """(n, 3) a member's points [mm] at scaled inputs (n_inputs, n)."""
         return np.asarray(self.point_scale_.unscale(self.network_.outputs(member.weights, inputs)).T)
 
-    def _tips(self, at: CheckedReadings) -> FloatArray:
-        return self._mean(at.session.angles)
+    def _tips(self, state: ArmState) -> FloatArray:
+        return self._mean(state.angles)
 
     def _mean(self, angles: FloatArray) -> FloatArray:
         """(n, 3) mean of the members' points [mm]."""

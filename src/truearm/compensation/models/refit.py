@@ -33,6 +33,7 @@ from truearm.identification.judgement.residual_process import ResidualProcess, t
 from truearm.identification.references.alignment import align
 from truearm.identification.references.prepared_readings import check_enough, lengths_in_seats
 from truearm.identification.references.reading_references import check_spread, references_of, without_sizes
+from truearm.identification.references.reference_table import reference_table
 from truearm.identification.references.references import Reference
 from truearm.identification.references.session_frames import rough_session_frames, to_first_session_frame
 from truearm.identification.references.tips import check_tips, tip_names
@@ -217,7 +218,7 @@ def _judge_set_up(model: IdentifiedModel, placed: IdentificationResult, set_up: 
     if not check.is_usual:
         check = replace(check, left=left_by(placed, state, bare, set_up.terms))
     tips = model.nominal_.tips(state)
-    with explaining(arm, readings, lengths=lengths, free=free):
+    with explaining(arm, reference_table(readings, lengths, free=free), readings.file):
         check_scale(readings, tips)
         refuse_implausible(check, arm, readings, tips)
     return check

@@ -28,6 +28,7 @@ from truearm.compensation.models.identified_model import (
 )
 from truearm.compensation.models.model_findings import model_findings, training_errors
 from truearm.compensation.models.residual_inputs import moves
+from truearm.compensation.models.training_conditions import TrainingReadings
 from truearm.findings import Finding, format_mm
 from truearm.identification.estimation.residual_variance import HeldOutReadings
 from truearm.identification.identify import Progress
@@ -35,7 +36,6 @@ from truearm.identification.judgement.frame_changes import SessionChange, frame_
 from truearm.identification.judgement.gross_errors import excluded_readings
 from truearm.identification.judgement.outliers import Outlier, length_outliers, outliers
 from truearm.identification.judgement.paired_comparison import exceeds, group_means, selected, trimmed_mean
-from truearm.identification.references.prepared_readings import PreparedReadings
 from truearm.identification.terms import Term
 from truearm.typing import IntArray
 
@@ -119,7 +119,7 @@ class Selection(NamedTuple):
 
 def select_model(
     nominal: NominalModel,
-    readings: PreparedReadings,
+    readings: TrainingReadings,
     *,
     progress: Progress | None = None,
     residual: bool = True,
@@ -140,7 +140,7 @@ def select_model(
     ----------
     nominal : NominalModel
         Fitted to the readings; the others have its arm and free parts.
-    readings : PreparedReadings
+    readings : TrainingReadings
     progress : callable, optional
         Called with the steps done and a note.
     residual : bool
@@ -183,7 +183,7 @@ def select_model(
 
 
 def fit_chosen(
-    chosen: Compensator, nominal: NominalModel | None, readings: PreparedReadings, *, progress: Progress | None
+    chosen: Compensator, nominal: NominalModel | None, readings: TrainingReadings, *, progress: Progress | None
 ) -> Selection:
     """The model that a person chose, compared with no other; without a nominal model a network, which needs none."""
     if nominal is None:
@@ -200,15 +200,15 @@ def fit_chosen(
     return _selection(fitted, arm_model, readings, nominal=nominal, changes=_changes(arm_model, readings))
 
 
-def _changes(model: Compensator, readings: PreparedReadings) -> tuple[SessionChange, ...]:
+def _changes(model: Compensator, readings: TrainingReadings) -> tuple[SessionChange, ...]:
     assert model.identified_arm is not None
-    return tuple(frame_changes(model.identified_arm, model.session_frames_, readings.given))
+    return tuple(frame_changes(model.identified_arm, readings))
 
 
 def _selection(
     model: Compensator,
     arm_model: Compensator,
-    readings: PreparedReadings,
+    readings: TrainingReadings,
     *,
     nominal: NominalModel | None = None,
     table: tuple[ModelScore, ...] = (),
@@ -216,7 +216,7 @@ def _selection(
     changes: tuple[SessionChange, ...] = (),
 ) -> Selection:
     """A model that is kept, with all that a person must know of it."""
-    at, identified, arm = model.judged().at(readings.given), to_identified(model), model.identified_arm
+    identified, arm = to_identified(model.judged()), model.identified_arm
     found = [*model_findings(model, arm_model, readings), *held_out_findings(model, nominal)]
     if why_no_hybrid is not None:
         found.append(Finding("hybrid model", f"The hybrid model was not compared: {why_no_hybrid}."))
@@ -228,9 +228,11 @@ def _selection(
         changes,
         arm_model,
         tuple(found),
-        training_errors(model, at, readings.lengths),
+        training_errors(model, readings),
         () if arm is None else tuple(outliers(arm)),
-        () if identified is None else tuple(length_outliers(identified.fit_, at.state, readings.references)),
+        ()
+        if identified is None
+        else tuple(length_outliers(identified.fit_, model.state_in_training(readings), readings.references)),
     )
 
 
@@ -295,23 +297,22 @@ def _scores(models: dict[str, SelectedModel]) -> tuple[ModelScore, ...]:
 def _why_no_hybrid(
     hybrid: HybridModel,
     arm_model: IdentifiedModel,
-    readings: PreparedReadings,
+    readings: TrainingReadings,
     models: dict[str, SelectedModel],
     changes: tuple[SessionChange, ...],
 ) -> str | None:
     """Why the hybrid model is not fitted; None if it applies and its first network is well ahead of the best model."""
-    session = readings.session
-    n_weights = (2 * session.n_joints + 1) * hybrid.hidden[0] + 3 * (hybrid.hidden[0] + 1)
+    n_weights = (2 * readings.arm.n_joints + 1) * hybrid.hidden[0] + 3 * (hybrid.hidden[0] + 1)
     used = arm_model.held_out_
     for excludes, reason in (
         (readings.lengths is not None, "its networks do not learn from lengths"),
-        (not session.has_point.all(), "its networks need a reference point at every reading"),
+        (not readings.has_point.all(), "its networks need a reference point at every reading"),
         (bool(readings.frames), "its networks learn in one frame, and the sessions have one each"),
         (len(readings.tips) > 1, "its networks learn one tip"),
         (3 * len(used.rows) < n_weights, f"{len(used.rows)} readings are too few for its {n_weights} weights"),
         (bool(changes), "its networks would learn what changed during the session, as if it came with the poses"),
         (len(np.unique(used.group)) < 2, "readings of one position cannot be held out"),
-        (not moves(session.angles[used.rows], readings.arm.chain.is_prismatic), "no joint moves"),
+        (not moves(readings.state.angles[used.rows], readings.arm.chain.is_prismatic), "no joint moves"),
     ):
         if excludes:
             return reason
@@ -319,7 +320,7 @@ def _why_no_hybrid(
         (False, "its first network was no better"),
         (True, "its network was no better on the readings measured last, which it had not learned"),
     ):
-        one = hybrid.held_out_by_one_member(session, arm_model, latest=latest)
+        one = hybrid.held_out_by_one_member(readings, arm_model, latest=latest)
         common = reduce(np.intersect1d, [one.rows, *(model.held_out_.rows for model in models.values())])
         if not len(common):
             return "no reading is held out of all models"

@@ -20,6 +20,7 @@ from truearm.errors import InputError
 from truearm.findings import Finding
 from truearm.identification.judgement.expansion_prior import LAG_K
 from truearm.identification.judgement.thermal_lag import TIME_CONSTANTS, lagging_temperatures, most_lag_K
+from truearm.identification.references.prepared_readings import PreparedReadings
 from truearm.readings.checks import MAX_SKIPPED_SHARE
 from truearm.readings.lengths import Lengths
 from truearm.readings.readings import DIRECTION, LOAD, PAYLOAD
@@ -550,6 +551,18 @@ class TrainingConditions:
         if session.temperature_degC is None:
             return np.zeros(len(session))
         return self.links_range.distance(session.temperature_degC)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TrainingReadings(PreparedReadings):
+    """Readings that a model learns from.
+
+    Attributes
+    ----------
+    conditions : TrainingConditions
+    """
+
+    conditions: TrainingConditions
 
 
 def find_angle_gaps(angles: FloatArray, prismatic: BoolArray) -> FloatArray:

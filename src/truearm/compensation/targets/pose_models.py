@@ -15,7 +15,6 @@ from scipy.spatial.transform import Rotation
 
 from truearm.arm import Chain, Pose
 from truearm.compensation.models import Compensator
-from truearm.compensation.models.compensator import CheckedReadings
 from truearm.compensation.models.identified_model import require_identified, to_identified
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
@@ -89,7 +88,7 @@ class PredictedPoses:
     def _tips(self, joints: FloatArray) -> FloatArray:
         # The checks of `predict` judge readings by their majority; steps of a search are none.
         readings = Session(joints)
-        return self.model._tips(CheckedReadings(self.model, readings, self.model.state(readings)))
+        return self.model._tips(self.model.state(readings))
 
 
 def nominal_poses(model: Compensator) -> ChainPoses:

@@ -26,7 +26,7 @@ def calculated_points(
     nominal, identified : IdentificationResult
         The nominal arm, and the one with its constants: controllers know those of their own arm.
     """
-    if readings.given.points is None or nominal.references[0].kind != "point":
+    if readings.points is None or nominal.references[0].kind != "point":
         return ()
     for name, fit, most in (("nominal", nominal, OF_DRAWING), ("identified", identified, OF_ANY_ARM)):
         residuals, freedom = fit.references[0].residuals, fit.residual_freedom(readings.references)

@@ -19,6 +19,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import combinations, product
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -35,10 +36,9 @@ from truearm.identification.judgement.description_fits import (
     fit_descriptions,
     length_rows,
 )
-from truearm.identification.judgement.reference_table import ReferenceTable, reference_table
+from truearm.identification.references.reference_table import ReferenceTable, reference_table
 from truearm.identification.terms.catalogue import ANGLE_STD, LENGTH_STD, TYPICAL_REACH_MM, relative_size
 from truearm.identification.terms.gravity import gravity_torques, uniform_links
-from truearm.readings.lengths import Lengths
 from truearm.readings.session import Session
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
@@ -147,14 +147,14 @@ class DescriptionCheck:
     has_points: bool
     sagging: Explanation | None = None
 
-    def remedy(self, readings: Session) -> str | None:
+    def remedy(self, file: Path | None) -> str | None:
         """The mistakes that explain the readings, as a remedy; None if there are none."""
         if not self.findings:
             return None
         found = ", or ".join(str(one) for one in self.findings[:MOST_NAMED])
         return (
             f"put this right: {found} ({self.findings[0].error_mm:.2g} mm remain; `truearm arms` with your arm "
-            f"file and --readings {readings.file or 'session.csv'} says more, and "
+            f"file and --readings {file or 'session.csv'} says more, and "
             "`truearm docs describe-your-arm` where each is put right)"
         )
 
@@ -446,38 +446,34 @@ def restricted_likelihood(
 
 
 @contextmanager
-def explaining(
-    arm: Arm, readings: Session, *, lengths: Lengths | None = None, free: tuple[str, ...] = ("base", "tip")
-) -> Iterator[None]:
+def explaining(arm: Arm, table: ReferenceTable | None, file: Path | None) -> Iterator[None]:
     """Add what explains the readings to the hint of an `InputError` that is raised inside.
 
     Parameters
     ----------
     arm : Arm
         The nominal one.
-    readings : Session
-    lengths : Lengths, optional
-        Known lengths between seats.
-    free : tuple of str
-        Which of ``"base"`` and ``"tip"`` are unknown.
+    table : ReferenceTable or None
+        Of the readings.
+    file : Path or None
+        Theirs.
     """
     try:
         yield
     except InputError as error:
-        explained = explain_readings(arm, readings, lengths=lengths, free=free)
+        explained = _explained(arm, table, file)
         if explained is None:
             raise
         raise error.with_hint(f"{explained}; or {error.hint}" if error.hint else explained) from None
 
 
-def explain_readings(
-    arm: Arm, readings: Session, *, lengths: Lengths | None = None, free: tuple[str, ...] = ("base", "tip")
-) -> str | None:
+def explain_readings(arm: Arm, readings: Session) -> str | None:
     """Which mistake in the arm file or the readings explains them, as a remedy; None if there is none to tell.
 
-    Parameters are those of `explaining`. See `check_description`.
+    See `check_description`.
     """
-    table = reference_table(readings, lengths, free=free)
-    if table is None:
-        return None
-    return check_description(arm, table).remedy(readings)
+    return _explained(arm, reference_table(readings), readings.file)
+
+
+def _explained(arm: Arm, table: ReferenceTable | None, file: Path | None) -> str | None:
+    return None if table is None else check_description(arm, table).remedy(file)

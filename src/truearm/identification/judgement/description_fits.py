@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from truearm.arm.description_mistakes import Interpretation
 from truearm.arm.rigid_motions import cross_matrix
-from truearm.identification.judgement.reference_table import ReferenceTable
+from truearm.identification.references.reference_table import ReferenceTable
 from truearm.typing import BoolArray, FloatArray, IntArray
 
 STEPS = 6

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.judgement.change_point import CLEAR_ODDS, Change, rigid_motions, session_changes
-from truearm.identification.references.session_frames import to_first_session_frame
-from truearm.readings.session import Session
+from truearm.identification.references.prepared_readings import PreparedReadings
 from truearm.typing import FloatArray
 
 # Gross errors are single readings: where most of so many in a row are, something changed.
@@ -105,25 +104,20 @@ class SessionChange:
         )
 
 
-def frame_changes(
-    fit: IdentificationResult, session_frames: Mapping[str, FloatArray], session: Session
-) -> Iterator[SessionChange]:
+def frame_changes(fit: IdentificationResult, readings: PreparedReadings) -> Iterator[SessionChange]:
     """Test every session of the readings of a fit for a change.
 
     Parameters
     ----------
     fit : IdentificationResult
-    session_frames : mapping of str to (4, 4) array
-        Frames of the sessions, as of the model.
-    session : Session
-        The readings, in the order in which they were measured; without points nothing is tested.
+    readings : PreparedReadings
+        In the order in which they were measured; without points nothing is tested.
     """
-    if not session.has_point.any():
+    if (points := readings.points) is None:
         return
     part = next(one for one in fit.references if one.kind == "point")
-    points = to_first_session_frame(session, session_frames).points
-    assert points is not None
-    names = np.full(len(session), "") if session.session is None else session.session
+    session, named = readings.measured, readings.measured.session
+    names = np.full(len(session), "") if named is None else named
     order = np.argsort(part.rows)
     for name in np.unique(names[part.rows]):
         own = order[names[part.rows[order]] == name]

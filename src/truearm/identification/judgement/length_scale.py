@@ -35,7 +35,7 @@ from truearm.identification.references.references import Reference
 from truearm.identification.terms.catalogue import LENGTHS
 from truearm.identification.terms.thermal import link_vectors
 from truearm.readings.lengths import Lengths
-from truearm.readings.session import Session
+from truearm.readings.readings import Measurements
 from truearm.typing import FloatArray, IntArray
 
 # Scatter of the lengths, in multiples of their prior standard deviation, which the evidence has scaled.
@@ -147,7 +147,7 @@ def reference_scale_variance(fit: IdentificationResult, references: Sequence[Ref
     return min(variances, default=float("inf"))
 
 
-def refuse_wrong_scale(scale: LengthScale, arm: Arm, readings: Session, lengths: Lengths | None) -> None:
+def refuse_wrong_scale(scale: LengthScale, arm: Arm, readings: Measurements, lengths: Lengths | None) -> None:
     """Refuse readings whose reference is too long or too short: by them every length of the arm is.
 
     Raises

@@ -46,16 +46,16 @@ from truearm.identification.judgement.description_check import (
 from truearm.identification.judgement.joint_gains import gains_asked
 from truearm.identification.judgement.length_scale import LengthScale, reference_scale_variance, refuse_wrong_scale
 from truearm.identification.judgement.outliers import constraint_residuals
-from truearm.identification.judgement.reference_table import ReferenceTable
 from truearm.identification.judgement.structure import UNKNOWN, Remaining, remaining
 from truearm.identification.references.distances import is_offset
 from truearm.identification.references.orientations import LEVER_MM
 from truearm.identification.references.reading_references import without_sizes
+from truearm.identification.references.reference_table import ReferenceTable
 from truearm.identification.references.references import Reference
 from truearm.identification.terms import ArmState, Term
 from truearm.readings.checks import likely_unit
 from truearm.readings.lengths import Lengths
-from truearm.readings.session import Session
+from truearm.readings.readings import Measurements
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 
@@ -411,7 +411,7 @@ def typical_error(fit: IdentificationResult) -> float:
     return float(np.quantile(distances, QUANTILE)) if len(distances) else 0.0
 
 
-def refuse_implausible(check: NominalCheck, arm: Arm, readings: Session, tips: FloatArray) -> None:
+def refuse_implausible(check: NominalCheck, arm: Arm, readings: Measurements, tips: FloatArray) -> None:
     """Refuse readings that no arm of these nominal kinematics can have made.
 
     Parameters
@@ -445,7 +445,7 @@ def refuse_implausible(check: NominalCheck, arm: Arm, readings: Session, tips: F
     if check.length_scale is not None and check.length_scale.is_contradicted(arm) and not check.is_mistaken:
         refuse_wrong_scale(check.length_scale, arm, readings, None)
         return
-    why, remedy = "", None if check.description is None else check.description.remedy(readings)
+    why, remedy = "", None if check.description is None else check.description.remedy(readings.file)
     if check.identified is not None:
         why = f"; with its constants identified {check.left} remain, and the largest is {check.identified.largest}"
     unit = likely_unit(readings, tips)
@@ -507,7 +507,7 @@ def usual_error(
 
 
 def check_sizes(
-    readings: Session,
+    readings: Measurements,
     lengths: Lengths | None,
     references: Sequence[Reference],
     fit_nominal: Callable[[Sequence[Reference]], IdentificationResult],

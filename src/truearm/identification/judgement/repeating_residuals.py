@@ -24,9 +24,9 @@ from scipy.linalg import solve_triangular
 
 from truearm.arm.chain import Chain
 from truearm.identification.estimation.identification_result import IdentificationResult
+from truearm.identification.references.prepared_readings import PreparedReadings
 from truearm.identification.terms.basis import Direction
 from truearm.identification.terms.state import ArmState
-from truearm.readings.readings import Readings
 from truearm.readings.repeats import LEAST_REPEATED
 from truearm.typing import FloatArray
 
@@ -138,14 +138,14 @@ def _weights(evidence: FloatArray) -> FloatArray:
     return np.asarray(weight / weight.sum())
 
 
-def of_one_reading(variance: float, share: float, readings: Readings) -> tuple[float, float]:
+def of_one_reading(variance: float, share: float, readings: PreparedReadings) -> tuple[float, float]:
     """Residual variance [mm^2] of one reading, and the share of it that repeats, by those of `readings`.
 
     They are the same unless some readings are means of repeats, which scatter by less.
     """
     if readings.n_repeats is None:
         return variance, share
-    of_one = variance + float(readings.averaged_mm2.mean())
+    of_one = variance + readings.averaged_mm2
     if (readings.n_repeats > 1).sum() < LEAST_REPEATED:
         return of_one, share * variance / of_one
     return of_one, max(1 - readings.repeat_std_mm**2 / of_one, 0.0)

@@ -20,10 +20,10 @@ from truearm.identification.estimation.identification_result import Identificati
 from truearm.identification.estimation.residual_process import GROUP, propose_process
 from truearm.identification.estimation.residual_variance import HeldOutReadings
 from truearm.identification.judgement.cross_validation import cross_validate_by_group
-from truearm.identification.judgement.cross_validation_groups import cross_validation_groups
 from truearm.identification.judgement.gross_errors import excluded_readings
 from truearm.identification.judgement.paired_comparison import group_means, trimmed_mean
 from truearm.identification.references.alignment import align
+from truearm.identification.references.cross_validation_groups import cross_validation_groups
 from truearm.identification.references.prepared_readings import PreparedReadings
 from truearm.identification.references.references import Reference
 from truearm.identification.terms.kernel import InducedProcess
@@ -166,7 +166,7 @@ def add_residual_process(
     proposed = propose_process(fit, data.state)
     if proposed is None or proposed.gain <= 0:
         return found, None
-    weights = np.ones(len(data.session))
+    weights = np.ones(len(data))
     weights[excluded_readings(fit)] = 0.0
     extended = _identify(data, fit, [*fit.perturbed_chain.terms, *proposed.terms], weights)
     columns = process_columns(extended)
@@ -177,7 +177,7 @@ def add_residual_process(
     if not gain > error:
         return found, None
     belongs_to = OF_SESSION if len(sessions) < 2 else OF_SESSIONS
-    if named := _separable_sessions(data.session, sessions):
+    if named := _separable_sessions(data, sessions):
         folds = [named[first::MOST_FOLDS] for first in range(min(MOST_FOLDS, len(named)))]
         between = [_held_out_sessions(data, fold, weights, (fit, extended)) for fold in folds]
         gain, error = trimmed_mean(np.concatenate(between))
@@ -287,11 +287,12 @@ def improvement(before: HeldOutReadings, after: HeldOutReadings) -> tuple[float,
     return trimmed_mean(means[0] - means[1])
 
 
-def _separable_sessions(readings: Session, sessions: Collection[str]) -> list[str]:
+def _separable_sessions(readings: PreparedReadings, sessions: Collection[str]) -> list[str]:
     """Sessions with enough points to be held out, if others remain."""
-    if readings.session is None or len(sessions) < 2:
+    names = readings.state.session
+    if names is None or len(sessions) < 2:
         return []
-    counts = {name: int((readings.has_point & (readings.session == name)).sum()) for name in sessions}
+    counts = {name: int((readings.has_point & (names == name)).sum()) for name in sessions}
     named = [name for name, count in counts.items() if count >= LEAST_SESSION]
     return named if len(named) > 1 else []
 
@@ -303,21 +304,21 @@ def _held_out_sessions(
 
     The frame of each is fitted to the tips, as the other sessions do not know it.
     """
-    readings = data.session
-    assert readings.session is not None
-    assert readings.points is not None
-    others = np.where(np.isin(readings.session, names), 0.0, weights)
-    is_seen = readings.has_point & (weights > 0)
-    of_each = [np.flatnonzero(is_seen & (readings.session == name)) for name in names]
+    session = data.state.session
+    assert session is not None
+    assert data.points is not None
+    others = np.where(np.isin(session, names), 0.0, weights)
+    is_seen = data.has_point & (weights > 0)
+    of_each = [np.flatnonzero(is_seen & (session == name)) for name in names]
     means = []
     for fit in fits:
         found = _identify(data, fit, list(fit.perturbed_chain.terms), others)
         of_fit = []
         for seen in of_each:
-            tips, points = found.tips(data.state.rows(seen)), readings.points[seen]
+            tips, points = found.tips(data.state.rows(seen)), data.points[seen]
             T = align(tips, points)
             errors = np.linalg.norm(tips @ T[:3, :3].T + T[:3, 3] - points, axis=1)
-            group = np.unique(cross_validation_groups(readings.rows(seen)), return_inverse=True)[1]
+            group = np.unique(data.groups[seen], return_inverse=True)[1]
             of_fit.append(np.bincount(group, errors) / np.bincount(group))
         means.append(np.concatenate(of_fit))
     return np.asarray(means[0] - means[1])

@@ -17,7 +17,7 @@ from truearm.identification.estimation.residual_variance import LEAST_FREEDOM
 from truearm.identification.references.prepared_readings import PreparedReadings
 from truearm.identification.references.references import Points, Reference
 from truearm.identification.references.rounded_angles import tip_motion_mm
-from truearm.readings.session import Session
+from truearm.readings.readings import Measurements
 from truearm.solve.distributions import chi2_quantile
 from truearm.typing import FloatArray
 
@@ -59,7 +59,7 @@ def as_stated(fit: IdentificationResult, references: Sequence[Reference]) -> Ide
 
 
 def check_stated_uncertainty(
-    readings: Session,
+    readings: Measurements,
     nominal: IdentificationResult,
     references: Sequence[Reference],
     identify: Callable[[Sequence[Reference]], IdentificationResult],

@@ -3,53 +3,69 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
-from typing import NamedTuple, Self
+from dataclasses import dataclass, replace
+from typing import Any, Self
 
 import numpy as np
 
 from truearm.arm.arm import Arm
+from truearm.arm.chain import Chain
 from truearm.findings import Finding
+from truearm.identification.references.cross_validation_groups import (
+    cross_validation_groups,
+    is_in_one_place,
+    joint_space_regions,
+)
 from truearm.identification.references.reading_references import (
     MIN_READINGS_ON,
     as_of_one_tool,
     references_of,
+    roughly_aligned_chain,
     state_of,
     surfaces_with_too_few_readings,
+    tool_terms,
 )
+from truearm.identification.references.reference_table import ReferenceTable, reference_table
 from truearm.identification.references.references import Points, Reference
 from truearm.identification.references.rounded_angles import tip_motion_mm
 from truearm.identification.references.session_frames import rough_session_frames, to_first_session_frame
 from truearm.identification.references.tips import free_tips
-from truearm.identification.terms import ArmState
+from truearm.identification.terms import ArmState, Term
 from truearm.identification.terms.catalogue import relative_size
 from truearm.identification.terms.type_prior import TypePrior
 from truearm.readings.checks import check_sessions
 from truearm.readings.distances import bars_without_certificate
 from truearm.readings.lengths import Lengths
+from truearm.readings.readings import Measured, points_there
+from truearm.readings.reference_uncertainty import scale_errors
 from truearm.readings.rounding import rounding_steps
 from truearm.readings.session import Session
-from truearm.typing import FloatArray, IntArray
+from truearm.typing import BoolArray, FloatArray, IntArray
 
 # Root mean square motion of the tip by rounding of the angles that counts, on an arm of usual reach [mm]: what a laser
 # tracker is uncertain by.
 LEAST_ROUNDING_MM = 0.01
 # Readings that determine base (6) and tip (3): 3 coordinates each, and one reading to spare.
 MIN_ROWS = 4
+# Stretches of a large session, and readings of each, in which a residual process is tried before it is in all of them.
+STRETCHES = (12, 1000)
 
 
-class PreparedReadings(NamedTuple):
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PreparedReadings:
     """What all steps of an identification learn from; whoever has it checks nothing again.
 
     Attributes
     ----------
     arm : Arm
-    given : Session
+    measured : Measured
         The readings as they were given, named in messages.
-    session : Session
-        All of them in one frame.
     state : ArmState
-        State of the arm at them.
+        State of the arm at them, with the uncertainty of rounded angles.
+    state_as_read : ArmState
+        The same without it, at the temperatures that were read.
+    points, point_std : (n, 3) array or None
+        Reference points of all readings in one frame, and their standard uncertainties [mm].
     references : list of Reference
         Of the readings and the lengths.
     lengths : Lengths or None
@@ -62,6 +78,24 @@ class PreparedReadings(NamedTuple):
         Names of the tips on the flange; empty if none is named.
     robust : bool
         Whether outliers get a smaller weight.
+    chain : Chain
+        The nominal one, its base and tool roughly where the readings have them.
+    tool : list of Term
+        Rotation of the tracked tool.
+    in_one_place : bool
+        See `is_in_one_place`.
+    groups : (n,) int array
+        What is held out together: positions, seats, or regions of the joint space.
+    table : ReferenceTable or None
+        In which mistakes of a description are looked for.
+    scale_errors : (n, 3) array
+        Of the points by one standard uncertainty of the reference's scale [mm].
+    n_repeats : (n,) int array or None
+        How many readings each is the mean of.
+    averaged_mm2, repeat_std_mm : float
+        See `truearm.readings.readings.Readings`.
+    stretches : (PreparedReadings, (m,) int array) or None
+        Stretches of many readings, as if there were no others, and their rows: see `_stretches`.
     prior : TypePrior or None
         What arms of its type have in common, if that is known.
     findings : tuple of Finding
@@ -69,20 +103,34 @@ class PreparedReadings(NamedTuple):
     """
 
     arm: Arm
-    given: Session
-    session: Session
+    measured: Measured
     state: ArmState
+    state_as_read: ArmState
+    points: FloatArray | None
+    point_std: FloatArray | None
     references: list[Reference]
     lengths: Lengths | None
     free: tuple[str, ...]
     frames: Mapping[str, FloatArray]
     tips: tuple[str, ...]
     robust: bool
+    chain: Chain
+    tool: list[Term]
+    in_one_place: bool
+    groups: IntArray
+    table: ReferenceTable | None
+    scale_errors: FloatArray
+    n_repeats: IntArray | None
+    averaged_mm2: float
+    repeat_std_mm: float
+    findings: tuple[Finding, ...]
+    stretches: tuple[PreparedReadings, IntArray] | None = None
     prior: TypePrior | None = None
-    findings: tuple[Finding, ...] = ()
 
     @classmethod
-    def of(cls, arm: Arm, readings: Session, lengths: Lengths | None, *, free: tuple[str, ...], robust: bool) -> Self:
+    def of(
+        cls, arm: Arm, readings: Session, lengths: Lengths | None, *, free: tuple[str, ...], robust: bool, **more: Any
+    ) -> Self:
         """Prepare readings of an arm whose angles were checked, each session in its own frame.
 
         Raises
@@ -99,42 +147,87 @@ class PreparedReadings(NamedTuple):
         session = as_of_one_tool(arm, to_first_session_frame(readings, frames), determined)
         references = references_of(session, lengths)
         check_enough(references, readings)
-        state = with_rounded_angles(state_of(arm, session))
-        found = tuple(_findings(readings, lengths, list(frames)))
-        return cls(arm, readings, session, state, references, lengths, determined, frames, tips, robust, findings=found)
-
-    def stretches(self, n: int, length: int) -> tuple[Self, IntArray] | None:
-        """A number of stretches of consecutive readings, evenly spaced, as if there were no others; and their rows.
-
-        None unless there are four times as many readings, all of them of one session and with points alone: neighbours
-        stay together, so that what holds for near readings holds in the stretches.
-        """
-        points = self.references[0]
-        if len(self.references) > 1 or not isinstance(points, Points) or self.frames:
-            return None
-        if len(points.rows) < 4 * n * length:
-            return None
-        starts = np.linspace(0, len(points.rows) - length, n).astype(np.intp)
-        chosen = (starts[:, None] + np.arange(length)).ravel()
-        rows = points.rows[chosen]
-        some = self._replace(
-            given=self.given.rows(rows),
-            session=self.session.rows(rows),
-            state=self.state.rows(rows),
-            references=[replace(points.select(chosen), rows=np.arange(len(rows)))],
+        as_read = state_of(arm, session)
+        one_place = is_in_one_place(session, as_read)
+        prepared = cls(
+            arm=arm,
+            measured=readings.measured,
+            state=with_rounded_angles(as_read),
+            state_as_read=as_read,
+            points=session.points,
+            point_std=session.point_std,
+            references=references,
+            lengths=lengths,
+            free=determined,
+            frames=frames,
+            tips=tips,
+            robust=robust,
+            chain=roughly_aligned_chain(arm, session, determined) if arm.has_kinematics else arm.chain,
+            tool=tool_terms(arm, session) if arm.has_kinematics else [],
+            in_one_place=one_place,
+            groups=joint_space_regions(session.angles, arm.chain)
+            if one_place
+            else cross_validation_groups(session, frames),
+            table=reference_table(readings, lengths, free=determined),
+            scale_errors=scale_errors(session, is_frame_free="base" in determined),
+            n_repeats=session.n_repeats,
+            averaged_mm2=float(session.averaged_mm2.mean()),
+            repeat_std_mm=session.repeat_std_mm,
+            findings=tuple(_findings(readings, lengths, list(frames))),
+            **more,
         )
-        return some, rows
+        return replace(prepared, stretches=_stretches(prepared, session))
+
+    def __len__(self) -> int:
+        return len(self.state)
+
+    @property
+    def has_point(self) -> BoolArray:
+        """(n,) Whether each reading has a reference point."""
+        return points_there(self.points, len(self))
 
     def typical_state(self, angles: FloatArray) -> ArmState:
         """State of the arm at angles (n, n_joints), as warm and as loaded as at the readings on average."""
-        readings = self.session
+        at = self.state_as_read
         return state_of(
             self.arm,
             Session(angles),
-            temperature_degC=None if readings.temperature_degC is None else float(readings.temperature_degC.mean()),
-            columns={name: float(values.mean()) for name, values in readings.columns.items()},
+            temperature_degC=None if at.temperature_degC is None else float(at.temperature_degC.mean()),
+            columns={name: float(values.mean()) for name, values in at.columns.items()},
             direction=0.0,
         )
+
+
+def _stretches(prepared: PreparedReadings, session: Session) -> tuple[PreparedReadings, IntArray] | None:
+    """Stretches of consecutive readings, evenly spaced, as if there were no others; and their rows.
+
+    None unless there are four times as many readings, all of them of one session and with points alone: neighbours stay
+    together, so that what holds for near readings holds in the stretches.
+    """
+    points, (n, length) = prepared.references[0], STRETCHES
+    if len(prepared.references) > 1 or not isinstance(points, Points) or prepared.frames:
+        return None
+    if len(points.rows) < 4 * n * length:
+        return None
+    starts = np.linspace(0, len(points.rows) - length, n).astype(np.intp)
+    chosen = (starts[:, None] + np.arange(length)).ravel()
+    rows = points.rows[chosen]
+    within = session.rows(rows)
+    some = replace(
+        prepared,
+        measured=prepared.measured.rows(rows),
+        state=prepared.state.rows(rows),
+        state_as_read=prepared.state_as_read.rows(rows),
+        points=within.points,
+        point_std=within.point_std,
+        references=[replace(points.select(chosen), rows=np.arange(len(rows)))],
+        chain=roughly_aligned_chain(prepared.arm, within, prepared.free),
+        groups=cross_validation_groups(within),
+        scale_errors=prepared.scale_errors[rows],
+        n_repeats=within.n_repeats,
+        averaged_mm2=float(within.averaged_mm2.mean()),
+    )
+    return some, rows
 
 
 def _findings(readings: Session, lengths: Lengths | None, frames: list[str]) -> Iterator[Finding]:

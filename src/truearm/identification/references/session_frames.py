@@ -21,7 +21,7 @@ from truearm.identification.references.alignment import align_robust, rms_distan
 from truearm.identification.references.reading_references import MIN_POINT_SPREAD, rows_with_orientation
 from truearm.identification.terms import Constant, InSession, Term, base_terms
 from truearm.readings.session import Session
-from truearm.typing import BoolArray, FloatArray
+from truearm.typing import BoolArray, FloatArray, NameArray
 
 Frames = Mapping[str, FloatArray]
 
@@ -104,7 +104,7 @@ def to_first_session_frame(readings: Session, frames: Frames) -> Session:
     if not frames:
         return readings
     points, std, quaternion = readings.points, readings.point_std, readings.quaternion
-    for rows, T in _by_session(readings, frames):
+    for rows, T in _by_session(readings.session, frames):
         R = T[:3, :3]
         if points is not None:
             points = points.copy() if points is readings.points else points
@@ -120,38 +120,37 @@ def to_first_session_frame(readings: Session, frames: Frames) -> Session:
     return replace(readings, points=points, point_std=std, quaternion=quaternion)
 
 
-def points_to_session_frames(points: FloatArray, readings: Session, frames: Frames) -> FloatArray:
+def points_to_session_frames(points: FloatArray, session: NameArray | None, frames: Frames) -> FloatArray:
     """Points (n, 3) [mm] from the frame of the first session into that of each reading's session, if known."""
     out = points
-    for rows, T in _by_session(readings, frames):
+    for rows, T in _by_session(session, frames):
         out = out.copy() if out is points else out
         out[rows] = (points[rows] - T[:3, 3]) @ T[:3, :3]
     return out
 
 
-def covariances_to_session_frames(covariance: FloatArray, readings: Session, frames: Frames) -> FloatArray:
+def covariances_to_session_frames(covariance: FloatArray, session: NameArray | None, frames: Frames) -> FloatArray:
     """Covariances (n, 3, 3) [mm^2], rotated likewise."""
     out = covariance
-    for rows, T in _by_session(readings, frames):
+    for rows, T in _by_session(session, frames):
         out = out.copy() if out is covariance else out
         out[rows] = T[:3, :3].T @ covariance[rows] @ T[:3, :3]
     return out
 
 
-def displacements_to_session_frames(displacements: FloatArray, readings: Session, frames: Frames) -> FloatArray:
+def displacements_to_session_frames(displacements: FloatArray, session: NameArray | None, frames: Frames) -> FloatArray:
     """Displacements (k, n, 3) [mm], rotated likewise."""
     out = displacements
-    for rows, T in _by_session(readings, frames):
+    for rows, T in _by_session(session, frames):
         out = out.copy() if out is displacements else out
         out[:, rows] = displacements[:, rows] @ T[:3, :3]
     return out
 
 
-def _by_session(readings: Session, frames: Frames) -> Iterator[tuple[BoolArray, FloatArray]]:
+def _by_session(session: NameArray | None, frames: Frames) -> Iterator[tuple[BoolArray, FloatArray]]:
     """Readings (n,) of every session but the first, and the rigid motion (4, 4) of its points."""
     for name in list(frames)[1:]:
-        rows = np.zeros(len(readings), bool) if readings.session is None else readings.session == name
-        if rows.any():
+        if session is not None and (rows := session == name).any():
             yield rows, frames[name]
 
 

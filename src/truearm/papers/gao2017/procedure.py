@@ -11,8 +11,8 @@ import numpy as np
 from truearm.arm import Arm
 from truearm.compensation.models import Compensator, NetworkModel
 from truearm.errors import InputError
-from truearm.identification.judgement.cross_validation_groups import cross_validation_groups
 from truearm.identification.judgement.paired_comparison import selected
+from truearm.identification.references.cross_validation_groups import cross_validation_groups
 from truearm.number_format import format_number
 from truearm.papers.gao2017.results import MODELS
 from truearm.papers.gao2017.search import CoordinateErrors, CrossValidation, SearchGrid, SettingResult

@@ -26,7 +26,7 @@ from truearm.compensation.models.network import GRADIENT_TRAINERS
 from truearm.compensation.models.training_conditions import fingerprint
 from truearm.compensation.nets.perceptron import Perceptron
 from truearm.errors import InputError
-from truearm.identification.judgement.cross_validation_groups import cross_validation_groups
+from truearm.identification.references.cross_validation_groups import cross_validation_groups
 from truearm.number_format import format_number
 from truearm.papers.gao2017.tables import FINAL_TEST
 from truearm.papers.gao2017.training import RECIPE, ProgressCallback
