@@ -191,7 +191,8 @@ def test_positions_that_are_visited_in_rounds_are_held_out_by_time(arm, rng):
     position = np.array([f"p{row % 10}" for row in range(50)])
     readings = Session(at, arm.chain.tip_in_base(at) + wave(at) + rng.normal(0, NOISE, (50, 3)), position=position)
     kinematic = KinematicModel(arm).fit_readings(readings)
-    held_out = HybridModel(arm, hidden=(2,), epochs=2).held_out_by_one_member(readings, kinematic, latest=True)
+    hybrid = HybridModel(arm, hidden=(2,), epochs=2)
+    held_out = hybrid.held_out_by_one_member(hybrid.prepare(readings), kinematic, latest=True)
     rows = np.sort(kinematic.held_out_.rows)
     assert held_out.rows.tolist() == rows[-len(held_out.rows) :].tolist()
     assert 5 <= len(held_out.rows) <= 15

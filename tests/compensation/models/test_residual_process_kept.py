@@ -116,7 +116,7 @@ def test_stretches_of_many_readings_show_what_all_of_them_show(arm, test_reading
     monkeypatch.setattr("truearm.identification.identify.MAX_SHARE_LEFT", 0.0)  # it is tried in place of all terms
     session = readings(arm, 720, np.random.default_rng(1), bend=bend)
     plain = physical(arm).fit_readings(session)
-    monkeypatch.setattr("truearm.identification.identify.STRETCHES", (6, 30))
+    monkeypatch.setattr("truearm.identification.references.prepared_readings.STRETCHES", (6, 30))
     tried = []
     judge = identify._may_replace
     monkeypatch.setattr(identify, "_may_replace", lambda *given: tried.append(judge(*given)) or tried[-1])
