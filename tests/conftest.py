@@ -17,6 +17,10 @@ from hypothesis import settings
 # The benchmarks beside the tests make inputs of some of them; last, so that no folder here hides a package.
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 
+# Each process that a test starts, and the next run of the suite, would read every source anew: 0.4 s of 0.9.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
+
 # A suite that passed passes again: what hypothesis tries hangs on the test alone, and a busy machine fails none.
 settings.register_profile("fixed", derandomize=True, deadline=None)
 settings.load_profile("fixed")
@@ -29,6 +33,14 @@ def chromium():
 
     with browser() as opened:
         yield opened
+
+
+@pytest.fixture(scope="module")
+def undrawn():
+    """Pages without the drawings in their figures, half their time: for tests that read the text around them."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("truearm.pages.html.svg_element", lambda drawing, prefix: "<svg></svg>")
+        yield
 
 
 @pytest.fixture

@@ -89,7 +89,7 @@ def test_the_noise_between_trials_is_that_of_the_residuals(arm, chain):
         assert sums.noise_mm2(assumed, 25.0) == pytest.approx(exact, rel=0.02)
 
 
-@pytest.mark.parametrize(("n", "seeds"), [(3000, 30), (32 * BLOCK, 10)])
+@pytest.mark.parametrize(("n", "seeds"), [(3000, 10), pytest.param(32 * BLOCK, 10, marks=pytest.mark.weekly)])
 def test_points_lie_in_their_ellipsoids_as_often_as_stated_though_neighbours_have_like_errors(arm, chain, n, seeds):
     rho, stated, independent, factors = 0.9, [], [], []
     for seed in range(seeds):

@@ -28,17 +28,16 @@ def few(arm, rng, n, *, noise=1e-3, names=("",)):
     return Session(np.repeat(angles, len(names), axis=0), tips, **named)
 
 
-@pytest.mark.parametrize(("n", "rows"), [(5, 2), (8, 1)])
-def test_where_an_arm_passes_through_its_readings_each_is_predicted_by_one_identified_without_it(rng, n, rows):
+@pytest.mark.parametrize("n", [5, pytest.param(8, marks=pytest.mark.weekly)])
+def test_where_an_arm_passes_through_its_readings_each_is_predicted_by_one_identified_without_it(rng, n):
     """To a fifth: an arm of the same terms, which are not chosen again without the reading."""
     readings = few(ARM, rng, n)
     model = KinematicModel(ARM).fit_readings(readings)
     assert model.held_out_.rows.tolist() == list(range(n))
     assert model.held_out_errors_.n == n
-    for row in range(rows):
-        without = KinematicModel(ARM).fit_readings(readings.rows(np.delete(np.arange(n), row)))
-        expected = np.linalg.norm(without.predict(readings.angles[[row]]) - readings.points[row])
-        assert model.held_out_.errors_mm[row] == pytest.approx(expected, rel=0.2)
+    without = KinematicModel(ARM).fit_readings(readings.rows(np.arange(1, n)))
+    expected = np.linalg.norm(without.predict(readings.angles[:1]) - readings.points[0])
+    assert model.held_out_.errors_mm[0] == pytest.approx(expected, rel=0.2)
 
 
 def test_markers_of_one_pose_are_held_out_together_by_every_model(rng):

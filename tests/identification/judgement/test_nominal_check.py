@@ -83,12 +83,19 @@ def test_a_right_arm_misses_by_less_than_usual(session):
     ],
     ids=["sign 5", "sign 6", "5 and 6", "3 and 4", "zero 90", "zero -90", "zero 100", "signs", "left-handed", "feet"],
 )
-def test_a_mistake_is_refused_at_both_doors(session, spoil):
+def test_a_mistake_is_refused(session, spoil):
     wrong = spoil(session)
     with pytest.raises(InputError, match=f"{REFUSED}|spread over"):
+        NominalModel(ARM).fit(wrong.angles, wrong.points)
+
+
+def test_a_mistake_is_refused_at_every_door(session):
+    wrong = with_sign(session, 5)
+    with pytest.raises(InputError, match=REFUSED):
         KinematicModel(ARM).fit(wrong.angles, wrong.points)
-    with pytest.raises(InputError, match=f"{REFUSED}|spread over"):
-        ta.fit(ARM, wrong, model="nominal")
+    for model in ("nominal", "kinematic"):
+        with pytest.raises(InputError, match=REFUSED):
+            ta.fit(ARM, wrong, model=model)
 
 
 @pytest.mark.parametrize(("unit", "mm"), [("m", 1e3), ("cm", 10.0), ("inch", 25.4), ("um", 1e-3)])
@@ -126,10 +133,9 @@ def test_zeros_off_by_five_degrees_are_identified_and_named(session):
     assert result.model.held_out_.mean_mm < 0.05
 
 
-@pytest.mark.parametrize("most", [8.0, 20.0])
-def test_zeros_that_the_fit_finds_are_no_contradiction(session, most):
+def test_zeros_that_the_fit_finds_are_no_contradiction(session):
     """An encoder was changed, a servo horn is a tooth on. The first zero is the base's, the last is the tip's."""
-    off = np.radians(most) * np.array([0.3, -1, 0.8, 1, -0.9, 0.4])
+    off = np.radians(20.0) * np.array([0.3, -1, 0.8, 1, -0.9, 0.4])
     wrong = replace(session, angles=session.angles - off)
     result = ta.fit(ARM, wrong, model="kinematic")
     found = result.nominal.nominal_check_.identified.zeros
@@ -159,10 +165,9 @@ def test_a_column_that_was_homed_elsewhere_is_identified_in_mm():
     assert "add to their d: J2 +100 mm" in str(check.identified)
 
 
-@pytest.mark.parametrize("noise_mm", [3.0, 10.0])
-def test_noise_is_said_and_no_contradiction(noise_mm):
+def test_noise_is_said_and_no_contradiction():
     """A camera in place of a tracker, and nothing stated: the scatter is the first remark."""
-    arm = replace(load_arm("ur5"), lower=None, upper=None)
+    arm, noise_mm = replace(load_arm("ur5"), lower=None, upper=None), 3.0
     readings = ta.simulate(arm, poses=80, seed=3).session
     points = readings.points + noise_mm * np.random.default_rng(5).standard_normal((80, 3))
     result = ta.fit(arm, Session(readings.angles, points), model="kinematic")
@@ -173,9 +178,8 @@ def test_noise_is_said_and_no_contradiction(noise_mm):
     assert scatter == pytest.approx(noise_mm * np.sqrt(3), rel=0.2)
 
 
-@pytest.mark.parametrize("noise_mm", [2.0, 10.0])
-def test_noise_hides_no_mistake(session, noise_mm):
-    points = session.points + noise_mm * np.random.default_rng(5).standard_normal(session.points.shape)
+def test_noise_hides_no_mistake(session):
+    points = session.points + 10.0 * np.random.default_rng(5).standard_normal(session.points.shape)
     for spoil, name in (
         (with_sign, "sign of J4 reversed"),
         (lambda s, j: with_zero(s, j, 90), "zero of J4 off by -90"),
@@ -241,9 +245,8 @@ def test_gross_errors_do_not_condemn_an_arm(session):
     assert KinematicModel(ARM).fit(session.angles, points).nominal_check_.is_usual
 
 
-@pytest.mark.parametrize("size", [1.0, 100.0, 1000.0])
-@pytest.mark.parametrize("seed", [1, 2])
-def test_a_fifth_of_gross_errors_leaves_the_arm_as_without_them(seed, size):
+@pytest.mark.parametrize(("size", "seed"), [(1.0, 1), (100.0, 2), (1000.0, 1)])
+def test_a_fifth_of_gross_errors_leaves_the_arm_as_without_them(size, seed):
     """All in one direction, as of a target that was moved: Huber's weights alone take them for honest."""
     angles = STRATEGIES["uniform"](ARM, 40, seed=seed).angles
     readings = VirtualArm.draw(ARM, "shop", seed=seed).measure(angles, seed=seed).readings

@@ -58,7 +58,9 @@ def test_a_cone_alone_is_a_check(tmp_path):
     assert [file.name for file in alone.save(tmp_path / "check.csv")] == ["check.csv"]
 
 
-@pytest.mark.parametrize("options", [{"sphere_mm": -25.0}, {"sphere_mm": 4000.0}, {"length_mm": 1e5}])
+@pytest.mark.parametrize(
+    "options", [{"sphere_mm": -25.0}, pytest.param({"sphere_mm": 4000.0}, marks=pytest.mark.weekly), {"length_mm": 1e5}]
+)
 def test_sizes_that_no_arm_reaches_are_refused(options):
     with pytest.raises(InputError):
         check_routine(load_arm("gao2017"), **options)

@@ -35,7 +35,9 @@ CASES = {
 }
 
 
-@pytest.fixture(scope="module", params=CASES)
+@pytest.fixture(
+    scope="module", params=["seats", *(pytest.param(name, marks=pytest.mark.weekly) for name in ("tracker", "bar"))]
+)
 def both(request):
     """The same plan as it was chosen for its uncertainty alone, and to be measured."""
     name, artefact, n = CASES[request.param]

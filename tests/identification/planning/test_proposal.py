@@ -16,7 +16,7 @@ from truearm.identification.planning.sampling import Sector
 ARM = load_arm("gen3lite")
 KNOWN = nominal_prior(ARM, terms="constants", noise_mm=0.02)
 ARTEFACTS = {"tracker": Artefact("tracker"), "seat": Artefact("seat", 3), "bar": Artefact("bar", 2, 200.0)}
-N = 26
+N = 18
 
 
 @pytest.fixture(scope="module", params=ARTEFACTS)
