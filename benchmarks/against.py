@@ -20,7 +20,8 @@ from typing import Any, NamedTuple
 from unittest.mock import patch
 
 from benchmarks.rows import BLAS_THREADS, ROOT, RowResult, Rows, Target, scratch
-from truearm import datasets, fit
+from truearm import fit
+from truearm.wings.importing import datasets
 
 ROWS = Rows()
 REFERENCE = "6f465a7"  # of 25 November 2026

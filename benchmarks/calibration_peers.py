@@ -28,11 +28,11 @@ from truearm.identification.estimation.identification import identify
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.estimation.problem import SmallMotionProblem
-from truearm.identification.planning.observability import rank_and_gap
 from truearm.identification.references.orientations import Orientations
 from truearm.identification.references.references import Points, Reference
 from truearm.identification.terms import ArmState, Constant, Term, constants
 from truearm.identification.terms.catalogue import tool_rotation
+from truearm.wings.planning.designs.observability import rank_and_gap
 
 ROWS = Rows()
 

@@ -12,10 +12,10 @@ from benchmarks.rows import RowResult, Rows
 from truearm.arm import Arm, load_arm
 from truearm.arm.chain import Chain
 from truearm.arm.nearest_table import nearest_table
-from truearm.compensation.models import KinematicModel
+from truearm.models import KinematicModel
 from truearm.pages.plotting import Figure, figure_style, make_panel
 from truearm.typing import FloatArray
-from truearm.workflows.arm_from_circles import CircleArm, constants_of
+from truearm.wings.planning.arm_from_circles import CircleArm, constants_of
 
 ROWS = Rows()
 ARMS = ("ur10", "panda", "gao2017", "measuring7", "wam")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 
-from truearm.cli import main
+from truearm import command_line as main
 
 
 def command_output(*arguments: object) -> tuple[int, str]:

@@ -16,14 +16,14 @@ import numpy as np
 from benchmarks.held_out import split
 from benchmarks.rows import RowResult, Rows, Target, cpu_seconds_of
 from truearm.arm import Arm, Chain, Pose, load_arm
-from truearm.compensation.models import Compensator, PhysicalModel, load_model
-from truearm.compensation.targets.correction import correct_targets, task_of
-from truearm.compensation.targets.inverse import solve_poses
-from truearm.compensation.targets.pose_models import nominal_poses, poses_of
-from truearm.compensation.targets.targets import Targets
-from truearm.identification.virtual import VirtualArm
+from truearm.models import Compensator, PhysicalModel, load_model
 from truearm.readings import Session
 from truearm.typing import FloatArray
+from truearm.wings.exports.targets.correction import correct_targets, task_of
+from truearm.wings.exports.targets.inverse import solve_poses
+from truearm.wings.exports.targets.pose_models import nominal_poses, poses_of
+from truearm.wings.exports.targets.targets import Targets
+from truearm.wings.planning.virtual import VirtualArm
 
 ROWS = Rows()
 # Recorded joints are not where the search starts.

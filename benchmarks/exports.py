@@ -21,7 +21,11 @@ from benchmarks.held_out import split, three_figures
 from benchmarks.rows import ROOT, RowResult, Rows, Target, scratch, times_of_each
 from truearm.arm import load_arm
 from truearm.arm.ur_kinematics import ur_hash
-from truearm.compensation.export import (
+from truearm.models import KinematicModel, PhysicalModel, load_model
+from truearm.models.compensator import Compensator
+from truearm.readings import Session
+from truearm.typing import FloatArray
+from truearm.wings.exports.formats import (
     c_source,
     constants,
     es_module,
@@ -30,14 +34,10 @@ from truearm.compensation.export import (
     onnx_graph,
     urdf,
 )
-from truearm.compensation.export.reduced_covariance import sample_trained_region
-from truearm.compensation.export.rigid_arm import best_rigid_arm
-from truearm.compensation.export.ur_kinematics import ur_kinematics_text
-from truearm.compensation.models import KinematicModel, PhysicalModel, load_model
-from truearm.compensation.models.compensator import Compensator
-from truearm.compensation.targets.manifest import Manifest, check_joints
-from truearm.readings import Session
-from truearm.typing import FloatArray
+from truearm.wings.exports.formats.reduced_covariance import sample_trained_region
+from truearm.wings.exports.formats.rigid_arm import best_rigid_arm
+from truearm.wings.exports.formats.ur_kinematics import ur_kinematics_text
+from truearm.wings.exports.targets.manifest import Manifest, check_joints
 
 ROWS = Rows()
 LIMIT_MM, AGREE = 0.385, 1e-12

@@ -20,18 +20,18 @@ from benchmarks.held_out import (
     three_figures,
 )
 from benchmarks.rows import RowResult, Rows
-from truearm import datasets
 from truearm.arm import load_arm
 from truearm.arm.chain import Chain
 from truearm.arm.masses import LinkMasses
-from truearm.compensation.models import PhysicalModel
-from truearm.compensation.models.identified_model import IdentifiedModel
-from truearm.identification.planning.sampling.measuring import measuring_poses
 from truearm.identification.terms import uniform_links
 from truearm.identification.terms.thermal import link_vectors
-from truearm.identification.virtual import PRESETS, VirtualArm, load_preset
+from truearm.models import PhysicalModel
+from truearm.models.identified_model import IdentifiedModel
 from truearm.readings import Session, hold_out
 from truearm.typing import FloatArray
+from truearm.wings.importing import datasets
+from truearm.wings.planning.designs.sampling.measuring import measuring_poses
+from truearm.wings.planning.virtual import PRESETS, VirtualArm, load_preset
 
 ROWS = Rows()
 

@@ -14,12 +14,12 @@ import numpy as np
 
 import truearm as ta
 from benchmarks.rows import RowResult, Rows, Target, scratch
-from truearm.fleet import fit_task, fleet
-from truearm.fleet.fit_task import FitRow
-from truearm.fleet.fleet_status import constant_drifts
 from truearm.pages.html import write_page
-from truearm.show.fleet_page import ArmState, What, fleet_page
 from truearm.solve.executors import Processes
+from truearm.wings.fleet import fit_task, fleet
+from truearm.wings.fleet.fit_task import FitRow
+from truearm.wings.fleet.fleet_page import ArmState, What, fleet_page
+from truearm.wings.fleet.fleet_status import constant_drifts
 
 ROWS = Rows()
 STATES: tuple[What, ...] = ("in force", "in force", "in force", "due", "failed", "recalibrate", "to be fitted")

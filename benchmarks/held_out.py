@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 from scipy.stats import chi2
 
-from truearm import datasets
 from truearm.arm import Arm, load_arm
-from truearm.compensation.models import KinematicModel, NominalModel, PhysicalModel
-from truearm.compensation.models.identified_model import IdentifiedModel
+from truearm.models import KinematicModel, NominalModel, PhysicalModel
+from truearm.models.identified_model import IdentifiedModel
 from truearm.readings import Session, hold_out, point_errors
 from truearm.typing import FloatArray
+from truearm.wings.importing import datasets
 
 IDENTIFIED: dict[str, type[IdentifiedModel]] = {"kinematic": KinematicModel, "physical": PhysicalModel}
 MODELS: dict[str, type[IdentifiedModel]] = {"nominal": NominalModel, **IDENTIFIED}

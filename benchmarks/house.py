@@ -22,7 +22,7 @@ from typing import Any
 
 import truearm as ta
 from benchmarks.rows import ROOT, RowResult, Rows, Target
-from truearm.compensation.models.compensator import Compensator
+from truearm.models.compensator import Compensator
 from truearm.readings.readings import Readings
 
 HOUSE = Path(ta.__file__).parent
@@ -130,7 +130,7 @@ def names_across(files: dict[str, Source], wings: dict[str, list[str]], *, back:
 
 def doors(files: dict[str, Source]) -> dict[str, Source]:
     """Files but those that list everything: the package itself and the table of commands."""
-    return {name: source for name, source in files.items() if name not in ("truearm", "truearm.cli.main")}
+    return {name: source for name, source in files.items() if name not in ("truearm", "truearm.command_line")}
 
 
 @ROWS.row("wall")

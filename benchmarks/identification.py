@@ -21,20 +21,20 @@ from benchmarks.held_out import (
     told,
 )
 from benchmarks.rows import RowResult, Rows, Target
-from truearm import datasets
 from truearm.arm import Arm, load_arm
-from truearm.compensation.models import PhysicalModel
-from truearm.compensation.models.refit import refit
 from truearm.identification.estimation.identification import identify
-from truearm.identification.planning.sampling import STRATEGIES
 from truearm.identification.references.alignment import align, place_base_coarsely
 from truearm.identification.references.reading_references import references_of, state_of
 from truearm.identification.terms import Term, candidate_terms, constants
-from truearm.identification.virtual import Measurement, VirtualArm, load_preset
+from truearm.models import PhysicalModel
+from truearm.models.refit import refit
 from truearm.readings import Session, hold_out, point_errors
 from truearm.readings.lengths import Lengths
 from truearm.readings.seats import length_errors, seat_errors
 from truearm.typing import FloatArray, IntArray, NameArray
+from truearm.wings.importing import datasets
+from truearm.wings.planning.designs.sampling import STRATEGIES
+from truearm.wings.planning.virtual import Measurement, VirtualArm, load_preset
 
 ROWS = Rows()
 ONE = {"seeds": 1}

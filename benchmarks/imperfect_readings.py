@@ -14,20 +14,20 @@ import truearm as ta
 from benchmarks.held_out import IDENTIFIED, split, squared_lengths
 from benchmarks.identification import tool_positions
 from benchmarks.rows import Rows, finding
-from truearm import datasets
 from truearm.arm import Arm, load_arm
 from truearm.arm.chain import Chain
-from truearm.compensation.models import KinematicModel, PhysicalModel
-from truearm.compensation.models.compensator import Compensator
 from truearm.errors import InputError
 from truearm.identification.judgement.outliers import outliers
-from truearm.identification.planning.sampling import STRATEGIES
-from truearm.identification.planning.sampling.measuring import measuring_poses
-from truearm.identification.virtual import PRESETS, VirtualArm, load_preset
+from truearm.models import KinematicModel, PhysicalModel
+from truearm.models.compensator import Compensator
 from truearm.readings import Session
 from truearm.readings.lengths import Lengths
 from truearm.readings.seats import seat_errors
 from truearm.typing import FloatArray, IntArray
+from truearm.wings.importing import datasets
+from truearm.wings.planning.designs.sampling import STRATEGIES
+from truearm.wings.planning.designs.sampling.measuring import measuring_poses
+from truearm.wings.planning.virtual import PRESETS, VirtualArm, load_preset
 
 ROWS = Rows()
 ARM = "gao2017"

@@ -15,12 +15,12 @@ import numpy as np
 from benchmarks.held_out import LEVEL, squares
 from benchmarks.rows import Rows, finding
 from truearm.arm import load_arm
-from truearm.compensation.models import PhysicalModel
-from truearm.compensation.models.identified_model import IdentifiedModel
-from truearm.identification.planning.sampling.measuring import measuring_poses
-from truearm.identification.virtual import VirtualArm, load_preset
+from truearm.models import PhysicalModel
+from truearm.models.identified_model import IdentifiedModel
 from truearm.readings import Session
 from truearm.typing import FloatArray
+from truearm.wings.planning.designs.sampling.measuring import measuring_poses
+from truearm.wings.planning.virtual import VirtualArm, load_preset
 
 ROWS = Rows()
 ARM = load_arm("gao2017")

@@ -14,10 +14,10 @@ import numpy as np
 import truearm as ta
 from benchmarks.rows import RowResult, Rows
 from truearm.typing import FloatArray
-from truearm.verification.monitor.assessment import RecalibrationAdvice
-from truearm.verification.monitor.control_chart import FALSE_ALARMS, ControlChart, control_chart, control_rules
-from truearm.verification.monitor.interim_check import CheckReading, CheckValue, InterimCheck
-from truearm.verification.monitor.whole_check import WholeCheck, whole_check
+from truearm.wings.laboratory.monitor.assessment import RecalibrationAdvice
+from truearm.wings.laboratory.monitor.control_chart import FALSE_ALARMS, ControlChart, control_chart, control_rules
+from truearm.wings.laboratory.monitor.interim_check import CheckReading, CheckValue, InterimCheck
+from truearm.wings.laboratory.monitor.whole_check import WholeCheck, whole_check
 
 ROWS = Rows()
 

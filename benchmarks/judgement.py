@@ -25,18 +25,18 @@ from benchmarks.imperfect_readings import mistakes
 from benchmarks.imperfect_states import ARM as THERMAL_ARM
 from benchmarks.imperfect_states import EXPANSIONS, Tested, describe, mean, rms, tested, training, virtual_arm
 from benchmarks.rows import RowResult, Rows, Target, finding
-from truearm import datasets
 from truearm.arm import Arm, load_arm
 from truearm.choices import ModelName
 from truearm.errors import InputError
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.judgement.change_point import rigid_motions, session_changes
-from truearm.identification.planning.sampling import STRATEGIES
 from truearm.identification.references.rounded_angles import tip_motion_mm, tip_motions
 from truearm.identification.terms import constants
-from truearm.identification.virtual import PRESETS, Preset, VirtualArm, load_preset
 from truearm.readings import Session
 from truearm.typing import FloatArray
+from truearm.wings.importing import datasets
+from truearm.wings.planning.designs.sampling import STRATEGIES
+from truearm.wings.planning.virtual import PRESETS, Preset, VirtualArm, load_preset
 
 ROWS = Rows()
 

@@ -26,11 +26,11 @@ from truearm.readings.columns import session_columns
 from truearm.readings.large_sessions import LargeSession
 from truearm.solve.executor import Executor, Serial
 from truearm.solve.executors import Processes
-from truearm.workflows import fit_large as fitting
-from truearm.workflows.evaluate_large import evaluate_large
-from truearm.workflows.fit_large import fit_large
-from truearm.workflows.pass_over_parts import sums_of_part
-from truearm.workflows.predict_large import predict_large
+from truearm.verbs import fit_large as fitting
+from truearm.verbs.evaluate_large import evaluate_large
+from truearm.verbs.fit_large import fit_large
+from truearm.verbs.pass_over_parts import sums_of_part
+from truearm.verbs.predict_large import predict_large
 
 ROWS = Rows()
 # Readings that are made, and written as a row group, at once.

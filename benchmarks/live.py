@@ -26,19 +26,19 @@ import numpy as np
 
 import truearm as ta
 from benchmarks.rows import RowResult, Rows, Target
-from truearm.identification.planning.candidates import volume_poses
-from truearm.identification.planning.sampling.measuring import inner_limits, measuring_poses
-from truearm.identification.planning.sampling.workspace import Sector, in_sector, is_above_table, stance
 from truearm.identification.references.alignment import align
 from truearm.identification.terms import ArmState
-from truearm.identification.virtual import VirtualArm
 from truearm.readings import read_session
-from truearm.recording.corrected_tip import corrected_tip
-from truearm.recording.learning import Learning
-from truearm.recording.poses_to_measure import PosesToMeasure
-from truearm.recording.record_readings import record
-from truearm.sources import Sample, Source, StandstillRule
 from truearm.typing import FloatArray
+from truearm.wings.bench.recording.corrected_tip import corrected_tip
+from truearm.wings.bench.recording.learning import Learning
+from truearm.wings.bench.recording.poses_to_measure import PosesToMeasure
+from truearm.wings.bench.recording.record_readings import record
+from truearm.wings.bench.sources import Sample, Source, StandstillRule
+from truearm.wings.planning.designs.candidates import volume_poses
+from truearm.wings.planning.designs.sampling.measuring import inner_limits, measuring_poses
+from truearm.wings.planning.designs.sampling.workspace import Sector, in_sector, is_above_table, stance
+from truearm.wings.planning.virtual import VirtualArm
 
 ROWS = Rows()
 
@@ -348,7 +348,7 @@ WALK_DEG, WALK_JOINTS = 30.0, (1, 2, 3)  # a technician's next pose: so many joi
 def _walk(arm: ta.Arm, n: int, seed: int) -> FloatArray:
     """Poses of a technician without a plan: from the working pose on, one to three joints at a time.
 
-    The tip stays in front of the arm and above the table, as in `truearm.identification.planning.sampling`.
+    The tip stays in front of the arm and above the table, as in `truearm.wings.planning.designs.sampling`.
     """
     random, where = np.random.default_rng(seed), stance(arm)
     lower, upper = inner_limits(arm)

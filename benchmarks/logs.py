@@ -12,11 +12,11 @@ import numpy as np
 import truearm as ta
 from benchmarks.rows import RowResult, Rows
 from truearm.errors import InputError
-from truearm.files.tables.table import Table
 from truearm.pages.palette import NAVY, ORANGE
 from truearm.pages.plotting import Figure, figure_style, make_panel
-from truearm.readings.foreign.joined_logs import join_tables
 from truearm.typing import FloatArray
+from truearm.wings.importing.foreign.joined_logs import join_tables
+from truearm.wings.importing.tables.table import Table
 
 ROWS = Rows()
 

@@ -22,15 +22,15 @@ from benchmarks.held_out import MODELS as IDENTIFYING
 from benchmarks.identification import tool_positions
 from benchmarks.methods_residual import CHOICES, GaussianProcess, tuned
 from benchmarks.rows import RowResult, Rows, machine, scratch
-from truearm import datasets
 from truearm.arm import Arm, load_arm
-from truearm.compensation.models import HybridModel, NetworkModel
-from truearm.compensation.models.compensator import Compensator
-from truearm.identification.planning.sampling import STRATEGIES
 from truearm.identification.references.cross_validation_groups import cross_validation_groups
-from truearm.identification.virtual import VirtualArm, load_preset
+from truearm.models import HybridModel, NetworkModel
+from truearm.models.compensator import Compensator
 from truearm.readings import Lengths, Session
 from truearm.typing import FloatArray
+from truearm.wings.importing import datasets
+from truearm.wings.planning.designs.sampling import STRATEGIES
+from truearm.wings.planning.virtual import VirtualArm, load_preset
 
 ROWS = Rows()
 MODELS: dict[str, type[Compensator]] = {**IDENTIFYING, "hybrid": HybridModel}

@@ -16,10 +16,10 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 from sklearn.model_selection import GroupKFold
 from sklearn.multioutput import MultiOutputRegressor
 
-from truearm.compensation.nets.nguyen_widrow import nguyen_widrow
-from truearm.compensation.nets.normal_equations import FitProblem
-from truearm.compensation.nets.perceptron import Perceptron
-from truearm.compensation.nets.trainbr import trainbr
+from truearm.nets.nguyen_widrow import nguyen_widrow
+from truearm.nets.normal_equations import FitProblem
+from truearm.nets.perceptron import Perceptron
+from truearm.nets.trainbr import trainbr
 from truearm.typing import FloatArray, IntArray
 
 INNER_FOLDS = 3

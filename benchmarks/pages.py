@@ -18,8 +18,8 @@ from benchmarks.figures import guide
 from benchmarks.rows import ROOT, RowResult, Rows, Target, scratch
 from truearm.pages.html import write_page
 from truearm.pages.page import Page
-from truearm.workflows.arms import describe_arm
-from truearm.workflows.demo import DemoResult, Settings, experiment
+from truearm.wings.gao2017.demo import DemoResult, Settings, experiment
+from truearm.wings.reports.arms import describe_arm
 
 ROWS = Rows()
 WIDTH, HEIGHT = 1400, 900

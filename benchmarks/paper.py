@@ -17,25 +17,25 @@ import numpy as np
 
 from benchmarks.rows import RowResult, Rows, Target, machine, scratch
 from truearm.arm import load_arm
-from truearm.compensation.models import Compensator, HybridModel, KinematicModel, PhysicalModel
-from truearm.compensation.nets.nguyen_widrow import nguyen_widrow
-from truearm.compensation.nets.normal_equations import FitProblem
-from truearm.compensation.nets.perceptron import Perceptron
-from truearm.compensation.nets.scaling import MinMaxScaler
-from truearm.compensation.nets.train_varpro import train_varpro
-from truearm.identification.planning.sampling import box, measuring_poses
-from truearm.identification.virtual import Measurement, VirtualArm, load_preset
-from truearm.papers.gao2017.claim_figures import experiment_box_figure
-from truearm.papers.gao2017.experiment_box import FILE, BoxRun, ExperimentBoxStudy, load_experiment_box, widths_at
-from truearm.papers.gao2017.results import METHODS, Method
-from truearm.papers.gao2017.tables import TABLES
-from truearm.papers.gao2017.training import EVALUATION_STREAM, N_EVALUATION_POSES, Source, Training, run_training
-from truearm.papers.gao2017.training_plan import EXPERIMENT, FULL_EFFORT, SIMULATION, training_of
+from truearm.models import Compensator, HybridModel, KinematicModel, PhysicalModel
+from truearm.nets.nguyen_widrow import nguyen_widrow
+from truearm.nets.normal_equations import FitProblem
+from truearm.nets.perceptron import Perceptron
+from truearm.nets.scaling import MinMaxScaler
+from truearm.nets.train_varpro import train_varpro
 from truearm.readings import Session
 from truearm.typing import FloatArray
-from truearm.workflows.demo import PAPER_NETWORK_MM, PAPER_NOMINAL_MM, PAPER_SETTINGS, experiment
-from truearm.workflows.record import TextTable
-from truearm.workflows.reproduce import reproduce
+from truearm.verbs.record import TextTable
+from truearm.wings.gao2017.claim_figures import experiment_box_figure
+from truearm.wings.gao2017.demo import PAPER_NETWORK_MM, PAPER_NOMINAL_MM, PAPER_SETTINGS, experiment
+from truearm.wings.gao2017.experiment_box import FILE, BoxRun, ExperimentBoxStudy, load_experiment_box, widths_at
+from truearm.wings.gao2017.reproduce import reproduce
+from truearm.wings.gao2017.results import METHODS, Method
+from truearm.wings.gao2017.tables import TABLES
+from truearm.wings.gao2017.training import EVALUATION_STREAM, N_EVALUATION_POSES, Source, Training, run_training
+from truearm.wings.gao2017.training_plan import EXPERIMENT, FULL_EFFORT, SIMULATION, training_of
+from truearm.wings.planning.designs.sampling import box, measuring_poses
+from truearm.wings.planning.virtual import Measurement, VirtualArm, load_preset
 
 ROWS = Rows()
 

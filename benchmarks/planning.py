@@ -12,13 +12,13 @@ import numpy as np
 from benchmarks.held_out import IDENTIFIED
 from benchmarks.rows import RowResult, Rows
 from truearm.arm import load_arm
-from truearm.identification.planning.prior import nominal_prior
-from truearm.identification.planning.proposal import LENGTH_U_MM, STRATEGIES, Artefact, CalibrationPlan, propose
-from truearm.identification.planning.template import bars
-from truearm.identification.virtual import VirtualArm, load_preset
 from truearm.pages.plotting import Figure, figure_style, make_panel, set_log_scale, styles_of
 from truearm.readings import Lengths
 from truearm.typing import FloatArray
+from truearm.wings.planning.designs.prior import nominal_prior
+from truearm.wings.planning.designs.proposal import LENGTH_U_MM, STRATEGIES, Artefact, CalibrationPlan, propose
+from truearm.wings.planning.designs.template import bars
+from truearm.wings.planning.virtual import VirtualArm, load_preset
 
 ROWS = Rows()
 ARMS = ("measuring7", "gao2017", "ur10")
@@ -37,7 +37,7 @@ def strategies(
 ) -> RowResult:
     """Error in the volume by the number of poses and the strategy, rms [mm]: median and range of virtual arms.
 
-    For every number of poses the plans are made once for each nominal arm (`truearm.identification.planning`, terms
+    For every number of poses the plans are made once for each nominal arm (`truearm.wings.planning.designs`, terms
     physical). Arms with the errors of the preset research are then measured at these poses, a physical model is
     identified, and its points at poses spread over the volume are compared with the true ones, after the frame is
     fitted. Tracker: points with noise, base and tip free. Bar: tips in its two seats, at places in turn, and its

@@ -22,14 +22,14 @@ import numpy as np
 
 import truearm as ta
 from benchmarks.rows import RowResult, Rows, Target, cpu_seconds_of, scratch, times_of, times_of_each
-from truearm import datasets
 from truearm.arm import Chain, load_arm, write_urdf
-from truearm.compensation.models import Compensator, KinematicModel, NominalModel, PhysicalModel
-from truearm.compensation.models.model_file import load_model
 from truearm.identification.estimation.composed_arm import ComposedArm
 from truearm.identification.estimation.covariance_root import CovarianceRoot
-from truearm.identification.virtual import load_preset
+from truearm.models import Compensator, KinematicModel, NominalModel, PhysicalModel
+from truearm.models.model_file import load_model
 from truearm.readings import Session
+from truearm.wings.importing import datasets
+from truearm.wings.planning.virtual import load_preset
 
 ROWS = Rows()
 MODELS: dict[str, type[Compensator]] = {"nominal": NominalModel, "kinematic": KinematicModel, "physical": PhysicalModel}
@@ -366,8 +366,8 @@ RANGE, ARMS, PRESETS = 2500.0, 100, ("shop", "research")
 @ROWS.row("shapes", threads="one", quick={"runs": 5})
 def shapes(runs: int = 200) -> RowResult:
     """Sphere, smallest sphere."""
-    from truearm.verification.shapes.circumscribed_sphere import circumscribed_sphere
-    from truearm.verification.shapes.sphere import fit_sphere
+    from truearm.wings.laboratory.shapes.circumscribed_sphere import circumscribed_sphere
+    from truearm.wings.laboratory.shapes.sphere import fit_sphere
 
     rng = np.random.default_rng(20170101)
     away = rng.normal(size=(25, 3))
@@ -403,13 +403,13 @@ def whole_test(arms: int = 100, presets: tuple[str, ...] = PRESETS) -> RowResult
 
 def taken(preset: str, arms: int) -> None:
     """Lay out, pose and take the whole test."""
-    from truearm.verification.standards.artefacts import example_artefacts
-    from truearm.verification.standards.layout import lay_out_tests
-    from truearm.verification.standards.specification import example_specification
-    from truearm.verification.standards.verification_plan import load_verification_plan
-    from truearm.verification.tasks.posed_test import pose
-    from truearm.verification.tasks.sampled_arms import PresetDistribution
-    from truearm.verification.tasks.simulated_verification import simulate_verification
+    from truearm.wings.laboratory.standards.artefacts import example_artefacts
+    from truearm.wings.laboratory.standards.layout import lay_out_tests
+    from truearm.wings.laboratory.standards.specification import example_specification
+    from truearm.wings.laboratory.standards.verification_plan import load_verification_plan
+    from truearm.wings.laboratory.tasks.posed_test import pose
+    from truearm.wings.laboratory.tasks.sampled_arms import PresetDistribution
+    from truearm.wings.laboratory.tasks.simulated_verification import simulate_verification
 
     arm, plan = load_arm("measuring7"), load_verification_plan("iso10360-12")
     artefacts = example_artefacts(RANGE)

@@ -8,12 +8,12 @@ import numpy as np
 
 from benchmarks.rows import RowResult, Rows
 from truearm.typing import FloatArray
-from truearm.verification.standards import asme_b89_4_22, iso10360_12
-from truearm.verification.standards.artefacts import Artefacts, CalibratedBar, CalibratedSphere, example_artefacts
-from truearm.verification.standards.decision import ConformityResult
-from truearm.verification.standards.measurands import LengthMeasurement, SphereMeasurement
-from truearm.verification.standards.positions import hemisphere
-from truearm.verification.standards.specification import Specification
+from truearm.wings.laboratory.standards import asme_b89_4_22, iso10360_12
+from truearm.wings.laboratory.standards.artefacts import Artefacts, CalibratedBar, CalibratedSphere, example_artefacts
+from truearm.wings.laboratory.standards.decision import ConformityResult
+from truearm.wings.laboratory.standards.measurands import LengthMeasurement, SphereMeasurement
+from truearm.wings.laboratory.standards.positions import hemisphere
+from truearm.wings.laboratory.standards.specification import Specification
 
 ROWS = Rows()
 

@@ -20,14 +20,14 @@ import numpy as np
 from benchmarks.cost import dense_jacobian
 from benchmarks.peers import Curve, Task, Watch, answer_of
 from benchmarks.rows import RowResult, Rows, Target
-from truearm.compensation.nets.nguyen_widrow import nguyen_widrow
-from truearm.compensation.nets.normal_equations import FitProblem
-from truearm.compensation.nets.perceptron import Perceptron
-from truearm.compensation.nets.scaling import MinMaxScaler
-from truearm.compensation.nets.train_varpro import train_varpro
-from truearm.compensation.nets.trainlm import trainlm
-from truearm.papers.gao2017.training import EVALUATION_STREAM, TRAINING_STREAM, Source
+from truearm.nets.nguyen_widrow import nguyen_widrow
+from truearm.nets.normal_equations import FitProblem
+from truearm.nets.perceptron import Perceptron
+from truearm.nets.scaling import MinMaxScaler
+from truearm.nets.train_varpro import train_varpro
+from truearm.nets.trainlm import trainlm
 from truearm.solve import DampingLimit, MarquardtDamping, NormalEquations, levenberg_marquardt
+from truearm.wings.gao2017.training import EVALUATION_STREAM, TRAINING_STREAM, Source
 
 ROWS = Rows()
 OURS = "truearm varpro"

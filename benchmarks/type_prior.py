@@ -11,15 +11,15 @@ import numpy as np
 from scipy.stats import chi2
 
 from benchmarks.rows import RowResult, Rows, Target
-from truearm import datasets
 from truearm.arm import Arm, load_arm
-from truearm.compensation.models import KinematicModel
-from truearm.fleet.type_prior import LearnedTypePrior, learned_from, linearised_arm
 from truearm.identification.terms.type_prior import TypePrior
-from truearm.identification.virtual import VirtualArm, load_preset
-from truearm.identification.virtual.session_poses import strategy_poses
+from truearm.models import KinematicModel
 from truearm.readings import Session
 from truearm.typing import FloatArray
+from truearm.wings.fleet.type_prior import LearnedTypePrior, learned_from, linearised_arm
+from truearm.wings.importing import datasets
+from truearm.wings.planning.virtual import VirtualArm, load_preset
+from truearm.wings.planning.virtual.session_poses import strategy_poses
 
 ROWS = Rows()
 NOMINAL = "ur10"

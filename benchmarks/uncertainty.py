@@ -14,30 +14,30 @@ import truearm as ta
 from benchmarks.fitting import taken
 from benchmarks.held_out import IDENTIFIED, LEVEL, squares
 from benchmarks.rows import RowResult, Rows, Target, finding
-from truearm import datasets
 from truearm.arm import Arm, load_arm
 from truearm.arm.denavit_hartenberg import chain_from_dh
 from truearm.choices import Conditions
-from truearm.compensation.models import PhysicalModel
-from truearm.compensation.models.compensator import Compensator
-from truearm.compensation.models.identified_model import IdentifiedModel
-from truearm.compensation.models.refit import refit
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.judgement.missing_terms import missing_terms
-from truearm.identification.planning.sampling.measuring import measuring_poses
 from truearm.identification.terms import ArmState, constants
-from truearm.identification.virtual import Measurement, VirtualArm, load_preset
-from truearm.identification.virtual.error_model import tip_compliance
-from truearm.identification.virtual.presets import Preset
-from truearm.identification.virtual.state import mean_hand_force
+from truearm.models import PhysicalModel
+from truearm.models.compensator import Compensator
+from truearm.models.identified_model import IdentifiedModel
+from truearm.models.refit import refit
 from truearm.readings import Session
 from truearm.typing import BoolArray, FloatArray
-from truearm.verification import FeatureKind
-from truearm.verification.tasks.estimate import expanded_uncertainty
-from truearm.verification.tasks.feature_postures import feature_postures, middle_of, place_feature
-from truearm.verification.tasks.features import UP, Feature, circle, length_at, plane, sphere
-from truearm.verification.tasks.sampled_arms import PosteriorDistribution, PresetDistribution
-from truearm.verification.tasks.task import N_POSTURES, simulate_measurements
+from truearm.wings.importing import datasets
+from truearm.wings.laboratory import FeatureKind
+from truearm.wings.laboratory.tasks.estimate import expanded_uncertainty
+from truearm.wings.laboratory.tasks.feature_postures import feature_postures, middle_of, place_feature
+from truearm.wings.laboratory.tasks.features import UP, Feature, circle, length_at, plane, sphere
+from truearm.wings.laboratory.tasks.sampled_arms import PosteriorDistribution, PresetDistribution
+from truearm.wings.laboratory.tasks.task import N_POSTURES, simulate_measurements
+from truearm.wings.planning.designs.sampling.measuring import measuring_poses
+from truearm.wings.planning.virtual import Measurement, VirtualArm, load_preset
+from truearm.wings.planning.virtual.error_model import tip_compliance
+from truearm.wings.planning.virtual.presets import Preset
+from truearm.wings.planning.virtual.state import mean_hand_force
 
 ROWS = Rows()
 ARM = "gao2017"
@@ -150,7 +150,7 @@ def tasks(
     """Task uncertainties: 95 % intervals of features against true errors of virtual arms.
 
     Each virtual arm is measured at random poses of a person, with a reference point at each, on one day or several, and
-    identified. The model then states the uncertainty (`truearm.verification.tasks`, 1000 drawn arms) of lengths of two
+    identified. The model then states the uncertainty (`truearm.wings.laboratory.tasks`, 1000 drawn arms) of lengths of two
     points, 50 mm and 1 m, of a length of forty points, a ball, a plate that lies and one that faces the arm; no
     repeatability is given. On a day of its own the virtual arm measures each in 40 ways of holding it, at the mean
     temperature of its readings, and its model, which is not told from which side its joints came, compensates. Counted

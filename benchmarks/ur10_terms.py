@@ -13,15 +13,15 @@ import numpy as np
 
 from benchmarks.held_out import MODELS
 from benchmarks.rows import RowResult, Rows
-from truearm import datasets
 from truearm.arm import load_arm
-from truearm.compensation.models import PhysicalModel
 from truearm.identification.judgement.outliers import outliers
 from truearm.identification.references.reading_references import state_of
 from truearm.identification.terms import GravityTorque
+from truearm.models import PhysicalModel
 from truearm.readings import Session
-from truearm.show.joint_error_figure import joint_error_figure
-from truearm.show.term_effects import JointError, effects, joint_error
+from truearm.wings.importing import datasets
+from truearm.wings.reports.joint_error_figure import joint_error_figure
+from truearm.wings.reports.term_effects import JointError, effects, joint_error
 
 ROWS = Rows()
 ARCSEC = np.degrees(1.0) * 3600

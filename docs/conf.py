@@ -106,7 +106,7 @@ def write_command_reference() -> None:
     """Write the page of the commands from what each prints for ``--help``."""
     from typer.testing import CliRunner
 
-    from truearm.cli.main import VERBS, make_app
+    from truearm.command_line import VERBS, make_app
 
     runner, program = CliRunner(), make_app()
     parts = ["# Commands\n", "What every command prints for `--help`.\n"]

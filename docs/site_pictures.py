@@ -14,12 +14,12 @@ from matplotlib.figure import Figure as Drawing
 from PIL import Image
 
 import truearm as ta
+from truearm.drawings.arm_drawing import arm_figure, project
+from truearm.drawings.arm_scene import joint_frames
 from truearm.pages.html import write_page
 from truearm.pages.page import Page
 from truearm.pages.plotting import Figure, figure_style
-from truearm.show.arm_drawing import arm_figure, project
-from truearm.show.arm_scene import joint_frames
-from truearm.workflows.record import Record
+from truearm.verbs.record import Record
 
 
 def house_style(gallery_conf: object, file_name: object) -> None:

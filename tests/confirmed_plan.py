@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import datetime
 
-from truearm.verification.standards.verification_plan import VerificationPlan
+from truearm.wings.laboratory.standards.verification_plan import VerificationPlan
 
 
 def confirmed(plan, day=datetime.date(2026, 11, 3), rule=None):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pandas as pd
 
-from truearm.workflows.record import TableRecord
+from truearm.verbs.record import TableRecord
 
 UNITS = ("mm", "rad", "deg", "degC", "s", "seconds", "percent")
 # Ratios, numbers of standard uncertainties, logarithms.

@@ -11,7 +11,7 @@ x509 = pytest.importorskip("cryptography.x509")
 from cryptography.hazmat.primitives import hashes, serialization  # noqa: E402
 from cryptography.hazmat.primitives.asymmetric import ec, utils  # noqa: E402
 
-from truearm.files.xml_references import canonical, parse_signed  # noqa: E402
+from truearm.wings.laboratory.signatures.xml_references import canonical, parse_signed  # noqa: E402
 
 PEM = serialization.Encoding.PEM
 CONTENT = b'<a xmlns:b="urn:b"><b:c>5 \xc2\xb5m</b:c><d/></a>'

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import truearm
-from truearm.compensation.export.formats import FORMATS
+from truearm.wings.exports.formats.formats import FORMATS
 
 CHECKOUT = Path(__file__).resolve().parents[1]
 PACKAGE = Path(truearm.__file__).parent

@@ -18,7 +18,7 @@ from pathlib import Path
 import pytest
 
 import truearm
-from truearm.cli.main import VERBS, make_app
+from truearm.command_line import VERBS, make_app
 
 HOUSE = Path(truearm.__file__).parent
 CHECKOUT = Path(__file__).resolve().parents[1]
@@ -182,14 +182,14 @@ def test_the_core_holds_nothing_that_only_wings_use(counts):
     files, wings = counts.sources(HOUSE), counts.plan()["wings"]
     core = {name for name in files if counts.wing_of(name, wings) is None}
     used = {one for name, found in counts.imports(files).items() if name in core for one in found}
-    verbs = {*truearm._HOMES, "truearm", "truearm.__main__", "truearm.cli.main"}
+    verbs = {*truearm._HOMES, "truearm", "truearm.__main__", "truearm.command_line"}
     alone = {name for name in core - used - verbs if files[name].path.name != "__init__.py"}
-    assert not {name for name in alone if not name.startswith(("truearm.cli.", "truearm.identification.estimation."))}
+    assert not {name for name in alone if not name.startswith(("truearm.verbs.", "truearm.identification.estimation."))}
 
 
 def test_the_command_line_starts_without_the_heavy_packages():
     """Help and messages come at once: NumPy and its like are imported by the verb that needs them."""
-    listed = "import truearm.cli.main as m, sys; m.make_app(); print(*sys.modules)"
+    listed = "import truearm.command_line as m, sys; m.make_app(); print(*sys.modules)"
     ran = subprocess.run([sys.executable, "-c", listed], capture_output=True, text=True, check=True)
     heavy = {"numpy", "scipy", "pandas", "sklearn", "matplotlib", "jinja2", "pooch", "pyarrow"}
     assert not heavy & set(ran.stdout.split())

@@ -15,8 +15,6 @@ import truearm as ta
 from truearm.arm import load_arm
 from truearm.arm.arm_files import write_arm
 from truearm.arm.urdf import write_urdf
-from truearm.cli.console import print_line
-from truearm.cli.recording_view import RecordingView
 from truearm.errors import InputError
 from truearm.files.delimited import write_columns
 from truearm.pages.html import render
@@ -24,10 +22,12 @@ from truearm.pages.page import Column, Page, Section, Table
 from truearm.pages.paper import Paper
 from truearm.pages.pdf import pdf_bytes
 from truearm.printable_text import printable, printable_name
-from truearm.recording.recording import Recording
-from truearm.recording.recording_event import Event
-from truearm.sources import Source
-from truearm.verification.certificate.administrative_data import xml_text
+from truearm.verbs.console import print_line
+from truearm.wings.bench.recording.recording import Recording
+from truearm.wings.bench.recording.recording_event import Event
+from truearm.wings.bench.recording_view import RecordingView
+from truearm.wings.bench.sources import Source
+from truearm.wings.laboratory.certificate.administrative_data import xml_text
 
 # Clears the screen, names the window, turns the direction of writing, ends a string of C, is a command of one byte.
 EVIL = "\x1b[2J\x1b]0;owned\x07 red\u202egnp.exe \0 \x9b31m \u2066x\ufeff\ud800"

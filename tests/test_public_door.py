@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 import truearm as ta
-from truearm.workflows.record import Record
+from truearm.verbs.record import Record
 
 PACKAGE = Path(ta.__file__).parent
 NAMES = [name for name in ta.__all__ if name not in ("__version__", "datasets", "shapes")]

@@ -8,7 +8,7 @@ import numpy as np
 
 from benchmarks.certificates import mistake, right
 from benchmarks.certificates.campaign import ASME, ISO, Edits, PointsChange, campaign, file, in_all
-from truearm.verification.standards.measured_points import read_points
+from truearm.wings.laboratory.standards.measured_points import read_points
 
 # Of the ball, the bar and the seat: what is typed, in place of what, and what is said.
 ARTEFACTS = {

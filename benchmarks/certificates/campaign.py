@@ -17,11 +17,11 @@ import truearm as ta
 from benchmarks.certificates import seen
 from benchmarks.rows import scratch
 from truearm.typing import FloatArray
-from truearm.verification.certificate.certificate import Certificate
-from truearm.verification.standards.coordinate_origin import ARM_SOFTWARE, CoordinateOrigin
-from truearm.verification.standards.layout import lay_out_tests
-from truearm.verification.standards.measured_points import MeasuredPoints, PointGroup
-from truearm.verification.standards.verification_plan import plan_text
+from truearm.wings.laboratory.certificate.certificate import Certificate
+from truearm.wings.laboratory.standards.coordinate_origin import ARM_SOFTWARE, CoordinateOrigin
+from truearm.wings.laboratory.standards.layout import lay_out_tests
+from truearm.wings.laboratory.standards.measured_points import MeasuredPoints, PointGroup
+from truearm.wings.laboratory.standards.verification_plan import plan_text
 
 ISO, ASME = "iso10360-12", "asme-b89.4.22"
 RANGE_MM = 2500.0

@@ -25,11 +25,11 @@ from benchmarks.certificates.campaign import (
 from benchmarks.certificates.copies import both
 from benchmarks.rows import scratch
 from truearm.typing import FloatArray
-from truearm.verification.standards.artefacts import example_artefacts
-from truearm.verification.standards.coordinate_origin import VIRTUAL_ARM, CoordinateOrigin
-from truearm.verification.standards.layout import Placement, lay_out_tests
-from truearm.verification.standards.measured_points import read_points
-from truearm.verification.standards.points_form import fill_points_form, write_points_form
+from truearm.wings.laboratory.standards.artefacts import example_artefacts
+from truearm.wings.laboratory.standards.coordinate_origin import VIRTUAL_ARM, CoordinateOrigin
+from truearm.wings.laboratory.standards.layout import Placement, lay_out_tests
+from truearm.wings.laboratory.standards.measured_points import read_points
+from truearm.wings.laboratory.standards.points_form import fill_points_form, write_points_form
 
 # Entries that nobody read --------------------------------------------------------------------------------------------
 

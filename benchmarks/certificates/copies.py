@@ -9,8 +9,8 @@ import numpy as np
 from benchmarks.certificates import mistake, right
 from benchmarks.certificates.campaign import ASME, ISO, Campaign, Change, Groups, at, campaign, edited, in_all, in_test
 from truearm.typing import FloatArray
-from truearm.verification.standards.measured_points import PointGroup
-from truearm.verification.standards.positions import about_z
+from truearm.wings.laboratory.standards.measured_points import PointGroup
+from truearm.wings.laboratory.standards.positions import about_z
 
 ADJUSTED = [(r"\Z", 'adjustment = { kind = "adjustment", work = "constants of the arm" }\n')]
 

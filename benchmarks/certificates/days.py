@@ -17,7 +17,7 @@ from benchmarks.certificates.campaign import (
     read_edited,
 )
 from benchmarks.certificates.copies import both
-from truearm.verification.standards.measured_points import read_points
+from truearm.wings.laboratory.standards.measured_points import read_points
 
 TODAY = datetime.date.today()
 LATER = TODAY + datetime.timedelta(days=40)

@@ -9,8 +9,8 @@ import numpy as np
 from benchmarks.certificates import mistake, right
 from benchmarks.certificates.campaign import ASME, ISO, RANGE_MM, Change, Groups, at, campaign, in_test
 from truearm.typing import FloatArray
-from truearm.verification.standards.measured_points import PointGroup
-from truearm.verification.standards.positions import hemisphere
+from truearm.wings.laboratory.standards.measured_points import PointGroup
+from truearm.wings.laboratory.standards.positions import hemisphere
 
 RADIUS_MM = 12.5
 BALLS = {"probing": ISO, "effective_diameter": ASME, "articulation": ISO}

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 from benchmarks.certificates import mistake, right
 from benchmarks.certificates.campaign import Edits, campaign, edited, file, read, written
-from truearm.files.x509_certificates import package, read_signer
-from truearm.files.xml_references import canonical, parse_signed
+from truearm.wings.laboratory.signatures.x509_certificates import package, read_signer
+from truearm.wings.laboratory.signatures.xml_references import canonical, parse_signed
 
 UTC = datetime.UTC
 XADES = "http://uri.etsi.org/01903/v1.3.2#"

@@ -14,12 +14,12 @@ import numpy as np
 import truearm as ta
 from benchmarks.mistakes import mistake, right, seen
 from benchmarks.rows import scratch
-from truearm.recording.recording import Recording
-from truearm.sources import Sample, Source
-from truearm.sources.abb_egm import decode_egm
-from truearm.sources.decoded_messages import Repeats
-from truearm.sources.kuka_rsi import decode_rsi
 from truearm.typing import FloatArray
+from truearm.wings.bench.recording.recording import Recording
+from truearm.wings.bench.sources import Sample, Source
+from truearm.wings.bench.sources.abb_egm import decode_egm
+from truearm.wings.bench.sources.decoded_messages import Repeats
+from truearm.wings.bench.sources.kuka_rsi import decode_rsi
 
 _NUMBERS = itertools.count(1)
 
@@ -139,7 +139,7 @@ def undated_egm() -> bool:
 
 @right("the ball of a rehearsed interim check has its diameter, 25 mm and a tip of 6 mm")
 def rehearsed_ball() -> bool:
-    from truearm.verification.shapes.sphere import fit_sphere
+    from truearm.wings.laboratory.shapes.sphere import fit_sphere
 
     plan = new_file(".csv")
     ta.plan_check("ur10", sphere_mm=25.0).save(plan)

@@ -9,13 +9,13 @@ import numpy as np
 import truearm as ta
 from benchmarks.mistakes import mistake, right
 from benchmarks.uncertainty import SHARE_OF_PRIOR, drawn, topology
-from truearm.identification.planning.sampling.measuring import measuring_poses
 from truearm.identification.terms import directions
-from truearm.identification.virtual.presets import ARCSEC
 from truearm.readings import Session
 from truearm.typing import FloatArray
-from truearm.verification.tasks.feature_postures import feature_postures, middle_of
-from truearm.verification.tasks.features import UP, circle
+from truearm.wings.laboratory.tasks.feature_postures import feature_postures, middle_of
+from truearm.wings.laboratory.tasks.features import UP, circle
+from truearm.wings.planning.designs.sampling.measuring import measuring_poses
+from truearm.wings.planning.virtual.presets import ARCSEC
 
 STEEL_PER_K = 11.5e-6
 POSES, NOISE_MM = 80, 0.01

@@ -11,10 +11,10 @@ import numpy as np
 import truearm as ta
 from benchmarks.mistakes import mistake, right
 from benchmarks.rows import scratch
-from truearm.compensation.models import Compensator
+from truearm.models import Compensator
 from truearm.readings import Session
-from truearm.recording.record_readings import record
-from truearm.sources import Sample, Source, StandstillRule
+from truearm.wings.bench.recording.record_readings import record
+from truearm.wings.bench.sources import Sample, Source, StandstillRule
 
 N = 59
 Change = Callable[[Session], Session]

@@ -15,8 +15,8 @@ from benchmarks.mistakes import mistake, right, seen
 from benchmarks.rows import scratch
 from truearm.arm import Arm, load_arm
 from truearm.readings import Session
-from truearm.readings.foreign import JointScale, TableColumns, import_points
 from truearm.typing import FloatArray
+from truearm.wings.importing.foreign import JointScale, TableColumns, import_points
 
 Columns = Mapping[str, FloatArray | Sequence[str]]
 N = 24

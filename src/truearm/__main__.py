@@ -1,6 +1,6 @@
 """``python -m truearm``: the same as the command ``truearm``."""
 
-from truearm.cli.main import run
+from truearm.command_line import run
 
 if __name__ == "__main__":
     run()

@@ -8,11 +8,11 @@ import pytest
 import truearm as ta
 from truearm.arm import load_arm, read_arm, read_urdf, write_arm
 from truearm.arm.couplings import coupling_text, parse_coupling
-from truearm.compensation.export import c_source
-from truearm.compensation.targets.manifest import Manifest
 from truearm.errors import InputError
 from truearm.readings import Session
-from truearm.workflows.arms import describe_arm
+from truearm.wings.exports.formats import c_source
+from truearm.wings.exports.targets.manifest import Manifest
+from truearm.wings.reports.arms import describe_arm
 
 FANUC = "J3 += J2"
 

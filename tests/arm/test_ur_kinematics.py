@@ -11,10 +11,10 @@ import truearm as ta
 from truearm.arm import chain_from_dh, read_ur_kinematics
 from truearm.arm.rigid_motions import screw_x, screw_z
 from truearm.arm.ur_kinematics import JOINTS, LINKS, ur_hash
-from truearm.compensation.export.joint_offsets import yaml_number
-from truearm.compensation.export.ur_kinematics import ur_kinematics_text
 from truearm.errors import InputError
 from truearm.files.yaml_reader import MAX_DEPTH, parse_yaml
+from truearm.wings.exports.formats.joint_offsets import yaml_number
+from truearm.wings.exports.formats.ur_kinematics import ur_kinematics_text
 
 # A UR5e, as its driver wrote it (published numbers, brenhertel/pearl_ur5e).
 UR5E = """kinematics:

@@ -9,12 +9,12 @@ import socket
 import pytest
 
 from truearm.arm import load_arm
-from truearm.compensation.models.model_file import load_model
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.file_reading import read_limited
+from truearm.models.model_file import load_model
 from truearm.readings import read_lengths, read_session
-from truearm.verification.certificate.dcc_reader import read_dcc
+from truearm.wings.laboratory.certificate.dcc_reader import read_dcc
 
 READERS = [
     (read_session, ".csv"),

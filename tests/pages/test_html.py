@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from html_outline import HOSTILE, Outline
+from truearm.drawings import error_figures as figures
+from truearm.drawings import joint_figures
+from truearm.drawings.workspace_figures import error_in_workspace, workspace
 from truearm.errors import InputError
 from truearm.pages.html import paragraphs, render, with_places, write_page
 from truearm.pages.page import Column, LabelledValue, Page, PageVerdict, Section, Table
 from truearm.pages.plotting import styles_of
-from truearm.show import error_figures as figures
-from truearm.show import joint_figures
-from truearm.show.workspace_figures import error_in_workspace, workspace
 
 
 def made_up_page(readings=200, joints=6, seed=5):

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from test_html import made_up_page
 
+from truearm.drawings.workspace_figures import error_in_workspace, workspace
 from truearm.pages.html import render
 from truearm.pages.page import Page
 from truearm.pages.palette import PALETTE, channels, filtered, style_rules, with_variables
 from truearm.pages.plotting import svg_element
-from truearm.show.workspace_figures import error_in_workspace, workspace
 
 COLOURS = {colour.name: colour for colour in PALETTE}
 SCHEMES = ("light", "dark")

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import truearm as ta
-from truearm.files.tables.table import TableForm
 from truearm.readings import Lengths, Session
-from truearm.readings.foreign import JointScale, TableColumns
-from truearm.readings.foreign.tables import as_tables, read_foreign_tables
 from truearm.readings.names import similar_names, single_seats
+from truearm.wings.importing.foreign import JointScale, TableColumns
+from truearm.wings.importing.foreign.tables import as_tables, read_foreign_tables
+from truearm.wings.importing.tables.table import TableForm
 
 
 def session(**names):

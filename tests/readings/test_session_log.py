@@ -10,8 +10,8 @@ import pytest
 
 from truearm.errors import InputError, TruearmError
 from truearm.readings import read_session
-from truearm.recording import session_log
-from truearm.recording.session_log import SessionLog
+from truearm.wings.bench.recording import session_log
+from truearm.wings.bench.recording.session_log import SessionLog
 
 COLUMNS = ("q1_deg", "q2_deg", "seat", "note_time")
 ROW = {"q1_deg": 0.1, "q2_deg": -2.5, "seat": "A", "note_time": "now"}
@@ -237,7 +237,7 @@ class Disk:
 
     def __init__(self, monkeypatch):
         self.s, self.sizes, fsync = 0.0, [], os.fsync
-        monkeypatch.setattr("truearm.recording.session_log.time.monotonic", lambda: self.s)
+        monkeypatch.setattr("truearm.wings.bench.recording.session_log.time.monotonic", lambda: self.s)
 
         def synced(handle):
             self.sizes.append(os.fstat(handle).st_size)

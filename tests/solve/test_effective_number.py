@@ -7,7 +7,7 @@ import pytest
 
 from truearm.solve.effective_number import BLOCK, SHORT_BLOCKS, SHORTEST, block_starts, design_effect
 from truearm.solve.quantile_sketch import ACCURACY, QuantileSketch
-from truearm.workflows.sentences import describe_effective_number
+from truearm.verbs.sentences import describe_effective_number
 
 
 def ar1(n: int, p: int, rho: float, seed: int) -> np.ndarray:

@@ -21,7 +21,7 @@ from truearm.errors import InputError, TruearmError
 from truearm.solve import executors
 from truearm.solve.executor import AHEAD, Serial, WorkerLost, results_in_order
 from truearm.solve.executors import Dask, Processes, chosen_executor
-from truearm.workflows.evaluate_large import evaluate_large
+from truearm.verbs.evaluate_large import evaluate_large
 
 needs_kill = pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="this system has no SIGKILL")
 

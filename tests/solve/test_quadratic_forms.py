@@ -7,7 +7,7 @@ import pytest
 from scipy.special import chdtrc, fdtrc
 
 from truearm.errors import InputError
-from truearm.verification.monitor.expected_values import quadratic_form_quantile_beyond
+from truearm.wings.laboratory.monitor.expected_values import quadratic_form_quantile_beyond
 
 
 @pytest.mark.parametrize("probability", [0.2, 0.01, 1e-4])

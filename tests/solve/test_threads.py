@@ -10,12 +10,12 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import truearm as ta
-from truearm.compensation.models import Compensator
-from truearm.compensation.models.identified_model import IdentifiedModel
-from truearm.compensation.models.model_file import load_model
-from truearm.recording import learning
-from truearm.recording.record_readings import record
+from truearm.models import Compensator
+from truearm.models.identified_model import IdentifiedModel
+from truearm.models.model_file import load_model
 from truearm.solve.threads import one_blas_thread
+from truearm.wings.bench.recording import learning
+from truearm.wings.bench.recording.record_readings import record
 
 # One downloads, the others read devices: what corrects their samples is a door of its own, what learns from them too.
 NOT_CALCULATING = {"fetch", "list_sources", "record", "try_source"}
@@ -23,7 +23,7 @@ VERBS = [
     name
     for module, names in ta._HOMES.items()
     for name in names
-    if module.startswith("truearm.workflows") and name.islower() and name not in NOT_CALCULATING
+    if module.startswith("truearm.verbs") and name.islower() and name not in NOT_CALCULATING
 ]
 
 
@@ -125,7 +125,7 @@ def test_a_recording_learns_and_chooses_poses_with_one_thread_and_leaves_the_set
         return call
 
     for name in ("updated_estimate", "moment_matrix", "decreases"):
-        monkeypatch.setattr(f"truearm.recording.learning.{name}", watched(getattr(learning, name)))
+        monkeypatch.setattr(f"truearm.wings.bench.recording.learning.{name}", watched(getattr(learning, name)))
     ta.simulate("ur10", poses=3).save(tmp_path / "session.csv")
     source = f"replay:{tmp_path / 'session.csv'}@max"
     events = [event.kind for event in record(source, tmp_path / "out.csv", arm="ur10", rank=True)]

@@ -1,6 +1,6 @@
 """Threads: truearm runs its own over samples, each with one BLAS thread.
 
-The rule: every public function and method that calculates (the verbs of `truearm.workflows`, fit and prediction of a
+The rule: every public function and method that calculates (the verbs of `truearm.verbs`, fit and prediction of a
 model, `load_model`) runs in `one_blas_thread`, as a decorator. What it calls does not need to. The setting of the
 caller is back when the call returns; of calls in several threads, when the last returns.
 """

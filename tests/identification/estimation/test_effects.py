@@ -10,7 +10,7 @@ from truearm.identification.estimation.identification_result import Identificati
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.terms import Constant, Term, constants
 from truearm.identification.terms.catalogue import own_axis, wobble
-from truearm.show.term_effects import effects
+from truearm.wings.reports.term_effects import effects
 
 
 def identified(chain, terms, coefficients, *, pruned=()) -> IdentificationResult:

@@ -11,7 +11,7 @@ from truearm.identification.estimation.identification_result import Identificati
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.terms import constants
 from truearm.identification.terms.catalogue import own_axis, wobble
-from truearm.show.term_effects import joint_error
+from truearm.wings.reports.term_effects import joint_error
 
 CIRCLE = np.linspace(-np.pi, np.pi, 720, endpoint=False)  # all harmonics below order 720 have mean zero on it
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import truearm as ta
-from truearm.compensation.models import KinematicModel
 from truearm.identification.estimation.problem import SmallMotionProblem
 from truearm.identification.estimation.type_scatter import ReadingEquations, type_scatter
 from truearm.identification.identify import Start, estimate_without_gross_errors
 from truearm.identification.terms import Constant, Term, constants
+from truearm.models import KinematicModel
 
 UP = (0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 

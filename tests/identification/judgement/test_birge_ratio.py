@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from truearm.arm import load_arm
-from truearm.compensation.models import KinematicModel
 from truearm.identification.estimation.identification_result import ReferenceFit
 from truearm.identification.judgement.cross_validation import birge_ratio
+from truearm.models import KinematicModel
 from truearm.readings import Session
 
 

@@ -20,12 +20,12 @@ from truearm.identification.judgement.cross_validation import (
     cross_validate_regions,
     group_batches,
 )
-from truearm.identification.planning.sampling.seat import seat
 from truearm.identification.references.orientations import Orientations
 from truearm.identification.references.references import Length, Points, Seats, seats_of
 from truearm.identification.terms import ArmState, constants
 from truearm.identification.terms.catalogue import tool_rotation
 from truearm.solve.square_roots import covariance_factor
+from truearm.wings.planning.designs.sampling.seat import seat
 
 NOISE = 0.02  # mm
 

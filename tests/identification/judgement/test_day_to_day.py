@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from truearm.arm import load_arm
-from truearm.compensation.models import KinematicModel, NominalModel, PhysicalModel, load_model
 from truearm.identification.estimation.propagation import relative_covariance
 from truearm.identification.judgement.day_to_day import (
     BASE_SHIFT_SHARE,
@@ -19,11 +18,12 @@ from truearm.identification.judgement.day_to_day import (
     day_to_day_terms,
     on_another_day,
 )
-from truearm.identification.planning.sampling.measuring import measuring_poses
 from truearm.identification.terms import Constant, InSession
 from truearm.identification.terms.catalogue import base_terms
-from truearm.identification.virtual import VirtualArm, load_preset
+from truearm.models import KinematicModel, NominalModel, PhysicalModel, load_model
 from truearm.readings import Session
+from truearm.wings.planning.designs.sampling.measuring import measuring_poses
+from truearm.wings.planning.virtual import VirtualArm, load_preset
 
 
 @pytest.fixture(scope="module")

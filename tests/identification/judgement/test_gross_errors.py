@@ -11,7 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from truearm.arm import load_arm
-from truearm.compensation.models import PhysicalModel
 from truearm.errors import InputError
 from truearm.identification.estimation.identification import identify
 from truearm.identification.estimation.identification_result import ReferenceFit
@@ -27,11 +26,12 @@ from truearm.identification.judgement.gross_errors import (
     identify_without_gross_errors,
 )
 from truearm.identification.judgement.outliers import outliers
-from truearm.identification.planning.sampling import STRATEGIES
-from truearm.identification.planning.sampling.seat import seat
 from truearm.identification.references.references import Points, seats_of
 from truearm.identification.terms import ArmState, constants
-from truearm.identification.virtual import VirtualArm, load_preset
+from truearm.models import PhysicalModel
+from truearm.wings.planning.designs.sampling import STRATEGIES
+from truearm.wings.planning.designs.sampling.seat import seat
+from truearm.wings.planning.virtual import VirtualArm, load_preset
 
 NOISE = 0.02  # mm
 

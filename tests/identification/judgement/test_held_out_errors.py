@@ -10,10 +10,10 @@ import pytest
 from scipy import stats
 
 from truearm.arm import load_arm
-from truearm.compensation.models import KinematicModel, NominalModel
-from truearm.compensation.models.selection import worse_than_nominal
 from truearm.identification.estimation.residual_variance import NONE_HELD_OUT, HeldOutReadings
 from truearm.identification.judgement.paired_comparison import exceeds, selected, trimmed_mean
+from truearm.models import KinematicModel, NominalModel
+from truearm.models.selection import worse_than_nominal
 from truearm.readings import Session
 
 ARM = load_arm("gao2017")

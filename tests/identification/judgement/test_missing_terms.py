@@ -7,16 +7,16 @@ import pytest
 
 from truearm.arm import Arm, load_arm
 from truearm.arm.denavit_hartenberg import chain_from_dh
-from truearm.compensation.models import KinematicModel
-from truearm.compensation.models.uncertainty import UncertaintyBudget
 from truearm.identification.estimation.identification import identify, linearised_about
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.judgement.missing_terms import SUFFIX, missing_terms, with_missing_terms
-from truearm.identification.planning.sampling.measuring import measuring_poses
 from truearm.identification.references.reading_references import references_of
 from truearm.identification.terms import ArmState, constants
-from truearm.identification.virtual import VirtualArm, load_preset
+from truearm.models import KinematicModel
+from truearm.models.uncertainty import UncertaintyBudget
 from truearm.readings import Session
+from truearm.wings.planning.designs.sampling.measuring import measuring_poses
+from truearm.wings.planning.virtual import VirtualArm, load_preset
 
 ARM = load_arm("gao2017")
 

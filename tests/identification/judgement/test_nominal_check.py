@@ -10,16 +10,16 @@ import pytest
 import truearm as ta
 from truearm.arm import Arm, Chain, load_arm
 from truearm.arm.arm_files import read_arm, write_arm
-from truearm.compensation.models import KinematicModel, NominalModel, load_model
-from truearm.compensation.models.refit import refit
 from truearm.errors import InputError
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.judgement.nominal_check import MAX_RATIO, usual_error
-from truearm.identification.planning.sampling import STRATEGIES
 from truearm.identification.references.reading_references import references_of, state_of
 from truearm.identification.terms import constants
-from truearm.identification.virtual import VirtualArm
+from truearm.models import KinematicModel, NominalModel, load_model
+from truearm.models.refit import refit
 from truearm.readings import Session
+from truearm.wings.planning.designs.sampling import STRATEGIES
+from truearm.wings.planning.virtual import VirtualArm
 
 # Without joint limits, which find many mistakes.
 ARM = replace(load_arm("gao2017"), lower=None, upper=None)

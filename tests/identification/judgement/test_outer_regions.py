@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from truearm.arm import load_arm
-from truearm.compensation.models import KinematicModel, NominalModel
 from truearm.identification.estimation.residual_variance import LEVEL, HeldOutReadings
 from truearm.identification.judgement.outer_regions import (
     PRIOR_GROWTH,
@@ -13,6 +12,7 @@ from truearm.identification.judgement.outer_regions import (
     least_growth,
     outer_regions,
 )
+from truearm.models import KinematicModel, NominalModel
 from truearm.readings import Session
 from truearm.solve.distributions import chi2_quantile
 

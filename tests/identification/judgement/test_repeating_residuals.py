@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from truearm.arm.catalogue import load_arm
-from truearm.compensation.models import KinematicModel, load_model
 from truearm.errors import ProgramFault
 from truearm.identification.judgement.repeating_residuals import UNKNOWN_SHARE, JointProcess
-from truearm.identification.planning.sampling.measuring import measuring_poses
 from truearm.identification.terms import directions
-from truearm.identification.virtual.presets import ARCSEC
+from truearm.models import KinematicModel, load_model
 from truearm.readings.session import Session
+from truearm.wings.planning.designs.sampling.measuring import measuring_poses
+from truearm.wings.planning.virtual.presets import ARCSEC
 
 ARM = load_arm("gao2017")
 STD_MM = 0.01

@@ -9,11 +9,11 @@ import pytest
 
 from truearm.arm import load_arm
 from truearm.arm.inverse_kinematics import solve_inverse_kinematics
-from truearm.compensation.models import KinematicModel, NominalModel
 from truearm.errors import InputError
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.judgement.nominal_check import MAX_SIZE_ERROR
 from truearm.identification.terms import constants
+from truearm.models import KinematicModel, NominalModel
 from truearm.readings import Lengths, Session
 
 DISTANCE_MM = 28.0

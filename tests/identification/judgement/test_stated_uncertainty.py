@@ -9,9 +9,9 @@ import pytest
 
 import truearm as ta
 from truearm.arm import load_arm
-from truearm.compensation.models import KinematicModel, PhysicalModel
 from truearm.errors import InputError
 from truearm.identification.judgement.stated_uncertainty import stated_ratio, unlike_stated_uncertainty
+from truearm.models import KinematicModel, PhysicalModel
 from truearm.readings import Session
 
 ARM = load_arm("gao2017")

@@ -10,11 +10,11 @@ import pytest
 from scipy.stats import chi2
 
 from truearm.arm import load_arm
-from truearm.compensation.models import KinematicModel, load_model
 from truearm.errors import InputError
 from truearm.identification.estimation.residual_variance import HeldOutReadings, conformal_residual_variance
 from truearm.identification.judgement.tails import ellipsoid_factor, tail_freedom
-from truearm.identification.virtual import VirtualArm, load_preset
+from truearm.models import KinematicModel, load_model
+from truearm.wings.planning.virtual import VirtualArm, load_preset
 
 
 def held_out(rng, n, freedom):

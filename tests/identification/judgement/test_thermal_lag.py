@@ -7,13 +7,13 @@ import pytest
 from scipy.stats import chi2
 
 from truearm.arm import load_arm
-from truearm.compensation.models import KinematicModel, PhysicalModel
 from truearm.identification.judgement.expansion_prior import LAG_K
 from truearm.identification.judgement.thermal_lag import TIME_CONSTANTS, lagging_temperatures, most_lag_K
 from truearm.identification.terms.basis import Temperature
 from truearm.identification.terms.thermal import MATERIALS
-from truearm.identification.virtual import VirtualArm, load_preset
+from truearm.models import KinematicModel, PhysicalModel
 from truearm.readings import Session
+from truearm.wings.planning.virtual import VirtualArm, load_preset
 
 EXPANSION_PER_K = 23e-6
 DRIFT = np.linspace(20.0, 26.0, 120)

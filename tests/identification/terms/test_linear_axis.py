@@ -12,18 +12,18 @@ import pytest
 
 from truearm.arm.arm_files import read_arm
 from truearm.arm.chain import Chain
-from truearm.compensation.models import KinematicModel, PhysicalModel, load_model
 from truearm.errors import InputError
 from truearm.identification.terms import ArmState, basis_from_data
 from truearm.identification.terms.catalogue import candidate_terms
 from truearm.identification.terms.linear_axis import Travel, TravelHarmonics, linear_axis
+from truearm.models import KinematicModel, PhysicalModel, load_model
 from truearm.readings import Session, read_session, write_session
-from truearm.workflows.correct import correct
-from truearm.workflows.evaluate import evaluate
-from truearm.workflows.export import check_export, export
-from truearm.workflows.fit import fit
-from truearm.workflows.plan import plan
-from truearm.workflows.simulate import simulate
+from truearm.verbs.evaluate import evaluate
+from truearm.verbs.fit import fit
+from truearm.wings.exports.correct import correct
+from truearm.wings.exports.export import check_export, export
+from truearm.wings.planning.plan import plan
+from truearm.wings.planning.simulate import simulate
 
 PAGE = Path(__file__).parents[3] / "docs" / "arm-file.md"
 NOISE_MM = 0.01

@@ -1,0 +1,217 @@
+"""The command line: one module for each command, which parses, calls and prints."""
+
+from __future__ import annotations
+
+import codecs
+import errno
+import importlib
+import io
+import signal
+import sys
+import threading
+import traceback
+import unicodedata
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import NoReturn, Protocol, runtime_checkable
+
+import typer
+from typer import Option
+
+from truearm import __version__
+from truearm.errors import TruearmError
+from truearm.printable_text import printable
+
+# In the order in which a newcomer needs them.
+VERBS: tuple[tuple[str, str], ...] = (
+    ("demo", "demo"),
+    ("arms", "arms"),
+    ("fetch", "fetch"),
+    ("simulate", "simulate"),
+    ("plan", "plan"),
+    ("sources", "sources"),
+    ("record", "record"),
+    ("live", "live"),
+    ("import", "import_table"),
+    ("split", "split"),
+    ("fit", "fit"),
+    ("refit", "refit"),
+    ("predict", "predict"),
+    ("measure", "measure"),
+    ("correct", "correct"),
+    ("export", "export"),
+    ("evaluate", "evaluate"),
+    ("compare", "compare"),
+    ("report", "report"),
+    ("verify", "verify"),
+    ("task", "task"),
+    ("check", "check"),
+    ("certificate", "certificate"),
+    ("fleet", "fleet"),
+    ("reproduce", "reproduce"),
+    ("docs", "docs"),
+)
+# What other people call them.
+OTHER_NAMES = {"calibrate": "fit", "identify": "fit", "compensate": "predict"}
+
+
+@runtime_checkable
+class SupportsMessage(Protocol):
+    """Usage errors of click and of Typer."""
+
+    def format_message(self) -> str:
+        """The message, with the name of the option at fault."""
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"truearm {__version__}")
+        raise typer.Exit
+
+
+def _about(
+    version: bool = Option(False, "--version", callback=_version, is_eager=True, help="Print the version."),
+) -> None:
+    """True coordinates from the joint angles of an articulated arm.
+
+    Identify the arm from readings against something known, compensate its angles into corrected coordinates.
+    """
+
+
+def make_app(word: str = "") -> typer.Typer:
+    """The command line with its commands; a command is the function or the group with the name of its module.
+
+    Where the first word of the arguments is a command, with that one alone: twenty parsers take a tenth of a second.
+    """
+    # Plain help and messages: they wrap anywhere, pass through pipes, and "[mm]" is no markup.
+    app = typer.Typer(
+        add_completion=False,
+        pretty_exceptions_enable=False,
+        rich_markup_mode=None,
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+    app.callback()(_about)
+    for verb, module in [named for named in VERBS if named[0] == word] or VERBS:
+        try:
+            command = getattr(importlib.import_module(f"truearm.verbs.{module}"), module)
+        except ModuleNotFoundError as missing:
+            if not str(missing.name).startswith("truearm."):
+                raise
+            if word != verb:  # of a wing that was taken off, or that builds on one
+                continue
+            if missing.name != f"truearm.verbs.{module}":
+                raise
+            return make_app()
+        if isinstance(command, typer.Typer):
+            app.add_typer(command, name=verb)
+        else:
+            app.command(verb)(command)
+    return app
+
+
+# The parent of all usage errors: Typer's own or click's, depending on its version.
+_UsageError: type[Exception] = typer.BadParameter.__mro__[1]
+
+INTERRUPTED = 130  # 128 + SIGINT, as in a shell
+OUTPUT_CLOSED = 141  # 128 + SIGPIPE
+FAULT = 70  # EX_SOFTWARE of sysexits.h; 1 would look like a verdict
+
+
+def run(arguments: list[str] | None = None) -> NoReturn:
+    """Run the command line and end the program.
+
+    Exit codes: 0 done; 2 wrong input, or the system refuses (one message on standard error); 70 a fault of this
+    program, with its traceback on standard error; 130 interrupted (Ctrl-C); 129 and 143 ended by SIGHUP and SIGTERM;
+    141 output pipe closed, or no standard output. 1 and 3 are verdicts, never faults: of `verify` not conform,
+    undecided; of `task` not fit, fit only with guard bands; of `check` recalibrate, repeat the check or too few
+    checks; of `correct` some targets refused, none corrected; of `fleet run` some arms failed; of `export --check` the
+    file does not agree, is not verified; of `certificate --read` the signature is broken, not verifiable here; of
+    `sources --try` no sample arrived.
+    """
+    arguments = sys.argv[1:] if arguments is None else arguments
+    _settle_encodings()
+    try:
+        with _signals_unwind():
+            code = make_app(*arguments[:1])(arguments or ["--help"], standalone_mode=False, prog_name="truearm")
+    except SystemExit as ended:
+        code = OUTPUT_CLOSED if _output_closed(ended) else ended.code
+    except (KeyboardInterrupt, typer.Abort):
+        code = INTERRUPTED
+    except (TruearmError, _UsageError, OSError, MemoryError) as error:
+        _print_error(_message(error))
+        code = 2
+    except Exception:
+        traceback.print_exc()
+        _print_error("this is a fault of the program, not of its input. Please report it with the lines above")
+        code = FAULT
+    if not code and sys.stdout is None:  # closed before the start: the result was printed nowhere
+        code = OUTPUT_CLOSED
+    if code == INTERRUPTED:
+        _print_error("interrupted")
+    sys.exit(code or 0)
+
+
+def _output_closed(ended: SystemExit) -> bool:
+    """Whether Typer ended the program because nobody reads its output pipe; its own exit code for that is 1."""
+    closed = errno.EPIPE, errno.EINVAL  # the latter is what Windows says of such a pipe
+    return isinstance(ended.__context__, OSError) and ended.__context__.errno in closed
+
+
+def _settle_encodings() -> None:
+    """Write to files and pipes in another encoding than UTF-8, as on Windows, without what that encoding lacks."""
+    codecs.register_error("nearest", _nearest_characters)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper) and stream.errors == "strict":
+            stream.reconfigure(errors="nearest")
+
+
+def _nearest_characters(error: UnicodeError) -> tuple[str, int]:
+    """Characters that the encoding lacks as their ASCII equivalents (a narrow space is a space), others as escapes."""
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    alike = str.maketrans({"\N{MINUS SIGN}": "-", "\N{RIGHTWARDS ARROW}": "->", "\N{GREEK SMALL LETTER MU}": "u"})
+    lacking = unicodedata.normalize("NFKD", error.object[error.start : error.end]).translate(alike)
+    return lacking.encode("ascii", "backslashreplace").decode(), error.end
+
+
+def _message(error: Exception) -> str:
+    """One line: what happened, where, and what to do."""
+    if isinstance(error, TruearmError):
+        return str(error)
+    if isinstance(error, MemoryError):
+        return f"not enough memory{f' ({error})' if str(error) else ''}. Try: fewer readings at a time"
+    if isinstance(error, OSError):
+        where = f"{error.filename}: " if error.filename else ""
+        return f"{where}{error.strerror or error}"
+    problem = error.format_message() if isinstance(error, SupportsMessage) else str(error)
+    problem = " ".join(problem.split()).replace("Value error, ", "").removesuffix(".")
+    for word, verb in OTHER_NAMES.items():
+        if problem.startswith(f"No such command '{word}'"):
+            return f"{word} is called {verb} here. Try: truearm {verb} --help"
+    context = getattr(error, "ctx", None)
+    stop = "" if problem.endswith("?") else "."
+    return f"{problem}{stop} Try: {context.command_path if context else 'truearm'} --help"
+
+
+def _print_error(message: str) -> None:
+    typer.echo(printable(f"truearm: {message}"), err=True)
+
+
+@contextmanager
+def _signals_unwind() -> Iterator[None]:
+    """Unwind at SIGTERM and SIGHUP as at Ctrl-C, so that no temporary file remains."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    before = {number: signal.signal(number, _end) for number in numbers if signal.getsignal(number) == signal.SIG_DFL}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _end(number: int, frame: object) -> NoReturn:
+    del frame
+    sys.exit(128 + number)

@@ -1,1 +1,0 @@
-"""Compensate: models that turn joint angles into true coordinates."""

@@ -1,0 +1,151 @@
+"""The uncertainty budget of predicted points, and its check against reference points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+
+from truearm.identification.estimation.propagation import relative_covariance
+from truearm.identification.judgement.outliers import Outlier
+from truearm.models.compensator import Compensator, ReadingsLike
+from truearm.models.identified_model import IdentifiedModel, to_identified
+from truearm.readings.reference_uncertainty import common_variance_of_repeats, scale_errors
+from truearm.readings.session import Session
+from truearm.solve.distributions import chi2_quantile
+from truearm.typing import FloatArray
+
+# Whitened length from which a reading is far off: of Gaussian ones, one in 10^13 is.
+FAR_STDS = 8.0
+
+
+@dataclass(frozen=True)
+class UncertaintyBudget:
+    """Standard uncertainties of a coordinate of a predicted point [mm], root mean square over readings and x, y, z.
+
+    Attributes
+    ----------
+    of_parameters_mm : float
+        From the uncertainty of the arm's parameters.
+    unexplained_mm : float
+        From the residual variance.
+    combined_mm : float
+        Of both.
+    largest_mm : float
+        The largest combined one of a coordinate at a reading.
+    is_relative : bool
+        Whether `of_parameters_mm` is that of coordinates relative to each other, after a frame was fitted to them: for
+        an arm identified without points or orientations, whose frame is arbitrary, and readings without points.
+    n_points : int
+        Readings with reference points.
+    n_covered : int
+        Those that lie in their 95 % ellipsoids, the uncertainty of the reference included, with the one that its points
+        share.
+    n_covered_99 : int
+        Those that lie in their 99 % ellipsoids, which follow the tails of the training readings.
+    std_mm : (n,) array
+        Combined standard uncertainty of a coordinate at each reading, root mean square over x, y, z.
+    """
+
+    of_parameters_mm: float
+    unexplained_mm: float
+    combined_mm: float
+    largest_mm: float
+    is_relative: bool
+    # U = k u with k = 2 has a coverage probability of about 95 % for a coordinate (JCGM 100:2008, 6.3.3).
+    coverage_factor: ClassVar[float] = 2.0
+    level: ClassVar[float] = 0.95
+    # Half axes, in standard uncertainties, of an ellipsoid with that coverage probability for a point.
+    ellipsoid_factor: ClassVar[float] = float(np.sqrt(chi2_quantile(0.95, 3)))
+    n_points: int
+    n_covered: int
+    n_covered_99: int = 0
+    std_mm: FloatArray = field(default_factory=lambda: np.zeros(0), compare=False, repr=False)
+
+    @property
+    def coverage(self) -> float:
+        """Share of the readings with reference points that lie in their 95 % ellipsoids; NaN without any."""
+        return self.n_covered / self.n_points if self.n_points else np.nan
+
+    @property
+    def expanded_mm(self) -> float:
+        """Expanded uncertainty of a coordinate, k = 2 [mm]."""
+        return self.coverage_factor * self.combined_mm
+
+    @property
+    def ellipsoid_mm(self) -> float:
+        """Half axis of the 95 % ellipsoid of a point with equal uncertainties in all directions [mm]."""
+        return self.ellipsoid_factor * self.combined_mm
+
+
+def uncertainty_budget(model: Compensator, readings: ReadingsLike) -> tuple[UncertaintyBudget, tuple[Outlier, ...]]:
+    """Uncertainty budget of a model at the readings of a session, and the readings that contradict it.
+
+    Parameters
+    ----------
+    model : Compensator
+        Fitted.
+    readings : Session or CheckedReadings
+
+    Returns
+    -------
+    budget : UncertaintyBudget
+    far : tuple of Outlier
+        Those of more than eight standard deviations, the largest first.
+    """
+    at = model.checked(readings)
+    readings = at.session
+    of_parameters, unexplained = model.covariance_parts(at)
+    seen = np.flatnonzero(readings.has_point)
+    is_relative = False
+    identified = to_identified(model)
+    if identified is not None and not len(seen) and _frame_is_arbitrary(identified):
+        is_relative = True
+        of_parameters = relative_covariance(identified.fit_, at.state) + model.expansion_covariance(at)
+    combined = of_parameters + unexplained
+    times, errors = np.zeros(0), np.zeros(0)
+    if len(seen):
+        assert readings.points is not None
+        deviations = model.predict_readings(at)[seen] - readings.points[seen]
+        spread = combined[seen] + _reference_covariance(readings, is_frame_free="base" in model.free_)[seen]
+        times = np.sqrt((deviations[:, None] @ np.linalg.solve(spread, deviations[:, :, None]))[:, 0, 0])
+        errors = np.linalg.norm(deviations, axis=1)
+    budget = UncertaintyBudget(
+        of_parameters_mm=_rms_std(of_parameters),
+        unexplained_mm=_rms_std(unexplained),
+        combined_mm=_rms_std(combined),
+        largest_mm=float(np.sqrt(_variances(combined).max())),
+        is_relative=is_relative,
+        n_points=len(seen),
+        n_covered=int((times < UncertaintyBudget.ellipsoid_factor).sum()),
+        n_covered_99=int((times < model.ellipsoid_factor(0.99)).sum()),
+        std_mm=np.sqrt(_variances(combined).mean(axis=1)),
+    )
+    beyond = np.flatnonzero(times > FAR_STDS)
+    far = [
+        Outlier.of_reading(int(seen[i]), float(errors[i]), float(times[i] / np.sqrt(3)), kind="prediction")
+        for i in beyond[np.argsort(-times[beyond])]
+    ]
+    return budget, tuple(far)
+
+
+def _frame_is_arbitrary(model: IdentifiedModel) -> bool:
+    """Whether no reference in training determined the place of the arm's frame."""
+    return not {"point", "orientation"} & {reference.kind for reference in model.fit_.references}
+
+
+def _reference_covariance(readings: Session, *, is_frame_free: bool) -> FloatArray:
+    """Covariance of the reference points, (n, 3, 3) [mm^2]: their own, that of their position, that of the scale."""
+    own = np.zeros((len(readings), 3)) if readings.point_std is None else readings.point_std**2
+    common = common_variance_of_repeats(readings)[0]
+    scale = scale_errors(readings, is_frame_free=is_frame_free)
+    return (own + common[:, None])[:, :, None] * np.eye(3) + scale[:, :, None] * scale[:, None]
+
+
+def _rms_std(covariance: FloatArray) -> float:
+    return float(np.sqrt(_variances(covariance).mean()))
+
+
+def _variances(covariance: FloatArray) -> FloatArray:
+    return np.diagonal(covariance, axis1=1, axis2=2)

@@ -1,7 +1,0 @@
-"""Connected arms and instruments: each source is an iterator of samples, in a file named after its protocol."""
-
-from truearm.sources.sample import Notice, Sample, Source
-from truearm.sources.source_names import open_source
-from truearm.sources.standstill import StandstillRule
-
-__all__ = ["Notice", "Sample", "Source", "StandstillRule", "open_source"]

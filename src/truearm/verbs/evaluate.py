@@ -1,0 +1,356 @@
+"""Evaluate: errors of a model on readings it was not fitted to."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from truearm.acceptance import acceptance_remarks, accepts
+from truearm.choices import Conditions
+from truearm.identification.judgement.outliers import Outlier
+from truearm.models import Compensator
+from truearm.models.uncertainty import UncertaintyBudget, uncertainty_budget
+from truearm.readings import (
+    Lengths,
+    LengthSummary,
+    Session,
+    check_sessions,
+    compare_errors,
+    length_errors,
+    point_errors,
+    seat_errors,
+)
+from truearm.readings.anchors import LEAST_COMPARED, distance_errors, has_located_anchor
+from truearm.readings.seats import has_repeated_seat
+from truearm.solve.threads import one_blas_thread
+from truearm.typing import FloatArray
+from truearm.verbs.inputs import (
+    CheckedSession,
+    LengthsLike,
+    Limits,
+    SessionLike,
+    check_has_reference,
+    evaluation_remarks,
+    tested_readings,
+    to_model_and_session,
+    to_session,
+    unfilled_rows,
+    within_limits,
+)
+from truearm.verbs.record import TableRecord, TextTable, columns_of, format_fixed
+from truearm.verbs.regressors import AnyModelLike, RegressorLike, is_regressor, predict_points, regressor_remark
+from truearm.verbs.sentences import SAME_DAY, compare_with_nominal, format_mm, listed, number_of, with_lengths
+
+
+@one_blas_thread()
+@accepts
+def evaluate(
+    model: AnyModelLike,
+    session: SessionLike,
+    *,
+    lengths: LengthsLike | None = None,
+    limits: Limits = "skip",
+    conditions: Conditions | None = None,
+    accept: str | None = None,
+) -> Evaluation:
+    """Test a model on readings it was not fitted to, beside the nominal arm.
+
+    The nominal arm has its base and tip (where they were free) fitted to the model's training readings. Readings with a
+    reference point are compared with it, readings in a seat with the mean of the points predicted there, and the
+    distance between two such means with the known length. Distances to an anchor are compared with those of the
+    predicted points from the place that fits them best. Readings that the model was fitted or refitted to are
+    skipped, unless there are no others. Readings that repeat a pose count as one, their mean
+    (`truearm.readings.repeats`), as in `fit`.
+
+    A regressor of the user's own, of scikit-learn or any object with `predict`, fitted by ``regressor.fit(train.angles,
+    train.points)``, is compared with the same references. It has no nominal arm, joint limits or stated uncertainty;
+    `report` compares it with truearm's models.
+
+    Parameters
+    ----------
+    model : Compensator, str, Path or regressor
+        A fitted model or its file, or a fitted object whose ``predict(angles)`` returns (n, 3) points [mm].
+    session : Session, DataFrame, str or Path
+        Readings with reference points, seats or distances to anchors.
+    lengths : Lengths, str or Path, optional
+        Known lengths between seats of the session.
+    limits : {"skip", "ignore"}
+        Skip the readings beyond a joint limit, or use them.
+    conditions : {"reproducibility", "repeatability"}, optional
+        Of these readings: the day and the set-up of the training readings (repeatability), or any other. By default
+        repeatability where they name sessions of the training, and reproducibility where they name others.
+    accept : str, optional
+        Why the readings are right where they would be refused as contradicted: the reason and what it overrode are
+        kept (docs/imperfect-readings.md).
+
+    Returns
+    -------
+    Evaluation
+
+    Raises
+    ------
+    InputError
+        If the session is of another arm, in another unit, or has neither reference points nor seats nor distances; if
+        a regressor is not fitted or does not return a finite point for every reading.
+
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> session = ta.simulate("ur10", poses=60, seed=1).session
+    >>> train, test = session.split(by="row", hold_out=0.3, seed=1)
+    >>> evaluation = ta.evaluate(ta.fit("ur10", train, model="kinematic").model, test)
+    >>> evaluation.errors["model"]["mean_mm"] < evaluation.errors["nominal"]["mean_mm"]
+    True
+    """
+    if is_regressor(model):
+        return _evaluate_regressor(model, to_session(session), lengths, accept)
+    fitted, given = to_model_and_session(model, session)
+    allowed = within_limits(given, fitted.arm, limits)
+    check_has_reference(allowed.session, fitted.arm, purpose="evaluate against", least=LEAST_COMPARED)
+    tested, known = tested_readings(allowed, given, lengths, fitted)
+    used = tested.session
+    check_sessions(used, known, own_frame="base" not in fitted.free)
+    at = fitted.at(used)
+    predicted = {"model": fitted.predict_readings(at)}
+    if fitted.kind != "nominal" and fitted.arm_.has_kinematics:
+        predicted = {"nominal": fitted.predict_nominal_readings(at)} | predicted
+    nominal = predicted.get("nominal", predicted["model"]) if fitted.arm_.has_kinematics else None
+    errors = {name: _errors(one, nominal, used, known) for name, one in predicted.items()}
+    conditions = conditions or fitted.training_.conditions_of(used)
+    budget: UncertaintyBudget | None = None
+    same_day: UncertaintyBudget | None = None
+    outliers: tuple[Outlier, ...] = ()
+    if used.points is not None:
+        budget, far = uncertainty_budget(fitted, at)
+        if (on_the_day := fitted.under("repeatability")) is not fitted:
+            same_day, far_that_day = uncertainty_budget(on_the_day, used)
+            far = far_that_day if conditions == "repeatability" else far
+        outliers = tuple(outlier.located(given, tested.rows) for outlier in far)
+    return Evaluation(
+        model=fitted,
+        session=used,
+        predicted=predicted,
+        errors=errors,
+        lengths=known,
+        budget=budget,
+        repeatability_budget=same_day,
+        conditions=conditions,
+        outliers=outliers,
+        n_training=tested.n_training,
+        remarks=(
+            *acceptance_remarks(accept),
+            *tested.remarks,
+            *evaluation_remarks(fitted, at),
+        ),
+    )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Evaluation(TableRecord):
+    """Errors of a model and of the nominal arm on the readings of a session.
+
+    Attributes
+    ----------
+    model : Compensator or regressor
+    session : Session
+        The readings that were used, those that repeat each other merged into their mean.
+    predicted : dict of str to (n, 3) array
+        Points of ``"nominal"`` and ``"model"`` [mm]; of a regressor those of ``"model"`` alone.
+    errors : dict of str to dict
+        For each: ``mean_mm``, ``rms_mm``, ``p95_mm``, ``max_mm``, ``mean_abs_coordinate_mm`` and
+        ``max_abs_coordinate_mm`` against reference points; ``seat_mean_mm`` and others in seats; ``lengths``;
+        ``distance_mean_mm`` and others of distances, with ``anchors`` and ``distances`` one by one.
+    lengths : Lengths or None
+        Known lengths at the temperature of the readings.
+    budget : UncertaintyBudget or None
+        Uncertainty under reproducibility conditions, and its coverage; None without points, and of a regressor.
+    repeatability_budget : UncertaintyBudget or None
+        The same under repeatability conditions; None where that makes no difference.
+    conditions : {"reproducibility", "repeatability"} or None
+        Those of these readings; None where neither a person nor the names of their sessions say it.
+    outliers : tuple of Outlier
+        Readings farther from their reference point than eight stated standard uncertainties.
+    n_training : int
+        Readings that were skipped because the model was fitted or refitted to them.
+    remarks : tuple of str
+
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> session = ta.simulate("ur10", poses=40, seed=1).session
+    >>> model = ta.fit("ur10", session, model="nominal").model
+    >>> ta.evaluate(model, session).to_dict()["n"]
+    40
+    """
+
+    model: Compensator | RegressorLike
+    session: Session
+    predicted: Mapping[str, FloatArray]
+    errors: Mapping[str, Mapping[str, Any]]
+    lengths: Lengths | None
+    budget: UncertaintyBudget | None = None
+    repeatability_budget: UncertaintyBudget | None = None
+    conditions: Conditions | None = None
+    outliers: tuple[Outlier, ...] = ()
+    n_training: int = 0
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def coverage(self) -> float | None:
+        """Share of the reference points inside the 95 % ellipsoid that the model states for any day."""
+        return None if self.budget is None else self.budget.coverage
+
+    @property
+    def coverage_99(self) -> float | None:
+        """Share of them inside that of 99 %."""
+        return None if self.budget is None else self.budget.n_covered_99 / self.budget.n_points
+
+    def summary(self) -> str:
+        """The answer in one sentence: the mean error, and how it compares with the nominal arm."""
+        own, nominal, lengths = self.errors["model"], self.errors.get("nominal"), self.length_summary
+        for key, of, n in (
+            ("mean_mm", "Mean error", "n"),
+            ("seat_mean_mm", "Mean distance from the mean of the seat", "n_in_seats"),
+            ("distance_mean_mm", "Mean error of a distance", "n_distances"),
+        ):
+            if key in own:
+                compared = "" if nominal is None else compare_with_nominal(own[key], nominal[key])
+                return with_lengths(f"{of} {format_mm(own[key])} on {own[n]} readings", compared, lengths) + "."
+        assert lengths is not None  # nothing else is known of these readings
+        compared = compare_with_nominal(lengths.largest_mm, lengths.nominal_mm)
+        return f"Largest error of {number_of(lengths.n, 'length')} {format_mm(lengths.largest_mm)}{compared}."
+
+    @property
+    def length_summary(self) -> LengthSummary | None:
+        """How well the model measures known lengths, beside the nominal arm; None without any."""
+        if self.lengths is None or "lengths" not in self.errors["model"]:
+            return None  # without seats they say nothing
+        errors = {name: [one["length_error_mm"] for one in of["lengths"]] for name, of in self.errors.items()}
+        return LengthSummary.of(errors["model"], errors.get("nominal"), self.lengths.u_mm)
+
+    def blocks(self) -> Iterator[str | TextTable]:
+        """See `Record.blocks`."""
+        yield self.summary()
+        own = self.errors["model"]
+        if "mean_mm" in own:
+            names = [name for name in own if name.endswith("_mm") and not name.startswith(("seat_", "distance_"))]
+            yield self._table(f"{own['n']} readings", names)
+            if "nominal" in self.errors:
+                yield _removed(own["removed_percent"])
+            if self.coverage is not None:
+                yield f"{100 * self.coverage:.1f} % of the points are inside their stated 95 % ellipsoid"
+            if self.coverage_99 is not None:
+                yield f"{100 * self.coverage_99:.1f} % of the points are inside their stated 99 % ellipsoid"
+            if self.repeatability_budget is not None:
+                yield self._on_the_day(self.repeatability_budget)
+        if "seats" in own:
+            heading = f"{own['n_in_seats']} readings in {len(own['seats'])} seats"
+            yield self._table(heading, [name for name in own if name.startswith("seat_")])
+        if "distance_mean_mm" in own:
+            heading = f"{own['n_distances']} distances to {len(own['anchors'])} anchors"
+            yield self._table(heading, [name for name in own if name.startswith("distance_")])
+        if "lengths" in own:
+            yield self._lengths_table()
+        yield from listed("outlier", self.outliers, "readings")
+        yield from self.remarks
+
+    def columns(self) -> dict[str, list[Any]]:
+        """A row for the nominal arm, where it is compared, and one for the model: their errors."""
+        return columns_of({"arm": name} | dict(one) for name, one in self.errors.items())
+
+    def _json(self) -> object:
+        """The model's errors by their names, and those of the nominal arm under ``nominal``."""
+        errors = {**self.errors["model"], "nominal": self.errors.get("nominal")}
+        others = self._named("coverage", "coverage_99", "conditions", "n_training", "outliers", "remarks")
+        same = self.repeatability_budget
+        return {"summary": self.summary(), **errors, **others, "repeatability_coverage": same and same.coverage}
+
+    def _errors_mm(self) -> Mapping[str, FloatArray]:
+        if (points := self.session.points) is None:
+            return {}
+        there = self.session.has_point
+        return {name: np.linalg.norm((at - points)[there], axis=1) for name, at in self.predicted.items()}
+
+    def _on_the_day(self, budget: UncertaintyBudget) -> str:
+        """The coverage under repeatability conditions, and which conditions apply."""
+        assert self.budget is not None
+        applies = {
+            "repeatability": "These conditions apply to the readings.",
+            "reproducibility": "The readings are of another day or set-up: that of any day applies.",
+            None: "Which applies is not known: name the sessions, or give --conditions.",
+        }
+        u, wider = (format_mm(one.combined_mm) for one in (budget, self.budget))
+        return (
+            f"{100 * budget.coverage:.1f} % are inside the 95 % ellipsoid of repeatability conditions, {SAME_DAY}: "
+            f"u {u}, of any day {wider}. {applies[self.conditions]}"
+        )
+
+    def _table(self, heading: str, keys: list[str]) -> TextTable:
+        rows = [(key, *(format_fixed(errors[key]) for errors in self.errors.values())) for key in keys]
+        names = ["nominal"] if getattr(self.model, "kind", "") == "nominal" else list(self.errors)
+        return TextTable((heading, *names), rows)
+
+    def _lengths_table(self) -> TextTable:
+        own = self.errors["model"]["lengths"]
+        rows = [
+            (
+                f"{one['seat_a']} to {one['seat_b']}",
+                format_fixed(one["length_mm"]),
+                format_fixed(one["u_mm"]),
+                *(format_fixed(of["lengths"][i]["length_error_mm"], sign=True) for of in self.errors.values()),
+            )
+            for i, one in enumerate(own)
+        ]
+        return TextTable((f"length_error_mm of {len(own)} lengths", "length_mm", "u_mm", *self.errors), rows)
+
+
+def _evaluate_regressor(
+    regressor: RegressorLike, session: Session, lengths: LengthsLike | None, accept: str | None
+) -> Evaluation:
+    """Errors of a regressor of the user's own: without an arm there are no limits, nominal points or uncertainty."""
+    check_has_reference(session, None, purpose="evaluate against", least=LEAST_COMPARED)
+    everything = CheckedSession(session, np.arange(len(session)), unfilled_rows(session))
+    tested, known = tested_readings(everything, session, lengths)
+    used = tested.session
+    check_sessions(used, known)
+    points = predict_points(regressor, used)
+    remarks = (*acceptance_remarks(accept), *tested.remarks, regressor_remark(regressor))
+    errors = {"model": _errors(points, None, used, known)}
+    return Evaluation(regressor, used, {"model": points}, errors, known, remarks=remarks)
+
+
+def _errors(points: FloatArray, nominal: FloatArray | None, used: Session, known: Lengths | None) -> dict[str, Any]:
+    """Errors of predicted points against every reference there is."""
+    found: dict[str, Any] = {}
+    if used.points is not None:
+        found |= point_errors(points, used.points) if nominal is None else compare_errors(points, nominal, used.points)
+    found |= _seat_and_length_errors(points, used, known)
+    is_of_distances = used.points is None and used.seat is None
+    if is_of_distances or has_located_anchor(used, LEAST_COMPARED):
+        found |= distance_errors(points, used)
+    return found
+
+
+def _seat_and_length_errors(points: FloatArray, session: Session, lengths: Lengths | None) -> dict[str, Any]:
+    """Errors in the session's seats, where one has two readings, and errors of lengths."""
+    found: dict[str, Any] = {}
+    if session.seat is None or not (session.seat != "").any():
+        return found
+    if has_repeated_seat(session) or (session.points is None and lengths is None):
+        found |= seat_errors(points, session.seat)
+    if lengths is not None:
+        columns = {name: getattr(lengths, name).tolist() for name in ("seat_a", "seat_b", "length_mm", "u_mm")}
+        columns["length_error_mm"] = length_errors(points, session.seat, lengths).tolist()
+        found["lengths"] = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+    return found
+
+
+def _removed(percent: float) -> str:
+    if -5 < percent < 0:
+        return "no better than the nominal arm"
+    if percent < 0:
+        return f"worse than the nominal arm: {1 - percent / 100:.1f} times its mean absolute coordinate error"
+    return f"{percent:.1f} % of the mean absolute coordinate error removed"

@@ -1,0 +1,520 @@
+"""Fit: identify an arm from the readings of a session."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from truearm.acceptance import acceptance_remarks, accepts
+from truearm.arm import Arm
+from truearm.arm.joint_zeros import joint_zeros, with_zeros
+from truearm.choices import ModelName
+from truearm.errors import InputError
+from truearm.findings import Finding, findings_of, in_order
+from truearm.identification.estimation.diagnostics import identifiability
+from truearm.identification.judgement.frame_changes import SessionChange
+from truearm.identification.judgement.outliers import Outlier
+from truearm.identification.references.distances import is_offset
+from truearm.identification.references.prepared_readings import MIN_ROWS
+from truearm.identification.references.reading_references import (
+    check_spread,
+)
+from truearm.identification.terms.type_prior import TypePrior, read_type_prior
+from truearm.models import MODELS, Compensator, NominalModel
+from truearm.models.arm_check import WAYS_TO_AN_ARM, arm_of_readings, with_serial_number
+from truearm.models.identified_model import IdentifiedModel, to_identified
+from truearm.models.selection import (
+    ModelScore,
+    fit_chosen,
+    on_common_readings,
+    select_model,
+)
+from truearm.readings import (
+    Session,
+)
+from truearm.readings.names import similar_names, single_seats
+from truearm.readings.repeats import MergedReadings, merge_repeats, readings_of_one_pose
+from truearm.solve.threads import one_blas_thread
+from truearm.typing import FloatArray
+from truearm.verbs.inputs import (
+    ArmLike,
+    LengthsLike,
+    Limits,
+    SessionLike,
+    check_session_fits,
+    repeated_readings,
+    session_lengths,
+    to_arm,
+    to_free_parts,
+    to_session,
+    within_limits,
+)
+from truearm.verbs.record import Record, TextTable, format_fixed
+from truearm.verbs.sentences import compare_with_nominal, format_mm, listed, number_of, with_lengths
+
+# Models that identify no constants, and take no type prior.
+WITHOUT_CONSTANTS = frozenset({"nominal", "network"})
+# Groups of terms that are printed, those with most determined coefficients.
+MAX_GROUPS = 8
+
+
+@one_blas_thread()
+@accepts
+def fit(
+    arm: ArmLike | None,
+    session: SessionLike,
+    *,
+    model: ModelName = "auto",
+    lengths: LengthsLike | None = None,
+    free: Iterable[str] = ("base", "tip"),
+    limits: Limits = "skip",
+    prior: TypePrior | str | Path | None = None,
+    accept: str | None = None,
+    progress: Callable[[int, str], None] | None = None,
+    **options: Any,
+) -> FitResult:
+    """Identify an arm: fit a model to the readings of a session.
+
+    Parameters
+    ----------
+    arm : Arm, str, Path or None
+        The nominal arm: an `Arm`, a name of `list_arms`, or an arm file or URDF. None for a network, which needs none:
+        the number and kind of the joints, and all ranges, are those of the readings.
+    session : Session, DataFrame, str or Path
+        Readings with reference points, seats, distances to anchors or surfaces.
+    model : {"auto", "nominal", "kinematic", "physical", "network", "hybrid"}
+        ``"auto"`` fits the first three, and the hybrid model where it may win, and selects the simplest whose mean
+        error on held-out readings is within one standard error of the smallest; of fewer than ten positions or
+        seats the best. See `NominalModel`, `KinematicModel`,
+        `PhysicalModel`, `NetworkModel` and `HybridModel`.
+    lengths : Lengths, str or Path, optional
+        Known lengths between seats of the session.
+    free : iterable of {"base", "tip"}
+        What is unknown of the placement of the nominal arm; empty if points are in its base frame and its tip is known.
+    limits : {"skip", "ignore"}
+        Skip the readings beyond a joint limit, or use them.
+    prior : TypePrior, str or Path, optional
+        What arms of this type have in common, or its file (docs/type-prior.md): the constants of the arm are then
+        expected about the mean of its type, within the scatter of its type, and not about the nominal arm. An arm that
+        the prior was learned from gets that of the others.
+    accept : str, optional
+        Why the readings are right where they would be refused as contradicted: the reason and what it overrode are
+        kept (docs/imperfect-readings.md).
+    progress : callable, optional
+        Called with the number of steps done and a note.
+    **options
+        Of the model's class, such as ``hidden=(50, 50)`` for a network or ``terms``, terms of your own for the
+        physical model; with ``"auto"`` only ``residual`` and ``terms``.
+
+    Returns
+    -------
+    FitResult
+
+    Raises
+    ------
+    InputError
+        If the readings are too few, of another arm, in another unit, or do not determine the model; if the prior is of
+        another nominal arm.
+
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> session = ta.simulate("ur10", poses=40, seed=1).session
+    >>> result = ta.fit("ur10", session, model="kinematic")
+    >>> result.model.predict(session.angles).shape
+    (40, 3)
+    """
+    _check_choice(model, options, has_arm=arm is not None)
+    parts, known_arm = to_free_parts(free), None if arm is None else to_arm(arm)
+    given = to_session(session, n_joints=None if known_arm is None else known_arm.n_joints)
+    nominal_arm = with_serial_number(known_arm or arm_of_readings(given), given)
+    checked = within_limits(given, nominal_arm, limits)
+    merged = merge_repeats(checked.session)
+    used = merged.readings
+    of_type = None if prior is None else _checked_prior(prior, known_arm, model, nominal_arm.serial_number)
+    # Options are checked before anything is computed.
+    chosen = None if model == "auto" else MODELS[model](nominal_arm, free=parts, **options)
+    _check_poses(given, merged)
+    check_session_fits(used, nominal_arm, model)
+    known, of_lengths = session_lengths(lengths, given, used if len(checked.rows) < len(given) else None)
+    if "base" in parts:
+        check_spread(used, nominal_arm)
+    nominal = None if known_arm is None else NominalModel(nominal_arm, free=parts)
+    first = chosen or nominal
+    assert first is not None  # a network without an arm is chosen
+    readings = first.prepare(used, known)
+    if nominal is not None:
+        nominal.learn(readings)
+    readings = replace(readings, prior=of_type)
+    if chosen is None and nominal is not None:
+        learned = select_model(nominal, readings, progress=progress, **options)
+    else:
+        learned = fit_chosen(first, nominal, readings, progress=progress)
+    found = (
+        *findings_of("acceptance", acceptance_remarks(accept)),
+        *findings_of("arm", nominal_arm.remarks),
+        *findings_of(
+            "type prior", [] if of_type is None else [f"Constants are expected as the type has them: {of_type}."]
+        ),
+        *checked.findings,
+        *of_lengths,
+        *similar_names(given),
+        *single_seats(given, known),
+        *repeated_readings(merged, learned.model),
+        *learned.findings,
+    )
+    rows = checked.rows[merged.first]
+    return FitResult(
+        model=learned.model,
+        comparison=learned.table,
+        session=used,
+        n_readings=len(checked.rows),
+        training=learned.training,
+        nominal=nominal,
+        outliers=tuple(one.located(given, rows) for one in learned.outliers),
+        length_outliers=learned.length_outliers,
+        frame_changes=learned.changes,
+        findings=in_order(found),
+    )
+
+
+def _check_choice(model: ModelName, options: Mapping[str, Any], *, has_arm: bool) -> None:
+    """Refuse a model that there is not, options that it does not take, and one without the arm that it needs."""
+    if model not in ("auto", *MODELS):
+        raise InputError(f"expected a model among auto, {', '.join(MODELS)}, got {model!r}")
+    if model == "auto" and (foreign := sorted(options.keys() - {"residual", "terms"})):
+        raise InputError(f"options {foreign} belong to one model, got model 'auto'", hint="name the model")
+    if not has_arm and model != "network":
+        raise InputError(f"model {model!r} needs the nominal arm", hint=f"--arm ARM: {WAYS_TO_AN_ARM}")
+    if "terms" in options and model not in ("auto", "kinematic", "physical"):
+        raise InputError(f"expected a model that identifies terms, got {model!r}", hint="model='physical'")
+
+
+def _check_poses(given: Session, merged: MergedReadings[Session]) -> None:
+    """Refuse readings that are enough only where those of one pose count more than once."""
+    if len(merged.readings) < MIN_ROWS <= merged.count.sum():
+        raise given.error(
+            f"expected at least {MIN_ROWS} poses, got {number_of(len(merged.readings), 'pose')} ({merged.count.sum()} "
+            "readings repeat them)",
+            hint="measure more poses, spread over all joints",
+        )
+
+
+def _checked_prior(prior: TypePrior | str | Path, arm: Arm | None, model: ModelName, serial_number: str) -> TypePrior:
+    """A type prior that a model can use, of this nominal arm, without what the arm's own readings say."""
+    if arm is None or model in WITHOUT_CONSTANTS:
+        raise InputError(f"a {model} model identifies no constants, and takes no type prior", hint="--model kinematic")
+    found = prior if isinstance(prior, TypePrior) else read_type_prior(prior)
+    try:
+        found.check_arm(arm)
+        return found.without(serial_number)
+    except InputError as error:
+        raise error if isinstance(prior, TypePrior) else error.in_file(prior) from None
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FitResult(Record):
+    """A fitted model, how well it predicts readings, and what a person must know about it.
+
+    Attributes
+    ----------
+    model : Compensator
+        The fitted model; of ``"auto"`` the selected one.
+    comparison : tuple of ModelScore
+        Of ``"auto"``: each candidate's error on held-out readings; else empty.
+    session : Session
+        The training readings that were used, those that repeat each other merged into their mean.
+    n_readings : int
+        Their number before that.
+    training : dict or None
+        Errors on them, without those excluded as gross errors: of points, or of the scatter in seats, or of distances
+        to anchors; None without any of these.
+    nominal : NominalModel or None
+        The nominal arm with base and tip fitted to the same readings; None without an arm.
+    outliers : tuple of Outlier
+        Training readings whose residual is too large, the largest first.
+    length_outliers : tuple of Outlier
+        Known lengths that contradict the other data.
+    frame_changes : tuple of SessionChange
+        What changed during a session: the base or the reference, the tip, the zero of a joint.
+    findings : tuple of Finding
+        What a person must know of it: what was skipped or ignored, and warnings.
+
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> result = ta.fit("ur10", ta.simulate("ur10", poses=40, seed=1).session, model="nominal")
+    >>> sorted(result.to_dict())[:4]
+    ['accepted', 'arm', 'comparison', 'fit_seconds']
+    """
+
+    model: Compensator
+    comparison: tuple[ModelScore, ...]
+    session: Session
+    n_readings: int
+    training: Mapping[str, Any] | None
+    nominal: NominalModel | None
+    outliers: tuple[Outlier, ...]
+    length_outliers: tuple[Outlier, ...]
+    frame_changes: tuple[SessionChange, ...]
+    findings: tuple[Finding, ...]
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """The findings in words."""
+        return tuple(map(str, self.findings))
+
+    @property
+    def model_name(self) -> str:
+        """``"nominal"``, ``"kinematic"``, ``"physical"``, ``"network"`` or ``"hybrid"``."""
+        return self.model.kind
+
+    @property
+    def identifies_constants(self) -> bool:
+        """Whether the constants of the arm were identified, its joint zeros among them."""
+        return self.model.identifies_constants
+
+    @property
+    def held_out_mm(self) -> tuple[float, float] | None:
+        """Mean error on held-out readings, of the model and of the nominal arm [mm]; None where none were held out.
+
+        Without those that are gross errors of the model.
+        """
+        if self.nominal is None or not len(self.model.held_out_.rows) or not len(self.nominal.held_out_.rows):
+            return None
+        nominal = on_common_readings({"model": self.model, "nominal": self.nominal})["nominal"]
+        taken = np.isin(nominal.rows, self.model.held_out_.rows)
+        return self.model.held_out_.mean_mm, nominal.select(taken).mean_mm
+
+    @property
+    def held_out_distances(self) -> dict[str, float] | None:
+        """Errors of held-out distances to anchors beside points or seats [mm]; None where there are none."""
+        if not len(self.model.held_out_distances_.rows):
+            return None
+        errors = self.model.held_out_distances_.errors_mm
+        mean, p95, largest = float(errors.mean()), float(np.quantile(errors, 0.95)), float(errors.max())
+        return {"mean_mm": mean, "p95_mm": p95, "max_mm": largest, "n": len(errors)}
+
+    def arm_with_zeros(self) -> Arm:
+        """The nominal arm with the joint zeros that were identified; all else is nominal.
+
+        The zero of the first joint and of the last stay, as far as no reading tells them from the place of a free base
+        and tip. `truearm.write_arm` writes it.
+
+        Raises
+        ------
+        InputError
+            If the model identifies no zeros.
+        """
+        fit = self.model.identified_arm
+        if fit is None or not self.identifies_constants:
+            of = "that was kept " * (fit is not None and bool(self.comparison))
+            raise InputError(f"a {self.model_name} model {of}identifies no joint zeros", hint="model='kinematic'")
+        zeros = joint_zeros(fit.chain, self.model.arm_, free=self.model.free)
+        source = f"{self.model.arm_.source}; joint zeros identified from {len(self.session)} readings".strip("; ")
+        source = "; ".join([source, *map(str, self.model.accepted_)])
+        return replace(with_zeros(self.model.arm_, zeros), source=source)
+
+    def save(self, path: str | Path) -> None:
+        """Write the model to a file (see `load_model`)."""
+        self.model.save(path)
+
+    def summary(self) -> str:
+        """The answer in one sentence: the mean error, and how it compares with the nominal arm."""
+        read = f"{self.n_readings} readings"
+        if self.n_readings > len(self.session):
+            read += f", repeats merged into {len(self.session)}"
+        about = f" ({self.model_name} model of {self.model.arm.name}, {read})."
+        identified = to_identified(self.model)
+        if identified is not None and identified.residual_process_ is not None:
+            about += f" {identified.residual_process_}"
+        if self.held_out_mm is not None:
+            error, nominal = self.held_out_mm
+            compared = "" if self.model_name == "nominal" else compare_with_nominal(error, nominal)
+            of = " of a distance" if self.model.held_out_.n_coordinates < 3 else ""
+            lengths = None if self.training is None else self.training.get("lengths")
+            return with_lengths(f"Mean error{of} {format_mm(error)} on held-out readings", compared, lengths) + about
+        if self.training is not None and "mean_mm" in self.training:
+            mean = self.training["mean_mm"]
+            compared = "" if self.nominal is None else compare_with_nominal(mean, self.nominal.nominal_error())
+            return f"Mean error {format_mm(mean)} on the training readings{compared}{about}"
+        return f"Residual standard deviation {format_mm(self.model.facts()['residual_std_mm'])} of a coordinate{about}"
+
+    def blocks(self) -> Iterator[str | TextTable]:
+        """See `Record.blocks`."""
+        yield self.summary()
+        if self.comparison:
+            yield _comparison_table(self.comparison)
+            if n_excluded := self.comparison[0].n_excluded:
+                yield f"mean, 95 % and max without {n_excluded} readings that are gross errors of the selected model"
+        compare = self.nominal is not None and self.model_name != "nominal"
+        yield from _training_lines(self.training, compare=compare)
+        if self.held_out_distances is not None:
+            mean, largest = self.held_out_distances["mean_mm"], self.held_out_distances["max_mm"]
+            yield f"error of a distance to an anchor, held out: mean {mean:.4f} mm, maximum {largest:.4f} mm"
+        yield from _fact_lines(self.model.facts())
+        yield from listed("outlier", self.outliers, "readings")
+        yield from listed("contradictory length", [_describe_length(one) for one in self.length_outliers], "lengths")
+        yield from self.remarks
+        if (identified := to_identified(self.model)) is not None:
+            yield from _term_lines(identified)
+            yield from map(str, own_coefficients(identified))
+        yield "These are training readings: evaluate the model on other readings."
+
+    def _json(self) -> object:
+        found: dict[str, Any] = {
+            "summary": self.summary(),
+            "model": self.model_name,
+            "arm": self.model.arm.name,
+            "n_readings": self.n_readings,
+            "n_poses": len(np.unique(readings_of_one_pose(self.session))),
+            "fit_seconds": self.model.fit_seconds_,
+            "held_out": None,
+            "accepted": self.model.accepted_,
+            **self._named("held_out_distances", "training", "comparison", "outliers", "length_outliers"),
+            **self._named("frame_changes", "remarks"),
+        }
+        if self.held_out_mm is not None:
+            found["held_out"] = dict(zip(("mean_mm", "nominal_mean_mm"), self.held_out_mm, strict=True))
+        found |= self.model.facts()
+        if (identified := to_identified(self.model)) is not None:
+            found["residual_process"] = identified.residual_process_
+            found["groups"] = identified.fit_.groups
+            found["skipped_terms"] = identified.excluded_terms_
+            found["length_scale"] = identified.length_scale_
+            if identified.terms:
+                found["own_terms"] = own_coefficients(identified)
+            found["identifiability"] = identifiability(identified.fit_)
+        return found
+
+    def _errors_mm(self) -> Mapping[str, FloatArray]:
+        if self.held_out_mm is None or self.nominal is None or self.model_name == "nominal":
+            return {}
+        return {"nominal": self.nominal.held_out_.errors_mm, self.model_name: self.model.held_out_.errors_mm}
+
+
+def _comparison_table(comparison: tuple[ModelScore, ...]) -> TextTable:
+    return TextTable(
+        ("held-out error [mm]", "mean", "95 %", "max", "above the best", "standard error", "parameters", ""),
+        (
+            (
+                score.name,
+                format_fixed(score.mean_mm),
+                format_fixed(score.p95_mm),
+                format_fixed(score.max_mm),
+                format_fixed(score.excess_mm),
+                format_fixed(score.excess_standard_error_mm),
+                f"{score.n_effective:.0f}",
+                "selected" if score.kept else "",
+            )
+            for score in comparison
+        ),
+        left_aligned=(0, 7),
+    )
+
+
+def _training_lines(errors: Mapping[str, Any] | None, *, compare: bool) -> Iterator[str]:
+    if errors is None:
+        return
+    if "seat_mean_mm" in errors:
+        mean, largest = errors["seat_mean_mm"], errors["seat_max_mm"]
+        yield f"training error, distance from the mean of the seat: mean {mean:.4f} mm, maximum {largest:.4f} mm"
+        return
+    if "distance_mean_mm" in errors:
+        mean, largest = errors["distance_mean_mm"], errors["distance_max_mm"]
+        yield f"training error of a distance to an anchor: mean {mean:.4f} mm, maximum {largest:.4f} mm"
+        return
+    line = f"training error: mean {errors['mean_mm']:.4f} mm, maximum {errors['max_mm']:.4f} mm"
+    if compare and (removed := errors["removed_percent"]) < 0:
+        line += f" ({1 - removed / 100:.1f} times the nominal error)"
+    elif compare:
+        line += f" ({removed:.1f} % of the nominal mean absolute coordinate error removed)"
+    yield line
+
+
+def _fact_lines(facts: Mapping[str, Any]) -> Iterator[str]:
+    """The networks of a model, and what it leaves unexplained."""
+    networks = facts.get("network", {})
+    members = networks.get("members", ())
+    for number, one in enumerate(members, 1):
+        who = f"member {number}, start {one['start']}" if len(members) > 1 else "training"
+        yield f"{who}: {one['stop'].rstrip('.')} after {one['epochs']} epochs, best epoch {one['best_epoch']}"
+    if "arm_model" in networks:
+        sizes, epochs = "-".join(map(str, networks["sizes"])), networks["epochs"]
+        yield (
+            f"{len(epochs)} networks {sizes} on the residuals of the {networks['arm_model']} model: "
+            f"{networks['effective_weights']:.0f} effective weights each, {max(epochs)} epochs"
+        )
+    if "residual_std_mm" in facts:
+        scatter = "; the scatter of its networks comes on top" if networks else ""
+        std = format_fixed(facts["residual_std_mm"])
+        yield f"residual standard deviation: {std} mm of a coordinate, unexplained by the model{scatter}"
+
+
+def _describe_length(outlier: Outlier) -> str:
+    if is_offset(outlier.name):
+        return (
+            f"{outlier.name}: {-outlier.error_mm:.3f} mm, {outlier.normalized_residual:.0f} standard uncertainties: "
+            "if the zero of the wire is unknown, state a larger u_offset_mm"
+        )
+    than = "exceeds" if outlier.error_mm > 0 else "is smaller than"
+    return (
+        f"{outlier.name}: certificate value {than} the value implied by the other data by "
+        f"{abs(outlier.error_mm):.3f} mm ({outlier.normalized_residual:.0f} standard uncertainties)"
+    )
+
+
+@dataclass(frozen=True)
+class OwnCoefficient:
+    """A coefficient of a term of the user's own.
+
+    Attributes
+    ----------
+    name : str
+        Of the term; of several functions with that of its function.
+    coefficient, u : float
+        And its standard uncertainty: rad, or mm, for a function of one (see `Term.direction`). Both are zero where the
+        readings show nothing of the term's group.
+    """
+
+    name: str
+    coefficient: float
+    u: float
+
+    def __str__(self) -> str:
+        if not self.u:
+            return f"{self.name}: pruned, these readings show nothing of it"
+        return f"{self.name}: {self.coefficient:.3g}, standard uncertainty {self.u:.2g}"
+
+
+def own_coefficients(model: IdentifiedModel) -> tuple[OwnCoefficient, ...]:
+    """The coefficients of the terms of the user's own that a model was fitted with."""
+    fit, found = model.fit_, []
+    u = np.sqrt(fit.covariance.diagonal())
+    identified = list(zip(fit.perturbed_chain.terms, fit.perturbed_chain.columns, strict=True))
+    for term in model.terms:
+        # By the term, not its name, which another term may have.
+        columns = next((columns for one, columns in identified if one == term), None)
+        values = [(0.0, 0.0)] * term.n_coefficients
+        if columns is not None:
+            values = list(zip(fit.coefficients[columns].tolist(), u[columns].tolist(), strict=True))
+        found += [OwnCoefficient(label, *value) for label, value in zip(term.labels, values, strict=True)]
+    return tuple(found)
+
+
+def _term_lines(model: IdentifiedModel) -> Iterator[str]:
+    """The groups of terms that the readings determine, those that they do not, and terms that were not offered."""
+    groups = model.fit_.groups
+    if len(groups) > 5:
+        kept = sorted((group for group in groups if group.effective >= 0.5), key=lambda group: -group.effective)
+        names = ", ".join(f"{group.name} ({group.effective:.0f})" for group in kept[:MAX_GROUPS])
+        pruned = len(groups) - len(kept)
+        yield f"terms with most determined coefficients: {names}; {pruned} of {len(groups)} groups were pruned"
+    # What no readings determine is no fault of these.
+    open_ones = [str(one) for one in identifiability(model.fit_).unidentifiable if one.at_other_poses]
+    yield from listed("not identifiable from these readings", open_ones, "combinations")
+    yield from listed("not offered", [f"{term.name}, as {term.reason}" for term in model.excluded_terms_], "terms")

@@ -1,0 +1,210 @@
+"""``truearm fit``: identify an arm from a session."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+from typer import Argument, Option
+
+from truearm.choices import ModelName, Trainer
+from truearm.errors import InputError
+from truearm.findings import Finding
+from truearm.verbs.console import print_record, progress
+from truearm.verbs.options import (
+    ARM_HELP,
+    LARGE_ONLY,
+    ONLY_LARGE,
+    AcceptOption,
+    Json,
+    LengthsFile,
+    LimitsOption,
+    ModelForce,
+    ModelOut,
+    SchedulerOption,
+    WorkersOption,
+    free_parts,
+    refuse_typed,
+)
+from truearm.verbs.outputs import check_model_output, check_new_output
+
+if TYPE_CHECKING:
+    from truearm.verbs.fit import FitResult
+    from truearm.verbs.fit_large import LargeFit
+
+# The models that have an option.
+MODELS_OF: dict[str, tuple[str, ...]] = {
+    "prior": ("auto", "kinematic", "physical", "hybrid"),
+    "no_residual_process": ("auto", "physical"),
+    "hidden": ("network", "hybrid"),
+    "trainer": ("network",),
+    "epochs": ("network", "hybrid"),
+    "goal": ("network",),
+    "validation": ("network",),
+    "restarts": ("network",),
+    "members": ("network", "hybrid"),
+    "seed": ("network", "hybrid"),
+    "arm_model": ("hybrid",),
+    "apply": ("auto", "kinematic", "physical", "hybrid"),
+}
+
+
+def fit(
+    context: typer.Context,
+    session: Annotated[
+        Path, Argument(metavar="SESSION", help="Session file with reference points or seats, or folder of files.")
+    ],
+    out: ModelOut,
+    arm: Annotated[str | None, Option("--arm", help=f"{ARM_HELP} A network needs none.")] = None,
+    model: Annotated[ModelName, Option(help="What to fit: see above.")] = "auto",
+    lengths: LengthsFile = None,
+    free: Annotated[str, Option(help="What is unknown of the nominal arm's placement: base,tip or none.")] = "base,tip",
+    limits: LimitsOption = "skip",
+    prior: Annotated[
+        Path | None, Option(help="File of truearm fleet prior: what arms of this type have in common.")
+    ] = None,
+    accept: AcceptOption = None,
+    no_residual_process: Annotated[
+        bool, Option("--no-residual-process", help="Physical: without smooth errors that no term describes.")
+    ] = False,
+    hidden: Annotated[
+        str | None, Option(help="Network, hybrid: units of the hidden layers; default 30,30 and 15.")
+    ] = None,
+    trainer: Annotated[
+        Trainer,
+        Option(help="Network: variable projection, or as in MATLAB (trainbr: few readings, after Foresee and Hagan)."),
+    ] = "varpro",
+    epochs: Annotated[
+        int | None, Option(min=1, help="Network, hybrid: maximum epochs per training run; default 200 and 30.")
+    ] = None,
+    goal: Annotated[float, Option(min=0, help="Network: mean squared error of scaled outputs at which to stop.")] = 0.0,
+    validation: Annotated[
+        float, Option(min=0, max=1, help="Network: share of the readings held out to stop in time.")
+    ] = 0.15,
+    restarts: Annotated[int, Option(min=1, help="Network: starts of each training run; the best is kept.")] = 1,
+    members: Annotated[
+        int | None,
+        Option(min=1, help="Network, hybrid: number of networks, the mean of which predicts; default 1 and 5."),
+    ] = None,
+    seed: Annotated[int, Option(min=0, help="Network, hybrid: of the starts and the splits of the readings.")] = 0,
+    arm_model: Annotated[
+        Literal["kinematic", "nominal"], Option(help="Hybrid: the arm whose residuals the networks learn.")
+    ] = "kinematic",
+    apply: Annotated[
+        Path | None, Option(help="Write the nominal arm with the joint zeros found to a new arm file, .toml or .urdf.")
+    ] = None,
+    force: ModelForce = False,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
+    as_json: Json = False,
+) -> None:
+    """Identify an arm: fit a model to its readings.
+
+    nominal: the nominal arm; only where its base and its tip are is fitted. kinematic: the true constants of every
+    joint, base and tip as well. physical: also what angles, weight and temperature do to the arm, as far as the
+    readings show it. hybrid: the kinematic arm, and small networks on its residuals. auto (the default) fits the first
+    three, and the hybrid where it may win, and selects the simplest that predicts held-out readings as well as the
+    best. network: the founding paper's, straight from angles to coordinates; it needs thousands of readings
+    with points and is valid only in the range it was trained on.
+
+    Without an instrument: name the seat of every reading in a column seat, and give the lengths between seats by
+    --lengths (columns seat_a, seat_b, length_mm, u_mm). Without one length at least, the arm keeps its nominal size.
+
+    --free base,tip: the reference has a frame of its own, and the position of the tip on the flange is not known (a
+    laser tracker). --free none: points are in the arm's base frame and the tip is known.
+
+    A folder of session files, or a file beyond 512 MB, is read part by part, and --workers or --scheduler shares the
+    parts out: nominal and kinematic models use all readings, others 20000 of them (docs/large-sessions.md).
+    """
+    from truearm.arm import load_arm
+    from truearm.arm.catalogue import arm_path
+    from truearm.readings.large_sessions import is_large
+    from truearm.verbs.fit import fit as fit_model
+
+    check_options(context, model)
+    arm_file = None if arm is None else arm_path(arm)
+    check_model_output(out, None if arm is None else load_arm(arm), session, arm_file, lengths, prior, force=force)
+    if apply is not None:
+        check_new_output(apply, session, arm_file, lengths, prior, out, force=force, endings=(".toml", ".urdf"))
+        _check_table(arm, apply)
+    options: dict[str, Any] = {}
+    total = 4 if model == "auto" else None
+    if model == "network":
+        epochs, members = epochs or 200, members or 1
+        options = {"hidden": layer_sizes(hidden or "30,30"), "trainer": trainer, "epochs": epochs, "goal": goal}
+        options |= {"validation": validation, "n_restarts": restarts, "n_members": members, "seed": seed}
+        total = epochs * restarts * members
+    elif model == "hybrid":
+        total = 5 if members is None else members
+        if total < 2:
+            raise InputError(f"expected --members of 2 or more for a hybrid model, got {total}", hint="--members 5")
+        options = {"hidden": layer_sizes(hidden or "15"), "epochs": epochs or 30, "n_members": total, "seed": seed}
+        options["arm_model"] = arm_model
+    if no_residual_process:
+        options["residual"] = False
+    parts = free_parts(free)
+    large = is_large(session)
+    refuse_typed(
+        context, ("lengths",) if large else LARGE_ONLY, "does not apply to large sessions" if large else ONLY_LARGE
+    )
+    of_large: LargeFit | None = None
+    with progress(f"fitting {model}", total=None if large else total) as report:
+        options |= {"model": model, "free": parts, "limits": limits, "prior": prior, "accept": accept}
+        options["progress"] = report
+        if large:
+            from truearm.solve.executors import chosen_executor  # no small session waits for these
+            from truearm.verbs.fit_large import fit_large
+
+            of_large = fit_large(arm, session, executor=chosen_executor(workers, scheduler), **options)
+            result = of_large.result
+        else:
+            result = fit_model(arm, session, lengths=lengths, **options)
+        check_model_output(out, result.model.arm_, force=force)  # its readings may state a serial number
+        result.save(out)
+        if apply is not None and not result.identifies_constants:
+            why = f"{apply} is not written: the nominal arm was kept, and no joint zeros were identified."
+            result, apply = replace(result, findings=(*result.findings, Finding("file", why))), None
+        if apply is not None:
+            _write_arm(result, apply, out)
+    record = result if of_large is None else replace(of_large, result=result)
+    print_record(record, as_json=as_json, files={"model": out, "arm": apply})
+
+
+def _check_table(arm: str | None, apply: Path) -> None:
+    """Refuse before the fit an arm file that cannot hold the arm: its table."""
+    from truearm.arm import dh_table, load_arm
+
+    if arm is not None and apply.suffix == ".toml":
+        dh_table(load_arm(arm).chain)
+
+
+def _write_arm(result: FitResult, file: Path, model_file: Path) -> None:
+    from truearm.arm import write_arm
+
+    try:
+        write_arm(result.arm_with_zeros(), file)
+    except InputError as error:
+        written = f"the model is written to {model_file}"
+        raise error.with_hint(f"{error.hint}; {written}" if error.hint else written) from None
+
+
+def check_options(context: typer.Context, model: str) -> None:
+    """Refuse options that the model does not have: it would not follow them."""
+    for models in dict.fromkeys(MODELS_OF.values()):
+        if model not in models:
+            names = [name for name, of in MODELS_OF.items() if of == models]
+            rule = f"applies to {' and '.join(models)} models only, got --model {model}"
+            refuse_typed(context, names, rule, hint=f"omit it, or use --model {models[0]}")
+
+
+def layer_sizes(text: str) -> tuple[int, ...]:
+    """The hidden layers that --hidden names."""
+    parts = text.split(",")
+    if not all(part.strip().isascii() and part.strip().isdecimal() and 0 < int(part) < 10_000 for part in parts):
+        raise InputError(
+            f"--hidden expects numbers of units from 1 to 9999, separated by commas, got {text!r}",
+            hint="--hidden 30,30",
+        )
+    return tuple(int(part) for part in parts)

@@ -1,0 +1,103 @@
+"""``truearm predict``: corrected coordinates with uncertainties, from angles alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from typer import Argument, Option
+
+from truearm.errors import InputError
+from truearm.verbs.console import print_record, progress
+from truearm.verbs.options import (
+    LARGE_ONLY,
+    ONLY_LARGE,
+    AcceptOption,
+    ConditionsOption,
+    FormDate,
+    FormTemperature,
+    IntoForm,
+    Json,
+    ModelFile,
+    SchedulerOption,
+    WorkersOption,
+    refuse_typed,
+)
+from truearm.verbs.outputs import check_output, check_output_is_not_input
+
+
+def predict(
+    context: typer.Context,
+    model: ModelFile,
+    session: Annotated[
+        Path,
+        Argument(
+            metavar="SESSION",
+            help="Session file, or folder of files; its angles, and temperature, payload_kg, loads, directions and tip "
+            "if there, are used.",
+        ),
+    ],
+    out: Annotated[Path | None, Option(help="Table of points to write, .csv; of a large session .parquet too.")] = None,
+    into: IntoForm = None,
+    date: FormDate = None,
+    artefact_temperature: FormTemperature = None,
+    conditions: ConditionsOption = "reproducibility",
+    accept: AcceptOption = None,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
+    as_json: Json = False,
+) -> None:
+    """Compensate: turn joint angles into corrected coordinates.
+
+    Columns of the table: x_mm, y_mm, z_mm in the frame of the reference, after a fit to several sessions in that of the
+    reading's session; sx_mm, sy_mm, sz_mm their standard uncertainties (twice that is the expanded uncertainty, k = 2);
+    outside_training 1 where a reading is outside the range that the model was trained on; names (seat, position, ..) as
+    given.
+
+    --into fills in a file of points to measure instead, a reading for each row without coordinates, in their order, and
+    states there which model computed them (coordinates_from, model, model_sha256, outside_training).
+
+    A folder of session files, or a file beyond 512 MB, is read part by part, and --workers or --scheduler shares the
+    parts out (docs/large-sessions.md).
+    """
+    from truearm.readings.large_sessions import is_large
+    from truearm.verbs.predict import check_is_points_table
+    from truearm.verbs.predict import predict as predict_points
+
+    if (out is None) == (into is None):
+        raise InputError("expected --out or --into", hint="--out points.csv")
+    if into is None:
+        refuse_typed(context, ("date", "artefact_temperature"), "applies to --into only")
+    if is_large(session):
+        refuse_typed(context, ("into",), "does not apply to large sessions", hint="--out points.csv")
+        assert out is not None
+        _predict_large(model, session, out, workers, scheduler, as_json=as_json, conditions=conditions, accept=accept)
+        return
+    refuse_typed(context, LARGE_ONLY, ONLY_LARGE)
+    if out is not None:
+        check_output(out, model, session, endings=(".csv",), read=check_is_points_table)
+    with progress(f"predicting {session.name}"):
+        prediction = predict_points(model, session, conditions=conditions, accept=accept)
+        if out is not None:
+            prediction.save(out)
+        if into is not None:
+            check_output_is_not_input(into, model, session)
+            from truearm.wings.laboratory.verbs.fill_points import fill_points  # takes longer than ten predictions
+
+            fill_points(prediction, into, date=date, artefact_degC=artefact_temperature)
+    print_record(prediction, as_json=as_json, files={"points": out if into is None else into})
+
+
+def _predict_large(
+    model: Path, session: Path, out: Path, workers: int | None, scheduler: str | None, *, as_json: bool, **options: Any
+) -> None:
+    from truearm.solve.executors import chosen_executor  # no small session waits for these
+    from truearm.verbs.predict import check_is_points_table
+    from truearm.verbs.predict_large import predict_large
+
+    check_output(out, model, session, read=check_is_points_table)
+    with progress(f"predicting {session.name}") as update:
+        executor = chosen_executor(workers, scheduler)
+        large = predict_large(model, session, out, executor=executor, progress=update, **options)
+    print_record(large, as_json=as_json, files={"points": out})

@@ -1,0 +1,116 @@
+"""``truearm correct``: joint targets that bring the arm where it should be."""
+
+from __future__ import annotations
+
+from math import radians
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from typer import Argument, Option
+
+from truearm.verbs.console import print_line, print_record, progress
+from truearm.verbs.options import ConditionsOption, Json, ModelFile, numbers_of
+from truearm.verbs.outputs import check_output as check_file
+from truearm.wings.exports.targets import FanucJ3, Frame, RobotLanguage, TargetDirection, Untrained
+
+TipName = Annotated[str | None, Option(help="Name of the tip, of a model with several.")]
+
+
+def correct(
+    model: ModelFile,
+    targets: Annotated[
+        Path, Argument(metavar="TARGETS", help="Table of targets, .csv: joints, or poses of the tip with start joints.")
+    ],
+    out: Annotated[Path, Option(help="File to write: .csv, or by --as .script, .mod, .dat, .ls.")],
+    direction: Annotated[
+        TargetDirection,
+        Option(help="command: what to send to the controller; feedback: what its encoders mean."),
+    ] = "command",
+    language: Annotated[
+        RobotLanguage | None,
+        Option("--as", help="Write the targets in a robot language instead of a table."),
+    ] = None,
+    fanuc_j3: Annotated[
+        FanucJ3 | None,
+        Option(help="With --as fanuc: J3 as the teach pendant shows it (coupled with J2), or as in the model."),
+    ] = None,
+    frame: Annotated[
+        Frame,
+        Option(help="Frame of poses: that of the model's points, or the arm's own base frame."),
+    ] = "reference",
+    tool: Annotated[
+        str | None,
+        Option(
+            metavar="X,Y,Z[,R,P,Y]",
+            help="Tip in the flange [mm] and roll, pitch, yaw [deg], in place of the tip in the readings.",
+        ),
+    ] = None,
+    start: Annotated[
+        str | None, Option(metavar="Q1,Q2,..", help="Start joints [deg, mm] of all poses, if the table has none.")
+    ] = None,
+    tip: TipName = None,
+    untrained: Annotated[
+        Untrained,
+        Option(help="Targets outside the trained range: refuse them, or correct and flag them."),
+    ] = "refuse",
+    uncertainty: Annotated[
+        bool, Option(help="Compute the uncertainty of the tip; without it correction is faster.")
+    ] = True,
+    conditions: ConditionsOption = "reproducibility",
+    as_json: Json = False,
+) -> None:
+    """Correct the joint targets of a robot program.
+
+    The arm then goes where the program says.
+
+    Columns of the table, as in docs/correct.md: joints q1_deg .. (or q1_rad; q1_mm for a sliding joint); for poses also
+    x_mm, y_mm, z_mm with qw .. qz, rx_deg .. rz_deg (rotation vector), roll_deg, pitch_deg, yaw_deg or r11 .. r33. The
+    file written has the same joint columns, and for each target a status: ok, or the reason for which it was refused.
+
+    Exit code 0: all targets corrected; 1: some refused; 3: none corrected, nothing written.
+    """
+    from truearm.verbs.inputs import to_model_of_tip
+    from truearm.wings.exports.correct import FANUC_J3_TEXT, check_output
+    from truearm.wings.exports.correct import correct as correct_targets
+    from truearm.wings.exports.targets.manifest import read_manifest
+
+    check_output(out, language, fanuc_j3)
+    check_file(out, model, targets, read=read_manifest)
+    with progress(f"correcting {targets.name}"):
+        fitted = to_model_of_tip(model, tip)
+        corrected = correct_targets(
+            fitted,
+            targets,
+            direction=direction,
+            frame=frame,
+            tool=_tool_of(tool),
+            start=_start_of(start, fitted.arm.chain.is_prismatic.tolist()),
+            untrained=untrained,
+            uncertainty=uncertainty,
+            conditions=conditions,
+        )
+        n_refused = int(corrected.refused.sum())
+        any_good = n_refused < len(corrected.refused)
+        if any_good:
+            corrected.save(out, language=language, fanuc_j3=fanuc_j3)
+    print_record(corrected, as_json=as_json, files={"targets": out if any_good else None})
+    if fanuc_j3 is not None and any_good and not as_json:
+        print_line(FANUC_J3_TEXT[fanuc_j3])
+    raise typer.Exit(0 if not n_refused else 1 if any_good else 3)
+
+
+def _tool_of(option: str | None) -> list[float] | None:
+    """The option --tool in mm and rad."""
+    if option is None:
+        return None
+    numbers = numbers_of(option, "--tool", "0,0,120")
+    return numbers[:3] + [radians(q) for q in numbers[3:]]
+
+
+def _start_of(option: str | None, slides: list[bool]) -> list[float] | None:
+    """The option --start in rad, and mm of sliding joints."""
+    if option is None:
+        return None
+    numbers = numbers_of(option, "--start", "0,-90,90,0,90,0")
+    return [q if i < len(slides) and slides[i] else radians(q) for i, q in enumerate(numbers)]

@@ -1,0 +1,214 @@
+"""An identified model as plain tables, from which the formats that contain the whole model are written.
+
+The tip is ``F0 E0 J1(q1) E1 F1 ... Jn(qn) En Fn (tip + E(n+1))`` (see `truearm.arm.chain`). The motion E at a place is
+the sum of its functions' values times their rows of `motion_by_function`; it turns first and shifts then.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from truearm.arm import Chain
+from truearm.errors import InputError
+from truearm.identification.terms import Basis, Expression, LinkMasses, Temperature, Term, link_vectors, uniform_links
+from truearm.models import Compensator, IdentifiedModel
+from truearm.models.identified_model import require_identified
+from truearm.readings import Session
+from truearm.readings.readings import PAYLOAD
+from truearm.solve.square_roots import covariance_factor
+from truearm.typing import FloatArray, IntArray
+from truearm.wings.exports.targets.provenance import check_not_coupled
+
+# Inputs that are zero in the first session, of the model's one tip, and at the payload of the training.
+ZERO: Mapping[str | Expression, float] = {"session": 0.0, "tip": 0.0, "payload torque": 0.0}
+ONE = Expression.number(1)
+
+
+@dataclass(frozen=True, eq=False)
+class PlainModel:
+    """An identified model as plain tables.
+
+    Attributes
+    ----------
+    model : IdentifiedModel
+        The model of which these are the tables.
+    chain : Chain
+        The chain on which the motions act, in the frame of the reference.
+    nominal_chain : Chain
+        The nominal arm in its own base frame: gravity torques are those of its links.
+    mass_kg, centre_in_joint_mm : (n_joints,) and (n_joints, 3) array
+        Masses of the links and their centres along the axes of their places.
+    gravity_in_base : (3,) array
+        Acceleration of free fall along the axes of the nominal arm's base frame [m/s^2].
+    functions : tuple of Expression
+        Place by place; the same function may act at several places. Those of constants are `ONE`.
+    place : (n_functions,) int array
+        Where each acts, rising: 0 the base, i joint i, n_joints + 1 the tip.
+    motion_by_function : (n_functions, 6) array
+        Rotation vector [rad] and translation [mm] along the place's axes, by unit of the function.
+    coefficients : (p,) int array
+        The uncertain coefficients among those of the fit.
+    coefficient_function : (p,) int array
+        The function of each.
+    coefficient_direction : (p, 6) array
+        Its direction: how the motion at the function's place changes by the coefficient and the function's value.
+    covariance_root : (p, p) array
+        F with ``F^T F`` the covariance of the coefficients.
+    grows : bool
+        Whether terms describe the growth of the links by temperature.
+    """
+
+    model: IdentifiedModel
+    chain: Chain
+    nominal_chain: Chain
+    mass_kg: FloatArray
+    centre_in_joint_mm: FloatArray
+    gravity_in_base: FloatArray
+    functions: tuple[Expression, ...]
+    place: IntArray
+    motion_by_function: FloatArray
+    coefficients: IntArray
+    coefficient_function: IntArray
+    coefficient_direction: FloatArray
+    covariance_root: FloatArray
+    grows: bool
+
+    @property
+    def n_joints(self) -> int:
+        """Number of joints."""
+        return self.chain.n_joints
+
+    def columns(self) -> list[str]:
+        """Columns of a session that functions depend on."""
+        return sorted(one.arguments[0] for one in self.inputs if one.operation == "column")
+
+    def uses(self, kind: str) -> bool:
+        """Whether a function depends on an input of this kind."""
+        return any(one.operation == kind for one in self.inputs)
+
+    @property
+    def inputs(self) -> frozenset[Expression]:
+        """The inputs of all functions."""
+        return frozenset().union(*(function.inputs for function in self.functions))
+
+
+def plain_model(model: Compensator) -> PlainModel:
+    """The tables of a nominal, kinematic or physical model. Functions of one session are those of the first (zero).
+
+    Raises
+    ------
+    InputError
+        If the model is a network, depends on a payload that varied in its training, or has terms of a basis without
+        expressions.
+    """
+    identified = require_identified(
+        model,
+        f"expected a nominal, kinematic or physical model, got a {type(model).__name__}",
+        hint="export a network as ONNX or JSON, or the kinematic or physical model of the same readings",
+    )
+    check_not_coupled(model.arm_, "c, js or onnx")
+    fit, state = identified.fit_, model.state(Session(np.zeros((1, model.arm_.n_joints))))
+    links = loaded_links(identified)
+    rows: dict[tuple[int, Expression], int] = {}
+    entries = list(_entries(fit.perturbed_chain.terms))
+    for place, function, _, _ in sorted(entries, key=lambda entry: entry[0]):
+        rows.setdefault((place, function), len(rows))
+    motions = np.zeros((len(rows), 6))
+    function_of, directions = [], []
+    for place, function, direction, column in entries:
+        row = rows[place, function]
+        motions[row] += fit.coefficients[column] * np.array(direction)
+        function_of.append(row)
+        directions.append(direction)
+    columns = np.array([column for *_, column in entries], dtype=np.intp)
+    uncertain = fit.covariance.diagonal()[columns] > 0
+    kept = columns[uncertain]
+    plain = PlainModel(
+        model=identified,
+        chain=fit.perturbed_chain.chain,
+        nominal_chain=state.chain,
+        mass_kg=links.mass_kg,
+        centre_in_joint_mm=links.centre_in_joint_mm,
+        gravity_in_base=state.gravity_in_base,
+        functions=tuple(function for _, function in rows),
+        place=np.array([place for place, _ in rows], dtype=np.intp),
+        motion_by_function=motions,
+        coefficients=kept,
+        coefficient_function=np.array(function_of, dtype=np.intp)[uncertain],
+        coefficient_direction=np.array(directions, dtype=float).reshape(-1, 6)[uncertain],
+        covariance_root=covariance_factor(fit.covariance[np.ix_(kept, kept)]),
+        grows=any(isinstance(term.basis, Temperature) for term in fit.perturbed_chain.terms),
+    )
+    if unknown := sorted(set(plain.columns()) - set(model.training_.columns)):
+        raise InputError(f"the model has terms of a column that its training does not state: {unknown[0][:40]!r}")
+    return plain
+
+
+def loaded_links(model: IdentifiedModel) -> LinkMasses:
+    """Masses of the nominal links; the last one carries the payload of the training, at the tip.
+
+    Raises
+    ------
+    InputError
+        If the model depends on a payload that was not the same at all readings.
+    """
+    state, terms = model.state(Session(np.zeros((1, model.arm_.n_joints)))), model.fit_.perturbed_chain.terms
+    links = uniform_links(state.chain, kg_per_m=1.0) if state.links is None else state.links
+    known = model.training_.columns.get(PAYLOAD)
+    inputs = {one for term in terms for function in term.basis.expressions() or () for one in function.inputs}
+    differences_from = {one.arguments[2] for one in inputs if one.operation == "payload torque"}
+    by_gravity = state.links is not None and any(one.operation == "gravity torque" for one in inputs)
+    if known is None or not (by_gravity or differences_from):
+        return links
+    kg = known.mean
+    if not np.isclose(known.lower, known.upper) or not all(np.isclose(of, kg) for of in differences_from):
+        raise InputError(
+            "the model depends on the payload, which no export format contains",
+            hint=f"fit readings of one {PAYLOAD} to export the model for it",
+        )
+    mass, centre = links.mass_kg.copy(), links.centre_in_joint_mm.copy()
+    if not by_gravity or mass[-1] + kg == 0:
+        return links
+    centre[-1] = (mass[-1] * centre[-1] + kg * link_vectors(state.chain)[-1]) / (mass[-1] + kg)
+    mass[-1] += kg
+    return LinkMasses(mass, centre)
+
+
+def expressions_of(basis: Basis) -> tuple[Expression, ...]:
+    """What the functions of a basis are.
+
+    Raises
+    ------
+    InputError
+        If the basis does not say it.
+    """
+    expressions = basis.expressions()
+    if expressions is None and basis.is_approximate:
+        raise InputError(
+            "the model has a residual process, which of the formats of a whole model only JSON contains",
+            hint="export it as JSON, or fit the model without: --no-residual-process",
+        )
+    if expressions is None:
+        raise InputError(
+            f"the model has terms of the basis {type(basis).__name__}, which does not say what its functions are",
+            hint="give the basis a method expressions (see docs/terms.md), or export a model without these terms",
+        )
+    return expressions
+
+
+def _entries(terms: tuple[Term, ...]) -> list[tuple[int, Expression, tuple[float, ...], int]]:
+    """Place, function, direction and coefficient, one for each function of each term that is not zero throughout."""
+    entries, start = [], 0
+    for term in terms:
+        for k, expression in enumerate(expressions_of(term.basis)):
+            function, direction = expression.with_inputs(ZERO), term.direction
+            if function.value is not None:
+                direction = tuple(function.value * share for share in direction)
+                function = ONE
+            if any(direction):
+                entries.append((term.place, function, direction, start + k))
+        start += term.n_coefficients
+    return entries

@@ -1,0 +1,247 @@
+"""The paper's procedure on readings of a person's own: choose a network by trying, train it, test it on fresh poses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from truearm.arm import Arm
+from truearm.errors import InputError
+from truearm.identification.judgement.paired_comparison import selected
+from truearm.identification.references.cross_validation_groups import cross_validation_groups
+from truearm.models import Compensator, NetworkModel
+from truearm.number_format import format_number
+from truearm.readings import Session
+from truearm.typing import FloatArray
+from truearm.wings.gao2017.results import MODELS
+from truearm.wings.gao2017.search import CoordinateErrors, CrossValidation, SearchGrid, SettingResult
+from truearm.wings.gao2017.training import ProgressCallback
+
+SIMPLEST_FIRST = ("nominal", "kinematic", "physical", "hybrid", "network")
+LEAST_READINGS = 6  # of a training with fewer readings
+Row = tuple[str | float | None, ...]
+"""Cells of a table."""
+GAIN = 1.1  # of twice the readings, from which more are worth measuring
+
+
+@dataclass(frozen=True, eq=False)
+class Procedure:
+    """Everything that the procedure found.
+
+    Attributes
+    ----------
+    grid : SearchGrid
+    n_readings, n_groups : int
+        Training readings, and the positions or poses that the folds keep together.
+    search : tuple of SettingResult
+        Table 4 of this arm.
+    amounts : tuple of SettingResult
+        The chosen network with fewer readings, and last with all of a fold.
+    chosen : SettingResult
+    network : NetworkModel
+        Trained on all readings.
+    fresh : bool
+        Whether readings of their own tested the models; else those that the folds held out.
+    points : (n, 3) array
+        Of the test [mm].
+    predicted : dict of str to (n, 3) array
+        By model [mm]: the network and, of an arm that is known, nominal, kinematic, hybrid and physical.
+    errors : dict of str to CoordinateErrors
+    n_outside : int
+        Readings of the test outside the trained range.
+    best : str or None
+        The simplest model whose error exceeds the smallest by no more than a standard error; None without an arm.
+    refused : dict of str to str
+        Models that these readings do not determine, and why.
+    """
+
+    grid: SearchGrid
+    n_readings: int
+    n_groups: int
+    search: tuple[SettingResult, ...]
+    amounts: tuple[SettingResult, ...]
+    chosen: SettingResult
+    network: NetworkModel
+    fresh: bool
+    points: FloatArray
+    predicted: dict[str, FloatArray]
+    errors: dict[str, CoordinateErrors]
+    n_outside: int
+    best: str | None
+    refused: dict[str, str]
+
+    def test_phrase(self) -> str:
+        """What the models were tested on."""
+        n = len(self.points)
+        return f"on {n} fresh readings" if self.fresh else f"on {n} readings that the cross-validation held out"
+
+    def summary(self) -> str:
+        """The answer: errors of the network and of the model to use, and which that is."""
+        own = self.errors["network"]
+        text = (
+            f"Your network ({self.chosen.setting}): mean error {format_number(own.mean_mm)} mm of a coordinate "
+            f"{self.test_phrase()}, 2 sigma {format_number(own.two_sigma_mm)} mm"
+        )
+        if self.best is None:
+            return f"{text}."
+        others = {name: one.mean_mm for name, one in self.errors.items() if name != "network"}
+        name = min(others, key=lambda name: others[name]) if self.best == "network" else self.best
+        ratio = own.mean_mm / others[name] if others[name] > 0 else 1.0
+        compared = f", {ratio:.1f} times smaller" if ratio > 1.05 else ""
+        use = "network, within its joint ranges" if self.best == "network" else f"{name} model"
+        return f"{text}; {name} model {format_number(others[name])} mm{compared}: use the {use}."
+
+    def remarks(self) -> tuple[str, ...]:
+        """What to know before using the result."""
+        found = ["A network is valid only within the joint ranges of its readings."]
+        if self.n_outside:
+            found.append(f"{self.n_outside} of {len(self.points)} test readings lie outside them.")
+        if self.best not in (None, "network"):
+            found.append(f"This writes the {self.best} model: truearm fit SESSION --arm ARM --model {self.best}.")
+        if not self.fresh:
+            found.append(
+                "There are no fresh readings (--test): every reading is predicted by models that were fitted without "
+                "its fold. That the same readings chose the network makes its error too small."
+            )
+        return (*found, *(f"There is no {name} model: {why}." for name, why in self.refused.items()))
+
+    def error_table(self) -> tuple[list[str], list[Row]]:
+        """Heads and rows: absolute errors of a coordinate of every model [mm]."""
+        levels = [f"> {level:g} mm" for level in self.errors["network"].over_mm]
+        return ["model", "mean [mm]", "95 % [mm]", "max [mm]", "2 sigma [mm]", *levels], [
+            (name, one.mean_mm, one.p95_mm, one.max_mm, one.two_sigma_mm, *one.over_mm.values())
+            for name, one in self.errors.items()
+        ]
+
+    def search_table(self) -> tuple[list[str], list[Row]]:
+        """Heads and rows: the networks of the search, then the chosen one with fewer readings."""
+        heads = ["network", "trainer", "goal", "weights", "readings", "mean [mm]", "max [mm]", "epochs", "time [s]", ""]
+        return heads, [
+            (
+                str(one.setting),
+                one.setting.training,
+                f"{one.setting.goal:g}",
+                one.n_weights,
+                one.n_train,
+                one.errors.mean_mm,
+                one.errors.max_mm,
+                round(one.epochs),
+                f"{one.seconds:.1f}",
+                "chosen" if one is self.chosen else "",
+            )
+            for one in (*self.search, *self.amounts[:-1])
+        ]
+
+    @property
+    def is_falling(self) -> bool:
+        """Whether the last doubling of the readings, or what was tried of it, lowered the error by a tenth or more."""
+        errors = [one.errors.mean_mm for one in self.amounts]
+        return len(errors) > 1 and errors[-2] > GAIN * errors[-1]
+
+    def amounts_sentence(self) -> str:
+        """How the error falls with the number of readings."""
+        values = ", ".join(f"{format_number(one.errors.mean_mm)} mm from {one.n_train}" for one in self.amounts)
+        text = f"Amount of data: mean error {values} readings."
+        if len(self.amounts) < 2:
+            return text
+        return f"{text} " + ("More readings will help." if self.is_falling else "More readings hardly help.")
+
+
+def run_procedure(
+    arm: Arm,
+    readings: Session,
+    test: Session | None,
+    *,
+    grid: SearchGrid,
+    models: Iterable[str],
+    fit: Callable[[str, Session], Compensator],
+    free: tuple[str, ...],
+    folder: Path,
+    progress: ProgressCallback | None = None,
+) -> Procedure:
+    """Search, train and test; trainings whose files are in `folder` are read.
+
+    Parameters
+    ----------
+    arm : Arm
+    readings, test : Session
+        All with points, in one frame; without a test the readings that the folds held out test the models.
+    grid : SearchGrid
+    models : iterable of str
+        Models of the arm to compare with.
+    fit : callable
+        Fits one of these to readings.
+    free : tuple of str
+        What is unknown of the placement of the arm.
+    folder : path
+    progress : callable, optional
+
+    Raises
+    ------
+    InputError
+        If there are too few poses, or a network cannot learn from the readings.
+    """
+    run = CrossValidation(readings, grid, folder, progress)
+    settings = grid.settings(len(readings), readings.n_joints)
+    for setting in settings:
+        setting.model(arm, seed=grid.seed).prepare(readings)  # refuses impossible settings before the first training
+    times = [grid.folds * run.seconds(setting, len(readings)) for setting in settings]
+    run.total = sum(times) + max(times)  # last the chosen network, with fewer readings and with all
+    held_out = dict(run.result(setting) for setting in settings)
+    chosen = min(held_out, key=lambda row: row.errors.mean_mm)
+    amounts = []
+    for amount in (n for k in (8, 4, 2) if (n := chosen.n_train // k) >= LEAST_READINGS):
+        try:
+            amounts.append(run.result(chosen.setting, amount)[0])
+        except InputError:  # of one position, for example
+            continue
+    network = run.network(
+        chosen.setting.model(arm, seed=grid.seed, free=free), chosen.setting, readings, f"{chosen.setting}, all"
+    )
+    tested = readings if test is None else test
+    predicted = {"network": held_out[chosen] if test is None else network.predict_readings(test)}
+    refused: dict[str, str] = {}
+    for name in models:
+        run.tell(0.0, f"{name} model")
+        try:
+            if test is None:
+                predicted[name] = run.held_out(lambda _, train, name=name: fit(name, train))  # type: ignore[misc]
+            else:
+                predicted[name] = fit(name, readings).predict_readings(test)
+        except InputError as error:
+            refused[name] = error.problem
+    truth = np.asarray(tested.points)
+    return Procedure(
+        grid=grid,
+        n_readings=len(readings),
+        n_groups=run.n_groups,
+        search=tuple(held_out),
+        amounts=(*amounts, chosen),
+        chosen=chosen,
+        network=network,
+        fresh=test is not None,
+        points=truth,
+        predicted=predicted,
+        errors={
+            name: CoordinateErrors.of(predicted[name] - truth)
+            for name in ("nominal", "network", *MODELS)
+            if name in predicted
+        },
+        n_outside=int(network.outside_training(tested).sum()),
+        best=_best(predicted, tested) if len(predicted) > 1 else None,
+        refused=refused,
+    )
+
+
+def _best(predicted: Mapping[str, FloatArray], tested: Session) -> str:
+    """The model to keep by mean distances by position."""
+    groups, points = cross_validation_groups(tested), np.asarray(tested.points)
+    errors = {
+        name: np.bincount(groups, np.linalg.norm(predicted[name] - points, axis=1)) / np.bincount(groups)
+        for name in SIMPLEST_FIRST
+        if name in predicted
+    }
+    return selected(errors, int(groups.max()) + 1)[0]

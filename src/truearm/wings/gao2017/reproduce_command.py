@@ -1,0 +1,126 @@
+"""``truearm reproduce``: the tables and figures of a paper beside their reproduction, or its procedure."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_args
+
+import typer
+from typer import Argument, Option
+
+from truearm.choices import Trainer
+from truearm.errors import InputError
+from truearm.verbs.console import print_json, print_line, print_status, progress
+from truearm.verbs.fit_command import layer_sizes
+from truearm.verbs.options import ARM_HELP, Json, free_parts, refuse_typed
+
+STEPS = 10_000  # of the bar
+# Options of one use of the command.
+OF_PAPER = ("table", "figure", "everything", "time_limit")
+OF_READINGS = (
+    "test", "arm", "free", "hidden", "trainer", "goal", "learning_rate", "epochs", "folds", "seed"
+)  # fmt: skip
+
+
+def reproduce(
+    context: typer.Context,
+    paper: Annotated[Literal["gao2017"], Argument(metavar="PAPER", help="The paper: gao2017.")],
+    table: Annotated[int | None, Option(metavar="2|3|4", help="One table only.")] = None,
+    figure: Annotated[int | None, Option(metavar="1..8", help="One figure only, also as figure-N.png.")] = None,
+    everything: Annotated[bool, Option("--all", help="All of it: an hour and a quarter on two cores.")] = False,
+    quick: Annotated[
+        bool, Option("--quick", help="One start a row, long trainings skipped; with --readings three small networks.")
+    ] = False,
+    time_limit: Annotated[
+        float | None,
+        Option(metavar="SECONDS", help="CPU time of one training, 400 by default; inf: no limit, many hours."),
+    ] = None,
+    readings: Annotated[
+        Path | None,
+        Option(help="Session file of your own arm: follow the paper's procedure on it, in place of its tables."),
+    ] = None,
+    test: Annotated[
+        Path | None, Option(help="With --readings: fresh readings to test on; else those held out of the folds.")
+    ] = None,
+    arm: Annotated[str | None, Option(help=f"With --readings: the arm, to compare with its models. {ARM_HELP}")] = None,
+    free: Annotated[str, Option(help="With --arm: what is unknown of its placement: base,tip or none.")] = "base,tip",
+    hidden: Annotated[
+        list[str] | None, Option(metavar="20,20", help="Units of the hidden layers to try; repeat it for more.")
+    ] = None,
+    trainer: Annotated[
+        list[str] | None, Option(help=f"Trainer to try ({', '.join(get_args(Trainer))}); repeat it for more.")
+    ] = None,
+    goal: Annotated[
+        list[float] | None, Option(metavar="MSE", help="Goal to try, 0 (none) by default; repeat it for more.")
+    ] = None,
+    learning_rate: Annotated[
+        list[float] | None,
+        Option(metavar="RATE", help="Learning rate of traingd or traingdx to try; repeat it for more."),
+    ] = None,
+    epochs: Annotated[int, Option(min=1, help="Maximum epochs of a training of the search.")] = 200,
+    folds: Annotated[int, Option(min=2, help="Folds of the cross-validation.")] = 5,
+    seed: Annotated[int, Option(min=0, help="Seed of folds and start weights.")] = 0,
+    out: Annotated[Path, Option(metavar="DIR", help="For the page and the trainings.")] = Path("truearm-gao2017"),
+    as_json: Json = False,
+) -> None:
+    """Reproduce a paper, or follow its procedure on your readings.
+
+    Trains every row of the paper's tables by MATLAB's rules (trainlm) and by truearm's own trainer (varpro), and
+    compares the results with the printed numbers. Finished trainings stay in the folder: after an
+    interruption the same command resumes with the next one.
+
+    --readings FILE: the paper's procedure on your arm. Networks of several structures and settings are tried by
+    cross-validation; the one with the smallest error is trained on all readings, written as network.truearm and
+    tested on fresh readings (--test), beside models of the arm (--arm).
+    """
+    if readings is not None:
+        refuse_typed(context, OF_PAPER, "does not go with --readings: it is of the paper's own arm")
+        search: dict[str, Any] = {
+            "hidden": tuple(map(layer_sizes, hidden or ())),
+            "trainer": tuple(trainer or ("varpro",)),
+            "goal": tuple(goal or (0.0,)),
+            "learning_rate": tuple(learning_rate or ()),
+            "epochs": epochs,
+            "folds": folds,
+            "seed": seed,
+        }
+        given = {"readings": readings, "test": test, "arm": arm, "free": free_parts(free), **search}
+        _run(paper, out, {"quick": quick, **given}, as_json=as_json)
+        return
+    refuse_typed(context, OF_READINGS, "applies to --readings only")
+    if sum((table is not None, figure is not None, everything)) > 1:
+        raise InputError("expected one of --table, --figure and --all, got more")
+    if table is None and figure is None and not everything and not quick:
+        raise InputError(
+            "expected what to reproduce, got neither --table nor --figure nor --all",
+            hint="--quick, which takes minutes; --all takes an hour and a quarter",
+        )
+    options = {"table": table, "figure": figure, "quick": quick, "time_limit": time_limit}
+    _run(paper, out, options, as_json=as_json)
+
+
+def _run(paper: Literal["gao2017"], out: Path, options: dict[str, Any], *, as_json: bool) -> None:
+    """Run, write the files and print the result."""
+    from truearm.wings.gao2017.reproduce import reproduce as reproduced
+
+    try:
+        with progress("reproducing", total=STEPS) as tell:
+            result = reproduced(
+                paper,
+                folder=out,
+                progress=lambda share, note: tell(round(STEPS * share), note),
+                **options,
+            )
+    except (KeyboardInterrupt, SystemExit):
+        print_status(f"truearm: finished trainings are in {out / 'runs'}; the same command resumes with the next one")
+        raise
+    with progress("drawing the page"):
+        numbers, page, *others = result.save(out)
+    if as_json:
+        print_json(result.to_dict())
+        return
+    print_line(str(result))
+    pictures = [str(file) for file in others if file.suffix == ".png"]
+    more = [f"the model is {file}" for file in others if file.suffix == ".truearm"]
+    more += [f"the picture{'s' * (len(pictures) > 1)} in {', '.join(pictures)}"] if pictures else []
+    print_line(f"The page is {page}; {', '.join([f'the numbers are in {numbers}', *more])}.")

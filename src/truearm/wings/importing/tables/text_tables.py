@@ -1,0 +1,269 @@
+"""Tables of text: named columns of numbers or words, however a program wrote them."""
+
+from __future__ import annotations
+
+import csv
+import re
+from bisect import bisect
+from dataclasses import dataclass, replace
+from itertools import islice
+from pathlib import Path
+
+from truearm.errors import InputError
+from truearm.files.delimited import MAX_BYTES, as_utf8, quoted_cell
+from truearm.files.file_reading import read_limited
+from truearm.files.text_encoding import recognise_encoding
+from truearm.wings.importing.tables.cell_rows import CellRows, table_of_rows
+from truearm.wings.importing.tables.cells import is_number
+from truearm.wings.importing.tables.layout import HEAD, Layout, recognise_layout, table_width
+from truearm.wings.importing.tables.separators import (
+    SEPARATORS,
+    WIDE_BLANKS,
+    Splitting,
+    recognise_fixed_width,
+    recognise_separator,
+    stands_between_wide_blanks,
+)
+from truearm.wings.importing.tables.table import Table, TableForm
+
+_COMMENT = re.compile(r"\s*(?:#(?!N/A|DIV)|%|//|!)+")
+_SEPARATOR_LINE = re.compile(r"\"?sep=(.)\"?\s*", re.IGNORECASE)
+# Around several numbers, with labels or not.
+_BRACKETS = re.compile(r"[\[({]\s*(?:[\"']?[A-Za-z]\w*[\"']?:?\s+)?[+-]?[\d.]+\s*[,;\s]\s*[^\s\])}]")
+_ASSIGNED = re.compile(r"^[^\[({]*(?::=|=|:)\s*(?=[\[({])")
+_DIGITS = re.compile(r"[+-]?\d+")
+_FRACTION = re.compile(r"^[^.,]*[.,]?")  # all before the decimals
+_LONGEST_QUOTE = 20  # lines
+_THOUSANDS = (".", ",", "'", "\u2019", " ", "\u00a0", "\u202f")
+
+
+@dataclass
+class TextLines:
+    """Lines of a text that may belong to a table.
+
+    Attributes
+    ----------
+    lines : list of str
+    numbers : list of int
+        Where each stands in the file, counted from 1.
+    comments : list of (int, str)
+        Lines of remarks, without their mark.
+    cut_off : bool
+        Whether the last line has no end.
+    separator : str, optional
+        Stated by a person, or by the first line.
+    assumed : list of str
+    """
+
+    lines: list[str]
+    numbers: list[int]
+    comments: list[tuple[int, str]]
+    cut_off: bool
+    separator: str | None
+    assumed: list[str]
+
+
+def read_text_table(path: Path, form: TableForm) -> Table:
+    """Read a table of text; what `form` does not state is recognised.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, too large, binary or no table, or a row does not fit; with the line and what to do.
+    """
+    _check_form(form)
+    data = read_limited(path, limit_bytes=MAX_BYTES)
+    encoding = form.encoding or recognise_encoding(data)
+    text = as_utf8(data, path, encoding, hint="--encoding, such as cp1252, gb18030, shift_jis or utf-16").decode()
+    del data
+    found = _lines(text, form)
+    if encoding != "utf-8" and form.encoding is None:
+        found.assumed.insert(0, f"encoding {encoding}")
+    del text
+    try:
+        return _table(found, path, form)
+    except csv.Error as error:
+        longest = max(range(len(found.lines)), key=lambda i: len(found.lines[i]))
+        problem, hint = f"the line cannot be split into cells ({error})", 'close the quotation mark (")'
+        raise InputError(problem, file=path, line=found.numbers[longest], hint=hint) from None
+
+
+def _check_form(form: TableForm) -> None:
+    separator, decimal = form.separator, form.decimal
+    if separator is not None and (len(separator) != 1 or separator in '\r\n"' or separator.isalnum()):
+        raise InputError(f"the separator must be one character such as , or ; got {quoted_cell(separator)}")
+    if decimal not in (None, ".", ","):
+        raise InputError(f"the decimal sign must be . or , got {quoted_cell(decimal)}")
+    if form.thousands not in (None, "", *_THOUSANDS):
+        hint = "--thousands ',' or '.', an apostrophe or a blank; '' for none"
+        raise InputError(f"the thousands separator cannot be {quoted_cell(form.thousands)}", hint=hint)
+    if decimal is not None and decimal == form.thousands:
+        hint = f"--decimal '{decimal}' --thousands ''"
+        raise InputError(f"the decimal sign and the thousands separator are both {decimal!r}", hint=hint)
+
+
+def _table(found: TextLines, path: Path, form: TableForm) -> Table:
+    splitting = _splitting(found, form)
+    if splitting.separator != ";":
+        _take_comments(found, re.compile(r"\s*;+"))
+    _join_quoted(found, path, splitting)
+    layout = recognise_layout(head := _head(found, splitting), form.header)
+    are_paired = layout is not None and splitting.separator == "," and _are_paired(head, layout)
+    if form.decimal == splitting.separator and not are_paired and not any('"' in line for line in found.lines[:HEAD]):
+        problem, other = (
+            f"the separator and the decimal sign are both {form.decimal!r}",
+            {",": "."}.get(form.decimal, ","),
+        )
+        raise InputError(problem, file=path, hint=f"--separator ';', or --decimal {other}")
+    if layout is None:
+        line, hint = next(iter(found.numbers), None), "--skip-lines 0" if form.skip_lines else None
+        raise InputError("expected rows of numbers, got none", file=path, line=line, hint=hint)
+    if form.thousands == splitting.separator and (names := _n_names(head)):
+        splitting = replace(splitting, grouped=names)
+        found.assumed.append(f"thousands also between {SEPARATORS.get(form.thousands, form.thousands)}")
+    elif are_paired:
+        splitting = replace(splitting, paired=True)
+        found.assumed.append("commas also within numbers")
+    elif layout.header is None and form.header is not False:
+        _insert_comments(found, splitting, layout)
+    if found.comments:
+        n = len(found.comments)
+        found.assumed.append(f"{n} comment line{'s' * (n > 1)}")
+    if found.cut_off and _is_cut_off(splitting.split(found.lines[-HEAD:]), len(layout.names)):
+        found.assumed.append(f"line {found.numbers.pop()} is cut off: ignored")
+        found.lines.pop()
+    rows = CellRows(
+        found.numbers,
+        lambda start, stop: splitting.split(found.lines[start:stop]),
+        _head(found, splitting, layout.first),
+        may_be_short=bool(splitting.separator.strip(" ")),  # between blanks any cell may be missing
+        point_is_decimal=splitting.separator == "," and not splitting.paired,
+    )
+    return table_of_rows(rows, path, form, "line", found.assumed)
+
+
+def _head(found: TextLines, splitting: Splitting, names: int = 0) -> list[list[str]]:
+    """Cells of the first lines without blanks; in the first of them, of names, no commas stand within cells."""
+    lines = found.lines[:HEAD]
+    rows = splitting.strip(lines)
+    if splitting.paired:
+        rows[:names] = replace(splitting, paired=False).strip(lines[:names])
+    width = table_width(rows)
+    return [splitting.split_names(line, row, width) for line, row in zip(lines, rows, strict=True)]
+
+
+def _lines(text: str, form: TableForm) -> TextLines:
+    """Lines that may belong to the table."""
+    every = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    skipped, separator = form.skip_lines or 0, form.separator
+    if match := _SEPARATOR_LINE.fullmatch(every[0]):
+        skipped, separator = max(skipped, 1), separator or match[1]
+    numbers = [i for i, line in enumerate(every, 1) if i > skipped and not _is_empty(line)]
+    lines = every if len(numbers) == len(every) else [every[i - 1] for i in numbers]
+    if lines and all(line[0] == "|" == line.rstrip()[-1] for line in lines):  # a table of Markdown
+        lines = [line.rstrip()[1:-1] for line in lines]
+    found = TextLines(lines, numbers, [], bool(every[-1].strip()), separator, [])
+    _take_comments(found, _COMMENT)
+    return found
+
+
+def _is_empty(line: str) -> bool:
+    """Whether a line holds nothing, or a ruler."""
+    return not line.strip("-=+|:_* \t") and (not line.strip() or "---" in line or "===" in line)
+
+
+def _take_comments(found: TextLines, mark: re.Pattern[str]) -> None:
+    """Move lines that begin with a mark of comments to the comments."""
+    match = mark.match
+    if marked := [i for i, line in enumerate(found.lines) if line and not line[0].isalnum() and match(line)]:
+        taken = set(marked)
+        rest = (line for i, line in enumerate(found.lines) if i not in taken)
+        if not any(is_number(cell) for line in islice(rest, HEAD) for cell in re.split(r"[,;\t| ]+", line)):
+            return  # the mark belongs to the rows
+        found.comments += [(found.numbers[i], mark.sub("", found.lines[i], count=1)) for i in marked]
+        found.numbers = [number for i, number in enumerate(found.numbers) if i not in taken]
+        found.lines = [line for i, line in enumerate(found.lines) if i not in taken]
+
+
+def _insert_comments(found: TextLines, splitting: Splitting, layout: Layout) -> None:
+    """Let comments above the first row that name columns or units be lines of the table."""
+    above = [(n, line) for n, line in found.comments if n < found.numbers[layout.first]]
+    width, chosen = len(layout.names), []
+    for number, line in above:
+        cells = splitting.split_names(line, splitting.strip([line])[0], width)
+        if len(cells) == width and not any(map(is_number, cells)):
+            chosen.append((number, line))
+    for number, line in chosen[-2:]:
+        found.comments.remove((number, line))
+        at = bisect(found.numbers, number)
+        found.numbers.insert(at, number)
+        found.lines.insert(at, line)
+
+
+def _splitting(found: TextLines, form: TableForm) -> Splitting:
+    lines, n = found.lines, len(found.lines)
+    sample = lines[:HEAD] + lines[max(HEAD, n - 20) :]
+    if sum(bool(_BRACKETS.search(line)) for line in sample) > 0.8 * len(sample) > 0:
+        found.lines[:] = map(_without_brackets, lines)
+        sample = list(map(_without_brackets, sample))
+        found.assumed.append("brackets around the numbers")
+    separator = found.separator or recognise_separator(sample)
+    if separator == " " and stands_between_wide_blanks(sample):
+        separator = WIDE_BLANKS
+    if separator == " " and (cuts := recognise_fixed_width(found.lines)):
+        found.assumed.append("columns of fixed width")
+        return Splitting(separator, cuts)
+    if form.separator is None and separator != ",":
+        found.assumed.append(SEPARATORS.get(separator[0], f"separator {separator}"))
+    return Splitting(separator)
+
+
+def _without_brackets(line: str) -> str:
+    line = re.sub(r"[\])}]\s*,?\s*[\[({]", ",", _ASSIGNED.sub("", line))
+    return re.sub(r"[\[\](){}]", "", line).strip().rstrip(";,")
+
+
+def _join_quoted(found: TextLines, path: Path, splitting: Splitting) -> None:
+    """Make one line of those between which a quoted cell goes on."""
+    if splitting.separator[0] == " " or not any(line.count('"') % 2 for line in found.lines):
+        return
+    reader = csv.reader((f"{line}\n" for line in found.lines), delimiter=splitting.separator, skipinitialspace=True)
+    lines, numbers, begin = [], [], 0
+    for _ in reader:
+        end = reader.line_num
+        if end - begin > _LONGEST_QUOTE:
+            line = found.numbers[begin]
+            raise InputError("a quoted cell does not end", file=path, line=line, hint='close the quotation mark (")')
+        lines.append(" ".join(found.lines[begin:end]))
+        numbers.append(found.numbers[begin])
+        begin = end
+    found.lines, found.numbers = lines, numbers
+
+
+def _are_paired(head: list[list[str]], layout: Layout) -> bool:
+    """Whether commas stand between cells and within their numbers: every number is in two cells."""
+    body, width = head[layout.first :], len(head[layout.first])
+    if any(len(row) != width or not all(map(_DIGITS.fullmatch, row)) for row in body) or width % 2:
+        return False
+    fractions = [cell for row in body for cell in row[1::2]]
+    if not all(map(str.isdecimal, fractions)):
+        return False
+    named = layout.unmatched is not None and 2 * len(head[layout.unmatched]) == width
+    return named or any(cell[0] == "0" and len(cell) > 1 for cell in fractions)
+
+
+def _n_names(head: list[list[str]]) -> int:
+    """How many cells the line of names has; 0 if there is none."""
+    return next((len(row) for row in reversed(head) if len(row) > 1 and not any(map(is_number, row))), 0)
+
+
+def _is_cut_off(rows: list[list[str]], width: int) -> bool:
+    """Whether the last row ends before the others do: it lacks cells, or decimals that all others have."""
+    *others, last = rows
+    full = [row for row in others if len(row) >= width]
+    if len(last) < width:
+        return len(full) == len(others) > 1
+    if not any(row[width - 1].strip().endswith("0") for row in full):  # as many decimals as a number needs
+        return False
+    decimals = {len(_FRACTION.sub("", row[width - 1].strip())) for row in full[1:]}
+    return len(full) > 3 and len(decimals) == 1 and len(_FRACTION.sub("", last[width - 1].strip())) < decimals.pop()

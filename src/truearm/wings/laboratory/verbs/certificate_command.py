@@ -1,0 +1,162 @@
+"""``truearm certificate``: a verification as a digital calibration certificate."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from typer import Option
+
+from truearm.errors import InputError
+from truearm.verbs.console import print_json, print_line, print_record, print_status
+from truearm.verbs.options import AcceptOption, Json, refuse_typed, typed_options
+from truearm.wings.laboratory.verbs.verify_command import ArtefactsFile, MpeFile, RuleOption
+
+if TYPE_CHECKING:
+    from truearm.wings.laboratory.signatures.x509_certificates import Signer
+
+
+def certificate(
+    context: typer.Context,
+    plan: Annotated[str, Option(help="Test plan, as of truearm verify.")] = "",
+    points: Annotated[Path | None, Option(help="Measured points, .csv.")] = None,
+    as_found: Annotated[
+        Path | None, Option(help="Points measured before the adjustment or repair that --about states, .csv.")
+    ] = None,
+    artefacts: ArtefactsFile = None,
+    mpe: MpeFile = None,
+    about: Annotated[
+        Path | None, Option(help="Number, dates, arm, laboratory, customer, persons, room, .toml.")
+    ] = None,
+    out: Annotated[Path | None, Option(help="Certificate to write, .xml.")] = None,
+    html: Annotated[Path | None, Option(help="The same for people, .html.")] = None,
+    pdf: Annotated[Path | None, Option(help="The same for paper, .pdf: PDF/A-3 with the XML file inside.")] = None,
+    logo: Annotated[Path | None, Option(help="With --pdf: the laboratory's logo, .png or .svg.")] = None,
+    sign: Annotated[
+        Path | None,
+        Option(
+            help="Private key to sign the XML file with, .pem: RSA of 2048 bits or more, or an elliptic curve of 256 "
+            "bits or more."
+        ),
+    ] = None,
+    signer: Annotated[Path | None, Option(help="With --sign: the key's certificate, .pem.")] = None,
+    rule: RuleOption = None,
+    unconfirmed: Annotated[
+        bool,
+        Option(
+            "--unconfirmed",
+            help="Certify although numbers of the plan are not confirmed: marked 'not for conformity decisions'.",
+        ),
+    ] = False,
+    accept: AcceptOption = None,
+    template: Annotated[
+        bool, Option("--template", help="Print a file to fill in for --about, and nothing else.")
+    ] = False,
+    read: Annotated[Path | None, Option(help="Read a certificate, .xml or .pdf, and verify its signature.")] = None,
+    trusted: Annotated[
+        Path | None,
+        Option(help="With --read: certificates that you trust, of the signer or of who issued the signer's, .pem."),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """State a verification as a calibration certificate.
+
+    The result is a digital calibration certificate (DCC), an XML file in the format of PTB. The files are those of
+    truearm verify; --about has the other data of a certificate. --pdf writes the certificate for paper.
+
+    With --read: what a certificate states, of truearm or of another laboratory, and who signed it. One that contradicts
+    itself is refused. The exit code is 0 if the signature is good or there is none, 1 if it is broken (do not use the
+    file), 3 if it is not verifiable here.
+    """
+    if template:
+        from truearm.wings.laboratory.certificate.administrative_data import template as template_text
+
+        print_line(template_text().rstrip("\n"))
+        return
+    if read is not None:
+        _check_reads_only(context)
+        _print_read(read, trusted, as_json)
+        return
+    for option, other, value in (("logo", "pdf", pdf), ("sign", "signer", signer), ("signer", "sign", sign)):
+        if value is None:
+            refuse_typed(context, [option], f"applies to --{other} only", hint=f"add --{other}")
+    refuse_typed(context, ["trusted"], "applies to --read only", hint="add --read")
+    given = {"--points": points, "--artefacts": artefacts, "--mpe": mpe, "--about": about, "--out": out}
+    points_file, artefacts_file, mpe_file, about_file, certificate_file = _needed({"--plan": plan or None}, given)
+    from truearm.wings.laboratory.verbs.certificate import certificate as stated
+    from truearm.wings.laboratory.verbs.certificate import check_certificate_paths
+    from truearm.wings.laboratory.verbs.verify import verify
+
+    inputs = (Path(plan), points_file, as_found, artefacts_file, mpe_file, about_file, logo, sign, signer)
+    check_certificate_paths(certificate_file, html, pdf, *inputs)
+    signing = None if sign is None or signer is None else _signer(sign, signer)
+    given_points = [points_file] if as_found is None else [points_file, as_found]
+    results = [
+        verify(file, plan=plan, artefacts=artefacts_file, specification=mpe_file, rule=rule, accept=accept)
+        for file in given_points
+    ]
+    before = None if as_found is None else results[1]
+    result = stated(results[0], about_file, as_found=before, unconfirmed=unconfirmed, accept=accept)
+    result.save(certificate_file, html, pdf=pdf, logo=logo, signer=signing)
+    print_record(result, as_json=as_json, files={"certificate": out, "page": html, "PDF": pdf})
+
+
+def _print_read(file: Path, trusted: Path | None, as_json: bool) -> None:
+    """Print what a certificate states; exit with a code for a signature that is broken or not verifiable here."""
+    from truearm.wings.laboratory.signatures.xml_references import BrokenSignature, UnverifiedSignature
+    from truearm.wings.laboratory.signatures.xml_signatures import BROKEN, NOT_VERIFIABLE
+    from truearm.wings.laboratory.verbs.certificate import read_certificate
+
+    try:
+        result = read_certificate(file, trusted=trusted)
+    except (BrokenSignature, UnverifiedSignature) as error:
+        broken = isinstance(error, BrokenSignature)
+        if as_json:
+            print_json(
+                {
+                    "signature": {
+                        "answer": BROKEN if broken else NOT_VERIFIABLE,
+                        "reason": error.problem.partition(": ")[2],
+                    }
+                }
+            )
+        print_status(f"truearm: {error}")
+        raise typer.Exit(1 if broken else 3) from None
+    print_record(result, as_json=as_json)
+    if result.signature is not None and result.signature.answer == NOT_VERIFIABLE:
+        raise typer.Exit(3)
+
+
+def _needed(plan: dict[str, str | None], files: dict[str, Path | None]) -> tuple[Path, ...]:
+    """The files that a certificate needs, if the plan and all of them are given."""
+    for option, value in (plan | files).items():
+        if value is None:
+            hint = "truearm certificate --template > about.toml" if option == "--about" else None
+            raise InputError(f"{option} is missing", hint=hint or "truearm certificate --help")
+    return tuple(file for file in files.values() if file is not None)
+
+
+def _check_reads_only(context: typer.Context) -> None:
+    """Check that no option of a new certificate is given with --read: it would have no effect."""
+    typed = typed_options(context)
+    if surplus := [option for name, option in typed.items() if name not in ("read", "trusted", "as_json")]:
+        raise InputError(
+            f"{', '.join(surplus)} has no effect with --read", hint="use --read with --trusted or --json only"
+        )
+
+
+def _signer(key: Path, certificate: Path) -> Signer:
+    """Read the key and its certificate; ask for the password of an encrypted key."""
+    from truearm.wings.laboratory.signatures.x509_certificates import is_encrypted, read_signer
+
+    asked = is_encrypted(key)
+    if asked and not sys.stdin.isatty():
+        raise InputError(
+            "the key is encrypted, and there is no terminal to ask for its password",
+            file=key,
+            hint="sign in a terminal, or in Python with read_signer(KEY, CERTIFICATE, password=...)",
+        )
+    password = typer.prompt(f"Password of {key}", hide_input=True, err=True) if asked else None
+    return read_signer(key, certificate, password=password)

@@ -1,0 +1,277 @@
+"""The axes of all joints in one pose, estimated from all circles together: a product of exponentials.
+
+In the pose `q0` joint i turns about a line through ``c_i`` along ``w_i``, or slides along it, and the target is at
+``p``; elsewhere it is at ``exp(S_1 (q_1 - q0_1)) ... exp(S_n (q_n - q0_n)) p`` (R. M. Murray, Z. Li, S. S. Sastry, "A
+Mathematical Introduction to Robotic Manipulation", 1994, chapter 3). Four numbers a turning joint, two a sliding one
+and three of the target are all that points can show, whatever the other joints stood at.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Self
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from truearm.arm import Chain
+from truearm.arm.nearest_table import NEARLY_PARALLEL
+from truearm.arm.rigid_motions import rotation_from_z_to, screw_z
+from truearm.readings import Session
+from truearm.solve import DenseProblem, gauss_newton
+from truearm.typing import BoolArray, FloatArray
+from truearm.wings.planning.circles.joint_circles import JointCircle
+
+# An axis that is more uncertain than this describes no arm [rad].
+MAX_DIRECTION_STD = 0.1
+# Circles that scatter together by so many times as much as one by one, and by so much, are not of one arm, base and
+# target: arms bend by less.
+MAX_SCATTER_RATIO, MAX_SCATTER_MM = 3.0, 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class Axes:
+    """Axes of joints and a target in one pose, in the frame of the instrument.
+
+    Attributes
+    ----------
+    pose : (n_joints,) array
+        [rad, or mm for sliding joints].
+    directions : (n_joints, 3) array
+        Unit vectors.
+    points : (n_joints, 3) array
+        A point on each axis [mm]; that of a sliding joint has no meaning.
+    is_prismatic : (n_joints,) array of bool
+    target : (3,) array
+        [mm].
+    """
+
+    pose: FloatArray
+    directions: FloatArray
+    points: FloatArray
+    is_prismatic: BoolArray
+    target: FloatArray
+
+    @property
+    def n_parameters(self) -> int:
+        """Number of components of a step of `moved`."""
+        return 3 + int(np.where(self.is_prismatic, 2, 4).sum())
+
+    def moved(self, step: FloatArray) -> Self:
+        """A step is the target's shift, then from the last joint to the first tilt and shift of its axis."""
+        directions, points, at = self.directions.copy(), self.points.copy(), 3
+        for i in reversed(range(len(self.pose))):
+            across = rotation_from_z_to(self.directions[i])[:, :2]
+            directions[i] += across @ step[at : at + 2]
+            directions[i] /= np.linalg.norm(directions[i])
+            at += 2
+            if not self.is_prismatic[i]:
+                points[i] += across @ step[at : at + 2]
+                at += 2
+        return replace(self, directions=directions, points=points, target=self.target + step[:3])
+
+    def targets(self, angles: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """The target at joint angles (m, n_joints), and its derivatives.
+
+        Returns
+        -------
+        points : (m, 3) array
+            [mm].
+        by_step : (m, 3, n_parameters) array
+            By the components of a step of `moved` [mm per rad or mm].
+        by_gain : (m, 3, n_joints) array
+            By the gain of each joint, the factor of its angles from `pose` [mm], last joint first.
+        """
+        m = len(angles)
+        p = np.tile(self.target, (m, 1))
+        by_step, by_gain = np.tile(np.eye(3), (m, 1, 1)), np.zeros((m, 3, 0))
+        for i in reversed(range(len(self.pose))):
+            w, c, turn = self.directions[i], self.points[i], (angles[:, i] - self.pose[i])[:, None]
+            across = rotation_from_z_to(w)[:, :2].T
+            if self.is_prismatic[i]:
+                own = [turn * u for u in across]
+                p, gained = p + turn * w, turn * w
+            else:
+                R, v = Rotation.from_rotvec(turn * w).as_matrix(), p - c
+                sin, versine = np.sin(turn), 1 - np.cos(turn)
+                own = [np.cross(u, v) * sin + (u * (v @ w)[:, None] + w * (v @ u)[:, None]) * versine for u in across]
+                own += [u - R @ u for u in across]
+                moved = np.einsum("mxy,my->mx", R, v)
+                p, gained = c + moved, np.cross(w, moved) * turn
+                by_step, by_gain = R @ by_step, R @ by_gain
+            by_step = np.concatenate([by_step, np.stack(own, axis=2)], axis=2)
+            by_gain = np.concatenate([by_gain, gained[:, :, None]], axis=2)
+        return p, by_step, by_gain
+
+    def frames(self) -> FloatArray:
+        """(n_joints, 4, 4) a frame on each axis, z along it, where a D-H table has them [mm].
+
+        At the foot of the common normal with the axis before, at its height where both are nearly parallel; that of a
+        sliding joint at the frame before.
+        """
+        frames = np.tile(np.eye(4), (len(self.pose), 1, 1))
+        for i, (w, c) in enumerate(zip(self.directions, self.points, strict=True)):
+            frames[i, :3, :3] = rotation_from_z_to(w)
+            origin = self.target if self.is_prismatic[i] else c
+            if i:
+                before, z = frames[i - 1, :3, 3], frames[i - 1, :3, 2]
+                cos = float(w @ z)
+                if self.is_prismatic[i]:
+                    origin = before
+                elif abs(cos) > np.cos(NEARLY_PARALLEL):
+                    origin = c + w * ((before - c) @ z) / cos
+                else:
+                    origin = c + w * ((before - c) @ (w - cos * z)) / (1 - cos**2)
+            frames[i, :3, 3] = origin
+        return frames
+
+    def chain(self) -> Chain:
+        """The arm in the frame of the instrument."""
+        frames = self.frames()
+        fixed = [frames[0], *(np.linalg.inv(one) @ other for one, other in pairwise(frames))]
+        back = [
+            screw_z(0.0, -q) if slides else screw_z(-q, 0.0)
+            for q, slides in zip(self.pose, self.is_prismatic, strict=True)
+        ]
+        tip = np.linalg.inv(frames[-1]) @ [*self.target, 1.0]
+        return Chain(
+            np.array([*(F @ J for F, J in zip(fixed, back, strict=True)), np.eye(4)]), tip[:3], self.is_prismatic
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class EstimatedAxes:
+    """Axes with their uncertainty.
+
+    Attributes
+    ----------
+    axes : Axes
+    covariance : (p, p) array
+        Of a step of `Axes.moved`.
+    residual_std_mm : float
+        Standard deviation of a coordinate about the circles.
+    gains : (n_joints,) array
+        Factor of each joint's angles that fits its circles best, beside all else; 1 of an encoder that is right.
+    gain_std : (n_joints,) array
+        Their standard uncertainties.
+    """
+
+    axes: Axes
+    covariance: FloatArray
+    residual_std_mm: float
+    gains: FloatArray
+    gain_std: FloatArray
+
+    @property
+    def direction_std(self) -> FloatArray:
+        """(n_joints,) largest standard uncertainty of each axis's direction [rad]."""
+        n_own = np.where(self.axes.is_prismatic, 2, 4)
+        first = 3 + np.cumsum([0, *n_own[:0:-1]])[::-1]
+        blocks = [self.covariance[i : i + 2, i : i + 2] for i in first.tolist()]
+        return np.sqrt([np.linalg.eigvalsh(block)[-1] for block in blocks])
+
+
+def estimate_axes(session: Session, circles: Sequence[JointCircle], is_prismatic: BoolArray) -> EstimatedAxes:
+    """Axes by least squares over all points of all circles, weighted by their uncertainties where these are stated.
+
+    Raises
+    ------
+    InputError
+        If the circles do not determine the axes.
+    """
+    assert session.points is not None  # the circles are of points
+    rows = np.unique(np.concatenate([circle.rows for circle in circles]))
+    angles, points = session.angles[rows], session.points[rows]
+    stated = None if session.point_std is None else session.point_std[rows]
+    is_stated = stated is not None and bool((stated > 0).all())
+    weight = 1 / stated if is_stated and stated is not None else np.ones_like(points)
+
+    def residuals_and_jacobian(axes: Axes) -> tuple[FloatArray, FloatArray]:
+        found, by_step, _ = axes.targets(angles)
+        return (weight * (found - points)).ravel(), (weight[:, :, None] * by_step).reshape(points.size, -1)
+
+    start = _start(session, circles, is_prismatic)
+    axes = gauss_newton(DenseProblem(residuals_and_jacobian), start, move=Axes.moved).x
+    found, by_step, by_gain = axes.targets(angles)
+    residuals = found - points
+    jacobian = (weight[:, :, None] * by_step).reshape(points.size, -1)
+    n_free = points.size - axes.n_parameters
+    if n_free < 1 or np.linalg.matrix_rank(jacobian) < axes.n_parameters:
+        raise session.error(
+            "these circles do not determine the axes of all joints", hint="more points over longer arcs of every joint"
+        )
+    variance = float(((weight * residuals) ** 2).sum()) / n_free
+    if is_stated:
+        variance = max(variance, 1.0)
+    covariance = variance * np.linalg.inv(jacobian.T @ jacobian)
+    # One Gauss-Newton step of all gains beside the axes.
+    of_gains = (weight[:, :, None] * by_gain[:, :, ::-1]).reshape(points.size, -1)
+    beside = of_gains - jacobian @ np.linalg.lstsq(jacobian, of_gains, rcond=None)[0]
+    gram = np.linalg.pinv(beside.T @ beside)
+    gains = 1 - gram @ (beside.T @ (weight * residuals).ravel())
+    left = (weight * residuals).ravel() + beside @ (gains - 1)
+    gain_std = np.sqrt(gram.diagonal() * float(left @ left) / max(n_free - len(gains), 1))
+    std = float(np.sqrt((residuals**2).sum() / n_free))
+    estimated = EstimatedAxes(axes, covariance, std, gains, gain_std)
+    _check(session, circles, estimated)
+    return estimated
+
+
+def _check(session: Session, circles: Sequence[JointCircle], estimated: EstimatedAxes) -> None:
+    """Refuse circles that are not of one arm."""
+    each = float(np.sqrt(np.mean([circle.residual_std_mm**2 for circle in circles])))
+    if estimated.residual_std_mm > max(MAX_SCATTER_RATIO * each, MAX_SCATTER_MM):
+        session.contradict(
+            f"the circles scatter by {estimated.residual_std_mm:.2g} mm together and by {each:.2g} mm one by one: they "
+            "are not of one arm with one base and one target",
+            hint="base, instrument and target must stay where they are between the circles; the angles of the joints "
+            "that stand must be right, too, and no joint may pull another along (import --couple)",
+        )
+
+
+def check_directions(session: Session, circles: Sequence[JointCircle], estimated: EstimatedAxes) -> None:
+    """Refuse axes that are too uncertain to describe an arm.
+
+    Raises
+    ------
+    InputError
+    """
+    worst = int(np.argmax(estimated.direction_std))
+    if (tilt := estimated.direction_std[worst]) > MAX_DIRECTION_STD:
+        own = max((one for one in circles if one.joint == worst), key=lambda one: one.travel)
+        travel = f"{own.travel:.0f} mm" if own.radius_mm == 0 else f"{np.degrees(own.travel):.0f} deg"
+        raise session.error(
+            f"the axis of J{worst + 1} is uncertain by {np.degrees(min(tilt, np.pi)):.2g} deg: {len(own.rows)} points "
+            f"over {travel}, {own.radius_mm:.0f} mm from the axis, scatter by {estimated.residual_std_mm:.2g} mm",
+            int(own.rows[0]),
+            hint="read more points over a longer arc, with the target farther from that axis",
+        )
+
+
+def _start(session: Session, circles: Sequence[JointCircle], is_prismatic: BoolArray) -> Axes:
+    """Axes from the circles one by one, base first: each is brought to the pose by the joints before it."""
+    assert session.points is not None
+    pose = np.median(session.angles[np.concatenate([circle.rows for circle in circles])], axis=0)
+    n = len(pose)
+    axes = Axes(pose, np.tile([0.0, 0.0, 1.0], (n, 1)), np.zeros((n, 3)), is_prismatic, np.zeros(3))
+    for joint in range(n):
+        best = min((one for one in circles if one.joint == joint), key=lambda one: one.direction_std)
+        stood = np.median(session.angles[best.rows], axis=0)
+        stood[joint:] = pose[joint:]
+        ends = np.stack([best.point, best.point + best.direction])
+        first, second = (_before(axes, stood, end, joint) for end in ends)
+        axes.points[joint], axes.directions[joint] = first, (second - first) / np.linalg.norm(second - first)
+    rows = circles[-1].rows
+    targets = [_before(axes, session.angles[row], session.points[row], n) for row in rows.tolist()]
+    return replace(axes, target=np.mean(targets, axis=0))
+
+
+def _before(axes: Axes, angles: FloatArray, point: FloatArray, n: int) -> FloatArray:
+    """Where a point that the first n joints carry is in the pose of the axes, if it is at `point` at `angles`."""
+    for w, c, slides, turn in zip(
+        axes.directions[:n], axes.points[:n], axes.is_prismatic, angles - axes.pose, strict=False
+    ):
+        point = point - turn * w if slides else c + Rotation.from_rotvec(-turn * w).apply(point - c)
+    return point

@@ -1,0 +1,165 @@
+"""``truearm arms``: the arms of the catalogue, the constants of one arm, or an arm file to start one's own from."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from typer import Argument, Option
+
+from truearm.choices import Convention
+from truearm.errors import InputError
+from truearm.pages.page_record import check_page_path
+from truearm.verbs.console import print_line, print_record
+from truearm.verbs.options import ARM_HELP, AcceptOption, Force, Json, free_parts, refuse_typed
+from truearm.verbs.outputs import check_new_output
+
+
+def arms(
+    context: typer.Context,
+    arm: Annotated[str, Argument(metavar="[ARM]", help=f"{ARM_HELP} Or a model file.", show_default=False)] = "",
+    out: Annotated[
+        Path | None, Option(help="Write it as an arm file, .toml or .urdf; with --page: the page, .html.")
+    ] = None,
+    page: Annotated[
+        bool, Option("--page", help="Write a page: a drawing to turn, a slider a joint, the tip's coordinates.")
+    ] = False,
+    convention: Annotated[Convention, Option(help="Convention of the table that is printed or written.")] = "dh",
+    readings: Annotated[
+        Path | None, Option(help="A session: say which mistake in the arm file or the readings explains it.")
+    ] = None,
+    lengths: Annotated[Path | None, Option(help="Known lengths between seats of the session.")] = None,
+    search: Annotated[str, Option(help="List only the arms whose name or title has these words.")] = "",
+    free: Annotated[
+        str, Option(help="With --readings: what is unknown of the arm's placement, as in fit.")
+    ] = "base,tip",
+    apply: Annotated[
+        Path | None, Option(help="With --readings: write the arm without the mistake to a new arm file, .toml.")
+    ] = None,
+    from_circles: Annotated[
+        Path | None, Option(help="A session in which each joint in turn moves alone: measure an arm without a drawing.")
+    ] = None,
+    circles_plan: Annotated[
+        int | None, Option(metavar="N", help="Write the session of --from-circles to fill in, for N joints, to --out.")
+    ] = None,
+    points: Annotated[int, Option(help="With --circles-plan: points of each circle.")] = 12,
+    span: Annotated[
+        float, Option(help="With --circles-plan: from the first to the last angle of a circle [deg].")
+    ] = 60,
+    accept: AcceptOption = None,
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """List the arms known by name, or print or write one.
+
+    Without a name: the list, with --search those of a maker or type. With a name, also as its maker writes it: the
+    constants of the nominal arm. With a model file: the identified arm, with base and tip in the frame of the
+    reference. With a name and --out: an arm file, to edit into your own arm's, or to use elsewhere. With --page: a page
+    on which the arm is turned with the mouse and its joints are moved, to see whether a file describes an arm;
+    NAME.html unless --out names another.
+    With --readings: what is wrong where arm and readings contradict each other. Nothing is changed; --apply writes the
+    arm without the mistake to a new file.
+    With --from-circles: an arm without a drawing, measured by the circles that its joints describe one by one.
+    """
+    from truearm.arm import write_arm
+    from truearm.arm.catalogue import arm_path
+    from truearm.verbs.inputs import is_model_file
+    from truearm.wings.reports.arms import catalogue, describe_arm, page_name
+
+    if circles_plan is None:
+        refuse_typed(context, ("points", "span"), "applies to --circles-plan only")
+    if from_circles is None:
+        refuse_typed(context, ("accept",), "applies to --from-circles only")
+    if from_circles is not None or circles_plan is not None:
+        of_name = ("arm", "page", "readings", "lengths", "free", "apply")
+        refuse_typed(context, of_name, "does not apply to --from-circles and --circles-plan")
+        if from_circles is None:
+            _write_circles_plan(out, circles_plan or 0, points, span, force=force)
+        elif circles_plan is None:
+            _measure(from_circles, out, convention, accept, force=force, as_json=as_json)
+        else:
+            raise InputError("--circles-plan writes the file that --from-circles reads", hint="one of them at a time")
+        return
+    if readings is not None or lengths is not None or apply is not None:
+        if readings is None or not arm or out is not None or page or is_model_file(arm):
+            name = arm if arm and not is_model_file(arm) else "my-arm.toml"
+            raise InputError(
+                "--readings needs a nominal arm, without --out and --page; --lengths and --apply need --readings",
+                hint=f"truearm arms {name} --readings {readings or 'session.csv'}",
+            )
+        _diagnose(arm, readings, lengths, free, apply, force=force, as_json=as_json)
+        return
+    if search and arm:
+        raise InputError("--search needs no name of an arm", hint=f"truearm arms --search '{search}'")
+    if not arm:
+        if out is not None or page:
+            option = "--page" if page else "--out"
+            hint = "truearm arms my-arm.toml --page" if page else "truearm arms gao2017 --out my-arm.toml"
+            raise InputError(f"{option} needs the name of an arm", hint=hint)
+        print_record(catalogue(search), as_json=as_json)
+        return
+    if page:
+        out = out or page_name(arm)
+        check_page_path(out, arm_path(arm))
+        description = describe_arm(arm, convention=convention)
+        description.save_page(out)
+        print_record(description, as_json=as_json, files={"page": out})
+        return
+    if out is not None and is_model_file(arm):
+        raise InputError(
+            "the constants of a model mean little without its other terms",
+            file=arm,
+            hint=f"truearm export {arm} --out {out}: constants refitted to the whole model",
+        )
+    description = describe_arm(arm, convention=convention)
+    if out is None:
+        print_record(description, as_json=as_json)
+        return
+    check_new_output(out, arm_path(arm), force=force)
+    write_arm(description.arm, out, convention=convention)
+    print_line(f"{out}: {description.arm.name}, {description.arm.n_joints} joints")
+
+
+def _diagnose(
+    arm: str, readings: Path, lengths: Path | None, free: str, apply: Path | None, *, force: bool, as_json: bool
+) -> None:
+    """Say which mistake explains the readings; write the arm without it to a new file."""
+    from truearm.arm import write_arm
+    from truearm.arm.catalogue import arm_path
+    from truearm.verbs.diagnose import diagnose
+
+    if apply is not None:
+        check_new_output(apply, readings, arm_path(arm), lengths, force=force, endings=(".toml",))
+    found = diagnose(arm, readings, lengths=lengths, free=free_parts(free))
+    if apply is not None:
+        write_arm(found.mended_arm(), apply)
+    print_record(found, as_json=as_json, files={"arm": apply})
+
+
+def _write_circles_plan(out: Path | None, n_joints: int, points: int, span: float, *, force: bool) -> None:
+    """The session to fill in: each joint in turn at its angles, the others at zero."""
+    from truearm.wings.planning.arm_from_circles import write_circles_form
+
+    if out is None:
+        raise InputError("--circles-plan needs --out", hint=f"truearm arms --circles-plan {n_joints} --out circles.csv")
+    write_circles_form(out, n_joints, points=points, span_deg=span, force=force)
+    print_line(
+        f"{out}: {n_joints * points} readings, {points} of each of {n_joints} joints. Fill in angles and points; then "
+        f"truearm arms --from-circles {out} --out my-arm.toml"
+    )
+
+
+def _measure(
+    circles: Path, out: Path | None, convention: Convention, accept: str | None, *, force: bool, as_json: bool
+) -> None:
+    """The arm of a session of circles, printed and, with --out, written."""
+    from truearm.wings.planning.arm_from_circles import arm_from_circles
+
+    if out is not None:
+        check_new_output(out, circles, force=force, endings=(".toml", ".urdf"))
+    name = "my-arm" if out is None else out.stem
+    measured = arm_from_circles(circles, name=name, convention=convention, accept=accept)
+    if out is not None:
+        measured.save(out)
+    print_record(measured, as_json=as_json, files={"arm": out})

@@ -1,0 +1,103 @@
+"""The uncertainty a model states at readings, put together, and the readings that belie it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from truearm.arm.catalogue import load_arm
+from truearm.models import KinematicModel, NominalModel
+from truearm.models.uncertainty import UncertaintyBudget, uncertainty_budget
+from truearm.readings import Session
+from truearm.wings.planning.designs.sampling import box, seat
+from truearm.wings.planning.virtual import PRESETS, VirtualArm
+
+ARM = load_arm("gao2017")
+
+
+@pytest.fixture(scope="module")
+def virtual():
+    return VirtualArm.draw(ARM, PRESETS["shop"], seed=3)
+
+
+@pytest.fixture(scope="module")
+def model(virtual):
+    return KinematicModel(ARM, free=()).fit_readings(virtual.measure(box(ARM, 150, seed=1).angles, seed=1).readings)
+
+
+@pytest.fixture(scope="module")
+def others(virtual):
+    return virtual.measure(box(ARM, 300, seed=2).angles, seed=2).readings
+
+
+def test_the_parts_add_up(model, others):
+    budget, _ = uncertainty_budget(model, others)
+    assert budget.combined_mm == pytest.approx(np.hypot(budget.of_parameters_mm, budget.unexplained_mm))
+    share = model.variance_function_.share(others.angles)
+    assert budget.unexplained_mm == pytest.approx(model.residual_std_ * np.sqrt(share.mean()))
+    assert budget.combined_mm < budget.largest_mm
+    assert budget.expanded_mm == 2 * budget.combined_mm
+    assert budget.ellipsoid_mm == pytest.approx(2.7955 * budget.combined_mm, rel=1e-4)  # the root of chi^2, 3 d.o.f.
+    covariance = model.predict_readings(others, return_cov=True)[1]
+    assert budget.combined_mm**2 == pytest.approx(np.trace(covariance, axis1=1, axis2=2).mean() / 3)
+    assert not budget.is_relative
+
+
+def test_it_counts_the_points_that_lie_in_their_ellipsoids(model, others):
+    budget, far = uncertainty_budget(model, others)
+    assert budget.n_points == 300
+    points, covariance = model.predict_readings(others, return_cov=True)
+    inside = 0
+    for predicted, measured, spread, std in zip(points, others.points, covariance, others.point_std, strict=True):
+        off = predicted - measured
+        inside += off @ np.linalg.inv(spread + np.diag(std**2)) @ off < UncertaintyBudget.ellipsoid_factor**2
+    assert budget.n_covered == inside
+    assert budget.n_covered / 300 > 0.9
+    assert far == ()
+
+
+def test_uncertainties_that_the_references_of_the_test_share_count(model, others):
+    """A common one counts as each point's own would; the scale is about the origin, as the frame is kept."""
+    shifted = replace(others, points=others.points + np.random.default_rng(4).normal(0, 0.05, (300, 3)))
+    stated = replace(shifted, u_common_mm=np.full(300, 0.05))
+    own = replace(shifted, point_std=np.hypot(others.point_std, 0.05))
+    budget, far = uncertainty_budget(model, stated)
+    assert budget.n_covered > uncertainty_budget(model, shifted)[0].n_covered
+    assert (budget, far) == uncertainty_budget(model, own)
+    larger = replace(others, points=others.points * (1 + 300e-6))
+    assert uncertainty_budget(model, larger)[0].n_covered < 200
+    budget, far = uncertainty_budget(model, replace(larger, u_scale_ppm=np.full(300, 300.0)))
+    assert budget.n_covered > 280
+    assert far == ()
+
+
+def test_a_reading_far_off_is_found_with_its_row(model, others):
+    points = others.points.copy()
+    points[[7, 40]] += [[0.0, 0.5, 0.0], [2.0, 0.0, 0.0]]
+    budget, far = uncertainty_budget(model, Session(others.angles, points))
+    assert [one.row for one in far] == [40, 7]
+    assert far[0].error_mm == pytest.approx(2.0, abs=0.2)
+    assert far[0].normalized_residual == pytest.approx(far[0].error_mm / np.sqrt(3) / budget.combined_mm, rel=0.2)
+
+
+def test_an_arm_known_from_seats_alone_is_judged_in_a_fitted_frame(virtual, others):
+    taken = seat(ARM, 60, seed=1)
+    held = virtual.measure(
+        taken.angles, seed=1, seat=taken.seat, seat_points=taken.seat_points, reference=False
+    ).readings
+    from_seats = KinematicModel(ARM).fit_readings(held)
+    budget, far = uncertainty_budget(from_seats, held)
+    assert budget.is_relative
+    assert (budget.n_points, budget.n_covered, far) == (0, 0, ())
+    in_base = np.trace(from_seats.covariance_parts(held)[0], axis1=1, axis2=2).mean() / 3
+    assert budget.of_parameters_mm < np.sqrt(in_base)
+    # Against points, what is stated is in the frame of the points.
+    assert not uncertainty_budget(from_seats, others)[0].is_relative
+
+
+def test_a_model_without_terms_has_a_budget_too(virtual, others):
+    budget, _ = uncertainty_budget(NominalModel(ARM, free=()).fit_readings(others), others)
+    assert budget.of_parameters_mm == 0.0
+    assert budget.combined_mm == pytest.approx(budget.unexplained_mm)

@@ -1,0 +1,36 @@
+"""docs/task-uncertainty.md: its transcript is what the command prints, numbers apart."""
+
+import re
+from pathlib import Path
+
+import pytest
+import typer
+
+from truearm.wings.laboratory.verbs.task_command import task
+
+DOCS = Path(__file__).parents[4] / "docs"
+
+
+def masked(text):
+    """Numbers as #, blanks as one: columns move with them."""
+    return re.sub(r" +", " ", re.sub(r"[+-]?\d+(\.\d+)?", "#", text)).splitlines()
+
+
+def test_the_transcript_is_what_is_printed(tmp_path, capsys):
+    page = (DOCS / "task-uncertainty.md").read_text()
+    limits = re.search(r"```toml mpe\n(.*?)```", (DOCS / "verification.md").read_text(), re.DOTALL)[1]
+    (tmp_path / "mpe.toml").write_text(limits)
+    command, transcript = re.search(
+        r"```console\n\$ truearm (task --spec mpe.toml .*?)\n(.*?)```", page, re.DOTALL
+    ).groups()
+    assert command == "task --spec mpe.toml --feature length --length 500 --at 600,0,300 --tolerance 0.08"
+    with pytest.raises(typer.Exit) as ended:
+        task(None, spec=tmp_path / "mpe.toml", length=500.0, at=["600,0,300"], tolerance=0.08, arms=100)
+    printed = masked(capsys.readouterr().out)
+    shown = masked(transcript)
+    # What the numbers say may be another with fewer arms: the advice on points.
+    advice = next(i for i, line in enumerate(shown) if "points would give" in line or "dominate" in line)
+    assert [line for i, line in enumerate(printed) if i != advice] == [
+        line for i, line in enumerate(shown) if i != advice
+    ]
+    assert ended.value.exit_code == 3

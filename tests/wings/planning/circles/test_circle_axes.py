@@ -1,0 +1,201 @@
+"""Circle point analysis: circles of hand, derivatives, planted arms within their stated uncertainty, refusals."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import truearm as ta
+from truearm.arm import Arm, load_arm, read_arm, write_arm
+from truearm.arm.chain import Chain
+from truearm.errors import InputError
+from truearm.wings.planning.circles.axes import Axes
+from truearm.wings.planning.circles.joint_circles import joint_circles
+
+circles = pytest.importorskip("benchmarks.circles", reason="benchmarks are not beside the tests")
+planted, standardized, swept = circles.planted, circles.standardized, circles.swept
+
+
+@pytest.mark.parametrize(
+    ("name", "convention"),
+    [("ur10", "dh"), ("panda", "mdh"), ("gao2017", "dh"), ("measuring7", "mdh"), ("wam", "dh")],
+)
+def test_constants_are_those_planted_within_their_uncertainty(name, convention):
+    found = []
+    for seed in range(2):
+        chain, stand = planted(name, seed)
+        measured = ta.arm_from_circles(swept(chain, stand, seed, wobble=2e-3), convention=convention)
+        found.append(standardized(measured, chain))
+        assert measured.estimated.residual_std_mm == pytest.approx(0.02, rel=0.3)
+    assert 0.6 < np.sqrt(np.mean(np.square(found))) < 1.4
+    assert np.mean(np.abs(found) < 2) > 0.85
+
+
+@pytest.mark.parametrize("convention", ["dh", "mdh"])
+def test_an_exact_arm_is_found_exactly_and_its_file_moves_alike(tmp_path, convention):
+    chain, stand = planted("ur10", 1)
+    measured = ta.arm_from_circles(swept(chain, stand, 1, noise_mm=0.0), convention=convention)
+    measured.save(tmp_path / "my-arm.toml")
+    read = read_arm(tmp_path / "my-arm.toml")
+    assert read.table.beta.any()  # two pairs of nearly parallel axes
+    angles = np.random.default_rng(1).uniform(-2, 2, (20, 6))
+    base = measured.table.base
+    in_instrument = read.chain.tip_in_base(angles) @ base[:3, :3].T + base[:3, 3]
+    np.testing.assert_allclose(in_instrument, chain.tip_in_base(angles), atol=1e-6)
+    write_arm(read, tmp_path / "again.toml", convention=convention)
+    np.testing.assert_allclose(read_arm(tmp_path / "again.toml").chain.fixed, read.chain.fixed, atol=1e-12)
+
+
+def test_a_rail_and_joints_that_stand_elsewhere_in_each_circle():
+    fixed = np.tile(np.eye(4), (4, 1, 1))
+    fixed[0, :3, :3] = Rotation.from_euler("x", -90, degrees=True).as_matrix()
+    fixed[1, :3, :3] = Rotation.from_euler("x", 90, degrees=True).as_matrix()
+    fixed[2, :3, :3] = Rotation.from_euler("x", 90, degrees=True).as_matrix()
+    fixed[2, :3, 3] = [100, 0, 400]
+    chain = Chain(fixed, [600.0, 30.0, 20.0], [True, False, False])
+    rng = np.random.default_rng(3)
+    parts = []
+    for joint in (2, 0, 1, 1):
+        stand = np.tile(rng.uniform(-1, 1, 3) * [300, 1, 1], (9, 1))
+        stand[:, joint] += np.linspace(0, 300, 9) if joint == 0 else np.linspace(-0.5, 0.5, 9)
+        parts.append(stand)
+    angles = np.concatenate(parts)
+    points = chain.tip_in_base(angles) + rng.normal(0, 0.01, (36, 3))
+    session = ta.Session(angles, points, angle_columns=("q1_mm", "q2_deg", "q3_deg"))
+    measured = ta.arm_from_circles(session)
+    assert [circle.joint for circle in measured.circles] == [0, 1, 1, 2]
+    np.testing.assert_array_equal(measured.arm.chain.is_prismatic, [True, False, False])
+    elsewhere = rng.uniform(-1, 1, (10, 3)) * [500, 2, 2]
+    there = measured.estimated.axes.targets(elsewhere)[0]
+    np.testing.assert_allclose(there, chain.tip_in_base(elsewhere), atol=0.2)
+    base = measured.table.base
+    of_file = measured.arm.chain.tip_in_base(elsewhere) @ base[:3, :3].T + base[:3, 3]
+    np.testing.assert_allclose(of_file, there, atol=1e-8)
+
+
+def test_a_circle_by_hand():
+    turns = np.radians([0, 30, 60, 90, 120, 150])
+    points = np.stack([5 + 100 * np.cos(turns), -2 + 100 * np.sin(turns), np.full(6, 7.0)], axis=1)
+    (up,) = joint_circles(ta.Session(turns[:, None], points), np.array([False]))
+    np.testing.assert_allclose(up.direction, [0, 0, 1], atol=1e-12)
+    np.testing.assert_allclose(up.point, [5, -2, 7], atol=1e-9)
+    assert up.radius_mm == pytest.approx(100)
+    # The other sign of the encoder is the other direction of the axis.
+    (down,) = joint_circles(ta.Session(-turns[:, None], points), np.array([False]))
+    np.testing.assert_allclose(down.direction, [0, 0, -1], atol=1e-12)
+
+
+def test_derivatives_are_difference_quotients(rng):
+    slides = np.array([False, True, False])
+    directions = Rotation.random(3, rng=rng).as_matrix()[:, 2]
+    axes = Axes(rng.normal(0, 1, 3), directions, rng.normal(0, 300, (3, 3)), slides, rng.normal(0, 300, 3))
+    angles = axes.pose + rng.normal(0, 1, (5, 3))
+    _, by_step, by_gain = axes.targets(angles)
+    for k, step in enumerate(1e-6 * np.eye(axes.n_parameters)):
+        quotient = (axes.moved(step).targets(angles)[0] - axes.moved(-step).targets(angles)[0]) / 2e-6
+        np.testing.assert_allclose(by_step[:, :, k], quotient, atol=1e-4)
+    for k, gain in enumerate(1e-6 * np.eye(3)):
+        further, less = (axes.pose + (1 + sign * gain) * (angles - axes.pose) for sign in (1, -1))
+        quotient = (axes.targets(further)[0] - axes.targets(less)[0]) / 2e-6
+        np.testing.assert_allclose(by_gain[:, :, 2 - k], quotient, atol=1e-4)
+
+
+def test_the_measured_arm_is_as_good_a_drawing_as_the_true_one(rng):
+    chain, stand = planted("gao2017", 2)
+    measured = ta.arm_from_circles(swept(chain, stand, 2, arc_deg=60))
+    angles = rng.uniform(-1.5, 1.5, (60, 6))
+    points = chain.tip_in_base(angles) + rng.normal(0, 0.02, (60, 3))
+    train, test = ta.Session(angles[:40], points[:40]), ta.Session(angles[40:], points[40:])
+    models = [ta.KinematicModel(arm).fit_readings(train) for arm in (measured.arm, Arm("true", chain))]
+    means = [np.linalg.norm(model.predict(test.angles) - test.points, axis=1).mean() for model in models]
+    assert means[0] < 1.2 * means[1]
+
+
+@pytest.fixture(scope="module")
+def circles():
+    chain, stand = planted("gao2017", 4)
+    return chain, swept(chain, stand, 4, points=12, arc_deg=60)
+
+
+def refused(session, match, **options):
+    with pytest.raises(InputError, match=match) as caught:
+        ta.arm_from_circles(session, **options)
+    assert caught.value.hint
+    return caught.value
+
+
+def test_a_joint_without_circle_is_named(circles):
+    session = circles[1]
+    keep = np.r_[0:36, 48:72]
+    refused(session.rows(keep), "J4 has no circle")
+
+
+def test_two_joints_that_move_together_are_named(circles):
+    chain, session = circles
+    angles = session.angles.copy()
+    angles[24:36, 1] += np.radians(np.linspace(0, 40, 12))
+    error = refused(ta.Session(angles, chain.tip_in_base(angles)), "J3 has no circle")
+    assert "together with J2" in str(error)
+
+
+def test_a_target_on_the_axis_of_the_last_joint_needs_an_offset(circles):
+    chain, session = circles
+    on_axis = Chain(chain.fixed, [0.0, 0.0, 50.0])
+    flat = np.array(on_axis.fixed)
+    flat[-1] = np.eye(4)
+    on_axis = Chain(flat, [0.0, 0.0, 50.0])
+    points = on_axis.tip_in_base(session.angles) + np.random.default_rng(1).normal(0, 0.02, session.points.shape)
+    error = refused(ta.Session(session.angles, points), "from the axis of J6")
+    assert "off that axis" in str(error)
+
+
+def test_an_arc_that_is_too_short_for_its_noise_is_named(circles):
+    chain, stand = circles[0], load_arm("gao2017").working
+    refused(swept(chain, stand, 1, points=6, arc_deg=12, noise_mm=1.0), "is uncertain by")
+
+
+def test_a_base_that_moved_between_circles_is_a_contradiction(circles):
+    session = circles[1]
+    points = session.points.copy()
+    points[24:] += [30.0, -20.0, 10.0]
+    refused(ta.Session(session.angles, points), "not of one arm")
+
+
+@pytest.mark.parametrize(("gain", "is_refused"), [(1.005, False), (1.15, True)])
+def test_a_gain_is_said_and_an_implausible_one_refused(gain, is_refused):
+    chain, stood = planted("ur10", 4)
+    session = swept(chain, stood, 4, points=12, arc_deg=60)
+    angles = session.angles.copy()
+    stand = angles[0, 2]
+    angles[:, 2] = stand + (angles[:, 2] - stand) / gain
+    turned = ta.Session(angles, session.points)
+    if is_refused:
+        refused(turned, "J3 moves by 1.1. times its angles")
+        assert "a trial" in ta.arm_from_circles(turned, accept="a trial").arm.source
+    else:
+        (said,) = ta.arm_from_circles(turned).remarks
+        assert said.startswith("J3 moves by 1.005 times")
+
+
+def test_points_are_needed(circles):
+    with pytest.raises(InputError, match="points of circles"):
+        ta.arm_from_circles(ta.Session(circles[1].angles))
+
+
+def test_constants_near_round_values_are_named_and_kept():
+    chain, stand = planted("gao2017", 1, angle_std=0.0, length_std_mm=0.0)
+    measured = ta.arm_from_circles(swept(chain, stand, 5, points=12, arc_deg=60))
+    named = measured.near_round_values()
+    assert sum("alpha" in one for one in named) >= 3
+    assert np.ptp(np.degrees(measured.table.alpha) % 90) > 0
+    text = "\n".join(map(str, measured.blocks()))
+    assert "not put in place of what was measured" in text
+
+
+def test_readings_in_no_circle_are_ignored_and_counted(circles):
+    chain, session = circles
+    more = np.concatenate([session.angles, np.random.default_rng(2).uniform(-1, 1, (4, 6))])
+    points = np.concatenate([session.points, chain.tip_in_base(more[-4:])])
+    measured = ta.arm_from_circles(ta.Session(more, points))
+    assert measured.remarks == ("4 readings in no circle, ignored.",)

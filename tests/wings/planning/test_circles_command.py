@@ -1,0 +1,78 @@
+"""``truearm arms --circles-plan`` and ``--from-circles``: the file to fill in, the arm that comes of it."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from truearm.arm import load_arm
+
+circles = pytest.importorskip("benchmarks.circles", reason="benchmarks are not beside the tests")
+
+PAGE = Path(__file__).parents[3] / "docs" / "describe-your-arm.md"
+
+
+@pytest.fixture(scope="module")
+def filled(truearm, tmp_path_factory):
+    """A plan for six joints, filled in with an arm of the catalogue whose target is off its flange."""
+    path = tmp_path_factory.mktemp("circles") / "circles.csv"
+    made = truearm("arms", "--circles-plan", 6, "--points", 8, "--span", 50, "--out", path)
+    assert made.code == 0, made.err
+    assert "48 readings" in made.out
+    form, arm = pd.read_csv(path), load_arm("ur10")
+    angles = form.filter(regex="^note_q").to_numpy(float) + [0, -90, 60, 10, 20, 0]
+    pose = arm.forward(np.radians(angles))
+    points = pose.tip_in_base + pose.R_base_tip @ [90.0, 0.0, 40.0] + np.random.default_rng(1).normal(0, 0.02, (48, 3))
+    table = pd.DataFrame(
+        {
+            **{f"q{i + 1}_deg": angles[:, i] for i in range(6)},
+            **dict(zip(("x_mm", "y_mm", "z_mm"), points.T, strict=True)),
+        }
+    )
+    table.to_csv(path, index=False)
+    return path
+
+
+def test_an_arm_without_a_drawing(truearm, filled, tmp_path):
+    done = truearm("arms", "--from-circles", filled, "--out", tmp_path / "mine.toml")
+    assert done.code == 0, done.err
+    assert done.out.startswith("An arm of 6 joints from 48 points on 6 circles")
+    assert "base frame is that of joint 1" in done.out
+    assert load_arm(tmp_path / "mine.toml").name == "mine"
+    found = json.loads(truearm("arms", "--from-circles", filled, "--json").out)
+    assert found["a_mm"][1] == pytest.approx(-612, abs=6 * found["u_a_mm"][1])
+    assert truearm("arms", tmp_path / "mine.toml").code == 0
+    assert truearm("arms", "--from-circles", filled, "--out", tmp_path / "mine.urdf").code == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "phrase"),
+    [
+        (["ur10", "--from-circles", "c.csv"], "does not apply to --from-circles"),
+        (["--points", "9"], "--points applies to --circles-plan only"),
+        (["--accept", "a reason"], "--accept applies to --from-circles only"),
+        (["--circles-plan", "6"], "--circles-plan needs --out"),
+        (["--circles-plan", "6", "--points", "3", "--out", "plan.csv"], "5 to 1000 points"),
+        (["--circles-plan", "6", "--from-circles", "c.csv"], "one of them at a time"),
+        (["--from-circles", "missing.csv"], "missing.csv"),
+    ],
+)
+def test_options_that_do_not_fit(truearm, arguments, phrase):
+    refused = truearm("arms", *arguments)
+    assert refused.code == 2
+    assert phrase in refused.err
+
+
+def test_the_transcript_of_the_page_is_true(truearm, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    chain, stand = circles.planted("ur10", 1)
+    circles.swept(chain, stand, 1, points=12, arc_deg=60).to_frame().to_csv("circles.csv", index=False)
+    (shown,) = re.findall(
+        r"```console circles\n\$ truearm (.*?)\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL
+    )
+    assert truearm(*shown[0].split()).out == shown[1]

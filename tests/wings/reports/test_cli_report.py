@@ -1,0 +1,130 @@
+"""``truearm report`` of identified arms: sections on what was found, and sessions of seats alone."""
+
+from dataclasses import replace
+
+import pytest
+
+from truearm.wings.reports.report import ReportResult
+
+
+@pytest.fixture(scope="module")
+def seated(truearm, tmp_path_factory):
+    """Readings in three seats and both of a bar at one place, a model of them, and what the bar's length is."""
+    folder = tmp_path_factory.mktemp("seated")
+    session, lengths, model = (folder / name for name in ("seats.csv", "lengths.csv", "arm.truearm"))
+    simulated = truearm(
+        *("simulate", "gao2017", "--strategy", "seat", "--bars", 1, "--poses", 75, "--no-reference"),
+        *("--lengths", lengths, "--out", session),
+    )
+    assert simulated.code == 0, simulated.err
+    fitted = truearm("fit", session, "--arm", "gao2017", "--model", "kinematic", "--lengths", lengths, "--out", model)
+    assert fitted.code == 0, fitted.err
+    return folder
+
+
+def test_every_figure_of_the_page_is_a_file_of_its_own(truearm, made, tmp_path):
+    page, folder = tmp_path / "page.html", tmp_path / "figures"
+    ran = truearm("report", made / "kinematic.truearm", made / "test.csv", "--out", page, "--figures", folder)
+    assert ran.code == 0, ran.err
+    names = sorted(path.name for path in folder.iterdir())
+    text = page.read_text(encoding="utf-8")
+    assert len(names) == text.count("<figure") - text.count('class="scene"')
+    assert names[0] == "01-error-before-and-after.svg"
+    assert all((folder / name).read_bytes().startswith(b"<?xml") for name in names)
+    assert str(folder) in ran.out
+
+
+@pytest.mark.parametrize(("form", "start"), [("pdf", b"%PDF"), ("png", b"\x89PNG")])
+def test_figures_have_the_form_that_is_asked_for(truearm, made, tmp_path, monkeypatch, form, start):
+    """Of a page with two of its sections: to draw them all takes seconds."""
+    whole = ReportResult.page
+
+    def two_sections(self):
+        page = whole(self)
+        return replace(page, sections=page.sections[:2])
+
+    monkeypatch.setattr(ReportResult, "page", two_sections)
+    given = (made / "nominal.truearm", made / "test.csv", "--out", tmp_path / "page.html", "--figures", tmp_path / "f")
+    assert truearm("report", *given, "--figures-as", form).code == 0
+    files = list((tmp_path / "f").iterdir())
+    assert files
+    assert all(file.suffix == f".{form}" and file.read_bytes().startswith(start) for file in files)
+
+
+def test_what_cannot_be_a_folder_of_figures_is_refused_before_the_page_is_drawn(truearm, made, tmp_path):
+    page, file = tmp_path / "page.html", tmp_path / "file"
+    file.write_text("a file")
+    given = ("report", made / "kinematic.truearm", made / "test.csv", "--out", page)
+    for more, said in (
+        (("--figures", file), "the folder cannot be made"),
+        (("--figures-as", "pdf"), "--figures-as is for the files of --figures"),
+    ):
+        ran = truearm(*given, *more)
+        assert ran.code == 2
+        assert said in ran.err
+        assert not page.exists()
+
+
+def test_two_identified_arms_are_told_apart(truearm, made, tmp_path):
+    page, other = tmp_path / "page.html", tmp_path / "other.truearm"
+    other.write_bytes((made / "kinematic.truearm").read_bytes())
+    ran = truearm("report", made / "kinematic.truearm", other, made / "train.csv", "--out", page)
+    assert ran.code == 0, ran.err
+    text = page.read_text(encoding="utf-8")
+    assert ">Uncertainty: kinematic</h2>" in text
+    assert ">Uncertainty: other</h2>" in text
+
+
+def test_a_session_of_seats_has_a_page(truearm, seated, tmp_path):
+    page = tmp_path / "page.html"
+    ran = truearm(
+        "report", seated / "arm.truearm", seated / "seats.csv", "--lengths", seated / "lengths.csv", "--out", page
+    )
+    assert ran.code == 0, ran.err
+    assert "1 model compared on 75 readings" in ran.out
+    text = page.read_text(encoding="utf-8")
+    for said in (
+        "Agreement in the seats",
+        "B1a",
+        ">Lengths</h2>",
+        "after a frame was fitted",
+        "75 of 75 are training readings of the model",
+    ):
+        assert said in text, said
+
+
+def test_a_seat_in_two_sessions_is_refused_by_every_verb(truearm, seated, tmp_path):
+    header, *rows = (seated / "seats.csv").read_text(encoding="utf-8").splitlines()
+    named = [f"{header},session", *(f"{row},{'May' if i % 2 else 'June'}" for i, row in enumerate(rows))]
+    model, session = seated / "arm.truearm", tmp_path / "s.csv"
+    session.write_text("\n".join(named), encoding="utf-8")
+    for verb, *more in (
+        ("fit", session, "--arm", "gao2017", "--out", tmp_path / "m"),
+        ("refit", model, session, "--out", tmp_path / "m"),
+        ("evaluate", model, session),
+        ("report", model, session, "--out", tmp_path / "page.html"),
+        ("check", model, session, "--history", tmp_path / "h.sqlite"),
+        ("plan", "gao2017", "--artefact", "seat", "--session", session, "--out", tmp_path / "plan.csv"),
+    ):
+        ran = truearm(verb, *more)
+        assert ran.code == 2, (verb, ran.err)
+        # What was measured is known, whatever its session is called.
+        said = "these are the training readings" if verb == "check" else "reference moved between sessions"
+        assert said in ran.err, verb
+    assert not list(tmp_path.glob("*.html")) + list(tmp_path.glob("plan*")) + list(tmp_path.glob("m*"))
+
+
+def test_lengths_are_for_sessions_of_seats(truearm, made, seated, tmp_path):
+    ran = truearm(
+        *("report", made / "kinematic.truearm", made / "test.csv"),
+        *("--lengths", seated / "lengths.csv", "--out", tmp_path / "page.html"),
+    )
+    assert ran.code == 2
+    assert "lengths are for a session without reference points" in ran.err
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_session_without_points_or_seats_is_refused(truearm, made, tmp_path):
+    ran = truearm("report", made / "kinematic.truearm", made / "angles.csv", "--out", tmp_path / "page.html")
+    assert ran.code == 2
+    assert "reference points, seats or 4 distances to an anchor to compare with" in ran.err
