@@ -93,8 +93,10 @@ def floors(arrows: dict[str, set[str]]) -> dict[str, int]:
 
 
 def plan() -> dict[str, Any]:
-    """The wings and the budgets of `house.toml`."""
-    return tomllib.loads((ROOT / "house.toml").read_text(encoding="utf-8"))
+    """The budgets of `house.toml`, and the places of each wing: its folder, or what is listed as beside the wings."""
+    read = tomllib.loads((ROOT / "house.toml").read_text(encoding="utf-8"))
+    folders = sorted(path.name for path in (HOUSE / "wings").iterdir() if (path / "__init__.py").is_file())
+    return read | {"wings": read["beside"] | {name: [f"wings.{name}"] for name in folders}}
 
 
 def wing_of(module: str, wings: dict[str, list[str]]) -> str | None:
@@ -130,7 +132,11 @@ def names_across(files: dict[str, Source], wings: dict[str, list[str]], *, back:
 
 def doors(files: dict[str, Source]) -> dict[str, Source]:
     """Files but those that list everything: the package itself and the table of commands."""
-    return {name: source for name, source in files.items() if name not in ("truearm", "truearm.command_line")}
+    return {
+        name: source
+        for name, source in files.items()
+        if name not in ("truearm", "truearm.wings", "truearm.command_line")
+    }
 
 
 @ROWS.row("wall")
@@ -200,18 +206,14 @@ def sizes() -> RowResult:
             users[one].add(name)
     rooms = Counter(name.rpartition(".")[0] for name in files)
     into_estimation = [
-        one
-        for name in files
-        if ".compensation." in name
-        for one in arrows[name]
-        if ".identification.estimation." in one
+        one for name in files if ".models." in name for one in arrows[name] if ".identification.estimation." in one
     ]
     tests, benchmarks = sources(ROOT / "tests"), sources(ROOT / "benchmarks")
     counts = {
         "code lines": (sum(s.code for s in files.values()), 40000),
         "all lines": (sum(s.lines for s in files.values()), 63000),
         "files in the largest room": (max(rooms.values()), 25),
-        "imports from compensation into estimation": (len(into_estimation), 20),
+        "imports from models into estimation": (len(into_estimation), 20),
         "questions for the type of a model": (len(questions), 10),
         f"files that import more than {MOST_IMPORTS} of ours": (sum(len(a) > MOST_IMPORTS for a in arrows.values()), 2),
         "records used in one file only": (sum(sum(name in w for w in words.values()) == 1 for name in records), 25),

@@ -29,8 +29,8 @@ ROOMS = (
     "files",
     "identification/estimation",
     "identification/judgement",
-    "verification/monitor",
-    "verification/standards",
+    "wings/laboratory/monitor",
+    "wings/laboratory/standards",
 )
 WANTED = 85.0  # [%]
 PACKAGE = Path("src", "truearm")

@@ -150,7 +150,7 @@ def tasks(
     """Task uncertainties: 95 % intervals of features against true errors of virtual arms.
 
     Each virtual arm is measured at random poses of a person, with a reference point at each, on one day or several, and
-    identified. The model then states the uncertainty (`truearm.wings.laboratory.tasks`, 1000 drawn arms) of lengths of two
+    identified. The model then states the uncertainty (`ta.task`, 1000 drawn arms) of lengths of two
     points, 50 mm and 1 m, of a length of forty points, a ball, a plate that lies and one that faces the arm; no
     repeatability is given. On a day of its own the virtual arm measures each in 40 ways of holding it, at the mean
     temperature of its readings, and its model, which is not told from which side its joints came, compensates. Counted

@@ -106,11 +106,11 @@ def write_command_reference() -> None:
     """Write the page of the commands from what each prints for ``--help``."""
     from typer.testing import CliRunner
 
-    from truearm.command_line import VERBS, make_app
+    from truearm.command_line import COMMANDS, make_app
 
     runner, program = CliRunner(), make_app()
     parts = ["# Commands\n", "What every command prints for `--help`.\n"]
-    commands = [verb for verb, _ in VERBS]
+    commands = list(COMMANDS)
     for command in commands:  # a group adds its own
         ran = runner.invoke(
             program,

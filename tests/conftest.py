@@ -14,6 +14,10 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
+from command_line import made, snapshot, truearm
+
+__all__ = ["made", "snapshot", "truearm"]  # fixtures for all
+
 # The benchmarks beside the tests make inputs of some of them; last, so that no folder here hides a package.
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 

@@ -13,46 +13,52 @@ import traceback
 import unicodedata
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import NoReturn, Protocol, runtime_checkable
+from typing import Any, NoReturn, Protocol, runtime_checkable
 
 import typer
 from typer import Option
+from typer.core import TyperGroup
 
-from truearm import __version__
+from truearm import __version__, wings
 from truearm.errors import TruearmError
 from truearm.printable_text import printable
 
-# In the order in which a newcomer needs them.
-VERBS: tuple[tuple[str, str], ...] = (
-    ("demo", "demo"),
-    ("arms", "arms"),
-    ("fetch", "fetch"),
-    ("simulate", "simulate"),
-    ("plan", "plan"),
-    ("sources", "sources"),
-    ("record", "record"),
-    ("live", "live"),
-    ("import", "import_table"),
-    ("split", "split"),
-    ("fit", "fit"),
-    ("refit", "refit"),
-    ("predict", "predict"),
-    ("measure", "measure"),
-    ("correct", "correct"),
-    ("export", "export"),
-    ("evaluate", "evaluate"),
-    ("compare", "compare"),
-    ("report", "report"),
-    ("verify", "verify"),
-    ("task", "task"),
-    ("check", "check"),
-    ("certificate", "certificate"),
-    ("fleet", "fleet"),
-    ("reproduce", "reproduce"),
-    ("docs", "docs"),
-)
+# The first screen of the help: what a person has in hand, and in it the order in which a newcomer needs the commands.
+GROUPS = {
+    "Start": ("demo", "arms", "docs", "fetch"),
+    "Measure": ("plan", "simulate", "sources", "record", "live", "import", "split"),
+    "Identify and correct": ("fit", "refit", "predict", "correct", "export"),
+    "Judge": ("evaluate", "compare", "report"),
+    "Verify in a laboratory": ("verify", "task", "measure", "check", "certificate"),
+    "Many arms, and the paper": ("fleet", "reproduce"),
+}
+
+
+def _commands() -> dict[str, str]:
+    """The module and function of each command of the core and of the wings that are here, in the order of the help."""
+    core = {word: f"truearm.verbs.{word}_command:{word}" for word in ("split", "fit", "refit", "predict", "evaluate")}
+    found = core | wings.commands()
+    listed = [word for words in GROUPS.values() for word in words if word in found]
+    return {word: found[word] for word in [*listed, *(found.keys() - set(listed))]}
+
+
+COMMANDS = _commands()
 # What other people call them.
 OTHER_NAMES = {"calibrate": "fit", "identify": "fit", "compensate": "predict"}
+
+
+class _InGroups(TyperGroup):
+    """The program, whose help lists its commands in groups."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002 - what click hands over
+        """Write the commands, group by group."""
+        width = formatter.width - 6 - max(map(len, self.commands))
+        others = tuple(word for word in self.commands if not any(word in words for words in GROUPS.values()))
+        for group, words in (GROUPS | {"More": others}).items():
+            rows = [(word, self.commands[word].get_short_help_str(width)) for word in words if word in self.commands]
+            if rows:
+                with formatter.section(group):
+                    formatter.write_dl(rows)
 
 
 @runtime_checkable
@@ -85,23 +91,23 @@ def make_app(word: str = "") -> typer.Typer:
     """
     # Plain help and messages: they wrap anywhere, pass through pipes, and "[mm]" is no markup.
     app = typer.Typer(
+        cls=_InGroups,
         add_completion=False,
         pretty_exceptions_enable=False,
         rich_markup_mode=None,
         context_settings={"help_option_names": ["-h", "--help"]},
     )
     app.callback()(_about)
-    for verb, module in [named for named in VERBS if named[0] == word] or VERBS:
+    for verb in [word] if word in COMMANDS else COMMANDS:
+        module, _, function = COMMANDS[verb].partition(":")
         try:
-            command = getattr(importlib.import_module(f"truearm.verbs.{module}"), module)
+            command = getattr(importlib.import_module(module), function)
         except ModuleNotFoundError as missing:
             if not str(missing.name).startswith("truearm."):
                 raise
-            if word != verb:  # of a wing that was taken off, or that builds on one
-                continue
-            if missing.name != f"truearm.verbs.{module}":
-                raise
-            return make_app()
+            if word == verb:
+                return make_app()
+            continue  # it builds on a wing that was taken off
         if isinstance(command, typer.Typer):
             app.add_typer(command, name=verb)
         else:

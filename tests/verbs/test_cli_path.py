@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 from truearm import __version__
-from truearm.command_line import VERBS
+from truearm.command_line import COMMANDS
 from truearm.models.model_file import load_model
 from truearm.readings import read_session
 
@@ -33,7 +33,7 @@ MODELS = ("nominal", "kinematic", "network")
 # What there is -------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("verb", [verb for verb, _ in VERBS])
+@pytest.mark.parametrize("verb", COMMANDS)
 def test_every_verb_says_what_it_does(truearm, verb):
     ran = truearm(verb, "--help")
     assert (ran.code, ran.err) == (0, "")

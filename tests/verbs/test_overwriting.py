@@ -12,7 +12,7 @@ import pytest
 import typer
 
 import truearm as ta
-from truearm.command_line import VERBS
+from truearm.command_line import COMMANDS
 
 DOCS = Path(__file__).parents[2] / "docs" / "files.md"
 KEPT, OWN, FREE = "kept", "replaced by its own kind", "kept, without `--force`"
@@ -45,8 +45,9 @@ def of_kind(*kinds: str) -> list[tuple[str, str]]:
 
 
 def commands() -> Iterator[tuple[str, Any]]:
-    for verb, module in VERBS:
-        command = getattr(importlib.import_module(f"truearm.verbs.{module}"), module)
+    for verb, place in COMMANDS.items():
+        module, _, function = place.partition(":")
+        command = getattr(importlib.import_module(module), function)
         if isinstance(command, typer.Typer):
             for one in command.registered_commands:
                 yield f"{verb} {one.name or one.callback.__name__}", one.callback

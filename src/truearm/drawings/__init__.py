@@ -1,1 +1,1 @@
-"""What the domains draw: pages, figures, scenes and cards of arms, plans, models and verifications."""
+"""Figures and scenes of an arm, its readings and its errors."""

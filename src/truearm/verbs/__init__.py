@@ -1,1 +1,1 @@
-"""The verbs of truearm, one module each: a function, and the record it returns. Both doors call them."""
+"""The verbs of the core, one module each: a function, the record it returns, and beside it its command."""

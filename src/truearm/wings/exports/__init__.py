@@ -1,0 +1,16 @@
+"""A model for other programs: files of constants, source code, corrected targets."""
+
+# Public names by the module of this folder that defines them; commands by the function that has each.
+NAMES = {
+    "correct": (
+        "CorrectedTargets",
+        "correct",
+    ),
+    "export": (
+        "ExportCheck",
+        "ExportResult",
+        "check_export",
+        "export",
+    ),
+}
+COMMANDS = {"correct": "correct_command:correct", "export": "export_command:export"}

@@ -1,1 +1,11 @@
 """The founding paper (Gao et al., Complexity 2017, 5156264) reproduced: its experiment, tables, figures and claims."""
+
+# Public names by the module of this folder that defines them; commands by the function that has each.
+NAMES = {
+    "carry_out": ("ProcedureResult",),
+    "reproduce": (
+        "ReproductionResult",
+        "reproduce",
+    ),
+}
+COMMANDS = {"demo": "demo_command:demo", "reproduce": "reproduce_command:reproduce"}

@@ -324,7 +324,7 @@ def _tool_positions(robot: MukcaRobot, chosen: Sequence[str]) -> Sequence[str]:
 @cache
 def _registry() -> dict[str, str]:
     """Read the checksums of all files by their path, as `sha256sum` writes and checks them."""
-    text = resources.files("truearm").joinpath("datasets.sha256").read_text(encoding="utf-8")
+    text = resources.files("truearm.wings.importing").joinpath("datasets.sha256").read_text(encoding="utf-8")
     lines = (line.split(maxsplit=1) for line in text.splitlines())
     return {path: checksum for checksum, path in lines}
 

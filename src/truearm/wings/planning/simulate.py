@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
@@ -13,15 +14,15 @@ from truearm.solve.threads import one_blas_thread
 from truearm.verbs.inputs import ArmLike, to_arm
 from truearm.verbs.record import Record
 from truearm.verbs.sentences import number_of
-from truearm.wings.laboratory.standards.points_form import read_planned_points
-from truearm.wings.laboratory.tasks.rehearsed_points import rehearse_points
-from truearm.wings.laboratory.verbs.verify import ArtefactsLike, to_artefacts
 from truearm.wings.planning.designs.planned_readings import read_planned
 from truearm.wings.planning.designs.sampling.measuring import describe_rejections
 from truearm.wings.planning.virtual import Measurement, VirtualArm, load_preset
 from truearm.wings.planning.virtual.arm import measure_distances, place_anchors
 from truearm.wings.planning.virtual.rehearsal import carry_out, lengths_of, move_set_up
 from truearm.wings.planning.virtual.session_poses import bar_certificate, poses_with_bars, strategy_poses
+
+if TYPE_CHECKING:
+    from truearm.wings.laboratory.verbs.verify import ArtefactsLike
 
 
 @one_blas_thread()
@@ -295,6 +296,10 @@ def rehearse(
     if artefacts is not None:
         if lengths is not None or moved:
             raise InputError("lengths and moved are for a plan of readings, not for the points of a verification")
+        from truearm.wings.laboratory.standards.points_form import read_planned_points
+        from truearm.wings.laboratory.tasks.rehearsed_points import rehearse_points
+        from truearm.wings.laboratory.verbs.verify import to_artefacts
+
         measured = rehearse_points(virtual, read_planned_points(plan), to_artefacts(artefacts), seed=seed)
         return SimulationResult.of(virtual, measured, strategy=f"points of {Path(plan).name}", seed=seed)
     planned = read_planned(plan, nominal)

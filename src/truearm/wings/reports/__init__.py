@@ -1,0 +1,19 @@
+"""What people read of arms and models: reports, comparisons, the list of arms, the guide."""
+
+# Public names by the module of this folder that defines them; commands by the function that has each.
+NAMES = {
+    "compare": (
+        "ModelChange",
+        "compare",
+    ),
+    "report": (
+        "ReportResult",
+        "report",
+    ),
+}
+COMMANDS = {
+    "arms": "arms_command:arms",
+    "compare": "compare_command:compare",
+    "report": "report_command:report",
+    "docs": "docs_command:docs",
+}

@@ -68,7 +68,7 @@ def text_of(page: Path) -> str:
 def guide_pages() -> dict[str, Path]:
     """Pages of the guide by their topics: those installed with the program, or those of a checkout."""
     installed = Path(str(files("truearm"))) / "guide"
-    folder = installed if installed.is_dir() else Path(__file__).parents[3] / "docs"
+    folder = installed if installed.is_dir() else Path(__file__).parents[4] / "docs"
     found = {path.relative_to(folder).with_suffix("").as_posix(): path for path in sorted(folder.rglob("*.md"))}
     built = ("_build/", "gallery/", "generated/")
     return {name: path for name, path in found.items() if name not in LAYOUT_PAGES and not name.startswith(built)}

@@ -74,7 +74,7 @@ def test_what_a_row_names_is_there(row, known):
     assert row[5] in sections
     sources = "".join(
         path.read_text(encoding="utf-8")
-        for folder in (Path(__file__).parent, TESTS / "cli")
+        for folder in (Path(__file__).parent, TESTS)
         for path in folder.glob("test_*.py")
     )
     for name in in_code(row[6]):

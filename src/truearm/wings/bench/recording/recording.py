@@ -45,7 +45,7 @@ CLOCK_STANDS_S = 2.0  # samples of one time for so long are of a device that han
 
 
 class RecordingOptions(TypedDict, total=False):
-    """The options of a recording, for the verbs that take them; `truearm.wings.bench.recording.record_readings.record` explains."""
+    """The options of a recording, for the verbs that take them; `ta.record` explains them."""
 
     arm: Arm | str | Path | None
     plan: str | Path | None

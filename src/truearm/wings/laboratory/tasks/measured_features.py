@@ -1,6 +1,6 @@
 """Lengths and shapes fitted to measured points, with the uncertainty that the arm gives them.
 
-The method is that of a task (`truearm.wings.laboratory.tasks.task`, JCGM 101:2008), at the measured poses: arms are drawn
+The method is that of a task (`task.py`, JCGM 101:2008), at the measured poses: arms are drawn
 from the posterior of the model, every point is moved by the errors of such an arm, and the feature is fitted again.
 What all points share then cancels out as it does in the measurement: errors of the base do not change a diameter.
 """

@@ -96,7 +96,7 @@ class CertificateResult(PageRecord):
         logo : path, optional
             Logo of the laboratory for the PDF, ``.png`` or ``.svg``.
         signer : Signer, optional
-            Key and certificate with which the XML file is signed, see `truearm.wings.laboratory.signatures.x509_certificates.read_signer`.
+            Key and certificate with which the XML file is signed, see `ta.read_signer`.
 
         Raises
         ------
