@@ -86,6 +86,7 @@ export class Camera {
     this.target = [...this.home];
     this.zoom = 1;
     this.isChosen = false; // by a reader
+    this.seen = [];
     this.look(-125, 20);
   }
 
@@ -122,15 +123,27 @@ export class Camera {
     this.zoom = Math.max(1, Math.min(60, (0.8 * this.radius) / radius));
   }
 
-  /** So far away that points are in the picture, unless a reader chose another view. @param {Vector[]} points */
+  /**
+   * Such that points fill the picture with all those of before, unless a reader chose another view.
+   * @param {Vector[]} points
+   * @returns {boolean} whether the view is another one now
+   */
   include(points) {
-    if (!this.width || this.isChosen) return;
+    if (!this.width || this.isChosen || this.shareOf(points) <= 1) return false;
+    this.seen.push(...points);
+    this.target = boundsOf(this.seen).middle;
+    for (let round = 0; round < 3; round += 1) this.zoom *= FULL / this.shareOf(this.seen); // of a perspective
+    return true;
+  }
+
+  /** @param {Vector[]} points @returns {number} 1: they reach to the edge of the picture */
+  shareOf(points) {
     const [x, y] = [this.width / 2, this.height / 2];
     const shares = points.map((point) => {
       const [right, down] = this.project(...point);
       return Math.max(Math.abs(right - x) / x, Math.abs(down - y) / y);
     });
-    this.zoom = Math.max(0.2, this.zoom * Math.min(1, FULL / Math.max(...shares)));
+    return Math.max(...shares);
   }
 
   /** @param {number} across @param {number} up shift the picture by so many pixels */

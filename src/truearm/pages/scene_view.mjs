@@ -162,7 +162,9 @@ export class SceneView {
   move(values, ghost) {
     this.values = values;
     this.ghost = ghost;
-    [values, ghost].filter(Boolean).forEach((at) => this.camera.include(this.pivots(at)));
+    if (this.camera.include([values, ghost].filter(Boolean).flatMap((at) => this.pivots(at)))) {
+      this.bounds = { ...boundsOf(this.camera.seen), low: this.bounds.low }; // the floor reaches below all of it
+    }
     this.drawSoon();
   }
 

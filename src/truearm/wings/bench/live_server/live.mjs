@@ -109,9 +109,10 @@ function showTiles() {
   write("uncertainty", known.length ? `${formatFixed(known.at(-1)[1], 3)} mm` : "\u2013");
   showCurve(known);
   write("model", model ? model.model : isCorrected() ? "given" : "none");
-  const error = model?.held_out_mm ? `: ${formatFixed(model.held_out_mm, 3)} mm on held-out readings, ` : "";
-  const before = error && `nominal arm ${formatFixed(model.nominal_mm, 3)} mm`;
+  const error = model?.held_out_mm ? `: ${formatFixed(model.held_out_mm, 3)} mm on held-out readings` : "";
+  const before = error && model.model !== "nominal" ? `, nominal arm ${formatFixed(model.nominal_mm, 3)} mm` : "";
   write("model-words", model ? `model of ${model.n} readings${error}${before}` : "model in force");
+  document.body.classList.toggle("ended", live.ended !== "");
   at("end").hidden = !live.ended;
   if (live.ended) showEnd(files);
   showButtons();

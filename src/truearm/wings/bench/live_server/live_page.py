@@ -65,7 +65,7 @@ def _settings(recording: Recording, drawn: DrawnArm) -> dict[str, object]:
         "spans": _spans(drawn),
         "takes_by_itself": recording.on == "still",
         "n_poses": None if recording.plan is None else len(recording.plan),
-        "arm": drawn.arm.name,
+        "arm": recording.arm_given or "ARM",
     }
 
 

@@ -97,6 +97,7 @@ class Recording:
         self.out, self.seat, self.on = Path(out), seat, on
         known = None if model is None else to_model_of_tip(model)
         self.arm = to_arm(arm) if arm is not None else None if known is None else known.arm_
+        self.arm_given = str(arm) if isinstance(arm, str | Path) else ""
         if _is_known(self.arm) and known is not None and _is_known(known.arm_):
             _check_same(self.arm, known.arm_)
         check_log_path(self.out)
