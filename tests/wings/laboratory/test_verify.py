@@ -872,12 +872,14 @@ def test_the_files_of_the_page_are_those_of_the_run():
 
 def test_the_page_tells_what_to_do_with_one_ball_bar(truearm, bench):
     """The two lines of the page in the plan, a bar of one length: refused before, laid out and judged after."""
-    before, after = (shown.partition("\n") for shown in blocks("console one bar"))
+    (after,) = (shown.partition("\n") for shown in blocks("console one bar"))
     lines = ARTEFACTS.splitlines(keepends=True)
     lengths = [line for line in lines if line.startswith('  { name = "')]
     Path("mine.toml").write_text("".join(line for line in lines if line not in lengths or '"900"' in line))
-    ran = truearm(*before[0].removeprefix("$ truearm ").split())
-    assert (ran.code, ran.err) == (2, before[2])
+    ran = truearm("verify", "--sheet", "iso10360-12", "--out", "sheet.html", "--artefacts", "mine.toml")
+    assert ran.code == 2
+    assert "needs 5 calibrated lengths, the file of artefacts has 1" in ran.err
+    assert "a plan with uni.lengths = 1 and uni.longest_share = 0.36" in ran.err
     plan = plan_text("iso10360-12").replace("Articulated arm with tactile probe", "Articulated arm, one ball bar")
     head, _, uni = plan.partition("[uni]")
     for line in blocks("toml one bar")[0].splitlines():

@@ -106,8 +106,12 @@ def shown_and_printed(truearm, *more):
     (shown,) = re.findall(r"```console simulated\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL)
     command, _, printed = shown.partition("\n")
     ran = truearm(*command.split()[2:], *more)
-    out = "\n".join(ran.out.splitlines()[: len(printed.splitlines())])  # the remarks are not shown
-    assert "whole test" in printed
+    beginning, end = (part.splitlines() for part in printed.split("...\n"))
+    lines = ran.out.splitlines()
+    whole = next(i for i, line in enumerate(lines) if line.startswith("whole test"))
+    assert end[0].startswith("whole test")
+    out = "\n".join([*lines[: len(beginning)], *lines[whole : whole + len(end)]])  # the remarks are not shown
+    printed = "\n".join([*beginning, *end])
     words = [re.sub(r"[\d.]+", "", " ".join(text.split())) for text in (out, printed)]
     assert words[0] == words[1]
     return out, printed
