@@ -40,5 +40,5 @@ def test_every_format_has_its_page_and_its_test(name):
     heading = HEADINGS.get(name, name.upper())
     assert re.search(rf"^##+ {re.escape(heading)}$", page, re.MULTILINE)
     module = FORMATS[name].module
-    tests = (path.read_text(encoding="utf-8") for path in (CHECKOUT / "tests" / "compensation").rglob("test_*.py"))
+    tests = (path.read_text(encoding="utf-8") for path in (CHECKOUT / "tests" / "wings" / "exports").rglob("test_*.py"))
     assert any(re.search(rf"\b{module}\b", text) for text in tests), module

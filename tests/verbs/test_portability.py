@@ -72,7 +72,7 @@ def test_no_two_files_differ_in_case_alone_and_no_name_is_reserved_or_long():
 @pytest.mark.parametrize("encoding", ["cp1252", "ascii", "utf-8"])
 def test_output_in_an_encoding_that_lacks_characters_is_written_with_the_nearest(encoding):
     code = """if True:
-        from truearm.verbs import main
+        from truearm import command_line as main
         main.make_app = lambda *_: lambda *args, **options: print("3\\u202f\\u03bcm \\u2212 5 \\u2192 \\xe4 \\u6d4b")
         main.run(["docs"])
     """

@@ -1,1 +1,1 @@
-"""Figures and scenes of an arm, its readings and its errors."""
+"""Figures and scenes of an arm, its readings and its errors, and records with a page."""

@@ -21,6 +21,7 @@ import numpy.typing as npt
 
 from truearm.arm import load_arm
 from truearm.drawings.error_figures import before_after
+from truearm.drawings.page_record import check_folder
 from truearm.files.atomic_write import atomic_file
 from truearm.models import (
     Compensator,
@@ -33,7 +34,6 @@ from truearm.models import (
 from truearm.models.uncertainty import uncertainty_budget
 from truearm.pages.html import render
 from truearm.pages.page import Page, Section
-from truearm.pages.page_record import check_folder
 from truearm.readings import ErrorComparison, compare_errors
 from truearm.verbs.record import Record, TextTable, format_fixed
 from truearm.wings.planning.designs.sampling import Poses, box, measuring_poses

@@ -17,8 +17,7 @@ from truearm.wings.laboratory.standards.decision import worst_result
 from truearm.wings.laboratory.standards.file_templates import template as artefacts_template
 from truearm.wings.laboratory.standards.measured_points import REQUIRED_COLUMNS, SAID_COLUMNS
 
-TESTS = Path(__file__).parents[3]
-PAGE = TESTS.parent / "docs" / "assessor.md"
+PAGE = Path(__file__).parents[4] / "docs" / "assessor.md"
 ROWS_OF_PAGE = [
     [cell.strip() for cell in line.strip("|").split("|")]
     for line in PAGE.read_text(encoding="utf-8").splitlines()
@@ -72,11 +71,7 @@ def test_what_a_row_names_is_there(row, known):
     assert {*in_code(row[3])} <= keys
     assert {*in_code(row[4])} <= xml
     assert row[5] in sections
-    sources = "".join(
-        path.read_text(encoding="utf-8")
-        for folder in (Path(__file__).parent, TESTS)
-        for path in folder.glob("test_*.py")
-    )
+    sources = "".join(path.read_text(encoding="utf-8") for path in Path(__file__).parents[1].rglob("test_*.py"))
     for name in in_code(row[6]):
         assert f"\ndef {name}(" in sources
 

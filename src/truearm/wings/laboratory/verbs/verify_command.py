@@ -9,8 +9,8 @@ from typing import Annotated
 import typer
 from typer import Option
 
+from truearm.drawings.page_record import check_page_path
 from truearm.errors import InputError
-from truearm.pages.page_record import check_page_path
 from truearm.verbs.console import print_line, print_record, progress
 from truearm.verbs.options import AcceptOption, Force, Json, refuse_typed, typed_options
 from truearm.verbs.outputs import check_new_output
