@@ -30,6 +30,14 @@ settings.register_profile("fixed", derandomize=True, deadline=None)
 settings.load_profile("fixed")
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """What is run weekly is slow, too: `-m "not slow"` leaves it out."""
+    for item in items:
+        if item.get_closest_marker("weekly"):
+            item.add_marker("slow")
+
+
 @pytest.fixture(scope="session")
 def chromium():
     """One browser for all tests of a worker."""

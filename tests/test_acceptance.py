@@ -12,6 +12,8 @@ from truearm.acceptance import MAX_TEXT, OVERRIDE, Acceptance, accepted, accepti
 from truearm.errors import Contradiction, InputError, SeveralFaults
 from truearm.pages.html import render
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 WHY = "the encoder was turned round, the drawing follows"
 SESSION = ta.simulate("ur10", poses=30, seed=1).session
 

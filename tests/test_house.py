@@ -90,9 +90,14 @@ def counts():
         sys.path.remove(str(CHECKOUT))
 
 
-def test_no_room_outgrows_its_budget(counts):
+@pytest.fixture(scope="module")
+def files(counts):
+    return counts.sources(HOUSE)
+
+
+def test_no_room_outgrows_its_budget(counts, files):
     """Lines of code and files; raising a budget is a line of the commit that needs it."""
-    plan, files = counts.plan(), counts.sources(HOUSE)
+    plan = counts.plan()
     held = {room: [0, 0] for room in plan["budgets"]}
     for name, source in files.items():
         room = counts.room_of(name, plan["wings"])
@@ -114,7 +119,7 @@ def test_the_guide_stays_within_its_words(counts):
 
 def without(wings: dict[str, list[str]], folder: Path) -> Path:
     """A copy of the package without the places of some wings."""
-    shutil.copytree(HOUSE, folder / "truearm", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(HOUSE, folder / "truearm")
     for place in (place for places in wings.values() for place in places):
         there = folder.joinpath("truearm", *place.split("."))
         shutil.rmtree(there) if there.is_dir() else there.with_suffix(".py").unlink()
@@ -161,9 +166,9 @@ print(ta.predict("arm.truearm", session), ta.evaluate(model, session))
     assert set(re.findall(r"^  ([a-z]+)  ", in_python(folder, "-m", "truearm", "--help"), re.MULTILINE)) == CORE_VERBS
 
 
-def test_the_core_imports_no_wing_and_few_of_its_names_cross_the_wall(counts):
+def test_the_core_imports_no_wing_and_few_of_its_names_cross_the_wall(counts, files):
     """But for what `house.toml` says is asked late."""
-    plan, files = counts.plan(), counts.doors(counts.sources(HOUSE))
+    plan, files = counts.plan(), counts.doors(files)
     for places in plan["wings"].values():
         for place in places:
             there = HOUSE.joinpath(*place.split("."))
@@ -177,9 +182,9 @@ def test_the_core_imports_no_wing_and_few_of_its_names_cross_the_wall(counts):
         assert not {one for one in early if counts.wing_of(one, plan["wings"])}, late
 
 
-def test_the_core_holds_nothing_that_only_wings_use(counts):
+def test_the_core_holds_nothing_that_only_wings_use(counts, files):
     """But for the verbs, which people call, and for the insides of the estimation, which stay together."""
-    files, wings = counts.sources(HOUSE), counts.plan()["wings"]
+    wings = counts.plan()["wings"]
     core = {name for name in files if counts.wing_of(name, wings) is None}
     used = {one for name, found in counts.imports(files).items() if name in core for one in found}
     verbs = {*truearm._HOMES, "truearm", "truearm.__main__", "truearm.command_line"}

@@ -117,7 +117,13 @@ def is_meant(estimator, check):
 def estimator_checks():
     with warnings.catch_warnings():  # models have scikit-learn's protocol without its base class, which it remarks
         warnings.filterwarnings("ignore", message=".* does not inherit from", category=UserWarning)
-        return [pair for one in MEMBERS for pair in estimator_checks_generator(one) if is_meant(*pair)]
+        # A physical model is learned as a kinematic one, with more terms.
+        return [
+            pytest.param(*pair, marks=pytest.mark.weekly if isinstance(one, PhysicalModel) else ())
+            for one in MEMBERS
+            for pair in estimator_checks_generator(one)
+            if is_meant(*pair)
+        ]
 
 
 @pytest.fixture(scope="module", autouse=True)

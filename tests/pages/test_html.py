@@ -73,12 +73,9 @@ def made_up_page(readings=200, joints=6, seed=5):
     )
 
 
-PAGE = made_up_page()
-
-
 @pytest.fixture(scope="module")
 def html():
-    return render(PAGE)
+    return render(made_up_page())
 
 
 def test_the_page_is_well_formed_and_holds_all_it_was_given(html):

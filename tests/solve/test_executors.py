@@ -212,6 +212,6 @@ def test_sums_over_a_large_session_are_the_same_on_a_cluster(cluster, tmp_path):
 def test_only_the_room_of_fleets_knows_dask():
     package = Path(ta.__file__).parent
     names = "(?:dask|distributed|joblib)"
-    importing = re.compile(rf"^\s*(?:import|from) {names}\b|_module\(\"{names}\b", flags=re.MULTILINE)
+    importing = re.compile(rf"^ *(?:import|from) {names}\b|_module\(\"{names}\b", flags=re.MULTILINE)
     found = [path for path in package.rglob("*.py") if importing.search(path.read_text(encoding="utf-8"))]
     assert [path.relative_to(package).as_posix() for path in found] == ["solve/executors.py"]

@@ -47,7 +47,10 @@ def begun_before(task: tuple[int, str]) -> int:
     number, folder = task
     Path(folder, str(number)).touch()
     seen = -1
-    while number == 0 and (now := len(list(Path(folder).iterdir()))) > seen:
+    for _ in range(0 if number else 120):  # a minute, as a loaded machine may begin nothing else in half a second
+        now = len(list(Path(folder).iterdir()))
+        if now == seen > 1:
+            break
         seen = now
         time.sleep(0.5)
-    return seen if number == 0 else number
+    return number or seen

@@ -10,6 +10,8 @@ import pytest
 
 from truearm.readings import read_session, write_session
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 N_ROWS = 40
 
 

@@ -15,6 +15,8 @@ from truearm.command_line import COMMANDS
 from truearm.models.model_file import load_model
 from truearm.readings import read_session
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 ERROR_KEYS = {
     *("mean_mm", "rms_mm", "p95_mm", "max_mm", "mean_abs_coordinate_mm", "max_abs_coordinate_mm"),
     *("removed_percent", "n"),
@@ -33,24 +35,29 @@ MODELS = ("nominal", "kinematic", "network")
 # What there is -------------------------------------------------------------------------------------------------------
 
 
+@pytest.fixture(scope="module")
+def overview(truearm):
+    return truearm("--help").out
+
+
 @pytest.mark.parametrize("verb", COMMANDS)
-def test_every_verb_says_what_it_does(truearm, verb):
+def test_every_verb_says_what_it_does(truearm, overview, verb):
     ran = truearm(verb, "--help")
     assert (ran.code, ran.err) == (0, "")
     assert ran.out.startswith(f"Usage: truearm {verb} [OPTIONS]")
     # A sentence of its own below the usage, and a help text at every option.
     assert ran.out.split("\n\n")[1].strip().endswith(".")
-    listed = [line for line in truearm("--help").out.splitlines() if line.startswith(f"  {verb} ")]
+    listed = [line for line in overview.splitlines() if line.startswith(f"  {verb} ")]
     assert len(listed) == 1
     assert listed[0].endswith(".")
     assert "..." not in listed[0]  # the sentence fits the list
     assert truearm(verb, "-h").out == ran.out
 
 
-def test_the_program_alone_and_its_version(truearm):
+def test_the_program_alone_and_its_version(truearm, overview):
     alone = truearm()
     assert alone.code == 0
-    assert alone.out == truearm("--help").out
+    assert alone.out == overview
     assert truearm("--version").out == f"truearm {__version__}\n"
     module = subprocess.run([sys.executable, "-m", "truearm", "--version"], capture_output=True, text=True, check=True)
     assert module.stdout == f"truearm {__version__}\n"

@@ -12,6 +12,8 @@ from scipy.spatial.transform import Rotation
 from truearm.models.model_file import load_model
 from truearm.readings import read_session
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 
 @pytest.fixture(scope="module")
 def moved(made, tmp_path_factory):

@@ -15,6 +15,8 @@ from truearm.arm.description_mistakes import mended_arm
 from truearm.errors import InputError
 from truearm.readings import Session, write_lengths, write_session
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 SIGN = np.where(np.arange(6) == 3, -1.0, 1.0)
 
 

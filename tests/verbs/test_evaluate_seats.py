@@ -12,6 +12,8 @@ from truearm.arm import load_arm
 from truearm.models import KinematicModel, NominalModel
 from truearm.readings import Session, seat_errors, write_session
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 POINT_KEYS = {
     *("mean_mm", "rms_mm", "p95_mm", "max_mm", "mean_abs_coordinate_mm", "max_abs_coordinate_mm"),
     *("removed_percent", "n"),

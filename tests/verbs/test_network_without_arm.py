@@ -12,6 +12,8 @@ import truearm as ta
 from truearm.errors import InputError
 from truearm.models.arm_check import arm_of_readings
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 SMALL = {"model": "network", "hidden": (8,), "epochs": 20}
 
 

@@ -14,6 +14,8 @@ import typer
 import truearm as ta
 from truearm.command_line import COMMANDS
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 DOCS = Path(__file__).parents[2] / "docs" / "files.md"
 KEPT, OWN, FREE = "kept", "replaced by its own kind", "kept, without `--force`"
 # Options that name a file or folder that is read.

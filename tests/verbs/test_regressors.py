@@ -21,6 +21,8 @@ from truearm.pages.html import render
 from truearm.readings import Lengths
 from truearm.verbs.record import to_plain
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 RESEARCHER = Path(__file__).parents[2] / "docs" / "start" / "researcher.md"
 
 

@@ -14,6 +14,8 @@ from truearm.verbs.record import Record
 from truearm.wings.laboratory.certificate.certificate import check_plan
 from truearm.wings.laboratory.standards.coordinate_origin import ARM_SOFTWARE, CoordinateOrigin
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 
 @pytest.fixture(scope="module")
 def simulated():

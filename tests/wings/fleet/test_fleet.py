@@ -24,6 +24,8 @@ from truearm.wings.fleet.fit_task import FitRow
 from truearm.wings.fleet.fleet import Fleet, FleetRun, write_results
 from truearm.wings.fleet.registry import Registry
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 pytest.importorskip("sqlalchemy", reason="a fleet is an extra: pip install 'truearm[fleet]'")
 
 

@@ -15,6 +15,8 @@ from truearm.errors import InputError
 from truearm.wings.fleet.certificates import RegisteredCertificate
 from truearm.wings.fleet.fleet import Fleet
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 pytest.importorskip("sqlalchemy", reason="a fleet is an extra: pip install 'truearm[fleet]'")
 
 DAY = datetime.datetime(2026, 6, 1, tzinfo=datetime.UTC)

@@ -19,6 +19,8 @@ from truearm.wings.fleet.fleet import Fleet
 from truearm.wings.laboratory.monitor.history import History
 from truearm.wings.laboratory.monitor.interim_check import CheckValue, InterimCheck, Withdrawal
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 pytest.importorskip("sqlalchemy", reason="a fleet is an extra: pip install 'truearm[fleet]'")
 
 ARM, MODEL, OTHER = "virtual-research-0", "a" * 64, "b" * 64

@@ -15,6 +15,8 @@ from truearm.wings.gao2017.reproduce import reproduce
 from truearm.wings.gao2017.tables import TABLES
 from truearm.wings.planning.simulate import simulate
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 
 @pytest.fixture
 def small(monkeypatch):

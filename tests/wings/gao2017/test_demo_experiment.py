@@ -127,7 +127,6 @@ def test_the_result_says_which_trainer_it_has_on_the_page_too(small):
     assert "The trainer is not the paper's: varpro" in render(result.page()).replace("&#39;", "'")
 
 
-@pytest.mark.slow
 @pytest.mark.weekly
 def test_the_papers_trainer_leaves_what_the_demo_states(tmp_path):
     """Other processors add in another order, and a training of 400 epochs comes to another minimum nearby.
@@ -147,7 +146,6 @@ def test_a_smaller_network_removes_most_of_the_error():
     assert experiment(seed=0, settings=smaller).errors("box")["network"]["removed_percent"] > 60
 
 
-@pytest.mark.slow
 @pytest.mark.weekly
 def test_the_quick_network_is_within_reach_of_the_paper():
     """1500 poses and 20-20 units: some 0.05 mm, a tenth of the nominal error."""

@@ -19,6 +19,8 @@ from truearm.wings.laboratory.certificate.dcc_reader import read_dcc
 from truearm.wings.laboratory.signatures.xml_signatures import sign_xml
 from truearm.wings.laboratory.standards.verification_plan import plan_text
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 OPTIONS = ["--plan", "my-plan.toml", "--points", "points.csv", "--artefacts", "artefacts.toml", "--mpe", "mpe.toml"]
 ALL = ["certificate", *OPTIONS, "--about", "about.toml", "--out", "certificate.xml", "--html", "certificate.html"]
 ARM_SOFTWARE = "Coordinates: from the software of the arm, without a model of truearm."

@@ -24,6 +24,8 @@ from truearm.wings.laboratory.monitor.history import History
 from truearm.wings.laboratory.monitor.interim_check import InterimCheck, interim_values
 from truearm.wings.laboratory.tasks.model_check import readings_to_compare
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 PAGE = Path(__file__).parents[3] / "docs" / "interim-check.md"
 TYPED = (1, 10, 11, 18, 26)
 STEADY = 14  # days before it creeps by half a second of arc a day

@@ -16,6 +16,8 @@ from threadpoolctl import threadpool_limits
 from page_transcripts import BLOCK, check_printed, commands
 from truearm.wings.reports.docs_command import steps_of
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 PAGE = Path(__file__).parents[3] / "docs" / "first-certificate.md"
 # A check that has too few checks before it, and a verification by a plan that nobody has confirmed, say so.
 INCONCLUSIVE = 3
@@ -94,7 +96,6 @@ def test_every_file_of_the_virtual_laboratory_is_there_before_it_is_read(virtual
                 there |= {name, name.replace(".csv", "-lengths.csv")}  # which a plan and its readings have beside them
 
 
-@pytest.mark.slow
 @pytest.mark.weekly
 def test_the_virtual_laboratory_has_a_file_for_every_page(truearm, laboratory, virtual_laboratory, monkeypatch):
     monkeypatch.chdir(laboratory)

@@ -23,6 +23,8 @@ from truearm.wings.laboratory.standards.measured_points import (
 from truearm.wings.laboratory.standards.positions import about_z, hemisphere
 from truearm.wings.laboratory.standards.verification_plan import plan_text
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 PAGE = Path(__file__).parents[3] / "docs" / "verification.md"
 
 

@@ -11,6 +11,8 @@ from made_up_verification import ARTEFACTS, MPE
 
 from truearm.wings.laboratory.standards.verification_plan import PLANS, plan_text
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 PAGE = Path(__file__).parents[3] / "docs" / "verification.md"
 
 
@@ -121,7 +123,6 @@ def test_the_page_shows_the_words_that_the_program_prints(truearm):
     shown_and_printed(truearm, "--arms", 8)
 
 
-@pytest.mark.slow
 @pytest.mark.weekly
 def test_the_page_shows_what_the_program_prints(truearm):
     """Numbers to 3 um and shares to 3 arms, as other processors round otherwise."""

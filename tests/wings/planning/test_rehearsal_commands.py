@@ -12,6 +12,8 @@ from truearm.readings import read_lengths, read_session
 from truearm.wings.planning.designs.candidates import bar_places
 from truearm.wings.planning.designs.template import write_bar_lengths, write_template
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 
 @pytest.fixture(scope="module")
 def plan(tmp_path_factory):

@@ -6,6 +6,8 @@ import pytest
 
 from truearm.wings.reports.report import ReportResult
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 
 @pytest.fixture(scope="module")
 def seated(truearm, tmp_path_factory):
@@ -22,6 +24,14 @@ def seated(truearm, tmp_path_factory):
     return folder
 
 
+@pytest.fixture
+def two_sections(monkeypatch):
+    """Pages of two of their sections: to draw them all takes seconds."""
+    whole = ReportResult.page
+    monkeypatch.setattr(ReportResult, "page", lambda self: replace(page := whole(self), sections=page.sections[:2]))
+
+
+@pytest.mark.usefixtures("two_sections")
 def test_every_figure_of_the_page_is_a_file_of_its_own(truearm, made, tmp_path):
     page, folder = tmp_path / "page.html", tmp_path / "figures"
     ran = truearm("report", made / "kinematic.truearm", made / "test.csv", "--out", page, "--figures", folder)
@@ -35,15 +45,8 @@ def test_every_figure_of_the_page_is_a_file_of_its_own(truearm, made, tmp_path):
 
 
 @pytest.mark.parametrize(("form", "start"), [("pdf", b"%PDF"), ("png", b"\x89PNG")])
-def test_figures_have_the_form_that_is_asked_for(truearm, made, tmp_path, monkeypatch, form, start):
-    """Of a page with two of its sections: to draw them all takes seconds."""
-    whole = ReportResult.page
-
-    def two_sections(self):
-        page = whole(self)
-        return replace(page, sections=page.sections[:2])
-
-    monkeypatch.setattr(ReportResult, "page", two_sections)
+@pytest.mark.usefixtures("two_sections")
+def test_figures_have_the_form_that_is_asked_for(truearm, made, tmp_path, form, start):
     given = (made / "nominal.truearm", made / "test.csv", "--out", tmp_path / "page.html", "--figures", tmp_path / "f")
     assert truearm("report", *given, "--figures-as", form).code == 0
     files = list((tmp_path / "f").iterdir())

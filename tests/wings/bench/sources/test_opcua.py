@@ -75,27 +75,35 @@ def quick(monkeypatch):
     monkeypatch.setattr(connections, "RETRY_S", 0.01)
 
 
+@pytest.fixture(scope="module")
+def arm():
+    """A server with one device, which takes seconds to start."""
+    with server(Arm=ARM) as (port, write):
+        yield f"opcua:127.0.0.1:{port}", write
+
+
 def notice_of(source, text, most=6):
     stream = source.samples()
     said = [next(stream).text for _ in range(most)]
     assert any(text in one for one in said), said
 
 
-def test_the_axes_in_order_and_by_their_units():
-    with server(Arm=ARM) as (port, write):
-        samples, notices = samples_of(open_source(f"opcua:127.0.0.1:{port}"), 3)
-        write(float("nan"))
-        notice_of(open_source(f"opcua:127.0.0.1:{port}"), "positions that are no numbers")
+def test_the_axes_in_order_and_by_their_units(arm):
+    address, write = arm
+    write(1.5)
+    samples, notices = samples_of(open_source(address), 3)
+    write(float("nan"))
+    notice_of(open_source(address), "positions that are no numbers")
     for sample in samples:
         assert sample.joint_angles_rad == pytest.approx([np.pi / 2, 250.0, 1.5])
-    assert notices == [f"connected to opc.tcp://127.0.0.1:{port}"]
+    assert notices == [f"connected to {address.replace('opcua:', 'opc.tcp://')}"]
 
 
-def test_a_position_that_the_server_calls_stale_is_no_sample():
+def test_a_position_that_the_server_calls_stale_is_no_sample(arm):
+    address, write = arm
     last = asyncua.ua.StatusCode(asyncua.ua.StatusCodes.UncertainLastUsableValue)
-    with server(Arm=ARM) as (port, write):
-        write(asyncua.ua.DataValue(asyncua.ua.Variant(90.0), last))
-        notice_of(open_source(f"opcua:127.0.0.1:{port}"), "a position is not good: UncertainLastUsableValue")
+    write(asyncua.ua.DataValue(asyncua.ua.Variant(90.0), last))
+    notice_of(open_source(address), "a position is not good: UncertainLastUsableValue")
 
 
 def test_of_several_devices_one_is_named():

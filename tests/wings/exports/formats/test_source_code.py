@@ -358,7 +358,7 @@ def all_joints(model, folder, q):
     c, js = folder / "arm.c", folder / "arm.mjs"
     c_source.write(model, Manifest.of(model, "c"), c)
     es_module.write(model, Manifest.of(model, "js"), js)
-    written = Written(model, c, js, ctypes.CDLL(str(c_source.compile_library(c, folder, *STRICT))))
+    written = Written(model, c, js, ctypes.CDLL(str(c_source.compile_library(c, folder, *STRICT, "-O0"))))
     for direction, call in (("command", "correct"), ("feedback", "feedback")):
         rows = es_module.run_module(js, call, [[row.tolist()] for row in q])
         yield direction, *written.joints(f"truearm_{call}", q), rows

@@ -186,7 +186,7 @@ def test_scatter_that_the_arm_explains_is_not_counted_twice(rng):
     assert u[0] == pytest.approx(u[1], rel=0.25)  # each is that of one scatter of 0.01 mm; twice would be 1.41
 
 
-@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize("side", [1, pytest.param(-1, marks=pytest.mark.weekly)])
 def test_u_of_a_bore_contains_hysteresis_that_the_order_of_the_training_shows(virtual, side):
     """Joints lag by 4 arcsec, at 0.8 m 0.016 mm, which no number of points averages."""
     arm = virtual.nominal

@@ -16,6 +16,8 @@ from truearm.wings.laboratory.verbs.task_command import CODES, task
 from truearm.wings.planning.designs.sampling.measuring import measuring_poses
 from truearm.wings.planning.virtual import VirtualArm, load_preset
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 SHEET = """
 name = "measuring arm 2.5 m"
 source = "its data sheet"
