@@ -23,8 +23,8 @@ from benchmarks.held_out import (
 from benchmarks.rows import RowResult, Rows, Target
 from truearm.arm import Arm, load_arm
 from truearm.identification.estimation.identification import identify
-from truearm.identification.references.alignment import align, place_base_coarsely
-from truearm.identification.references.reading_references import references_of, state_of
+from truearm.identification.references.alignment import align
+from truearm.identification.references.reading_references import place_base_coarsely, references_of, state_of
 from truearm.identification.terms import Term, candidate_terms, constants
 from truearm.models import PhysicalModel
 from truearm.models.refit import refit

@@ -44,16 +44,16 @@ def drawn():
 
 
 def test_seats_next_to_each_other_are_one_place_and_seats_far_apart_are_not(drawn):
-    assert is_in_one_place(drawn, state_of(ARM, drawn))
+    assert is_in_one_place(drawn.has_point, state_of(ARM, drawn))
     apart = poses_in(ARM, PLACE + [[0, -300, 0], [0, 300, 0]])
-    assert not is_in_one_place(apart, state_of(ARM, apart))
+    assert not is_in_one_place(apart.has_point, state_of(ARM, apart))
 
 
 def test_a_point_shows_more_than_a_place(drawn):
     points = np.full((len(drawn), 3), np.nan)
     points[0] = 0.0
     pointed = replace(drawn, points=points)
-    assert not is_in_one_place(pointed, state_of(ARM, pointed))
+    assert not is_in_one_place(pointed.has_point, state_of(ARM, pointed))
 
 
 @settings(max_examples=20)

@@ -18,7 +18,7 @@ from truearm.identification.terms.gravity import gravity_torques
 from truearm.identification.terms.torque import PayloadTorque
 from truearm.models import PhysicalModel, load_model
 from truearm.readings import Session, read_session, write_session
-from truearm.verbs.inputs import evaluation_remarks
+from truearm.verbs.inputs import payload_findings
 from truearm.verbs.predict import predict
 from truearm.wings.exports.export import export
 from truearm.wings.exports.formats import json_model
@@ -111,7 +111,7 @@ def test_readings_of_another_payload_do_not_change_a_model_that_was_trained_with
     prediction = predict(model, loaded)
     assert "payload_kg" not in prediction.outside_u_mm
     assert any("trained without payload_kg" in remark for remark in prediction.remarks)
-    assert any("trained without payload_kg" in remark for remark in evaluation_remarks(model, loaded))
+    assert any("trained without payload_kg" in str(one) for one in payload_findings(model.training_, loaded))
     empty = replace(loaded, columns={"payload_kg": np.zeros(len(loaded))})
     assert "payload_kg" not in model.inputs_outside_training(empty)
     assert not any("payload" in remark for remark in predict(model, empty).remarks)

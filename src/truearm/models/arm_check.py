@@ -66,6 +66,12 @@ def with_read_angles(arm: Arm, readings: Session) -> Session:
     return readings if chain.coupling is None else replace(readings, angles=readings.angles * chain.is_read)
 
 
+def read_by(arm: Arm, readings: Session) -> Session:
+    """The readings `with_read_angles`, of an arm with their serial number (`with_serial_number`)."""
+    with_serial_number(arm, readings)
+    return with_read_angles(arm, readings)
+
+
 def with_serial_number(arm: Arm, readings: Session) -> Arm:
     """The arm with the serial number that its readings state, if it has none itself.
 

@@ -28,9 +28,8 @@ from truearm.identification.judgement.nominal_check import UNCHECKED
 from truearm.identification.judgement.repeating_residuals import UNKNOWN_SHARE
 from truearm.identification.judgement.stated_uncertainty import counts_rounding
 from truearm.identification.judgement.tails import ellipsoid_factor
-from truearm.identification.references.prepared_readings import MIN_ROWS, PreparedReadings, lengths_in_seats
+from truearm.identification.references.prepared_readings import MIN_ROWS, PreparedReadings
 from truearm.identification.references.reading_references import (
-    check_points_of_one_tip,
     state_of,
 )
 from truearm.identification.references.session_frames import (
@@ -44,6 +43,7 @@ from truearm.identification.terms.thermal import UNKNOWN_MATERIAL, link_vectors
 from truearm.models.arm_check import (
     check_has_kinematics,
     check_readings_of,
+    read_by,
     with_read_angles,
     with_serial_number,
 )
@@ -206,7 +206,9 @@ class Compensator(Regressor, ABC):
             As `fit`; also if the readings have no reference, a known length or distance is far from that of the
             nominal arm (`check_sizes`), or `nominal` was fitted to something else.
         """
-        check_readings_of(self._checked_arm(), readings)
+        arm = self._checked_arm()
+        check_readings_of(arm, readings)
+        with_serial_number(arm, readings)
         merged = merge_repeats(readings).readings
         return self.learn(self.prepare(merged, lengths), progress=progress, nominal=nominal).judged()
 
@@ -217,11 +219,9 @@ class Compensator(Regressor, ABC):
     def prepare(self, readings: Session, lengths: Lengths | None = None) -> TrainingReadings:
         """Readings whose angles were checked (`check_readings_of`), prepared to `learn` from; see `fit_readings`."""
         arm = self._checked_arm()
-        with_serial_number(arm, readings)
         self._check_references(readings, lengths)
         read = with_read_angles(arm, readings)
-        conditions = TrainingConditions.of(read, arm.chain.is_prismatic, lengths_in_seats(read, lengths))
-        return TrainingReadings.of(arm, read, lengths, free=self.free, robust=self.robust, conditions=conditions)
+        return TrainingReadings.of(arm, read, lengths, free=self.free, robust=self.robust)
 
     @one_blas_thread()
     def learn(
@@ -325,9 +325,8 @@ class Compensator(Regressor, ABC):
 
     def at(self, readings: Session) -> CheckedReadings:
         """Readings whose angles were checked (`check_readings_of`), if the model can predict them; see `checked`."""
-        with_serial_number(self.arm_, readings)
+        readings = read_by(self.arm_, readings)
         check_tips(self.tips_, readings)
-        readings = with_read_angles(self.arm_, readings)
         self.training_.refuse_far(readings, self.arm_.chain.is_prismatic)
         return CheckedReadings(self, readings, self.state(readings))
 
@@ -628,9 +627,7 @@ class Compensator(Regressor, ABC):
             raise InputError(f"expected free parts among {list(FREE_PARTS)}, got {sorted(unknown)}")
 
     def _check_references(self, readings: Session, lengths: Lengths | None) -> None:
-        """Refuse readings from which this model cannot learn."""
-        del lengths
-        check_points_of_one_tip(readings)
+        """Refuse readings from which this model cannot learn; by default every reference serves."""
 
     def _set_conditions(self, readings: TrainingReadings) -> None:
         """Keep what is known of readings before anything is identified from them."""

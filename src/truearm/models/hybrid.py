@@ -18,6 +18,7 @@ from truearm.identification.estimation.residual_variance import (
 from truearm.identification.identify import Found, Progress, unexplained_at
 from truearm.identification.judgement.held_out_errors import HeldOutErrors
 from truearm.identification.references.prepared_readings import MIN_ROWS, PreparedReadings
+from truearm.identification.references.reading_references import check_points_of_one_tip
 from truearm.identification.terms import ArmState
 from truearm.models.compensator import CheckedReadings, Compensator
 from truearm.models.estimator import check_network_options
@@ -26,6 +27,7 @@ from truearm.models.residual_inputs import ResidualInputs, clock
 from truearm.models.training_conditions import TrainingReadings
 from truearm.nets.committee import Committee, train_committee, train_member
 from truearm.nets.perceptron import Perceptron
+from truearm.readings.lengths import Lengths
 from truearm.readings.session import Session
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray, IntArray
@@ -195,6 +197,10 @@ class HybridModel(Compensator):
         corrections = learned.scale_mm * learned.network.outputs(weights, learned.inputs[:, aside]).T
         held_out = learned.held_out.select(aside)
         return replace(held_out, deviations=held_out.deviations + corrections)
+
+    def _check_references(self, readings: Session, lengths: Lengths | None) -> None:
+        del lengths
+        check_points_of_one_tip(readings)
 
     def _fit(self, readings: PreparedReadings, placed: Found, simpler: Compensator | None, progress: Progress) -> None:
         del placed

@@ -39,7 +39,6 @@ from truearm.identification.terms.catalogue import HIGHEST_ORDER_OFFERED
 from truearm.identification.terms.expression import HIGHEST_ORDER
 from truearm.models.arm_check import check_readings_of
 from truearm.models.compensator import CheckedReadings, Compensator, ReadingsLike, no_progress
-from truearm.readings.lengths import Lengths
 from truearm.readings.session import Session
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
@@ -268,7 +267,7 @@ class IdentifiedModel(Compensator):
         share = self.variance_function_.share(at.session.angles) * self.share_of_mean(at.session)
         unexplained = self.residual_std_**2 * share
         return self.fit_.tip_covariance(at.state), sum(
-            self.unstated_input_covariances(at).values(), unexplained[:, None, None] * np.eye(3)
+            self._unstated_covariances(at).values(), unexplained[:, None, None] * np.eye(3)
         )
 
     def _shared_displacements(self, at: CheckedReadings) -> FloatArray:
@@ -286,7 +285,10 @@ class IdentifiedModel(Compensator):
         dict of str to (n, 3, 3) array
             By input the covariance of tips [mm^2], to first order.
         """
-        effects = self._unstated_input_effects(self.checked(readings))
+        return self._unstated_covariances(self.checked(readings))
+
+    def _unstated_covariances(self, at: CheckedReadings) -> dict[str, FloatArray]:
+        effects = self._unstated_input_effects(at)
         return {
             name: np.einsum("kni,knj->nij", effect, effect) for name, effect in sorted(effects.items()) if effect.any()
         }
@@ -325,9 +327,6 @@ class IdentifiedModel(Compensator):
             assert training.angle_std is not None
             effects[ROUNDED] = rounded[:, None] * tip_motions(fit.chain, state.angles, training.angle_std)
         return effects
-
-    def _check_references(self, readings: Session, lengths: Lengths | None) -> None:
-        """Every reference serves."""
 
 
 def to_identified(model: object) -> IdentifiedModel | None:

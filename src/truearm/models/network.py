@@ -14,6 +14,7 @@ from truearm.errors import InputError
 from truearm.identification.identify import Found, Progress
 from truearm.identification.judgement.repeating_residuals import UNKNOWN_SHARE, of_one_reading
 from truearm.identification.references.prepared_readings import MIN_ROWS, PreparedReadings
+from truearm.identification.references.reading_references import check_points_of_one_tip
 from truearm.identification.terms import ArmState
 from truearm.models.compensator import CheckedReadings, Compensator
 from truearm.models.estimator import check_network_options
@@ -196,7 +197,7 @@ class NetworkModel(Compensator):
                 "a network learns from points only, and lengths between seats were given",
                 hint="fit it without lengths, or fit a kinematic or physical model",
             )
-        super()._check_references(readings, lengths)
+        check_points_of_one_tip(readings)
         assert readings.points is not None  # checked
         _check_motion(self.arm, readings, readings.points)
 

@@ -14,6 +14,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from scipy.spatial import cKDTree
 
+from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.choices import Conditions
 from truearm.errors import InputError
@@ -563,6 +564,13 @@ class TrainingReadings(PreparedReadings):
     """
 
     conditions: TrainingConditions
+
+    @classmethod
+    def of(cls, arm: Arm, readings: Session, lengths: Lengths | None, *, free: tuple[str, ...], robust: bool) -> Self:
+        """See `PreparedReadings.of`."""
+        prepared = PreparedReadings.of(arm, readings, lengths, free=free, robust=robust)
+        conditions = TrainingConditions.of(readings, arm.chain.is_prismatic, prepared.lengths)
+        return cls(**vars(prepared), conditions=conditions)
 
 
 def find_angle_gaps(angles: FloatArray, prismatic: BoolArray) -> FloatArray:

@@ -11,8 +11,7 @@ from truearm.identification.estimation.propagation import relative_covariance
 from truearm.identification.judgement.outliers import Outlier
 from truearm.models.compensator import Compensator, ReadingsLike
 from truearm.models.identified_model import IdentifiedModel, to_identified
-from truearm.readings.reference_uncertainty import common_variance_of_repeats, scale_errors
-from truearm.readings.session import Session
+from truearm.readings.reference_uncertainty import reference_covariance
 from truearm.solve.distributions import chi2_quantile
 from truearm.typing import FloatArray
 
@@ -108,7 +107,7 @@ def uncertainty_budget(model: Compensator, readings: ReadingsLike) -> tuple[Unce
     if len(seen):
         assert readings.points is not None
         deviations = model.predict_readings(at)[seen] - readings.points[seen]
-        spread = combined[seen] + _reference_covariance(readings, is_frame_free="base" in model.free_)[seen]
+        spread = combined[seen] + reference_covariance(readings, is_frame_free="base" in model.free_)[seen]
         times = np.sqrt((deviations[:, None] @ np.linalg.solve(spread, deviations[:, :, None]))[:, 0, 0])
         errors = np.linalg.norm(deviations, axis=1)
     budget = UncertaintyBudget(
@@ -133,14 +132,6 @@ def uncertainty_budget(model: Compensator, readings: ReadingsLike) -> tuple[Unce
 def _frame_is_arbitrary(model: IdentifiedModel) -> bool:
     """Whether no reference in training determined the place of the arm's frame."""
     return not {"point", "orientation"} & {reference.kind for reference in model.fit_.references}
-
-
-def _reference_covariance(readings: Session, *, is_frame_free: bool) -> FloatArray:
-    """Covariance of the reference points, (n, 3, 3) [mm^2]: their own, that of their position, that of the scale."""
-    own = np.zeros((len(readings), 3)) if readings.point_std is None else readings.point_std**2
-    common = common_variance_of_repeats(readings)[0]
-    scale = scale_errors(readings, is_frame_free=is_frame_free)
-    return (own + common[:, None])[:, :, None] * np.eye(3) + scale[:, :, None] * scale[:, None]
 
 
 def _rms_std(covariance: FloatArray) -> float:

@@ -62,10 +62,10 @@ class DistanceErrors(DistanceFigures):
 
 def has_located_anchor(session: Measurements, least: int = LEAST_READINGS) -> bool:
     """Whether an anchor has enough distances: to locate it, or `LEAST_COMPARED` of them."""
-    known = rows_with_distance(session)
-    if session.anchor is None or not known.any():
+    if session.anchor is None or session.distance_mm is None:
         return False
-    return bool(np.unique(session.anchor[known], return_counts=True)[1].max() >= least)
+    known = ~np.isnan(session.distance_mm)
+    return bool(known.any() and np.unique(session.anchor[known], return_counts=True)[1].max() >= least)
 
 
 def distance_errors(points: FloatArray, session: Measurements) -> DistanceErrors:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -108,12 +109,42 @@ def check_fit(session: Session, *, n_joints: int, min_rows: int, relations: bool
     _check_reference(session)
 
 
-def has_reference(session: Session) -> BoolArray:
-    """(n,) Whether each reading has a reference: a point, an orientation, a seat, a distance or a surface."""
+def check_session_fits(
+    session: Session, model: str, *, n_joints: int, min_rows: int, reach: float | None, sliding: BoolArray
+) -> None:
+    """Check that a model of a kind can be fitted to the readings; `reach` is None where it is not known.
+
+    Raises
+    ------
+    InputError
+        As `check_fit` and `check_reach`; or if the readings have fewer residuals than the model needs: a distance has
+        one, any other reference three.
+    """
+    check_fit(session, n_joints=n_joints, min_rows=min_rows, relations=model != "network")
+    n_distances, n_anchors = 0, 0
+    if session.distance_mm is not None and session.anchor is not None:
+        there = ~np.isnan(session.distance_mm)
+        n_distances, n_anchors = int(there.sum()), len(np.unique(session.anchor[there]))
+    n_further = 0 if session.tip is None else len(np.unique(session.tip)) - 1
+    of_unknowns = 4 * n_anchors + 3 * n_further
+    others = has_reference(session, [name for name in TOUCHED if name != "anchor"])
+    n_residuals = n_distances + 3 * int(others.sum())
+    if model != "nominal" and of_unknowns and n_residuals < (least := 3 * min_rows + of_unknowns):
+        raise session.error(
+            f"{n_residuals} residuals (3 of a point, 1 of a distance) do not determine base and tip, {n_anchors} "
+            f"anchors and {n_further} further tips: that takes {least}",
+            hint="measure more poses, spread over all joints",
+        )
+    if reach is not None:
+        check_reach(session, reach=reach, sliding=sliding)
+
+
+def has_reference(session: Session, kinds: Sequence[str] = TOUCHED) -> BoolArray:
+    """(n,) Whether each reading has a reference: a point, an orientation, or what it touched of these kinds."""
     known = session.has_point
     if session.quaternion is not None:
         known |= ~np.isnan(session.quaternion[:, 0])
-    for name in TOUCHED:
+    for name in kinds:
         if (names := getattr(session, name)) is not None:
             known |= names != ""
     return known
@@ -236,6 +267,21 @@ def limit_excesses(
         value, low, high = (float(factor * v) for v in (session.angles[row, joint], lower[joint], upper[joint]))
         found.append(LimitExcess(row, session.called(row), f"J{joint + 1}", value, low, high, unit))
     return tuple(found)
+
+
+def skip_not_of_arm(
+    session: Session, limits: npt.ArrayLike, *, n_joints: int, prismatic: BoolArray, most: float = MAX_SKIPPED_SHARE
+) -> tuple[Session, tuple[LimitExcess, ...]]:
+    """`skip_beyond_limits` of readings with the number of joints and the units of an arm, at temperatures of a room.
+
+    Raises
+    ------
+    InputError
+        As that, `check_angles` and `check_temperature`.
+    """
+    check_angles(session, n_joints=n_joints, prismatic=prismatic)
+    check_temperature(session)
+    return skip_beyond_limits(session, limits, prismatic=prismatic, most=most)
 
 
 def skip_beyond_limits(

@@ -16,6 +16,12 @@ _BLANKS = re.compile(r"(?<!\d)[\s_]+|[\s_]+(?!\d)")
 _MOST = 5  # names in a sentence
 
 
+def doubtful_names(session: Session, lengths: Lengths | None) -> Iterator[Finding]:
+    """`similar_names` and `single_seats`."""
+    yield from similar_names(session)
+    yield from single_seats(session, lengths)
+
+
 def similar_names(session: Session) -> Iterator[Finding]:
     """A finding for each name that differs from a more frequent one of its column in case or blanks only."""
     for kind in NAMED:

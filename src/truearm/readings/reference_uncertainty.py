@@ -35,6 +35,14 @@ def common_variance_of_repeats(readings: Readings) -> tuple[FloatArray, FloatArr
     return variance, np.maximum(repeats - 1, 0.0) * variance
 
 
+def reference_covariance(readings: Readings, *, is_frame_free: bool) -> FloatArray:
+    """Covariance of the reference points, (n, 3, 3) [mm^2]: their own, that of their position, that of the scale."""
+    own = np.zeros((len(readings), 3)) if readings.point_std is None else readings.point_std**2
+    common = common_variance_of_repeats(readings)[0]
+    scale = scale_errors(readings, is_frame_free=is_frame_free)
+    return (own + common[:, None])[:, :, None] * np.eye(3) + scale[:, :, None] * scale[:, None]
+
+
 def scale_errors(readings: Readings, *, is_frame_free: bool) -> FloatArray:
     """Errors of the points by one standard uncertainty of the reference's scale, (n, 3) [mm].
 

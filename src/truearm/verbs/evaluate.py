@@ -10,6 +10,7 @@ import numpy as np
 
 from truearm.acceptance import acceptance_remarks, accepts
 from truearm.choices import Conditions
+from truearm.findings import Finding, findings_of
 from truearm.identification.judgement.outliers import Outlier
 from truearm.models import Compensator
 from truearm.models.uncertainty import UncertaintyBudget, uncertainty_budget
@@ -25,24 +26,23 @@ from truearm.readings import (
 )
 from truearm.readings.anchors import LEAST_COMPARED, distance_errors, has_located_anchor
 from truearm.readings.seats import has_repeated_seat
+from truearm.readings.thermal_expansion import expanded_lengths
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 from truearm.verbs.inputs import (
-    CheckedSession,
     LengthsLike,
     Limits,
     SessionLike,
-    check_has_reference,
-    evaluation_remarks,
-    tested_readings,
+    evaluation_findings,
     to_model_and_session,
     to_session,
-    unfilled_rows,
-    within_limits,
+    used_readings,
 )
 from truearm.verbs.record import TableRecord, TextTable, columns_of, format_fixed
 from truearm.verbs.regressors import AnyModelLike, RegressorLike, is_regressor, predict_points, regressor_remark
 from truearm.verbs.sentences import SAME_DAY, compare_with_nominal, format_mm, listed, number_of, with_lengths
+
+PURPOSE = "evaluate against"
 
 
 @one_blas_thread()
@@ -108,10 +108,8 @@ def evaluate(
     if is_regressor(model):
         return _evaluate_regressor(model, to_session(session), lengths, accept)
     fitted, given = to_model_and_session(model, session)
-    allowed = within_limits(given, fitted.arm, limits)
-    check_has_reference(allowed.session, fitted.arm, purpose="evaluate against", least=LEAST_COMPARED)
-    tested, known = tested_readings(allowed, given, lengths, fitted)
-    used = tested.session
+    tested = used_readings(given, fitted.arm, fitted, limits=limits, lengths=lengths, purpose=PURPOSE)
+    used, known = tested.session, expanded_lengths(tested.lengths, tested.session)
     check_sessions(used, known, own_frame="base" not in fitted.free)
     at = fitted.at(used)
     predicted = {"model": fitted.predict_readings(at)}
@@ -126,7 +124,7 @@ def evaluate(
     if used.points is not None:
         budget, far = uncertainty_budget(fitted, at)
         if (on_the_day := fitted.under("repeatability")) is not fitted:
-            same_day, far_that_day = uncertainty_budget(on_the_day, used)
+            same_day, far_that_day = uncertainty_budget(on_the_day, at._replace(model=on_the_day))
             far = far_that_day if conditions == "repeatability" else far
         outliers = tuple(outlier.located(given, tested.rows) for outlier in far)
     return Evaluation(
@@ -140,10 +138,10 @@ def evaluate(
         conditions=conditions,
         outliers=outliers,
         n_training=tested.n_training,
-        remarks=(
-            *acceptance_remarks(accept),
-            *tested.remarks,
-            *evaluation_remarks(fitted, at),
+        findings=(
+            *findings_of("acceptance", acceptance_remarks(accept)),
+            *tested.findings,
+            *evaluation_findings(at, nominal),
         ),
     )
 
@@ -175,7 +173,7 @@ class Evaluation(TableRecord):
         Readings farther from their reference point than eight stated standard uncertainties.
     n_training : int
         Readings that were skipped because the model was fitted or refitted to them.
-    remarks : tuple of str
+    findings : tuple of Finding
 
     Examples
     --------
@@ -196,7 +194,12 @@ class Evaluation(TableRecord):
     conditions: Conditions | None = None
     outliers: tuple[Outlier, ...] = ()
     n_training: int = 0
-    remarks: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """The findings in words."""
+        return tuple(map(str, self.findings))
 
     @property
     def coverage(self) -> float | None:
@@ -311,15 +314,17 @@ def _evaluate_regressor(
     regressor: RegressorLike, session: Session, lengths: LengthsLike | None, accept: str | None
 ) -> Evaluation:
     """Errors of a regressor of the user's own: without an arm there are no limits, nominal points or uncertainty."""
-    check_has_reference(session, None, purpose="evaluate against", least=LEAST_COMPARED)
-    everything = CheckedSession(session, np.arange(len(session)), unfilled_rows(session))
-    tested, known = tested_readings(everything, session, lengths)
-    used = tested.session
+    tested = used_readings(session, None, lengths=lengths, purpose=PURPOSE)
+    used, known = tested.session, expanded_lengths(tested.lengths, tested.session)
     check_sessions(used, known)
     points = predict_points(regressor, used)
-    remarks = (*acceptance_remarks(accept), *tested.remarks, regressor_remark(regressor))
+    found = (
+        *findings_of("acceptance", acceptance_remarks(accept)),
+        *tested.findings,
+        Finding("regressor", regressor_remark(regressor)),
+    )
     errors = {"model": _errors(points, None, used, known)}
-    return Evaluation(regressor, used, {"model": points}, errors, known, remarks=remarks)
+    return Evaluation(regressor, used, {"model": points}, errors, known, findings=found)
 
 
 def _errors(points: FloatArray, nominal: FloatArray | None, used: Session, known: Lengths | None) -> dict[str, Any]:

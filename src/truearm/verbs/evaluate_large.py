@@ -27,10 +27,10 @@ from truearm.solve.threads import one_blas_thread
 from truearm.verbs.inputs import (
     Limits,
     ModelLike,
-    model_remarks,
-    payload_remarks,
+    fit_findings,
+    payload_findings,
     to_model,
-    training_remarks,
+    training_findings,
     without_training_readings,
 )
 from truearm.verbs.pass_over_parts import PartTask, allowed_in_part, joined_remarks, pass_over_parts
@@ -148,8 +148,8 @@ def _sums_of(task: EvaluateTask, given: Session, part: Part, *, accept: str | No
             *acceptance_remarks(accept),
             *allowed.remarks,
             *map(str, training),
-            *payload_remarks(model, used),
-            *model_remarks(model),
+            *map(str, payload_findings(model.training_, used)),
+            *map(str, fit_findings(model)),
         ),
     )
 
@@ -219,7 +219,7 @@ def evaluate_large(
             file=session,
             hint="a file of the readings in seats alone is evaluated as a small session",
         )
-    trained = training_remarks(known, sums.n_known, sums.errors["model"].n)
+    trained = map(str, training_findings(known, sums.n_known, sums.errors["model"].n))
     return LargeEvaluation(known, len(large.parts), replace(sums, remarks=(*trained, *sums.remarks)))
 
 

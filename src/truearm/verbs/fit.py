@@ -19,10 +19,6 @@ from truearm.identification.estimation.diagnostics import identifiability
 from truearm.identification.judgement.frame_changes import SessionChange
 from truearm.identification.judgement.outliers import Outlier
 from truearm.identification.references.distances import is_offset
-from truearm.identification.references.prepared_readings import MIN_ROWS
-from truearm.identification.references.reading_references import (
-    check_spread,
-)
 from truearm.identification.terms.type_prior import TypePrior, read_type_prior
 from truearm.models import MODELS, Compensator, NominalModel
 from truearm.models.arm_check import WAYS_TO_AN_ARM, arm_of_readings, with_serial_number
@@ -36,8 +32,7 @@ from truearm.models.selection import (
 from truearm.readings import (
     Session,
 )
-from truearm.readings.names import similar_names, single_seats
-from truearm.readings.repeats import MergedReadings, merge_repeats, readings_of_one_pose
+from truearm.readings.repeats import readings_of_one_pose
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 from truearm.verbs.inputs import (
@@ -45,16 +40,14 @@ from truearm.verbs.inputs import (
     LengthsLike,
     Limits,
     SessionLike,
-    check_session_fits,
+    readings_to_fit,
     repeated_readings,
-    session_lengths,
     to_arm,
     to_free_parts,
     to_session,
-    within_limits,
 )
 from truearm.verbs.record import Record, TextTable, format_fixed
-from truearm.verbs.sentences import compare_with_nominal, format_mm, listed, number_of, with_lengths
+from truearm.verbs.sentences import compare_with_nominal, format_mm, listed, with_lengths
 
 # Models that identify no constants, and take no type prior.
 WITHOUT_CONSTANTS = frozenset({"nominal", "network"})
@@ -132,21 +125,14 @@ def fit(
     parts, known_arm = to_free_parts(free), None if arm is None else to_arm(arm)
     given = to_session(session, n_joints=None if known_arm is None else known_arm.n_joints)
     nominal_arm = with_serial_number(known_arm or arm_of_readings(given), given)
-    checked = within_limits(given, nominal_arm, limits)
-    merged = merge_repeats(checked.session)
-    used = merged.readings
-    of_type = None if prior is None else _checked_prior(prior, known_arm, model, nominal_arm.serial_number)
     # Options are checked before anything is computed.
     chosen = None if model == "auto" else MODELS[model](nominal_arm, free=parts, **options)
-    _check_poses(given, merged)
-    check_session_fits(used, nominal_arm, model)
-    known, of_lengths = session_lengths(lengths, given, used if len(checked.rows) < len(given) else None)
-    if "base" in parts:
-        check_spread(used, nominal_arm)
+    of_type = None if prior is None else _checked_prior(prior, known_arm, model, nominal_arm.serial_number)
+    used = readings_to_fit(given, nominal_arm, model, limits=limits, lengths=lengths, is_base_free="base" in parts)
     nominal = None if known_arm is None else NominalModel(nominal_arm, free=parts)
     first = chosen or nominal
     assert first is not None  # a network without an arm is chosen
-    readings = first.prepare(used, known)
+    readings = first.prepare(used.session, used.lengths)
     if nominal is not None:
         nominal.learn(readings)
     readings = replace(readings, prior=of_type)
@@ -160,22 +146,18 @@ def fit(
         *findings_of(
             "type prior", [] if of_type is None else [f"Constants are expected as the type has them: {of_type}."]
         ),
-        *checked.findings,
-        *of_lengths,
-        *similar_names(given),
-        *single_seats(given, known),
-        *repeated_readings(merged, learned.model),
+        *used.findings,
+        *repeated_readings(used, learned.model),
         *learned.findings,
     )
-    rows = checked.rows[merged.first]
     return FitResult(
         model=learned.model,
         comparison=learned.table,
-        session=used,
-        n_readings=len(checked.rows),
+        session=used.session,
+        n_readings=used.n_allowed,
         training=learned.training,
         nominal=nominal,
-        outliers=tuple(one.located(given, rows) for one in learned.outliers),
+        outliers=tuple(one.located(given, used.rows) for one in learned.outliers),
         length_outliers=learned.length_outliers,
         frame_changes=learned.changes,
         findings=in_order(found),
@@ -192,16 +174,6 @@ def _check_choice(model: ModelName, options: Mapping[str, Any], *, has_arm: bool
         raise InputError(f"model {model!r} needs the nominal arm", hint=f"--arm ARM: {WAYS_TO_AN_ARM}")
     if "terms" in options and model not in ("auto", "kinematic", "physical"):
         raise InputError(f"expected a model that identifies terms, got {model!r}", hint="model='physical'")
-
-
-def _check_poses(given: Session, merged: MergedReadings[Session]) -> None:
-    """Refuse readings that are enough only where those of one pose count more than once."""
-    if len(merged.readings) < MIN_ROWS <= merged.count.sum():
-        raise given.error(
-            f"expected at least {MIN_ROWS} poses, got {number_of(len(merged.readings), 'pose')} ({merged.count.sum()} "
-            "readings repeat them)",
-            hint="measure more poses, spread over all joints",
-        )
 
 
 def _checked_prior(prior: TypePrior | str | Path, arm: Arm | None, model: ModelName, serial_number: str) -> TypePrior:

@@ -6,7 +6,6 @@ The command line gives paths, so that messages name file, line and column; in Py
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import replace
 from hashlib import file_digest, sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
@@ -22,9 +21,10 @@ from truearm.findings import Finding, findings_of
 from truearm.identification.judgement.description_check import explain_readings
 from truearm.identification.judgement.nominal_check import MAX_NOMINAL_ERROR
 from truearm.identification.references.prepared_readings import MIN_ROWS
+from truearm.identification.references.reading_references import check_spread
 from truearm.identification.references.tips import tip_names
 from truearm.models import Compensator
-from truearm.models.compensator import FREE_PARTS, ReadingsLike
+from truearm.models.compensator import FREE_PARTS, CheckedReadings
 from truearm.models.identified_model import to_identified
 from truearm.models.model_archive import model_bytes
 from truearm.models.model_file import load_model
@@ -32,24 +32,20 @@ from truearm.models.training_conditions import TrainingConditions
 from truearm.readings import (
     Lengths,
     Session,
-    check_angles,
-    check_fit,
     check_reach,
     has_reference,
     point_errors,
     read_lengths,
     read_session,
-    skip_beyond_limits,
 )
 from truearm.readings.anchors import LEAST_COMPARED, LEAST_READINGS, has_located_anchor
-from truearm.readings.checks import MAX_SKIPPED_SHARE, check_temperature
-from truearm.readings.distances import rows_with_distance
+from truearm.readings.checks import MAX_SKIPPED_SHARE, check_session_fits, skip_not_of_arm
+from truearm.readings.names import doubtful_names
 from truearm.readings.readings import PAYLOAD
 from truearm.readings.repeats import MergedReadings, merge_repeats
 from truearm.readings.thermal_expansion import (
     REFERENCE_DEGC,
     STEEL_PER_K,
-    expanded_lengths,
     thermal_expansion_of,
 )
 from truearm.typing import BoolArray, FloatArray, IntArray
@@ -82,12 +78,21 @@ class CheckedSession(NamedTuple):
         What was skipped, and why.
     n_training : int
         Training readings that were skipped.
+    lengths : Lengths or None
+        Known lengths between their seats.
+    n_allowed : int
+        Readings within the limits, training readings and repeats among them.
+    merged : MergedReadings or None
+        What stands for repeats.
     """
 
     session: Session
     rows: IntArray
     findings: tuple[Finding, ...]
     n_training: int = 0
+    lengths: Lengths | None = None
+    n_allowed: int = 0
+    merged: MergedReadings[Session] | None = None
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -237,10 +242,9 @@ def within_limits(
     """
     if limits not in ("skip", "ignore"):
         raise InputError(f"expected limits 'skip' or 'ignore', got {limits!r}")
-    check_angles(session, n_joints=arm.n_joints, prismatic=arm.chain.is_prismatic)
-    check_temperature(session)
     rows, unfilled = np.arange(len(session)), unfilled_rows(session)
-    kept, skipped = skip_beyond_limits(session, arm.limits, prismatic=arm.chain.prismatic, most=most)
+    slides = arm.chain.is_prismatic
+    kept, skipped = skip_not_of_arm(session, arm.limits, n_joints=arm.n_joints, prismatic=slides, most=most)
     if limits == "ignore" or not skipped:
         return CheckedSession(session, rows, unfilled)
     beyond = [excess.row for excess in skipped]
@@ -283,32 +287,6 @@ def join_labels(session: Session, rows: list[int]) -> str:
     """Name readings by their lines, the first `MAX_NAMED` of them."""
     more = f" and {len(rows) - MAX_NAMED} more" if len(rows) > MAX_NAMED else ""
     return ", ".join(session.called(row) for row in rows[:MAX_NAMED]) + more
-
-
-def check_session_fits(session: Session, arm: Arm, model: str) -> None:
-    """Check that a model of a kind can be fitted to the readings.
-
-    Raises
-    ------
-    InputError
-        As `check_fit` and `check_reach`; or if the readings have fewer residuals than the model needs: a distance has
-        one, any other reference three.
-    """
-    check_fit(session, n_joints=arm.n_joints, min_rows=MIN_ROWS, relations=model != "network")
-    is_distance = rows_with_distance(session)
-    names = np.zeros(0) if session.anchor is None else session.anchor[is_distance]
-    n_anchors, n_further = len(np.unique(names)), max(len(tip_names(session)) - 1, 0)
-    of_unknowns = 4 * n_anchors + 3 * n_further
-    others = replace(session, anchor=None, distance_mm=None, u_distance_mm=None, u_offset_mm=None)
-    n_residuals = int(is_distance.sum()) + 3 * int(has_reference(others).sum())
-    if model != "nominal" and of_unknowns and n_residuals < (least := 3 * MIN_ROWS + of_unknowns):
-        raise session.error(
-            f"{n_residuals} residuals (3 of a point, 1 of a distance) do not determine base and tip, {n_anchors} "
-            f"anchors and {n_further} further tips: that takes {least}",
-            hint="measure more poses, spread over all joints",
-        )
-    if arm.has_kinematics:
-        check_reach(session, reach=arm.chain.reach, sliding=arm.chain.is_prismatic)
 
 
 def check_has_reference(session: Session, arm: Arm | None, *, purpose: str, least: int = LEAST_READINGS) -> None:
@@ -450,8 +428,10 @@ def _is_compared_as(session: Session, some: Session) -> bool:
     return bool(has_reference(some).any()) and (some.seat is not None or has_located_anchor(some, LEAST_COMPARED))
 
 
-def repeated_readings(merged: MergedReadings[Session], fitted: Compensator | None = None) -> Iterator[Finding]:
+def repeated_readings(used: CheckedSession, fitted: Compensator | None = None) -> Iterator[Finding]:
     """How many readings are repeats, and how these scatter; beside the poses about a model that was fitted to them."""
+    if (merged := used.merged) is None:
+        return
     if merged.n_changed:
         were = f"{number_of(merged.n_changed, 'pose')} {agree(merged.n_changed, 'were')}"
         said = (
@@ -483,28 +463,99 @@ def repeated_readings(merged: MergedReadings[Session], fitted: Compensator | Non
     yield Finding("repeats", said, {"n": n, "scatter_mm": merged.scatter_mm})
 
 
+def used_readings(
+    given: Session,
+    arm: Arm | None,
+    *models: Compensator,
+    limits: Limits = "skip",
+    lengths: LengthsLike | None = None,
+    purpose: str = "",
+) -> CheckedSession:
+    """The readings that a verb uses: those within the limits of the arm, repeats as one, and no training reading.
+
+    Parameters
+    ----------
+    given : Session
+    arm : Arm or None
+        Without one there are no limits.
+    *models : Compensator
+        Models that are tested on them.
+    limits : {"skip", "ignore"}
+    lengths : Lengths, str, Path or None
+        Names of seats are checked against all readings.
+    purpose : str
+        What they need a reference for, as "evaluate against"; empty if they need none.
+
+    Raises
+    ------
+    InputError
+        As `within_limits`, `check_has_reference` and `session_lengths`.
+    """
+    if arm is None:
+        allowed = CheckedSession(given, np.arange(len(given)), unfilled_rows(given))
+    else:
+        allowed = within_limits(given, arm, limits)
+    if not purpose:
+        return _selected(allowed, given, lengths)
+    check_has_reference(allowed.session, arm, purpose=purpose, least=LEAST_COMPARED)
+    return tested_readings(allowed, given, lengths, *models)
+
+
 def tested_readings(
     allowed: CheckedSession, given: Session, lengths: LengthsLike | None, *models: Compensator
-) -> tuple[CheckedSession, Lengths | None]:
-    """The readings that models are tested on, repeats as one, and known lengths between their seats, as warm as they.
-
-    Training readings of the models are skipped. Names of seats in `lengths` are checked against all readings `given`.
+) -> CheckedSession:
+    """The same of readings that are `allowed`, and how many are repeats.
 
     Raises
     ------
     InputError
         As `session_lengths`.
     """
-    others, rows, of_training = without_training_readings(allowed.session, *models)
+    used = _selected(allowed, given, lengths, *models)
+    return used._replace(findings=(*used.findings, *repeated_readings(used)))
+
+
+def _selected(
+    allowed: CheckedSession, given: Session, lengths: LengthsLike | None, *models: Compensator
+) -> CheckedSession:
+    others, rows = allowed.session, np.arange(len(allowed.session))
+    of_training: tuple[Finding, ...] = ()
+    if models:
+        others, rows, of_training = without_training_readings(others, *models)
     merged = merge_repeats(others)
-    used = merged.readings
-    known, of_lengths = session_lengths(lengths, given, used)
-    found = (*allowed.findings, *of_training, *of_lengths, *repeated_readings(merged))
-    n_training = len(allowed.rows) - len(rows)
-    return CheckedSession(used, allowed.rows[rows[merged.first]], found, n_training), expanded_lengths(known, used)
+    used, is_whole = merged.readings, len(rows) == len(given)
+    known, of_lengths = session_lengths(lengths, given, None if is_whole else used)
+    found = (*allowed.findings, *of_training, *of_lengths)
+    at = allowed.rows[rows[merged.first]]
+    return CheckedSession(used, at, found, len(allowed.rows) - len(rows), known, len(allowed.rows), merged)
 
 
-def training_remarks(model: Compensator, n_known: int, n: int) -> tuple[str, ...]:
+def readings_to_fit(
+    given: Session, arm: Arm, model: str, *, limits: Limits, lengths: LengthsLike | None, is_base_free: bool
+) -> CheckedSession:
+    """The `used_readings` that a model of a kind can be fitted to.
+
+    Raises
+    ------
+    InputError
+        As that, `check_session_fits` and `check_spread`; or if they are enough only where those of one pose count more
+        than once.
+    """
+    used = used_readings(given, arm, limits=limits, lengths=lengths)
+    n, reach = len(used.session), arm.chain.reach if arm.has_kinematics else None
+    if n < MIN_ROWS <= used.n_allowed:
+        raise given.error(
+            f"expected at least {MIN_ROWS} poses, got {number_of(n, 'pose')} ({used.n_allowed} readings repeat them)",
+            hint="measure more poses, spread over all joints",
+        )
+    slides = arm.chain.is_prismatic
+    check_session_fits(used.session, model, n_joints=arm.n_joints, min_rows=MIN_ROWS, reach=reach, sliding=slides)
+    if is_base_free:
+        check_spread(used.session, arm)
+    return used._replace(findings=(*used.findings, *doubtful_names(given, used.lengths)))
+
+
+def training_findings(model: Compensator, n_known: int, n: int) -> tuple[Finding, ...]:
     """That of `n` readings `n_known` are known from the fit of the model, or about as many times as it was a sample."""
     training, some, kept = model.training_, "", ""
     if training.readings_per_known > 1 and training.known is not None:
@@ -512,11 +563,11 @@ def training_remarks(model: Compensator, n_known: int, n: int) -> tuple[str, ...
         some, kept = "about ", f" (its file knows {training.known.n_of_fit} of {training.n_readings})"
     if n_known:
         are = agree(n_known, "are")
-        return (
-            f"{some}{n_known} of {n} {are} training readings of the model{kept}: a fair test needs others (split).",
-        )
+        said = f"{some}{n_known} of {n} {are} training readings of the model{kept}: a fair test needs others (split)."
+        return (Finding("known readings", said, {"n": n_known}),)
     if training.known is None and (identified := to_identified(model)) is not None and identified.is_refitted:
-        return ("An earlier version refitted the model: readings of that refit are not recognised. Refit it again.",)
+        said = "An earlier version refitted the model: readings of that refit are not recognised. Refit it again."
+        return (Finding("known readings", said),)
     return ()
 
 
@@ -544,56 +595,59 @@ def _kelvin(training: TrainingConditions, degC: FloatArray) -> str:
     return f"{' or '.join(phrases)} {than}; all else is in the trained range"
 
 
-def payload_remarks(model: Compensator, session: Session) -> tuple[str, ...]:
+def payload_findings(training: TrainingConditions, session: Session) -> tuple[Finding, ...]:
     """That a payload is not in the model, where only the session states one, or assumed, where only the training does.
 
     A payload that varied in the training has its share of the uncertainty (`unstated_input_covariances`).
     """
-    if model.training_.ignores_payload(session):
+    if training.ignores_payload(session):
         remark = (
             f"The model was trained without {PAYLOAD}: neither the points nor their uncertainty contain it. Fit with "
             "that column (0 without a payload)."
         )
-        return (remark,)
-    known = model.training_.columns.get(PAYLOAD)
+        return (Finding("payload", remark),)
+    known = training.columns.get(PAYLOAD)
     if known is None or known.lower < known.upper or PAYLOAD in session.columns:
         return ()
-    return (
-        (
-            f"{PAYLOAD} is not stated: {known.mean:g} kg assumed, as in the training. The uncertainty contains no "
-            "other payload."
-        ),
-    )
+    said = f"{PAYLOAD} is not stated: {known.mean:g} kg assumed, as in the training. The uncertainty contains no other "
+    return (Finding("payload", f"{said}payload.", {"assumed_kg": known.mean}),)
 
 
-def model_remarks(model: Compensator) -> tuple[str, ...]:
+def fit_findings(model: Compensator) -> tuple[Finding, ...]:
     """What was accepted when the model was fitted; that its base is nominal where it learned no reference points."""
-    of_fit = accepted_in_fit(model.accepted_)
+    of_fit = findings_of("acceptance in the fit", accepted_in_fit(model.accepted_))
     if "base" not in model.free or not np.array_equal(model.nominal_.chain.fixed[0], model.arm_.chain.fixed[0]):
         return of_fit
-    return (
-        *of_fit,
-        (
-            "Coordinates are in the arm's own frame: the base is nominal, as the model was learned without reference "
-            "points. truearm refit MODEL FILE --free base places it from four or more points."
-        ),
+    said = (
+        "Coordinates are in the arm's own frame: the base is nominal, as the model was learned without reference "
+        "points. truearm refit MODEL FILE --free base places it from four or more points."
     )
+    return (*of_fit, Finding("base", said))
 
 
-def evaluation_remarks(model: Compensator, readings: ReadingsLike) -> list[str]:
-    """What a person must know of a model before the errors on these readings are believed."""
-    at, remarks = model.checked(readings), []
-    session = at.session
-    if session.points is not None and model.arm_.has_kinematics:
-        nominal = point_errors(model.predict_nominal_readings(at), session.points)["mean_mm"]
-        if nominal > MAX_NOMINAL_ERROR * model.arm.chain.reach:
-            remarks.append(
-                f"The nominal arm misses these points by {nominal:.0f} mm. If reference or base moved, transfer "
+def evaluation_findings(at: CheckedReadings, nominal: FloatArray | None) -> Iterator[Finding]:
+    """What a person must know of a model before the errors on these readings are believed.
+
+    Parameters
+    ----------
+    at : CheckedReadings
+    nominal : (n, 3) array or None
+        Points of the nominal arm there [mm]; None without an arm.
+    """
+    model, session, _ = at
+    training, slides = model.training_, model.arm_.chain.is_prismatic
+    if session.points is not None and nominal is not None:
+        error = point_errors(nominal, session.points)["mean_mm"]
+        if error > MAX_NOMINAL_ERROR * model.arm.chain.reach:
+            said = (
+                f"The nominal arm misses these points by {error:.0f} mm. If reference or base moved, transfer "
                 "the model to the new set-up (refit); otherwise check the session for another arm, unit, sign or zero."
             )
+            yield Finding("nominal error", said, {"error_mm": error})
             if (explained := explain_readings(model.arm_, session)) is not None:
-                remarks.append(f"{explained[0].upper()}{explained[1:]}.")
-    if inputs := model.inputs_outside_training(at):
-        remarks.append(f"{describe_outside(inputs, model.training_, session)}.")
-    remarks += [*payload_remarks(model, session), *model_remarks(model)]
-    return [*remarks, *training_remarks(model, int(model.trained_on(session).sum()), len(session))]
+                yield Finding("nominal error", f"{explained[0].upper()}{explained[1:]}.")
+    if inputs := training.outside(session, slides):
+        yield Finding("trained range", f"{describe_outside(inputs, training, session)}.")
+    yield from payload_findings(training, session)
+    yield from fit_findings(model)
+    yield from training_findings(model, int(training.among(session, slides).sum()), len(session))

@@ -14,6 +14,7 @@ from truearm.choices import Conditions
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.delimited import write_columns
+from truearm.findings import Finding, findings_of
 from truearm.models import Compensator
 from truearm.models.angle_mistakes import doubt_about_angles
 from truearm.models.arm_check import with_read_angles
@@ -30,9 +31,9 @@ from truearm.verbs.inputs import (
     SessionLike,
     check_angles_fit,
     describe_outside,
+    fit_findings,
     model_file_fingerprint,
-    model_remarks,
-    payload_remarks,
+    payload_findings,
     to_model_and_session,
 )
 from truearm.verbs.record import TableRecord, format_fixed
@@ -90,7 +91,7 @@ def predict(
     """
     known, readings = to_model_and_session(model, session)
     fitted, file = known.under(conditions), Path(model) if isinstance(model, str | Path) else None
-    remarks = _reading_remarks(fitted, readings)
+    found = _reading_findings(fitted, readings)
     at = fitted.at(readings)
     points, covariances = fitted.predict_readings(at, return_cov=True)
     inputs_outside = fitted.inputs_outside_training(at)
@@ -103,7 +104,7 @@ def predict(
         outside_u_mm=dict(_uncertainties_outside(fitted, readings, inputs_outside, covariances)),
         unstated_u_mm={name: _rms_u(part) for name, part in fitted.unstated_input_covariances(at).items()},
         conditions=conditions,
-        remarks=(*acceptance_remarks(accept), *remarks, *model_remarks(fitted)),
+        findings=(*findings_of("acceptance", acceptance_remarks(accept)), *found, *fit_findings(fitted)),
         accepted=accepted(fitted.accepted_),
         serial_number=fitted.arm_.serial_number or serial_number_of(readings),  # they agree, or it was accepted
         model_name=fitted.kind if file is None else f"{file.name} ({fitted.kind})",
@@ -111,12 +112,12 @@ def predict(
     )
 
 
-def _reading_remarks(model: Compensator, readings: Session) -> tuple[str, ...]:
+def _reading_findings(model: Compensator, readings: Session) -> tuple[Finding, ...]:
     read = with_read_angles(model.arm_, readings)
     return (
-        *map(str, check_angles_fit(readings, model.arm)),
-        *doubt_about_angles(model.training_, read.angles, model.arm_.chain.is_prismatic),
-        *payload_remarks(model, readings),
+        *check_angles_fit(readings, model.arm),
+        *findings_of("angles", doubt_about_angles(model.training_, read.angles, model.arm_.chain.is_prismatic)),
+        *payload_findings(model.training_, readings),
     )
 
 
@@ -158,7 +159,7 @@ class Prediction(TableRecord):
         these readings, root mean square [mm].
     unstated_u_mm : dict of str to float
         Standard uncertainty due to each input that the session does not state at all readings [mm].
-    remarks : tuple of str
+    findings : tuple of Finding
     accepted : tuple of Acceptance
         Contradictions that were accepted in the fit of the model, or in these readings.
     serial_number : str
@@ -184,12 +185,17 @@ class Prediction(TableRecord):
     inputs_outside: Mapping[str, BoolArray]
     outside_u_mm: Mapping[str, float]
     unstated_u_mm: Mapping[str, float]
-    remarks: tuple[str, ...]
+    findings: tuple[Finding, ...]
     accepted: tuple[Acceptance, ...] = ()
     serial_number: str = ""
     model_name: str = ""
     model_sha256: str = ""
     conditions: Conditions = "reproducibility"
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """The findings in words."""
+        return tuple(map(str, self.findings))
 
     @property
     def u_mm(self) -> FloatArray:

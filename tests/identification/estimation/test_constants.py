@@ -15,7 +15,8 @@ from truearm.errors import InputError
 from truearm.identification.estimation.identification import identify
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.estimation.problem import SmallMotionProblem
-from truearm.identification.references.alignment import align, place_base_coarsely
+from truearm.identification.references.alignment import align
+from truearm.identification.references.reading_references import place_base_coarsely
 from truearm.identification.references.references import Points
 from truearm.identification.terms import ArmState, Constant, Term, constants
 from truearm.readings import Session

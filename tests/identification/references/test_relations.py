@@ -112,7 +112,7 @@ def test_every_kind_of_reference_is_there_once(angles):
     found = references_of(readings, lengths(("a", "b")))
     assert [one.kind for one in found] == ["point", "seat", "orientation"]
     assert found[2].rows.tolist() == [0, 3]
-    assert rows_with_orientation(readings).tolist() == [0, 3]
+    assert rows_with_orientation(readings.quaternion).tolist() == [0, 3]
     assert len(tool_terms(load_arm("gao2017"), readings)) == 3
     assert tool_terms(load_arm("gao2017"), Session(angles)) == []
 

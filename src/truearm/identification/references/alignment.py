@@ -8,9 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from truearm.arm.chain import Chain
 from truearm.errors import InputError
-from truearm.readings.session import Session
 from truearm.typing import FloatArray
 
 # With a third of the points wrong, at least a fifth of the triples are right: all of 80 triples are wrong with a
@@ -114,11 +112,3 @@ def rms_distance_from_line(points: FloatArray) -> float:
     """
     values = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     return float(np.sqrt((values[1:] ** 2).sum() / len(points)))
-
-
-def place_base_coarsely(chain: Chain, readings: Session, free: tuple[str, ...]) -> Chain:
-    """The chain, placed by `align` so that its tips are nearest to the points of the readings, if its base is free."""
-    if "base" not in free or readings.points is None:
-        return chain
-    seen = readings.has_point
-    return chain.with_reference_frame(align(chain.tip_in_base(readings.angles[seen]), readings.points[seen]))

@@ -24,12 +24,12 @@ PLACE_RADIUS = 0.1
 MEANS_ROUNDS = 10
 
 
-def is_in_one_place(readings: Session, state: ArmState) -> bool:
-    """Whether all readings are of one place, without a point of a reference instrument.
+def is_in_one_place(has_point: BoolArray, state: ArmState) -> bool:
+    """Whether all readings are of one place, and none `has_point` (n,) of a reference instrument.
 
     The tip then hardly moved: seats of one place, a small sphere. No reading shows what the terms do elsewhere.
     """
-    if readings.has_point.any():
+    if has_point.any():
         return False
     tips = state.chain.tip_in_base(state.angles)
     farthest = np.linalg.norm(tips - tips.mean(axis=0), axis=1).max()

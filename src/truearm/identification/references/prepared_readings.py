@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 
@@ -16,19 +16,11 @@ from truearm.identification.references.cross_validation_groups import (
     is_in_one_place,
     joint_space_regions,
 )
-from truearm.identification.references.reading_references import (
-    MIN_READINGS_ON,
-    as_of_one_tool,
-    references_of,
-    roughly_aligned_chain,
-    state_of,
-    surfaces_with_too_few_readings,
-    tool_terms,
-)
+from truearm.identification.references.reading_references import Referenced, roughly_aligned_chain, state_of
 from truearm.identification.references.reference_table import ReferenceTable, reference_table
 from truearm.identification.references.references import Points, Reference
 from truearm.identification.references.rounded_angles import tip_motion_mm
-from truearm.identification.references.session_frames import rough_session_frames, to_first_session_frame
+from truearm.identification.references.session_frames import in_one_frame
 from truearm.identification.references.tips import free_tips
 from truearm.identification.terms import ArmState, Term
 from truearm.identification.terms.catalogue import relative_size
@@ -128,9 +120,7 @@ class PreparedReadings:
     prior: TypePrior | None = None
 
     @classmethod
-    def of(
-        cls, arm: Arm, readings: Session, lengths: Lengths | None, *, free: tuple[str, ...], robust: bool, **more: Any
-    ) -> Self:
+    def of(cls, arm: Arm, readings: Session, lengths: Lengths | None, *, free: tuple[str, ...], robust: bool) -> Self:
         """Prepare readings of an arm whose angles were checked, each session in its own frame.
 
         Raises
@@ -142,13 +132,11 @@ class PreparedReadings:
         lengths = lengths_in_seats(readings, lengths)
         check_sessions(readings, lengths, own_frame="base" not in free)
         determined = free if readings.has_point.any() else tuple(part for part in free if part != "base")
-        frames = rough_session_frames(arm, readings, determined)
+        in_frame, frames = in_one_frame(arm, readings, determined)
         tips = free_tips(readings, free)
-        session = as_of_one_tool(arm, to_first_session_frame(readings, frames), determined)
-        references = references_of(session, lengths)
+        session, references, as_read, chain, tool, too_few = Referenced.of(arm, in_frame, lengths, determined)
         check_enough(references, readings)
-        as_read = state_of(arm, session)
-        one_place = is_in_one_place(session, as_read)
+        one_place = is_in_one_place(session.has_point, as_read)
         prepared = cls(
             arm=arm,
             measured=readings.measured,
@@ -162,8 +150,8 @@ class PreparedReadings:
             frames=frames,
             tips=tips,
             robust=robust,
-            chain=roughly_aligned_chain(arm, session, determined) if arm.has_kinematics else arm.chain,
-            tool=tool_terms(arm, session) if arm.has_kinematics else [],
+            chain=chain,
+            tool=tool,
             in_one_place=one_place,
             groups=joint_space_regions(session.angles, arm.chain)
             if one_place
@@ -173,8 +161,7 @@ class PreparedReadings:
             n_repeats=session.n_repeats,
             averaged_mm2=float(session.averaged_mm2.mean()),
             repeat_std_mm=session.repeat_std_mm,
-            findings=tuple(_findings(readings, lengths, list(frames))),
-            **more,
+            findings=(*too_few, *_findings(readings, lengths, list(frames))),
         )
         return replace(prepared, stretches=_stretches(prepared, session))
 
@@ -232,9 +219,6 @@ def _stretches(prepared: PreparedReadings, session: Session) -> tuple[PreparedRe
 
 def _findings(readings: Session, lengths: Lengths | None, frames: list[str]) -> Iterator[Finding]:
     """What a person must know of readings before anything is identified from them."""
-    for kind, name, n in surfaces_with_too_few_readings(readings):
-        said = f"{kind} {name} has {n} usable readings; at least {MIN_READINGS_ON[kind]} are needed. Ignored."
-        yield Finding("few readings on", said, {"n": n})
     if frames:
         first, *others = frames
         said = (

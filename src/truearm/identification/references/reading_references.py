@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from typing import NamedTuple, Self
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -11,7 +12,8 @@ from scipy.spatial.transform import Rotation
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
-from truearm.identification.references.alignment import place_base_coarsely, rms_distance_from_line
+from truearm.findings import Finding
+from truearm.identification.references.alignment import align, rms_distance_from_line
 from truearm.identification.references.distances import Distances, distances_of
 from truearm.identification.references.orientations import Orientations, orient_flange_coarsely
 from truearm.identification.references.references import Points, Reference, Seats, StatedLength, seats_of
@@ -64,6 +66,49 @@ def state_of(
     )
 
 
+class Referenced(NamedTuple):
+    """What an identification needs of readings in one frame.
+
+    Attributes
+    ----------
+    session : Session
+        With orientations as of one tool.
+    references : list of Reference
+    state : ArmState
+    chain : Chain
+        See `roughly_aligned_chain`.
+    tool : list of Term
+        See `tool_terms`.
+    findings : tuple of Finding
+        Of what has too few readings.
+    """
+
+    session: Session
+    references: list[Reference]
+    state: ArmState
+    chain: Chain
+    tool: list[Term]
+    findings: tuple[Finding, ...]
+
+    @classmethod
+    def of(cls, arm: Arm, readings: Session, lengths: Lengths | None, free: tuple[str, ...]) -> Self:
+        """Of readings whose points are in one frame; an arm without kinematics has no chain to place."""
+        session = as_of_one_tool(arm, readings, free)
+        references, state, chain, tool = (
+            references_of(session, lengths),
+            state_of(arm, session),
+            arm.chain,
+            list[Term](),
+        )
+        if arm.has_kinematics:
+            chain, tool = roughly_aligned_chain(arm, session, free), tool_terms(arm, session)
+        found = []
+        for kind, name, n in surfaces_with_too_few_readings(readings):
+            said = f"{kind} {name} has {n} usable readings; at least {MIN_READINGS_ON[kind]} are needed. Ignored."
+            found.append(Finding("few readings on", said, {"n": n}))
+        return cls(session, references, state, chain, tool, tuple(found))
+
+
 def references_of(readings: Session, lengths: Lengths | None) -> list[Reference]:
     """References of the readings, one of a kind.
 
@@ -106,7 +151,7 @@ def references_of(readings: Session, lengths: Lengths | None) -> list[Reference]
         touched = touched[~np.isin(names[touched], few)] if len(touched) else touched
         if len(touched):
             references.append(made(touched, names[touched]))
-    turned = rows_with_orientation(readings)
+    turned = rows_with_orientation(readings.quaternion)
     if len(turned):
         references.append(Orientations(turned, _orientations(readings, turned)))
     if not references:
@@ -208,17 +253,23 @@ def check_points_of_one_tip(readings: Session) -> None:
         )
 
 
-def rows_with_orientation(readings: Session) -> IntArray:
-    """Readings with an orientation of the flange."""
-    if readings.quaternion is None:
-        return np.zeros(0, dtype=np.intp)
-    return np.flatnonzero(np.isfinite(readings.quaternion).all(axis=1))
+def rows_with_orientation(quaternion: FloatArray | None) -> IntArray:
+    """Readings with an orientation of the flange, of quaternions (n, 4)."""
+    return np.zeros(0, dtype=np.intp) if quaternion is None else np.flatnonzero(np.isfinite(quaternion).all(axis=1))
+
+
+def place_base_coarsely(chain: Chain, readings: Session, free: tuple[str, ...]) -> Chain:
+    """The chain, placed by `align` so that its tips are nearest to the points of the readings, if its base is free."""
+    if "base" not in free or readings.points is None:
+        return chain
+    seen = readings.has_point
+    return chain.with_reference_frame(align(chain.tip_in_base(readings.angles[seen]), readings.points[seen]))
 
 
 def roughly_aligned_chain(arm: Arm, readings: Session, free: tuple[str, ...]) -> Chain:
     """The arm's chain, its base and tool placed roughly where the readings have them."""
     chain = place_base_coarsely(arm.chain, readings, free)
-    turned = rows_with_orientation(readings)
+    turned = rows_with_orientation(readings.quaternion)
     return (
         orient_flange_coarsely(chain, readings.angles[turned], _orientations(readings, turned))
         if len(turned)
@@ -231,7 +282,7 @@ def tool_terms(arm: Arm, readings: Session) -> list[Term]:
 
     Those of further sessions and tips differ from that of the first, of `as_of_one_tool`, by small rotations.
     """
-    turned = rows_with_orientation(readings)
+    turned = rows_with_orientation(readings.quaternion)
     if not len(turned):
         return []
     bases: list[Basis] = [InSession(name) for name in _further(readings.session, turned)]
@@ -250,7 +301,7 @@ def as_of_one_tool(arm: Arm, readings: Session, free: tuple[str, ...]) -> Sessio
 
     A marker that is mounted again, in another session or on another tip, may be turned by any angle.
     """
-    turned = rows_with_orientation(readings)
+    turned = rows_with_orientation(readings.quaternion)
     names = [one[turned] for one in (readings.session, readings.tip) if one is not None]
     if not len(turned) or not names:
         return readings

@@ -52,7 +52,7 @@ def rough_session_frames(arm: Arm, readings: Session, free: tuple[str, ...]) -> 
         points or all on a line.
     """
     seen = readings.has_point
-    seen[rows_with_orientation(readings)] = True
+    seen[rows_with_orientation(readings.quaternion)] = True
     if readings.session is None or "base" not in free or not seen.any():
         return {}
     names = list(dict.fromkeys(readings.session[seen].tolist()))
@@ -94,6 +94,12 @@ def session_frame_terms(chain: Chain, frames: Frames) -> list[Term]:
         for name in list(frames)[1:]
         for term in base_terms(chain)
     ]
+
+
+def in_one_frame(arm: Arm, readings: Session, free: tuple[str, ...]) -> tuple[Session, dict[str, FloatArray]]:
+    """Readings in the frame of the first session, and the rough frames of all."""
+    frames = rough_session_frames(arm, readings, free)
+    return to_first_session_frame(readings, frames), frames
 
 
 def to_first_session_frame(readings: Session, frames: Frames) -> Session:

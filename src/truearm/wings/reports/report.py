@@ -10,17 +10,19 @@ from typing import Any
 from truearm.acceptance import acceptance_remarks, accepting, accepts
 from truearm.drawings.page_record import PageRecord, check_page_path, input_files
 from truearm.errors import InputError
+from truearm.findings import Finding
 from truearm.models import Compensator
 from truearm.pages.page import Page
 from truearm.readings import Lengths, Session, seat_errors
 from truearm.readings.large_sessions import LargeSession, is_large
+from truearm.readings.thermal_expansion import expanded_lengths
 from truearm.solve.threads import one_blas_thread
 from truearm.verbs.evaluate_large import evaluate_large
 from truearm.verbs.inputs import (
     LengthsLike,
     SessionLike,
     check_angles_fit,
-    evaluation_remarks,
+    evaluation_findings,
     model_of_tip_of,
     tested_readings,
     to_model,
@@ -95,7 +97,7 @@ class ReportResult(PageRecord):
     def page_remarks(self) -> list[str]:
         """What a reader must know of each model before the errors are believed."""
         with accepting(self.accept):
-            remarks = {name: evaluation_remarks(model, self.session) for name, model in self.models.items()}
+            remarks = {name: [*map(str, _findings(model, self.session))] for name, model in self.models.items()}
         remarks |= {name: [regressor_remark(one)] for name, one in self.regressors.items()}
         return [f"{name}: {remark}" for name, of_model in remarks.items() for remark in of_model]
 
@@ -230,8 +232,8 @@ def report(
     fitted = {first_name: first} | {name: to_model(model) for name, model in others}
     fitted = {name: model_of_tip_of(model, readings) for name, model in fitted.items()}
     one_arm(fitted)
-    tested, known = tested_readings(compared, readings, lengths, *fitted.values())
-    readings = tested.session
+    tested = tested_readings(compared, readings, lengths, *fitted.values())
+    readings, known = tested.session, expanded_lengths(tested.lengths, tested.session)
     comparison: ModelComparison | SeatComparison
     if readings.points is not None:
         comparison = compare_models(fitted, readings, regressors)
@@ -309,3 +311,8 @@ def _errors(comparison: ModelComparison | SeatComparison) -> dict[str, dict[str,
         name: {"mean_mm": one["seat_mean_mm"], "rms_mm": one["seat_rms_mm"], "max_mm": one["seat_max_mm"]}
         for name, one in whole.items()
     }
+
+
+def _findings(model: Compensator, session: Session) -> Iterator[Finding]:
+    at = model.checked(session)
+    return evaluation_findings(at, model.predict_nominal_readings(at) if model.arm_.has_kinematics else None)

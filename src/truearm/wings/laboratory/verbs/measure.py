@@ -21,9 +21,9 @@ from truearm.verbs.inputs import (
     SessionLike,
     check_angles_fit,
     describe_outside,
+    fit_findings,
     model_of_tip_of,
-    model_remarks,
-    payload_remarks,
+    payload_findings,
     to_model_and_session,
 )
 from truearm.verbs.record import TableRecord, TextTable, columns_of, format_fixed
@@ -109,11 +109,8 @@ def measure(
     check_draws(n_arms, seed)
     given, readings = to_model_and_session(model, session)
     fitted = model_of_tip_of(given, readings)
-    remarks = [
-        *map(str, check_angles_fit(readings, fitted.arm)),
-        *payload_remarks(fitted, readings),
-        *model_remarks(fitted),
-    ]
+    of_angles, of_payload = check_angles_fit(readings, fitted.arm), payload_findings(fitted.training_, readings)
+    remarks = [str(one) for one in (*of_angles, *of_payload, *fit_findings(fitted))]
     if inputs := fitted.inputs_outside_training(readings):
         remarks.append(f"{describe_outside(inputs, fitted.training_, readings)}; errors may be larger there.")
     groups, unnamed = _by_seat(readings)
