@@ -167,6 +167,27 @@ def test_what_is_lost_is_said_and_comes_back(tab, tmp_path):
         tab.locator("#condition").filter(has_text="1 reading").wait_for()
 
 
+def test_a_second_page_knows_what_was_said_and_is_given_the_command(tab, tmp_path):
+    with Bench(tmp_path / "session.csv") as bench:
+        tab.goto(bench.server.url)
+        tab.keyboard.press("t")
+        newest(tab, "reading 1: mean of")
+        other = tab.context.new_page()
+        other.goto(bench.server.url)
+        newest(other, "reading 1: mean of")
+        other.locator("#role").filter(has_text="This page only shows").wait_for()
+        assert other.locator("[data-command=take]").is_disabled()
+        other.locator("#ask").click()
+        tab.locator("#role").filter(has_text="Another page asks for the command").wait_for()
+        tab.locator("#give").click()
+        other.locator("#role:empty").wait_for(state="attached")
+        tab.locator("#role").filter(has_text="This page only shows").wait_for()
+        assert tab.locator("[data-command=take]").is_disabled()
+        other.keyboard.press("t")
+        newest(tab, "reading 2: mean of")
+        assert tab.complaints == []
+
+
 def test_the_page_knows_every_message():
     script = files("truearm.wings.bench.live_server").joinpath("live.mjs").read_text("utf-8")
     receive = script[script.index("const receive = {") :]
