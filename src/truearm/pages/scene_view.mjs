@@ -162,10 +162,13 @@ export class SceneView {
   move(values, ghost) {
     this.values = values;
     this.ghost = ghost;
-    if (this.camera.include([values, ghost].filter(Boolean).flatMap((at) => this.pivots(at)))) {
-      this.bounds = { ...boundsOf(this.camera.seen), low: this.bounds.low }; // the floor reaches below all of it
-    }
+    this.include([values, ghost].filter(Boolean).flatMap((at) => this.pivots(at)));
     this.drawSoon();
+  }
+
+  /** @param {number[][]} points that the picture shows, with the floor below them */
+  include(points) {
+    if (this.camera.include(points)) this.bounds = { ...boundsOf(this.camera.seen), low: this.bounds.low };
   }
 
   /** @param {number[]} values @returns {number[][]} where the mechanism's pivots and its end are */
@@ -177,6 +180,7 @@ export class SceneView {
   /** Other points, in a view that began without any. @param {object} points as the part `points` of the data */
   replaceCloud(points) {
     this.cloud = new Cloud(points);
+    if (this.cloud.count) this.include(this.cloudExtent());
     this.refresh(false);
   }
 
@@ -187,7 +191,9 @@ export class SceneView {
   replaceMechanism(mechanism, lines) {
     Object.assign(this, { mechanism, lines, cloud: null });
     this.bounds = boundsOf(this.extent());
+    const { width, height } = this.camera;
     this.camera = new Camera(this.bounds);
+    this.camera.fit(width, height);
     this.drawSoon();
   }
 

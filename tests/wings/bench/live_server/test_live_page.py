@@ -170,6 +170,7 @@ def test_what_is_lost_is_said_and_comes_back(tab, tmp_path):
 def test_a_second_page_knows_what_was_said_and_is_given_the_command(tab, tmp_path):
     with Bench(tmp_path / "session.csv") as bench:
         tab.goto(bench.server.url)
+        tab.locator("#condition").filter(has_text="still").wait_for()
         tab.keyboard.press("t")
         newest(tab, "reading 1: mean of")
         other = tab.context.new_page()
@@ -183,6 +184,7 @@ def test_a_second_page_knows_what_was_said_and_is_given_the_command(tab, tmp_pat
         other.locator("#role:empty").wait_for(state="attached")
         tab.locator("#role").filter(has_text="This page only shows").wait_for()
         assert tab.locator("[data-command=take]").is_disabled()
+        other.locator("#condition").filter(has_text="still").wait_for()
         other.keyboard.press("t")
         newest(tab, "reading 2: mean of")
         assert tab.complaints == []
