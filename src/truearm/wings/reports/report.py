@@ -10,7 +10,6 @@ from typing import Any
 from truearm.acceptance import acceptance_remarks, accepting, accepts
 from truearm.drawings.page_record import PageRecord, check_page_path, input_files
 from truearm.errors import InputError
-from truearm.findings import Finding
 from truearm.models import Compensator
 from truearm.pages.page import Page
 from truearm.readings import Lengths, Session, seat_errors
@@ -97,7 +96,7 @@ class ReportResult(PageRecord):
     def page_remarks(self) -> list[str]:
         """What a reader must know of each model before the errors are believed."""
         with accepting(self.accept):
-            remarks = {name: [*map(str, _findings(model, self.session))] for name, model in self.models.items()}
+            remarks = {name: _remarks(model, self.session) for name, model in self.models.items()}
         remarks |= {name: [regressor_remark(one)] for name, one in self.regressors.items()}
         return [f"{name}: {remark}" for name, of_model in remarks.items() for remark in of_model]
 
@@ -313,6 +312,7 @@ def _errors(comparison: ModelComparison | SeatComparison) -> dict[str, dict[str,
     }
 
 
-def _findings(model: Compensator, session: Session) -> Iterator[Finding]:
+def _remarks(model: Compensator, session: Session) -> list[str]:
     at = model.checked(session)
-    return evaluation_findings(at, model.predict_nominal_readings(at) if model.arm_.has_kinematics else None)
+    nominal = model.predict_nominal_readings(at) if model.arm_.has_kinematics else None
+    return [str(one) for one in evaluation_findings(at, nominal)]
