@@ -127,7 +127,7 @@ def test_an_interrupted_demo_leaves_no_folder(tmp_path):
 
 
 def test_an_interrupted_test_of_virtual_arms_prints_nothing(tmp_path):
-    run = Watched("verify", "--simulate", "shop", "--arms", 100_000, folder=tmp_path)
+    run = Watched("verify", "simulate", "shop", "--arms", 100_000, folder=tmp_path)
     run.wait_for(b"virtual arms")
     run.program.send_signal(signal.SIGINT)
     code, out, err = run.end()

@@ -48,7 +48,7 @@ ONLY_LARGE = "applies to large sessions only: folders of session files, and file
 
 # Of the commands that fill in points to measure.
 IntoForm = Annotated[
-    Path | None, Option(help="Points to measure (truearm verify --sheet), .csv: fill in their coordinates.")
+    Path | None, Option(help="Points to measure (truearm verify sheet), .csv: fill in their coordinates.")
 ]
 FormDate = Annotated[str | None, Option(help="With --into: day of the measurement, 2026-11-03; today by default.")]
 FormTemperature = Annotated[float | None, Option(help="With --into: temperature of the artefacts.")]

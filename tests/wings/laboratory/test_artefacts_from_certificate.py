@@ -1,4 +1,4 @@
-"""``truearm verify --artefacts-from``: an artefact's certificate as a file to complete, or nothing and what to do."""
+"""``truearm verify artefacts``: an artefact's certificate as a file to complete, or nothing and what to do."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 import truearm as ta
 from made_up_dcc import BALL_BAR, SPHERE
 
-COMMAND = ["verify", "--artefacts-from", "sphere.xml"]
+COMMAND = ["verify", "artefacts", "sphere.xml"]
 
 
 @pytest.fixture
@@ -53,7 +53,7 @@ def test_a_file_of_artefacts_is_filled_in_and_what_is_missing_is_named(truearm, 
         (["--out", "artefacts.txt"], "ends in .toml"),
         (["--out", "new.toml", "--result", "Diameter"], "expected ROLE=NAME, got 'Diameter'"),
         (["--out", "new.toml", "--result", "diameter=Radius"], "sphere.xml: the certificate has no result"),
-        (["--out", "new.toml", "--mpe", "mpe.toml"], "does not apply to --artefacts-from"),
+        (["--out", "new.toml", "--mpe", "mpe.toml"], "No such option"),
         (["--out", "new.toml", "--trusted", "ca.pem"], "ca.pem|not signed"),
     ],
 )
@@ -95,14 +95,14 @@ def test_a_certificate_that_an_institute_signed_is_read_with_its_signer_and_time
         "whether a certificate was revoked."
     )
     assert read.out.splitlines()[1] == good
-    drafted = truearm("verify", "--artefacts-from", "signed.xml", "--trusted", "ca.pem", "--out", "artefacts.toml")
+    drafted = truearm("verify", "artefacts", "signed.xml", "--trusted", "ca.pem", "--out", "artefacts.toml")
     assert (drafted.code, drafted.out.splitlines()[1]) == (0, good)
     late = certified(key, "Example Institute", by=above, begin=2027, end=2028)
     Path("signed.xml").write_bytes(advanced(late, key, content=SPHERE.encode()))
     read = truearm("certificate", "--read", "signed.xml")
     assert read.code == 3
     assert "signed it on 2026-03-01; its signer's certificate is valid from 2027-01-01" in read.out
-    drafted = truearm("verify", "--artefacts-from", "signed.xml", "--trusted", "ca.pem")
+    drafted = truearm("verify", "artefacts", "signed.xml", "--trusted", "ca.pem")
     assert (drafted.code, "not verifiable here" in drafted.err) == (2, True)
 
 

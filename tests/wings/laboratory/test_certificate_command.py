@@ -227,7 +227,7 @@ def test_without_confirmed_numbers_a_certificate_is_refused_or_marked(truearm, b
         ran = truearm(*[(plan if part == "my-plan.toml" else part) for part in ALL])
         assert (ran.code, ran.out) == (2, "")
         assert "no certificate: 28 entries are not confirmed against ISO 10360-12:2016 in the test plan" in ran.err
-        assert "--print-plan iso10360-12 > my-plan.toml" in ran.err
+        assert "verify plan iso10360-12 > my-plan.toml" in ran.err
         assert len(ran.err.splitlines()) == 1
         assert snapshot(bench) == there
     ran = truearm(*ALL, "--unconfirmed")

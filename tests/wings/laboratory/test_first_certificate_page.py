@@ -90,7 +90,7 @@ def test_every_file_of_the_virtual_laboratory_is_there_before_it_is_read(virtual
                 is_written = (
                     option in WRITTEN
                     or (step[0], option) == ("simulate", "--lengths")
-                    or (option == "--points" and "--sheet" in step)
+                    or (option == "--points" and "sheet" in step)
                 )
                 assert is_written or name in there, (step, name)
                 there |= {name, name.replace(".csv", "-lengths.csv")}  # which a plan and its readings have beside them

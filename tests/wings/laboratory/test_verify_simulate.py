@@ -18,18 +18,18 @@ PAGE = Path(__file__).parents[3] / "docs" / "verification.md"
 
 @pytest.mark.parametrize("name", PLANS)
 def test_a_plan_is_printed_to_edit(truearm, tmp_path, name):
-    ran = truearm("verify", "--print-plan", name)
+    ran = truearm("verify", "plan", name)
     assert (ran.code, ran.err) == (0, "")
     assert ran.out == plan_text(name)
     mine = tmp_path / "mine.toml"
     mine.write_text(ran.out.replace("value = 3", "value = 1"))
-    ran = truearm("verify", "--simulate", "perfect", "--plan", mine, "--arms", 1)
+    ran = truearm("verify", "simulate", "perfect", "--plan", mine, "--arms", 1)
     assert ran.code == 0, ran
 
 
 def test_perfect_arms_conform_and_research_arms_do_not(truearm):
     for preset, share in (("perfect", 1.0), ("research", 0.0)):
-        ran = truearm("verify", "--simulate", preset, "--arms", 2, "--json")
+        ran = truearm("verify", "simulate", preset, "--arms", 2, "--json")
         found = json.loads(ran.out)
         assert (ran.code, ran.err) == (0, "")
         assert found["all"]["conform"] == share
@@ -41,7 +41,7 @@ def test_files_of_ones_own_are_used(truearm, tmp_path):
     artefacts, mpe = tmp_path / "artefacts.toml", tmp_path / "mpe.toml"
     artefacts.write_text(ARTEFACTS)
     mpe.write_text(MPE)
-    common = ["verify", "--simulate", "shop", "--arm", "gao2017", "--artefacts", artefacts, "--mpe", mpe, "--arms", 3]
+    common = ["verify", "simulate", "shop", "--arm", "gao2017", "--artefacts", artefacts, "--mpe", mpe, "--arms", 3]
     found = json.loads(truearm(*common, "--json").out)
     limits = {row["label"]: row["limit"] for row in found["rows"]}
     assert limits["P_Size.Sph.1x25"] == 0.015
@@ -57,10 +57,10 @@ def test_files_of_ones_own_are_used(truearm, tmp_path):
 
 def test_a_model_takes_the_test_too(truearm, made):
     """Far outside the box of its training a model errs as the nominal arm may, by millimetres, and by something."""
-    found = json.loads(truearm("verify", "--simulate", made / "kinematic.truearm", "--arms", 3, "--json").out)
+    found = json.loads(truearm("verify", "simulate", made / "kinematic.truearm", "--arms", 3, "--json").out)
     assert found["arm"] == "gao2017"
     assert all(0 < row["median"] < 3 for row in found["rows"])
-    ran = truearm("verify", "--simulate", made / "network.truearm", "--arms", 3)
+    ran = truearm("verify", "simulate", made / "network.truearm", "--arms", 3)
     assert ran.code == 2
     assert "a network has no terms" in ran.err
 
@@ -68,20 +68,25 @@ def test_a_model_takes_the_test_too(truearm, made):
 @pytest.mark.parametrize(
     ("arguments", "phrase"),
     [
-        ([], "expected one of --points, --simulate"),
-        (["--simulate", "shop", "--points", "points.csv"], "expected one of --points, --simulate"),
-        (["--points", "points.csv"], "--points needs --plan and --artefacts and --mpe as well"),
+        ([], "expected --points, --plan, --artefacts, --mpe"),
+        (["--points", "points.csv"], "expected --plan, --artefacts, --mpe"),
         (
-            ["--simulate", "shopp"],
+            ["--points", "points.csv", "simulate", "shop"],
+            "--points is for measured points, and simulate is another way. Try: truearm verify simulate --help",
+        ),
+        (["--simulate", "shop"], "--simulate is a command now. Try: truearm verify simulate MODEL|PRESET"),
+        (["--print-plan=iso10360-12"], "--print-plan is a command now. Try: truearm verify plan NAME"),
+        (
+            ["simulate", "shopp"],
             "a specification (.toml) or a preset (perfect, research, shop, worn, printed), got 'shopp'",
         ),
-        (["--simulate", "ur10"], "got the arm 'ur10'. Try: shop, with --arm ur10"),
-        (["--simulate", "mine.urdf"], "got the arm 'mine.urdf'. Try: shop, with --arm mine.urdf"),
-        (["--simulate", "shop", "--report", "page.html"], "--report does not apply to --simulate"),
-        (["--simulate", "shop", "--arm", "panda2"], "there is no arm 'panda2'"),
-        (["--simulate", "shop", "--plan", "iso"], "there is no plan 'iso'"),
-        (["--simulate", "shop", "--mpe", "none.toml"], "none.toml"),
-        (["--print-plan", "iso"], "there is no plan 'iso'. Try: use iso10360-12 or asme-b89.4.22"),
+        (["simulate", "ur10"], "got the arm 'ur10'. Try: shop, with --arm ur10"),
+        (["simulate", "mine.urdf"], "got the arm 'mine.urdf'. Try: shop, with --arm mine.urdf"),
+        (["simulate", "shop", "--report", "page.html"], "No such option"),
+        (["simulate", "shop", "--arm", "panda2"], "there is no arm 'panda2'"),
+        (["simulate", "shop", "--plan", "iso"], "there is no plan 'iso'"),
+        (["simulate", "shop", "--mpe", "none.toml"], "none.toml"),
+        (["plan", "iso"], "there is no plan 'iso'. Try: use iso10360-12 or asme-b89.4.22"),
     ],
 )
 def test_what_does_not_fit_is_refused(truearm, tmp_path, monkeypatch, arguments, phrase):
@@ -95,7 +100,7 @@ def test_what_does_not_fit_is_refused(truearm, tmp_path, monkeypatch, arguments,
 def test_an_arm_too_short_for_the_limits_is_refused_with_its_reach(truearm, tmp_path):
     mpe = tmp_path / "mpe.toml"
     mpe.write_text(MPE.replace("measuring_range_mm = 2500", "measuring_range_mm = 4000"))
-    ran = truearm("verify", "--simulate", "shop", "--plan", "asme-b89.4.22", "--mpe", mpe)
+    ran = truearm("verify", "simulate", "shop", "--plan", "asme-b89.4.22", "--mpe", mpe)
     assert ran.code == 2
     assert "does not reach" in ran.err
     assert "; volumetric, position 2 4 " in ran.err
@@ -141,19 +146,19 @@ def test_a_sheet_is_written_for_ones_own_artefacts(truearm, tmp_path):
     artefacts, mpe, out = (tmp_path / name for name in ("artefacts.toml", "mpe.toml", "sheet.html"))
     artefacts.write_text(ARTEFACTS)
     mpe.write_text(MPE)
-    ran = truearm("verify", "--sheet", "iso10360-12", "--out", out, "--artefacts", artefacts, "--mpe", mpe)
+    ran = truearm("verify", "sheet", "iso10360-12", "--out", out, "--artefacts", artefacts, "--mpe", mpe)
     assert (ran.code, ran.err) == (0, "")
     heading = "Articulated arm with tactile probe (plan not confirmed against ISO 10360-12:2016)"
     assert ran.out == f"{out}: operator's sheet, 310 points of {heading}\n"
     command, _, printed = re.findall(r"```console sheet\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)[
         0
     ].partition("\n")
-    assert command == "$ truearm verify --sheet iso10360-12 --out sheet.html --artefacts artefacts.toml --mpe mpe.toml"
+    assert command == "$ truearm verify sheet iso10360-12 --out sheet.html --artefacts artefacts.toml --mpe mpe.toml"
     assert ran.out.replace(str(out), out.name) == printed
     html = out.read_text()
     for phrase in ("K-101", "measuring arm 2.5 m", "2028-01-15", "150, 450, 900, 1300, 1700"):
         assert phrase in html
-    ran = truearm("verify", "--sheet", "asme-b89.4.22", "--out", out)
+    ran = truearm("verify", "sheet", "asme-b89.4.22", "--out", out)
     assert ran.code == 0
     assert "measuring range and artefacts: examples" in ran.out
 
@@ -161,14 +166,10 @@ def test_a_sheet_is_written_for_ones_own_artefacts(truearm, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "phrase"),
     [
-        (["--sheet", "iso10360-12"], "--sheet needs --out as well"),
-        (["--sheet", "iso10360-12", "--out", "sheet.html", "--arms", 3], "--arms does not apply to --sheet"),
-        (["--simulate", "shop", "--out", "sheet.html"], "--out does not apply to --simulate"),
-        (["--print-plan", "iso10360-12", "--json"], "--json does not apply to --print-plan"),
-        (["--sheet", "iso10360-12", "--out", "sheet.pdf"], "ends in .html"),
-        (["--sheet", "iso10360-12", "--out", "away/sheet.html"], "away"),
-        (["--sheet", "iso", "--out", "sheet.html"], "there is no plan 'iso'"),
-        (["--sheet", "iso10360-12", "--out", "sheet.html", "--simulate", "shop"], "expected one of"),
+        (["sheet", "iso10360-12"], "Missing option '--out'"),
+        (["sheet", "iso10360-12", "--out", "sheet.pdf"], "ends in .html"),
+        (["sheet", "iso10360-12", "--out", "away/sheet.html"], "away"),
+        (["sheet", "iso", "--out", "sheet.html"], "there is no plan 'iso'"),
     ],
 )
 def test_a_sheet_that_cannot_be_written_is_refused(truearm, tmp_path, monkeypatch, arguments, phrase):

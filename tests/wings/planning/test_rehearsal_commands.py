@@ -1,4 +1,4 @@
-"""The rehearsal on the command line: `simulate --plan`, `verify --sheet --points`, `predict --into`."""
+"""The rehearsal on the command line: `simulate --plan`, `verify sheet --points`, `predict --into`."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def test_no_file_of_the_plan_is_overwritten(truearm, plan):
 def test_the_points_of_a_sheet_are_filled_in_by_a_model(truearm, made, tmp_path):
     """The coordinates are those of `predict --out`."""
     sheet, points, angles = (tmp_path / name for name in ("sheet.html", "points.csv", "angles.csv"))
-    ran = truearm("verify", "--sheet", "asme-b89.4.22", "--out", sheet, "--points", points, "--tip-diameter", 3)
+    ran = truearm("verify", "sheet", "asme-b89.4.22", "--out", sheet, "--points", points, "--tip-diameter", 3)
     assert (ran.code, ran.err) == (0, "")
     assert ran.out.splitlines()[-1] == f"points to measure written to {points}"
     with points.open(encoding="utf-8", newline="") as file:
@@ -135,7 +135,7 @@ def test_the_points_of_a_sheet_are_filled_in_by_a_model(truearm, made, tmp_path)
     # By the way of a table the points would pass for those of the arm's software.
     ran = truearm("import", tmp_path / "table.csv", "--points", "x_mm,y_mm,z_mm", "--into", points)
     assert (ran.code, "computed by a model of truearm. Try: truearm predict" in ran.err) == (2, True)
-    ran = truearm("verify", "--sheet", "asme-b89.4.22", "--out", sheet, "--points", points)
+    ran = truearm("verify", "sheet", "asme-b89.4.22", "--out", sheet, "--points", points)
     assert (ran.code, "the file exists already" in ran.err) == (2, True)
 
 
@@ -156,7 +156,7 @@ def test_predict_writes_a_table_or_fills_in_points(truearm, made, options, says)
 @pytest.fixture(scope="module")
 def points_to_measure(truearm, tmp_path_factory):
     folder = tmp_path_factory.mktemp("sheet")
-    sheet = ("--sheet", "asme-b89.4.22", "--out", folder / "sheet.html")
+    sheet = ("sheet", "asme-b89.4.22", "--out", folder / "sheet.html")
     assert truearm("verify", *sheet, "--points", folder / "points.csv", "--tip-diameter", 0).code == 0
     return (folder / "points.csv").read_bytes()
 

@@ -26,7 +26,7 @@ def simulate(
     out: Annotated[Path, Option(help="Session file to write (.csv or .parquet).")],
     plan: Annotated[
         Path | None,
-        Option(help="Carry out this plan of truearm plan, or take these points of truearm verify --sheet, .csv."),
+        Option(help="Carry out this plan of truearm plan, or take these points of truearm verify sheet, .csv."),
     ] = None,
     poses: Annotated[
         int, Option(max=10_000_000, help="Number of poses; a reading each, with --anchors one for each anchor.")
@@ -69,7 +69,7 @@ def simulate(
 
     --plan rehearses a plan of truearm plan: seats, bar and sphere stand where the plan puts them, and the session has
     all that a person would write down. The length of the bar is written beside it: out.csv, out-lengths.csv. With
-    --artefacts it takes the points of a verification (truearm verify --sheet): joint angles, one row for each point.
+    --artefacts it takes the points of a verification (truearm verify sheet): joint angles, one row for each point.
 
     --strategy seat --no-reference simulates a measurement without an instrument: the tip is held in seats, in as many
     poses in each. --bars 2 adds a bar with two seats at two places; the length that its certificate states, with a

@@ -150,7 +150,7 @@ def test_what_is_not_reached_is_named():
         f"articulation, position 2: {links} (25 x); uni, all 7 positions: {links} ({beyond} x)"
     )
     assert "1291 mm" in refused.value.hint
-    assert "a plan of your own (--print-plan) without these places" in refused.value.hint
+    assert "a plan of your own (truearm verify plan) without these places" in refused.value.hint
     # Within the length of the links, but stretched out to the last and touched from beyond.
     stretched = next(one for one in far if one.test == "uni")
     out = np.array([1.0, 0.0, 0.0])

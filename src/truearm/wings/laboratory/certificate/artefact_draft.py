@@ -297,7 +297,7 @@ def _check_some_size(sizes: Sequence[StatedSize], untaken: Mapping[str, str], ch
     )
     raise InputError(
         f"{problem}: {listed}" if listed else problem,
-        hint="enter diameter or lengths in mm in the empty file that truearm verify --template artefacts prints",
+        hint="enter diameter or lengths in mm in the empty file that truearm verify template artefacts prints",
     )
 
 

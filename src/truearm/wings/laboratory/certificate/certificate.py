@@ -355,7 +355,7 @@ def check_plan(verification: Verification) -> None:
     if gap.endswith(NO_ARM):
         raise InputError(f"no certificate: {gap}", hint="measure the arm")
     name = verification.plan.name
-    file = f"truearm verify --print-plan {name} > my-plan.toml" if name in PLANS else "your plan file"
+    file = f"truearm verify plan {name} > my-plan.toml" if name in PLANS else "your plan file"
     raise InputError(
         f"no certificate: {gap}",
         hint=f"{file}: compare each entry with your copy of the standard, type the clause into source, set confirmed "

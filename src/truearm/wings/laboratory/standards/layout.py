@@ -170,7 +170,7 @@ def _fewer(
     share = floor(100 * pool[-1][1].length_mm / measuring_range_mm) / 100
     if share < test.longest_share.value:
         changed.append(f"{name}.longest_share = {share:g}")
-    return f"use a plan with {' and '.join(changed)} (truearm verify --print-plan writes one to edit)"
+    return f"use a plan with {' and '.join(changed)} (truearm verify plan writes one to edit)"
 
 
 @dataclass(frozen=True, eq=False)

@@ -360,7 +360,7 @@ class PointChecks:
             f"test {name!r}: the plan asks for {planned} {what}, got {n}"
             + (f": {join_names([quoted_cell(one) for one in names])}" if names else ""),
             group,
-            hint=f"{hint}, or change the plan (truearm verify --print-plan) if your contract says so",
+            hint=f"{hint}, or change the plan (truearm verify plan) if your contract says so",
         )
 
 

@@ -195,7 +195,7 @@ def read_planned_points(path: str | Path) -> tuple[PlannedPoints, ...]:
     _check_form(sheet)
     if missing := [name for name in (*PLANNED, *FROM) if name not in sheet.names]:
         raise sheet.error(
-            f"expected the planned points, got no column {missing[0]}", hint="give the file of truearm verify --sheet"
+            f"expected the planned points, got no column {missing[0]}", hint="give the file of truearm verify sheet"
         )
     index = sheet.names.index
     numeric, words = [*PLANNED, *FROM, TIP], ["test", "artefact", *KEYS]
@@ -257,7 +257,7 @@ def _check_form(sheet: Sheet) -> None:
     check_names(sheet, REQUIRED_COLUMNS, (*OPTIONAL_COLUMNS, *CONDITIONS, *SAID_COLUMNS))
     for name in OPTIONAL_COLUMNS:
         if name not in sheet.names:
-            raise sheet.error(f"the column {name} is missing", hint="give the file of truearm verify --sheet")
+            raise sheet.error(f"the column {name} is missing", hint="give the file of truearm verify sheet")
 
 
 def _read_form(path: str | Path) -> _Form:
@@ -306,9 +306,7 @@ class _Form:
         """The rows without coordinates that points (k, 3) fill in; refuses other points than the planned ones."""
         rows = self.empty_rows()
         if not len(rows):
-            raise self.sheet.error(
-                "all points have coordinates already", hint="write a new form: truearm verify --sheet"
-            )
+            raise self.sheet.error("all points have coordinates already", hint="write a new form: truearm verify sheet")
         if len(points) != len(rows):
             raise self.mismatch(points, rows)
         if (first := self.first_elsewhere(points, rows)) is not None:

@@ -99,7 +99,7 @@ def pose(layout: Sequence[Placement], arm: Arm, *, seed: int) -> PosedTest:
             f"arm {arm.name!r} does not reach {unreached.total()} of {len(placement)} points: "
             f"{_unreached(layout, unreached)}",
             hint=f"use a smaller measuring range (at most twice the reach of {base.reach_mm:.0f} mm), or a plan of "
-            "your own (--print-plan) without these places: fewer positions, or required = false",
+            "your own (truearm verify plan) without these places: fewer positions, or required = false",
         )
     return PosedTest(arm, layout, angles, placement)
 

@@ -149,7 +149,7 @@ class VerificationResult(TableRecord, PageRecord):
         if not decides:
             yield (
                 "Next: compare the plan with your copy of the standard, and confirm it in a plan of your own "
-                "(--print-plan; docs/verification.md)."
+                "(truearm verify plan; docs/verification.md)."
             )
         else:
             yield "Next: truearm certificate writes this as a calibration certificate, from the same files."
