@@ -23,6 +23,7 @@ READ = {
     "about",
     "arms",
     "artefacts",
+    "certificate",
     "artefacts_from",
     "as_found",
     "check",
@@ -51,6 +52,8 @@ def commands() -> Iterator[tuple[str, Any]]:
         module, _, function = place.partition(":")
         command = getattr(importlib.import_module(module), function)
         if isinstance(command, typer.Typer):
+            if command.registered_callback is not None:
+                yield verb, command.registered_callback.callback
             for one in command.registered_commands:
                 yield f"{verb} {one.name or one.callback.__name__}", one.callback
         else:
