@@ -24,8 +24,7 @@ from truearm.identification.from_sums import Iterate
 from truearm.readings import Session
 from truearm.readings.columns import session_columns
 from truearm.readings.large_sessions import LargeSession
-from truearm.solve.executor import Executor, Serial
-from truearm.solve.executors import Processes
+from truearm.solve.executors import Executor, Processes, Serial
 from truearm.verbs import fit_large as fitting
 from truearm.verbs.evaluate_large import evaluate_large
 from truearm.verbs.fit_large import fit_large

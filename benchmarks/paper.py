@@ -18,9 +18,8 @@ import numpy as np
 from benchmarks.rows import RowResult, Rows, Target, machine, scratch
 from truearm.arm import load_arm
 from truearm.models import Compensator, HybridModel, KinematicModel, PhysicalModel
-from truearm.nets.nguyen_widrow import nguyen_widrow
 from truearm.nets.normal_equations import FitProblem
-from truearm.nets.perceptron import Perceptron
+from truearm.nets.perceptron import Perceptron, nguyen_widrow
 from truearm.nets.scaling import MinMaxScaler
 from truearm.nets.train_varpro import train_varpro
 from truearm.readings import Session

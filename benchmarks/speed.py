@@ -23,8 +23,8 @@ import numpy as np
 import truearm as ta
 from benchmarks.rows import RowResult, Rows, Target, cpu_seconds_of, scratch, times_of, times_of_each
 from truearm.arm import Chain, load_arm, write_urdf
-from truearm.identification.estimation.composed_arm import ComposedArm
 from truearm.identification.estimation.covariance_root import CovarianceRoot
+from truearm.identification.estimation.identification_result import ComposedArm
 from truearm.models import Compensator, KinematicModel, NominalModel, PhysicalModel
 from truearm.models.model_file import load_model
 from truearm.readings import Session

@@ -20,9 +20,8 @@ import numpy as np
 from benchmarks.cost import dense_jacobian
 from benchmarks.peers import Curve, Task, Watch, answer_of
 from benchmarks.rows import RowResult, Rows, Target
-from truearm.nets.nguyen_widrow import nguyen_widrow
 from truearm.nets.normal_equations import FitProblem
-from truearm.nets.perceptron import Perceptron
+from truearm.nets.perceptron import Perceptron, nguyen_widrow
 from truearm.nets.scaling import MinMaxScaler
 from truearm.nets.train_varpro import train_varpro
 from truearm.nets.trainlm import trainlm

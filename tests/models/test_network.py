@@ -16,8 +16,8 @@ from truearm.errors import InputError
 from truearm.models import NetworkModel
 from truearm.models.network import TRAINERS
 from truearm.nets import normal_equations
-from truearm.nets.nguyen_widrow import nguyen_widrow
 from truearm.nets.normal_equations import FitProblem
+from truearm.nets.perceptron import nguyen_widrow
 from truearm.nets.training import dividerand
 from truearm.readings import Lengths, Session
 

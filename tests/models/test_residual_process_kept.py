@@ -25,8 +25,7 @@ from truearm.identification.judgement.residual_process import (
 from truearm.identification.terms.basis import Constant
 from truearm.identification.terms.kernel import InducedProcess
 from truearm.models import PhysicalModel
-from truearm.models.model_file import load_model
-from truearm.models.model_file_checks import check_model
+from truearm.models.model_file import check_model, load_model
 from truearm.models.refit import refit
 from truearm.readings import Session, hold_out
 from truearm.verbs.fit import fit

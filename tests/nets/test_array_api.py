@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from truearm.errors import InputError
-from truearm.nets.nguyen_widrow import nguyen_widrow
 from truearm.nets.normal_equations import FitProblem
-from truearm.nets.perceptron import Perceptron
+from truearm.nets.perceptron import Perceptron, nguyen_widrow
 from truearm.nets.train_varpro import ProjectedProblem, train_varpro
 from truearm.nets.trainlm import trainlm
 from truearm.solve.arrays import as_array_like, to_numpy

@@ -13,9 +13,8 @@ from hypothesis import strategies as st
 
 from truearm.errors import InputError
 from truearm.nets import normal_equations
-from truearm.nets.nguyen_widrow import nguyen_widrow
 from truearm.nets.normal_equations import FitProblem
-from truearm.nets.perceptron import Perceptron
+from truearm.nets.perceptron import Perceptron, nguyen_widrow
 from truearm.nets.train_varpro import ProjectedProblem
 
 

@@ -5,12 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from truearm.nets.nguyen_widrow import nguyen_widrow
 from truearm.nets.normal_equations import FitProblem
-from truearm.nets.perceptron import Perceptron
-from truearm.nets.trainbr import RegularisedProblem, trainbr
+from truearm.nets.perceptron import Perceptron, nguyen_widrow
+from truearm.nets.trainbr import Evidence, RegularisedProblem, trainbr
 from truearm.nets.trainlm import trainlm
-from truearm.solve.evidence import Evidence
 
 NOISE = 0.1
 

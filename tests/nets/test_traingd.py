@@ -11,8 +11,7 @@ import pytest
 from truearm.errors import InputError
 from truearm.nets.normal_equations import FitProblem
 from truearm.nets.perceptron import Perceptron
-from truearm.nets.traingd import DescentOptions, traingd
-from truearm.nets.traingdx import AdaptiveDescentOptions, traingdx
+from truearm.nets.traingd import AdaptiveDescentOptions, DescentOptions, traingd, traingdx
 
 
 @pytest.fixture

@@ -6,13 +6,11 @@ import numpy as np
 import pytest
 
 from truearm.errors import InputError
-from truearm.nets.nguyen_widrow import nguyen_widrow
 from truearm.nets.normal_equations import FitProblem
-from truearm.nets.perceptron import Perceptron
+from truearm.nets.perceptron import Perceptron, nguyen_widrow
 from truearm.nets.train_varpro import train_varpro
 from truearm.nets.trainbr import trainbr
-from truearm.nets.traingd import traingd
-from truearm.nets.traingdx import traingdx
+from truearm.nets.traingd import traingd, traingdx
 from truearm.nets.training import dividerand
 from truearm.nets.trainlm import trainlm
 

@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 from truearm.errors import InputError
-from truearm.nets.nguyen_widrow import nguyen_widrow
 from truearm.nets.normal_equations import FitProblem
-from truearm.nets.perceptron import ACTIVATIONS, Perceptron
+from truearm.nets.perceptron import ACTIVATIONS, Perceptron, nguyen_widrow
 from truearm.nets.scaling import MinMaxScaler
 from truearm.nets.train_varpro import train_varpro
 from truearm.nets.trainlm import LevenbergMarquardtOptions, trainlm

@@ -19,8 +19,7 @@ from worker_tasks import begun_before, killed_always, killed_once, process_of, s
 import truearm as ta
 from truearm.errors import InputError, TruearmError
 from truearm.solve import executors
-from truearm.solve.executor import AHEAD, Serial, WorkerLost, results_in_order
-from truearm.solve.executors import Dask, Processes, chosen_executor
+from truearm.solve.executors import AHEAD, Dask, Processes, Serial, WorkerLost, chosen_executor, results_in_order
 from truearm.verbs.evaluate_large import evaluate_large
 
 needs_kill = pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="this system has no SIGKILL")

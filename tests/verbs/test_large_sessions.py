@@ -12,8 +12,7 @@ from truearm.command_line import run
 from truearm.errors import InputError
 from truearm.readings import large_sessions, read_session
 from truearm.readings.large_sessions import LargeSession, is_large
-from truearm.solve.executor import Serial
-from truearm.solve.executors import Processes
+from truearm.solve.executors import Processes, Serial
 from truearm.verbs.evaluate_large import evaluate_large
 from truearm.verbs.predict_large import predict_large
 

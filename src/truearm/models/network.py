@@ -18,14 +18,12 @@ from truearm.identification.references.reading_references import check_points_of
 from truearm.identification.terms import ArmState
 from truearm.models.compensator import CheckedReadings, Compensator
 from truearm.models.estimator import check_network_options
-from truearm.nets.nguyen_widrow import nguyen_widrow
 from truearm.nets.normal_equations import FitProblem
-from truearm.nets.perceptron import Perceptron
+from truearm.nets.perceptron import Perceptron, nguyen_widrow
 from truearm.nets.scaling import MinMaxScaler
 from truearm.nets.train_varpro import train_varpro
 from truearm.nets.trainbr import BayesianRecord, trainbr
-from truearm.nets.traingd import traingd
-from truearm.nets.traingdx import AdaptiveRecord, traingdx
+from truearm.nets.traingd import AdaptiveRecord, traingd, traingdx
 from truearm.nets.training import Epoch, TrainingRecord, dividerand
 from truearm.nets.trainlm import trainlm
 from truearm.readings.lengths import Lengths

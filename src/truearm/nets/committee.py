@@ -14,9 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from truearm.errors import InputError
-from truearm.nets.nguyen_widrow import nguyen_widrow
 from truearm.nets.normal_equations import FitProblem
-from truearm.nets.perceptron import Perceptron
+from truearm.nets.perceptron import Perceptron, nguyen_widrow
 from truearm.nets.trainbr import BayesianRecord, trainbr
 from truearm.typing import BoolArray, FloatArray, IntArray
 

@@ -14,8 +14,7 @@ from array_api_compat import array_namespace, device
 
 from truearm.errors import TruearmError
 from truearm.nets.normal_equations import FitProblem
-from truearm.nets.training import TrainingOptions, TrainingRecord, checked_start
-from truearm.nets.training_log import TrainingLog
+from truearm.nets.training import TrainingLog, TrainingOptions, TrainingRecord, checked_start
 from truearm.solve import CostConverged, CostGoal, NormalEquations, levenberg_marquardt
 from truearm.solve.arrays import Array, add_to_diagonal, as_array_like, cholesky_solve, to_numpy, whiten
 from truearm.solve.threads import one_blas_thread

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from truearm.nets.normal_equations import FitProblem
-from truearm.nets.training import DampedOptions, TrainingRecord, checked_start
-from truearm.nets.training_log import TrainingLog
+from truearm.nets.training import DampedOptions, TrainingLog, TrainingRecord, checked_start
 from truearm.solve import CostGoal, DampingLimit, MinGradient, levenberg_marquardt
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray

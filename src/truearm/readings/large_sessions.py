@@ -24,7 +24,7 @@ from truearm.readings.columns import QUATERNION, Columns, fields_of_frame, recog
 from truearm.readings.files import MAX_CELLS, fields_of_sheet, is_parquet, open_parquet
 from truearm.readings.session import Session
 from truearm.readings.split import chosen_groups, group_names
-from truearm.solve.executor import Executor, Serial, results_in_order
+from truearm.solve.executors import Executor, Serial, results_in_order
 from truearm.typing import BoolArray, FloatArray, IntArray, NameArray
 
 # Bytes of the lines of a part: some ten thousand readings, in the memory some ten times as large.

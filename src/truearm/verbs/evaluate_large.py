@@ -21,7 +21,7 @@ from truearm.readings import Session, check_reach
 from truearm.readings.checks import MAX_SKIPPED_SHARE
 from truearm.readings.large_sessions import LargeSession, Part
 from truearm.readings.point_error_sums import PointErrorSums
-from truearm.solve.executor import Executor
+from truearm.solve.executors import Executor
 from truearm.solve.sums import Sums, joined
 from truearm.solve.threads import one_blas_thread
 from truearm.verbs.inputs import (

@@ -31,7 +31,7 @@ from truearm.readings.large_sessions import LargeSession, Part
 from truearm.readings.point_error_sums import PointErrorSums
 from truearm.readings.reference_uncertainty import scale_errors
 from truearm.solve.effective_number import DesignEffect
-from truearm.solve.executor import Executor
+from truearm.solve.executors import Executor
 from truearm.solve.sums import Sums, joined
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray

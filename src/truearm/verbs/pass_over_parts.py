@@ -12,7 +12,7 @@ from truearm.arm import Arm
 from truearm.readings import Session
 from truearm.readings.checks import MAX_SKIPPED_SHARE
 from truearm.readings.large_sessions import LargeSession, Part
-from truearm.solve.executor import Executor, Serial, results_in_order
+from truearm.solve.executors import Executor, Serial, results_in_order
 from truearm.solve.sums import Sums
 from truearm.solve.threads import one_blas_thread
 from truearm.verbs.inputs import CheckedSession, Limits, within_limits

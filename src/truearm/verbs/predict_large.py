@@ -14,7 +14,7 @@ from truearm.files.table_writer import Columns, table_writer
 from truearm.models import Compensator
 from truearm.readings import Session
 from truearm.readings.large_sessions import LargeSession, Part
-from truearm.solve.executor import Executor
+from truearm.solve.executors import Executor
 from truearm.solve.quantile_sketch import QuantileSketch
 from truearm.solve.sums import Sums, joined
 from truearm.solve.threads import one_blas_thread

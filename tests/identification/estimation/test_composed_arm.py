@@ -9,8 +9,8 @@ import pytest
 
 from truearm.arm import load_arm
 from truearm.arm.chain import Chain
-from truearm.identification.estimation.composed_arm import ComposedArm
 from truearm.identification.estimation.covariance_root import CovarianceRoot
+from truearm.identification.estimation.identification_result import ComposedArm
 from truearm.identification.estimation.perturbed_chain import CHUNK, PerturbedChain
 from truearm.identification.terms import ArmState, Constant, Expression, Harmonics, Term, candidate_terms
 from truearm.identification.terms.basis import Formula

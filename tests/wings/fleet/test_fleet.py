@@ -15,8 +15,7 @@ import truearm as ta
 from frame_laws import check_frame
 from truearm.command_line import run
 from truearm.errors import InputError
-from truearm.solve.executor import WorkerLost
-from truearm.solve.executors import Processes
+from truearm.solve.executors import Processes, WorkerLost
 from truearm.wings.fleet import fit_task
 from truearm.wings.fleet import fleet as module
 from truearm.wings.fleet.arm_list import RegisteredArm, read_arm_list

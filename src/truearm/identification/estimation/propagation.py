@@ -57,6 +57,8 @@ def direction_effects(fit: IdentificationResult, state: ArmState) -> FloatArray:
         either = replace(at, directions=directions)
         depends = [np.not_equal(*np.split(basis.values(either), 2, axis=1)).any(axis=0) for basis in directed]
         moved = np.flatnonzero(np.any(depends, axis=0))
+        if not len(moved):
+            continue
         ahead, back = np.split(fit.tips(either.rows(np.concatenate([moved, moved + len(rows)]))), 2)
         out[joints[moved], rows[moved]] = (ahead - back) / 2
     return out

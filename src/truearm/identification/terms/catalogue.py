@@ -26,11 +26,10 @@ from truearm.identification.terms.basis import (
 from truearm.identification.terms.expression import Expression
 from truearm.identification.terms.harmonic_orders import bands, determined_orders, orders_name
 from truearm.identification.terms.linear_axis import linear_axis
-from truearm.identification.terms.payload import payload_terms
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import SkippedTerm, Term
 from truearm.identification.terms.thermal import link_vectors
-from truearm.identification.terms.torque import GravityTorque
+from truearm.identification.terms.torque import GravityTorque, payload_terms
 from truearm.readings.readings import PAYLOAD
 from truearm.typing import FloatArray
 

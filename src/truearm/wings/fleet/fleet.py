@@ -31,7 +31,7 @@ from truearm.models import Compensator, load_model
 from truearm.models.arm_check import with_serial_number
 from truearm.pages.html import write_page
 from truearm.readings import read_session
-from truearm.solve.executor import Executor, Serial, WorkerLost
+from truearm.solve.executors import Executor, Serial, WorkerLost
 from truearm.verbs.fit import WITHOUT_CONSTANTS
 from truearm.verbs.inputs import LengthsLike, SessionLike
 from truearm.verbs.record import TableRecord, TextTable, columns_of

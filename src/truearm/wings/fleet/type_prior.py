@@ -41,7 +41,7 @@ from truearm.models import KinematicModel
 from truearm.models.arm_check import with_serial_number
 from truearm.readings import Lengths, Session, read_session
 from truearm.readings.repeats import merge_repeats
-from truearm.solve.executor import Executor, WorkerLost
+from truearm.solve.executors import Executor, WorkerLost
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 from truearm.verbs.inputs import within_limits

@@ -16,9 +16,8 @@ from typing import Self
 import numpy as np
 
 from truearm.errors import InputError, TruearmError
-from truearm.files.atomic_write import check_writable, entry_to_disk
+from truearm.files.atomic_write import check_writable, entry_to_disk, lock
 from truearm.files.delimited import MAX_BYTES, escape_formula
-from truearm.files.file_lock import lock
 from truearm.files.file_reading import access_error, check_readable
 from truearm.files.spreadsheet_forms import form_of
 from truearm.readings import Session, read_session
