@@ -32,7 +32,7 @@ NOMINAL_MM = 0.01
 
 
 @dataclass(frozen=True)
-class Finding:
+class Comparison:
     """One comparison.
 
     Attributes
@@ -47,7 +47,7 @@ class Finding:
     detail: str
 
 
-def compare_with_model(model: Compensator, manifest: Manifest, file: Path) -> Iterator[Finding]:
+def compare_with_model(model: Compensator, manifest: Manifest, file: Path) -> Iterator[Comparison]:
     """Compare an exported file with a model: its arm, its model, its check poses, its content.
 
     Code is run only if it is, line for line, what truearm writes for this model.
@@ -68,15 +68,15 @@ def compare_with_model(model: Compensator, manifest: Manifest, file: Path) -> It
     if spec is None:
         yield _as_written(manifest, file)
     elif spec.is_code and not same:
-        yield Finding("content", "not run", "code of another model is not run")
+        yield Comparison("content", "not run", "code of another model is not run")
     elif spec.is_code and (foreign := _foreign_line(model, manifest, spec, file)):
         yield _finding("content", False, f"{foreign}; the code was not run")
     else:
         yield _as_evaluated(manifest, spec, file)
 
 
-def _finding(what: str, agrees: bool, detail: str) -> Finding:
-    return Finding(what, "agrees" if agrees else "differs", detail)
+def _finding(what: str, agrees: bool, detail: str) -> Comparison:
+    return Comparison(what, "agrees" if agrees else "differs", detail)
 
 
 def _foreign_line(model: Compensator, manifest: Manifest, spec: FormatSpec, file: Path) -> str:
@@ -94,12 +94,12 @@ def _foreign_line(model: Compensator, manifest: Manifest, spec: FormatSpec, file
     return f"line {number} is not what truearm writes for this model{version}"
 
 
-def _check_poses(model: Compensator, manifest: Manifest, spec: FormatSpec | None) -> Finding:
+def _check_poses(model: Compensator, manifest: Manifest, spec: FormatSpec | None) -> Comparison:
     """Compare what the file is said to give with what the model gives."""
     equipped = model if manifest.tool is None else with_tool(model, np.array(manifest.tool))
     rows = np.isfinite(manifest.machine_joints).all(axis=1)
     if not rows.any():
-        return Finding("check poses", "not run", "none of them could be corrected")
+        return Comparison("check poses", "not run", "none of them could be corrected")
     try:
         tips = equipped.predict(manifest.machine_joints[rows])
     except InputError as error:
@@ -114,7 +114,7 @@ def _check_poses(model: Compensator, manifest: Manifest, spec: FormatSpec | None
     return _finding("check poses", largest <= limit, detail)
 
 
-def _as_written(manifest: Manifest, file: Path) -> Finding:
+def _as_written(manifest: Manifest, file: Path) -> Comparison:
     """Compare corrected targets, which nobody can evaluate, with what was written."""
     if not isinstance(manifest, TargetsManifest):
         return _finding("content", False, "the file does not say what was written: correct the targets again")
@@ -135,12 +135,12 @@ def _limit_mm(model: Compensator, manifest: Manifest, spec: FormatSpec | None, t
     return LOSS_FACTOR * min(max(manifest.loss.exported_max_mm, EXACT_MM), max(largest, NOMINAL_MM))
 
 
-def _as_evaluated(manifest: Manifest, spec: FormatSpec, file: Path) -> Finding:
+def _as_evaluated(manifest: Manifest, spec: FormatSpec, file: Path) -> Comparison:
     """Compare what the file gives with what it is said to give."""
     try:
         tips = np.asarray(spec.load().tips(file, manifest.joints))
     except MissingTool as error:
-        return Finding("content", "not run", str(error))
+        return Comparison("content", "not run", str(error))
     except InputError as error:
         return _finding("content", False, error.problem)
     largest = float(np.linalg.norm(tips - manifest.tips, axis=1).max())
