@@ -8,6 +8,8 @@ a dataclass gains with a default may be missing; one that it loses or changes is
 its lower triangle (format 2), and a covariance that differs from another on the diagonal alone is its diagonal.
 
 The file does not grow with the number of readings: of residuals it has those of outliers.
+
+JSON that a person reads: what fits a line stands on it.
 """
 
 from __future__ import annotations
@@ -35,12 +37,35 @@ from truearm.arm.arm import NOT_KEPT
 from truearm.choices import ModelKind
 from truearm.errors import InputError, TruearmError
 from truearm.files.file_reading import read_limited
-from truearm.files.readable_json import readable_json
 from truearm.identification.estimation.identification_result import IdentificationResult, ReferenceFit
 from truearm.identification.judgement.outliers import MIN_ROBUST_WEIGHT
 from truearm.identification.terms import SkippedTerm, Term
 from truearm.nets.training import TrainingRecord
 from truearm.typing import BoolArray, FloatArray, IntArray
+
+# A term of a model with its basis fits.
+LINE_WIDTH = 320
+
+
+def readable_json(value: object, indent: int = 1) -> str:
+    """JSON of plain data: a list of numbers, and what is not longer than `LINE_WIDTH`, is one line.
+
+    Raises
+    ------
+    ValueError
+        If a number is not finite.
+    """
+    text = json.dumps(value, allow_nan=False)
+    space = " " * indent
+    if isinstance(value, dict) and len(text) > LINE_WIDTH:
+        entries = [f"{space}{json.dumps(key)}: {readable_json(one, indent + 1)}" for key, one in value.items()]
+    elif isinstance(value, list) and len(text) > LINE_WIDTH and any(isinstance(one, dict | list) for one in value):
+        entries = [f"{space}{readable_json(one, indent + 1)}" for one in value]
+    else:
+        return text
+    opening, closing = text[0], text[-1]
+    return f"{opening}\n" + ",\n".join(entries) + f"\n{space[:-1]}{closing}"
+
 
 FORMAT = 2
 # A 50-50 network and a 7-axis chain need well under a megabyte, a member of 1000 units 8.

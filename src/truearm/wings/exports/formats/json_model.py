@@ -17,7 +17,6 @@ from truearm.arm.nearest_table import drawn_convention
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.file_reading import read_limited
-from truearm.files.readable_json import readable_json
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.terms import (
     ArmState,
@@ -31,6 +30,7 @@ from truearm.identification.terms import (
 )
 from truearm.identification.terms.basis import check_parts
 from truearm.models import Compensator, IdentifiedModel, NetworkModel
+from truearm.models.model_archive import readable_json
 from truearm.nets.perceptron import Perceptron
 from truearm.nets.scaling import MinMaxScaler
 from truearm.readings.readings import PAYLOAD
