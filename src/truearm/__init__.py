@@ -42,7 +42,12 @@ def __getattr__(name: str) -> object:
         return _import_module(_MODULES[name])
     if name not in _HOME_OF:
         raise AttributeError(f"module 'truearm' has no attribute {name!r}")
-    value = getattr(_import_module(_HOME_OF[name]), name)
+    try:
+        value = getattr(_import_module(_HOME_OF[name]), name)
+    except ModuleNotFoundError as missing:
+        if not str(missing.name).startswith("truearm.wings."):
+            raise
+        raise AttributeError(f"truearm.{name} needs {missing.name}, which was taken off") from None
     globals()[name] = value
     return value
 

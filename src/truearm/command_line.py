@@ -37,9 +37,9 @@ GROUPS = {
 def _commands() -> dict[str, str]:
     """The module and function of each command of the core and of the wings that are here, in the order of the help."""
     core = {word: f"truearm.verbs.{word}_command:{word}" for word in ("split", "fit", "refit", "predict", "evaluate")}
-    found = core | wings.commands()
+    found = wings.commands() | core  # a wing replaces no command of the core
     listed = [word for words in GROUPS.values() for word in words if word in found]
-    return {word: found[word] for word in [*listed, *(found.keys() - set(listed))]}
+    return {word: found[word] for word in [*listed, *(word for word in found if word not in listed)]}
 
 
 COMMANDS = _commands()
@@ -146,7 +146,10 @@ def run(arguments: list[str] | None = None) -> NoReturn:
     except (TruearmError, _UsageError, OSError, MemoryError) as error:
         _print_error(_message(error))
         code = 2
-    except Exception:
+    except Exception as error:
+        if (wing := _wing_taken_off(error)) is not None:
+            _print_error(f"this needs the wing {wing}, which was taken off")
+            sys.exit(2)
         traceback.print_exc()
         _print_error("this is a fault of the program, not of its input. Please report it with the lines above")
         code = FAULT
@@ -155,6 +158,12 @@ def run(arguments: list[str] | None = None) -> NoReturn:
     if code == INTERRUPTED:
         _print_error("interrupted")
     sys.exit(code or 0)
+
+
+def _wing_taken_off(error: Exception) -> str | None:
+    """The wing that an import did not find, if its folder was deleted."""
+    name = str(error.name).split(".") if isinstance(error, ModuleNotFoundError) else []
+    return name[2] if name[:2] == ["truearm", "wings"] and len(name) > 2 else None
 
 
 def _output_closed(ended: SystemExit) -> bool:

@@ -159,12 +159,19 @@ def test_a_character_without_a_glyph_is_refused_and_nothing_is_written(tmp_path)
     with pytest.raises(InputError, match="the font of the PDF has no glyph for \u682a \u5f0f in '\u682a\u5f0f'"):
         write_pdf(Page("title", sections=(Section("\u682a\u5f0f"),)), made_up_paper(), tmp_path / "page.pdf")
     assert list(tmp_path.iterdir()) == []
+    with pytest.raises(InputError, match="no glyph for \uf400"):  # the font has it, and PDF/A forbids it
+        pdf_bytes(Page("title", sections=(Section("\uf400"),)), made_up_paper())
 
 
 def test_names_of_files_with_other_characters_are_escaped(tmp_path):
-    facts = (("\u6d4b.csv", "SHA-256 1"), ("a\nb\u00ad.csv", "SHA-256 2"), ("bad\udcff.csv", "SHA-256 3"))
+    facts = (
+        ("\u6d4b.csv", "SHA-256 1"),
+        ("\uf400.csv", "SHA-256 4"),
+        ("a\nb\u00ad.csv", "SHA-256 2"),
+        ("bad\udcff.csv", "SHA-256 3"),
+    )
     text = "".join(sheets_of(pdf_bytes(Page("Title", facts=facts), made_up_paper())))
-    for name in ("\\u6d4b.csv", "a\\nb\\xad.csv", "bad\\udcff.csv"):
+    for name in ("\\u6d4b.csv", "\\uf400.csv", "a\\nb\\xad.csv", "bad\\udcff.csv"):
         assert name in text
 
 

@@ -11,12 +11,13 @@ import io
 import json
 import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
+from unicodedata import category
 
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
@@ -29,6 +30,7 @@ from truearm.pages.page import (
     Page,
     PageVerdict,
     Section,
+    State,
     Table,
     format_cell,
     table_of_rows,
@@ -38,8 +40,14 @@ from truearm.pages.paper import Paper
 from truearm.pages.plotting import Figure, pixels_of
 from truearm.printable_text import printable
 
-_STATES = {"good": (GOOD, "\u2713"), "doubtful": (DOUBTFUL, "?"), "bad": (BAD, "\u2717"), "none": (INK, "")}
-_WASH = {"good": "#eaf6ec", "doubtful": "#fdf4dd", "bad": "#fdeceb", "none": "#f6f7f8"}
+_STATES: dict[State, tuple[str, str]] = {
+    "good": (GOOD, "\u2713"),
+    "doubtful": (DOUBTFUL, "?"),
+    "bad": (BAD, "\u2717"),
+    "withdrawn": (SOFT, ""),
+    "none": (INK, ""),
+}
+_WASH = {"good": "#eaf6ec", "doubtful": "#fdf4dd", "bad": "#fdeceb", "withdrawn": "#f6f7f8", "none": "#f6f7f8"}
 _LONGEST_WORD = 40  # characters; longer ones may be divided between lines
 _FIGURE_SPACE, _POINT_SPACE = "\u2007", "\u2008"  # as wide as a digit, as wide as a point
 _DIVIDES = "\u200b"  # has no width and no glyph
@@ -88,7 +96,7 @@ def pdf_bytes(page: Page, paper: Paper) -> bytes:
             path.write_bytes(content)
             return path.name
 
-        contents = _known(_contents(page, paper, kept))
+        contents = _known(_contents(page, paper, kept)) | {"attachments": _attachments(paper, kept)}
         Path(folder, "page.json").write_text(json.dumps(contents), encoding="utf-8")
         sheets = Path(folder, "sheets.typ")
         sheets.write_bytes(files("truearm.pages").joinpath("sheets.typ").read_bytes())
@@ -97,7 +105,7 @@ def pdf_bytes(page: Page, paper: Paper) -> bytes:
                 sheets, root=folder, font_paths=[_fonts()], ignore_system_fonts=True, pdf_standards="a-3a"
             )
         except typst.TypstError as error:
-            if paper.logo is None:
+            if "SVG" not in error.message and "image" not in error.message:
                 raise
             raise InputError(f"the logo cannot be drawn ({error.message})", hint="save it as PNG") from None
     return done
@@ -139,17 +147,20 @@ def _contents(page: Page, paper: Paper, kept: Callable[[bytes, str], str]) -> di
         "summary": [_key_number(one) for one in page.summary],
         "sections": sections,
         "signatures": paper.signatures,
-        "attachments": [
-            {
-                "name": one.name,
-                "file": kept(one.content, "attached"),
-                "relationship": one.relationship.lower(),
-                "mime_type": one.mime_type,
-                "description": one.description,
-            }
-            for one in paper.attachments
-        ],
     }
+
+
+def _attachments(paper: Paper, kept: Callable[[bytes, str], str]) -> list[dict[str, str]]:
+    return [
+        {
+            "name": one.name,
+            "file": kept(one.content, "attached"),
+            "relationship": one.relationship.lower(),
+            "mime_type": one.mime_type,
+            "description": one.description,
+        }
+        for one in paper.attachments
+    ]
 
 
 def _verdict(verdict: PageVerdict) -> dict[str, str]:
@@ -182,7 +193,8 @@ def _section(section: Section, kept: Callable[[bytes, str], str]) -> dict[str, A
 def _table(grid: Table, *, size: float = 8.0) -> dict[str, Any]:
     heads = [f"{head.heading} [{head.unit}]" if head.unit else head.heading for head in grid.columns]
     rows = []
-    for cells, state in zip(grid.cells, grid.states or ["none"] * len(grid.cells), strict=True):
+    states: Sequence[State] = grid.states or ["none"] * len(grid.cells)
+    for cells, state in zip(grid.cells, states, strict=True):
         colour, sign = _STATES[state]
         texts = [_aligned(cell, room) for cell, room in zip(cells, grid.decimal_widths, strict=True)]
         texts[0] = f"{sign} {texts[0]}".strip()
@@ -240,8 +252,8 @@ def _escaped(text: str) -> str:
 
 
 def _has(sign: str) -> bool:
-    """Whether the font has a character, plain and bold; a soft hyphen would not be seen."""
-    return ord(sign) in _glyphs() and sign != "\u00ad"
+    """Whether the font has a character, plain and bold, that is seen and that PDF/A permits (none of private use)."""
+    return ord(sign) in _glyphs() and sign != "\u00ad" and category(sign) != "Co"
 
 
 @cache

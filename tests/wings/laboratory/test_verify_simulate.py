@@ -72,7 +72,7 @@ def test_a_model_takes_the_test_too(truearm, made):
         (["--points", "points.csv"], "expected --plan, --artefacts, --mpe"),
         (
             ["--points", "points.csv", "simulate", "shop"],
-            "--points is for measured points, and simulate is another way. Try: truearm verify simulate --help",
+            "--points applies to measured points, not to simulate. Try: truearm verify simulate --help",
         ),
         (["--simulate", "shop"], "--simulate is a command now. Try: truearm verify simulate MODEL|PRESET"),
         (["--print-plan=iso10360-12"], "--print-plan is a command now. Try: truearm verify plan NAME"),
@@ -167,6 +167,7 @@ def test_a_sheet_is_written_for_ones_own_artefacts(truearm, tmp_path):
     ("arguments", "phrase"),
     [
         (["sheet", "iso10360-12"], "Missing option '--out'"),
+        (["sheet", "iso10360-12", "--out", "s.html", "--tip-diameter", 6], "--tip-diameter applies to --points only"),
         (["sheet", "iso10360-12", "--out", "sheet.pdf"], "ends in .html"),
         (["sheet", "iso10360-12", "--out", "away/sheet.html"], "away"),
         (["sheet", "iso", "--out", "sheet.html"], "there is no plan 'iso'"),

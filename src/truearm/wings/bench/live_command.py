@@ -47,7 +47,8 @@ def live(
 
     Readings are taken as by truearm record. The page in the browser shows the arm as it moves, the corrected tip,
     the readings, how well the arm is known with them, the angles covered and the next pose. The first page that is
-    opened takes, undoes, names seats, skips poses, fits and saves a model; others only show. Ctrl-C ends.
+    opened takes, undoes, names seats, skips poses, fits and saves a model; others show, and may ask for that. Ctrl-C
+    ends.
     """
     from truearm.wings.bench.live_server.live import serve
     from truearm.wings.bench.live_server.live_recording import FRAMES_HZ

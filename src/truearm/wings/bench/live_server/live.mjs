@@ -39,8 +39,9 @@ const receive = {
     live.isLost = false;
     live.mayCommand = message.may_command;
     const asked = message.is_asked ? "Another page asks for the command." : "";
-    write("role", live.mayCommand ? asked : "This page only shows: another one commands.");
-    at("ask").hidden = live.mayCommand;
+    const shows = message.asks ? "Asked for the command: it comes when the other page gives it, or closes." : "This page only shows: another one commands.";
+    write("role", live.mayCommand ? asked : message.is_free ? "No page commands: ask, and this one does." : shows);
+    at("ask").hidden = live.mayCommand || message.asks;
     at("give").hidden = !message.is_asked;
     showButtons();
   },
@@ -143,9 +144,11 @@ function showEnd(files) {
     build("dd", { textContent: file }),
   ]);
   at("files").replaceChildren(...rows);
-  const fit = `truearm fit ${files.session} --arm ${settings.arm} --out arm.truearm`;
+  /** @param {string} path */
+  const quoted = (path) => (/^[\w./:\\-]+$/.test(path) ? path : `"${path}"`);
+  const fit = `truearm fit ${quoted(files.session)} --arm ${quoted(settings.arm)} --out arm.truearm`;
   write("after", files.model ? "Correct the joint targets of a program with the model:" : "Fit a model to the readings:");
-  write("after-command", files.model ? `truearm correct ${files.model} targets.csv --out corrected.csv` : fit);
+  write("after-command", files.model ? `truearm correct ${quoted(files.model)} targets.csv --out corrected.csv` : fit);
 }
 
 /** @returns {boolean} whether a model corrects the tip */

@@ -49,11 +49,17 @@ class Role:
     may_command : bool
     is_asked : bool
         Whether another client asks for the command, which this one may give.
+    asks : bool
+        Whether this one asked.
+    is_free : bool
+        Whether no client commands: the next that asks does.
     run : str
     """
 
     may_command: bool
     is_asked: bool
+    asks: bool
+    is_free: bool
     run: str
 
 

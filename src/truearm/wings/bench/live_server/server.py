@@ -224,10 +224,11 @@ class LiveServer:
         finally:
             with self._lock:
                 self._clients.remove(client)
-                self._asks = None if self._asks is client else self._asks
+                if self._asks is client:
+                    self._asks = None
                 if self._commander is client:
                     self._commander, self._asks = self._asks, None
-                    self._say_roles()
+                self._say_roles()
             client.finish()
 
     def _receive(self, client: _Client, text: str | bytes) -> str:
@@ -248,6 +249,8 @@ class LiveServer:
     def _hand_over(self, client: _Client, *, is_asked: bool) -> str:
         """Ask for the command, or give it to the client that asked last; why not, or nothing."""
         with self._lock:
+            if is_asked and self._asks is client:
+                return ""
             if is_asked and self._commander is not None:
                 self._asks = None if self._commander is client else client
             elif is_asked:
@@ -261,7 +264,8 @@ class LiveServer:
 
     def _role(self, client: _Client) -> Role:
         is_commander = client is self._commander
-        return Role(is_commander, is_commander and self._asks is not None, self._run)
+        asks = self._asks is client
+        return Role(is_commander, is_commander and self._asks is not None, asks, self._commander is None, self._run)
 
     def _say_roles(self) -> None:
         for client in self._clients:

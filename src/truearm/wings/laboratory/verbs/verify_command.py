@@ -70,7 +70,7 @@ def points_verified(
     The commands below come before: a simulation of the test, the sheet to measure by, and files to fill in.
     """
     if context.invoked_subcommand is not None:
-        rule_of_place = f"is for measured points, and {context.invoked_subcommand} is another way"
+        rule_of_place = f"applies to measured points, not to {context.invoked_subcommand}"
         refuse_typed(context, context.params, rule_of_place, hint=f"truearm verify {context.invoked_subcommand} --help")
         return
     if points is None or plan is None or artefacts is None or mpe is None:
@@ -95,9 +95,10 @@ def simulate(
     seed: Annotated[int, Option(min=0, help="Of arms, poses and noise.")] = 0,
     as_json: Json = False,
 ) -> None:
-    """Simulate the test with virtual arms, before anything is measured.
+    """Simulate the test with virtual arms.
 
-    Artefacts and limits are examples where they are not given. Exit code 0, whatever the arms obtain.
+    Before anything is measured. Artefacts and limits are examples where they are not given. Exit code 0, whatever the
+    arms obtain.
     """
     from truearm.wings.laboratory.verbs.simulate_verification import simulate_verification
 
@@ -118,6 +119,7 @@ def simulate(
 
 @verify.command()
 def sheet(
+    context: typer.Context,
     plan: Annotated[str, Argument(help="Test plan, by name or file.")],
     out: Annotated[Path, Option(help="Page to write, .html.")],
     points: Annotated[Path | None, Option(help="Points to measure, to write too, .csv.")] = None,
@@ -126,14 +128,16 @@ def sheet(
     tip_diameter: Annotated[float | None, Option(min=0, help="With --points: diameter of the stylus tip [mm].")] = None,
     force: Force = False,
 ) -> None:
-    """Write the operator's sheet of a plan: places, directions, order.
+    """Write the operator's sheet of a plan.
 
-    A page to print and to measure by, for the artefacts and the measuring range of --artefacts and --mpe. --points
-    writes the points to measure, a row for each with all names filled in; truearm predict --into enters the
-    coordinates.
+    Places, directions, order: a page to print and to measure by, for the artefacts and the measuring range of
+    --artefacts and --mpe. --points writes the points to measure, a row for each with all names filled in; truearm
+    predict --into enters the coordinates.
     """
     from truearm.wings.laboratory.verbs.operator_sheet import operator_sheet
 
+    if points is None:
+        refuse_typed(context, ("tip_diameter", "force"), "applies to --points only")
     check_page_path(out, plan, artefacts, mpe)
     if points is not None:
         check_new_output(points, plan, artefacts, mpe, force=force, endings=(".csv",))
@@ -156,7 +160,10 @@ def print_plan(name: Annotated[str, Argument(help="iso10360-12 or asme-b89.4.22.
 
 @verify.command()
 def template(kind: Annotated[TemplateKind, Argument(help="For which option the file is.")]) -> None:
-    """Print an empty file for --artefacts or --mpe, to fill in: > mpe.toml."""
+    """Print an empty file for --artefacts or --mpe.
+
+    To fill in: > mpe.toml.
+    """
     from truearm.wings.laboratory.standards.file_templates import template as template_text
 
     typer.echo(template_text(kind), nl=False)
@@ -164,6 +171,7 @@ def template(kind: Annotated[TemplateKind, Argument(help="For which option the f
 
 @verify.command("artefacts")
 def fill_in_artefacts(
+    context: typer.Context,
     certificate: Annotated[Path, Argument(help="Digital certificate (DCC) of a sphere, bar or gauge block, .xml.")],
     out: Annotated[Path | None, Option(help="File of artefacts to write, .toml; printed without it.")] = None,
     result: Annotated[
@@ -177,9 +185,14 @@ def fill_in_artefacts(
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Fill in a file for --artefacts from an artefact's digital calibration certificate; the rest is named."""
+    """Fill in --artefacts from a certificate (DCC).
+
+    With what an artefact's digital calibration certificate states; the rest is named.
+    """
     from truearm.wings.laboratory.verbs.artefacts_from_certificate import artefacts_from_certificate
 
+    if out is None:
+        refuse_typed(context, ("force",), "applies to --out only")
     pairs = [text.partition("=") for text in result or []]
     if wrong := ["".join(pair) for pair in pairs if not (pair[1] and pair[2])]:
         raise InputError(f"--result: expected ROLE=NAME, got {wrong[0]!r}", hint="--result 'diameter=Mean diameter'")
