@@ -147,6 +147,15 @@ def test_a_wing_that_is_taken_off_takes_its_commands_and_leaves_those_of_the_cor
         assert not own & listed, name
 
 
+def test_what_builds_on_a_wing_that_was_taken_off_says_so(counts, tmp_path):
+    """`compare` and `report` build on the exports, within their functions."""
+    folder = without({"exports": counts.plan()["wings"]["exports"]}, tmp_path)
+    assert in_python(folder, "-c", "import truearm; print(hasattr(truearm, 'compare'))") == "False\n"
+    there = {"cwd": folder, "env": os.environ | {"PYTHONPATH": str(folder)}, "capture_output": True, "text": True}
+    ran = subprocess.run([sys.executable, "-m", "truearm", "compare", "a.truearm", "b.truearm"], **there)
+    assert (ran.returncode, ran.stderr) == (2, "truearm: this needs the wing exports, which was taken off\n")
+
+
 def test_without_any_wing_an_arm_is_identified_its_model_saved_and_points_are_predicted(counts, tmp_path):
     folder = without(counts.plan()["wings"], tmp_path)
     truearm.simulate("ur10", poses=40, seed=1).session.save(folder / "readings.csv")
