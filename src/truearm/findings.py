@@ -37,7 +37,7 @@ class Finding:
 
     what: What
     sentence: str
-    numbers: Mapping[str, float] = field(default_factory=dict)
+    numbers: Mapping[str, float] = field(default_factory=dict, hash=False)
 
     def __str__(self) -> str:
         return self.sentence

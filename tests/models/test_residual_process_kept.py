@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -123,6 +124,21 @@ def test_stretches_of_many_readings_show_what_all_of_them_show(arm, test_reading
     assert tried == [bend > 0]
     assert in_place_of_terms(model) == in_place_of_terms(plain) == (bend > 0)
     np.testing.assert_array_equal(model.predict_readings(test_readings), plain.predict_readings(test_readings))
+
+
+def test_stretches_have_the_prior_of_the_type_that_was_set_after_they_were_prepared(arm, monkeypatch):
+    class Asked(Exception):
+        pass
+
+    def estimate(some, *_):
+        raise Asked(some.prior)
+
+    monkeypatch.setattr("truearm.identification.references.prepared_readings.STRETCHES", (6, 30))
+    monkeypatch.setattr(identify, "_weights_without", lambda *_: np.ones(720))
+    monkeypatch.setattr(identify, "estimate_without_gross_errors", estimate)
+    prepared = physical(arm).prepare(readings(arm, 720, np.random.default_rng(1)))
+    with pytest.raises(Asked, match="of the type"):
+        identify._may_replace(replace(prepared, prior="of the type"), [], SimpleNamespace(fit=None), None)
 
 
 @pytest.mark.parametrize("size", [2e-4, 8e-4])

@@ -454,7 +454,7 @@ def _may_replace(
     if readings.stretches is None:
         return True
     some, rows = readings.stretches
-    some = replace(some, state=readings.state.rows(rows))
+    some = replace(some, state=readings.state.rows(rows), prior=readings.prior)
     start = Start(_weights_without(readings, [everything.fit])[rows], simpler)
     rigid = estimate_without_gross_errors(some, rigid_terms, start)
     (_, with_process), process = add_residual_process(rigid, some, partial(cross_validate, some))

@@ -1,7 +1,4 @@
-"""What a person must know of a fitted model, and how well it explains the readings that it was fitted to.
-
-Points that were calculated from the angles, not measured: they agree with an arm to their own rounding.
-"""
+"""What a person must know of a fitted model, and how well it explains the readings that it was fitted to."""
 
 from __future__ import annotations
 

@@ -81,7 +81,7 @@ class CheckedSession(NamedTuple):
     lengths : Lengths or None
         Known lengths between their seats.
     n_allowed : int
-        Readings within the limits, training readings and repeats among them.
+        Readings within the limits, training readings and repeats among them; 0 before repeats are looked for.
     merged : MergedReadings or None
         What stands for repeats.
     """
@@ -469,9 +469,9 @@ def used_readings(
     *models: Compensator,
     limits: Limits = "skip",
     lengths: LengthsLike | None = None,
-    purpose: str = "",
+    purpose: str,
 ) -> CheckedSession:
-    """The readings that a verb uses: those within the limits of the arm, repeats as one, and no training reading.
+    """The readings that a test uses: those within the limits of the arm, repeats as one, and no training reading.
 
     Parameters
     ----------
@@ -484,7 +484,7 @@ def used_readings(
     lengths : Lengths, str, Path or None
         Names of seats are checked against all readings.
     purpose : str
-        What they need a reference for, as "evaluate against"; empty if they need none.
+        What they need a reference for, as "evaluate against".
 
     Raises
     ------
@@ -495,8 +495,6 @@ def used_readings(
         allowed = CheckedSession(given, np.arange(len(given)), unfilled_rows(given))
     else:
         allowed = within_limits(given, arm, limits)
-    if not purpose:
-        return _selected(allowed, given, lengths)
     check_has_reference(allowed.session, arm, purpose=purpose, least=LEAST_COMPARED)
     return tested_readings(allowed, given, lengths, *models)
 
@@ -504,7 +502,7 @@ def used_readings(
 def tested_readings(
     allowed: CheckedSession, given: Session, lengths: LengthsLike | None, *models: Compensator
 ) -> CheckedSession:
-    """The same of readings that are `allowed`, and how many are repeats.
+    """The `used_readings` of those that are within the limits: repeats as one, and no training reading.
 
     Raises
     ------
@@ -523,8 +521,8 @@ def _selected(
     if models:
         others, rows, of_training = without_training_readings(others, *models)
     merged = merge_repeats(others)
-    used, is_whole = merged.readings, len(rows) == len(given)
-    known, of_lengths = session_lengths(lengths, given, None if is_whole else used)
+    used = merged.readings
+    known, of_lengths = session_lengths(lengths, given, used)
     found = (*allowed.findings, *of_training, *of_lengths)
     at = allowed.rows[rows[merged.first]]
     return CheckedSession(used, at, found, len(allowed.rows) - len(rows), known, len(allowed.rows), merged)
@@ -533,15 +531,15 @@ def _selected(
 def readings_to_fit(
     given: Session, arm: Arm, model: str, *, limits: Limits, lengths: LengthsLike | None, is_base_free: bool
 ) -> CheckedSession:
-    """The `used_readings` that a model of a kind can be fitted to.
+    """The readings that a model of a kind can be fitted to: those within the limits of the arm, repeats as one.
 
     Raises
     ------
     InputError
-        As that, `check_session_fits` and `check_spread`; or if they are enough only where those of one pose count more
-        than once.
+        As `within_limits`, `session_lengths`, `check_session_fits` and `check_spread`; or if they are enough only where
+        those of one pose count more than once.
     """
-    used = used_readings(given, arm, limits=limits, lengths=lengths)
+    used = _selected(within_limits(given, arm, limits), given, lengths)
     n, reach = len(used.session), arm.chain.reach if arm.has_kinematics else None
     if n < MIN_ROWS <= used.n_allowed:
         raise given.error(
