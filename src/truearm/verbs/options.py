@@ -47,11 +47,6 @@ LARGE_ONLY = ("workers", "scheduler")
 ONLY_LARGE = "applies to large sessions only: folders of session files, and files beyond 512 MB"
 
 # Of the commands that fill in points to measure.
-IntoForm = Annotated[
-    Path | None, Option(help="Points to measure (truearm verify sheet), .csv: fill in their coordinates.")
-]
-FormDate = Annotated[str | None, Option(help="With --into: day of the measurement, 2026-11-03; today by default.")]
-FormTemperature = Annotated[float | None, Option(help="With --into: temperature of the artefacts.")]
 
 PLURALS = {"applies": "apply", "does": "do", "it": "them"}
 

@@ -15,16 +15,13 @@ from truearm.verbs.options import (
     ONLY_LARGE,
     AcceptOption,
     ConditionsOption,
-    FormDate,
-    FormTemperature,
-    IntoForm,
     Json,
     ModelFile,
     SchedulerOption,
     WorkersOption,
     refuse_typed,
 )
-from truearm.verbs.outputs import check_output, check_output_is_not_input
+from truearm.verbs.outputs import check_output
 
 
 def predict(
@@ -39,9 +36,7 @@ def predict(
         ),
     ],
     out: Annotated[Path | None, Option(help="Table of points to write, .csv; of a large session .parquet too.")] = None,
-    into: IntoForm = None,
-    date: FormDate = None,
-    artefact_temperature: FormTemperature = None,
+    into: Annotated[str | None, Option(hidden=True)] = None,
     conditions: ConditionsOption = "reproducibility",
     accept: AcceptOption = None,
     workers: WorkersOption = None,
@@ -55,9 +50,6 @@ def predict(
     outside_training 1 where a reading is outside the range that the model was trained on; names (seat, position, ..) as
     given.
 
-    --into fills in a file of points to measure instead, a reading for each row without coordinates, in their order, and
-    states there which model computed them (coordinates_from, model, model_sha256, outside_training).
-
     A folder of session files, or a file beyond 512 MB, is read part by part, and --workers or --scheduler shares the
     parts out (docs/large-sessions.md).
     """
@@ -65,28 +57,19 @@ def predict(
     from truearm.verbs.predict import check_is_points_table
     from truearm.verbs.predict import predict as predict_points
 
-    if (out is None) == (into is None):
-        raise InputError("expected --out or --into", hint="--out points.csv")
-    if into is None:
-        refuse_typed(context, ("date", "artefact_temperature"), "applies to --into only")
+    if into is not None:
+        raise InputError("--into is a command now", hint="truearm verify fill MODEL SESSION --into points.csv")
+    if out is None:
+        raise InputError("expected --out", hint="--out points.csv")
     if is_large(session):
-        refuse_typed(context, ("into",), "does not apply to large sessions", hint="--out points.csv")
-        assert out is not None
         _predict_large(model, session, out, workers, scheduler, as_json=as_json, conditions=conditions, accept=accept)
         return
     refuse_typed(context, LARGE_ONLY, ONLY_LARGE)
-    if out is not None:
-        check_output(out, model, session, endings=(".csv",), read=check_is_points_table)
+    check_output(out, model, session, endings=(".csv",), read=check_is_points_table)
     with progress(f"predicting {session.name}"):
         prediction = predict_points(model, session, conditions=conditions, accept=accept)
-        if out is not None:
-            prediction.save(out)
-        if into is not None:
-            check_output_is_not_input(into, model, session)
-            from truearm.wings.laboratory.verbs.fill_points import fill_points  # takes longer than ten predictions
-
-            fill_points(prediction, into, date=date, artefact_degC=artefact_temperature)
-    print_record(prediction, as_json=as_json, files={"points": out if into is None else into})
+        prediction.save(out)
+    print_record(prediction, as_json=as_json, files={"points": out})
 
 
 def _predict_large(

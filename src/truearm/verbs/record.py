@@ -11,7 +11,7 @@ from enum import Enum
 from html import escape
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from truearm.errors import InputError
 from truearm.printable_text import printable
@@ -19,12 +19,21 @@ from truearm.printable_text import printable
 if TYPE_CHECKING:
     import pandas as pd
 
-    from truearm.pages.plotting import Figure
     from truearm.typing import FloatArray
 
 
 # Sentences and tables that a notebook shows; those for experts come after them and are folded.
 N_OPEN = 5
+
+
+class Figure(Protocol):
+    """What a record draws."""
+
+    def save(self, path: str | Path) -> None:
+        """Write it as a file."""
+
+    def _repr_html_(self) -> str:
+        """It, as notebooks show it."""
 
 
 @dataclass(frozen=True)

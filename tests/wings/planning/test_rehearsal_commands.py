@@ -116,7 +116,7 @@ def test_the_points_of_a_sheet_are_filled_in_by_a_model(truearm, made, tmp_path)
     arguments = ["simulate", "gao2017", "--poses", 97, "--seed", 9, "--no-reference", "--out", angles]
     assert truearm(*arguments).code == 0
     into = ["--into", points, "--date", "2026-10-20", "--artefact-temperature", 20.5]
-    ran = truearm("predict", model, angles, *into)
+    ran = truearm("verify", "fill", model, angles, *into)
     assert ran.code == 0, ran.err
     assert ran.out.splitlines()[-1] == f"points written to {points}"
     assert truearm("predict", model, angles, "--out", tmp_path / "table.csv").code == 0
@@ -130,11 +130,11 @@ def test_the_points_of_a_sheet_are_filled_in_by_a_model(truearm, made, tmp_path)
     assert {row["date"] for row in filled} == {"2026-10-20"}
     assert {row["model"] for row in filled} == {"kinematic.truearm (kinematic)"}
     assert [row["outside_training"] for row in filled] == [row["outside_training"] for row in table]
-    ran = truearm("predict", model, angles, *into)
+    ran = truearm("verify", "fill", model, angles, *into)
     assert (ran.code, "have coordinates already" in ran.err) == (2, True)
     # By the way of a table the points would pass for those of the arm's software.
     ran = truearm("import", tmp_path / "table.csv", "--points", "x_mm,y_mm,z_mm", "--into", points)
-    assert (ran.code, "computed by a model of truearm. Try: truearm predict" in ran.err) == (2, True)
+    assert (ran.code, "computed by a model of truearm. Try: truearm verify fill" in ran.err) == (2, True)
     ran = truearm("verify", "sheet", "asme-b89.4.22", "--out", sheet, "--points", points)
     assert (ran.code, "the file exists already" in ran.err) == (2, True)
 
@@ -142,12 +142,12 @@ def test_the_points_of_a_sheet_are_filled_in_by_a_model(truearm, made, tmp_path)
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        ([], "expected --out or --into"),
-        (["--out", "a.csv", "--into", "b.csv"], "expected --out or --into"),
-        (["--out", "a.csv", "--date", "2026-10-20"], "applies to --into only"),
+        ([], "expected --out. Try"),
+        (["--out", "a.csv", "--into", "b.csv"], "--into is a command now. Try: truearm verify fill"),
+        (["--out", "a.csv", "--date", "2026-10-20"], "No such option"),
     ],
 )
-def test_predict_writes_a_table_or_fills_in_points(truearm, made, options, says):
+def test_predict_writes_a_table_and_says_what_fills_in_points(truearm, made, options, says):
     ran = truearm("predict", made / "kinematic.truearm", made / "session.csv", *options)
     assert ran.code == 2
     assert says in ran.err

@@ -11,7 +11,7 @@ from typer import Argument, Option
 
 from truearm.errors import InputError
 from truearm.verbs.console import print_json, print_line, progress
-from truearm.verbs.options import Force, FormDate, FormTemperature, IntoForm, Json, numbers_of, refuse_typed
+from truearm.verbs.options import Force, Json, numbers_of, refuse_typed
 from truearm.verbs.outputs import check_new_output, check_output_is_not_input
 
 if TYPE_CHECKING:
@@ -33,7 +33,9 @@ def import_table(
     context: typer.Context,
     table: Annotated[Path, Argument(metavar="TABLE", help="Text, workbook, array or log: see docs/import.md.")],
     out: Annotated[Path | None, Option(help="Session file to write, .csv or .parquet.")] = None,
-    into: IntoForm = None,
+    into: Annotated[
+        Path | None, Option(help="Points to measure (truearm verify sheet), .csv: fill in their coordinates.")
+    ] = None,
     points_from: Annotated[
         Path | None, Option("--with", metavar="TABLE", help="A second table, which holds the points.")
     ] = None,
@@ -110,8 +112,10 @@ def import_table(
             help="Sheet of a workbook, variable of an archive, topic of a recording (repeat it for the second table).",
         ),
     ] = None,
-    date: FormDate = None,
-    artefact_temperature: FormTemperature = None,
+    date: Annotated[
+        str | None, Option(help="With --into: day of the measurement, 2026-11-03; today by default.")
+    ] = None,
+    artefact_temperature: Annotated[float | None, Option(help="With --into: temperature of the artefacts.")] = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -296,7 +300,7 @@ def _check_not_predicted(table: Path) -> None:
                 raise InputError(
                     "these points were computed by a model of truearm",
                     file=table,
-                    hint="truearm predict MODEL SESSION --into points.csv also states the model",
+                    hint="truearm verify fill MODEL SESSION --into points.csv also states the model",
                 )
 
 

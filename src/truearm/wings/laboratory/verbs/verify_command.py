@@ -12,8 +12,8 @@ from typer.core import TyperGroup
 from truearm.drawings.page_record import check_page_path
 from truearm.errors import InputError
 from truearm.verbs.console import print_line, print_record, progress
-from truearm.verbs.options import AcceptOption, Force, Json, refuse_typed
-from truearm.verbs.outputs import check_new_output
+from truearm.verbs.options import AcceptOption, ConditionsOption, Force, Json, ModelFile, refuse_typed
+from truearm.verbs.outputs import check_new_output, check_output_is_not_input
 from truearm.wings.laboratory import DecisionRule, TemplateKind
 
 ArtefactsFile = Annotated[Path | None, Option(help="Certificates of the artefacts, .toml.")]
@@ -132,7 +132,7 @@ def sheet(
 
     Places, directions, order: a page to print and to measure by, for the artefacts and the measuring range of
     --artefacts and --mpe. --points writes the points to measure, a row for each with all names filled in; truearm
-    predict --into enters the coordinates.
+    verify fill enters the coordinates.
     """
     from truearm.wings.laboratory.verbs.operator_sheet import operator_sheet
 
@@ -148,6 +148,34 @@ def sheet(
     print_line(f"{out}: {laid_out}")
     if points is not None:
         print_line(f"points to measure written to {points}")
+
+
+@verify.command()
+def fill(
+    model: ModelFile,
+    session: Annotated[
+        Path, Argument(metavar="SESSION", help="Session file: its angles at the points, in their order.")
+    ],
+    into: Annotated[Path, Option(help="Points to measure (truearm verify sheet), .csv.")],
+    date: Annotated[str | None, Option(help="Day of the measurement, 2026-11-03; today by default.")] = None,
+    artefact_temperature: Annotated[float | None, Option(help="Temperature of the artefacts [degC].")] = None,
+    conditions: ConditionsOption = "reproducibility",
+    accept: AcceptOption = None,
+    as_json: Json = False,
+) -> None:
+    """Fill in points to measure with a model.
+
+    A reading for each row without coordinates, in their order. The rows state which model computed them
+    (coordinates_from, model, model_sha256, outside_training).
+    """
+    from truearm.verbs.predict import predict
+    from truearm.wings.laboratory.verbs.fill_points import fill_points
+
+    with progress(f"predicting {session.name}"):
+        prediction = predict(model, session, conditions=conditions, accept=accept)
+        check_output_is_not_input(into, model, session)
+        fill_points(prediction, into, date=date, artefact_degC=artefact_temperature)
+    print_record(prediction, as_json=as_json, files={"points": into})
 
 
 @verify.command("plan")
